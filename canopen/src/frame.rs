@@ -1,0 +1,139 @@
+//! A classical CAN frame and the filters that select frames.
+
+use std::fmt;
+
+/// A classical CAN frame, as the kernel's `struct can_frame` carries it.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CanFrame {
+    id: u32,
+    length: u8,
+    data: [u8; 8],
+}
+
+/// Flag for a 29-bit identifier (`CAN_EFF_FLAG`).
+pub const EXTENDED_FLAG: u32 = 0x8000_0000;
+/// Flag for a remote frame (`CAN_RTR_FLAG`).
+pub const REMOTE_FLAG: u32 = 0x4000_0000;
+/// Flag for an error message (`CAN_ERR_FLAG`).
+pub const ERROR_FLAG: u32 = 0x2000_0000;
+
+impl CanFrame {
+    /// A data frame with an 11-bit identifier.
+    ///
+    /// # Panics
+    /// When `id` exceeds 0x7FF or `data` is longer than 8 bytes: both are the caller's constants.
+    #[must_use]
+    pub fn new(id: u16, data: &[u8]) -> Self {
+        assert!(id <= 0x7FF, "identifier {id:#x} exceeds 11 bits");
+        assert!(data.len() <= 8, "{} data bytes exceed 8", data.len());
+        let mut bytes = [0; 8];
+        bytes[..data.len()].copy_from_slice(data);
+        Self {
+            id: u32::from(id),
+            length: data.len() as u8,
+            data: bytes,
+        }
+    }
+
+    /// A frame from the fields of the kernel's `struct can_frame`; `None` when `length` exceeds 8.
+    #[must_use]
+    pub fn from_raw(id: u32, length: u8, data: [u8; 8]) -> Option<Self> {
+        (length <= 8).then_some(Self { id, length, data })
+    }
+
+    /// The identifier with the kernel's flags.
+    #[must_use]
+    pub fn raw_id(&self) -> u32 {
+        self.id
+    }
+
+    /// The 11-bit identifier of a data frame; `None` for extended, remote and error frames.
+    #[must_use]
+    pub fn standard_id(&self) -> Option<u16> {
+        (self.id <= 0x7FF).then_some(self.id as u16)
+    }
+
+    /// True for a remote frame.
+    #[must_use]
+    pub fn is_remote(&self) -> bool {
+        self.id & REMOTE_FLAG != 0
+    }
+
+    /// True for a 29-bit identifier.
+    #[must_use]
+    pub fn is_extended(&self) -> bool {
+        self.id & EXTENDED_FLAG != 0
+    }
+
+    /// True for the kernel's error message.
+    #[must_use]
+    pub fn is_error(&self) -> bool {
+        self.id & ERROR_FLAG != 0
+    }
+
+    /// The payload (0 to 8 bytes).
+    #[must_use]
+    pub fn data(&self) -> &[u8] {
+        &self.data[..usize::from(self.length)]
+    }
+
+    /// All 8 bytes of the payload's buffer; those beyond the length are as they came.
+    #[must_use]
+    pub fn buffer(&self) -> [u8; 8] {
+        self.data
+    }
+}
+
+impl fmt::Debug for CanFrame {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, formatter)
+    }
+}
+
+/// The notation of candump's log: `190#1234ABCD`, `#R` for a remote frame.
+impl fmt::Display for CanFrame {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_error() {
+            write!(formatter, "{:08X}#", self.id & !EXTENDED_FLAG)?;
+        } else if self.is_extended() {
+            write!(formatter, "{:08X}#", self.id & 0x1FFF_FFFF)?;
+        } else {
+            write!(formatter, "{:03X}#", self.id & 0x7FF)?;
+        }
+        if self.is_remote() {
+            return formatter.write_str("R");
+        }
+        self.data()
+            .iter()
+            .try_for_each(|byte| write!(formatter, "{byte:02X}"))
+    }
+}
+
+/// Accepts a frame when its identifier equals `id` in the bits of `mask` (the kernel's `struct can_filter`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Filter {
+    /// Identifier with flags.
+    pub id: u32,
+    /// Bits that must be equal.
+    pub mask: u32,
+}
+
+impl Filter {
+    /// Accepts everything.
+    pub const ALL: Self = Self { id: 0, mask: 0 };
+
+    /// Accepts data frames with this 11-bit identifier only.
+    #[must_use]
+    pub fn exact(id: u16) -> Self {
+        Self {
+            id: u32::from(id),
+            mask: EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG | 0x7FF,
+        }
+    }
+
+    /// True when the frame passes.
+    #[must_use]
+    pub fn accepts(&self, frame: &CanFrame) -> bool {
+        frame.raw_id() & self.mask == self.id & self.mask
+    }
+}

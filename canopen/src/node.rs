@@ -1,0 +1,44 @@
+//! The contract between a node and whatever moves its frames and its time.
+
+use std::time::Duration;
+
+use crate::frame::{CanFrame, Filter};
+
+/// How far a node is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// The node works.
+    Running,
+    /// The node was asked to stop, has reached its safe state and has nothing more to say.
+    Stopped,
+    /// The node cannot go on; the text says why and what to do.
+    Failed(String),
+}
+
+/// A participant of the bus as a state machine: no I/O, no clock, no thread.
+///
+/// Time is the `Duration` since the node's start and never decreases. After each call that takes `&mut self` with a
+/// time, drain [`Node::next_frame`] until it is empty. Call [`Node::on_tick`] when `now` has reached [`Node::next_deadline`].
+pub trait Node {
+    /// The identifiers that the node listens to; everything else may be withheld from it.
+    fn filters(&self) -> Vec<Filter>;
+
+    /// Takes a frame that the bus delivered.
+    fn on_frame(&mut self, now: Duration, frame: &CanFrame);
+
+    /// Does what is due at `now`.
+    fn on_tick(&mut self, now: Duration);
+
+    /// Asks the node for its safe state: no current in the wire, nothing left running. It may take frames and ticks
+    /// until [`Node::progress`] says [`Progress::Stopped`].
+    fn on_stop(&mut self, now: Duration);
+
+    /// The next frame to send, oldest first.
+    fn next_frame(&mut self) -> Option<CanFrame>;
+
+    /// When the node wants its next tick; `None` when only a frame can wake it. A new node wants one at once.
+    fn next_deadline(&self) -> Option<Duration>;
+
+    /// How far the node is.
+    fn progress(&self) -> Progress;
+}

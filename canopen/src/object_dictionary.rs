@@ -1,0 +1,393 @@
+//! The object dictionary (CiA 301, 7.4) and the SDO abort codes (CiA 301, table 22).
+
+use std::fmt;
+
+/// Why an access was refused: an SDO abort code (CiA 301, table 22).
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct AbortCode(pub u32);
+
+macro_rules! abort_codes {
+    ($($name:ident = $code:literal, $text:literal;)*) => {
+        impl AbortCode {
+            $(#[doc = $text] pub const $name: Self = Self($code);)*
+
+            /// The standard's words for the code.
+            #[must_use]
+            pub fn text(self) -> &'static str {
+                match self.0 { $($code => $text,)* _ => "unknown abort code" }
+            }
+        }
+    };
+}
+
+abort_codes! {
+    TOGGLE_BIT_NOT_ALTERNATED = 0x0503_0000, "toggle bit not alternated";
+    PROTOCOL_TIMED_OUT = 0x0504_0000, "SDO protocol timed out";
+    COMMAND_SPECIFIER_INVALID = 0x0504_0001, "command specifier not valid or unknown";
+    INVALID_BLOCK_SIZE = 0x0504_0002, "invalid block size";
+    INVALID_SEQUENCE_NUMBER = 0x0504_0003, "invalid sequence number";
+    CRC_ERROR = 0x0504_0004, "CRC error";
+    OUT_OF_MEMORY = 0x0504_0005, "out of memory";
+    UNSUPPORTED_ACCESS = 0x0601_0000, "unsupported access to an object";
+    WRITE_ONLY = 0x0601_0001, "attempt to read a write only object";
+    READ_ONLY = 0x0601_0002, "attempt to write a read only object";
+    NO_SUCH_OBJECT = 0x0602_0000, "object does not exist in the object dictionary";
+    NOT_MAPPABLE = 0x0604_0041, "object cannot be mapped to the PDO";
+    PDO_TOO_LONG = 0x0604_0042, "the mapped objects would exceed the PDO length";
+    PARAMETER_INCOMPATIBLE = 0x0604_0043, "general parameter incompatibility";
+    HARDWARE_ERROR = 0x0606_0000, "access failed due to a hardware error";
+    LENGTH_MISMATCH = 0x0607_0010, "data type or length does not match";
+    TOO_LONG = 0x0607_0012, "length of service parameter too high";
+    TOO_SHORT = 0x0607_0013, "length of service parameter too low";
+    NO_SUCH_SUB_INDEX = 0x0609_0011, "sub-index does not exist";
+    INVALID_VALUE = 0x0609_0030, "invalid value for parameter";
+    VALUE_TOO_HIGH = 0x0609_0031, "value of parameter written too high";
+    VALUE_TOO_LOW = 0x0609_0032, "value of parameter written too low";
+    GENERAL_ERROR = 0x0800_0000, "general error";
+    CANNOT_STORE = 0x0800_0020, "data cannot be transferred or stored to the application";
+    LOCAL_CONTROL = 0x0800_0021, "data cannot be transferred or stored because of local control";
+    DEVICE_STATE = 0x0800_0022, "data cannot be transferred or stored because of the present device state";
+    NO_DATA = 0x0800_0024, "no data available";
+}
+
+impl fmt::Display for AbortCode {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            formatter,
+            "abort 0x{:04X}_{:04X}: {}",
+            self.0 >> 16,
+            self.0 & 0xFFFF,
+            self.text()
+        )
+    }
+}
+
+impl fmt::Debug for AbortCode {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, formatter)
+    }
+}
+
+impl std::error::Error for AbortCode {}
+
+/// The data types that the dictionary holds, by their CiA 301 numbers (table 44).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the names are the standard's")]
+pub enum DataType {
+    Boolean,
+    Integer8,
+    Integer16,
+    Integer32,
+    Integer64,
+    Unsigned8,
+    Unsigned16,
+    Unsigned32,
+    Unsigned64,
+    Real32,
+    Real64,
+    VisibleString,
+    OctetString,
+    Domain,
+}
+
+impl DataType {
+    /// The type with this CiA 301 number.
+    #[must_use]
+    pub fn from_number(number: u32) -> Option<Self> {
+        Some(match number {
+            0x01 => Self::Boolean,
+            0x02 => Self::Integer8,
+            0x03 => Self::Integer16,
+            0x04 => Self::Integer32,
+            0x05 => Self::Unsigned8,
+            0x06 => Self::Unsigned16,
+            0x07 => Self::Unsigned32,
+            0x08 => Self::Real32,
+            0x09 => Self::VisibleString,
+            0x0A => Self::OctetString,
+            0x0F => Self::Domain,
+            0x11 => Self::Real64,
+            0x15 => Self::Integer64,
+            0x1B => Self::Unsigned64,
+            _ => return None,
+        })
+    }
+
+    /// The length in bytes; `None` where it varies.
+    #[must_use]
+    pub fn size_bytes(self) -> Option<usize> {
+        match self {
+            Self::Boolean | Self::Integer8 | Self::Unsigned8 => Some(1),
+            Self::Integer16 | Self::Unsigned16 => Some(2),
+            Self::Integer32 | Self::Unsigned32 | Self::Real32 => Some(4),
+            Self::Integer64 | Self::Unsigned64 | Self::Real64 => Some(8),
+            Self::VisibleString | Self::OctetString | Self::Domain => None,
+        }
+    }
+
+    /// True for the signed integers.
+    #[must_use]
+    pub fn is_signed(self) -> bool {
+        matches!(
+            self,
+            Self::Integer8 | Self::Integer16 | Self::Integer32 | Self::Integer64
+        )
+    }
+}
+
+/// Who may read and write an object (CiA 306).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// `ro`
+    ReadOnly,
+    /// `wo`
+    WriteOnly,
+    /// `rw`
+    ReadWrite,
+    /// `rwr`: as `rw`, mappable into a TPDO only.
+    ReadWriteRead,
+    /// `rww`: as `rw`, mappable into an RPDO only.
+    ReadWriteWrite,
+    /// `const`
+    Constant,
+}
+
+impl Access {
+    /// True when SDO may read it.
+    #[must_use]
+    pub fn is_readable(self) -> bool {
+        self != Self::WriteOnly
+    }
+
+    /// True when SDO may write it.
+    #[must_use]
+    pub fn is_writable(self) -> bool {
+        !matches!(self, Self::ReadOnly | Self::Constant)
+    }
+}
+
+/// A place in the dictionary, found once and used without search afterwards.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Handle(usize);
+
+/// One sub-object.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// Index of the object.
+    pub index: u16,
+    /// Sub-index.
+    pub sub_index: u8,
+    /// Name in the EDS.
+    pub name: String,
+    /// Type of the value.
+    pub data_type: DataType,
+    /// Who may read and write it.
+    pub access: Access,
+    /// Whether it may be mapped into a PDO.
+    pub is_pdo_mappable: bool,
+    /// Lowest value that may be written, where the EDS gives one.
+    pub low_limit: Option<i128>,
+    /// Highest value that may be written, where the EDS gives one.
+    pub high_limit: Option<i128>,
+    /// Value after power-on and NMT reset, little-endian.
+    pub default: Vec<u8>,
+    /// Value, little-endian. Numeric values never change their length, so writing them allocates nothing.
+    value: Vec<u8>,
+}
+
+impl Entry {
+    /// A sub-object that holds its default.
+    #[must_use]
+    pub fn new(
+        index: u16,
+        sub_index: u8,
+        name: &str,
+        data_type: DataType,
+        access: Access,
+        default: Vec<u8>,
+    ) -> Self {
+        let value = default.clone();
+        let name = name.to_owned();
+        let (is_pdo_mappable, low_limit, high_limit) = (false, None, None);
+        Self {
+            index,
+            sub_index,
+            name,
+            data_type,
+            access,
+            is_pdo_mappable,
+            low_limit,
+            high_limit,
+            default,
+            value,
+        }
+    }
+
+    /// The value, little-endian.
+    #[must_use]
+    pub fn value(&self) -> &[u8] {
+        &self.value
+    }
+
+    /// The value as an integer; 0 for types that are none.
+    #[must_use]
+    pub fn as_integer(&self) -> i128 {
+        integer_from_le(self.data_type, &self.value)
+    }
+
+    /// Checks length and limits of a value to be written.
+    ///
+    /// # Errors
+    /// Too long, too short, too high or too low.
+    pub fn check(&self, bytes: &[u8]) -> Result<(), AbortCode> {
+        let Some(size) = self.data_type.size_bytes() else {
+            return Ok(());
+        };
+        match bytes.len() {
+            length if length > size => return Err(AbortCode::TOO_LONG),
+            length if length < size => return Err(AbortCode::TOO_SHORT),
+            _ => {}
+        }
+        let value = integer_from_le(self.data_type, bytes);
+        if self.high_limit.is_some_and(|limit| value > limit) {
+            return Err(AbortCode::VALUE_TOO_HIGH);
+        }
+        if self.low_limit.is_some_and(|limit| value < limit) {
+            return Err(AbortCode::VALUE_TOO_LOW);
+        }
+        Ok(())
+    }
+}
+
+/// Little-endian bytes as an integer, sign-extended by type; 0 for types that are no integers.
+fn integer_from_le(data_type: DataType, bytes: &[u8]) -> i128 {
+    if matches!(data_type.size_bytes(), None | Some(0))
+        || matches!(data_type, DataType::Real32 | DataType::Real64)
+    {
+        return 0;
+    }
+    let is_negative = data_type.is_signed() && bytes.last().is_some_and(|byte| byte & 0x80 != 0);
+    let mut buffer = if is_negative { [0xFF; 16] } else { [0; 16] };
+    let length = bytes.len().min(16);
+    buffer[..length].copy_from_slice(&bytes[..length]);
+    i128::from_le_bytes(buffer)
+}
+
+/// All objects of a node, sorted by index and sub-index.
+#[derive(Clone, Debug, Default)]
+pub struct ObjectDictionary {
+    entries: Vec<Entry>,
+}
+
+impl ObjectDictionary {
+    /// An empty dictionary.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a sub-object, or replaces the one at the same place. Handles taken before are void.
+    pub fn insert(&mut self, entry: Entry) {
+        let key = (entry.index, entry.sub_index);
+        match self
+            .entries
+            .binary_search_by_key(&key, |entry| (entry.index, entry.sub_index))
+        {
+            Ok(place) => self.entries[place] = entry,
+            Err(place) => self.entries.insert(place, entry),
+        }
+    }
+
+    /// Finds a sub-object.
+    ///
+    /// # Errors
+    /// [`AbortCode::NO_SUCH_OBJECT`] or [`AbortCode::NO_SUCH_SUB_INDEX`].
+    pub fn find(&self, index: u16, sub_index: u8) -> Result<Handle, AbortCode> {
+        let found = self
+            .entries
+            .binary_search_by_key(&(index, sub_index), |entry| (entry.index, entry.sub_index));
+        found.map(Handle).map_err(|place| {
+            let neighbours = [place.checked_sub(1), Some(place)];
+            let has_index = |place: usize| {
+                self.entries
+                    .get(place)
+                    .is_some_and(|entry| entry.index == index)
+            };
+            if neighbours.into_iter().flatten().any(has_index) {
+                AbortCode::NO_SUCH_SUB_INDEX
+            } else {
+                AbortCode::NO_SUCH_OBJECT
+            }
+        })
+    }
+
+    /// The sub-object at a handle.
+    #[must_use]
+    pub fn entry(&self, handle: Handle) -> &Entry {
+        &self.entries[handle.0]
+    }
+
+    /// All sub-objects in order.
+    #[must_use]
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
+    /// Stores a value without regard to access rights, as the application does.
+    ///
+    /// # Errors
+    /// A numeric value of another length than the type's.
+    pub fn store(&mut self, handle: Handle, bytes: &[u8]) -> Result<(), AbortCode> {
+        let entry = &mut self.entries[handle.0];
+        if entry
+            .data_type
+            .size_bytes()
+            .is_some_and(|size| size != bytes.len())
+        {
+            return Err(AbortCode::LENGTH_MISMATCH);
+        }
+        entry.value.clear();
+        entry.value.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    /// The integer at index and sub-index; `None` when there is no such object.
+    #[must_use]
+    pub fn integer(&self, index: u16, sub_index: u8) -> Option<i128> {
+        self.find(index, sub_index)
+            .ok()
+            .map(|handle| self.entry(handle).as_integer())
+    }
+
+    /// Stores an integer at index and sub-index in the width of its type; the application's own writing, so access
+    /// rights and limits do not count.
+    ///
+    /// # Errors
+    /// No such object, or the value does not fit the type.
+    pub fn set_integer(&mut self, index: u16, sub_index: u8, value: i128) -> Result<(), AbortCode> {
+        let handle = self.find(index, sub_index)?;
+        let entry = &mut self.entries[handle.0];
+        let size = entry
+            .data_type
+            .size_bytes()
+            .ok_or(AbortCode::LENGTH_MISMATCH)?;
+        let bytes = value.to_le_bytes();
+        if integer_from_le(entry.data_type, &bytes[..size]) != value {
+            return Err(AbortCode::INVALID_VALUE);
+        }
+        entry.value.copy_from_slice(&bytes[..size]);
+        Ok(())
+    }
+
+    /// Puts the defaults back for all objects whose index is in the range (NMT reset).
+    pub fn restore_defaults(&mut self, indices: std::ops::RangeInclusive<u16>) {
+        for entry in self
+            .entries
+            .iter_mut()
+            .filter(|entry| indices.contains(&entry.index))
+        {
+            entry.value.clear();
+            entry.value.extend_from_slice(&entry.default);
+        }
+    }
+}

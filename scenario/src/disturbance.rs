@@ -1,0 +1,36 @@
+//! The `[disturbance]` table: what disturbs the plant.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What disturbs the plant; each is commanded over the bus to the disturbance node 0x11.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Disturbance {
+    /// A fan blows at the wire.
+    pub fan: Vec<Fan>,
+    /// Another load hangs on the pulley.
+    pub load: Vec<Load>,
+}
+
+/// A fan blows at the wire.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fan {
+    /// On.
+    pub from_seconds: f64,
+    /// Off.
+    pub until_seconds: f64,
+    /// Multiplies the convection coefficient while on, 1 to 30.
+    pub convection_factor: f64,
+}
+
+/// The load changes and stays so.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Load {
+    /// When.
+    pub at_seconds: f64,
+    /// Added to the plant's load; may be negative.
+    pub added_grams: f64,
+}

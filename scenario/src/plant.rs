@@ -1,0 +1,184 @@
+//! The `[plant]` table: the truth that the emulator plays. Defaults are the paper's, or "assumed".
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The rig: wire, cooling, mechanics, sensor, amplifier.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Plant {
+    /// Heat balance of the wire, Eq. (1).
+    pub heat: Heat,
+    /// Phase transformation, Eq. (2).
+    pub phase: Phase,
+    /// Wire mechanics and motion, Eq. (3)-(9).
+    pub mechanics: Mechanics,
+    /// Position sensor.
+    pub sensor: Sensor,
+    /// Current amplifier.
+    pub amplifier: Amplifier,
+}
+
+/// Heat balance of the wire, Eq. (1); all per metre of wire.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Heat {
+    /// `m`, mass of the wire (paper: 2e-4).
+    pub mass_kilograms_per_metre: f64,
+    /// `cp`, specific heat (paper: 837).
+    pub specific_heat_joules_per_kilogram_kelvin: f64,
+    /// `R`, electrical resistance (paper: 32).
+    pub resistance_ohms_per_metre: f64,
+    /// `A`, surface (paper: 6.28e-4).
+    pub surface_square_metres_per_metre: f64,
+    /// `h`, convection coefficient (paper, identified: 7).
+    pub convection_watts_per_square_metre_kelvin: f64,
+    /// `C`, conduction to the cooling element (paper, identified: 0.255).
+    pub conduction_watts_per_metre_kelvin: f64,
+    /// `Tamb`, ambient temperature (paper: 20).
+    pub ambient_celsius: f64,
+    /// `Tp`, surface of the cooling element (paper: 15).
+    pub cooling_element_celsius: f64,
+}
+
+impl Default for Heat {
+    fn default() -> Self {
+        Self {
+            mass_kilograms_per_metre: 2e-4,
+            specific_heat_joules_per_kilogram_kelvin: 837.0,
+            resistance_ohms_per_metre: 32.0,
+            surface_square_metres_per_metre: 6.28e-4,
+            convection_watts_per_square_metre_kelvin: 7.0,
+            conduction_watts_per_metre_kelvin: 0.255,
+            ambient_celsius: 20.0,
+            cooling_element_celsius: 15.0,
+        }
+    }
+}
+
+/// Phase transformation, Eq. (2).
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Phase {
+    /// `As` (paper, identified: 53).
+    pub austenite_start_celsius: f64,
+    /// `Af` (paper, identified: 93).
+    pub austenite_finish_celsius: f64,
+    /// `Ms` (paper, identified: 66).
+    pub martensite_start_celsius: f64,
+    /// `Mf` (paper, identified: 34).
+    pub martensite_finish_celsius: f64,
+}
+
+impl Default for Phase {
+    fn default() -> Self {
+        Self {
+            austenite_start_celsius: 53.0,
+            austenite_finish_celsius: 93.0,
+            martensite_start_celsius: 66.0,
+            martensite_finish_celsius: 34.0,
+        }
+    }
+}
+
+/// Which stress-strain law the wire follows.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StressStrain {
+    /// Eq. (9): martensite carries nothing.
+    #[default]
+    AusteniteOnly,
+    /// Eq. (3)-(5): elastic, then plastic martensite.
+    Full,
+}
+
+/// Wire mechanics and motion, Eq. (3)-(9).
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Mechanics {
+    /// Stress-strain law.
+    pub stress_strain: StressStrain,
+    /// `EA`, Young's modulus of austenite (assumed: 75e9).
+    pub austenite_modulus_pascals: f64,
+    /// `EM`, Young's modulus of martensite, full law only (assumed: 28e9).
+    pub martensite_modulus_pascals: f64,
+    /// `ε_my`, largest elastic strain of martensite, full law only (assumed: 0.0025).
+    pub martensite_yield_strain: f64,
+    /// `d`, wire diameter (paper: 2e-4).
+    pub wire_diameter_metres: f64,
+    /// `l_wire`, length of the martensitic wire (paper: 0.15).
+    pub wire_length_metres: f64,
+    /// `Δ / l_wire`, recoverable strain (paper: 0.04).
+    pub recoverable_strain: f64,
+    /// `r1`, inner pulley (paper: 4.5e-3).
+    pub inner_pulley_radius_metres: f64,
+    /// `r2`, outer pulley (paper: 45e-3).
+    pub outer_pulley_radius_metres: f64,
+    /// `J`, inertia of the pulley (assumed: 2e-5).
+    pub pulley_inertia_kilogram_square_metres: f64,
+    /// `mL`, load (paper: 0.04).
+    pub load_kilograms: f64,
+    /// `c`, damping (assumed: 0.5).
+    pub damping_newton_seconds_per_metre: f64,
+}
+
+impl Default for Mechanics {
+    fn default() -> Self {
+        Self {
+            stress_strain: StressStrain::AusteniteOnly,
+            austenite_modulus_pascals: 75e9,
+            martensite_modulus_pascals: 28e9,
+            martensite_yield_strain: 0.0025,
+            wire_diameter_metres: 2e-4,
+            wire_length_metres: 0.15,
+            recoverable_strain: 0.04,
+            inner_pulley_radius_metres: 4.5e-3,
+            outer_pulley_radius_metres: 45e-3,
+            pulley_inertia_kilogram_square_metres: 2e-5,
+            load_kilograms: 0.04,
+            damping_newton_seconds_per_metre: 0.5,
+        }
+    }
+}
+
+/// Position sensor: a potentiometer read by an analogue-to-digital converter.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Sensor {
+    /// Resolution (paper: 10).
+    pub resolution_bits: u32,
+    /// Span; the converter clips there (assumed: 60).
+    pub span_millimetres: f64,
+    /// Standard deviation of normal noise before conversion (assumed: 0).
+    pub noise_millimetres_rms: f64,
+}
+
+impl Default for Sensor {
+    fn default() -> Self {
+        Self {
+            resolution_bits: 10,
+            span_millimetres: 60.0,
+            noise_millimetres_rms: 0.0,
+        }
+    }
+}
+
+/// Current amplifier.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Amplifier {
+    /// Largest current; the smallest is 0 (paper: 1).
+    pub current_amperes_max: f64,
+    /// Resolution of the digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille
+    /// (paper: 10 bits; default 0, since the frame already rounds to 1 permille).
+    pub resolution_bits: u32,
+}
+
+impl Default for Amplifier {
+    fn default() -> Self {
+        Self {
+            current_amperes_max: 1.0,
+            resolution_bits: 0,
+        }
+    }
+}
