@@ -1,0 +1,82 @@
+//! Heat balance of the wire.
+
+use scenario::plant;
+
+/// Coefficients of the heat balance, Eq. (1); all per metre of wire.
+#[derive(Clone, Debug)]
+pub(super) struct HeatBalance {
+    /// `1 / (m cp)`, m K/J.
+    inverse_heat_capacity: f64,
+    /// `R`, Ω/m.
+    resistance: f64,
+    /// `h A` in still air, W/(m K).
+    convection: f64,
+    /// `C`, W/(m K).
+    conduction: f64,
+    /// `Tamb`, °C.
+    ambient_celsius: f64,
+    /// `Tp`, °C.
+    cooling_element_celsius: f64,
+}
+
+impl HeatBalance {
+    pub(super) fn new(config: &plant::Heat) -> Self {
+        Self {
+            inverse_heat_capacity: 1.0
+                / (config.mass_kilograms_per_metre
+                    * config.specific_heat_joules_per_kilogram_kelvin),
+            resistance: config.resistance_ohms_per_metre,
+            convection: config.convection_watts_per_square_metre_kelvin
+                * config.surface_square_metres_per_metre,
+            conduction: config.conduction_watts_per_metre_kelvin,
+            ambient_celsius: config.ambient_celsius,
+            cooling_element_celsius: config.cooling_element_celsius,
+        }
+    }
+
+    /// `dT/dt` in K/s, Eq. (1): `m cp dT/dt = i² R − h A (T − Tamb) − C (T − Tp)`, a fan multiplying `h`.
+    pub(super) fn rate_kelvin_per_second(
+        &self,
+        temperature_celsius: f64,
+        current_amperes: f64,
+        convection_factor: f64,
+    ) -> f64 {
+        let joule = current_amperes * current_amperes * self.resistance;
+        let convection =
+            convection_factor * self.convection * (temperature_celsius - self.ambient_celsius);
+        let conduction = self.conduction * (temperature_celsius - self.cooling_element_celsius);
+        self.inverse_heat_capacity * (joule - convection - conduction)
+    }
+
+    /// Temperature at which Eq. (1) rests: `T = (i² R + h A Tamb + C Tp) / (h A + C)`.
+    pub(super) fn equilibrium_celsius(&self, current_amperes: f64, convection_factor: f64) -> f64 {
+        let convection = convection_factor * self.convection;
+        (current_amperes * current_amperes * self.resistance
+            + convection * self.ambient_celsius
+            + self.conduction * self.cooling_element_celsius)
+            / (convection + self.conduction)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn start_and_hottest_equilibrium_are_the_papers() {
+        let heat = HeatBalance::new(&plant::Heat::default());
+        let cold = heat.equilibrium_celsius(0.0, 1.0);
+        assert!((cold - 15.084_735_31).abs() < 1e-8, "{cold}");
+        let hot = heat.equilibrium_celsius(1.0, 1.0);
+        assert!((hot - 138.44).abs() < 0.01, "{hot}");
+        assert!(heat.rate_kelvin_per_second(hot, 1.0, 1.0).abs() < 1e-11);
+    }
+
+    #[test]
+    fn a_fan_cools_a_hot_wire_faster_and_warms_a_cold_one() {
+        let heat = HeatBalance::new(&plant::Heat::default());
+        let rate = |temperature, factor| heat.rate_kelvin_per_second(temperature, 0.0, factor);
+        assert!(rate(80.0, 5.0) < rate(80.0, 1.0));
+        assert!(rate(10.0, 5.0) > rate(10.0, 1.0));
+    }
+}

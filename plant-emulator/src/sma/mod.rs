@@ -1,0 +1,224 @@
+//! The SMA actuator: heat, phase and motion put together and integrated.
+
+mod heat;
+mod phase;
+mod wire;
+
+use heat::HeatBalance;
+pub use phase::Branch;
+use phase::Transformation;
+use wire::Mechanics;
+
+use crate::integrator::runge_kutta_4;
+
+/// Longest integration step. The reference trajectories are met a hundredfold within their tolerance with it.
+pub const STEP_SECONDS_MAX: f64 = 1e-3;
+
+/// What acts on the actuator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inputs {
+    /// Current through the wire.
+    pub current_amperes: f64,
+    /// Multiplies the convection coefficient `h`; 1 in still air.
+    pub convection_factor: f64,
+    /// Added to the load; the sum never falls below zero.
+    pub added_load_kilograms: f64,
+}
+
+impl Default for Inputs {
+    /// No current, still air, the load alone.
+    fn default() -> Self {
+        Self {
+            current_amperes: 0.0,
+            convection_factor: 1.0,
+            added_load_kilograms: 0.0,
+        }
+    }
+}
+
+/// What is integrated.
+#[derive(Clone, Copy, Debug)]
+struct State {
+    /// `T`.
+    temperature_celsius: f64,
+    /// `x`, zero on the stop, upwards.
+    position_metres: f64,
+    /// `ẋ`.
+    velocity_metres_per_second: f64,
+}
+
+/// The actuator: wire, cooling element, pulley and load.
+#[derive(Clone, Debug)]
+pub struct Actuator {
+    heat: HeatBalance,
+    phase: Transformation,
+    mechanics: Mechanics,
+    state: State,
+    step_seconds_max: f64,
+}
+
+impl Actuator {
+    /// The start state: at rest on the stop, without current, as warm as cooling element and air make it, all
+    /// martensite.
+    #[must_use]
+    pub fn new(plant: &scenario::plant::Plant) -> Self {
+        let heat = HeatBalance::new(&plant.heat);
+        let state = State {
+            temperature_celsius: heat.equilibrium_celsius(0.0, 1.0),
+            position_metres: 0.0,
+            velocity_metres_per_second: 0.0,
+        };
+        Self {
+            heat,
+            phase: Transformation::new(&plant.phase),
+            mechanics: Mechanics::new(&plant.mechanics),
+            state,
+            step_seconds_max: STEP_SECONDS_MAX,
+        }
+    }
+
+    /// The same state, continued with another longest integration step.
+    #[must_use]
+    pub fn continued_with_step(&self, step_seconds_max: f64) -> Self {
+        Self {
+            step_seconds_max,
+            ..self.clone()
+        }
+    }
+
+    /// Lets `duration_seconds` pass under constant inputs, in equal steps of at most the longest step.
+    pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
+        self.advance_varying(duration_seconds, |_| *inputs);
+    }
+
+    /// As [`Actuator::advance`], with inputs that are a continuous function of the seconds since the call; where they
+    /// jump, the caller divides the time into two calls.
+    pub fn advance_varying(&mut self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) {
+        if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
+            return;
+        }
+        // A duration that exceeds a whole number of steps by rounding only needs no step more.
+        let steps = libm::ceil(duration_seconds / self.step_seconds_max - 1e-9).max(1.0);
+        let step_seconds = duration_seconds / steps;
+        let mut index = 0.0;
+        while index < steps {
+            let start = index * step_seconds;
+            self.step(step_seconds, |time| inputs(start + time));
+            index += 1.0;
+        }
+    }
+
+    /// One step. The branch follows the sign of `dT/dt` at its start; where varying inputs change the sign inside,
+    /// the step is divided there (PAPER E2). Constant inputs never do: Eq. (1) then goes to its equilibrium monotonically.
+    fn step(&mut self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) {
+        let rate_before = self.rate_kelvin_per_second(&self.state, &inputs(0.0));
+        self.phase
+            .follow(rate_before, self.state.temperature_celsius);
+        let end = self.integrated(duration_seconds, &inputs);
+        let rate_after = self.rate_kelvin_per_second(&end, &inputs(duration_seconds));
+        if rate_before * rate_after >= 0.0 {
+            self.state = end;
+            return;
+        }
+        let turn = duration_seconds * rate_before / (rate_before - rate_after);
+        self.state = self.integrated(turn, &inputs);
+        self.phase
+            .follow(rate_after, self.state.temperature_celsius);
+        self.state = self.integrated(duration_seconds - turn, |time| inputs(turn + time));
+    }
+
+    fn rate_kelvin_per_second(&self, state: &State, inputs: &Inputs) -> f64 {
+        self.heat.rate_kelvin_per_second(
+            state.temperature_celsius,
+            inputs.current_amperes,
+            inputs.convection_factor,
+        )
+    }
+
+    /// The state one step later on the present branch; an impact on the stop is inelastic (PAPER E6).
+    fn integrated(&self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) -> State {
+        let state = [
+            self.state.temperature_celsius,
+            self.state.position_metres,
+            self.state.velocity_metres_per_second,
+        ];
+        let [temperature_celsius, position, velocity] =
+            runge_kutta_4(state, duration_seconds, |time, state| {
+                self.derivative(state, &inputs(time))
+            });
+        let is_stopped = position < 0.0;
+        State {
+            temperature_celsius,
+            position_metres: if is_stopped { 0.0 } else { position },
+            velocity_metres_per_second: if is_stopped { 0.0 } else { velocity },
+        }
+    }
+
+    /// `(dT/dt, ẋ, ẍ)` from Eq. (1), (2) and (7), with the stop at `x = 0`.
+    fn derivative(
+        &self,
+        &[temperature, position, velocity]: &[f64; 3],
+        inputs: &Inputs,
+    ) -> [f64; 3] {
+        let rate = self.heat.rate_kelvin_per_second(
+            temperature,
+            inputs.current_amperes,
+            inputs.convection_factor,
+        );
+        let fraction = self.phase.martensite_fraction(temperature);
+        let tension = self.mechanics.tension_newtons(fraction, position);
+        let acceleration =
+            self.mechanics
+                .acceleration(tension, velocity, inputs.added_load_kilograms);
+        if wire::is_resting(position, velocity, acceleration) {
+            [rate, 0.0, 0.0]
+        } else {
+            [rate, velocity, acceleration]
+        }
+    }
+
+    /// `T`, temperature of the wire.
+    #[must_use]
+    pub fn temperature_celsius(&self) -> f64 {
+        self.state.temperature_celsius
+    }
+
+    /// `ξ`, from 0 (austenite) to 1 (martensite).
+    #[must_use]
+    pub fn martensite_fraction(&self) -> f64 {
+        self.phase
+            .martensite_fraction(self.state.temperature_celsius)
+    }
+
+    /// `x`, height of the load above its stop.
+    #[must_use]
+    pub fn position_metres(&self) -> f64 {
+        self.state.position_metres
+    }
+
+    /// `ẋ`, upwards.
+    #[must_use]
+    pub fn velocity_metres_per_second(&self) -> f64 {
+        self.state.velocity_metres_per_second
+    }
+
+    /// `T2`, tension of the wire; never negative.
+    #[must_use]
+    pub fn tension_newtons(&self) -> f64 {
+        self.mechanics
+            .tension_newtons(self.martensite_fraction(), self.state.position_metres)
+    }
+
+    /// The branch of the hysteresis that the wire is on.
+    #[must_use]
+    pub fn branch(&self) -> Branch {
+        self.phase.branch()
+    }
+
+    /// Where the wire's temperature would settle under these inputs.
+    #[must_use]
+    pub fn equilibrium_celsius(&self, inputs: &Inputs) -> f64 {
+        self.heat
+            .equilibrium_celsius(inputs.current_amperes, inputs.convection_factor)
+    }
+}
