@@ -18,10 +18,13 @@ pub struct Disturbance {
 #[serde(deny_unknown_fields)]
 pub struct Fan {
     /// On.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub from_seconds: f64,
     /// Off.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub until_seconds: f64,
     /// Multiplies the convection coefficient while on, 1 to 30.
+    #[schemars(range(min = 1.0, max = 30.0))]
     pub convection_factor: f64,
 }
 
@@ -30,7 +33,9 @@ pub struct Fan {
 #[serde(deny_unknown_fields)]
 pub struct Load {
     /// When.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
     /// Added to the plant's load; may be negative.
+    #[schemars(range(min = -1_000.0, max = 1_000.0))]
     pub added_grams: f64,
 }

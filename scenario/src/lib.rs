@@ -3,10 +3,15 @@
 //! [`Scenario`] is everything; the controller gets a view that cannot see `[plant]`.
 
 pub mod controller;
+mod curve;
 pub mod disturbance;
+pub mod events;
 pub mod expect;
 pub mod plant;
+pub mod profile;
 pub mod reference;
+
+use std::time::Duration;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -16,16 +21,20 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
     /// Version of the format; 1.
+    #[schemars(range(min = 1, max = 1))]
     pub schema: u32,
     /// What is tried, in a few words.
+    #[schemars(length(min = 1, max = 200))]
     pub name: String,
     /// What the scenario shows and where its limits come from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
     /// Seed of every random number in the run.
     #[serde(default)]
+    #[schemars(range(min = 0, max = 9_007_199_254_740_991_u64))]
     pub seed: u64,
     /// Length of the run from the first SYNC after Operation Enabled.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 86_400.0))]
     pub duration_seconds: f64,
     /// The bus.
     #[serde(default)]
@@ -51,8 +60,10 @@ pub struct Scenario {
 #[serde(deny_unknown_fields, default)]
 pub struct Bus {
     /// Bit rate of the bus.
+    #[schemars(extend("enum" = [10, 20, 50, 125, 250, 500, 800, 1000]))]
     pub bitrate_kilobits_per_second: u32,
     /// Time between two SYNCs, a multiple of 0.1 ms.
+    #[schemars(range(min = 0.1, max = 100.0), extend("multipleOf" = 0.1))]
     pub sync_period_milliseconds: f64,
 }
 
@@ -62,5 +73,15 @@ impl Default for Bus {
             bitrate_kilobits_per_second: 1000,
             sync_period_milliseconds: 1.0,
         }
+    }
+}
+
+impl Bus {
+    /// The time between two SYNCs.
+    #[must_use]
+    pub fn sync_period(&self) -> Duration {
+        // The schema admits multiples of 0.1 ms; rounding takes the decimal fraction's error away.
+        let tenths = libm::round(self.sync_period_milliseconds * 10.0).clamp(1.0, 1000.0);
+        Duration::from_micros(100).mul_f64(tenths)
     }
 }

@@ -24,20 +24,28 @@ pub struct Plant {
 #[serde(deny_unknown_fields, default)]
 pub struct Heat {
     /// `m`, mass of the wire (paper: 2e-4).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub mass_kilograms_per_metre: f64,
     /// `cp`, specific heat (paper: 837).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub specific_heat_joules_per_kilogram_kelvin: f64,
     /// `R`, electrical resistance (paper: 32).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub resistance_ohms_per_metre: f64,
     /// `A`, surface (paper: 6.28e-4).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub surface_square_metres_per_metre: f64,
     /// `h`, convection coefficient (paper, identified: 7).
+    #[schemars(range(min = 0.0, max = 1_000.0))]
     pub convection_watts_per_square_metre_kelvin: f64,
     /// `C`, conduction to the cooling element (paper, identified: 0.255).
+    #[schemars(range(min = 0.0, max = 100.0))]
     pub conduction_watts_per_metre_kelvin: f64,
     /// `Tamb`, ambient temperature (paper: 20).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub ambient_celsius: f64,
     /// `Tp`, surface of the cooling element (paper: 15).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub cooling_element_celsius: f64,
 }
 
@@ -61,12 +69,16 @@ impl Default for Heat {
 #[serde(deny_unknown_fields, default)]
 pub struct Phase {
     /// `As` (paper, identified: 53).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub austenite_start_celsius: f64,
     /// `Af` (paper, identified: 93).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub austenite_finish_celsius: f64,
     /// `Ms` (paper, identified: 66).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub martensite_start_celsius: f64,
     /// `Mf` (paper, identified: 34).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub martensite_finish_celsius: f64,
 }
 
@@ -99,26 +111,37 @@ pub struct Mechanics {
     /// Stress-strain law.
     pub stress_strain: StressStrain,
     /// `EA`, Young's modulus of austenite (assumed: 75e9).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e12))]
     pub austenite_modulus_pascals: f64,
     /// `EM`, Young's modulus of martensite, full law only (assumed: 28e9).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e12))]
     pub martensite_modulus_pascals: f64,
     /// `ε_my`, largest elastic strain of martensite, full law only (assumed: 0.0025).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 0.1))]
     pub martensite_yield_strain: f64,
     /// `d`, wire diameter (paper: 2e-4).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 0.01))]
     pub wire_diameter_metres: f64,
     /// `l_wire`, length of the martensitic wire (paper: 0.15).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 10.0))]
     pub wire_length_metres: f64,
     /// `Δ / l_wire`, recoverable strain (paper: 0.04).
+    #[schemars(range(min = 0.0, max = 0.1))]
     pub recoverable_strain: f64,
     /// `r1`, inner pulley (paper: 4.5e-3).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub inner_pulley_radius_metres: f64,
     /// `r2`, outer pulley (paper: 45e-3).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub outer_pulley_radius_metres: f64,
     /// `J`, inertia of the pulley (assumed: 2e-5).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub pulley_inertia_kilogram_square_metres: f64,
     /// `mL`, load (paper: 0.04).
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub load_kilograms: f64,
     /// `c`, damping (assumed: 0.5).
+    #[schemars(range(min = 0.0, max = 1_000.0))]
     pub damping_newton_seconds_per_metre: f64,
 }
 
@@ -146,10 +169,13 @@ impl Default for Mechanics {
 #[serde(deny_unknown_fields, default)]
 pub struct Sensor {
     /// Resolution (paper: 10).
+    #[schemars(range(min = 1, max = 24))]
     pub resolution_bits: u32,
     /// Span; the converter clips there (assumed: 60).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub span_millimetres: f64,
     /// Standard deviation of normal noise before conversion (assumed: 0).
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub noise_millimetres_rms: f64,
 }
 
@@ -168,9 +194,11 @@ impl Default for Sensor {
 #[serde(deny_unknown_fields, default)]
 pub struct Amplifier {
     /// Largest current; the smallest is 0 (paper: 1).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub current_amperes_max: f64,
     /// Resolution of the digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille
     /// (paper: 10 bits; default 0, since the frame already rounds to 1 permille).
+    #[schemars(range(min = 0, max = 24))]
     pub resolution_bits: u32,
 }
 

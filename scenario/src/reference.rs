@@ -3,6 +3,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::curve::{Curve, Piece};
+
+const METRES_PER_MILLIMETRE: f64 = 1e-3;
+
 /// The position set-point, in pieces ordered by time.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
@@ -24,8 +28,10 @@ pub struct Reference {
 #[serde(deny_unknown_fields)]
 pub struct Hold {
     /// From when.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
     /// Which position.
+    #[schemars(range(min = 0.0, max = 60.0))]
     pub position_millimetres: f64,
 }
 
@@ -34,8 +40,10 @@ pub struct Hold {
 #[serde(deny_unknown_fields)]
 pub struct Step {
     /// When.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
     /// To which position.
+    #[schemars(range(min = 0.0, max = 60.0))]
     pub position_millimetres: f64,
 }
 
@@ -44,10 +52,13 @@ pub struct Step {
 #[serde(deny_unknown_fields)]
 pub struct Ramp {
     /// Start.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub from_seconds: f64,
     /// End.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub until_seconds: f64,
     /// Position at the end.
+    #[schemars(range(min = 0.0, max = 60.0))]
     pub position_millimetres: f64,
 }
 
@@ -56,12 +67,16 @@ pub struct Ramp {
 #[serde(deny_unknown_fields)]
 pub struct Sine {
     /// Start.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub from_seconds: f64,
     /// Centre.
+    #[schemars(range(min = 0.0, max = 60.0))]
     pub centre_millimetres: f64,
     /// Amplitude.
+    #[schemars(range(min = 0.0, max = 30.0))]
     pub amplitude_millimetres: f64,
     /// Period.
+    #[schemars(range(min = 0.01, max = 3_600.0))]
     pub period_seconds: f64,
 }
 
@@ -70,6 +85,7 @@ pub struct Sine {
 #[serde(deny_unknown_fields)]
 pub struct Table {
     /// Start; the file's times count from here.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub from_seconds: f64,
     /// The file, relative to the scenario.
     pub file: String,
@@ -91,4 +107,150 @@ pub struct SetPoint {
     pub jerk_metres_per_second_cubed: f64,
     /// True where the derivatives are exact (sine): such a set-point bypasses the reference filter (PAPER E5).
     pub has_exact_derivatives: bool,
+}
+
+/// A set-point made ready to be asked once per cycle.
+///
+/// The piece that started last wins; before the first piece the set-point is 0, the stop on which the load rests.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trajectory(Curve);
+
+impl Trajectory {
+    /// The raw set-point at a scenario time; no allocation.
+    ///
+    /// ```
+    /// use scenario::reference::{Reference, Step};
+    /// let step = vec![Step { at_seconds: 10.0, position_millimetres: 35.0 }];
+    /// let trajectory = Reference { step, ..Reference::default() }.trajectory();
+    /// assert_eq!(trajectory.at(9.999).position_metres, 0.0);
+    /// assert_eq!(trajectory.at(10.0).position_metres, 0.035);
+    /// ```
+    #[must_use]
+    pub fn at(&self, time_seconds: f64) -> SetPoint {
+        let sample = self.0.at(time_seconds);
+        let [velocity, acceleration, jerk] = sample.derivatives;
+        SetPoint {
+            position_metres: sample.value,
+            velocity_metres_per_second: velocity,
+            acceleration_metres_per_second_squared: acceleration,
+            jerk_metres_per_second_cubed: jerk,
+            has_exact_derivatives: sample.has_exact_derivatives,
+        }
+    }
+}
+
+impl Reference {
+    /// True when there is no piece at all.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.starts_seconds().next().is_none()
+    }
+
+    /// Makes the set-point ready to be asked once per cycle.
+    #[must_use]
+    pub fn trajectory(&self) -> Trajectory {
+        let metres = |millimetres: f64| millimetres * METRES_PER_MILLIMETRE;
+        let constant = |at_seconds: f64, millimetres: f64| {
+            let value = metres(millimetres);
+            (at_seconds, Piece::Constant { value })
+        };
+        let holds =
+            (self.hold.iter()).map(|hold| constant(hold.at_seconds, hold.position_millimetres));
+        let steps =
+            (self.step.iter()).map(|step| constant(step.at_seconds, step.position_millimetres));
+        let ramps = self.ramp.iter().map(|ramp| {
+            let (until_seconds, end) = (ramp.until_seconds, metres(ramp.position_millimetres));
+            (ramp.from_seconds, Piece::Line { until_seconds, end })
+        });
+        let sines = self.sine.iter().map(|sine| {
+            let piece = Piece::Sine {
+                centre: metres(sine.centre_millimetres),
+                amplitude: metres(sine.amplitude_millimetres),
+                radians_per_second: std::f64::consts::TAU / sine.period_seconds,
+            };
+            (sine.from_seconds, piece)
+        });
+        let tables = self.table.iter().map(|table| {
+            let rows = table.rows.iter();
+            let rows = rows
+                .map(|&(time, position)| (time, metres(position)))
+                .collect();
+            (table.from_seconds, Piece::Table { rows })
+        });
+        let pieces = holds.chain(steps).chain(ramps).chain(sines).chain(tables);
+        Trajectory(Curve::new(pieces.collect()))
+    }
+
+    /// The raw set-point at one time. Builds the trajectory first: ask [`Trajectory::at`] where it is needed every cycle.
+    #[must_use]
+    pub fn at(&self, time_seconds: f64) -> SetPoint {
+        self.trajectory().at(time_seconds)
+    }
+
+    /// The starts of all pieces, kind by kind.
+    pub fn starts_seconds(&self) -> impl Iterator<Item = f64> + '_ {
+        let holds = self.hold.iter().map(|hold| hold.at_seconds);
+        let steps = self.step.iter().map(|step| step.at_seconds);
+        let ramps = self.ramp.iter().map(|ramp| ramp.from_seconds);
+        let sines = self.sine.iter().map(|sine| sine.from_seconds);
+        let tables = self.table.iter().map(|table| table.from_seconds);
+        holds.chain(steps).chain(ramps).chain(sines).chain(tables)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_of_piece_takes_its_turn() {
+        let reference = Reference {
+            hold: vec![Hold {
+                at_seconds: 0.0,
+                position_millimetres: 10.0,
+            }],
+            step: vec![Step {
+                at_seconds: 1.0,
+                position_millimetres: 30.0,
+            }],
+            ramp: vec![Ramp {
+                from_seconds: 2.0,
+                until_seconds: 4.0,
+                position_millimetres: 20.0,
+            }],
+            sine: vec![Sine {
+                from_seconds: 5.0,
+                centre_millimetres: 25.0,
+                amplitude_millimetres: 10.0,
+                period_seconds: 4.0,
+            }],
+            table: vec![Table {
+                from_seconds: 8.0,
+                file: String::new(),
+                rows: vec![(0.0, 1.0), (1.0, 2.0)],
+            }],
+        };
+        let trajectory = reference.trajectory();
+        let expected = [
+            (0.5, 10.0),
+            (1.0, 30.0),
+            (3.0, 25.0),
+            (4.5, 20.0),
+            (5.0, 25.0),
+            (6.0, 35.0),
+            (8.5, 1.5),
+            (99.0, 2.0),
+        ];
+        for (time, millimetres) in expected {
+            let position = trajectory.at(time).position_metres;
+            assert!(
+                (position - millimetres * 1e-3).abs() < 1e-12,
+                "{position} at {time}"
+            );
+            assert_eq!(reference.at(time), trajectory.at(time));
+        }
+        assert!(trajectory.at(6.0).has_exact_derivatives);
+        assert!(!trajectory.at(3.0).has_exact_derivatives);
+        assert!((trajectory.at(3.0).velocity_metres_per_second + 0.005).abs() < 1e-12);
+    }
 }

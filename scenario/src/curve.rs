@@ -1,0 +1,198 @@
+//! A curve over time, made of pieces of which the later wins; what set-points and current profiles share.
+
+use std::f64::consts::TAU;
+
+/// A piece as the scenario gives it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Piece {
+    /// A constant.
+    Constant { value: f64 },
+    /// A straight line from the curve's present value to `end` at `until_seconds`, then constant.
+    Line { until_seconds: f64, end: f64 },
+    /// `centre + amplitude sin(ω (t − start))`.
+    Sine {
+        centre: f64,
+        amplitude: f64,
+        radians_per_second: f64,
+    },
+    /// Straight lines through rows `(seconds from the start, value)`, constant outside.
+    Table { rows: Vec<(f64, f64)> },
+}
+
+/// The curve's value and its first three derivatives.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Sample {
+    pub(crate) value: f64,
+    pub(crate) derivatives: [f64; 3],
+    pub(crate) has_exact_derivatives: bool,
+}
+
+impl Sample {
+    fn line(value: f64, slope: f64) -> Self {
+        Self {
+            value,
+            derivatives: [slope, 0.0, 0.0],
+            has_exact_derivatives: false,
+        }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Segment {
+    start_seconds: f64,
+    start_value: f64,
+    piece: Piece,
+}
+
+/// Pieces in the order of their starts; 0 before the first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Curve {
+    segments: Vec<Segment>,
+}
+
+impl Curve {
+    /// Sorts the pieces by their starts and gives each line its first value.
+    pub(crate) fn new(mut pieces: Vec<(f64, Piece)>) -> Self {
+        pieces.sort_by(|left, right| left.0.total_cmp(&right.0));
+        let mut curve = Self {
+            segments: Vec::with_capacity(pieces.len()),
+        };
+        for (start_seconds, piece) in pieces {
+            let start_value = curve.at(start_seconds).value;
+            curve.segments.push(Segment {
+                start_seconds,
+                start_value,
+                piece,
+            });
+        }
+        curve
+    }
+
+    /// The curve at a time; a binary search, no allocation.
+    pub(crate) fn at(&self, time_seconds: f64) -> Sample {
+        let started = self
+            .segments
+            .partition_point(|segment| segment.start_seconds <= time_seconds);
+        match started.checked_sub(1) {
+            Some(last) => self.segments[last].at(time_seconds),
+            None => Sample::default(),
+        }
+    }
+}
+
+impl Segment {
+    fn at(&self, time_seconds: f64) -> Sample {
+        let elapsed = time_seconds - self.start_seconds;
+        match &self.piece {
+            Piece::Constant { value } => Sample::line(*value, 0.0),
+            Piece::Line { until_seconds, end } => {
+                let rows = [
+                    (0.0, self.start_value),
+                    (until_seconds - self.start_seconds, *end),
+                ];
+                interpolate(&rows, elapsed)
+            }
+            Piece::Sine {
+                centre,
+                amplitude,
+                radians_per_second: omega,
+            } => sine(*centre, *amplitude, *omega, elapsed),
+            Piece::Table { rows } => interpolate(rows, elapsed),
+        }
+    }
+}
+
+/// `centre + amplitude sin(ω t)` with its exact derivatives.
+fn sine(centre: f64, amplitude: f64, omega: f64, elapsed_seconds: f64) -> Sample {
+    // The phase within one turn keeps its accuracy in long runs.
+    let turns = omega * elapsed_seconds / TAU;
+    let (sin, cos) = libm::sincos(TAU * (turns - libm::floor(turns)));
+    Sample {
+        value: centre + amplitude * sin,
+        derivatives: [
+            amplitude * omega * cos,
+            -amplitude * omega * omega * sin,
+            -amplitude * omega * omega * omega * cos,
+        ],
+        has_exact_derivatives: true,
+    }
+}
+
+/// Straight lines through the rows, constant before the first and from the last on.
+fn interpolate(rows: &[(f64, f64)], time: f64) -> Sample {
+    let next = rows.partition_point(|row| row.0 <= time);
+    match (next.checked_sub(1).map(|last| rows[last]), rows.get(next)) {
+        (Some((from, start)), Some(&(until, end))) => {
+            let slope = (end - start) / (until - from);
+            Sample::line(start + slope * (time - from), slope)
+        }
+        (Some((_, value)), None) | (None, Some(&(_, value))) => Sample::line(value, 0.0),
+        (None, None) => Sample::default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zero_before_the_first_piece_and_without_pieces() {
+        assert_eq!(Curve::default().at(1.0).value, 0.0);
+        let curve = Curve::new(vec![(2.0, Piece::Constant { value: 5.0 })]);
+        assert_eq!(curve.at(1.999).value, 0.0);
+        assert_eq!(curve.at(2.0).value, 5.0);
+        assert_eq!(curve.at(f64::NAN), Sample::default());
+    }
+
+    #[test]
+    fn a_line_starts_from_the_present_value_even_of_an_unfinished_line() {
+        let line = |until_seconds, end| Piece::Line { until_seconds, end };
+        let curve = Curve::new(vec![(1.0, line(3.0, 4.0)), (2.0, line(4.0, 0.0))]);
+        assert_eq!(curve.at(1.5).value, 1.0);
+        assert_eq!(curve.at(1.5).derivatives, [2.0, 0.0, 0.0]);
+        assert_eq!(curve.at(2.0).value, 2.0);
+        assert_eq!(curve.at(3.0).value, 1.0);
+        assert_eq!(curve.at(9.0), Sample::line(0.0, 0.0));
+    }
+
+    #[test]
+    fn derivatives_of_a_sine_agree_with_differences() {
+        let curve = Curve::new(vec![(
+            1.0,
+            Piece::Sine {
+                centre: 25.0,
+                amplitude: 10.0,
+                radians_per_second: 1.3,
+            },
+        )]);
+        let step = 1e-4;
+        for time in [1.0, 2.7, 50.3] {
+            let (before, now, after) = (
+                curve.at(time),
+                curve.at(time + step),
+                curve.at(time + 2.0 * step),
+            );
+            let values = |sample: Sample| {
+                let [first, second, third] = sample.derivatives;
+                [sample.value, first, second, third]
+            };
+            for order in 0..3 {
+                let difference = (values(after)[order] - values(before)[order]) / (2.0 * step);
+                assert!(
+                    (difference - values(now)[order + 1]).abs() < 1e-4,
+                    "{order} at {time}"
+                );
+            }
+            assert!(now.has_exact_derivatives);
+        }
+    }
+
+    #[test]
+    fn a_table_counts_from_its_start_and_holds_its_last_row() {
+        let rows = vec![(0.5, 1.0), (1.5, 3.0)];
+        let curve = Curve::new(vec![(10.0, Piece::Table { rows })]);
+        assert_eq!(curve.at(10.0).value, 1.0);
+        assert_eq!(curve.at(11.0).value, 2.0);
+        assert_eq!(curve.at(20.0).value, 3.0);
+    }
+}

@@ -1,0 +1,72 @@
+//! The current profile of `[controller.open_loop]`, made ready to be asked once per cycle.
+
+use crate::controller::OpenLoop;
+use crate::curve::{Curve, Piece};
+
+/// A current over time; the piece that started last wins, 0 A before the first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Profile(Curve);
+
+impl Profile {
+    /// The current in amperes at a scenario time; no allocation.
+    #[must_use]
+    pub fn current_at(&self, time_seconds: f64) -> f64 {
+        self.0.at(time_seconds).value
+    }
+}
+
+impl OpenLoop {
+    /// Makes the profile ready to be asked once per cycle.
+    #[must_use]
+    pub fn profile(&self) -> Profile {
+        let steps = self.step.iter().map(|step| {
+            let value = step.current_amperes;
+            (step.at_seconds, Piece::Constant { value })
+        });
+        let ramps = self.ramp.iter().map(|ramp| {
+            let (until_seconds, end) = (ramp.until_seconds, ramp.current_amperes);
+            (ramp.from_seconds, Piece::Line { until_seconds, end })
+        });
+        Profile(Curve::new(steps.chain(ramps).collect()))
+    }
+
+    /// The current in amperes at one time. Builds the profile first: ask [`Profile::current_at`] where it is needed
+    /// every cycle.
+    #[must_use]
+    pub fn current_at(&self, time_seconds: f64) -> f64 {
+        self.profile().current_at(time_seconds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::controller::{CurrentRamp, CurrentStep};
+
+    #[test]
+    fn up_and_down_in_forty_seconds() {
+        let ramp = |from_seconds, until_seconds, current_amperes| CurrentRamp {
+            from_seconds,
+            until_seconds,
+            current_amperes,
+        };
+        let mut open_loop = OpenLoop {
+            ramp: vec![ramp(0.0, 20.0, 1.0), ramp(20.0, 40.0, 0.0)],
+            ..OpenLoop::default()
+        };
+        for (time, amperes) in [
+            (0.0, 0.0),
+            (10.0, 0.5),
+            (20.0, 1.0),
+            (30.0, 0.5),
+            (41.0, 0.0),
+        ] {
+            assert_eq!(open_loop.current_at(time), amperes, "at {time}");
+        }
+        open_loop.step.push(CurrentStep {
+            at_seconds: 42.0,
+            current_amperes: 0.6,
+        });
+        assert_eq!(open_loop.current_at(42.0), 0.6);
+    }
+}
