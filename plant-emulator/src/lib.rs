@@ -2,5 +2,7 @@
 //!
 //! [`sma`] is the physics, one file per part of the model.
 
+pub mod amplifier;
 mod integrator;
+pub mod sensor;
 pub mod sma;

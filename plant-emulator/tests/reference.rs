@@ -6,6 +6,9 @@ use scenario::plant::Plant;
 /// Time between two rows.
 const ROW_SECONDS: f64 = 0.01;
 
+/// How much better than the required 20 µm, 0.01 °C and 1e-4 the shipped step size is held to.
+const MARGIN: f64 = 100.0;
+
 /// Largest deviations over all rows.
 #[derive(Debug, Default)]
 struct Deviation {
@@ -17,13 +20,14 @@ struct Deviation {
 /// Runs `profile(start of the row's interval, time)`; the first argument selects the piece, so that jumps lie on edges.
 fn deviation(file: &str, profile: impl Fn(f64, f64) -> Inputs) -> Deviation {
     let path = format!("{}/tests/data/{file}", env!("CARGO_MANIFEST_DIR"));
-    let mut reader = csv::Reader::from_path(path).unwrap();
+    let mut reader = csv::Reader::from_path(path).expect("the copied file");
     let mut actuator = Actuator::new(&Plant::default());
     let mut largest = Deviation::default();
     let mut rows = 0;
     let mut start = 0.0;
     for row in reader.deserialize() {
-        let [time, _, temperature, fraction, position, _]: [f64; 6] = row.unwrap();
+        let [time, _, temperature, fraction, position, _]: [f64; 6] =
+            row.expect("six numbers in a row");
         actuator.advance_varying(time - start, |since| profile(start, start + since));
         start = time;
         rows += 1;
@@ -52,10 +56,18 @@ fn deviation(file: &str, profile: impl Fn(f64, f64) -> Inputs) -> Deviation {
 
 fn check(file: &str, profile: impl Fn(f64, f64) -> Inputs) {
     let largest = deviation(file, profile);
-    println!("{file}: {largest:?}");
-    assert!(largest.position_metres < 20e-6, "{file}: {largest:?}");
-    assert!(largest.temperature_celsius < 0.01, "{file}: {largest:?}");
-    assert!(largest.martensite_fraction < 1e-4, "{file}: {largest:?}");
+    assert!(
+        largest.position_metres < 20e-6 / MARGIN,
+        "{file}: {largest:?}"
+    );
+    assert!(
+        largest.temperature_celsius < 0.01 / MARGIN,
+        "{file}: {largest:?}"
+    );
+    assert!(
+        largest.martensite_fraction < 1e-4 / MARGIN,
+        "{file}: {largest:?}"
+    );
 }
 
 fn current(current_amperes: f64) -> Inputs {

@@ -1,0 +1,140 @@
+//! The position sensor: a potentiometer on the pulley, read by an analogue-to-digital converter.
+
+use rand_core::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use scenario::plant;
+
+/// Largest resolution that the converter emulates.
+pub const RESOLUTION_BITS_MAX: u32 = 24;
+
+/// What the converter puts out: 0 to `2^bits − 1`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Counts(u32);
+
+impl Counts {
+    /// The number itself.
+    #[must_use]
+    pub fn value(self) -> u32 {
+        self.0
+    }
+}
+
+/// The sensor.
+#[derive(Clone, Debug)]
+pub struct PositionSensor {
+    /// One count.
+    count_metres: f64,
+    /// Largest count.
+    counts_max: u32,
+    /// Standard deviation before the conversion; 0 draws no numbers.
+    noise_metres_rms: f64,
+    generator: Pcg64Mcg,
+}
+
+impl PositionSensor {
+    /// A sensor whose noise follows from `seed` alone. A resolution above [`RESOLUTION_BITS_MAX`] or below 1 is brought
+    /// to that limit.
+    #[must_use]
+    pub fn new(config: &plant::Sensor, seed: u64) -> Self {
+        let counts = 1_u32 << config.resolution_bits.clamp(1, RESOLUTION_BITS_MAX);
+        Self {
+            count_metres: config.span_millimetres * 1e-3 / f64::from(counts),
+            counts_max: counts - 1,
+            noise_metres_rms: config.noise_millimetres_rms * 1e-3,
+            generator: Pcg64Mcg::seed_from_u64(seed),
+        }
+    }
+
+    /// Samples once: noise, then the nearest count (transitions lie half-way between two), clipped to the span.
+    pub fn sample(&mut self, position_metres: f64) -> Counts {
+        let mut position = position_metres;
+        if self.noise_metres_rms > 0.0 {
+            position += self.noise_metres_rms * standard_normal(&mut self.generator);
+        }
+        let counts = libm::round(position / self.count_metres);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped to the range of the converter; the cast makes 0 of NaN"
+        )]
+        let counts = counts.clamp(0.0, f64::from(self.counts_max)) as u32;
+        Counts(counts)
+    }
+
+    /// The position that a number of counts stands for.
+    #[must_use]
+    pub fn position_metres(&self, counts: Counts) -> f64 {
+        f64::from(counts.0) * self.count_metres
+    }
+}
+
+/// A number from the standard normal distribution, by Box and Muller.
+fn standard_normal(generator: &mut Pcg64Mcg) -> f64 {
+    let radius = libm::sqrt(-2.0 * libm::log(open_uniform(generator)));
+    radius * libm::cos(std::f64::consts::TAU * open_uniform(generator))
+}
+
+/// Uniform in (0, 1]: 53 bits, never 0.
+fn open_uniform(generator: &mut Pcg64Mcg) -> f64 {
+    const SCALE: f64 = 1.0 / (1_u64 << 53) as f64;
+    ((generator.next_u64() >> 11) + 1) as f64 * SCALE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sensor(noise_millimetres_rms: f64, seed: u64) -> PositionSensor {
+        let config = plant::Sensor {
+            noise_millimetres_rms,
+            ..plant::Sensor::default()
+        };
+        PositionSensor::new(&config, seed)
+    }
+
+    #[test]
+    fn one_count_is_58_6_micrometres_and_the_error_half_of_it() {
+        let mut sensor = sensor(0.0, 0);
+        for tenth_millimetre in 0..599 {
+            let position = f64::from(tenth_millimetre) * 1e-4;
+            let counts = sensor.sample(position);
+            let error = sensor.position_metres(counts) - position;
+            assert!(error.abs() <= 0.5 * 0.06 / 1024.0 + 1e-12, "{error}");
+        }
+        assert!((sensor.position_metres(Counts(1)) - 58.593_75e-6).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_span_clips() {
+        let mut sensor = sensor(0.0, 0);
+        assert_eq!(sensor.sample(-1.0).value(), 0);
+        assert_eq!(sensor.sample(0.2).value(), 1023);
+        assert_eq!(sensor.sample(f64::NAN).value(), 0);
+    }
+
+    #[test]
+    fn noise_is_normal_and_follows_from_the_seed() {
+        let config = plant::Sensor {
+            resolution_bits: 24,
+            noise_millimetres_rms: 0.1,
+            ..plant::Sensor::default()
+        };
+        let draw = |seed| -> Vec<f64> {
+            let mut sensor = PositionSensor::new(&config, seed);
+            let sample = |_| {
+                let counts = sensor.sample(0.03);
+                (sensor.position_metres(counts) - 0.03) / 1e-4
+            };
+            (0..20_000).map(sample).collect()
+        };
+        let values = draw(42);
+        assert_eq!(values, draw(42));
+        assert_ne!(values, draw(43));
+        let mean = values.iter().sum::<f64>() / 20_000.0;
+        let variance = values.iter().map(|value| value * value).sum::<f64>() / 20_000.0;
+        let outside = values.iter().filter(|value| value.abs() > 1.96).count();
+        assert!(mean.abs() < 0.03, "{mean}");
+        assert!((variance - 1.0).abs() < 0.05, "{variance}");
+        assert!((850..1150).contains(&outside), "{outside}");
+    }
+}
