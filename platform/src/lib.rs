@@ -1,1 +1,11 @@
-//! To be written.
+//! Everything that touches the operating system: buses, clock, scheduling, processes, and the two runners.
+//!
+//! A [`canopen::Node`] knows no time and no socket. [`lockstep`] moves it in virtual time, on behalf of a coordinator
+//! that models the bus.
+
+pub mod bus;
+pub mod clock;
+pub mod lockstep;
+
+#[cfg(test)]
+mod test_nodes;

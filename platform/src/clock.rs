@@ -1,0 +1,64 @@
+//! The monotonic clock, and its relation to the wall clock.
+
+use std::time::Duration;
+
+use rustix::time::{ClockId, Timespec, clock_gettime};
+
+/// Time since the clock was started, from `CLOCK_MONOTONIC`.
+#[derive(Clone, Copy, Debug)]
+pub struct Clock {
+    start: Duration,
+    wall_at_start: Duration,
+}
+
+impl Clock {
+    /// A clock that begins now.
+    #[must_use]
+    pub fn start() -> Self {
+        Self {
+            start: monotonic(),
+            wall_at_start: wall(),
+        }
+    }
+
+    /// Time since the start; never decreases.
+    #[must_use]
+    pub fn now(&self) -> Duration {
+        monotonic().saturating_sub(self.start)
+    }
+
+    /// The wall-clock time of the start, since 1970.
+    #[must_use]
+    pub fn wall_epoch(&self) -> Duration {
+        self.wall_at_start
+    }
+
+    /// A wall-clock time on this clock, as if the wall clock had not been stepped since the start.
+    #[must_use]
+    pub fn from_wall(&self, wall: Duration) -> Duration {
+        wall.saturating_sub(self.wall_at_start)
+    }
+
+    /// By how much the wall clock went away from the monotonic clock since the start: more than a few milliseconds mean
+    /// that it was stepped, and wall-clock receive stamps are not to be trusted.
+    #[must_use]
+    pub fn wall_clock_step(&self) -> Duration {
+        let monotonic = self.now();
+        wall()
+            .saturating_sub(self.wall_at_start)
+            .abs_diff(monotonic)
+    }
+}
+
+fn monotonic() -> Duration {
+    duration(clock_gettime(ClockId::Monotonic))
+}
+
+fn wall() -> Duration {
+    duration(clock_gettime(ClockId::Realtime))
+}
+
+/// A time of the system that is not negative.
+fn duration(time: Timespec) -> Duration {
+    Duration::try_from(time).unwrap_or_default()
+}

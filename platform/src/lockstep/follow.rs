@@ -1,0 +1,222 @@
+//! The process's end of the side channel.
+
+use std::io;
+use std::os::fd::OwnedFd;
+use std::time::Duration;
+
+use canopen::{CanFrame, Node, Progress};
+use rustix::io::Errno;
+use rustix::net::SendFlags;
+
+use super::Answer;
+use super::protocol::{self, FRAMES_MAX, Hello, PACKET_MAX, ProtocolError, Request};
+use super::remote::receive_packet;
+use super::step::{StepError, Stepper};
+use crate::bus::{Bus, BusError};
+use crate::clock::Clock;
+
+/// How long an announced frame may take to arrive on the wire, in wall time.
+pub const WIRE_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Why a process stopped to follow its coordinator.
+#[derive(Debug, thiserror::Error)]
+pub enum FollowError {
+    /// The coordinator closed the side channel before the node had stopped.
+    #[error("the coordinator ended before the node had stopped")]
+    CoordinatorGone,
+    /// The coordinator sent something that is not the protocol.
+    #[error("the coordinator broke the lock-step protocol: {0}")]
+    Protocol(#[from] ProtocolError),
+    /// The step was not possible.
+    #[error("the node could not be stepped: {0}")]
+    Step(#[from] StepError),
+    /// The wire carried another frame than the coordinator announced.
+    #[error(
+        "frame {announced} was announced but {arrived} arrived: is another program sending on this bus?"
+    )]
+    OtherFrame {
+        /// What the coordinator announced.
+        announced: CanFrame,
+        /// What the wire carried.
+        arrived: CanFrame,
+    },
+    /// The wire carried nothing.
+    #[error(
+        "frame {announced} was announced but nothing arrived within {} s",
+        WIRE_PATIENCE.as_secs()
+    )]
+    NoFrame {
+        /// What the coordinator announced.
+        announced: CanFrame,
+    },
+    /// The wire failed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The node itself gave up.
+    #[error("{0}")]
+    Node(String),
+    /// The side channel failed.
+    #[error("the side channel failed: {0}")]
+    Channel(#[from] io::Error),
+}
+
+/// Steps `node` as the coordinator at the other end of `channel` says, until the node has stopped.
+///
+/// With a `wire` every announced frame is received from it, and the wire's copy is what the node gets; the wire must be
+/// opened with the node's filters and without its own frames. The coordinator puts the frames on it.
+///
+/// # Errors
+/// When the coordinator is gone or breaks the protocol, when the wire does not carry what was announced, when the node
+/// fails. All but the first two are told to the coordinator too, as the node's failure.
+pub fn follow(
+    node: &mut dyn Node,
+    channel: OwnedFd,
+    wire: Option<&mut dyn Bus>,
+) -> Result<(), FollowError> {
+    Follower {
+        wire: wire.map(|bus| Wire::new(bus, node)),
+        stepper: Stepper::default(),
+        channel,
+        packet: Vec::with_capacity(PACKET_MAX),
+        delivered: Vec::with_capacity(FRAMES_MAX),
+        answer: Answer {
+            frames: Vec::with_capacity(FRAMES_MAX),
+            next_deadline: None,
+            progress: Progress::Running,
+        },
+    }
+    .run(node)
+}
+
+struct Follower<'a> {
+    channel: OwnedFd,
+    wire: Option<Wire<'a>>,
+    stepper: Stepper,
+    packet: Vec<u8>,
+    delivered: Vec<(Duration, CanFrame)>,
+    answer: Answer,
+}
+
+impl Follower<'_> {
+    fn run(&mut self, node: &mut dyn Node) -> Result<(), FollowError> {
+        let hello = Hello {
+            filters: node.filters(),
+            next_deadline: node.next_deadline(),
+        };
+        protocol::encode_hello(&mut self.packet, &hello)?;
+        self.send()?;
+        loop {
+            self.receive()?;
+            let outcome = self.serve(node);
+            if let Err(error) = &outcome {
+                self.answer.frames.clear();
+                self.answer.progress = Progress::Failed(error.to_string());
+            }
+            protocol::encode_done(&mut self.packet, &self.answer)?;
+            self.send()?;
+            outcome?;
+            match &self.answer.progress {
+                Progress::Running => {}
+                Progress::Stopped => return Ok(()),
+                Progress::Failed(text) => return Err(FollowError::Node(text.clone())),
+            }
+        }
+    }
+
+    /// Does what the packet asks and writes the answer.
+    fn serve(&mut self, node: &mut dyn Node) -> Result<(), FollowError> {
+        let request = protocol::decode_request(&self.packet, &mut self.delivered)?;
+        self.answer.frames.clear();
+        let queued = &mut self.answer.frames;
+        self.answer.progress = match request {
+            Request::Advance { to } => {
+                if let Some(wire) = &mut self.wire {
+                    wire.replace_with_copies(&mut self.delivered)?;
+                }
+                self.stepper.advance(node, to, &self.delivered, queued)?
+            }
+            Request::Stop { at } => self.stepper.stop(node, at, queued)?,
+        };
+        self.answer.next_deadline = node.next_deadline();
+        if let Some(wire) = &mut self.wire {
+            wire.expect_own(&self.answer.frames);
+        }
+        Ok(())
+    }
+
+    fn send(&self) -> Result<(), FollowError> {
+        match rustix::net::send(&self.channel, &self.packet, SendFlags::NOSIGNAL) {
+            Ok(_) => Ok(()),
+            Err(Errno::PIPE | Errno::CONNRESET) => Err(FollowError::CoordinatorGone),
+            Err(errno) => Err(FollowError::Channel(errno.into())),
+        }
+    }
+
+    fn receive(&mut self) -> Result<(), FollowError> {
+        match receive_packet(&self.channel, &mut self.packet) {
+            Ok(()) if self.packet.is_empty() => Err(FollowError::CoordinatorGone),
+            Ok(()) => Ok(()),
+            Err(Errno::CONNRESET) => Err(FollowError::CoordinatorGone),
+            Err(errno) => Err(FollowError::Channel(errno.into())),
+        }
+    }
+}
+
+/// The real bus that carries the announced frames.
+struct Wire<'a> {
+    bus: &'a mut dyn Bus,
+    filters: Vec<canopen::Filter>,
+    /// Frames of this node that its own filters accept: the coordinator puts them on the wire, so they come back here,
+    /// but are not delivered. The oldest are forgotten, since a fault may keep a frame off the wire.
+    own: Vec<CanFrame>,
+}
+
+impl<'a> Wire<'a> {
+    fn new(bus: &'a mut dyn Bus, node: &dyn Node) -> Self {
+        Self {
+            bus,
+            filters: node.filters(),
+            own: Vec::with_capacity(FRAMES_MAX),
+        }
+    }
+
+    /// Receives each announced frame and puts the wire's copy in its place.
+    fn replace_with_copies(
+        &mut self,
+        announced: &mut [(Duration, CanFrame)],
+    ) -> Result<(), FollowError> {
+        announced
+            .iter_mut()
+            .try_for_each(|(_, frame)| self.receive(*frame).map(|copy| *frame = copy))
+    }
+
+    fn receive(&mut self, announced: CanFrame) -> Result<CanFrame, FollowError> {
+        let clock = Clock::start();
+        loop {
+            let patience = WIRE_PATIENCE.saturating_sub(clock.now());
+            let Some(arrived) = self.bus.receive(patience)? else {
+                return Err(FollowError::NoFrame { announced });
+            };
+            if arrived == announced {
+                return Ok(arrived);
+            }
+            if let Some(index) = self.own.iter().position(|own| *own == arrived) {
+                self.own.remove(index);
+            } else if !arrived.is_error() {
+                return Err(FollowError::OtherFrame { announced, arrived });
+            }
+        }
+    }
+
+    /// Remembers what will come back.
+    fn expect_own(&mut self, queued: &[(Duration, CanFrame)]) {
+        for (_, frame) in queued {
+            if self.filters.iter().any(|filter| filter.accepts(frame)) {
+                if self.own.len() == FRAMES_MAX {
+                    self.own.remove(0);
+                }
+                self.own.push(*frame);
+            }
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! The coordinator's end of the side channel to a process.
+
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::time::Duration;
+
+use canopen::{CanFrame, Filter};
+use rustix::io::Errno;
+use rustix::net::sockopt::{Timeout, set_socket_timeout};
+use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType};
+
+use super::protocol::{self, PACKET_MAX, ProtocolError};
+use super::{Answer, LockstepError, Participant};
+
+/// How long a process may take to answer, in wall time.
+pub const ANSWER_PATIENCE: Duration = Duration::from_secs(10);
+
+/// A side channel: the coordinator's end and the process's end. Both close on `exec`; `process::child` hands the second
+/// one on. Drop the process's end once it is handed on, or its death goes unnoticed.
+///
+/// # Errors
+/// When the system refuses the socket pair.
+pub fn channel() -> io::Result<(OwnedFd, OwnedFd)> {
+    Ok(rustix::net::socketpair(
+        AddressFamily::UNIX,
+        SocketType::SEQPACKET,
+        SocketFlags::CLOEXEC,
+        None,
+    )?)
+}
+
+/// A node in another process, which runs [`super::follow`].
+pub struct Remote {
+    name: String,
+    channel: OwnedFd,
+    patience: Duration,
+    filters: Vec<Filter>,
+    next_deadline: Option<Duration>,
+    packet: Vec<u8>,
+    begun: Option<Result<(), Failure>>,
+}
+
+/// What went wrong on the channel, not yet with the participant's name.
+enum Failure {
+    Protocol(ProtocolError),
+    Channel(Errno),
+}
+
+impl Remote {
+    /// Waits for the process at the other end to introduce itself; `name` is for messages.
+    ///
+    /// # Errors
+    /// When it does not within [`ANSWER_PATIENCE`], is gone, or speaks another protocol.
+    pub fn accept(name: impl Into<String>, channel: OwnedFd) -> Result<Self, LockstepError> {
+        Self::accept_within(name, channel, ANSWER_PATIENCE)
+    }
+
+    /// As [`Remote::accept`] with another patience, for the introduction and for every answer.
+    ///
+    /// # Errors
+    /// As [`Remote::accept`].
+    pub fn accept_within(
+        name: impl Into<String>,
+        channel: OwnedFd,
+        patience: Duration,
+    ) -> Result<Self, LockstepError> {
+        let mut remote = Self {
+            name: name.into(),
+            channel,
+            patience,
+            filters: Vec::new(),
+            next_deadline: None,
+            packet: Vec::with_capacity(PACKET_MAX),
+            begun: None,
+        };
+        set_socket_timeout(&remote.channel, Timeout::Recv, Some(patience))
+            .map_err(|errno| remote.error(Failure::Channel(errno)))?;
+        remote.receive()?;
+        let hello = protocol::decode_hello(&remote.packet)
+            .map_err(|error| remote.error(Failure::Protocol(error)))?;
+        remote.filters = hello.filters;
+        remote.next_deadline = hello.next_deadline;
+        Ok(remote)
+    }
+
+    /// Sends what an encoder wrote to the packet; a failure is kept for `finish`.
+    fn send(&mut self, encoded: Result<(), ProtocolError>) {
+        self.begun = Some(match encoded {
+            Err(error) => Err(Failure::Protocol(error)),
+            // One packet at a time is under way and it is smaller than the socket's buffer, so this never waits.
+            Ok(()) => rustix::net::send(
+                &self.channel,
+                &self.packet,
+                SendFlags::NOSIGNAL | SendFlags::DONTWAIT,
+            )
+            .map(drop)
+            .map_err(Failure::Channel),
+        });
+    }
+
+    fn receive(&mut self) -> Result<(), LockstepError> {
+        receive_packet(&self.channel, &mut self.packet)
+            .map_err(|errno| self.error(Failure::Channel(errno)))?;
+        if self.packet.is_empty() {
+            return Err(self.error(Failure::Channel(Errno::PIPE)));
+        }
+        Ok(())
+    }
+
+    fn error(&self, failure: Failure) -> LockstepError {
+        let name = self.name.clone();
+        match failure {
+            Failure::Protocol(source) => LockstepError::Protocol { name, source },
+            Failure::Channel(Errno::AGAIN) => LockstepError::NoAnswer {
+                name,
+                patience: self.patience,
+            },
+            Failure::Channel(Errno::PIPE | Errno::CONNRESET) => LockstepError::Ended { name },
+            Failure::Channel(errno) => LockstepError::Channel {
+                name,
+                source: errno.into(),
+            },
+        }
+    }
+}
+
+impl Participant for Remote {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn filters(&self) -> &[Filter] {
+        &self.filters
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        self.next_deadline
+    }
+
+    fn begin(&mut self, to: Duration, frames: &[(Duration, CanFrame)]) {
+        let encoded = protocol::encode_advance(&mut self.packet, to, frames);
+        self.send(encoded);
+    }
+
+    fn begin_stop(&mut self, at: Duration) {
+        let encoded = protocol::encode_stop(&mut self.packet, at);
+        self.send(encoded);
+    }
+
+    fn finish(&mut self) -> Result<Answer, LockstepError> {
+        match self.begun.take() {
+            Some(Ok(())) => {}
+            Some(Err(failure)) => return Err(self.error(failure)),
+            None => {
+                return Err(LockstepError::NothingBegun {
+                    name: self.name.clone(),
+                });
+            }
+        }
+        self.receive()?;
+        let answer = protocol::decode_done(&self.packet)
+            .map_err(|error| self.error(Failure::Protocol(error)))?;
+        self.next_deadline = answer.next_deadline;
+        Ok(answer)
+    }
+}
+
+/// Receives one packet over `packet`; empty when the other end is closed.
+pub(super) fn receive_packet(channel: impl AsFd, packet: &mut Vec<u8>) -> Result<(), Errno> {
+    packet.clear();
+    loop {
+        let spare = rustix::buffer::spare_capacity(packet);
+        match rustix::net::recv(channel.as_fd(), spare, RecvFlags::empty()) {
+            Ok(_) => return Ok(()),
+            Err(Errno::INTR) => {}
+            Err(errno) => return Err(errno),
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! One step of a node in virtual time.
+
+use std::time::Duration;
+
+use canopen::{CanFrame, Node, Progress};
+
+use super::protocol::FRAMES_MAX;
+
+/// Ticks that a node may want at one instant before it counts as stuck.
+const TICKS_PER_INSTANT_MAX: u32 = 1000;
+
+/// Why a step was not possible.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StepError {
+    /// The coordinator asked for a time before the node's own.
+    #[error("time would go back from {from:?} to {to:?}")]
+    Backwards {
+        /// The node's time.
+        from: Duration,
+        /// The time asked for.
+        to: Duration,
+    },
+    /// The frames are not in order, or lie outside the step.
+    #[error("frame {frame} at {at:?} is out of order in the step from {from:?} to {to:?}")]
+    FrameOutOfOrder {
+        /// The frame.
+        frame: CanFrame,
+        /// Its time.
+        at: Duration,
+        /// The node's time when its turn came.
+        from: Duration,
+        /// The end of the step.
+        to: Duration,
+    },
+    /// The node's deadline does not move.
+    #[error(
+        "the node wants more than {TICKS_PER_INSTANT_MAX} ticks at {at:?}: its deadline does not move"
+    )]
+    Stuck {
+        /// The instant.
+        at: Duration,
+    },
+    /// The node queued more frames than one answer holds.
+    #[error("the node queued more than {FRAMES_MAX} frames in one step")]
+    TooManyFrames,
+}
+
+/// Steps a node and keeps its time.
+#[derive(Debug, Default)]
+pub(super) struct Stepper {
+    now: Duration,
+}
+
+impl Stepper {
+    /// Advances the node to `to`; what it queues is added to `queued`.
+    pub(super) fn advance(
+        &mut self,
+        node: &mut dyn Node,
+        to: Duration,
+        frames: &[(Duration, CanFrame)],
+        queued: &mut Vec<(Duration, CanFrame)>,
+    ) -> Result<Progress, StepError> {
+        self.check_forwards(to)?;
+        for (at, frame) in frames {
+            if *at < self.now || *at > to {
+                return Err(StepError::FrameOutOfOrder {
+                    frame: *frame,
+                    at: *at,
+                    from: self.now,
+                    to,
+                });
+            }
+            let progress = self.tick_until(node, queued, |deadline| deadline < *at)?;
+            if progress != Progress::Running {
+                return Ok(progress);
+            }
+            self.now = *at;
+            node.on_frame(self.now, frame);
+            drain(node, self.now, queued)?;
+            let progress = node.progress();
+            if progress != Progress::Running {
+                return Ok(progress);
+            }
+        }
+        let progress = self.tick_until(node, queued, |deadline| deadline <= to)?;
+        self.now = to;
+        Ok(progress)
+    }
+
+    /// Asks the node for its safe state.
+    pub(super) fn stop(
+        &mut self,
+        node: &mut dyn Node,
+        at: Duration,
+        queued: &mut Vec<(Duration, CanFrame)>,
+    ) -> Result<Progress, StepError> {
+        self.check_forwards(at)?;
+        self.now = at;
+        node.on_stop(at);
+        drain(node, at, queued)?;
+        Ok(node.progress())
+    }
+
+    /// Ticks the node at each deadline that is `due`. A deadline in the past is met now: time never goes back.
+    fn tick_until(
+        &mut self,
+        node: &mut dyn Node,
+        queued: &mut Vec<(Duration, CanFrame)>,
+        due: impl Fn(Duration) -> bool,
+    ) -> Result<Progress, StepError> {
+        let mut ticks_at_instant = 0;
+        loop {
+            let progress = node.progress();
+            let deadline = node.next_deadline().map(|deadline| deadline.max(self.now));
+            let Some(deadline) = deadline.filter(|deadline| due(*deadline)) else {
+                return Ok(progress);
+            };
+            if progress != Progress::Running {
+                return Ok(progress);
+            }
+            ticks_at_instant = if deadline == self.now {
+                ticks_at_instant + 1
+            } else {
+                0
+            };
+            if ticks_at_instant > TICKS_PER_INSTANT_MAX {
+                return Err(StepError::Stuck { at: self.now });
+            }
+            self.now = deadline;
+            node.on_tick(self.now);
+            drain(node, self.now, queued)?;
+        }
+    }
+
+    fn check_forwards(&self, to: Duration) -> Result<(), StepError> {
+        if to < self.now {
+            return Err(StepError::Backwards { from: self.now, to });
+        }
+        Ok(())
+    }
+}
+
+/// Takes all that the node wants to send.
+fn drain(
+    node: &mut dyn Node,
+    now: Duration,
+    queued: &mut Vec<(Duration, CanFrame)>,
+) -> Result<(), StepError> {
+    while let Some(frame) = node.next_frame() {
+        if queued.len() == FRAMES_MAX {
+            return Err(StepError::TooManyFrames);
+        }
+        queued.push((now, frame));
+    }
+    Ok(())
+}

@@ -1,0 +1,424 @@
+use std::collections::VecDeque;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::mpsc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use canopen::{CanFrame, Filter, Progress};
+use rustix::net::SendFlags;
+
+use super::protocol::*;
+use super::*;
+use crate::bus::{Bus, BusError};
+use crate::test_nodes::Echo;
+
+const MS: Duration = Duration::from_millis(1);
+
+fn ms(value: u32) -> Duration {
+    MS * value
+}
+
+fn ping(byte: u8) -> CanFrame {
+    CanFrame::new(0x100, &[byte])
+}
+
+/// An echo in a thread and the coordinator's view of it.
+fn remote_echo() -> (Remote, JoinHandle<Result<(), FollowError>>) {
+    let (ours, theirs) = channel().unwrap();
+    let echo = std::thread::spawn(move || follow(&mut Echo::new(MS), theirs, None::<&mut dyn Bus>));
+    (Remote::accept("echo", ours).unwrap(), echo)
+}
+
+/// Steps a participant through a fixed story.
+fn story(participant: &mut dyn Participant) -> Vec<Answer> {
+    let mut answers = vec![];
+    participant.begin(Duration::ZERO, &[]);
+    answers.push(participant.finish().unwrap());
+    participant.begin(ms(2), &[(MS / 2, ping(1)), (MS, ping(2)), (MS, ping(3))]);
+    answers.push(participant.finish().unwrap());
+    participant.begin(ms(2), &[(ms(2), ping(4))]);
+    answers.push(participant.finish().unwrap());
+    participant.begin_stop(ms(3));
+    answers.push(participant.finish().unwrap());
+    answers
+}
+
+#[test]
+fn remote_and_local_answer_alike() {
+    let mut node = Echo::new(MS);
+    let local = story(&mut Local::new("echo", &mut node));
+    let (mut remote, echo) = remote_echo();
+    assert_eq!(
+        remote.filters(),
+        [Filter::exact(0x100), Filter::exact(0x1FF)]
+    );
+    assert_eq!(remote.next_deadline(), Some(Duration::ZERO));
+    assert_eq!(story(&mut remote), local);
+    assert_eq!(remote.next_deadline(), local[3].next_deadline);
+    echo.join().unwrap().unwrap();
+}
+
+#[test]
+fn frames_come_before_a_tick_at_the_same_time_and_after_an_earlier_one() {
+    let mut node = Echo::new(MS);
+    let answers = story(&mut Local::new("echo", &mut node));
+    let ids: Vec<_> = answers[1]
+        .frames
+        .iter()
+        .map(|(at, frame)| (at.as_micros(), frame.standard_id().unwrap()))
+        .collect();
+    assert_eq!(
+        ids,
+        [
+            (500, 0x101),
+            (1000, 0x101),
+            (1000, 0x101),
+            (1000, 0x200),
+            (2000, 0x200)
+        ]
+    );
+    assert_eq!(answers[1].next_deadline, Some(ms(3)));
+    assert_eq!(answers[2].frames, [(ms(2), CanFrame::new(0x101, &[4]))]);
+    assert_eq!(answers[3].progress, Progress::Stopped);
+}
+
+#[test]
+fn impossible_steps_are_errors() {
+    let mut node = Echo::new(MS);
+    let mut local = Local::new("echo", &mut node);
+    local.begin(ms(2), &[(ms(3), ping(0))]);
+    let error = local.finish().unwrap_err().to_string();
+    assert_eq!(
+        error,
+        "echo could not be stepped: frame 100#00 at 3ms is out of order in the step from 0ns to 2ms"
+    );
+    local.begin(ms(5), &[]);
+    local.finish().unwrap();
+    local.begin(ms(4), &[]);
+    let error = local.finish().unwrap_err().to_string();
+    assert_eq!(
+        error,
+        "echo could not be stepped: time would go back from 5ms to 4ms"
+    );
+    assert!(matches!(
+        local.finish(),
+        Err(LockstepError::NothingBegun { .. })
+    ));
+}
+
+#[test]
+fn a_deadline_that_does_not_move_is_an_error_and_not_a_hang() {
+    let mut node = Echo::new(Duration::ZERO);
+    let mut local = Local::new("echo", &mut node);
+    local.begin(ms(2), &[]);
+    let error = local.finish().unwrap_err();
+    assert!(matches!(
+        error,
+        LockstepError::Step {
+            source: StepError::Stuck { .. },
+            ..
+        }
+    ));
+}
+
+#[test]
+fn more_frames_than_an_answer_holds_is_an_error() {
+    let mut node = Echo::new(Duration::from_micros(1));
+    let mut local = Local::new("echo", &mut node);
+    local.begin(ms(3), &[]);
+    assert!(matches!(
+        local.finish(),
+        Err(LockstepError::Step {
+            source: StepError::TooManyFrames,
+            ..
+        })
+    ));
+}
+
+#[test]
+fn a_failed_node_says_why_on_both_sides() {
+    let (mut remote, echo) = remote_echo();
+    remote.begin(MS, &[(MS, CanFrame::new(0x1FF, &[]))]);
+    let answer = remote.finish().unwrap();
+    assert_eq!(
+        answer.progress,
+        Progress::Failed("the echo was told to fail".into())
+    );
+    let error = echo.join().unwrap().unwrap_err();
+    assert_eq!(error.to_string(), "the echo was told to fail");
+}
+
+#[test]
+fn a_step_that_the_remote_node_cannot_do_is_its_failure() {
+    let (mut remote, echo) = remote_echo();
+    remote.begin(ms(2), &[(ms(3), ping(0))]);
+    let Progress::Failed(text) = remote.finish().unwrap().progress else {
+        panic!("an impossible step was answered");
+    };
+    assert!(text.contains("out of order"), "{text}");
+    assert!(matches!(
+        echo.join().unwrap(),
+        Err(FollowError::Step(StepError::FrameOutOfOrder { .. }))
+    ));
+}
+
+#[test]
+fn a_dead_process_is_named() {
+    let (ours, theirs) = channel().unwrap();
+    drop(theirs);
+    let error = Remote::accept("controller", ours).err().unwrap();
+    assert!(matches!(error, LockstepError::Ended { .. }));
+    assert_eq!(
+        error.to_string(),
+        "controller ended before it answered; see the end of its log"
+    );
+
+    let (ours, theirs) = channel().unwrap();
+    send(&theirs, &hello_packet());
+    let mut remote = Remote::accept("controller", ours).unwrap();
+    drop(theirs);
+    remote.begin(MS, &[]);
+    assert!(matches!(remote.finish(), Err(LockstepError::Ended { .. })));
+}
+
+#[test]
+fn a_process_that_dies_in_the_middle_of_a_step_is_named() {
+    let (ours, theirs) = channel().unwrap();
+    send(&theirs, &hello_packet());
+    let mut remote = Remote::accept("controller", ours).unwrap();
+    remote.begin(MS, &[]);
+    drop(theirs);
+    assert!(matches!(remote.finish(), Err(LockstepError::Ended { .. })));
+}
+
+#[test]
+fn a_silent_process_is_named() {
+    let (ours, theirs) = channel().unwrap();
+    send(&theirs, &hello_packet());
+    let mut remote = Remote::accept_within("plant", ours, ms(30)).unwrap();
+    remote.begin(MS, &[]);
+    let error = remote.finish().unwrap_err();
+    assert!(
+        matches!(error, LockstepError::NoAnswer { .. }),
+        "{error}: not the right error"
+    );
+    drop(theirs);
+}
+
+#[test]
+fn a_coordinator_that_dies_ends_the_process() {
+    let (remote, echo) = remote_echo();
+    drop(remote);
+    assert!(matches!(
+        echo.join().unwrap(),
+        Err(FollowError::CoordinatorGone)
+    ));
+}
+
+#[test]
+fn malformed_answers_are_errors() {
+    let mut done = Vec::new();
+    let answer = Answer {
+        frames: vec![(MS, ping(1))],
+        next_deadline: None,
+        progress: Progress::Running,
+    };
+    encode_done(&mut done, &answer).unwrap();
+    assert_eq!(decode_done(&done), Ok(answer));
+    for end in 0..done.len() {
+        assert!(
+            matches!(
+                decode_done(&done[..end]),
+                Err(ProtocolError::TooShort { .. })
+            ),
+            "cut at {end}"
+        );
+    }
+    let with = |index: usize, value: u8| {
+        let mut packet = done.clone();
+        packet[index] = value;
+        decode_done(&packet).unwrap_err().to_string()
+    };
+    assert_eq!(with(0, 9), "message kind 9 where done was due");
+    assert_eq!(with(1, 7), "progress is 7");
+    assert_eq!(with(2, 2), "the message ends too early (33 bytes)");
+    assert_eq!(with(2, 0), "the message has 21 bytes too many");
+    assert_eq!(with(3, 0xFF), "65281 frames (limit 2048)");
+    assert_eq!(with(24, 9), "frame length is 9");
+}
+
+#[test]
+fn malformed_requests_end_the_process_with_an_error() {
+    for garbage in [&[2, 0][..], &[7; 40], &[2; 5000]] {
+        let (ours, theirs) = channel().unwrap();
+        send(&ours, garbage);
+        let error = follow(&mut Echo::new(MS), theirs, None).unwrap_err();
+        assert!(matches!(error, FollowError::Protocol(_)), "{error}");
+    }
+}
+
+#[test]
+fn another_version_is_refused() {
+    let mut packet = hello_packet();
+    packet[1] = 77;
+    let (ours, theirs) = channel().unwrap();
+    send(&theirs, &packet);
+    let error = Remote::accept("plant", ours).err().unwrap().to_string();
+    assert!(error.contains("protocol version 77, ours is 1"), "{error}");
+}
+
+#[test]
+fn the_largest_step_fits_one_packet() {
+    let frames = vec![(MS, ping(1)); FRAMES_MAX];
+    let mut node = Echo::new(MS);
+    node.deadline = ms(100);
+    let (ours, theirs) = channel().unwrap();
+    let echo = std::thread::spawn(move || follow(&mut node, theirs, None));
+    let mut remote = Remote::accept("echo", ours).unwrap();
+    remote.begin(MS, &frames);
+    assert_eq!(remote.finish().unwrap().frames.len(), FRAMES_MAX);
+    remote.begin_stop(MS);
+    remote.finish().unwrap();
+    echo.join().unwrap().unwrap();
+    remote.begin(MS, &[frames, vec![(MS, ping(2))]].concat());
+    assert!(matches!(
+        remote.finish(),
+        Err(LockstepError::Protocol { .. })
+    ));
+}
+
+/// A wire whose frames come from a channel of the test.
+struct TestWire {
+    incoming: mpsc::Receiver<CanFrame>,
+    waiting: OwnedFd,
+}
+
+impl Bus for TestWire {
+    fn send(&mut self, _frame: &CanFrame) -> Result<(), BusError> {
+        panic!("a follower never sends on the wire");
+    }
+
+    fn receive(&mut self, timeout: Duration) -> Result<Option<CanFrame>, BusError> {
+        Ok(self.incoming.recv_timeout(timeout.min(ms(100))).ok())
+    }
+
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.waiting.as_fd()
+    }
+
+    fn dropped(&self) -> u64 {
+        0
+    }
+}
+
+/// Announces one ping to an echo whose own 0x100 frames come back, with these frames on the wire.
+fn announced_with(on_wire: &[CanFrame]) -> (Answer, Result<(), FollowError>) {
+    let (sender, incoming) = mpsc::channel();
+    on_wire
+        .iter()
+        .for_each(|frame| sender.send(*frame).unwrap());
+    let (ours, theirs) = channel().unwrap();
+    let echo = std::thread::spawn(move || {
+        let mut wire = TestWire {
+            incoming,
+            waiting: channel().unwrap().0,
+        };
+        let mut node = Echo::new(MS);
+        follow(&mut node, theirs, Some(&mut wire))
+    });
+    let mut remote = Remote::accept("echo", ours).unwrap();
+    remote.begin(MS / 2, &[(MS / 2, ping(1))]);
+    let answer = remote.finish().unwrap();
+    drop(remote);
+    (answer, echo.join().unwrap())
+}
+
+#[test]
+fn the_wires_copy_reaches_the_node() {
+    let (answer, _) = announced_with(&[ping(1)]);
+    assert_eq!(answer.frames[1], (MS / 2, CanFrame::new(0x101, &[1])));
+}
+
+#[test]
+fn a_different_frame_on_the_wire_is_an_error() {
+    let (answer, outcome) = announced_with(&[ping(2)]);
+    let text =
+        "frame 100#01 was announced but 100#02 arrived: is another program sending on this bus?";
+    assert_eq!(answer.progress, Progress::Failed(text.into()));
+    assert_eq!(outcome.unwrap_err().to_string(), text);
+}
+
+#[test]
+fn a_frame_missing_on_the_wire_is_an_error() {
+    let (answer, _) = announced_with(&[]);
+    assert_eq!(
+        answer.progress,
+        Progress::Failed("frame 100#01 was announced but nothing arrived within 10 s".into())
+    );
+}
+
+fn hello_packet() -> Vec<u8> {
+    let mut packet = Vec::new();
+    let hello = Hello {
+        filters: vec![Filter::ALL],
+        next_deadline: None,
+    };
+    encode_hello(&mut packet, &hello).unwrap();
+    assert_eq!(decode_hello(&packet), Ok(hello));
+    packet
+}
+
+fn send(channel: &OwnedFd, packet: &[u8]) {
+    rustix::net::send(channel, packet, SendFlags::NOSIGNAL).unwrap();
+}
+
+#[test]
+fn own_frames_that_come_back_are_not_delivered() {
+    struct Talker(VecDeque<CanFrame>, Vec<CanFrame>, Option<Duration>);
+    impl canopen::Node for Talker {
+        fn filters(&self) -> Vec<Filter> {
+            vec![Filter::ALL]
+        }
+        fn on_frame(&mut self, _now: Duration, frame: &CanFrame) {
+            self.1.push(*frame);
+        }
+        fn on_tick(&mut self, _now: Duration) {
+            self.2 = None;
+        }
+        fn on_stop(&mut self, _now: Duration) {}
+        fn next_frame(&mut self) -> Option<CanFrame> {
+            self.0.pop_front()
+        }
+        fn next_deadline(&self) -> Option<Duration> {
+            self.2
+        }
+        fn progress(&self) -> Progress {
+            if self.1.is_empty() {
+                Progress::Running
+            } else {
+                Progress::Stopped
+            }
+        }
+    }
+    let (sender, incoming) = mpsc::channel();
+    let (ours, theirs) = channel().unwrap();
+    let talker = std::thread::spawn(move || {
+        let mut wire = TestWire {
+            incoming,
+            waiting: channel().unwrap().0,
+        };
+        let mut node = Talker([ping(1), ping(2)].into(), vec![], Some(Duration::ZERO));
+        follow(&mut node, theirs, Some(&mut wire)).map(|()| node.1)
+    });
+    let mut remote = Remote::accept("talker", ours).unwrap();
+    remote.begin(Duration::ZERO, &[]);
+    let queued = remote.finish().unwrap().frames;
+    assert_eq!(queued.len(), 2);
+    // The coordinator puts its frames on the wire in another order, then another node's.
+    for frame in [ping(2), ping(1), ping(9)] {
+        sender.send(frame).unwrap();
+    }
+    remote.begin(MS, &[(MS, ping(9))]);
+    remote.finish().unwrap();
+    assert_eq!(talker.join().unwrap().unwrap(), [ping(9)]);
+}
