@@ -1,0 +1,201 @@
+//! The bits of one signal and the physical value that they stand for.
+
+/// Order of the bytes (DBC `@1` and `@0`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ByteOrder {
+    /// Intel; CANopen's own order.
+    LittleEndian,
+    /// Motorola.
+    BigEndian,
+}
+
+/// What the bits are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Unsigned integer.
+    Unsigned,
+    /// Two's complement.
+    Signed,
+    /// IEEE 754, 32 bits.
+    Float32,
+    /// IEEE 754, 64 bits.
+    Float64,
+}
+
+/// Lowest and highest physical value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// Lowest.
+    pub minimum: f64,
+    /// Highest.
+    pub maximum: f64,
+}
+
+/// Where a signal lies in a payload and how its bits become a physical value. Made by [`crate::Database::parse`],
+/// which lets only those through that pass [`Coding::check`].
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coding {
+    /// DBC start bit: of the lowest bit if little-endian, of the highest if big-endian.
+    pub start_bit: u8,
+    /// Length in bits, 1 to 64.
+    pub length_bits: u8,
+    /// Order of the bytes.
+    pub byte_order: ByteOrder,
+    /// What the bits are.
+    pub kind: Kind,
+    /// Physical value per raw step.
+    pub factor: f64,
+    /// Physical value of raw 0.
+    pub offset: f64,
+    /// Physical range; `None` when the file gives none (`[0|0]`).
+    pub range: Option<Range>,
+}
+
+impl Coding {
+    /// Checks that the signal fits a payload of this many bytes and that its numbers make sense.
+    ///
+    /// # Errors
+    /// The reason in words.
+    pub fn check(&self, payload_bytes: usize) -> Result<(), &'static str> {
+        if !(1..=64).contains(&self.length_bits) {
+            return Err("length is not 1 to 64 bits");
+        }
+        match self.kind {
+            Kind::Float32 if self.length_bits != 32 => return Err("a 32-bit float needs 32 bits"),
+            Kind::Float64 if self.length_bits != 64 => return Err("a 64-bit float needs 64 bits"),
+            _ => {}
+        }
+        if self.end_bit() > 8 * payload_bytes.min(8) {
+            return Err("reaches beyond the payload");
+        }
+        if !self.factor.is_normal() || !self.offset.is_finite() {
+            return Err("factor is 0 or not finite, or offset is not finite");
+        }
+        match self.range {
+            Some(range) if !(range.minimum <= range.maximum) => Err("range is empty"),
+            _ => Ok(()),
+        }
+    }
+
+    /// Bytes that a payload needs for the signal to be in it.
+    #[must_use]
+    pub fn payload_bytes(&self) -> usize {
+        self.end_bit().div_ceil(8)
+    }
+
+    /// The bits of the signal in a payload's 64 bits, read in the signal's own byte order.
+    #[must_use]
+    pub fn mask(&self) -> u64 {
+        u64::MAX >> (64 - u32::from(self.length_bits)) << self.shift()
+    }
+
+    /// The same bits with byte 0 in the lowest 8 bits, whatever the byte order.
+    #[must_use]
+    pub fn occupied_bits(&self) -> u64 {
+        match self.byte_order {
+            ByteOrder::LittleEndian => self.mask(),
+            ByteOrder::BigEndian => self.mask().swap_bytes(),
+        }
+    }
+
+    /// The physical value in a payload; bytes beyond the signal do not matter.
+    #[must_use]
+    pub fn decode(&self, payload: &[u8; 8]) -> f64 {
+        let word = match self.byte_order {
+            ByteOrder::LittleEndian => u64::from_le_bytes(*payload),
+            ByteOrder::BigEndian => u64::from_be_bytes(*payload),
+        };
+        self.physical((word & self.mask()) >> self.shift())
+    }
+
+    /// Writes the raw value nearest to a physical one, saturated at the range and at what the bits can hold.
+    /// Not-a-number is kept by floats and taken for the value of raw 0 by integers.
+    pub fn encode(&self, value: f64, payload: &mut [u8; 8]) {
+        let raw = self.raw(value) << self.shift() & self.mask();
+        match self.byte_order {
+            ByteOrder::LittleEndian => {
+                let word = u64::from_le_bytes(*payload) & !self.mask() | raw;
+                *payload = word.to_le_bytes();
+            }
+            ByteOrder::BigEndian => {
+                let word = u64::from_be_bytes(*payload) & !self.mask() | raw;
+                *payload = word.to_be_bytes();
+            }
+        }
+    }
+
+    /// Bits from the first bit of the payload to behind the signal, in the signal's byte order.
+    fn end_bit(&self) -> usize {
+        self.first_bit() + usize::from(self.length_bits)
+    }
+
+    /// Place of the start bit, counted from the lowest bit of byte 0 or, big-endian, from its highest.
+    fn first_bit(&self) -> usize {
+        let start = usize::from(self.start_bit);
+        match self.byte_order {
+            ByteOrder::LittleEndian => start,
+            ByteOrder::BigEndian => start / 8 * 8 + 7 - start % 8,
+        }
+    }
+
+    /// Place of the lowest bit in the payload's 64 bits; [`Coding::check`] keeps it below 64.
+    fn shift(&self) -> usize {
+        match self.byte_order {
+            ByteOrder::LittleEndian => self.first_bit(),
+            ByteOrder::BigEndian => 64 - self.end_bit(),
+        }
+    }
+
+    /// Physical value of raw bits.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "a 32-bit float has 32 bits"
+    )]
+    fn physical(&self, raw: u64) -> f64 {
+        let unused = 64 - u32::from(self.length_bits);
+        let number = match self.kind {
+            Kind::Unsigned => raw as f64,
+            Kind::Signed => ((raw << unused).cast_signed() >> unused) as f64,
+            Kind::Float32 => f64::from(f32::from_bits(raw as u32)),
+            Kind::Float64 => f64::from_bits(raw),
+        };
+        match self.divisor() {
+            Some(divisor) => number / divisor + self.offset,
+            None => number * self.factor + self.offset,
+        }
+    }
+
+    /// Raw bits of a physical value.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "casts from float saturate; the number is clamped to the bits, negative ones are two's complement"
+    )]
+    fn raw(&self, value: f64) -> u64 {
+        let value = self
+            .range
+            .map_or(value, |range| value.clamp(range.minimum, range.maximum));
+        let number = match self.divisor() {
+            Some(divisor) => (value - self.offset) * divisor,
+            None => (value - self.offset) / self.factor,
+        };
+        let length = u32::from(self.length_bits);
+        match self.kind {
+            Kind::Unsigned => (number.round() as i128).clamp(0, (1 << length) - 1) as u64,
+            Kind::Signed => {
+                let limit = 1_i128 << (length - 1);
+                (number.round() as i128).clamp(-limit, limit - 1) as u64
+            }
+            Kind::Float32 => u64::from((number as f32).to_bits()),
+            Kind::Float64 => number.to_bits(),
+        }
+    }
+
+    /// The inverse of a factor such as 0.001: dividing by 1000 gives the decimal number that a log would show, while
+    /// multiplying by 0.001 is off in the last place.
+    fn divisor(&self) -> Option<f64> {
+        let divisor = (1.0 / self.factor).round();
+        (divisor.is_finite() && divisor != 0.0 && 1.0 / divisor == self.factor).then_some(divisor)
+    }
+}

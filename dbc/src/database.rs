@@ -1,0 +1,435 @@
+//! Messages and signals by name, from a DBC file.
+
+use std::collections::BTreeSet;
+
+use can_dbc::{Dbc, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType};
+use canopen::CanFrame;
+
+use crate::coding::{ByteOrder, Coding, Kind, Range};
+use crate::error::DbcError;
+
+/// Attribute with the full name of a signal whose DBC name had to stay within 32 characters.
+const LONG_NAME: &str = "SystemSignalLongSymbol";
+/// Attribute with the object behind a signal, such as `0x6064:00`.
+const OBJECT: &str = "CanopenObject";
+/// Attribute with the cycle time of a message.
+const CYCLE_TIME: &str = "GenMsgCycleTime";
+
+/// All messages of a DBC file, by identifier.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Database {
+    messages: Vec<Message>,
+}
+
+/// One message.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Message {
+    /// Name.
+    pub name: String,
+    /// Identifier with the kernel's flag for 29 bits, as [`CanFrame::raw_id`] gives it.
+    pub raw_id: u32,
+    /// Payload length.
+    pub length_bytes: u8,
+    /// Node that sends it.
+    pub sender: Option<String>,
+    /// Cycle time; 0 when not cyclic.
+    pub cycle_time_milliseconds: u64,
+    /// What it is for.
+    pub comment: String,
+    /// Signals in the order of the file.
+    pub signals: Vec<Signal>,
+}
+
+/// One signal of a message.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Signal {
+    /// Name.
+    pub name: String,
+    /// Unit as text; empty for numbers without.
+    pub unit: String,
+    /// Bits and scaling.
+    pub coding: Coding,
+    /// Labels of raw values.
+    pub labels: Vec<(i64, String)>,
+    /// Nodes that use it.
+    pub receivers: Vec<String>,
+    /// The object behind it, such as `0x6064:00`; empty when there is none.
+    pub object: String,
+    /// What it is.
+    pub comment: String,
+}
+
+impl Signal {
+    /// The label of a physical value, where the value table has one.
+    #[must_use]
+    pub fn label(&self, value: f64) -> Option<&str> {
+        let raw = ((value - self.coding.offset) / self.coding.factor).round();
+        let found = self.labels.iter().find(|(number, _)| *number as f64 == raw);
+        found.map(|(_, label)| label.as_str())
+    }
+}
+
+/// A signal found once; decodes and encodes without search and without allocation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SignalHandle {
+    raw_id: u32,
+    coding: Coding,
+}
+
+impl SignalHandle {
+    /// Identifier of the message, with the kernel's flag for 29 bits.
+    #[must_use]
+    pub fn raw_id(&self) -> u32 {
+        self.raw_id
+    }
+
+    /// The physical value; `None` for a frame with another identifier or too short for the signal.
+    #[must_use]
+    pub fn decode(&self, frame: &CanFrame) -> Option<f64> {
+        let is_there =
+            frame.raw_id() == self.raw_id && frame.data().len() >= self.coding.payload_bytes();
+        is_there.then(|| self.coding.decode(&frame.buffer()))
+    }
+
+    /// Writes a physical value into a payload; see [`Coding::encode`] for values out of range.
+    pub fn encode(&self, value: f64, payload: &mut [u8; 8]) {
+        self.coding.encode(value, payload);
+    }
+}
+
+/// Makes frames of one message; bits of signals that were never set are 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MessageBuilder {
+    raw_id: u32,
+    length_bytes: u8,
+    payload: [u8; 8],
+}
+
+impl MessageBuilder {
+    /// Sets a signal; those of other messages are ignored.
+    pub fn set(&mut self, signal: &SignalHandle, value: f64) {
+        debug_assert_eq!(signal.raw_id, self.raw_id, "signal of another message");
+        if signal.raw_id == self.raw_id {
+            signal.encode(value, &mut self.payload);
+        }
+    }
+
+    /// The frame with what was set so far.
+    #[must_use]
+    pub fn frame(&self) -> CanFrame {
+        CanFrame::from_raw(self.raw_id, self.length_bytes, self.payload)
+            .expect("messages longer than 8 bytes are refused when parsed")
+    }
+}
+
+/// A frame taken apart.
+#[derive(Clone, Copy, Debug)]
+pub struct Decoded<'a> {
+    message: &'a Message,
+    payload: [u8; 8],
+    payload_bytes: usize,
+}
+
+/// One signal of a decoded frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DecodedSignal<'a> {
+    /// The definition, with name and unit.
+    pub signal: &'a Signal,
+    /// Physical value.
+    pub value: f64,
+    /// Label of the value, where the value table has one.
+    pub label: Option<&'a str>,
+}
+
+impl<'a> Decoded<'a> {
+    /// The message.
+    #[must_use]
+    pub fn message(&self) -> &'a Message {
+        self.message
+    }
+
+    /// The signals that the payload is long enough for, in the order of the file.
+    pub fn signals(&self) -> impl Iterator<Item = DecodedSignal<'a>> + use<'a> {
+        let Self {
+            message,
+            payload,
+            payload_bytes,
+        } = *self;
+        let present = move |signal: &&Signal| signal.coding.payload_bytes() <= payload_bytes;
+        message.signals.iter().filter(present).map(move |signal| {
+            let value = signal.coding.decode(&payload);
+            let label = signal.label(value);
+            DecodedSignal {
+                signal,
+                value,
+                label,
+            }
+        })
+    }
+}
+
+impl Database {
+    /// Longest text that is parsed.
+    pub const TEXT_BYTES_MAX: usize = 1 << 20;
+
+    /// The frames of the rig.
+    ///
+    /// # Panics
+    /// Never: a test parses the file that is compiled in.
+    #[must_use]
+    pub fn sma_actuator() -> Self {
+        Self::parse(crate::SMA_ACTUATOR).expect("the file is compiled in and tested")
+    }
+
+    /// Reads a DBC file. Overlapping signals, multiplexed signals, and payloads beyond 8 bytes are refused.
+    ///
+    /// # Errors
+    /// [`DbcError`] names the message and signal.
+    pub fn parse(text: &str) -> Result<Self, DbcError> {
+        let (bytes, limit) = (text.len(), Self::TEXT_BYTES_MAX);
+        if bytes > limit {
+            return Err(DbcError::TextTooLong { bytes, limit });
+        }
+        let dbc = Dbc::try_from(text).map_err(|error| DbcError::Syntax(error.to_string()))?;
+        let messages: Result<Vec<_>, _> = dbc
+            .messages
+            .iter()
+            .map(|message| read_message(&dbc, message))
+            .collect();
+        let mut messages = messages?;
+        messages.sort_by_key(|message| message.raw_id);
+        refuse_duplicates(&messages)?;
+        Ok(Self { messages })
+    }
+
+    /// All messages, by identifier.
+    #[must_use]
+    pub fn messages(&self) -> &[Message] {
+        &self.messages
+    }
+
+    /// The message of this name.
+    #[must_use]
+    pub fn message(&self, name: &str) -> Option<&Message> {
+        self.messages.iter().find(|message| message.name == name)
+    }
+
+    /// The message that a frame carries.
+    #[must_use]
+    pub fn message_of(&self, frame: &CanFrame) -> Option<&Message> {
+        let found = self
+            .messages
+            .binary_search_by_key(&frame.raw_id(), |message| message.raw_id);
+        found.ok().map(|place| &self.messages[place])
+    }
+
+    /// The definition of a signal, by `message.signal`.
+    #[must_use]
+    pub fn definition(&self, path: &str) -> Option<&Signal> {
+        self.find(path).map(|(_, signal)| signal)
+    }
+
+    /// A handle for a signal, by `message.signal`.
+    #[must_use]
+    pub fn signal(&self, path: &str) -> Option<SignalHandle> {
+        self.find(path).map(|(message, signal)| SignalHandle {
+            raw_id: message.raw_id,
+            coding: signal.coding,
+        })
+    }
+
+    /// Makes frames of the message of this name.
+    #[must_use]
+    pub fn builder(&self, message: &str) -> Option<MessageBuilder> {
+        self.message(message).map(|message| MessageBuilder {
+            raw_id: message.raw_id,
+            length_bytes: message.length_bytes,
+            payload: [0; 8],
+        })
+    }
+
+    /// Takes a frame apart; `None` when its identifier is not in the file.
+    #[must_use]
+    pub fn decode(&self, frame: &CanFrame) -> Option<Decoded<'_>> {
+        self.message_of(frame).map(|message| Decoded {
+            message,
+            payload: frame.buffer(),
+            payload_bytes: frame.data().len(),
+        })
+    }
+
+    fn find(&self, path: &str) -> Option<(&Message, &Signal)> {
+        let (message, signal) = path.split_once('.')?;
+        let message = self.message(message)?;
+        let found = message.signals.iter().find(|found| found.name == signal);
+        found.map(|signal| (message, signal))
+    }
+}
+
+/// Refuses two messages of one identifier (neighbours, since sorted) or one name.
+fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
+    let mut names = BTreeSet::new();
+    let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id;
+    let same_id = messages.windows(2).find(|pair| is_double(pair));
+    if let Some(pair) = same_id {
+        return Err(DbcError::DuplicateMessage {
+            first: pair[0].name.clone(),
+            second: pair[1].name.clone(),
+        });
+    }
+    match messages.iter().find(|message| !names.insert(&message.name)) {
+        Some(message) => Err(DbcError::DuplicateMessage {
+            first: message.name.clone(),
+            second: message.name.clone(),
+        }),
+        None => Ok(()),
+    }
+}
+
+/// A message with its signals.
+fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcError> {
+    let raw_id = message.id.raw();
+    if matches!(message.id, MessageId::Standard(id) if id > 0x7FF) {
+        return Err(DbcError::Identifier {
+            message: message.name.clone(),
+            id: raw_id,
+        });
+    }
+    let length_bytes = u8::try_from(message.size)
+        .ok()
+        .filter(|bytes| *bytes <= 8)
+        .ok_or_else(|| DbcError::MessageTooLong {
+            message: message.name.clone(),
+            bytes: message.size,
+        })?;
+    let signals: Result<Vec<_>, _> = message
+        .signals
+        .iter()
+        .map(|signal| read_signal(dbc, message, signal))
+        .collect();
+    let signals = signals?;
+    refuse_overlap(&message.name, &signals)?;
+    let cycle_time = dbc.resolved_message_attribute(message.id, CYCLE_TIME);
+    Ok(Message {
+        name: message.name.clone(),
+        raw_id,
+        length_bytes,
+        sender: message.transmitter.clone(),
+        cycle_time_milliseconds: match cycle_time {
+            Some(can_dbc::AttributeValue::Uint(milliseconds)) => *milliseconds,
+            _ => 0,
+        },
+        comment: dbc
+            .message_comment(message.id)
+            .unwrap_or_default()
+            .to_owned(),
+        signals,
+    })
+}
+
+/// Refuses two signals of one name or with common bits.
+fn refuse_overlap(message: &str, signals: &[Signal]) -> Result<(), DbcError> {
+    for (place, second) in signals.iter().enumerate() {
+        let bits = second.coding.occupied_bits();
+        for first in &signals[..place] {
+            if first.name == second.name {
+                return Err(DbcError::DuplicateSignal {
+                    message: message.to_owned(),
+                    signal: first.name.clone(),
+                });
+            }
+            if first.coding.occupied_bits() & bits != 0 {
+                return Err(DbcError::Overlap {
+                    message: message.to_owned(),
+                    first: first.name.clone(),
+                    second: second.name.clone(),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A signal with its labels and attributes.
+fn read_signal(
+    dbc: &Dbc,
+    message: &can_dbc::Message,
+    signal: &can_dbc::Signal,
+) -> Result<Signal, DbcError> {
+    let refuse = |reason| DbcError::Signal {
+        message: message.name.clone(),
+        signal: signal.name.clone(),
+        reason,
+    };
+    if signal.multiplexer_indicator != MultiplexIndicator::Plain {
+        return Err(refuse("multiplexed signals are not supported"));
+    }
+    let extended_type = dbc.extended_value_type_for_signal(message.id, &signal.name);
+    let coding = read_coding(signal, extended_type).map_err(refuse)?;
+    coding
+        .check(usize::try_from(message.size).unwrap_or(0))
+        .map_err(refuse)?;
+    let attribute = |name| match dbc.signal_attribute(message.id, &signal.name, name) {
+        Some(can_dbc::AttributeValue::String(text)) => text.clone(),
+        _ => String::new(),
+    };
+    let long_name = attribute(LONG_NAME);
+    let labels = dbc.value_descriptions_for_signal(message.id, &signal.name);
+    let comment = dbc.signal_comment(message.id, &signal.name);
+    Ok(Signal {
+        name: if long_name.is_empty() {
+            signal.name.clone()
+        } else {
+            long_name
+        },
+        unit: signal.unit.clone(),
+        coding,
+        labels: labels
+            .unwrap_or_default()
+            .iter()
+            .map(|label| (label.id, label.description.clone()))
+            .collect(),
+        receivers: signal.receivers.clone(),
+        object: attribute(OBJECT),
+        comment: comment.unwrap_or_default().to_owned(),
+    })
+}
+
+/// Bits and scaling of a signal, not yet checked.
+fn read_coding(
+    signal: &can_dbc::Signal,
+    extended_type: Option<&SignalExtendedValueType>,
+) -> Result<Coding, &'static str> {
+    let small = |number: u64| u8::try_from(number).map_err(|_| "reaches beyond the payload");
+    let range = Range {
+        minimum: number(signal.min),
+        maximum: number(signal.max),
+    };
+    let has_range = range.minimum != 0.0 || range.maximum != 0.0;
+    Ok(Coding {
+        start_bit: small(signal.start_bit)?,
+        length_bits: small(signal.size)?,
+        byte_order: match signal.byte_order {
+            can_dbc::ByteOrder::LittleEndian => ByteOrder::LittleEndian,
+            can_dbc::ByteOrder::BigEndian => ByteOrder::BigEndian,
+        },
+        kind: match (extended_type, signal.value_type) {
+            (Some(SignalExtendedValueType::IEEEfloat32Bit), _) => Kind::Float32,
+            (Some(SignalExtendedValueType::IEEEdouble64bit), _) => Kind::Float64,
+            (_, can_dbc::ValueType::Signed) => Kind::Signed,
+            (_, can_dbc::ValueType::Unsigned) => Kind::Unsigned,
+        },
+        factor: signal.factor,
+        offset: signal.offset,
+        range: has_range.then_some(range),
+    })
+}
+
+/// A limit as a float.
+fn number(value: NumericValue) -> f64 {
+    match value {
+        NumericValue::Uint(value) => value as f64,
+        NumericValue::Int(value) => value as f64,
+        NumericValue::Double(value) => value,
+    }
+}
