@@ -3,6 +3,7 @@
 //! One file per service, named by the standard (CiA 301, CiA 402, CiA 306 for EDS). Every node is a state machine
 //! behind [`Node`]: frames and the time go in, frames and the next deadline come out.
 
+pub mod eds;
 pub mod frame;
 pub mod node;
 pub mod object_dictionary;

@@ -83,9 +83,20 @@ pub enum DataType {
     Unsigned16,
     Unsigned32,
     Unsigned64,
+    Integer24,
+    Integer40,
+    Integer48,
+    Integer56,
+    Unsigned24,
+    Unsigned40,
+    Unsigned48,
+    Unsigned56,
     Real32,
     Real64,
+    TimeOfDay,
+    TimeDifference,
     VisibleString,
+    UnicodeString,
     OctetString,
     Domain,
 }
@@ -105,9 +116,20 @@ impl DataType {
             0x08 => Self::Real32,
             0x09 => Self::VisibleString,
             0x0A => Self::OctetString,
+            0x0B => Self::UnicodeString,
+            0x0C => Self::TimeOfDay,
+            0x0D => Self::TimeDifference,
             0x0F => Self::Domain,
+            0x10 => Self::Integer24,
             0x11 => Self::Real64,
+            0x12 => Self::Integer40,
+            0x13 => Self::Integer48,
+            0x14 => Self::Integer56,
             0x15 => Self::Integer64,
+            0x16 => Self::Unsigned24,
+            0x18 => Self::Unsigned40,
+            0x19 => Self::Unsigned48,
+            0x1A => Self::Unsigned56,
             0x1B => Self::Unsigned64,
             _ => return None,
         })
@@ -119,9 +141,14 @@ impl DataType {
         match self {
             Self::Boolean | Self::Integer8 | Self::Unsigned8 => Some(1),
             Self::Integer16 | Self::Unsigned16 => Some(2),
+            Self::Integer24 | Self::Unsigned24 => Some(3),
+            Self::Integer40 | Self::Unsigned40 => Some(5),
+            Self::Integer48 | Self::Unsigned48 => Some(6),
+            Self::TimeOfDay | Self::TimeDifference => Some(6),
+            Self::Integer56 | Self::Unsigned56 => Some(7),
             Self::Integer32 | Self::Unsigned32 | Self::Real32 => Some(4),
             Self::Integer64 | Self::Unsigned64 | Self::Real64 => Some(8),
-            Self::VisibleString | Self::OctetString | Self::Domain => None,
+            Self::VisibleString | Self::UnicodeString | Self::OctetString | Self::Domain => None,
         }
     }
 
@@ -130,8 +157,41 @@ impl DataType {
     pub fn is_signed(self) -> bool {
         matches!(
             self,
-            Self::Integer8 | Self::Integer16 | Self::Integer32 | Self::Integer64
+            Self::Integer8
+                | Self::Integer16
+                | Self::Integer24
+                | Self::Integer32
+                | Self::Integer40
+                | Self::Integer48
+                | Self::Integer56
+                | Self::Integer64
         )
+    }
+
+    /// True for the floating-point types.
+    #[must_use]
+    pub fn is_real(self) -> bool {
+        matches!(self, Self::Real32 | Self::Real64)
+    }
+
+    /// The rank of a value among the values of its type, for comparing with limits: the integer itself, and for reals a
+    /// number that grows with the value (-0 below +0, NaN outside the infinities). 0 for types without an order.
+    #[must_use]
+    pub fn rank(self, bytes: &[u8]) -> i128 {
+        if !self.is_real() {
+            return integer_from_le(self, bytes);
+        }
+        let mut buffer = [0; 16];
+        let length = bytes.len().min(8);
+        buffer[..length].copy_from_slice(&bytes[..length]);
+        // IEEE 754 orders like sign and magnitude.
+        let bits = i128::from_le_bytes(buffer);
+        let sign_bit = 1 << (8 * length.max(1) - 1);
+        if bits & sign_bit == 0 {
+            bits
+        } else {
+            -1 - (bits ^ sign_bit)
+        }
     }
 }
 
@@ -185,9 +245,9 @@ pub struct Entry {
     pub access: Access,
     /// Whether it may be mapped into a PDO.
     pub is_pdo_mappable: bool,
-    /// Lowest value that may be written, where the EDS gives one.
+    /// Lowest value that may be written, where the EDS gives one, as its [`DataType::rank`].
     pub low_limit: Option<i128>,
-    /// Highest value that may be written, where the EDS gives one.
+    /// Highest value that may be written, where the EDS gives one, as its [`DataType::rank`].
     pub high_limit: Option<i128>,
     /// Value after power-on and NMT reset, little-endian.
     pub default: Vec<u8>,
@@ -248,7 +308,7 @@ impl Entry {
             length if length < size => return Err(AbortCode::TOO_SHORT),
             _ => {}
         }
-        let value = integer_from_le(self.data_type, bytes);
+        let value = self.data_type.rank(bytes);
         if self.high_limit.is_some_and(|limit| value > limit) {
             return Err(AbortCode::VALUE_TOO_HIGH);
         }
