@@ -14,27 +14,27 @@ pub enum Branch {
     Cooling,
 }
 
-/// Slope and centre of one branch of Eq. (2).
+/// One branch of Eq. (2): the phase that vanishes along it is `amplitude / (1 + exp(slope (T − centre)))`.
 #[derive(Clone, Copy, Debug)]
 struct Sigmoid {
-    /// `a = 6.2 / (hot − cold)`, 1/K.
+    /// `aA = 6.2 / (Af − As)` while heating, `−aM = −6.2 / (Ms − Mf)` while cooling, 1/K.
     slope: f64,
-    /// `b = (hot + cold) / 2`, °C.
+    /// `bA = (As + Af) / 2` or `bM = (Ms + Mf) / 2`, °C.
     centre_celsius: f64,
 }
 
 impl Sigmoid {
-    fn new(cold_celsius: f64, hot_celsius: f64) -> Self {
+    fn new(start_celsius: f64, finish_celsius: f64) -> Self {
         Self {
-            slope: 6.2 / (hot_celsius - cold_celsius),
-            centre_celsius: 0.5 * (hot_celsius + cold_celsius),
+            slope: 6.2 / (finish_celsius - start_celsius),
+            centre_celsius: 0.5 * (start_celsius + finish_celsius),
         }
     }
 
-    /// `exp(a (T − b))`.
-    fn exponential(&self, temperature_celsius: f64) -> f64 {
+    /// `1 + exp(slope (T − centre))`.
+    fn denominator(&self, temperature_celsius: f64) -> f64 {
         let exponent = self.slope * (temperature_celsius - self.centre_celsius);
-        libm::exp(exponent.clamp(-EXPONENT_MAX, EXPONENT_MAX))
+        1.0 + libm::exp(exponent.clamp(-EXPONENT_MAX, EXPONENT_MAX))
     }
 }
 
@@ -57,8 +57,8 @@ impl Transformation {
                 config.austenite_finish_celsius,
             ),
             cooling: Sigmoid::new(
-                config.martensite_finish_celsius,
                 config.martensite_start_celsius,
+                config.martensite_finish_celsius,
             ),
             branch: Branch::Heating,
             amplitude: 1.0,
@@ -76,12 +76,8 @@ impl Transformation {
     /// written as `1 − ξ = (1 − ξA) / (1 + 1/e)`, which loses no digits in the cold.
     pub(super) fn martensite_fraction(&self, temperature_celsius: f64) -> f64 {
         let fraction = match self.branch {
-            Branch::Heating => {
-                self.amplitude / (1.0 + self.heating.exponential(temperature_celsius))
-            }
-            Branch::Cooling => {
-                1.0 - self.amplitude / (1.0 + 1.0 / self.cooling.exponential(temperature_celsius))
-            }
+            Branch::Heating => self.amplitude / self.heating.denominator(temperature_celsius),
+            Branch::Cooling => 1.0 - self.amplitude / self.cooling.denominator(temperature_celsius),
         };
         fraction.clamp(0.0, 1.0)
     }
@@ -102,10 +98,8 @@ impl Transformation {
         }
         let fraction = self.martensite_fraction(temperature_celsius);
         self.amplitude = match branch {
-            Branch::Heating => fraction * (1.0 + self.heating.exponential(temperature_celsius)),
-            Branch::Cooling => {
-                (1.0 - fraction) * (1.0 + 1.0 / self.cooling.exponential(temperature_celsius))
-            }
+            Branch::Heating => fraction * self.heating.denominator(temperature_celsius),
+            Branch::Cooling => (1.0 - fraction) * self.cooling.denominator(temperature_celsius),
         };
         self.branch = branch;
     }
