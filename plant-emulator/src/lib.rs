@@ -6,3 +6,4 @@ pub mod amplifier;
 mod integrator;
 pub mod sensor;
 pub mod sma;
+pub mod thermal_protection;

@@ -48,6 +48,11 @@ impl HeatBalance {
         self.inverse_heat_capacity * (joule - convection - conduction)
     }
 
+    /// Inverse of the time constant of Eq. (1): `(h A + C) / (m cp)`.
+    pub(super) fn rate_per_second(&self, convection_factor: f64) -> f64 {
+        self.inverse_heat_capacity * (convection_factor * self.convection + self.conduction)
+    }
+
     /// Temperature at which Eq. (1) rests: `T = (i² R + h A Tamb + C Tp) / (h A + C)`.
     pub(super) fn equilibrium_celsius(&self, current_amperes: f64, convection_factor: f64) -> f64 {
         let convection = convection_factor * self.convection;

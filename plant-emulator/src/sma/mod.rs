@@ -2,17 +2,22 @@
 
 mod heat;
 mod phase;
+mod validity;
 mod wire;
 
 use heat::HeatBalance;
 pub use phase::Branch;
 use phase::Transformation;
+pub use validity::{InvalidPlant, check};
 use wire::Mechanics;
 
 use crate::integrator::runge_kutta_4;
 
 /// Longest integration step. The reference trajectories are met a hundredfold within their tolerance with it.
 pub const STEP_SECONDS_MAX: f64 = 1e-3;
+
+/// Largest convection factor: what 0x6411:01 can carry, with a margin.
+pub const CONVECTION_FACTOR_MAX: f64 = 33.0;
 
 /// What acts on the actuator.
 #[derive(Clone, Copy, Debug, PartialEq)]

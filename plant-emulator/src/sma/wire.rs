@@ -69,6 +69,17 @@ impl Mechanics {
         }
     }
 
+    /// Fastest rate of Eq. (7), with the load taken off and the wire as stiff as it gets: the natural frequency
+    /// `sqrt(K / n² / m)` or the damping's `c / m`, whichever is higher.
+    pub(super) fn fastest_rate_per_second(&self) -> f64 {
+        let stiffness = self.austenite_stiffness.max(self.martensite_stiffness)
+            * self.inverse_austenite_length
+            * self.inverse_transmission
+            * self.inverse_transmission;
+        let natural = libm::sqrt(stiffness / self.pulley_mass);
+        natural.max(self.damping / self.pulley_mass)
+    }
+
     /// `ẍ` in m/s², Eq. (7): `(J/r2² + mL) ẍ + c ẋ = −mL g + T2/n`, as if there were no stop.
     pub(super) fn acceleration(
         &self,

@@ -1,0 +1,238 @@
+//! Which plants make physical sense and can be integrated at the shipped step size.
+
+use scenario::plant::Plant;
+
+use super::heat::HeatBalance;
+use super::wire::Mechanics;
+use super::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX};
+
+/// Why a plant cannot be emulated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidPlant {
+    /// A parameter outside its range.
+    #[error("{name} is {value}, it must be {requirement}")]
+    OutOfRange {
+        /// The parameter, as the scenario names it.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        requirement: &'static str,
+    },
+    /// Two temperatures in the wrong order.
+    #[error("{cold_name} is {cold} °C, it must be below {hot_name} of {hot} °C")]
+    WrongOrder {
+        /// The lower temperature's name.
+        cold_name: &'static str,
+        /// Its value.
+        cold: f64,
+        /// The higher temperature's name.
+        hot_name: &'static str,
+        /// Its value.
+        hot: f64,
+    },
+    /// The motion or the heat changes faster than the integrator follows.
+    #[error(
+        "{part} changes at up to {rate_per_second:.0} 1/s, the integrator follows {limit_per_second:.0} 1/s at most"
+    )]
+    TooFast {
+        /// `heat` or `motion`.
+        part: &'static str,
+        /// Its fastest rate.
+        rate_per_second: f64,
+        /// The limit: one by the step size.
+        limit_per_second: f64,
+    },
+}
+
+/// Checks all physical parameters of a plant.
+///
+/// # Errors
+/// The first parameter that makes no sense.
+pub fn check(plant: &Plant) -> Result<(), InvalidPlant> {
+    check_heat(&plant.heat)?;
+    check_phase(&plant.phase)?;
+    check_mechanics(&plant.mechanics)?;
+    let heat = HeatBalance::new(&plant.heat).rate_per_second(CONVECTION_FACTOR_MAX);
+    check_rate("heat", heat)?;
+    let motion = Mechanics::new(&plant.mechanics).fastest_rate_per_second();
+    check_rate("motion", motion)
+}
+
+fn check_heat(heat: &scenario::plant::Heat) -> Result<(), InvalidPlant> {
+    positive("mass_kilograms_per_metre", heat.mass_kilograms_per_metre)?;
+    positive(
+        "specific_heat_joules_per_kilogram_kelvin",
+        heat.specific_heat_joules_per_kilogram_kelvin,
+    )?;
+    not_negative("resistance_ohms_per_metre", heat.resistance_ohms_per_metre)?;
+    positive(
+        "surface_square_metres_per_metre",
+        heat.surface_square_metres_per_metre,
+    )?;
+    not_negative(
+        "convection_watts_per_square_metre_kelvin",
+        heat.convection_watts_per_square_metre_kelvin,
+    )?;
+    not_negative(
+        "conduction_watts_per_metre_kelvin",
+        heat.conduction_watts_per_metre_kelvin,
+    )?;
+    finite("ambient_celsius", heat.ambient_celsius)?;
+    finite("cooling_element_celsius", heat.cooling_element_celsius)?;
+    // Without any cooling there is no temperature to start from.
+    positive(
+        "convection plus conduction",
+        heat.convection_watts_per_square_metre_kelvin + heat.conduction_watts_per_metre_kelvin,
+    )
+}
+
+fn check_phase(phase: &scenario::plant::Phase) -> Result<(), InvalidPlant> {
+    let branches = [
+        (
+            "austenite_start_celsius",
+            phase.austenite_start_celsius,
+            "austenite_finish_celsius",
+            phase.austenite_finish_celsius,
+        ),
+        (
+            "martensite_finish_celsius",
+            phase.martensite_finish_celsius,
+            "martensite_start_celsius",
+            phase.martensite_start_celsius,
+        ),
+    ];
+    for (cold_name, cold, hot_name, hot) in branches {
+        finite(cold_name, cold)?;
+        finite(hot_name, hot)?;
+        if cold >= hot {
+            return Err(InvalidPlant::WrongOrder {
+                cold_name,
+                cold,
+                hot_name,
+                hot,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn check_mechanics(mechanics: &scenario::plant::Mechanics) -> Result<(), InvalidPlant> {
+    positive(
+        "austenite_modulus_pascals",
+        mechanics.austenite_modulus_pascals,
+    )?;
+    positive(
+        "martensite_modulus_pascals",
+        mechanics.martensite_modulus_pascals,
+    )?;
+    not_negative("martensite_yield_strain", mechanics.martensite_yield_strain)?;
+    positive("wire_diameter_metres", mechanics.wire_diameter_metres)?;
+    positive("wire_length_metres", mechanics.wire_length_metres)?;
+    require(
+        "recoverable_strain",
+        mechanics.recoverable_strain,
+        "from 0 to below 1",
+        |strain| (0.0..1.0).contains(&strain),
+    )?;
+    positive(
+        "inner_pulley_radius_metres",
+        mechanics.inner_pulley_radius_metres,
+    )?;
+    positive(
+        "outer_pulley_radius_metres",
+        mechanics.outer_pulley_radius_metres,
+    )?;
+    // Without inertia the pulley would move infinitely fast when the load is taken off.
+    positive(
+        "pulley_inertia_kilogram_square_metres",
+        mechanics.pulley_inertia_kilogram_square_metres,
+    )?;
+    not_negative("load_kilograms", mechanics.load_kilograms)?;
+    not_negative(
+        "damping_newton_seconds_per_metre",
+        mechanics.damping_newton_seconds_per_metre,
+    )
+}
+
+fn check_rate(part: &'static str, rate_per_second: f64) -> Result<(), InvalidPlant> {
+    let limit_per_second = 1.0 / STEP_SECONDS_MAX;
+    if rate_per_second <= limit_per_second {
+        Ok(())
+    } else {
+        Err(InvalidPlant::TooFast {
+            part,
+            rate_per_second,
+            limit_per_second,
+        })
+    }
+}
+
+fn positive(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
+    require(name, value, "above 0", |value| value > 0.0)
+}
+
+fn not_negative(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
+    require(name, value, "0 or above", |value| value >= 0.0)
+}
+
+fn finite(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
+    require(name, value, "a finite number", |_| true)
+}
+
+fn require(
+    name: &'static str,
+    value: f64,
+    requirement: &'static str,
+    is_met: impl Fn(f64) -> bool,
+) -> Result<(), InvalidPlant> {
+    if value.is_finite() && is_met(value) {
+        Ok(())
+    } else {
+        Err(InvalidPlant::OutOfRange {
+            name,
+            value,
+            requirement,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The message for the default plant with one change.
+    fn message(change: impl Fn(&mut Plant)) -> String {
+        let mut plant = Plant::default();
+        change(&mut plant);
+        check(&plant).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_default_plant_is_valid() {
+        assert_eq!(check(&Plant::default()), Ok(()));
+    }
+
+    #[test]
+    fn errors_name_the_value_and_the_limit() {
+        assert_eq!(
+            message(|plant| plant.heat.mass_kilograms_per_metre = 0.0),
+            "mass_kilograms_per_metre is 0, it must be above 0"
+        );
+        assert_eq!(
+            message(|plant| plant.phase.martensite_start_celsius = 30.0),
+            "martensite_finish_celsius is 34 °C, it must be below martensite_start_celsius of 30 °C"
+        );
+        assert_eq!(
+            message(|plant| plant.mechanics.load_kilograms = f64::NAN),
+            "load_kilograms is NaN, it must be 0 or above"
+        );
+        assert_eq!(
+            message(|plant| plant.mechanics.austenite_modulus_pascals = 1e13),
+            "motion changes at up to 1486 1/s, the integrator follows 1000 1/s at most"
+        );
+        assert!(
+            message(|plant| plant.heat.mass_kilograms_per_metre = 1e-9).starts_with("heat changes")
+        );
+    }
+}
