@@ -1,5 +1,7 @@
 //! The bits of one signal and the physical value that they stand for.
 
+use std::cmp::Ordering;
+
 /// Order of the bytes (DBC `@1` and `@0`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ByteOrder {
@@ -73,7 +75,14 @@ impl Coding {
             return Err("factor is 0 or not finite, or offset is not finite");
         }
         match self.range {
-            Some(range) if !(range.minimum <= range.maximum) => Err("range is empty"),
+            Some(range)
+                if range
+                    .minimum
+                    .partial_cmp(&range.maximum)
+                    .is_none_or(Ordering::is_gt) =>
+            {
+                Err("range is empty")
+            }
             _ => Ok(()),
         }
     }
