@@ -31,10 +31,12 @@ pub struct SlidingMode {
     pub boundary_layer_metres_per_second_squared: f64,
     /// `KSM` (paper: 64 = λφ).
     pub switching_gain_metres_per_second_cubed: f64,
-    /// Poles of the observer.
-    pub observer_radians_per_second: f64,
     /// Poles of the reference filter.
     pub reference_filter_radians_per_second: f64,
+    /// What the observer trusts.
+    pub observer: Observer,
+    /// What the law takes the plant to be.
+    pub nominal_model: NominalModel,
 }
 
 impl Default for SlidingMode {
@@ -43,8 +45,9 @@ impl Default for SlidingMode {
             bandwidth_radians_per_second: 40.0,
             boundary_layer_metres_per_second_squared: 1.6,
             switching_gain_metres_per_second_cubed: 64.0,
-            observer_radians_per_second: 135.0,
             reference_filter_radians_per_second: 28.0,
+            observer: Observer::default(),
+            nominal_model: NominalModel::default(),
         }
     }
 }
@@ -63,6 +66,8 @@ pub struct SlidingModePaper {
     pub derivative_filter_radians_per_second: f64,
     /// Poles of the reference filter (assumed).
     pub reference_filter_radians_per_second: f64,
+    /// What the law takes the plant to be.
+    pub nominal_model: NominalModel,
 }
 
 impl Default for SlidingModePaper {
@@ -73,6 +78,7 @@ impl Default for SlidingModePaper {
             switching_gain_metres_per_second_cubed: 64.0,
             derivative_filter_radians_per_second: 100.0,
             reference_filter_radians_per_second: 20.0,
+            nominal_model: NominalModel::default(),
         }
     }
 }
@@ -132,4 +138,108 @@ pub struct CurrentRamp {
     pub until_seconds: f64,
     /// Value at the end.
     pub current_amperes: f64,
+}
+
+/// What the observer trusts: uncertainty of the sensor and of the nominal model.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Observer {
+    /// One step of the position sensor (rig: 60 mm in 10 bits).
+    pub sensor_step_millimetres: f64,
+    /// Standard deviation that the velocity gains in one second beyond the model.
+    pub velocity_drift_metres_per_second: f64,
+    /// Standard deviation that the martensite fraction gains in one second beyond the model.
+    pub fraction_drift: f64,
+    /// Standard deviation that the unknown heating gains in one second.
+    pub heating_drift_kelvins_per_second: f64,
+    /// Standard deviation of the transformation temperatures about the nominal ones.
+    pub temperature_uncertainty_kelvins: f64,
+}
+
+impl Default for Observer {
+    fn default() -> Self {
+        Self {
+            sensor_step_millimetres: 60.0 / 1023.0,
+            velocity_drift_metres_per_second: 0.005,
+            fraction_drift: 0.003,
+            heating_drift_kelvins_per_second: 10.0,
+            temperature_uncertainty_kelvins: 3.0,
+        }
+    }
+}
+
+/// What a law takes the plant to be; the emulator's `[plant]` table is another thing and hidden from the controller.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct NominalModel {
+    /// `m`, mass of the wire (paper: 2e-4).
+    pub mass_kilograms_per_metre: f64,
+    /// `cp`, specific heat (paper: 837).
+    pub specific_heat_joules_per_kilogram_kelvin: f64,
+    /// `R`, electrical resistance (paper: 32).
+    pub resistance_ohms_per_metre: f64,
+    /// `A`, surface (paper: 6.28e-4).
+    pub surface_square_metres_per_metre: f64,
+    /// `h`, convection coefficient (paper, identified: 7).
+    pub convection_watts_per_square_metre_kelvin: f64,
+    /// `C`, conduction to the cooling element (paper, identified: 0.255).
+    pub conduction_watts_per_metre_kelvin: f64,
+    /// `Tamb`, ambient temperature (paper: 20).
+    pub ambient_celsius: f64,
+    /// `Tp`, surface of the cooling element (paper: 15).
+    pub cooling_element_celsius: f64,
+    /// `As` (paper, identified: 53).
+    pub austenite_start_celsius: f64,
+    /// `Af` (paper, identified: 93).
+    pub austenite_finish_celsius: f64,
+    /// `Ms` (paper, identified: 66).
+    pub martensite_start_celsius: f64,
+    /// `Mf` (paper, identified: 34).
+    pub martensite_finish_celsius: f64,
+    /// `EA`, Young's modulus of austenite (assumed: 75e9).
+    pub austenite_modulus_pascals: f64,
+    /// `d`, wire diameter (paper: 2e-4).
+    pub wire_diameter_metres: f64,
+    /// `l_wire`, length of the martensitic wire (paper: 0.15).
+    pub wire_length_metres: f64,
+    /// `Δ / l_wire`, recoverable strain (paper: 0.04).
+    pub recoverable_strain: f64,
+    /// `r1`, inner pulley (paper: 4.5e-3).
+    pub inner_pulley_radius_metres: f64,
+    /// `r2`, outer pulley (paper: 45e-3).
+    pub outer_pulley_radius_metres: f64,
+    /// `J`, inertia of the pulley (assumed: 2e-5).
+    pub pulley_inertia_kilogram_square_metres: f64,
+    /// `mL`, load (paper: 0.04).
+    pub load_kilograms: f64,
+    /// `c`, damping (assumed: 0.5).
+    pub damping_newton_seconds_per_metre: f64,
+}
+
+impl Default for NominalModel {
+    fn default() -> Self {
+        Self {
+            mass_kilograms_per_metre: 2e-4,
+            specific_heat_joules_per_kilogram_kelvin: 837.0,
+            resistance_ohms_per_metre: 32.0,
+            surface_square_metres_per_metre: 6.28e-4,
+            convection_watts_per_square_metre_kelvin: 7.0,
+            conduction_watts_per_metre_kelvin: 0.255,
+            ambient_celsius: 20.0,
+            cooling_element_celsius: 15.0,
+            austenite_start_celsius: 53.0,
+            austenite_finish_celsius: 93.0,
+            martensite_start_celsius: 66.0,
+            martensite_finish_celsius: 34.0,
+            austenite_modulus_pascals: 75e9,
+            wire_diameter_metres: 2e-4,
+            wire_length_metres: 0.15,
+            recoverable_strain: 0.04,
+            inner_pulley_radius_metres: 4.5e-3,
+            outer_pulley_radius_metres: 45e-3,
+            pulley_inertia_kilogram_square_metres: 2e-5,
+            load_kilograms: 0.04,
+            damping_newton_seconds_per_metre: 0.5,
+        }
+    }
 }

@@ -1,0 +1,192 @@
+//! What every control law is: a configuration, a state, and a pure step.
+
+use scenario::controller::Controller;
+use scenario::reference::SetPoint;
+
+use crate::open_loop::OpenLoop;
+use crate::pid::{self, Pid};
+use crate::sliding_mode::{self, SlidingMode};
+use crate::sliding_mode_paper::{self, SlidingModePaper};
+
+/// Largest current in A; commands lie between 0 and this.
+pub const CURRENT_AMPERES_MAX: f64 = 1.0;
+
+/// What the controller knows of the plant in a cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Measurement {
+    /// Time since the start of the scenario.
+    pub scenario_time_seconds: f64,
+    /// Position as sampled by the drive; not finite when this cycle brought none.
+    pub position_metres: f64,
+}
+
+/// What a law commands, and why.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Command {
+    /// Current for the next cycle, between 0 and [`CURRENT_AMPERES_MAX`], in whole thousandths.
+    pub current_amperes: f64,
+    /// The terms behind it.
+    pub explanation: Explanation,
+}
+
+/// The terms of a law worth recording; zero where a law has no such term.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Explanation {
+    /// Filtered reference position (0x2200).
+    pub reference_position_metres: f64,
+    /// Filtered reference velocity (0x2201).
+    pub reference_velocity_metres_per_second: f64,
+    /// Estimated wire temperature (0x2202).
+    pub estimated_temperature_celsius: f64,
+    /// Estimated martensite fraction (0x2203).
+    pub estimated_martensite_fraction: f64,
+    /// Estimated velocity (0x2204).
+    pub estimated_velocity_metres_per_second: f64,
+    /// Sliding variable `s` (0x2205).
+    pub sliding_variable_metres_per_second_squared: f64,
+    /// Where the command or the load is limited (0x2206).
+    pub saturation: Saturation,
+    /// Part of `u = i²` that keeps the state on the sliding surface (0x2207).
+    pub equivalent_part_square_amperes: f64,
+    /// Part of `u = i²` that drives the state to the sliding surface (0x2208).
+    pub switching_part_square_amperes: f64,
+}
+
+/// Limits reached in a cycle.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub struct Saturation {
+    /// The law asked for more than the largest current.
+    pub at_upper_limit: bool,
+    /// The law asked for less than no current.
+    pub at_lower_limit: bool,
+    /// The load rests on the stop.
+    pub on_stop: bool,
+}
+
+impl Saturation {
+    /// As in object 0x2206: bit 0 upper limit, bit 1 lower limit, bit 2 on the stop.
+    #[must_use]
+    pub fn bits(self) -> u8 {
+        u8::from(self.at_upper_limit) | u8::from(self.at_lower_limit) << 1 | u8::from(self.on_stop) << 2
+    }
+}
+
+/// A control law: constants in `self`, memory in `State`.
+pub trait ControlLaw {
+    /// What the law remembers from cycle to cycle.
+    type State;
+
+    /// The memory before the first cycle.
+    fn start(&self) -> Self::State;
+
+    /// Computes the command that acts from the next cycle on. Allocates nothing; finite for any measurement.
+    fn step(
+        &self,
+        state: &mut Self::State,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+    ) -> Command;
+}
+
+/// A law with its memory.
+#[derive(Clone, Debug)]
+pub struct Running<L: ControlLaw> {
+    law: L,
+    state: L::State,
+}
+
+impl<L: ControlLaw> Running<L> {
+    /// A law before its first cycle.
+    pub fn new(law: L) -> Self {
+        let state = law.start();
+        Self { law, state }
+    }
+
+    fn step(&mut self, measurement: &Measurement, set_point: &SetPoint, period_seconds: f64) -> Command {
+        self.law.step(&mut self.state, measurement, set_point, period_seconds)
+    }
+}
+
+/// The law that a scenario selects.
+#[derive(Clone, Debug)]
+pub enum Law {
+    /// Sliding mode with an observer on a nominal model.
+    SlidingMode(Box<Running<SlidingMode>>),
+    /// Sliding mode as the paper prints it, with errata.
+    SlidingModePaper(Box<Running<SlidingModePaper>>),
+    /// PID with anti-windup.
+    Pid(Running<Pid>),
+    /// A current profile without feedback.
+    OpenLoop(Running<OpenLoop>),
+}
+
+/// Why a `[controller]` table selects no law.
+#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum LawError {
+    /// No table or several.
+    #[error("the [controller] table must hold exactly one law, found {0}")]
+    NotExactlyOne(usize),
+}
+
+impl Law {
+    /// The one law in a scenario's `[controller]` table, before its first cycle.
+    ///
+    /// # Errors
+    ///
+    /// [`LawError::NotExactlyOne`] when the table holds none or several.
+    pub fn from_scenario(controller: &Controller) -> Result<Self, LawError> {
+        let sliding_mode = controller
+            .sliding_mode
+            .as_ref()
+            .map(|config| Self::SlidingMode(Box::new(Running::new(SlidingMode::new(config)))));
+        let sliding_mode_paper = controller
+            .sliding_mode_paper
+            .as_ref()
+            .map(|config| Self::SlidingModePaper(Box::new(Running::new(SlidingModePaper::new(config)))));
+        let pid = controller.pid.as_ref().map(|config| Self::Pid(Running::new(Pid::new(config))));
+        let open_loop = controller
+            .open_loop
+            .as_ref()
+            .map(|config| Self::OpenLoop(Running::new(OpenLoop::new(config))));
+        let mut laws = [sliding_mode, sliding_mode_paper, pid, open_loop].into_iter().flatten();
+        match (laws.next(), laws.count()) {
+            (Some(law), 0) => Ok(law),
+            (first, others) => Err(LawError::NotExactlyOne(usize::from(first.is_some()) + others)),
+        }
+    }
+
+    /// Computes the command that acts from the next cycle on. Allocates nothing; finite for any measurement.
+    pub fn step(
+        &mut self,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+    ) -> Command {
+        match self {
+            Self::SlidingMode(law) => law.step(measurement, set_point, period_seconds),
+            Self::SlidingModePaper(law) => law.step(measurement, set_point, period_seconds),
+            Self::Pid(law) => law.step(measurement, set_point, period_seconds),
+            Self::OpenLoop(law) => law.step(measurement, set_point, period_seconds),
+        }
+    }
+}
+
+/// A current as the bus carries it: limited and in whole thousandths of an ampere; not a number becomes 0.
+#[must_use]
+pub fn limited_current(current_amperes: f64) -> f64 {
+    let limited = current_amperes.max(0.0).min(CURRENT_AMPERES_MAX);
+    libm::round(limited * 1000.0) / 1000.0
+}
+
+/// The current of a wanted `u = i²`, and which limit it met.
+#[must_use]
+pub fn current_of(squared_current: f64) -> (f64, Saturation) {
+    let current = limited_current(libm::sqrt(squared_current.max(0.0)));
+    let saturation = Saturation {
+        at_upper_limit: squared_current > CURRENT_AMPERES_MAX * CURRENT_AMPERES_MAX,
+        at_lower_limit: squared_current < 0.0,
+        on_stop: false,
+    };
+    (current, saturation)
+}

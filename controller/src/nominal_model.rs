@@ -1,0 +1,315 @@
+//! What the controller takes the plant to be: heat, phase, wire and motion, one function per equation.
+//!
+//! Eq. (2) with continuous turns (PAPER E2) has no memory beyond temperature and fraction: eliminating `ξm` and `ξA`
+//! leaves a slope `dξ/dT` for heating and one for cooling, and the sign of `dT/dt` chooses between them.
+
+use core::f64::consts::PI;
+
+use scenario::controller::NominalModel as Config;
+
+/// Standard gravity in m/s².
+const GRAVITY: f64 = 9.80665;
+
+/// Longest step of the integrator in seconds; longer periods are divided.
+const INTEGRATOR_STEP_SECONDS: f64 = 1e-3;
+
+/// Most integrator steps in one call, so that work stays bounded.
+const INTEGRATOR_STEPS_MAX: u32 = 64;
+
+/// Steepness of Eq. (2): the argument of the exponential runs over this range from start to finish temperature.
+const TRANSFORMATION_STEEPNESS: f64 = 6.2;
+
+/// The state of the model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// Position of the load, `x`.
+    pub position_metres: f64,
+    /// Velocity of the load.
+    pub velocity_metres_per_second: f64,
+    /// Martensite fraction, `ξ`.
+    pub martensite_fraction: f64,
+    /// Wire temperature, `T`.
+    pub temperature_celsius: f64,
+    /// Heating rate from causes that the model does not know, such as a fan.
+    pub unknown_heating_kelvins_per_second: f64,
+}
+
+/// Derivatives of [`State`] with respect to time; the unknown heating is constant.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rate {
+    position: f64,
+    velocity: f64,
+    fraction: f64,
+    temperature: f64,
+}
+
+/// The phase transformation's direction, chosen by the sign of `dT/dt`.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Branch {
+    /// Martensite to austenite.
+    Heating,
+    /// Austenite to martensite.
+    Cooling,
+}
+
+/// `dξ/dT` along a branch and its derivatives.
+#[derive(Clone, Copy, Debug)]
+pub struct Slope {
+    /// `dξ/dT` in 1/K; never positive.
+    pub per_kelvin: f64,
+    /// Its derivative with respect to `ξ`, in 1/K.
+    pub by_fraction: f64,
+    /// Its derivative with respect to `T`, in 1/K².
+    pub by_temperature: f64,
+}
+
+/// The model with its constants worked out.
+#[derive(Clone, Debug)]
+pub struct NominalModel {
+    heat_capacity: f64,
+    resistance: f64,
+    loss: f64,
+    rest_temperature: f64,
+    heating_steepness: f64,
+    heating_centre: f64,
+    cooling_steepness: f64,
+    cooling_centre: f64,
+    austenite_stiffness: f64,
+    elongation: f64,
+    ratio: f64,
+    inertia: f64,
+    weight: f64,
+    damping: f64,
+}
+
+impl NominalModel {
+    /// Works out the constants.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let convection =
+            config.convection_watts_per_square_metre_kelvin * config.surface_square_metres_per_metre;
+        let conduction = config.conduction_watts_per_metre_kelvin;
+        let loss = convection + conduction;
+        let elongation = config.recoverable_strain * config.wire_length_metres;
+        let radius = config.wire_diameter_metres / 2.0;
+        let outer = config.outer_pulley_radius_metres;
+        Self {
+            heat_capacity: config.mass_kilograms_per_metre
+                * config.specific_heat_joules_per_kilogram_kelvin,
+            resistance: config.resistance_ohms_per_metre,
+            loss,
+            rest_temperature: (convection * config.ambient_celsius
+                + conduction * config.cooling_element_celsius)
+                / loss,
+            heating_steepness: TRANSFORMATION_STEEPNESS
+                / (config.austenite_finish_celsius - config.austenite_start_celsius),
+            heating_centre: (config.austenite_start_celsius + config.austenite_finish_celsius) / 2.0,
+            cooling_steepness: TRANSFORMATION_STEEPNESS
+                / (config.martensite_start_celsius - config.martensite_finish_celsius),
+            cooling_centre: (config.martensite_start_celsius + config.martensite_finish_celsius) / 2.0,
+            austenite_stiffness: config.austenite_modulus_pascals * PI * radius * radius
+                / (config.wire_length_metres - elongation),
+            elongation,
+            ratio: outer / config.inner_pulley_radius_metres,
+            inertia: config.pulley_inertia_kilogram_square_metres / (outer * outer)
+                + config.load_kilograms,
+            weight: config.load_kilograms * GRAVITY,
+            damping: config.damping_newton_seconds_per_metre,
+        }
+    }
+
+    /// The state before any current: cold, martensite, load on the stop.
+    #[must_use]
+    pub fn start(&self) -> State {
+        State {
+            martensite_fraction: self.heating_fraction(self.rest_temperature),
+            temperature_celsius: self.rest_temperature,
+            ..State::default()
+        }
+    }
+
+    /// Martensite fraction on the major heating branch, Eq. (2) with `ξm = 1`.
+    #[must_use]
+    pub fn heating_fraction(&self, temperature_celsius: f64) -> f64 {
+        1.0 / (1.0 + libm::exp(self.heating_steepness * (temperature_celsius - self.heating_centre)))
+    }
+
+    /// Heating rate in K/s at `u = i²` in A², Eq. (1).
+    #[must_use]
+    pub fn temperature_rate(&self, state: &State, squared_current: f64) -> f64 {
+        (self.resistance * squared_current
+            - self.loss * (state.temperature_celsius - self.rest_temperature))
+            / self.heat_capacity
+            + state.unknown_heating_kelvins_per_second
+    }
+
+    /// `u = i²` in A² that gives a heating rate, Eq. (1) solved for `i²`.
+    #[must_use]
+    pub fn squared_current(&self, state: &State, temperature_rate: f64) -> f64 {
+        let unforced = self.temperature_rate(state, 0.0);
+        (temperature_rate - unforced) * self.heat_capacity / self.resistance
+    }
+
+    /// Derivative of the heating rate with respect to temperature in 1/s, Eq. (1).
+    #[must_use]
+    pub fn temperature_rate_by_temperature(&self) -> f64 {
+        -self.loss / self.heat_capacity
+    }
+
+    /// The branch that a heating rate takes.
+    #[must_use]
+    pub fn branch(temperature_rate: f64) -> Branch {
+        if temperature_rate < 0.0 { Branch::Cooling } else { Branch::Heating }
+    }
+
+    /// `dξ/dT` on a branch through the present state, Eq. (10) with the branch constants of PAPER E2 eliminated.
+    ///
+    /// Heating: `ξ = ξm / (1 + E)` with `E = exp(aA (T − bA))` has `dξ/dT = −aA ξ E / (1 + E)`.
+    /// Cooling: `ξ = (1 − ξA) / (1 + e) + ξA` with `e = exp(aM (T − bM))` has `dξ/dT = −aM (1 − ξ) / (1 + e)`.
+    #[must_use]
+    pub fn slope(&self, state: &State, branch: Branch) -> Slope {
+        let fraction = state.martensite_fraction;
+        let temperature = state.temperature_celsius;
+        match branch {
+            Branch::Heating => {
+                let a = self.heating_steepness;
+                let martensite = 1.0 / (1.0 + libm::exp(a * (temperature - self.heating_centre)));
+                let austenite = 1.0 - martensite;
+                Slope {
+                    per_kelvin: -a * fraction * austenite,
+                    by_fraction: -a * austenite,
+                    by_temperature: -a * a * fraction * austenite * martensite,
+                }
+            }
+            Branch::Cooling => {
+                let a = self.cooling_steepness;
+                let martensite = 1.0 / (1.0 + libm::exp(a * (temperature - self.cooling_centre)));
+                let austenite = 1.0 - martensite;
+                Slope {
+                    per_kelvin: -a * (1.0 - fraction) * martensite,
+                    by_fraction: a * martensite,
+                    by_temperature: a * a * (1.0 - fraction) * austenite * martensite,
+                }
+            }
+        }
+    }
+
+    /// Stiffness of the wire in N/m, Eq. (9).
+    #[must_use]
+    pub fn stiffness(&self, martensite_fraction: f64) -> f64 {
+        self.austenite_stiffness * (1.0 - martensite_fraction)
+    }
+
+    /// Acceleration in m/s² without the stop, Eq. (7); a wire does not push (PAPER E6).
+    #[must_use]
+    pub fn acceleration(&self, state: &State) -> f64 {
+        let stretch = self.elongation - state.position_metres / self.ratio;
+        let tension = (self.stiffness(state.martensite_fraction) * stretch).max(0.0);
+        (tension / self.ratio - self.weight - self.damping * state.velocity_metres_per_second)
+            / self.inertia
+    }
+
+    /// Derivatives of the acceleration with respect to position, velocity and fraction, Eq. (7).
+    #[must_use]
+    pub fn acceleration_gradient(&self, state: &State) -> (f64, f64, f64) {
+        let stretch = (self.elongation - state.position_metres / self.ratio).max(0.0);
+        let stiffness = self.stiffness(state.martensite_fraction);
+        (
+            -stiffness / (self.ratio * self.ratio * self.inertia),
+            -self.damping / self.inertia,
+            -self.austenite_stiffness * stretch / (self.ratio * self.inertia),
+        )
+    }
+
+    /// Rate of the fraction in 1/s that gives a jerk in m/s³, Eq. (13) solved for `dξ/dt`.
+    #[must_use]
+    pub fn fraction_rate(&self, state: &State, jerk: f64) -> f64 {
+        let (by_position, by_velocity, by_fraction) = self.acceleration_gradient(state);
+        let mechanical = by_position * state.velocity_metres_per_second
+            + by_velocity * self.acceleration(state);
+        (jerk - mechanical) / by_fraction.min(-f64::MIN_POSITIVE)
+    }
+
+    /// Fraction at which the wire just holds the load at rest, Eq. (12).
+    #[must_use]
+    pub fn holding_fraction(&self, position_metres: f64) -> f64 {
+        let stretch = self.elongation - position_metres / self.ratio;
+        1.0 - self.weight * self.ratio / (self.austenite_stiffness * stretch.max(f64::MIN_POSITIVE))
+    }
+
+    /// Position at which the wire just holds the load at rest, Eq. (12) solved for `x`.
+    #[must_use]
+    pub fn holding_position(&self, martensite_fraction: f64) -> f64 {
+        let stretch = self.weight * self.ratio / self.stiffness(martensite_fraction);
+        (self.elongation - stretch) * self.ratio
+    }
+
+    /// True where the load rests on the stop at `x = 0` and the wire cannot lift it (PAPER E6).
+    #[must_use]
+    pub fn rests_on_stop(&self, state: &State) -> bool {
+        state.position_metres <= 0.0
+            && state.velocity_metres_per_second <= 0.0
+            && self.acceleration(state) <= 0.0
+    }
+
+    /// The state after a time at constant `u = i²` in A².
+    #[must_use]
+    pub fn advance(&self, state: &State, squared_current: f64, seconds: f64) -> State {
+        let mut steps = 1;
+        while steps < INTEGRATOR_STEPS_MAX && f64::from(steps) * INTEGRATOR_STEP_SECONDS < seconds {
+            steps += 1;
+        }
+        let step = seconds / f64::from(steps);
+        (0..steps).fold(*state, |state, _| self.integrate(&state, squared_current, step))
+    }
+
+    /// One step of the classical Runge-Kutta method, then the inelastic stop (PAPER E6).
+    fn integrate(&self, state: &State, squared_current: f64, step: f64) -> State {
+        let k1 = self.rate(state, squared_current);
+        let k2 = self.rate(&moved(state, &k1, step / 2.0), squared_current);
+        let k3 = self.rate(&moved(state, &k2, step / 2.0), squared_current);
+        let k4 = self.rate(&moved(state, &k3, step), squared_current);
+        let mean = |f: fn(&Rate) -> f64| (f(&k1) + 2.0 * f(&k2) + 2.0 * f(&k3) + f(&k4)) / 6.0;
+        let rate = Rate {
+            position: mean(|k| k.position),
+            velocity: mean(|k| k.velocity),
+            fraction: mean(|k| k.fraction),
+            temperature: mean(|k| k.temperature),
+        };
+        stopped(moved(state, &rate, step))
+    }
+
+    fn rate(&self, state: &State, squared_current: f64) -> Rate {
+        let temperature = self.temperature_rate(state, squared_current);
+        let slope = self.slope(state, Self::branch(temperature));
+        let resting = self.rests_on_stop(state);
+        Rate {
+            position: if resting { 0.0 } else { state.velocity_metres_per_second },
+            velocity: if resting { 0.0 } else { self.acceleration(state) },
+            fraction: slope.per_kelvin * temperature,
+            temperature,
+        }
+    }
+}
+
+fn moved(state: &State, rate: &Rate, seconds: f64) -> State {
+    State {
+        position_metres: state.position_metres + rate.position * seconds,
+        velocity_metres_per_second: state.velocity_metres_per_second + rate.velocity * seconds,
+        martensite_fraction: (state.martensite_fraction + rate.fraction * seconds).clamp(0.0, 1.0),
+        temperature_celsius: state.temperature_celsius + rate.temperature * seconds,
+        ..*state
+    }
+}
+
+/// The inelastic stop at `x = 0` (PAPER E6).
+fn stopped(state: State) -> State {
+    if state.position_metres > 0.0 {
+        return state;
+    }
+    State {
+        position_metres: 0.0,
+        velocity_metres_per_second: state.velocity_metres_per_second.max(0.0),
+        ..state
+    }
+}

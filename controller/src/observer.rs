@@ -1,0 +1,157 @@
+//! Extended Kalman filter on the nominal model: temperature, fraction and unknown heating from the position.
+//!
+//! The filter predicts to the instant at which the command of this cycle acts, so the one cycle of delay is accounted
+//! for. On the stop the position says nothing about the fraction: there the model runs alone until the load lifts.
+
+use nalgebra::{SMatrix, SVector};
+use scenario::controller::Observer as Config;
+
+use crate::nominal_model::{NominalModel, State as ModelState};
+
+const STATES: usize = 5;
+const POSITION: usize = 0;
+const VELOCITY: usize = 1;
+const FRACTION: usize = 2;
+const TEMPERATURE: usize = 3;
+const HEATING: usize = 4;
+
+/// How far from zero, in sensor steps, a position must be to prove that the load has left the stop.
+const LIFTED_STEPS: f64 = 2.0;
+
+/// Standard deviation of the fraction at lift-off, once seen.
+const LIFT_OFF_FRACTION_DEVIATION: f64 = 5e-4;
+
+/// Standard deviation of the unknown heating at the start in K/s.
+const HEATING_DEVIATION_AT_START: f64 = 1.0;
+
+type Matrix = SMatrix<f64, STATES, STATES>;
+type Vector = SVector<f64, STATES>;
+
+/// The observer's constants.
+#[derive(Clone, Debug)]
+pub struct Observer {
+    /// The model that the observer carries.
+    pub model: NominalModel,
+    sensor_step_metres: f64,
+    temperature_uncertainty: f64,
+    drift: Vector,
+}
+
+/// The observer's memory: the model's state and its covariance.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// Estimate for the instant at which the next command acts.
+    pub model: ModelState,
+    covariance: Matrix,
+}
+
+impl Observer {
+    /// Works out the constants.
+    #[must_use]
+    pub fn new(config: &Config, model: NominalModel) -> Self {
+        Self {
+            model,
+            sensor_step_metres: config.sensor_step_millimetres * 1e-3,
+            temperature_uncertainty: config.temperature_uncertainty_kelvins,
+            drift: Vector::from([
+                0.0,
+                config.velocity_drift_metres_per_second,
+                config.fraction_drift,
+                0.0,
+                config.heating_drift_kelvins_per_second,
+            ]),
+        }
+    }
+
+    /// The state before any current. Uncertain transformation temperatures are an uncertain temperature, and the
+    /// fraction follows along the branch.
+    #[must_use]
+    pub fn start(&self) -> State {
+        let model = self.model.start();
+        let slope = self.model.slope(&model, NominalModel::branch(0.0)).per_kelvin;
+        let along_branch = Vector::from([0.0, 0.0, slope, 1.0, 0.0]) * self.temperature_uncertainty;
+        let heating = Vector::from([0.0, 0.0, 0.0, 0.0, HEATING_DEVIATION_AT_START]);
+        State {
+            model,
+            covariance: along_branch * along_branch.transpose() + heating * heating.transpose(),
+        }
+    }
+
+    /// Corrects with the position sampled now, then predicts to the next cycle under the current that flows until then.
+    pub fn step(&self, state: &mut State, position_metres: f64, squared_current: f64, seconds: f64) {
+        if position_metres.is_finite() {
+            self.correct(state, position_metres);
+        }
+        self.predict(state, squared_current, seconds);
+    }
+
+    fn correct(&self, state: &mut State, position_metres: f64) {
+        if !self.model.rests_on_stop(&state.model) {
+            let innovation = self.beyond_quantisation(position_metres - state.model.position_metres);
+            let variance = self.sensor_step_metres * self.sensor_step_metres / 12.0;
+            apply(state, POSITION, innovation, variance);
+        } else if position_metres > LIFTED_STEPS * self.sensor_step_metres {
+            let innovation = self.model.holding_fraction(0.0) - state.model.martensite_fraction;
+            let variance = LIFT_OFF_FRACTION_DEVIATION * LIFT_OFF_FRACTION_DEVIATION;
+            apply(state, FRACTION, innovation, variance);
+        }
+    }
+
+    /// A position within half a sensor step of the sample agrees with it.
+    fn beyond_quantisation(&self, innovation: f64) -> f64 {
+        let half = self.sensor_step_metres / 2.0;
+        innovation - innovation.clamp(-half, half)
+    }
+
+    fn predict(&self, state: &mut State, squared_current: f64, seconds: f64) {
+        let transition = self.transition(&state.model, squared_current, seconds);
+        state.model = self.model.advance(&state.model, squared_current, seconds);
+        let drift = Matrix::from_diagonal(&self.drift.component_mul(&self.drift)) * seconds;
+        state.covariance = transition * state.covariance * transition.transpose() + drift;
+    }
+
+    /// Transition matrix to second order in time: the exponential of the model's Jacobian.
+    fn transition(&self, state: &ModelState, squared_current: f64, seconds: f64) -> Matrix {
+        let jacobian = self.jacobian(state, squared_current) * seconds;
+        let mut transition = Matrix::identity() + jacobian + jacobian * jacobian * 0.5;
+        if self.model.rests_on_stop(state) {
+            transition.fill_row(POSITION, 0.0);
+            transition.fill_row(VELOCITY, 0.0);
+        }
+        transition
+    }
+
+    /// Jacobian of the model, Eq. (1), (7) and (10).
+    fn jacobian(&self, state: &ModelState, squared_current: f64) -> Matrix {
+        let (by_position, by_velocity, by_fraction) = self.model.acceleration_gradient(state);
+        let rate = self.model.temperature_rate(state, squared_current);
+        let rate_by_temperature = self.model.temperature_rate_by_temperature();
+        let slope = self.model.slope(state, NominalModel::branch(rate));
+        let mut jacobian = Matrix::zeros();
+        jacobian[(POSITION, VELOCITY)] = 1.0;
+        jacobian[(VELOCITY, POSITION)] = by_position;
+        jacobian[(VELOCITY, VELOCITY)] = by_velocity;
+        jacobian[(VELOCITY, FRACTION)] = by_fraction;
+        jacobian[(FRACTION, FRACTION)] = slope.by_fraction * rate;
+        jacobian[(FRACTION, TEMPERATURE)] =
+            slope.by_temperature * rate + slope.per_kelvin * rate_by_temperature;
+        jacobian[(FRACTION, HEATING)] = slope.per_kelvin;
+        jacobian[(TEMPERATURE, TEMPERATURE)] = rate_by_temperature;
+        jacobian[(TEMPERATURE, HEATING)] = 1.0;
+        jacobian
+    }
+}
+
+/// The filter's correction when one component of the state is measured.
+fn apply(state: &mut State, component: usize, innovation: f64, variance: f64) {
+    let column: Vector = state.covariance.column(component).into();
+    let gain = column / (column[component] + variance);
+    state.covariance -= gain * column.transpose();
+    let change = gain * innovation;
+    let model = &mut state.model;
+    model.position_metres = (model.position_metres + change[POSITION]).max(0.0);
+    model.velocity_metres_per_second += change[VELOCITY];
+    model.martensite_fraction = (model.martensite_fraction + change[FRACTION]).clamp(0.0, 1.0);
+    model.temperature_celsius += change[TEMPERATURE];
+    model.unknown_heating_kelvins_per_second += change[HEATING];
+}
