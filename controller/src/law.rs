@@ -4,9 +4,9 @@ use scenario::controller::Controller;
 use scenario::reference::SetPoint;
 
 use crate::open_loop::OpenLoop;
-use crate::pid::{self, Pid};
-use crate::sliding_mode::{self, SlidingMode};
-use crate::sliding_mode_paper::{self, SlidingModePaper};
+use crate::pid::Pid;
+use crate::sliding_mode::SlidingMode;
+use crate::sliding_mode_paper::SlidingModePaper;
 
 /// Largest current in A; commands lie between 0 and this.
 pub const CURRENT_AMPERES_MAX: f64 = 1.0;
@@ -67,7 +67,9 @@ impl Saturation {
     /// As in object 0x2206: bit 0 upper limit, bit 1 lower limit, bit 2 on the stop.
     #[must_use]
     pub fn bits(self) -> u8 {
-        u8::from(self.at_upper_limit) | u8::from(self.at_lower_limit) << 1 | u8::from(self.on_stop) << 2
+        u8::from(self.at_upper_limit)
+            | u8::from(self.at_lower_limit) << 1
+            | u8::from(self.on_stop) << 2
     }
 }
 
@@ -103,8 +105,14 @@ impl<L: ControlLaw> Running<L> {
         Self { law, state }
     }
 
-    fn step(&mut self, measurement: &Measurement, set_point: &SetPoint, period_seconds: f64) -> Command {
-        self.law.step(&mut self.state, measurement, set_point, period_seconds)
+    fn step(
+        &mut self,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+    ) -> Command {
+        self.law
+            .step(&mut self.state, measurement, set_point, period_seconds)
     }
 }
 
@@ -140,19 +148,25 @@ impl Law {
             .sliding_mode
             .as_ref()
             .map(|config| Self::SlidingMode(Box::new(Running::new(SlidingMode::new(config)))));
-        let sliding_mode_paper = controller
-            .sliding_mode_paper
+        let sliding_mode_paper = controller.sliding_mode_paper.as_ref().map(|config| {
+            Self::SlidingModePaper(Box::new(Running::new(SlidingModePaper::new(config))))
+        });
+        let pid = controller
+            .pid
             .as_ref()
-            .map(|config| Self::SlidingModePaper(Box::new(Running::new(SlidingModePaper::new(config)))));
-        let pid = controller.pid.as_ref().map(|config| Self::Pid(Running::new(Pid::new(config))));
+            .map(|config| Self::Pid(Running::new(Pid::new(config))));
         let open_loop = controller
             .open_loop
             .as_ref()
             .map(|config| Self::OpenLoop(Running::new(OpenLoop::new(config))));
-        let mut laws = [sliding_mode, sliding_mode_paper, pid, open_loop].into_iter().flatten();
+        let mut laws = [sliding_mode, sliding_mode_paper, pid, open_loop]
+            .into_iter()
+            .flatten();
         match (laws.next(), laws.count()) {
             (Some(law), 0) => Ok(law),
-            (first, others) => Err(LawError::NotExactlyOne(usize::from(first.is_some()) + others)),
+            (first, others) => Err(LawError::NotExactlyOne(
+                usize::from(first.is_some()) + others,
+            )),
         }
     }
 
@@ -175,6 +189,7 @@ impl Law {
 /// A current as the bus carries it: limited and in whole thousandths of an ampere; not a number becomes 0.
 #[must_use]
 pub fn limited_current(current_amperes: f64) -> f64 {
+    #[expect(clippy::manual_clamp, reason = "clamp would keep a NaN")]
     let limited = current_amperes.max(0.0).min(CURRENT_AMPERES_MAX);
     libm::round(limited * 1000.0) / 1000.0
 }
@@ -189,4 +204,61 @@ pub fn current_of(squared_current: f64) -> (f64, Saturation) {
         on_stop: false,
     };
     (current, saturation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::controller;
+
+    fn all_laws() -> [Controller; 4] {
+        let none = Controller::default();
+        [
+            Controller {
+                sliding_mode: Some(controller::SlidingMode::default()),
+                ..none.clone()
+            },
+            Controller {
+                sliding_mode_paper: Some(controller::SlidingModePaper::default()),
+                ..none.clone()
+            },
+            Controller {
+                pid: Some(controller::Pid::default()),
+                ..none.clone()
+            },
+            Controller {
+                open_loop: Some(controller::OpenLoop::default()),
+                ..none
+            },
+        ]
+    }
+
+    #[test]
+    fn exactly_one_law_is_selected() {
+        let none = Controller::default();
+        assert_eq!(
+            Law::from_scenario(&none).unwrap_err(),
+            LawError::NotExactlyOne(0)
+        );
+        for one in all_laws() {
+            assert!(Law::from_scenario(&one).is_ok());
+        }
+        let two = Controller {
+            pid: Some(controller::Pid::default()),
+            open_loop: Some(controller::OpenLoop::default()),
+            ..none
+        };
+        assert_eq!(
+            Law::from_scenario(&two).unwrap_err(),
+            LawError::NotExactlyOne(2)
+        );
+    }
+
+    #[test]
+    fn current_is_limited_and_in_whole_thousandths() {
+        assert_eq!(limited_current(f64::NAN), 0.0);
+        assert_eq!(limited_current(-1.0), 0.0);
+        assert_eq!(limited_current(f64::INFINITY), 1.0);
+        assert_eq!(limited_current(0.56789), 0.568);
+    }
 }

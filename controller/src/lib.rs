@@ -1,1 +1,10 @@
-//! To be written.
+//! The controller: control laws with observer and nominal model, and the node that runs them on the bus.
+
+pub mod law;
+pub mod nominal_model;
+pub mod observer;
+pub mod open_loop;
+pub mod pid;
+pub mod reference_filter;
+pub mod sliding_mode;
+pub mod sliding_mode_paper;

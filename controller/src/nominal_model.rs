@@ -19,6 +19,9 @@ const INTEGRATOR_STEPS_MAX: u32 = 64;
 /// Steepness of Eq. (2): the argument of the exponential runs over this range from start to finish temperature.
 const TRANSFORMATION_STEEPNESS: f64 = 6.2;
 
+/// Share of a branch's span, from either end, at which Eq. (2) is no longer solved for the temperature.
+const SHARE_MIN: f64 = 1e-6;
+
 /// The state of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
@@ -63,6 +66,17 @@ pub struct Slope {
     pub by_temperature: f64,
 }
 
+/// A branch of Eq. (2) with the constants that Eq. (10) calls `ξ0` and `k`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BranchCurve {
+    /// Direction.
+    pub branch: Branch,
+    /// `ξ0`: `ξm` for heating, `1 − ξA` for cooling.
+    pub span: f64,
+    /// `k`: 0 for heating, `ξA` for cooling.
+    pub floor: f64,
+}
+
 /// The model with its constants worked out.
 #[derive(Clone, Debug)]
 pub struct NominalModel {
@@ -86,8 +100,8 @@ impl NominalModel {
     /// Works out the constants.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        let convection =
-            config.convection_watts_per_square_metre_kelvin * config.surface_square_metres_per_metre;
+        let convection = config.convection_watts_per_square_metre_kelvin
+            * config.surface_square_metres_per_metre;
         let conduction = config.conduction_watts_per_metre_kelvin;
         let loss = convection + conduction;
         let elongation = config.recoverable_strain * config.wire_length_metres;
@@ -103,10 +117,12 @@ impl NominalModel {
                 / loss,
             heating_steepness: TRANSFORMATION_STEEPNESS
                 / (config.austenite_finish_celsius - config.austenite_start_celsius),
-            heating_centre: (config.austenite_start_celsius + config.austenite_finish_celsius) / 2.0,
+            heating_centre: (config.austenite_start_celsius + config.austenite_finish_celsius)
+                / 2.0,
             cooling_steepness: TRANSFORMATION_STEEPNESS
                 / (config.martensite_start_celsius - config.martensite_finish_celsius),
-            cooling_centre: (config.martensite_start_celsius + config.martensite_finish_celsius) / 2.0,
+            cooling_centre: (config.martensite_start_celsius + config.martensite_finish_celsius)
+                / 2.0,
             austenite_stiffness: config.austenite_modulus_pascals * PI * radius * radius
                 / (config.wire_length_metres - elongation),
             elongation,
@@ -131,7 +147,7 @@ impl NominalModel {
     /// Martensite fraction on the major heating branch, Eq. (2) with `ξm = 1`.
     #[must_use]
     pub fn heating_fraction(&self, temperature_celsius: f64) -> f64 {
-        1.0 / (1.0 + libm::exp(self.heating_steepness * (temperature_celsius - self.heating_centre)))
+        1.0 / (1.0 + self.exponential(Branch::Heating, temperature_celsius))
     }
 
     /// Heating rate in K/s at `u = i²` in A², Eq. (1).
@@ -159,7 +175,11 @@ impl NominalModel {
     /// The branch that a heating rate takes.
     #[must_use]
     pub fn branch(temperature_rate: f64) -> Branch {
-        if temperature_rate < 0.0 { Branch::Cooling } else { Branch::Heating }
+        if temperature_rate < 0.0 {
+            Branch::Cooling
+        } else {
+            Branch::Heating
+        }
     }
 
     /// `dξ/dT` on a branch through the present state, Eq. (10) with the branch constants of PAPER E2 eliminated.
@@ -169,28 +189,63 @@ impl NominalModel {
     #[must_use]
     pub fn slope(&self, state: &State, branch: Branch) -> Slope {
         let fraction = state.martensite_fraction;
-        let temperature = state.temperature_celsius;
+        let (a, _) = self.transformation(branch);
+        let martensite = 1.0 / (1.0 + self.exponential(branch, state.temperature_celsius));
+        let austenite = 1.0 - martensite;
         match branch {
-            Branch::Heating => {
-                let a = self.heating_steepness;
-                let martensite = 1.0 / (1.0 + libm::exp(a * (temperature - self.heating_centre)));
-                let austenite = 1.0 - martensite;
-                Slope {
-                    per_kelvin: -a * fraction * austenite,
-                    by_fraction: -a * austenite,
-                    by_temperature: -a * a * fraction * austenite * martensite,
-                }
-            }
-            Branch::Cooling => {
-                let a = self.cooling_steepness;
-                let martensite = 1.0 / (1.0 + libm::exp(a * (temperature - self.cooling_centre)));
-                let austenite = 1.0 - martensite;
-                Slope {
-                    per_kelvin: -a * (1.0 - fraction) * martensite,
-                    by_fraction: a * martensite,
-                    by_temperature: a * a * (1.0 - fraction) * austenite * martensite,
-                }
-            }
+            Branch::Heating => Slope {
+                per_kelvin: -a * fraction * austenite,
+                by_fraction: -a * austenite,
+                by_temperature: -a * a * fraction * austenite * martensite,
+            },
+            Branch::Cooling => Slope {
+                per_kelvin: -a * (1.0 - fraction) * martensite,
+                by_fraction: a * martensite,
+                by_temperature: a * a * (1.0 - fraction) * austenite * martensite,
+            },
+        }
+    }
+
+    /// The curve of Eq. (2) that leaves the present state on a branch, so that the fraction stays continuous (PAPER E2).
+    #[must_use]
+    pub fn curve_through(&self, state: &State, branch: Branch) -> BranchCurve {
+        let exponential = self.exponential(branch, state.temperature_celsius);
+        let fraction = state.martensite_fraction;
+        let floor = match branch {
+            Branch::Heating => 0.0,
+            Branch::Cooling => (fraction * (1.0 + exponential) - 1.0) / exponential,
+        };
+        let span = match branch {
+            Branch::Heating => fraction * (1.0 + exponential),
+            Branch::Cooling => 1.0 - floor,
+        };
+        BranchCurve {
+            branch,
+            span,
+            floor,
+        }
+    }
+
+    /// Temperature at which a curve has a fraction, Eq. (2) solved for `T` as in the bracket of Eq. (10).
+    #[must_use]
+    pub fn temperature_on(&self, curve: &BranchCurve, martensite_fraction: f64) -> f64 {
+        let share =
+            ((martensite_fraction - curve.floor) / curve.span).clamp(SHARE_MIN, 1.0 - SHARE_MIN);
+        let (steepness, centre) = self.transformation(curve.branch);
+        libm::log(1.0 / share - 1.0) / steepness + centre
+    }
+
+    /// `exp(a (T − b))` of Eq. (2).
+    fn exponential(&self, branch: Branch, temperature_celsius: f64) -> f64 {
+        let (steepness, centre) = self.transformation(branch);
+        libm::exp(steepness * (temperature_celsius - centre))
+    }
+
+    /// `a` and `b` of Eq. (10).
+    fn transformation(&self, branch: Branch) -> (f64, f64) {
+        match branch {
+            Branch::Heating => (self.heating_steepness, self.heating_centre),
+            Branch::Cooling => (self.cooling_steepness, self.cooling_centre),
         }
     }
 
@@ -221,13 +276,25 @@ impl NominalModel {
         )
     }
 
-    /// Rate of the fraction in 1/s that gives a jerk in m/s³, Eq. (13) solved for `dξ/dt`.
+    /// Rate of the fraction in 1/s that gives a jerk in m/s³ at an acceleration in m/s², Eq. (13) solved for `dξ/dt`.
     #[must_use]
-    pub fn fraction_rate(&self, state: &State, jerk: f64) -> f64 {
+    pub fn fraction_rate(&self, state: &State, acceleration: f64, jerk: f64) -> f64 {
         let (by_position, by_velocity, by_fraction) = self.acceleration_gradient(state);
-        let mechanical = by_position * state.velocity_metres_per_second
-            + by_velocity * self.acceleration(state);
+        let mechanical =
+            by_position * state.velocity_metres_per_second + by_velocity * acceleration;
         (jerk - mechanical) / by_fraction.min(-f64::MIN_POSITIVE)
+    }
+
+    /// `u = i²` in A² that gives a jerk in m/s³ at an acceleration in m/s²: Eq. (13) and (10) solved for `u`, on the branch
+    /// that the wanted `dξ/dt` takes (PAPER E9).
+    #[must_use]
+    pub fn squared_current_for_jerk(&self, state: &State, acceleration: f64, jerk: f64) -> f64 {
+        let fraction_rate = self.fraction_rate(state, acceleration, jerk);
+        let slope = self.slope(state, Self::branch(-fraction_rate));
+        self.squared_current(
+            state,
+            fraction_rate / slope.per_kelvin.min(-f64::MIN_POSITIVE),
+        )
     }
 
     /// Fraction at which the wire just holds the load at rest, Eq. (12).
@@ -260,7 +327,9 @@ impl NominalModel {
             steps += 1;
         }
         let step = seconds / f64::from(steps);
-        (0..steps).fold(*state, |state, _| self.integrate(&state, squared_current, step))
+        (0..steps).fold(*state, |state, _| {
+            self.integrate(&state, squared_current, step)
+        })
     }
 
     /// One step of the classical Runge-Kutta method, then the inelastic stop (PAPER E6).
@@ -284,8 +353,16 @@ impl NominalModel {
         let slope = self.slope(state, Self::branch(temperature));
         let resting = self.rests_on_stop(state);
         Rate {
-            position: if resting { 0.0 } else { state.velocity_metres_per_second },
-            velocity: if resting { 0.0 } else { self.acceleration(state) },
+            position: if resting {
+                0.0
+            } else {
+                state.velocity_metres_per_second
+            },
+            velocity: if resting {
+                0.0
+            } else {
+                self.acceleration(state)
+            },
             fraction: slope.per_kelvin * temperature,
             temperature,
         }

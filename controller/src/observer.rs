@@ -68,7 +68,10 @@ impl Observer {
     #[must_use]
     pub fn start(&self) -> State {
         let model = self.model.start();
-        let slope = self.model.slope(&model, NominalModel::branch(0.0)).per_kelvin;
+        let slope = self
+            .model
+            .slope(&model, NominalModel::branch(0.0))
+            .per_kelvin;
         let along_branch = Vector::from([0.0, 0.0, slope, 1.0, 0.0]) * self.temperature_uncertainty;
         let heating = Vector::from([0.0, 0.0, 0.0, 0.0, HEATING_DEVIATION_AT_START]);
         State {
@@ -78,7 +81,13 @@ impl Observer {
     }
 
     /// Corrects with the position sampled now, then predicts to the next cycle under the current that flows until then.
-    pub fn step(&self, state: &mut State, position_metres: f64, squared_current: f64, seconds: f64) {
+    pub fn step(
+        &self,
+        state: &mut State,
+        position_metres: f64,
+        squared_current: f64,
+        seconds: f64,
+    ) {
         if position_metres.is_finite() {
             self.correct(state, position_metres);
         }
@@ -87,7 +96,8 @@ impl Observer {
 
     fn correct(&self, state: &mut State, position_metres: f64) {
         if !self.model.rests_on_stop(&state.model) {
-            let innovation = self.beyond_quantisation(position_metres - state.model.position_metres);
+            let innovation =
+                self.beyond_quantisation(position_metres - state.model.position_metres);
             let variance = self.sensor_step_metres * self.sensor_step_metres / 12.0;
             apply(state, POSITION, innovation, variance);
         } else if position_metres > LIFTED_STEPS * self.sensor_step_metres {

@@ -3,7 +3,9 @@
 use scenario::controller::Pid as Config;
 use scenario::reference::SetPoint;
 
-use crate::law::{CURRENT_AMPERES_MAX, Command, ControlLaw, Explanation, Measurement, Saturation, limited_current};
+use crate::law::{
+    CURRENT_AMPERES_MAX, Command, ControlLaw, Explanation, Measurement, Saturation, limited_current,
+};
 
 /// The gains.
 #[derive(Clone, Debug)]
@@ -24,7 +26,9 @@ impl Pid {
     /// A PID law with these gains.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        Self { config: config.clone() }
+        Self {
+            config: config.clone(),
+        }
     }
 
     /// First-order filter of the position; gives the filtered velocity.
@@ -38,9 +42,11 @@ impl Pid {
 
     /// Integrates the error unless that would push the command further beyond its limit (conditional integration).
     fn integrate(&self, state: &mut State, error: f64, command: f64, period_seconds: f64) {
-        let winds_up = (command >= CURRENT_AMPERES_MAX && error > 0.0) || (command <= 0.0 && error < 0.0);
+        let winds_up =
+            (command >= CURRENT_AMPERES_MAX && error > 0.0) || (command <= 0.0 && error < 0.0);
         if !winds_up {
-            state.integral_amperes += self.config.integral_amperes_per_metre_second * error * period_seconds;
+            state.integral_amperes +=
+                self.config.integral_amperes_per_metre_second * error * period_seconds;
         }
     }
 }

@@ -38,7 +38,9 @@ impl ReferenceFilter {
         if set_point.has_exact_derivatives {
             return bypass(state, set_point, seconds);
         }
-        let target = set_point.position_metres.clamp(0.0, self.position_metres_max);
+        let target = set_point
+            .position_metres
+            .clamp(0.0, self.position_metres_max);
         *state = self.advance(state, target, seconds);
         Reference {
             state: *state,
@@ -55,7 +57,7 @@ impl ReferenceFilter {
     }
 
     /// Exact solution at a constant target: the error is `(a + b t + c t²) exp(−p t)`.
-    fn advance(&self, state: &State, target: f64, seconds: f64) -> State {
+    pub(crate) fn advance(&self, state: &State, target: f64, seconds: f64) -> State {
         let p = self.poles_radians_per_second;
         let decay = libm::exp(-p * seconds);
         let a = state.position_metres - target;
@@ -66,7 +68,8 @@ impl ReferenceFilter {
         State {
             position_metres: target + value * decay,
             velocity_metres_per_second: (slope - p * value) * decay,
-            acceleration_metres_per_second_squared: (2.0 * c - 2.0 * p * slope + p * p * value) * decay,
+            acceleration_metres_per_second_squared: (2.0 * c - 2.0 * p * slope + p * p * value)
+                * decay,
         }
     }
 }

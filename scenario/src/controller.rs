@@ -159,7 +159,7 @@ pub struct Observer {
 impl Default for Observer {
     fn default() -> Self {
         Self {
-            sensor_step_millimetres: 60.0 / 1023.0,
+            sensor_step_millimetres: 60.0 / 1024.0,
             velocity_drift_metres_per_second: 0.005,
             fraction_drift: 0.003,
             heating_drift_kelvins_per_second: 10.0,

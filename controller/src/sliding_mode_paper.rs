@@ -1,0 +1,124 @@
+//! Sliding mode as the paper has it: Eq. (12) to (14) with PAPER E3 to E5 and E9, derivatives by filtering the position.
+
+use scenario::controller::SlidingModePaper as Config;
+use scenario::reference::SetPoint;
+
+use crate::law::{Command, ControlLaw, Measurement};
+use crate::nominal_model::{Branch, BranchCurve, NominalModel, State as ModelState};
+use crate::reference_filter::{self, ReferenceFilter};
+use crate::sliding_mode::{Surface, command};
+
+/// Least martensite fraction that Eq. (12) may give.
+const MARTENSITE_FRACTION_MIN: f64 = 0.2;
+
+/// The law's constants.
+#[derive(Clone, Debug)]
+pub struct SlidingModePaper {
+    surface: Surface,
+    model: NominalModel,
+    reference_filter: ReferenceFilter,
+    derivative_filter: ReferenceFilter,
+}
+
+/// The law's memory.
+#[derive(Clone, Copy, Debug)]
+pub struct State {
+    reference: reference_filter::State,
+    filtered: reference_filter::State,
+    curve: BranchCurve,
+}
+
+impl SlidingModePaper {
+    /// Works out the constants.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let model = NominalModel::new(&config.nominal_model);
+        let position_metres_max = model.holding_position(MARTENSITE_FRACTION_MIN);
+        let filter = |poles_radians_per_second| ReferenceFilter {
+            poles_radians_per_second,
+            position_metres_max,
+        };
+        Self {
+            surface: Surface {
+                bandwidth: config.bandwidth_radians_per_second,
+                boundary_layer: config.boundary_layer_metres_per_second_squared,
+                switching_gain: config.switching_gain_metres_per_second_cubed,
+            },
+            reference_filter: filter(config.reference_filter_radians_per_second),
+            derivative_filter: filter(config.derivative_filter_radians_per_second),
+            model,
+        }
+    }
+}
+
+impl SlidingModePaper {
+    /// The model's state from the filtered position: fraction by Eq. (12), temperature by the branch in force.
+    fn estimate(&self, state: &State) -> ModelState {
+        let position = state.filtered.position_metres;
+        let martensite_fraction = self
+            .model
+            .holding_fraction(position)
+            .clamp(MARTENSITE_FRACTION_MIN, 1.0);
+        ModelState {
+            position_metres: position,
+            velocity_metres_per_second: state.filtered.velocity_metres_per_second,
+            martensite_fraction,
+            temperature_celsius: self.model.temperature_on(&state.curve, martensite_fraction),
+            unknown_heating_kelvins_per_second: 0.0,
+        }
+    }
+}
+
+impl ControlLaw for SlidingModePaper {
+    type State = State;
+
+    fn start(&self) -> State {
+        State {
+            reference: reference_filter::State::default(),
+            filtered: reference_filter::State::default(),
+            curve: self
+                .model
+                .curve_through(&self.model.start(), Branch::Heating),
+        }
+    }
+
+    fn step(
+        &self,
+        state: &mut State,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+    ) -> Command {
+        if measurement.position_metres.is_finite() {
+            state.filtered = self.derivative_filter.advance(
+                &state.filtered,
+                measurement.position_metres,
+                period_seconds,
+            );
+        }
+        let estimate = self.estimate(state);
+        let acceleration = state.filtered.acceleration_metres_per_second_squared;
+        let reference = self
+            .reference_filter
+            .step(&mut state.reference, set_point, period_seconds);
+        let wanted = self
+            .surface
+            .wanted_jerk(&estimate, acceleration, &reference);
+        let jerk = wanted.equivalent + wanted.switching;
+        let branch = NominalModel::branch(-self.model.fraction_rate(&estimate, acceleration, jerk));
+        if branch != state.curve.branch {
+            state.curve = self.model.curve_through(&estimate, branch);
+        }
+        let part = |jerk| {
+            self.model
+                .squared_current_for_jerk(&estimate, acceleration, jerk)
+        };
+        command(
+            &estimate,
+            &reference,
+            &wanted,
+            part(wanted.equivalent),
+            part(jerk),
+        )
+    }
+}
