@@ -8,8 +8,10 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct Disturbance {
     /// A fan blows at the wire.
+    #[schemars(length(max = 10_000))]
     pub fan: Vec<Fan>,
     /// Another load hangs on the pulley.
+    #[schemars(length(max = 10_000))]
     pub load: Vec<Load>,
 }
 

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// A two-sided limit; at least one side is given.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(extend("minProperties" = 1))]
 pub struct Limit {
     /// Smallest value that passes.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -46,4 +47,74 @@ pub struct Expect {
     /// Cycles without a position from the drive, by all cycles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub missed_cycles_percent: Option<Limit>,
+}
+
+impl Limit {
+    /// True when the value is within both sides.
+    #[must_use]
+    pub fn admits(&self, value: f64) -> bool {
+        self.min.is_none_or(|min| value >= min) && self.max.is_none_or(|max| value <= max)
+    }
+}
+
+impl Expect {
+    /// The limits that are given, each with the name of its metric, in the order of the format.
+    pub fn limits(&self) -> impl Iterator<Item = (&'static str, Limit)> + use<> {
+        let limits = [
+            ("settling_time_seconds", self.settling_time_seconds),
+            ("overshoot_percent", self.overshoot_percent),
+            (
+                "steady_state_error_millimetres",
+                self.steady_state_error_millimetres,
+            ),
+            (
+                "tracking_error_millimetres_rms",
+                self.tracking_error_millimetres_rms,
+            ),
+            (
+                "maximum_deviation_millimetres",
+                self.maximum_deviation_millimetres,
+            ),
+            ("recovery_time_seconds", self.recovery_time_seconds),
+            ("current_amperes_rms", self.current_amperes_rms),
+            ("position_millimetres_max", self.position_millimetres_max),
+            ("missed_cycles_percent", self.missed_cycles_percent),
+        ];
+        let given = |(name, limit): (_, Option<Limit>)| limit.map(|limit| (name, limit));
+        limits.into_iter().filter_map(given)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_lists_every_key_of_the_table() {
+        let limit = Limit {
+            min: Some(0.0),
+            max: Some(1.0),
+        };
+        let schema = crate::schema::schema_of::<Expect>();
+        let names: Vec<&String> = schema["properties"].as_object().unwrap().keys().collect();
+        let text: String = names
+            .iter()
+            .map(|name| format!("{name} = {{ min = 0.0, max = 1.0 }}\n"))
+            .collect();
+        let expect: Expect = toml::from_str(&text).unwrap();
+        let mut listed: Vec<&str> = expect.limits().map(|(name, _)| name).collect();
+        listed.sort_unstable();
+        assert_eq!(listed, names);
+        assert!(expect.limits().all(|(_, given)| given == limit));
+    }
+
+    #[test]
+    fn a_limit_admits_its_ends_and_never_nan() {
+        let limit = Limit {
+            min: Some(1.0),
+            max: Some(2.0),
+        };
+        assert!(limit.admits(1.0) && limit.admits(2.0));
+        assert!(!limit.admits(0.999) && !limit.admits(2.001) && !limit.admits(f64::NAN));
+    }
 }

@@ -1,20 +1,33 @@
 //! Scenario files: what to try and what passes.
 //!
-//! [`Scenario`] is everything; the controller gets a view that cannot see `[plant]`.
+//! [`Scenario`] is everything; the controller gets a [`ControllerView`] that cannot see `[plant]`.
 
+mod check;
 pub mod controller;
 mod curve;
 pub mod disturbance;
+mod document;
+mod error;
 pub mod events;
 pub mod expect;
+mod load;
 pub mod plant;
 pub mod profile;
 pub mod reference;
+pub mod schema;
+mod structure;
+mod table;
+#[cfg(test)]
+mod tests;
+mod view;
 
 use std::time::Duration;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+pub use error::{Problem, ScenarioError};
+pub use view::ControllerView;
 
 /// One scenario file.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -40,6 +53,7 @@ pub struct Scenario {
     #[serde(default)]
     pub bus: Bus,
     /// The control law; exactly one table.
+    #[schemars(extend("minProperties" = 1, "maxProperties" = 1))]
     pub controller: controller::Controller,
     /// The position set-point; may be absent with `open_loop` only.
     #[serde(default)]

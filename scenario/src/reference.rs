@@ -12,14 +12,19 @@ const METRES_PER_MILLIMETRE: f64 = 1e-3;
 #[serde(deny_unknown_fields, default)]
 pub struct Reference {
     /// A position to hold; no event for the metrics.
+    #[schemars(length(max = 10_000))]
     pub hold: Vec<Hold>,
     /// A jump that the metrics judge.
+    #[schemars(length(max = 10_000))]
     pub step: Vec<Step>,
     /// A linear move from the present value.
+    #[schemars(length(max = 10_000))]
     pub ramp: Vec<Ramp>,
     /// A harmonic.
+    #[schemars(length(max = 10_000))]
     pub sine: Vec<Sine>,
     /// A table from a CSV file.
+    #[schemars(length(max = 10_000))]
     pub table: Vec<Table>,
 }
 

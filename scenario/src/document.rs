@@ -1,0 +1,133 @@
+//! A TOML document that still knows where everything stands.
+
+use std::ops::Range;
+
+use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::error::{Problem, Source};
+
+/// The document as a tree with spans.
+pub(crate) struct Document<'text> {
+    pub(crate) source: Source,
+    root: Spanned<DeTable<'text>>,
+}
+
+impl<'text> Document<'text> {
+    /// Parses the text; syntax errors are the only errors.
+    pub(crate) fn parse(source: Source, text: &'text str) -> Result<Self, Vec<Problem>> {
+        let (root, errors) = DeTable::parse_recoverable(text);
+        if errors.is_empty() {
+            return Ok(Self { source, root });
+        }
+        // What is missing at the end is shown at the last character: behind it there is nothing to underline.
+        let last = text
+            .trim_end()
+            .char_indices()
+            .last()
+            .map_or(0, |(at, _)| at);
+        let problem = |error: &toml::de::Error| {
+            let span = error.span().filter(|span| span.start <= last);
+            let span = span.unwrap_or(last..last);
+            source.problem(span, "TOML syntax error", error.message())
+        };
+        Err(errors.iter().map(problem).collect())
+    }
+
+    /// Takes a top-level key out, so that nothing later can see it.
+    pub(crate) fn remove(&mut self, key: &str) {
+        self.root.get_mut().remove(key);
+    }
+
+    /// The whole document as a table.
+    pub(crate) fn root(&self) -> &DeTable<'text> {
+        self.root.get_ref()
+    }
+
+    /// Builds a type from the document.
+    pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T, Problem> {
+        let deserializer = toml::Deserializer::from(self.root.clone());
+        T::deserialize(deserializer).map_err(|error| {
+            let span = error.span().unwrap_or(0..0);
+            self.source.problem(span, "invalid value", error.message())
+        })
+    }
+
+    /// Where the value at a path such as `reference.step.1.at_seconds` stands; where it is absent, the nearest table
+    /// that would hold it.
+    pub(crate) fn span(&self, path: &str) -> Range<usize> {
+        self.walk(path).0
+    }
+
+    /// Where the key at a path stands; where it is absent, the nearest table that would hold it.
+    pub(crate) fn key_span(&self, path: &str) -> Range<usize> {
+        self.walk(path).1
+    }
+
+    /// The keys of the table at a path, in the order of the text.
+    pub(crate) fn keys(&self, path: &str) -> Vec<&str> {
+        let Some(table) = self.value(path).and_then(DeValue::as_table) else {
+            return Vec::new();
+        };
+        let mut keys: Vec<_> = table.keys().collect();
+        keys.sort_by_key(|key| key.span().start);
+        keys.into_iter().map(|key| key.get_ref().as_ref()).collect()
+    }
+
+    /// A problem at the value at a path.
+    pub(crate) fn problem(
+        &self,
+        path: &str,
+        message: impl Into<String>,
+        label: impl Into<String>,
+    ) -> Problem {
+        self.source.problem(self.span(path), message, label)
+    }
+
+    fn value(&self, path: &str) -> Option<&DeValue<'text>> {
+        let mut names = path.split('.');
+        let mut value = self.root().get(names.next()?)?.get_ref();
+        for name in names {
+            value = child(value, name)?.1.get_ref();
+        }
+        Some(value)
+    }
+
+    /// The spans of value and key of the deepest part of the path that exists.
+    fn walk(&self, path: &str) -> (Range<usize>, Range<usize>) {
+        let mut names = path.split('.');
+        let first = names
+            .next()
+            .and_then(|name| self.root().get_key_value(name));
+        let Some((key, mut value)) = first else {
+            return (0..0, 0..0);
+        };
+        let mut spans = (value.span(), key.span());
+        for name in names {
+            let Some((key_span, below)) = child(value.get_ref(), name) else {
+                break;
+            };
+            spans = (below.span(), key_span);
+            value = below;
+        }
+        spans
+    }
+}
+
+type Child<'tree, 'text> = (Range<usize>, &'tree Spanned<DeValue<'text>>);
+
+/// A member of a table or an element of an array, with the span that names it.
+fn child<'tree, 'text>(value: &'tree DeValue<'text>, name: &str) -> Option<Child<'tree, 'text>> {
+    match value {
+        DeValue::Table(table) => {
+            let (key, value) = table.get_key_value(name)?;
+            Some((key.span(), value))
+        }
+        DeValue::Array(array) => {
+            let element = array.get(name.parse::<usize>().ok()?)?;
+            Some((element.span(), element))
+        }
+        _ => None,
+    }
+}

@@ -1,0 +1,131 @@
+//! What is wrong with a scenario file, as diagnostics that underline the place.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use miette::{Diagnostic, NamedSource, SourceSpan};
+use thiserror::Error;
+
+/// More problems than these are counted, not shown.
+const PROBLEMS_SHOWN_MAX: usize = 50;
+
+/// Everything that is wrong with one scenario file.
+#[derive(Debug, Diagnostic)]
+pub struct ScenarioError {
+    file_name: String,
+    problems_total: usize,
+    #[related]
+    problems: Vec<Problem>,
+}
+
+impl ScenarioError {
+    pub(crate) fn new(file_name: &str, mut problems: Vec<Problem>) -> Self {
+        let problems_total = problems.len();
+        problems.sort_by_key(|problem| problem.span.map(|span| span.offset()));
+        problems.truncate(PROBLEMS_SHOWN_MAX);
+        Self {
+            file_name: file_name.to_owned(),
+            problems_total,
+            problems,
+        }
+    }
+
+    /// The problems in the order of the file; at least one, at most 50.
+    #[must_use]
+    pub fn problems(&self) -> &[Problem] {
+        &self.problems
+    }
+}
+
+impl fmt::Display for ScenarioError {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let file_name = &self.file_name;
+        match self.problems_total {
+            1 => write!(formatter, "{file_name} is not a valid scenario"),
+            total if total > self.problems.len() => write!(
+                formatter,
+                "{file_name} is not a valid scenario: {total} problems, the first {} of them",
+                self.problems.len()
+            ),
+            total => write!(
+                formatter,
+                "{file_name} is not a valid scenario: {total} problems"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for ScenarioError {}
+
+/// One thing that is wrong, and where.
+#[derive(Clone, Debug, Diagnostic, Error)]
+#[error("{message}")]
+pub struct Problem {
+    message: String,
+    label: String,
+    #[help]
+    help: Option<String>,
+    #[label("{label}")]
+    span: Option<SourceSpan>,
+    #[source_code]
+    source_text: Arc<NamedSource<String>>,
+}
+
+impl Problem {
+    /// A file that cannot be used at all.
+    pub(crate) fn of_file(source: &Source, message: String) -> Self {
+        Self {
+            message,
+            label: String::new(),
+            help: None,
+            span: None,
+            source_text: source.0.clone(),
+        }
+    }
+
+    /// Name of the file with the problem: the scenario or a table of it.
+    #[must_use]
+    pub fn file_name(&self) -> &str {
+        self.source_text.name()
+    }
+
+    /// Line and column of the underlined place, counted from 1 in characters; `None` when the file could not be read.
+    #[must_use]
+    pub fn line_and_column(&self) -> Option<(usize, usize)> {
+        let before = self.source_text.inner().get(..self.span?.offset())?;
+        let line = before.rsplit('\n').next().unwrap_or(before);
+        Some((before.matches('\n').count() + 1, line.chars().count() + 1))
+    }
+
+    pub(crate) fn with_help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+}
+
+/// A named text that problems point into; clones share the text.
+#[derive(Clone, Debug)]
+pub(crate) struct Source(Arc<NamedSource<String>>);
+
+impl Source {
+    pub(crate) fn new(name: &str, text: &str) -> Self {
+        Self(Arc::new(NamedSource::new(name, text.to_owned())))
+    }
+
+    /// A problem at a place of this text: `message` says what, `label` stands at the place.
+    pub(crate) fn problem(
+        &self,
+        span: Range<usize>,
+        message: impl Into<String>,
+        label: impl Into<String>,
+    ) -> Problem {
+        Problem {
+            message: message.into(),
+            label: label.into(),
+            help: None,
+            span: Some(span.into()),
+            source_text: self.0.clone(),
+        }
+    }
+}

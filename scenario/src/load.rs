@@ -1,0 +1,166 @@
+//! Reads scenario files.
+//!
+//! Syntax first, then keys, types and ranges against the schema, then what only makes sense together.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
+
+use crate::check;
+use crate::document::Document;
+use crate::error::{Problem, ScenarioError, Source};
+use crate::view::{ControllerView, HIDDEN_FROM_CONTROLLER};
+use crate::{Scenario, schema, structure};
+
+/// Longest scenario file.
+const SCENARIO_BYTES_MAX: u64 = 1 << 20;
+/// Longest table.
+const TABLE_BYTES_MAX: u64 = 64 << 20;
+
+impl Scenario {
+    /// Reads a scenario file and the tables that it names.
+    ///
+    /// # Errors
+    /// The file cannot be read, or everything that is wrong in it.
+    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
+        load(path, |text, name, read_table| {
+            Self::parse(text, name, read_table)
+        })
+    }
+
+    /// Reads a scenario from text. `file_name` names it in errors; `read_table` gives the text of a table by the
+    /// name that the scenario uses.
+    ///
+    /// # Errors
+    /// Everything that is wrong in the text and its tables.
+    pub fn parse(
+        text: &str,
+        file_name: &str,
+        read_table: impl FnMut(&str) -> io::Result<String>,
+    ) -> Result<Self, ScenarioError> {
+        let fail = |problems| ScenarioError::new(file_name, problems);
+        let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
+        let (mut scenario, mut problems) = build::<Self>(&document).map_err(fail)?;
+        let control = check::Control {
+            duration_seconds: scenario.duration_seconds,
+            controller: &scenario.controller,
+            reference: &scenario.reference,
+        };
+        problems.extend(check::control(&document, &control));
+        problems.extend(check::bench(&document, &scenario));
+        problems.extend(check::read_tables(
+            &document,
+            &mut scenario.reference.table,
+            read_table,
+        ));
+        none_of(problems, scenario).map_err(fail)
+    }
+}
+
+impl ControllerView {
+    /// Reads what the controller may know of a scenario file; the other tables are dropped unread.
+    ///
+    /// # Errors
+    /// As [`Scenario::load`], for the tables that the controller sees.
+    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
+        load(path, |text, name, read_table| {
+            Self::parse(text, name, read_table)
+        })
+    }
+
+    /// Reads what the controller may know of a scenario from text; as [`Scenario::parse`].
+    ///
+    /// # Errors
+    /// Everything that is wrong in what the controller sees.
+    pub fn parse(
+        text: &str,
+        file_name: &str,
+        read_table: impl FnMut(&str) -> io::Result<String>,
+    ) -> Result<Self, ScenarioError> {
+        let fail = |problems| ScenarioError::new(file_name, problems);
+        let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
+        for key in HIDDEN_FROM_CONTROLLER {
+            document.remove(key);
+        }
+        let (mut view, mut problems) = build::<Self>(&document).map_err(fail)?;
+        let control = check::Control {
+            duration_seconds: view.duration_seconds,
+            controller: &view.controller,
+            reference: &view.reference,
+        };
+        problems.extend(check::control(&document, &control));
+        problems.extend(check::read_tables(
+            &document,
+            &mut view.reference.table,
+            read_table,
+        ));
+        none_of(problems, view).map_err(fail)
+    }
+}
+
+/// Reads a file and hands it to `parse` with a reader of the tables beside it.
+fn load<T>(
+    path: &Path,
+    parse: impl FnOnce(&str, &str, &dyn Fn(&str) -> io::Result<String>) -> Result<T, ScenarioError>,
+) -> Result<T, ScenarioError> {
+    let name = path.display().to_string();
+    let text = read_bounded(path, SCENARIO_BYTES_MAX).map_err(|error| {
+        let problem = Problem::of_file(
+            &Source::new(&name, ""),
+            format!("the file cannot be read: {error}"),
+        );
+        ScenarioError::new(&name, vec![problem])
+    })?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    parse(&text, &name, &|table| read_table(folder, table))
+}
+
+/// Reads a table beside the scenario, and refuses links that lead out of the folder.
+fn read_table(folder: &Path, table: &str) -> io::Result<String> {
+    let folder = if folder.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        folder
+    };
+    let path = folder.join(table).canonicalize()?;
+    if !path.starts_with(folder.canonicalize()?) {
+        return Err(io::Error::other("it lies outside the scenario's folder"));
+    }
+    read_bounded(&path, TABLE_BYTES_MAX)
+}
+
+fn read_bounded(path: &Path, bytes_max: u64) -> io::Result<String> {
+    let mut text = String::new();
+    let read = File::open(path)?
+        .take(bytes_max + 1)
+        .read_to_string(&mut text)?;
+    if read as u64 > bytes_max {
+        return Err(io::Error::other(format!(
+            "it is longer than {bytes_max} bytes"
+        )));
+    }
+    Ok(text)
+}
+
+/// Builds a type from the document. With it come the problems that did not prevent that, such as values out of range.
+fn build<T: DeserializeOwned + JsonSchema>(
+    document: &Document<'_>,
+) -> Result<(T, Vec<Problem>), Vec<Problem>> {
+    let problems = structure::check(document, &schema::schema_of::<T>());
+    match document.deserialize() {
+        Ok(value) => Ok((value, problems)),
+        Err(problem) if problems.is_empty() => Err(vec![problem]),
+        Err(_) => Err(problems),
+    }
+}
+
+fn none_of<T>(problems: Vec<Problem>, value: T) -> Result<T, Vec<Problem>> {
+    if problems.is_empty() {
+        Ok(value)
+    } else {
+        Err(problems)
+    }
+}

@@ -1,0 +1,51 @@
+//! The JSON Schema of scenario files: what editors complete from and what the loader checks against.
+
+use schemars::generate::SchemaSettings;
+use schemars::{JsonSchema, Schema};
+use serde_json::Value;
+
+use crate::Scenario;
+
+/// The JSON Schema of scenario files, as committed in `scenarios/schema.json`.
+#[must_use]
+pub fn json_schema() -> String {
+    format!("{:#}\n", schema_of::<Scenario>())
+}
+
+/// The schema of a type; its definitions stand in `definitions`.
+pub(crate) fn schema_of<T: JsonSchema>() -> Value {
+    let settings = SchemaSettings::draft07().with_transform(TakeNullAway);
+    settings.into_generator().into_root_schema_for::<T>().into()
+}
+
+/// TOML has no null: what is optional is left out, so "or null" only misleads.
+#[derive(Clone, Debug)]
+struct TakeNullAway;
+
+impl schemars::transform::Transform for TakeNullAway {
+    fn transform(&mut self, schema: &mut Schema) {
+        schemars::transform::transform_subschemas(self, schema);
+        let Some(object) = schema.as_object_mut() else {
+            return;
+        };
+        if let Some(Value::Array(types)) = object.get_mut("type") {
+            types.retain(|name| name != "null");
+            if let [only] = types.as_slice() {
+                let only = only.clone();
+                object.insert("type".to_owned(), only);
+            }
+        }
+        if object.get("default") == Some(&Value::Null) {
+            object.remove("default");
+        }
+        if let Some(Value::Array(mut alternatives)) = object.remove("anyOf") {
+            alternatives.retain(|alternative| alternative["type"] != "null");
+            let name = if alternatives.len() == 1 {
+                "allOf"
+            } else {
+                "anyOf"
+            };
+            object.insert(name.to_owned(), Value::Array(alternatives));
+        }
+    }
+}

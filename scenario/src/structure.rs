@@ -1,0 +1,263 @@
+//! Checks a document against the schema: keys, types and ranges, all problems at once.
+
+use std::ops::Range;
+
+use serde_json::{Map, Value};
+use toml::Spanned;
+use toml::de::{DeArray, DeTable, DeValue};
+
+use crate::document::Document;
+use crate::error::{Problem, Source};
+
+/// A name is near enough to be suggested from this similarity (Jaro-Winkler) on.
+const SIMILARITY_MIN: f64 = 0.8;
+
+/// Everything in the document that the schema does not admit.
+pub(crate) fn check(document: &Document<'_>, schema: &Value) -> Vec<Problem> {
+    let mut checker = Checker {
+        source: &document.source,
+        schema,
+        problems: Vec::new(),
+    };
+    checker.table("the scenario", 0..0, document.root(), schema);
+    checker.problems
+}
+
+struct Checker<'a> {
+    source: &'a Source,
+    schema: &'a Value,
+    problems: Vec<Problem>,
+}
+
+impl<'a> Checker<'a> {
+    fn report(&mut self, span: Range<usize>, message: String, label: impl Into<String>) {
+        self.problems
+            .push(self.source.problem(span, message, label));
+    }
+
+    /// Follows references to the definition that has the keywords.
+    fn resolve(&self, schema: &'a Value) -> &'a Value {
+        let target = schema["allOf"].get(0).unwrap_or(schema);
+        let Some(pointer) = target["$ref"].as_str() else {
+            return target;
+        };
+        let pointer = pointer.strip_prefix('#').unwrap_or(pointer);
+        self.schema.pointer(pointer).unwrap_or(&Value::Null)
+    }
+
+    /// `path` names the value for people: `reference.step`.
+    fn value(&mut self, path: &str, value: &Spanned<DeValue<'_>>, schema: &'a Value) {
+        let (span, schema) = (value.span(), self.resolve(schema));
+        match (schema["type"].as_str(), value.get_ref()) {
+            (Some("object"), DeValue::Table(table)) => {
+                let place = format!("[{path}]");
+                self.table(&place, span, table, schema);
+            }
+            (Some("array"), DeValue::Array(array)) => self.array(path, span, array, schema),
+            (Some("number"), number @ (DeValue::Integer(_) | DeValue::Float(_)))
+            | (Some("integer"), number @ DeValue::Integer(_)) => {
+                self.number(path, span, number, schema);
+            }
+            (Some("string"), DeValue::String(text)) => self.string(path, span, text, schema),
+            (None, DeValue::String(text)) => self.choice(path, span, text, schema),
+            (expected, found) => {
+                let expected = expected_words(expected);
+                let message = format!("`{path}` must be {expected}");
+                self.report(span, message, format!("this is {}", found_words(found)));
+                if schema["items"].is_object() && found.is_table() {
+                    self.help(format!("write it with double brackets: [[{path}]]"));
+                }
+            }
+        }
+    }
+
+    fn help(&mut self, help: String) {
+        if let Some(problem) = self.problems.pop() {
+            self.problems.push(problem.with_help(help));
+        }
+    }
+
+    /// `place` names the table for people: `[controller.pid]`, `[[reference.step]]`.
+    fn table(&mut self, place: &str, span: Range<usize>, table: &DeTable<'_>, schema: &'a Value) {
+        let no_properties = Map::new();
+        let properties = schema["properties"].as_object();
+        let mut meant = Vec::new();
+        for (key, value) in table {
+            let name = key.get_ref().as_ref();
+            match properties.and_then(|properties| properties.get(name)) {
+                Some(property) => self.value(&join(place, name), value, property),
+                None => {
+                    let known = properties.unwrap_or(&no_properties);
+                    meant.extend(self.unknown_key(place, key.span(), name, known));
+                }
+            }
+        }
+        let required = schema["required"].as_array().into_iter().flatten();
+        for name in required.filter_map(Value::as_str) {
+            // A misspelt key is one problem, not two.
+            if !table.contains_key(name) && !meant.iter().any(|meant| meant == name) {
+                let message = format!("{place} lacks the key `{name}`");
+                self.report(span.clone(), message, format!("`{name}` is missing"));
+                if let Some(text) = schema["properties"][name]["description"].as_str() {
+                    self.help(format!("`{name}`: {text}"));
+                }
+            }
+        }
+    }
+
+    /// Reports an unknown key and returns the known one that was probably meant.
+    fn unknown_key(
+        &mut self,
+        place: &str,
+        span: Range<usize>,
+        name: &str,
+        known: &Map<String, Value>,
+    ) -> Option<String> {
+        let similarity = |known: &&String| strsim::jaro_winkler(name, known);
+        let nearest = known
+            .keys()
+            .max_by(|left, right| similarity(left).total_cmp(&similarity(right)));
+        let meant = nearest.filter(|name| similarity(name) >= SIMILARITY_MIN);
+        let label = match meant {
+            Some(meant) => format!("did you mean `{meant}`?"),
+            None => "not a key of the format".to_owned(),
+        };
+        self.report(span, format!("unknown key `{name}` in {place}"), label);
+        let names: Vec<&str> = known.keys().map(String::as_str).collect();
+        self.help(format!("known here: {}", names.join(", ")));
+        meant.cloned()
+    }
+
+    fn array(&mut self, path: &str, span: Range<usize>, array: &DeArray<'_>, schema: &'a Value) {
+        if let Some(limit) = schema["maxItems"].as_u64()
+            && array.len() as u64 > limit
+        {
+            let message = format!("`{path}` has {} entries", array.len());
+            self.report(span, message, format!("at most {limit} are admitted"));
+            return;
+        }
+        let items = self.resolve(&schema["items"]);
+        for element in array {
+            match element.get_ref() {
+                DeValue::Table(table) => {
+                    self.table(&format!("[[{path}]]"), element.span(), table, items)
+                }
+                _ => self.value(path, element, items),
+            }
+        }
+    }
+
+    fn string(&mut self, path: &str, span: Range<usize>, text: &str, schema: &Value) {
+        let length = text.chars().count() as u64;
+        let shortest = schema["minLength"].as_u64().unwrap_or(0);
+        let longest = schema["maxLength"].as_u64().unwrap_or(u64::MAX);
+        if !(shortest..=longest).contains(&length) {
+            let message = format!("`{path}` has {length} characters");
+            self.report(span, message, format!("must have {shortest} to {longest}"));
+        }
+    }
+
+    /// A word out of a list, each with its own description.
+    fn choice(&mut self, path: &str, span: Range<usize>, text: &str, schema: &Value) {
+        let alternatives = schema["oneOf"].as_array().into_iter().flatten();
+        let words: Vec<&str> = alternatives
+            .filter_map(|one| one["const"].as_str())
+            .collect();
+        if !words.contains(&text) {
+            let label = format!("must be one of: {}", words.join(", "));
+            self.report(span, format!("`{path}` cannot be \"{text}\""), label);
+        }
+    }
+
+    fn number(&mut self, path: &str, span: Range<usize>, value: &DeValue<'_>, schema: &Value) {
+        let Some(number) = number(value) else {
+            self.report(
+                span,
+                format!("`{path}` is too large"),
+                "does not fit a number",
+            );
+            return;
+        };
+        if !number.is_finite() {
+            self.report(
+                span,
+                format!("`{path}` must be finite"),
+                "not a finite number",
+            );
+        } else if let Some(limits) = broken_limit(number, schema) {
+            self.report(span, format!("`{path}` = {number} is out of range"), limits);
+        }
+    }
+}
+
+/// The number that a TOML integer or float stands for.
+fn number(value: &DeValue<'_>) -> Option<f64> {
+    match value {
+        DeValue::Integer(integer) => {
+            let integer = i64::from_str_radix(integer.as_str(), integer.radix()).ok()?;
+            // Ranges end far below 2^53, where this is exact.
+            Some(integer as f64)
+        }
+        DeValue::Float(float) => float.as_str().parse().ok(),
+        _ => None,
+    }
+}
+
+/// The range in words when the number is outside.
+fn broken_limit(number: f64, schema: &Value) -> Option<String> {
+    if let Some(values) = schema["enum"].as_array() {
+        let words: Vec<String> = values.iter().map(Value::to_string).collect();
+        let is_listed = values.iter().any(|value| value.as_f64() == Some(number));
+        return (!is_listed).then(|| format!("must be one of: {}", words.join(", ")));
+    }
+    let (minimum, maximum) = (schema["minimum"].as_f64(), schema["maximum"].as_f64());
+    let above = schema["exclusiveMinimum"].as_f64();
+    let is_inside = minimum.is_none_or(|limit| number >= limit)
+        && maximum.is_none_or(|limit| number <= limit)
+        && above.is_none_or(|limit| number > limit);
+    if !is_inside {
+        return Some(match (minimum, above, maximum) {
+            (Some(least), _, Some(most)) if least == most => format!("must be {least}"),
+            (Some(least), _, Some(most)) => format!("must be from {least} to {most}"),
+            (_, Some(above), Some(most)) => format!("must be above {above}, at most {most}"),
+            (Some(least), _, None) => format!("must be at least {least}"),
+            (_, Some(above), None) => format!("must be above {above}"),
+            (None, None, most) => format!("must be at most {}", most.unwrap_or(f64::MAX)),
+        });
+    }
+    let unit = schema["multipleOf"].as_f64()?;
+    let ratio = number / unit;
+    let is_multiple = (ratio - libm::round(ratio)).abs() < 1e-9;
+    (!is_multiple).then(|| format!("must be a multiple of {unit}"))
+}
+
+/// `[reference]` and `step` give `reference.step`.
+fn join(place: &str, name: &str) -> String {
+    let path = place.trim_matches(['[', ']']);
+    if path.len() == place.len() {
+        return name.to_owned();
+    }
+    format!("{path}.{name}")
+}
+
+fn expected_words(schema_type: Option<&str>) -> &'static str {
+    match schema_type {
+        Some("object") => "a table",
+        Some("array") => "an array of tables",
+        Some("number") => "a number",
+        Some("integer") => "an integer",
+        _ => "a string",
+    }
+}
+
+fn found_words(value: &DeValue<'_>) -> &'static str {
+    match value {
+        DeValue::String(_) => "a string",
+        DeValue::Integer(_) => "an integer",
+        DeValue::Float(_) => "a number with a fraction",
+        DeValue::Boolean(_) => "a boolean",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "an array",
+        DeValue::Table(_) => "a table",
+    }
+}
