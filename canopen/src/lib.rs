@@ -7,6 +7,9 @@ pub mod eds;
 pub mod frame;
 pub mod node;
 pub mod object_dictionary;
+pub mod sdo;
+mod sdo_block;
+pub mod sdo_server;
 
 pub use frame::{CanFrame, Filter};
 pub use node::{Node, Progress};

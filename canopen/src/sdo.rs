@@ -1,0 +1,210 @@
+//! What the SDO server and client share (CiA 301, 7.2.4.3): layout of the 8 bytes, segments, CRC, limits.
+
+use std::time::Duration;
+
+use crate::frame::CanFrame;
+use crate::object_dictionary::AbortCode;
+
+/// Longest value that is transferred; longer ones are aborted with [`AbortCode::OUT_OF_MEMORY`].
+pub const MAX_TRANSFER_BYTES: usize = 64 << 10;
+
+/// How long server and client wait for the other side unless told otherwise.
+pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// COB-ID of requests on the default channel, without the node-ID.
+pub const DEFAULT_REQUEST_ID: u16 = 0x600;
+
+/// COB-ID of answers on the default channel, without the node-ID.
+pub const DEFAULT_RESPONSE_ID: u16 = 0x580;
+
+/// Data bytes of a segment.
+pub(crate) const SEGMENT_BYTES: usize = 7;
+
+/// Payload of every SDO frame.
+pub(crate) type Payload = [u8; 8];
+
+/// "Abort SDO transfer" of either side.
+pub(crate) const ABORT: u8 = 0x80;
+
+/// Which object a transfer is about (the standard's multiplexer).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Multiplexer {
+    pub(crate) index: u16,
+    pub(crate) sub_index: u8,
+}
+
+impl Multiplexer {
+    /// The multiplexer in bytes 1 to 3.
+    pub(crate) fn of(payload: &Payload) -> Self {
+        Self {
+            index: u16::from_le_bytes([payload[1], payload[2]]),
+            sub_index: payload[3],
+        }
+    }
+
+    /// A payload of command, multiplexer and four bytes.
+    pub(crate) fn payload(self, command: u8, data: [u8; 4]) -> Payload {
+        let [low, high] = self.index.to_le_bytes();
+        let [a, b, c, d] = data;
+        [command, low, high, self.sub_index, a, b, c, d]
+    }
+
+    /// A payload of command, multiplexer and a length in bytes, which [`MAX_TRANSFER_BYTES`] keeps small.
+    pub(crate) fn payload_with_length(self, command: u8, length: usize) -> Payload {
+        let length = u32::try_from(length).unwrap_or(u32::MAX);
+        self.payload(command, length.to_le_bytes())
+    }
+
+    /// "Abort SDO transfer".
+    pub(crate) fn abort(self, code: AbortCode) -> Payload {
+        self.payload(ABORT, code.0.to_le_bytes())
+    }
+}
+
+/// The payload of an SDO frame with this identifier; other identifiers and lengths are no SDO.
+pub(crate) fn payload_of(frame: &CanFrame, id: u16) -> Option<Payload> {
+    if frame.standard_id() != Some(id) {
+        return None;
+    }
+    frame.data().try_into().ok()
+}
+
+/// Bytes 4 to 7.
+pub(crate) fn data_of(payload: &Payload) -> [u8; 4] {
+    [payload[4], payload[5], payload[6], payload[7]]
+}
+
+/// Bytes 4 to 7 as a length; `None` when it exceeds [`MAX_TRANSFER_BYTES`].
+pub(crate) fn length_of(payload: &Payload) -> Option<usize> {
+    usize::try_from(u32::from_le_bytes(data_of(payload)))
+        .ok()
+        .filter(|&length| length <= MAX_TRANSFER_BYTES)
+}
+
+/// Command and data of an expedited transfer; `None` when the bytes are none or more than four.
+pub(crate) fn expedited(command: u8, bytes: &[u8]) -> Option<(u8, [u8; 4])> {
+    let unused = match bytes.len() {
+        1 => 3,
+        2 => 2,
+        3 => 1,
+        4 => 0,
+        _ => return None,
+    };
+    let mut data = [0; 4];
+    data[..bytes.len()].copy_from_slice(bytes);
+    Some((command | unused << 2 | 0b11, data))
+}
+
+/// How many of the four bytes an expedited command says are used; `None` when it does not say.
+pub(crate) fn expedited_length(command: u8) -> Option<usize> {
+    (command & 1 != 0).then_some(4 - usize::from(command >> 2 & 0b11))
+}
+
+/// The segment of `data` that begins at `position`, and whether it is the last; the command specifier is 0 in both
+/// directions.
+pub(crate) fn segment(data: &[u8], position: usize, toggle: bool) -> (Payload, bool) {
+    let rest = &data[position.min(data.len())..];
+    let length = rest.len().min(SEGMENT_BYTES);
+    let is_last = rest.len() <= SEGMENT_BYTES;
+    let mut payload = [0; 8];
+    payload[0] = u8::from(toggle) << 4 | unused_bytes(length) << 1 | u8::from(is_last);
+    payload[1..=length].copy_from_slice(&rest[..length]);
+    (payload, is_last)
+}
+
+/// Appends the data of a segment.
+///
+/// # Errors
+/// More than announced, or more than [`MAX_TRANSFER_BYTES`].
+pub(crate) fn append_segment(
+    buffer: &mut Vec<u8>,
+    payload: &Payload,
+    announced: Option<usize>,
+) -> Result<(), AbortCode> {
+    let length = SEGMENT_BYTES - usize::from(payload[0] >> 1 & 0b111);
+    let total = buffer.len() + length;
+    if announced.is_some_and(|announced| total > announced) {
+        return Err(AbortCode::TOO_LONG);
+    }
+    if total > MAX_TRANSFER_BYTES {
+        return Err(AbortCode::OUT_OF_MEMORY);
+    }
+    buffer.extend_from_slice(&payload[1..=length]);
+    Ok(())
+}
+
+/// Checks the length of a complete transfer.
+///
+/// # Errors
+/// More or less than announced.
+pub(crate) fn check_length(length: usize, announced: Option<usize>) -> Result<(), AbortCode> {
+    match announced {
+        Some(announced) if length > announced => Err(AbortCode::TOO_LONG),
+        Some(announced) if length < announced => Err(AbortCode::TOO_SHORT),
+        _ => Ok(()),
+    }
+}
+
+/// How many of a segment's seven bytes `length` leaves unused.
+pub(crate) fn unused_bytes(length: usize) -> u8 {
+    u8::try_from(SEGMENT_BYTES.saturating_sub(length)).unwrap_or(0)
+}
+
+/// CRC-16 with polynomial x^16 + x^12 + x^5 + 1 and start value 0 (CiA 301, 7.2.4.3.16).
+pub(crate) fn crc(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(0, |crc: u16, &byte| {
+        let [high, _] = crc.to_be_bytes();
+        crc << 8 ^ CRC_TABLE[usize::from(high ^ byte)]
+    })
+}
+
+/// The CRC of each single byte.
+const CRC_TABLE: [u16; 256] = {
+    let mut table = [0; 256];
+    let mut byte: u16 = 0;
+    while byte < 256 {
+        let mut crc = byte << 8;
+        let mut bit = 0;
+        while bit < 8 {
+            crc = if crc & 0x8000 == 0 {
+                crc << 1
+            } else {
+                crc << 1 ^ 0x1021
+            };
+            bit += 1;
+        }
+        table[byte as usize] = crc;
+        byte += 1;
+    }
+    table
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crc_of_the_check_string_is_the_standards() {
+        assert_eq!(crc(b"123456789"), 0x31C3);
+        assert_eq!(crc(b""), 0);
+    }
+
+    #[test]
+    fn segments_carry_toggle_unused_and_last() {
+        assert_eq!(segment(b"abcdefgh", 0, false), (*b"\x00abcdefg", false));
+        assert_eq!(segment(b"abcdefgh", 7, true), (*b"\x1Dh\0\0\0\0\0\0", true));
+        assert_eq!(segment(b"abcdefg", 0, false), (*b"\x01abcdefg", true));
+        assert_eq!(segment(b"", 0, false), ([0x0F, 0, 0, 0, 0, 0, 0, 0], true));
+    }
+
+    #[test]
+    fn expedited_commands_tell_their_length() {
+        for length in 1..=4 {
+            let (command, _) = expedited(0x40, &[1, 2, 3, 4][..length]).unwrap();
+            assert_eq!(expedited_length(command), Some(length));
+        }
+        assert_eq!(expedited(0x40, &[]), None);
+        assert_eq!(expedited(0x40, &[0; 5]), None);
+        assert_eq!(expedited_length(0x42), None);
+    }
+}

@@ -1,0 +1,1111 @@
+//! The SDO server (CiA 301, 7.2.4): one channel by which one client reads and writes the object dictionary.
+
+use std::borrow::Cow;
+use std::time::Duration;
+
+use crate::frame::CanFrame;
+use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::sdo::{
+    DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
+    Payload, SEGMENT_BYTES, append_segment, check_length, data_of, expedited, expedited_length,
+    length_of, payload_of, segment,
+};
+use crate::sdo_block::{
+    BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
+};
+
+/// The objects that a server serves, with whatever they do when read or written.
+pub trait Access {
+    /// The value of an object, little-endian. Borrowed values up to four bytes are served without allocation.
+    ///
+    /// # Errors
+    /// Why the object cannot be read.
+    fn read(&mut self, index: u16, sub_index: u8) -> Result<Cow<'_, [u8]>, AbortCode>;
+
+    /// Writes an object.
+    ///
+    /// # Errors
+    /// Why the object cannot be written, or not with these bytes.
+    fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode>;
+
+    /// Asked before a segmented or block download starts, with the length that the client announces, so that hopeless
+    /// ones end early. [`Access::write`] decides in the end.
+    ///
+    /// # Errors
+    /// Why the object cannot be written.
+    fn prepare_write(
+        &mut self,
+        index: u16,
+        sub_index: u8,
+        length: Option<usize>,
+    ) -> Result<(), AbortCode> {
+        let _ = (index, sub_index, length);
+        Ok(())
+    }
+
+    /// The length of an object's type in bytes, for expedited downloads that do not tell theirs; `None` means four.
+    fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
+        let _ = (index, sub_index);
+        None
+    }
+}
+
+/// Plain storage: existence, access rights, length and limits are checked, nothing else happens.
+impl Access for ObjectDictionary {
+    fn read(&mut self, index: u16, sub_index: u8) -> Result<Cow<'_, [u8]>, AbortCode> {
+        let entry = self.entry(self.find(index, sub_index)?);
+        if !entry.access.is_readable() {
+            return Err(AbortCode::WRITE_ONLY);
+        }
+        Ok(Cow::Borrowed(entry.value()))
+    }
+
+    fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
+        self.prepare_write(index, sub_index, Some(bytes.len()))?;
+        let handle = self.find(index, sub_index)?;
+        self.entry(handle).check(bytes)?;
+        self.store(handle, bytes)
+    }
+
+    fn prepare_write(
+        &mut self,
+        index: u16,
+        sub_index: u8,
+        length: Option<usize>,
+    ) -> Result<(), AbortCode> {
+        let entry = self.entry(self.find(index, sub_index)?);
+        if !entry.access.is_writable() {
+            return Err(AbortCode::READ_ONLY);
+        }
+        match (length, entry.data_type.size_bytes()) {
+            (Some(length), Some(size)) => check_length(length, Some(size)),
+            _ => Ok(()),
+        }
+    }
+
+    fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
+        let handle = self.find(index, sub_index).ok()?;
+        self.entry(handle).data_type.size_bytes()
+    }
+}
+
+/// Where a transfer stands.
+#[derive(Clone, Copy, Debug)]
+enum State {
+    Idle,
+    /// Segmented download; the next segment has this toggle bit.
+    Download {
+        toggle: bool,
+        announced: Option<usize>,
+    },
+    /// Segmented upload; the next request has this toggle bit.
+    Upload {
+        toggle: bool,
+        position: usize,
+    },
+    BlockDownload {
+        receiver: BlockReceiver,
+        announced: Option<usize>,
+        with_crc: bool,
+    },
+    BlockDownloadEnd {
+        announced: Option<usize>,
+        with_crc: bool,
+    },
+    BlockUploadStart {
+        sender: BlockSender,
+        with_crc: bool,
+    },
+    BlockUpload {
+        sender: BlockSender,
+        with_crc: bool,
+    },
+    BlockUploadEnd,
+}
+
+/// Whether a request moved the transfer on, so that its time-out starts anew.
+#[derive(PartialEq, Eq)]
+enum Step {
+    Forward,
+    None,
+}
+
+/// One SDO channel as server.
+///
+/// Drain [`SdoServer::next_frame`] after each call that takes a time.
+#[derive(Clone, Debug)]
+pub struct SdoServer {
+    request_id: u16,
+    response_id: u16,
+    timeout: Duration,
+    state: State,
+    object: Multiplexer,
+    buffer: Vec<u8>,
+    answer: Option<Payload>,
+    deadline: Option<Duration>,
+}
+
+impl SdoServer {
+    /// A server that hears requests on one COB-ID and answers on another; the low 11 bits count.
+    #[must_use]
+    pub fn new(request_id: u16, response_id: u16) -> Self {
+        Self {
+            request_id: request_id & 0x7FF,
+            response_id: response_id & 0x7FF,
+            timeout: DEFAULT_TIMEOUT,
+            state: State::Idle,
+            object: Multiplexer::default(),
+            buffer: Vec::new(),
+            answer: None,
+            deadline: None,
+        }
+    }
+
+    /// The default channel of a node: requests on 0x600 + node-ID, answers on 0x580 + node-ID.
+    #[must_use]
+    pub fn for_node(node_id: u8) -> Self {
+        let node_id = u16::from(node_id);
+        Self::new(DEFAULT_REQUEST_ID + node_id, DEFAULT_RESPONSE_ID + node_id)
+    }
+
+    /// Waits this long for the client within a transfer, instead of [`DEFAULT_TIMEOUT`].
+    #[must_use]
+    pub fn with_timeout(mut self, timeout: Duration) -> Self {
+        self.timeout = timeout;
+        self
+    }
+
+    /// The COB-ID of requests.
+    #[must_use]
+    pub fn request_id(&self) -> u16 {
+        self.request_id
+    }
+
+    /// The COB-ID of answers.
+    #[must_use]
+    pub fn response_id(&self) -> u16 {
+        self.response_id
+    }
+
+    /// True while a transfer is half done.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        !matches!(self.state, State::Idle)
+    }
+
+    /// Forgets the transfer in silence (NMT reset, or a state without SDO).
+    pub fn reset(&mut self) {
+        self.close();
+        self.answer = None;
+    }
+
+    /// Takes a frame; those with another COB-ID, not of 8 bytes, or no plain data frames are passed over.
+    pub fn on_frame(&mut self, now: Duration, frame: &CanFrame, objects: &mut dyn Access) {
+        let Some(request) = payload_of(frame, self.request_id) else {
+            return;
+        };
+        match self.take(&request, objects) {
+            Ok(_) if !self.is_busy() => self.deadline = None,
+            Ok(Step::Forward) => self.deadline = Some(now.saturating_add(self.timeout)),
+            Ok(Step::None) => {}
+            Err(code) => self.fail(code),
+        }
+    }
+
+    /// Aborts a transfer whose client has been silent for too long.
+    pub fn on_tick(&mut self, now: Duration) {
+        if self.deadline.is_some_and(|deadline| now >= deadline) {
+            self.fail(AbortCode::PROTOCOL_TIMED_OUT);
+        }
+    }
+
+    /// The next frame to send.
+    pub fn next_frame(&mut self) -> Option<CanFrame> {
+        let answer = self.answer.take();
+        let payload = answer.or_else(|| match &mut self.state {
+            State::BlockUpload { sender, .. } => sender.next_segment(&self.buffer),
+            _ => None,
+        })?;
+        Some(CanFrame::new(self.response_id, &payload))
+    }
+
+    /// When [`SdoServer::on_tick`] is due; `None` between transfers.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<Duration> {
+        self.deadline
+    }
+
+    /// Ends the transfer.
+    fn close(&mut self) {
+        self.state = State::Idle;
+        self.deadline = None;
+    }
+
+    /// Ends the transfer and tells the client why.
+    fn fail(&mut self, code: AbortCode) {
+        self.close();
+        self.answer = Some(self.object.abort(code));
+    }
+
+    /// Handles a request by its command specifier, which is only there outside the segments of a block.
+    fn take(&mut self, request: &Payload, objects: &mut dyn Access) -> Result<Step, AbortCode> {
+        let command = request[0];
+        if command >> 5 == 4 && (command == 0x80 || !self.is_receiving_block()) {
+            self.close();
+            return Ok(Step::None);
+        }
+        if self.is_receiving_block() {
+            return self.block_download_segment(request);
+        }
+        match (command >> 5, command & 0b11) {
+            (0, _) => self.download_segment(request, objects)?,
+            (1, _) => self.initiate_download(request, objects)?,
+            (2, _) => self.initiate_upload(request, objects)?,
+            (3, _) => self.upload_segment(request)?,
+            (5, 0) => self.initiate_block_upload(request, objects)?,
+            (5, 1) => self.end_block_upload()?,
+            (5, 2) => self.acknowledge_block_upload(request)?,
+            (5, _) => self.start_block_upload()?,
+            (6, 0 | 2) => self.initiate_block_download(request, objects)?,
+            (6, _) => self.end_block_download(request, objects)?,
+            _ => {
+                self.object = Multiplexer::of(request);
+                return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+            }
+        }
+        Ok(Step::Forward)
+    }
+
+    /// True while the next frame must be a segment of a block.
+    fn is_receiving_block(&self) -> bool {
+        matches!(self.state, State::BlockDownload { .. })
+    }
+
+    /// Drops what was going on, since the client begins anew.
+    fn begin(&mut self, request: &Payload) -> Multiplexer {
+        self.close();
+        self.object = Multiplexer::of(request);
+        self.object
+    }
+
+    /// "SDO download initiate", expedited or segmented.
+    fn initiate_download(
+        &mut self,
+        request: &Payload,
+        objects: &mut dyn Access,
+    ) -> Result<(), AbortCode> {
+        let Multiplexer { index, sub_index } = self.begin(request);
+        let command = request[0];
+        if command & 0b10 != 0 {
+            let of_type = || objects.size_bytes(index, sub_index).unwrap_or(4).min(4);
+            let length = expedited_length(command).unwrap_or_else(of_type);
+            objects.write(index, sub_index, &data_of(request)[..length])?;
+        } else {
+            let announced = self.announced_length(request, command & 1 != 0, objects)?;
+            self.buffer.clear();
+            self.state = State::Download {
+                toggle: false,
+                announced,
+            };
+        }
+        self.answer = Some(self.object.payload(0x60, [0; 4]));
+        Ok(())
+    }
+
+    /// The length that an initiating request announces, once object and memory agree to it.
+    fn announced_length(
+        &self,
+        request: &Payload,
+        is_announced: bool,
+        objects: &mut dyn Access,
+    ) -> Result<Option<usize>, AbortCode> {
+        let Multiplexer { index, sub_index } = self.object;
+        let length = is_announced.then(|| length_of(request));
+        // A length beyond the limit may be beyond the object's as well, which says more.
+        let asked = length.map(|length| length.unwrap_or(usize::MAX));
+        objects.prepare_write(index, sub_index, asked)?;
+        length
+            .map(|length| length.ok_or(AbortCode::OUT_OF_MEMORY))
+            .transpose()
+    }
+
+    /// "SDO download segment".
+    fn download_segment(
+        &mut self,
+        request: &Payload,
+        objects: &mut dyn Access,
+    ) -> Result<(), AbortCode> {
+        let State::Download { toggle, announced } = self.state else {
+            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+        };
+        check_toggle(request, toggle)?;
+        append_segment(&mut self.buffer, request, announced)?;
+        self.state = State::Download {
+            toggle: !toggle,
+            announced,
+        };
+        if request[0] & 1 != 0 {
+            self.finish_download(announced, objects)?;
+        }
+        self.answer = Some([0x20 | u8::from(toggle) << 4, 0, 0, 0, 0, 0, 0, 0]);
+        Ok(())
+    }
+
+    /// Writes a value that arrived in pieces.
+    fn finish_download(
+        &mut self,
+        announced: Option<usize>,
+        objects: &mut dyn Access,
+    ) -> Result<(), AbortCode> {
+        check_length(self.buffer.len(), announced)?;
+        let Multiplexer { index, sub_index } = self.object;
+        objects.write(index, sub_index, &self.buffer)?;
+        self.close();
+        Ok(())
+    }
+
+    /// "SDO upload initiate".
+    fn initiate_upload(
+        &mut self,
+        request: &Payload,
+        objects: &mut dyn Access,
+    ) -> Result<(), AbortCode> {
+        let Multiplexer { index, sub_index } = self.begin(request);
+        let value = objects.read(index, sub_index)?;
+        self.answer_upload(&value)
+    }
+
+    /// Answers an upload, expedited or segmented.
+    fn answer_upload(&mut self, value: &[u8]) -> Result<(), AbortCode> {
+        if let Some((command, data)) = expedited(0x40, value) {
+            self.answer = Some(self.object.payload(command, data));
+            return Ok(());
+        }
+        self.keep(value)?;
+        self.state = State::Upload {
+            toggle: false,
+            position: 0,
+        };
+        self.answer = Some(self.object.payload_with_length(0x41, value.len()));
+        Ok(())
+    }
+
+    /// Keeps a value that leaves in pieces, so that they belong together.
+    fn keep(&mut self, value: &[u8]) -> Result<(), AbortCode> {
+        if value.len() > MAX_TRANSFER_BYTES {
+            return Err(AbortCode::OUT_OF_MEMORY);
+        }
+        self.buffer.clear();
+        self.buffer.extend_from_slice(value);
+        Ok(())
+    }
+
+    /// "SDO upload segment".
+    fn upload_segment(&mut self, request: &Payload) -> Result<(), AbortCode> {
+        let State::Upload { toggle, position } = self.state else {
+            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+        };
+        check_toggle(request, toggle)?;
+        let (answer, is_last) = segment(&self.buffer, position, toggle);
+        self.answer = Some(answer);
+        if is_last {
+            self.close();
+        } else {
+            self.state = State::Upload {
+                toggle: !toggle,
+                position: position + SEGMENT_BYTES,
+            };
+        }
+        Ok(())
+    }
+
+    /// "SDO block download initiate".
+    fn initiate_block_download(
+        &mut self,
+        request: &Payload,
+        objects: &mut dyn Access,
+    ) -> Result<(), AbortCode> {
+        self.begin(request);
+        let announced = self.announced_length(request, request[0] & 0b10 != 0, objects)?;
+        self.buffer.clear();
+        self.state = State::BlockDownload {
+            receiver: BlockReceiver::default(),
+            announced,
+            with_crc: request[0] & 0b100 != 0,
+        };
+        self.answer = Some(self.object.payload(0xA4, [BLOCK_SIZE, 0, 0, 0]));
+        Ok(())
+    }
+
+    /// "SDO block download sub-block".
+    fn block_download_segment(&mut self, request: &Payload) -> Result<Step, AbortCode> {
+        let State::BlockDownload {
+            receiver,
+            announced,
+            with_crc,
+        } = &mut self.state
+        else {
+            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+        };
+        let sequence = match receiver.take(request, &mut self.buffer)? {
+            Received::Dropped => return Ok(Step::None),
+            Received::Stored => return Ok(Step::Forward),
+            Received::BlockEnded(sequence) => sequence,
+        };
+        if receiver.is_complete() {
+            self.state = State::BlockDownloadEnd {
+                announced: *announced,
+                with_crc: *with_crc,
+            };
+        }
+        self.answer = Some([0xA2, sequence, BLOCK_SIZE, 0, 0, 0, 0, 0]);
+        Ok(Step::Forward)
+    }
+
+    /// "SDO block download end".
+    fn end_block_download(
+        &mut self,
+        request: &Payload,
+        objects: &mut dyn Access,
+    ) -> Result<(), AbortCode> {
+        let State::BlockDownloadEnd {
+            announced,
+            with_crc,
+        } = self.state
+        else {
+            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+        };
+        check_end(request, &mut self.buffer, with_crc)?;
+        self.finish_download(announced, objects)?;
+        self.answer = Some([0xA1, 0, 0, 0, 0, 0, 0, 0]);
+        Ok(())
+    }
+
+    /// "SDO block upload initiate"; values up to the client's protocol switch threshold go the plain way.
+    fn initiate_block_upload(
+        &mut self,
+        request: &Payload,
+        objects: &mut dyn Access,
+    ) -> Result<(), AbortCode> {
+        let Multiplexer { index, sub_index } = self.begin(request);
+        let [block_size, threshold, ..] = data_of(request);
+        let value = objects.read(index, sub_index)?;
+        if value.len() <= usize::from(threshold) {
+            return self.answer_upload(&value);
+        }
+        check_block_size(block_size)?;
+        self.keep(&value)?;
+        self.state = State::BlockUploadStart {
+            sender: BlockSender::new(block_size),
+            with_crc: request[0] & 0b100 != 0,
+        };
+        self.answer = Some(self.object.payload_with_length(0xC6, value.len()));
+        Ok(())
+    }
+
+    /// "SDO block upload initiate", second part: the client is ready.
+    fn start_block_upload(&mut self) -> Result<(), AbortCode> {
+        let State::BlockUploadStart { sender, with_crc } = self.state else {
+            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+        };
+        self.state = State::BlockUpload { sender, with_crc };
+        Ok(())
+    }
+
+    /// The client's acknowledgement of a block.
+    fn acknowledge_block_upload(&mut self, request: &Payload) -> Result<(), AbortCode> {
+        let State::BlockUpload { sender, with_crc } = &mut self.state else {
+            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+        };
+        if sender.acknowledge(&self.buffer, request[1], request[2])? {
+            self.answer = Some(end(0xC1, &self.buffer, *with_crc));
+            self.state = State::BlockUploadEnd;
+        }
+        Ok(())
+    }
+
+    /// "SDO block upload end".
+    fn end_block_upload(&mut self) -> Result<(), AbortCode> {
+        let State::BlockUploadEnd = self.state else {
+            return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
+        };
+        self.close();
+        Ok(())
+    }
+}
+
+/// Checks the toggle bit of a segment.
+fn check_toggle(request: &Payload, expected: bool) -> Result<(), AbortCode> {
+    if (request[0] & 0x10 != 0) == expected {
+        Ok(())
+    } else {
+        Err(AbortCode::TOGGLE_BIT_NOT_ALTERNATED)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::object_dictionary::{self, DataType, Entry};
+    use crate::sdo::crc;
+
+    const NOW: Duration = Duration::from_secs(5);
+
+    /// A server with a few objects of every kind.
+    struct Bench {
+        server: SdoServer,
+        objects: ObjectDictionary,
+        now: Duration,
+    }
+
+    impl Bench {
+        fn new() -> Self {
+            use object_dictionary::Access::{ReadOnly, ReadWrite, WriteOnly};
+            let mut objects = ObjectDictionary::new();
+            let mut add = |index, sub_index, data_type, access, value: &[u8]| {
+                let entry = Entry::new(index, sub_index, "", data_type, access, value.to_vec());
+                objects.insert(entry);
+            };
+            add(0x1000, 0, DataType::Unsigned32, ReadOnly, &[0x92, 1, 2, 0]);
+            add(0x1017, 0, DataType::Unsigned16, ReadWrite, &[0, 0]);
+            add(
+                0x2000,
+                0,
+                DataType::VisibleString,
+                ReadWrite,
+                b"hello, world",
+            );
+            add(0x2001, 0, DataType::Unsigned8, WriteOnly, &[7]);
+            add(
+                0x2002,
+                0,
+                DataType::Unsigned64,
+                ReadWrite,
+                &[1, 2, 3, 4, 5, 6, 7, 8],
+            );
+            add(0x2003, 0, DataType::Domain, ReadWrite, b"");
+            let mut limited = Entry::new(0x2004, 0, "", DataType::Integer8, ReadWrite, vec![0]);
+            (limited.low_limit, limited.high_limit) = (Some(-10), Some(10));
+            objects.insert(limited);
+            Self {
+                server: SdoServer::for_node(0x10),
+                objects,
+                now: NOW,
+            }
+        }
+
+        fn ask(&mut self, request: &[u8]) -> Vec<Vec<u8>> {
+            let frame = CanFrame::new(0x610, request);
+            self.server.on_frame(self.now, &frame, &mut self.objects);
+            self.drain()
+        }
+
+        fn drain(&mut self) -> Vec<Vec<u8>> {
+            std::iter::from_fn(|| self.server.next_frame())
+                .inspect(|frame| assert_eq!(frame.standard_id(), Some(0x590)))
+                .map(|frame| frame.data().to_vec())
+                .collect()
+        }
+
+        #[track_caller]
+        fn check(&mut self, request: &[u8], answer: &[u8]) {
+            assert_eq!(self.ask(request), [answer]);
+        }
+
+        #[track_caller]
+        fn check_abort(&mut self, request: &[u8], code: AbortCode) {
+            let answers = self.ask(request);
+            assert_eq!(abort_of(&answers), code);
+            assert!(!self.server.is_busy());
+            assert_eq!(self.server.next_deadline(), None);
+        }
+
+        fn value(&self, index: u16) -> &[u8] {
+            let handle = self.objects.find(index, 0).unwrap();
+            self.objects.entry(handle).value()
+        }
+    }
+
+    #[track_caller]
+    fn abort_of(answers: &[Vec<u8>]) -> AbortCode {
+        assert_eq!(answers.len(), 1, "{answers:?}");
+        assert_eq!(answers[0][0], 0x80, "{answers:?}");
+        AbortCode(u32::from_le_bytes(answers[0][4..8].try_into().unwrap()))
+    }
+
+    fn block_segment(sequence: u8, data: &[u8; 7]) -> Vec<u8> {
+        [&[sequence], &data[..]].concat()
+    }
+
+    #[test]
+    fn expedited_upload() {
+        let mut bench = Bench::new();
+        bench.check(b"\x40\x00\x10\0\0\0\0\0", b"\x43\x00\x10\0\x92\x01\x02\0");
+        bench.check(b"\x40\x17\x10\0\0\0\0\0", b"\x4B\x17\x10\0\0\0\0\0");
+        bench.check(b"\x40\x04\x20\0\0\0\0\0", b"\x4F\x04\x20\0\0\0\0\0");
+    }
+
+    #[test]
+    fn expedited_download_with_and_without_length() {
+        let mut bench = Bench::new();
+        bench.check(b"\x2B\x17\x10\0\x64\0\xAA\xAA", b"\x60\x17\x10\0\0\0\0\0");
+        assert_eq!(bench.value(0x1017), [0x64, 0]);
+        bench.check(b"\x22\x17\x10\0\x0A\0\0\0", b"\x60\x17\x10\0\0\0\0\0");
+        assert_eq!(bench.value(0x1017), [0x0A, 0]);
+    }
+
+    #[test]
+    fn segmented_upload() {
+        let mut bench = Bench::new();
+        bench.check(b"\x40\x00\x20\0\0\0\0\0", b"\x41\x00\x20\0\x0C\0\0\0");
+        bench.check(b"\x60\0\0\0\0\0\0\0", b"\x00hello, ");
+        bench.check(b"\x70\0\0\0\0\0\0\0", b"\x15world\0\0");
+        assert!(!bench.server.is_busy());
+        assert_eq!(bench.server.next_deadline(), None);
+    }
+
+    #[test]
+    fn segmented_upload_of_an_empty_value() {
+        let mut bench = Bench::new();
+        bench.check(b"\x40\x03\x20\0\0\0\0\0", b"\x41\x03\x20\0\0\0\0\0");
+        bench.check(b"\x60\0\0\0\0\0\0\0", b"\x0F\0\0\0\0\0\0\0");
+        assert!(!bench.server.is_busy());
+    }
+
+    #[test]
+    fn segmented_download() {
+        let mut bench = Bench::new();
+        bench.check(b"\x21\x03\x20\0\x09\0\0\0", b"\x60\x03\x20\0\0\0\0\0");
+        bench.check(b"\x00abcdefg", b"\x20\0\0\0\0\0\0\0");
+        assert_eq!(bench.value(0x2003), b"");
+        bench.check(b"\x1Bhi\0\0\0\0\0", b"\x30\0\0\0\0\0\0\0");
+        assert_eq!(bench.value(0x2003), b"abcdefghi");
+    }
+
+    #[test]
+    fn segmented_download_without_announced_length() {
+        let mut bench = Bench::new();
+        bench.check(b"\x20\x02\x20\0\0\0\0\0", b"\x60\x02\x20\0\0\0\0\0");
+        bench.check(b"\x00\x11\x12\x13\x14\x15\x16\x17", b"\x20\0\0\0\0\0\0\0");
+        bench.check(b"\x1D\x18\0\0\0\0\0\0", b"\x30\0\0\0\0\0\0\0");
+        assert_eq!(
+            bench.value(0x2002),
+            [0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18]
+        );
+    }
+
+    #[test]
+    fn block_download_with_crc() {
+        let mut bench = Bench::new();
+        let data = b"abcdefghi";
+        bench.check(b"\xC6\x03\x20\0\x09\0\0\0", b"\xA4\x03\x20\0\x7F\0\0\0");
+        assert!(bench.ask(b"\x01abcdefg").is_empty());
+        bench.check(b"\x82hi\0\0\0\0\0", b"\xA2\x02\x7F\0\0\0\0\0");
+        let [low, high] = crc(data).to_le_bytes();
+        bench.check(&[0xD5, low, high, 0, 0, 0, 0, 0], b"\xA1\0\0\0\0\0\0\0");
+        assert_eq!(bench.value(0x2003), data);
+    }
+
+    #[test]
+    fn block_download_asks_again_for_lost_segments() {
+        let mut bench = Bench::new();
+        bench.ask(b"\xC2\x03\x20\0\x15\0\0\0");
+        assert!(bench.ask(&block_segment(1, b"aaaaaaa")).is_empty());
+        bench.check(&block_segment(0x83, b"ccccccc"), b"\xA2\x01\x7F\0\0\0\0\0");
+        assert!(bench.ask(&block_segment(1, b"bbbbbbb")).is_empty());
+        bench.check(&block_segment(0x82, b"ccccccc"), b"\xA2\x02\x7F\0\0\0\0\0");
+        bench.check(b"\xC1\0\0\0\0\0\0\0", b"\xA1\0\0\0\0\0\0\0");
+        assert_eq!(bench.value(0x2003), b"aaaaaaabbbbbbbccccccc");
+    }
+
+    #[test]
+    fn block_upload_with_crc() {
+        let mut bench = Bench::new();
+        bench.check(b"\xA4\x00\x20\0\x7F\0\0\0", b"\xC6\x00\x20\0\x0C\0\0\0");
+        let segments = bench.ask(b"\xA3\0\0\0\0\0\0\0");
+        assert_eq!(segments, [&b"\x01hello, "[..], &b"\x82world\0\0"[..]]);
+        let [low, high] = crc(b"hello, world").to_le_bytes();
+        bench.check(b"\xA2\x02\x7F\0\0\0\0\0", &[0xC9, low, high, 0, 0, 0, 0, 0]);
+        assert!(bench.ask(b"\xA1\0\0\0\0\0\0\0").is_empty());
+        assert!(!bench.server.is_busy());
+    }
+
+    #[test]
+    fn block_upload_follows_the_clients_block_size_and_acknowledgement() {
+        let mut bench = Bench::new();
+        bench.ask(b"\xA0\x00\x20\0\x01\0\0\0");
+        assert_eq!(bench.ask(b"\xA3\0\0\0\0\0\0\0"), [b"\x01hello, "]);
+        // The only segment was lost, then a block of two is granted.
+        let again = bench.ask(b"\xA2\x00\x02\0\0\0\0\0");
+        assert_eq!(again, [&b"\x01hello, "[..], &b"\x82world\0\0"[..]]);
+        assert_eq!(bench.ask(b"\xA2\x01\x02\0\0\0\0\0"), [b"\x81world\0\0"]);
+        bench.check(b"\xA2\x01\x02\0\0\0\0\0", b"\xC9\0\0\0\0\0\0\0");
+    }
+
+    #[test]
+    fn block_upload_falls_back_at_the_protocol_switch_threshold() {
+        let mut bench = Bench::new();
+        bench.check(b"\xA4\x00\x20\0\x7F\x0C\0\0", b"\x41\x00\x20\0\x0C\0\0\0");
+        bench.check(b"\x60\0\0\0\0\0\0\0", b"\x00hello, ");
+        bench.check(
+            b"\xA4\x00\x10\0\x7F\x04\0\0",
+            b"\x43\x00\x10\0\x92\x01\x02\0",
+        );
+        bench.check(b"\xA4\x00\x20\0\x7F\x0B\0\0", b"\xC6\x00\x20\0\x0C\0\0\0");
+    }
+
+    #[test]
+    fn missing_object_aborts_0602_0000() {
+        let mut bench = Bench::new();
+        for command in [0x40, 0x2F, 0x21, 0xA4, 0xC6] {
+            bench.check_abort(
+                &[command, 0x34, 0x12, 0, 0x7F, 0, 0, 0],
+                AbortCode::NO_SUCH_OBJECT,
+            );
+        }
+        bench.check(b"\x40\x34\x12\x56\0\0\0\0", b"\x80\x34\x12\x56\0\0\x02\x06");
+    }
+
+    #[test]
+    fn missing_sub_index_aborts_0609_0011() {
+        let mut bench = Bench::new();
+        for command in [0x40, 0x2F, 0x21, 0xA4, 0xC6] {
+            bench.check_abort(
+                &[command, 0, 0x10, 1, 0x7F, 0, 0, 0],
+                AbortCode::NO_SUCH_SUB_INDEX,
+            );
+        }
+    }
+
+    #[test]
+    fn writing_read_only_aborts_0601_0002() {
+        let mut bench = Bench::new();
+        for command in [0x23, 0x21, 0xC6] {
+            bench.check_abort(&[command, 0, 0x10, 0, 4, 0, 0, 0], AbortCode::READ_ONLY);
+        }
+    }
+
+    #[test]
+    fn reading_write_only_aborts_0601_0001() {
+        let mut bench = Bench::new();
+        for command in [0x40, 0xA4] {
+            bench.check_abort(&[command, 1, 0x20, 0, 0x7F, 0, 0, 0], AbortCode::WRITE_ONLY);
+        }
+    }
+
+    #[test]
+    fn too_long_and_too_short_abort_0607_0012_and_0013() {
+        let mut bench = Bench::new();
+        bench.check_abort(b"\x23\x17\x10\0\0\0\0\0", AbortCode::TOO_LONG);
+        bench.check_abort(b"\x2F\x17\x10\0\0\0\0\0", AbortCode::TOO_SHORT);
+        for command in [0x21, 0xC6] {
+            bench.check_abort(&[command, 0x17, 0x10, 0, 3, 0, 0, 0], AbortCode::TOO_LONG);
+            bench.check_abort(&[command, 0x17, 0x10, 0, 1, 0, 0, 0], AbortCode::TOO_SHORT);
+        }
+    }
+
+    #[test]
+    fn limits_abort_0609_0031_and_0032() {
+        let mut bench = Bench::new();
+        bench.check_abort(b"\x2F\x04\x20\0\x0B\0\0\0", AbortCode::VALUE_TOO_HIGH);
+        bench.check_abort(b"\x2F\x04\x20\0\xF5\0\0\0", AbortCode::VALUE_TOO_LOW);
+        bench.check(b"\x2F\x04\x20\0\xF6\0\0\0", b"\x60\x04\x20\0\0\0\0\0");
+        assert_eq!(bench.value(0x2004), [0xF6]);
+    }
+
+    #[test]
+    fn codes_of_the_application_reach_the_client() {
+        struct Refusing(AbortCode);
+        impl Access for Refusing {
+            fn read(&mut self, _: u16, _: u8) -> Result<Cow<'_, [u8]>, AbortCode> {
+                Err(self.0)
+            }
+            fn write(&mut self, _: u16, _: u8, _: &[u8]) -> Result<(), AbortCode> {
+                Err(self.0)
+            }
+        }
+        for code in [
+            AbortCode::UNSUPPORTED_ACCESS,
+            AbortCode::NOT_MAPPABLE,
+            AbortCode::PDO_TOO_LONG,
+            AbortCode::LENGTH_MISMATCH,
+            AbortCode::INVALID_VALUE,
+            AbortCode::DEVICE_STATE,
+        ] {
+            let mut server = SdoServer::for_node(0x10);
+            for (requests, end) in [
+                (&[b"\x40\0\x16\0\0\0\0\0"][..], "upload"),
+                (&[b"\xA4\0\x16\0\x7F\0\0\0"], "block upload"),
+                (&[b"\x2F\0\x16\0\0\0\0\0"], "expedited download"),
+                (
+                    &[b"\x21\0\x16\0\x01\0\0\0", b"\x0D\x01\0\0\0\0\0\0"],
+                    "segmented download",
+                ),
+                (
+                    &[
+                        b"\xC2\0\x16\0\x01\0\0\0",
+                        b"\x81\x01\0\0\0\0\0\0",
+                        b"\xD9\0\0\0\0\0\0\0",
+                    ],
+                    "block download",
+                ),
+            ] {
+                for request in requests {
+                    let frame = CanFrame::new(0x610, &request[..]);
+                    server.on_frame(NOW, &frame, &mut Refusing(code));
+                }
+                let answer = server.next_frame().unwrap().data().to_vec();
+                assert_eq!(abort_of(&[answer.clone()]), code, "{end}");
+                assert_eq!(answer[1..4], [0, 0x16, 0], "{end}");
+                assert!(!server.is_busy(), "{end}");
+            }
+        }
+    }
+
+    #[test]
+    fn toggle_errors_abort_0503_0000() {
+        let mut bench = Bench::new();
+        bench.ask(b"\x40\x00\x20\0\0\0\0\0");
+        bench.check_abort(b"\x70\0\0\0\0\0\0\0", AbortCode::TOGGLE_BIT_NOT_ALTERNATED);
+        bench.ask(b"\x21\x03\x20\0\x0E\0\0\0");
+        bench.ask(b"\x00abcdefg");
+        bench.check_abort(b"\x00abcdefg", AbortCode::TOGGLE_BIT_NOT_ALTERNATED);
+        assert_eq!(bench.value(0x2003), b"");
+    }
+
+    #[test]
+    fn half_open_transfers_time_out_with_0504_0000() {
+        for opening in [
+            &[&b"\x40\x00\x20\0\0\0\0\0"[..]][..],
+            &[b"\x21\x03\x20\0\x0E\0\0\0", b"\x00abcdefg"],
+            &[b"\xA4\x00\x20\0\x7F\0\0\0"],
+            &[b"\xA4\x00\x20\0\x7F\0\0\0", b"\xA3\0\0\0\0\0\0\0"],
+            &[
+                b"\xA4\x00\x20\0\x7F\0\0\0",
+                b"\xA3\0\0\0\0\0\0\0",
+                b"\xA2\x02\x7F\0\0\0\0\0",
+            ],
+            &[b"\xC6\x03\x20\0\x09\0\0\0"],
+            &[b"\xC6\x03\x20\0\x09\0\0\0", b"\x01abcdefg"],
+            &[b"\xC6\x03\x20\0\x09\0\0\0", b"\x81abcdefg"],
+        ] {
+            let mut bench = Bench::new();
+            for request in opening {
+                bench.now += Duration::from_millis(300);
+                bench.ask(request);
+            }
+            let deadline = bench.now + DEFAULT_TIMEOUT;
+            assert_eq!(bench.server.next_deadline(), Some(deadline));
+            bench.server.on_tick(deadline - Duration::from_nanos(1));
+            assert!(bench.drain().is_empty());
+            bench.server.on_tick(deadline);
+            assert_eq!(abort_of(&bench.drain()), AbortCode::PROTOCOL_TIMED_OUT);
+            assert_eq!(bench.server.next_deadline(), None);
+            bench.check(b"\x40\x17\x10\0\0\0\0\0", b"\x4B\x17\x10\0\0\0\0\0");
+        }
+    }
+
+    #[test]
+    fn requests_out_of_order_abort_0504_0001() {
+        for command in [0x00, 0x60, 0xE0, 0xA1, 0xA2, 0xA3, 0xC1] {
+            let mut bench = Bench::new();
+            let request = [command, 0, 0, 0, 0, 0, 0, 0];
+            bench.check_abort(&request, AbortCode::COMMAND_SPECIFIER_INVALID);
+            bench.ask(b"\xA4\x00\x20\0\x7F\0\0\0");
+            if command != 0xA3 {
+                bench.check_abort(&request, AbortCode::COMMAND_SPECIFIER_INVALID);
+            }
+        }
+    }
+
+    #[test]
+    fn block_sizes_outside_1_to_127_abort_0504_0002() {
+        for size in [0, 128, 255] {
+            let mut bench = Bench::new();
+            let request = [0xA4, 0x00, 0x20, 0, size, 0, 0, 0];
+            bench.check_abort(&request, AbortCode::INVALID_BLOCK_SIZE);
+            bench.ask(b"\xA4\x00\x20\0\x01\0\0\0");
+            bench.ask(b"\xA3\0\0\0\0\0\0\0");
+            bench.check_abort(
+                &[0xA2, 1, size, 0, 0, 0, 0, 0],
+                AbortCode::INVALID_BLOCK_SIZE,
+            );
+        }
+    }
+
+    #[test]
+    fn sequence_errors_abort_0504_0003() {
+        let mut bench = Bench::new();
+        bench.ask(b"\xC6\x03\x20\0\x09\0\0\0");
+        bench.check_abort(
+            &block_segment(0, b"abcdefg"),
+            AbortCode::INVALID_SEQUENCE_NUMBER,
+        );
+        bench.ask(b"\xA4\x00\x20\0\x7F\0\0\0");
+        bench.ask(b"\xA3\0\0\0\0\0\0\0");
+        bench.check_abort(
+            b"\xA2\x03\x7F\0\0\0\0\0",
+            AbortCode::INVALID_SEQUENCE_NUMBER,
+        );
+    }
+
+    #[test]
+    fn a_client_that_never_confirms_a_segment_is_given_up() {
+        let mut bench = Bench::new();
+        bench.ask(b"\xA4\x00\x20\0\x7F\0\0\0");
+        bench.ask(b"\xA3\0\0\0\0\0\0\0");
+        for _ in 0..3 {
+            assert_eq!(bench.ask(b"\xA2\x00\x7F\0\0\0\0\0").len(), 2);
+        }
+        bench.check_abort(
+            b"\xA2\x00\x7F\0\0\0\0\0",
+            AbortCode::INVALID_SEQUENCE_NUMBER,
+        );
+    }
+
+    #[test]
+    fn crc_errors_abort_0504_0004() {
+        let mut bench = Bench::new();
+        bench.ask(b"\xC6\x03\x20\0\x07\0\0\0");
+        bench.ask(&block_segment(0x81, b"abcdefg"));
+        bench.check_abort(b"\xC1\x12\x34\0\0\0\0\0", AbortCode::CRC_ERROR);
+        assert_eq!(bench.value(0x2003), b"");
+    }
+
+    #[test]
+    fn transfers_beyond_64_kib_abort_0504_0005() {
+        let mut bench = Bench::new();
+        for command in [0x21, 0xC6] {
+            let request = [command, 3, 0x20, 0, 1, 0, 1, 0];
+            bench.check_abort(&request, AbortCode::OUT_OF_MEMORY);
+        }
+        bench.ask(b"\x20\x03\x20\0\0\0\0\0");
+        let end = (0..=MAX_TRANSFER_BYTES / SEGMENT_BYTES)
+            .map(|number| bench.ask(&[if number % 2 == 0 { 0 } else { 0x10 }; 8]))
+            .find(|answers| answers[0][0] == 0x80);
+        assert_eq!(abort_of(&end.unwrap()), AbortCode::OUT_OF_MEMORY);
+        bench.ask(b"\xC0\x03\x20\0\0\0\0\0");
+        let end = (0..=MAX_TRANSFER_BYTES / SEGMENT_BYTES + 1)
+            .map(|number| bench.ask(&[u8::try_from(number % 127 + 1).unwrap(); 8]))
+            .find(|answers| answers.first().is_some_and(|answer| answer[0] == 0x80));
+        assert_eq!(abort_of(&end.unwrap()), AbortCode::OUT_OF_MEMORY);
+    }
+
+    #[test]
+    fn announced_length_is_held() {
+        let mut bench = Bench::new();
+        bench.ask(b"\x21\x03\x20\0\x08\0\0\0");
+        bench.check_abort(b"\x01abcdefg", AbortCode::TOO_SHORT);
+        bench.ask(b"\x21\x03\x20\0\x06\0\0\0");
+        bench.check_abort(b"\x01abcdefg", AbortCode::TOO_LONG);
+        for (length, code) in [(6, AbortCode::TOO_LONG), (8, AbortCode::TOO_SHORT)] {
+            bench.ask(&[0xC2, 3, 0x20, 0, length, 0, 0, 0]);
+            bench.ask(&block_segment(0x81, b"abcdefg"));
+            bench.check_abort(b"\xC1\0\0\0\0\0\0\0", code);
+        }
+    }
+
+    #[test]
+    fn the_clients_abort_ends_a_transfer_in_silence() {
+        for opening in [
+            &b"\x40\x00\x20\0\0\0\0\0"[..],
+            b"\x21\x03\x20\0\x0E\0\0\0",
+            b"\xA4\x00\x20\0\x7F\0\0\0",
+            b"\xC6\x03\x20\0\x09\0\0\0",
+        ] {
+            let mut bench = Bench::new();
+            bench.ask(opening);
+            assert!(bench.server.is_busy());
+            assert!(bench.ask(b"\x80\x00\x20\0\0\0\x04\x05").is_empty());
+            assert!(!bench.server.is_busy());
+            assert!(bench.ask(b"\x80\x00\x20\0\0\0\x04\x05").is_empty());
+        }
+    }
+
+    #[test]
+    fn a_new_request_takes_the_place_of_a_half_open_transfer() {
+        let mut bench = Bench::new();
+        bench.ask(b"\x40\x00\x20\0\0\0\0\0");
+        bench.check(b"\x40\x17\x10\0\0\0\0\0", b"\x4B\x17\x10\0\0\0\0\0");
+        assert!(!bench.server.is_busy());
+    }
+
+    #[test]
+    fn requests_that_a_block_swallows_do_not_hold_it_open() {
+        let mut bench = Bench::new();
+        bench.ask(b"\xC6\x03\x20\0\x09\0\0\0");
+        let deadline = bench.server.next_deadline();
+        bench.now += Duration::from_millis(500);
+        // A client that starts anew looks like segment 64.
+        assert!(bench.ask(b"\x40\x17\x10\0\0\0\0\0").is_empty());
+        assert_eq!(bench.server.next_deadline(), deadline);
+    }
+
+    #[test]
+    fn other_frames_are_passed_over() {
+        let mut bench = Bench::new();
+        let mut pass = |frame: Option<CanFrame>| {
+            bench
+                .server
+                .on_frame(NOW, &frame.unwrap(), &mut bench.objects);
+            assert!(bench.drain().is_empty());
+        };
+        let upload = [0x40, 0, 0x10, 0, 0, 0, 0, 0];
+        pass(Some(CanFrame::new(0x611, &upload)));
+        pass(Some(CanFrame::new(0x610, &upload[..7])));
+        pass(Some(CanFrame::new(0x610, &[])));
+        for flag in [
+            crate::frame::EXTENDED_FLAG,
+            crate::frame::REMOTE_FLAG,
+            crate::frame::ERROR_FLAG,
+        ] {
+            pass(CanFrame::from_raw(0x610 | flag, 8, upload));
+        }
+    }
+
+    /// Requests that mostly look like the protocol's.
+    fn request() -> impl Strategy<Value = Vec<u8>> {
+        let command = prop_oneof![
+            any::<u8>(),
+            proptest::sample::select(&b"\x40\x2F\x23\x21\x20\x00\x10\x0D\x60\x70\x80\xA4\xA0\xA3\xA2\xA1\xC6\xC2\xC1\xC5\x01\x02\x81"[..]),
+        ];
+        let index = proptest::sample::select(
+            &[
+                0x1000_u16, 0x1017, 0x2000, 0x2001, 0x2002, 0x2003, 0x2004, 0x3000,
+            ][..],
+        );
+        (
+            command,
+            index,
+            0_u8..2,
+            any::<[u8; 4]>(),
+            prop_oneof![9 => Just(8_usize), 1 => 0..8_usize],
+        )
+            .prop_map(|(command, index, sub_index, data, length)| {
+                Multiplexer { index, sub_index }.payload(command, data)[..length].to_vec()
+            })
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_frames_never_panic_or_wedge(
+            requests in proptest::collection::vec((request(), 0_u64..2000), 0..60),
+        ) {
+            let mut bench = Bench::new();
+            for (request, pause) in requests {
+                bench.now += Duration::from_millis(pause);
+                if bench.server.next_deadline().is_some_and(|deadline| deadline <= bench.now) {
+                    bench.server.on_tick(bench.now);
+                    bench.drain();
+                }
+                prop_assert!(bench.ask(&request).len() <= 127);
+                prop_assert_eq!(bench.server.is_busy(), bench.server.next_deadline().is_some());
+            }
+            bench.server.on_tick(bench.now + DEFAULT_TIMEOUT);
+            bench.drain();
+            bench.check(b"\x40\x00\x10\0\0\0\0\0", b"\x43\x00\x10\0\x92\x01\x02\0");
+        }
+    }
+}
