@@ -8,6 +8,8 @@ use canopen::CanFrame;
 use crate::coding::{ByteOrder, Coding, Kind, Range};
 use crate::error::DbcError;
 
+/// Pseudo-message in which Vector's tools keep signals that belong to no message.
+const UNUSED_SIGNALS: &str = "VECTOR__INDEPENDENT_SIG_MSG";
 /// Attribute with the full name of a signal whose DBC name had to stay within 32 characters.
 const LONG_NAME: &str = "SystemSignalLongSymbol";
 /// Attribute with the object behind a signal, such as `0x6064:00`.
@@ -106,12 +108,13 @@ pub struct MessageBuilder {
 }
 
 impl MessageBuilder {
-    /// Sets a signal; those of other messages are ignored.
+    /// Sets a signal to a physical value; see [`Coding::encode`] for values out of range.
+    ///
+    /// # Panics
+    /// When the signal belongs to another message, which is the caller's mistake.
     pub fn set(&mut self, signal: &SignalHandle, value: f64) {
-        debug_assert_eq!(signal.raw_id, self.raw_id, "signal of another message");
-        if signal.raw_id == self.raw_id {
-            signal.encode(value, &mut self.payload);
-        }
+        assert_eq!(signal.raw_id, self.raw_id, "signal of another message");
+        signal.encode(value, &mut self.payload);
     }
 
     /// The frame with what was set so far.
@@ -194,6 +197,7 @@ impl Database {
         let messages: Result<Vec<_>, _> = dbc
             .messages
             .iter()
+            .filter(|message| message.name != UNUSED_SIGNALS)
             .map(|message| read_message(&dbc, message))
             .collect();
         let mut messages = messages?;
@@ -431,5 +435,226 @@ fn number(value: NumericValue) -> f64 {
         NumericValue::Uint(value) => value as f64,
         NumericValue::Int(value) => value as f64,
         NumericValue::Double(value) => value,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use canopen::frame::{EXTENDED_FLAG, REMOTE_FLAG};
+
+    use super::*;
+
+    /// A file with these messages and, behind them, these lines.
+    fn parse(messages: &str) -> Result<Database, DbcError> {
+        Database::parse(&format!("VERSION \"\"\n\nBS_:\n\nBU_: a b\n\n{messages}\n"))
+    }
+
+    #[test]
+    fn a_signal_is_found_decoded_and_labelled_by_name() {
+        let database = Database::sma_actuator();
+        let frame = CanFrame::new(0x190, &[0x37, 0x12, 0xF0, 0xD8, 0xFF, 0xFF, 0xF4, 0x01]);
+        let decoded = database.decode(&frame).unwrap();
+        assert_eq!(decoded.message().name, "drive_tpdo1");
+        let by_name = |name| {
+            let mut signals = decoded.signals();
+            signals.find(|found| found.signal.name == name).unwrap()
+        };
+        let position = by_name("position_millimetres");
+        assert_eq!(
+            (position.value, position.signal.unit.as_str()),
+            (-10.0, "mm")
+        );
+        assert_eq!(by_name("current_amperes").value, 0.5);
+        assert_eq!(by_name("statusword_state").label, Some("operation enabled"));
+        assert_eq!(by_name("statusword_follows_command").value, 1.0);
+        assert_eq!(by_name("position_millimetres").label, None);
+    }
+
+    #[test]
+    fn names_that_do_not_exist_are_not_found() {
+        let database = Database::sma_actuator();
+        for path in [
+            "",
+            ".",
+            "drive_tpdo1",
+            "drive_tpdo1.",
+            "drive_tpdo9.position_millimetres",
+        ] {
+            assert_eq!(database.signal(path), None, "{path}");
+        }
+        assert_eq!(database.builder("drive_tpdo9"), None);
+    }
+
+    #[test]
+    fn long_names_come_from_the_attribute() {
+        let database = Database::sma_actuator();
+        let path = "controller_tpdo1.reference_velocity_millimetres_per_second";
+        assert!(database.signal(path).is_some());
+        assert_eq!(database.signal("controller_tpdo1.reference_velocity"), None);
+        let sliding = "controller_tpdo3.sliding_variable_metres_per_second_squared";
+        assert_eq!(
+            database.definition(sliding).unwrap().coding.kind,
+            Kind::Float32
+        );
+    }
+
+    #[test]
+    fn signals_beyond_a_short_payload_are_absent() {
+        let database = Database::sma_actuator();
+        let frame = CanFrame::new(0x190, &[0x37, 0x12, 0x10, 0x27, 0, 0]);
+        let names: Vec<_> = database
+            .decode(&frame)
+            .unwrap()
+            .signals()
+            .map(|decoded| decoded.signal.name.clone())
+            .collect();
+        assert!(names.contains(&"position_millimetres".to_owned()));
+        assert!(!names.contains(&"current_amperes".to_owned()));
+        let current = database.signal("drive_tpdo1.current_amperes").unwrap();
+        assert_eq!(current.decode(&frame), None);
+        assert_eq!(
+            database
+                .decode(&CanFrame::new(0x190, &[]))
+                .unwrap()
+                .signals()
+                .count(),
+            0
+        );
+    }
+
+    #[test]
+    fn other_identifiers_remote_and_extended_frames_are_passed_over() {
+        let database = Database::sma_actuator();
+        let position = database.signal("drive_tpdo1.position_millimetres").unwrap();
+        for id in [0x191, 0x190 | REMOTE_FLAG, 0x190 | EXTENDED_FLAG] {
+            let frame = CanFrame::from_raw(id, 8, [0; 8]).unwrap();
+            assert!(database.decode(&frame).is_none(), "{id:#x}");
+            assert_eq!(position.decode(&frame), None, "{id:#x}");
+        }
+    }
+
+    #[test]
+    fn the_disturbance_frame_is_built_by_name_and_saturates() {
+        let database = Database::sma_actuator();
+        let mut builder = database.builder("disturbance_rpdo1").unwrap();
+        let factor = database
+            .signal("disturbance_rpdo1.convection_factor")
+            .unwrap();
+        let load = database
+            .signal("disturbance_rpdo1.added_load_grams")
+            .unwrap();
+        builder.set(&factor, 5.0);
+        builder.set(&load, -12.34);
+        assert_eq!(
+            builder.frame(),
+            CanFrame::new(0x211, &[0x88, 0x13, 0x85, 0xFF])
+        );
+        builder.set(&factor, 1e9);
+        builder.set(&load, f64::NEG_INFINITY);
+        assert_eq!(
+            builder.frame(),
+            CanFrame::new(0x211, &[0x30, 0x75, 0x00, 0x80])
+        );
+    }
+
+    #[test]
+    fn not_a_number_is_kept_by_floats_and_is_raw_0_to_integers() {
+        let database = Database::sma_actuator();
+        let encode = |path: &str| {
+            let handle = database.signal(path).unwrap();
+            let mut payload = [0xFF; 8];
+            handle.encode(f64::NAN, &mut payload);
+            database.definition(path).unwrap().coding.decode(&payload)
+        };
+        assert!(encode("controller_tpdo4.equivalent_part_amperes_squared").is_nan());
+        assert_eq!(encode("drive_rpdo1.target_current_amperes"), 0.0);
+    }
+
+    #[test]
+    fn decoded_decimals_are_exact() {
+        let database = Database::sma_actuator();
+        let position = database.signal("drive_tpdo1.position_millimetres").unwrap();
+        let mut payload = [0; 8];
+        payload[2..6].copy_from_slice(&35_004_i32.to_le_bytes());
+        assert_eq!(
+            position.decode(&CanFrame::new(0x190, &payload)),
+            Some(35.004)
+        );
+    }
+
+    #[test]
+    fn vectors_pseudo_message_is_passed_over() {
+        let text = "BO_ 3221225472 VECTOR__INDEPENDENT_SIG_MSG: 0 Vector__XXX\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" a\n";
+        assert!(parse(text).unwrap().messages().is_empty());
+    }
+
+    #[test]
+    fn what_cannot_be_coded_is_refused_with_its_name() {
+        let cases = [
+            (
+                "BO_ 1 m: 8 a\n SG_ s M : 0|8@1+ (1,0) [0|0] \"\" b",
+                "signal m.s: multiplexed",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 0|0@1+ (1,0) [0|0] \"\" b",
+                "length is not 1 to 64 bits",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 1|64@1+ (1,0) [0|0] \"\" b",
+                "reaches beyond the payload",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 300|1@1+ (1,0) [0|0] \"\" b",
+                "reaches beyond the payload",
+            ),
+            (
+                "BO_ 1 m: 2 a\n SG_ s : 8|9@0+ (1,0) [0|0] \"\" b",
+                "reaches beyond the payload",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (0,0) [0|0] \"\" b",
+                "factor is 0",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1e999,0) [0|0] \"\" b",
+                "not finite",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [2|1] \"\" b",
+                "range is empty",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 0|16@1- (1,0) [0|0] \"\" b\n\nSIG_VALTYPE_ 1 s : 1;",
+                "needs 32 bits",
+            ),
+            ("BO_ 1 m: 9 a\n", "message m has 9 bytes"),
+            ("BO_ 2048 m: 8 a\n", "0x800 exceeds 11 bits"),
+            (
+                "BO_ 1 m: 8 a\n\nBO_ 1 n: 8 a\n",
+                "messages m and n have the same",
+            ),
+            (
+                "BO_ 1 m: 8 a\n\nBO_ 2 m: 8 a\n",
+                "messages m and m have the same",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n SG_ t : 0|1@0+ (1,0) [0|0] \"\" b",
+                "message m: signals s and t overlap",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n SG_ s : 8|8@1+ (1,0) [0|0] \"\" b",
+                "message m has two signals s",
+            ),
+            ("nonsense", "DBC syntax"),
+        ];
+        for (text, expected) in cases {
+            let error = parse(text).expect_err(text).to_string();
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+        let long = " ".repeat(Database::TEXT_BYTES_MAX + 1);
+        assert!(matches!(
+            Database::parse(&long),
+            Err(DbcError::TextTooLong { .. })
+        ));
     }
 }
