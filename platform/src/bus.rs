@@ -1,21 +1,35 @@
-//! The seam to a CAN bus.
+//! The seam to a CAN bus: what a participant needs of it, its address, and what can be wrong with it.
 
+use std::fmt;
 use std::io;
-use std::os::fd::BorrowedFd;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::path::PathBuf;
+use std::str::FromStr;
 use std::time::Duration;
 
-use canopen::CanFrame;
+use canopen::{CanFrame, Filter};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+
+use crate::clock::Clock;
+use crate::embedded_bus::EmbeddedBus;
+use crate::probe;
+use crate::socketcan_bus::SocketCanBus;
+
+/// How long [`Bus::send`] waits for room in a full queue.
+pub const SEND_PATIENCE: Duration = Duration::from_millis(50);
 
 /// A CAN bus as one participant sees it. Its own frames do not come back.
 pub trait Bus: Send {
-    /// Sends a frame. Waits a bounded time where the bus's queue is full.
+    /// Sends a frame. Waits up to [`SEND_PATIENCE`] where the bus's queue is full.
     ///
     /// # Errors
     /// When the queue stays full or the bus is gone.
     fn send(&mut self, frame: &CanFrame) -> Result<(), BusError>;
 
     /// The next frame that passes the filters, oldest first; `None` when none came within `timeout`. With a `timeout`
-    /// of zero it never waits. The kernel's error messages come as frames with [`CanFrame::is_error`].
+    /// of zero it never waits. The kernel's error messages come as frames with [`CanFrame::is_error`] where a filter
+    /// accepts them.
     ///
     /// # Errors
     /// When the bus is gone.
@@ -28,15 +42,236 @@ pub trait Bus: Send {
     fn dropped(&self) -> u64;
 }
 
-/// What is wrong with a bus.
+/// Where a bus is: `can0`, `vcan0` (a SocketCAN interface) or `embedded:/path/to/socket`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum BusAddress {
+    /// A CAN network interface.
+    Interface(String),
+    /// The socket of an embedded bus, see [`crate::hub`].
+    Embedded(PathBuf),
+}
+
+/// What is wrong with the text of an address.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("\"{text}\" is no bus: name a CAN interface such as vcan0, or embedded:/path/to/socket")]
+pub struct BadAddress {
+    text: String,
+}
+
+impl FromStr for BusAddress {
+    type Err = BadAddress;
+
+    fn from_str(text: &str) -> Result<Self, BadAddress> {
+        let bad = || BadAddress { text: text.into() };
+        if let Some(path) = text.strip_prefix("embedded:") {
+            return if path.is_empty() {
+                Err(bad())
+            } else {
+                Ok(Self::Embedded(path.into()))
+            };
+        }
+        // The kernel's `dev_valid_name`.
+        let valid = (1..=15).contains(&text.len())
+            && text != "."
+            && text != ".."
+            && !text.contains(|c: char| c.is_whitespace() || c == '/' || c == ':' || c == '\0');
+        valid.then(|| Self::Interface(text.into())).ok_or_else(bad)
+    }
+}
+
+impl fmt::Display for BusAddress {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Interface(name) => formatter.write_str(name),
+            Self::Embedded(path) => write!(formatter, "embedded:{}", path.display()),
+        }
+    }
+}
+
+/// Opens the bus for one participant, who receives what one of `filters` accepts.
+///
+/// # Errors
+/// Says what is missing and what to do about it.
+pub fn open(address: &BusAddress, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
+    Ok(match address {
+        BusAddress::Interface(name) => Box::new(SocketCanBus::open(name, filters)?),
+        BusAddress::Embedded(path) => Box::new(EmbeddedBus::open(path, filters)?),
+    })
+}
+
+/// What is wrong with a bus, and what to do next.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
+    /// No SocketCAN, or no right to it.
+    #[error(transparent)]
+    NoKernelCan(#[from] probe::NoKernelCan),
+    /// No interface of this name.
+    #[error(
+        "CAN interface {name} does not exist; make a virtual one with: ip link add dev {name} type vcan && ip link set {name} up"
+    )]
+    NoInterface {
+        /// The name asked for.
+        name: String,
+    },
+    /// An interface, but not for CAN.
+    #[error(
+        "{name} is no CAN interface; `ip -brief link show type can` and `... type vcan` list those there are"
+    )]
+    NotCan {
+        /// Its name.
+        name: String,
+    },
+    /// The interface is not up.
+    #[error(
+        "CAN interface {name} is down; bring it up with: ip link set {name} up (a real one with: ip link set {name} up type can bitrate 1000000)"
+    )]
+    InterfaceDown {
+        /// Its name.
+        name: String,
+    },
+    /// No embedded bus at this path.
+    #[error("no bus is at {path}: has the run that made it ended?", path = path.display())]
+    NoHub {
+        /// The socket's path.
+        path: PathBuf,
+    },
+    /// The path does not fit a socket address.
+    #[error("the path {path} is too long for a socket ({length} bytes, limit {limit})", path = path.display(), length = path.as_os_str().len(), limit = PATH_BYTES_MAX)]
+    PathTooLong {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The embedded bus belongs to someone else.
+    #[error("the bus at {path} belongs to user {owner}, not to you", path = path.display())]
+    ForeignHub {
+        /// The socket's path.
+        path: PathBuf,
+        /// The other user's id.
+        owner: u32,
+    },
+    /// The hub did not take this participant: it is full, or too busy.
+    #[error("the bus at {path} did not let us join", path = path.display())]
+    Refused {
+        /// The socket's path.
+        path: PathBuf,
+    },
+    /// The system's permission is missing.
+    #[error("no permission to open {address}")]
+    NoPermission {
+        /// The bus.
+        address: BusAddress,
+    },
+    /// The queue stayed full.
+    #[error(
+        "frame {frame} could not be sent within {} ms: the queue of {address} is full (is anyone else on the bus to acknowledge?)",
+        SEND_PATIENCE.as_millis()
+    )]
+    NotSent {
+        /// The frame.
+        frame: CanFrame,
+        /// The bus.
+        address: BusAddress,
+    },
+    /// The hub of an embedded bus ended.
+    #[error("the bus {address} ended")]
+    Closed {
+        /// The bus.
+        address: BusAddress,
+    },
     /// The system's error, where nothing better is known.
-    #[error("the bus failed to {action}: {source}")]
+    #[error("{address} failed to {action}: {source}")]
     System {
+        /// The bus.
+        address: BusAddress,
         /// What was tried.
         action: &'static str,
         /// The system's error.
         source: io::Error,
     },
+}
+
+/// Bytes of a socket's path at most: `sun_path` less its final zero.
+pub const PATH_BYTES_MAX: usize = 107;
+
+/// Receives with `attempt` until it gives a frame or `timeout` is over.
+pub(crate) fn receive_within(
+    fd: BorrowedFd<'_>,
+    timeout: Duration,
+    attempt: impl Fn() -> Result<Option<CanFrame>, BusError>,
+    failed: impl Fn(Errno) -> BusError,
+) -> Result<Option<CanFrame>, BusError> {
+    if let Some(frame) = attempt()? {
+        return Ok(Some(frame));
+    }
+    let clock = Clock::start();
+    loop {
+        let patience = timeout.saturating_sub(clock.now());
+        if patience.is_zero() || !wait_ready(fd, PollFlags::IN, patience).map_err(&failed)? {
+            return Ok(None);
+        }
+        if let Some(frame) = attempt()? {
+            return Ok(Some(frame));
+        }
+    }
+}
+
+/// Waits until `fd` is ready or `timeout` is over; true when it is ready. An interrupted wait goes on.
+pub(crate) fn wait_ready(
+    fd: BorrowedFd<'_>,
+    flags: PollFlags,
+    timeout: Duration,
+) -> Result<bool, Errno> {
+    let clock = Clock::start();
+    loop {
+        let remaining = timeout.saturating_sub(clock.now());
+        let remaining = Timespec::try_from(remaining).map_err(|_| Errno::INVAL)?;
+        match poll(
+            &mut [PollFd::from_borrowed_fd(fd.as_fd(), flags)],
+            Some(&remaining),
+        ) {
+            Ok(count) => return Ok(count > 0),
+            Err(Errno::INTR) => {}
+            Err(errno) => return Err(errno),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_come_back_as_they_were_written() {
+        for text in [
+            "can0",
+            "vcan0",
+            "a-very-long-one",
+            "embedded:/run/user/1000/bus",
+        ] {
+            let address: BusAddress = text.parse().unwrap();
+            assert_eq!(address.to_string(), text);
+        }
+    }
+
+    #[test]
+    fn bad_addresses_say_what_is_meant() {
+        for text in [
+            "",
+            ".",
+            "..",
+            "a/b",
+            "sixteen-letters-",
+            "a b",
+            "tcp:host",
+            "embedded:",
+        ] {
+            let error = text.parse::<BusAddress>().unwrap_err().to_string();
+            assert_eq!(
+                error,
+                format!(
+                    "\"{text}\" is no bus: name a CAN interface such as vcan0, or embedded:/path/to/socket"
+                )
+            );
+        }
+    }
 }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use rustix::thread::{NanosleepRelativeResult, nanosleep};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
 /// Time since the clock was started, from `CLOCK_MONOTONIC`.
@@ -61,4 +62,14 @@ fn wall() -> Duration {
 /// A time of the system that is not negative.
 fn duration(time: Timespec) -> Duration {
     Duration::try_from(time).unwrap_or_default()
+}
+
+/// Waits; longer when the system is busy, not shorter.
+pub(crate) fn sleep(time: Duration) {
+    let Ok(mut remaining) = Timespec::try_from(time) else {
+        return;
+    };
+    while let NanosleepRelativeResult::Interrupted(rest) = nanosleep(&remaining) {
+        remaining = rest;
+    }
 }

@@ -5,7 +5,14 @@
 
 pub mod bus;
 pub mod clock;
+mod embedded_bus;
+pub mod hub;
+mod kernel_format;
 pub mod lockstep;
+pub mod probe;
+pub mod recorder;
+pub mod scheduling;
+mod socketcan_bus;
 
 #[cfg(test)]
 mod test_nodes;

@@ -1,0 +1,200 @@
+//! The embedded bus: a CAN bus without a kernel's CAN, for the processes of one user on one machine.
+//!
+//! The hub listens on a `SOCK_SEQPACKET` socket of the file system. Packets:
+//!
+//! - The first packet of a client is its receive filters, an array of the kernel's `struct can_filter` (8 bytes each, up
+//!   to 512). Identifier 0 with mask 0 accepts everything. Flags are ordinary bits here. An empty packet would read as
+//!   the end of the connection: a client that wants nothing sends one filter that nothing passes.
+//! - The hub answers with a notice: the number of frames that it dropped for this client, 8 bytes (now zero). A client
+//!   is on the bus when it has this answer.
+//! - From then on each packet is a frame, the kernel's 16-byte `struct can_frame`, native byte order, in both directions.
+//!   The hub passes it on to all other clients whose filters accept it.
+//!
+//! A client that does not drain its socket (the kernel holds 278 packets) is dropped from, never waited for, and gets
+//! another notice before its next frame. What is not a frame is counted and ignored. Only clients of the hub's own
+//! user may join; the socket has mode 0600 in a directory of mode 0700.
+//!
+//! Each frame is stamped where it passes and handed to the [`Recorder`].
+
+mod place;
+mod switch;
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+use std::io;
+use std::os::fd::OwnedFd;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::JoinHandle;
+
+use rustix::event::{EventfdFlags, eventfd};
+
+use crate::bus::BusAddress;
+use crate::recorder::{self, Recorder};
+use crate::scheduling::{self, Refused};
+
+use place::Place;
+pub(crate) use place::remove_leftover;
+use switch::Switch;
+
+/// Participants at once, at most.
+pub const CLIENTS_MAX: usize = 32;
+
+/// Above the nodes: a frame under way is worth more than the next one.
+const PRIORITY: u8 = 60;
+
+/// Why there is no hub.
+#[derive(Debug, thiserror::Error)]
+pub enum HubError {
+    /// The directory for the socket has too long a name.
+    #[error(
+        "the bus's socket {path} would exceed {limit} bytes; set XDG_RUNTIME_DIR or TMPDIR to a shorter directory",
+        path = path.display(), limit = crate::bus::PATH_BYTES_MAX
+    )]
+    PathTooLong {
+        /// The path.
+        path: PathBuf,
+    },
+    /// No directory takes the socket.
+    #[error("no directory for the bus's socket could be made in {tried}: {source}; set XDG_RUNTIME_DIR or TMPDIR to one that you may write to", tried = tried.display())]
+    NoDirectory {
+        /// The last one tried.
+        tried: PathBuf,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// Anything else.
+    #[error("the embedded bus could not be started: {0}")]
+    System(#[from] io::Error),
+}
+
+/// What a hub has counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct HubReport {
+    /// Frames taken from clients.
+    pub frames: u64,
+    /// Frames not passed on to a client that did not drain its socket, summed over the clients.
+    pub dropped: u64,
+    /// Packets that were not a frame, and first packets that were not filters.
+    pub malformed: u64,
+    /// Connections refused: of another user, or too many.
+    pub refused: u64,
+}
+
+#[derive(Default)]
+struct Counters {
+    frames: AtomicU64,
+    dropped: AtomicU64,
+    malformed: AtomicU64,
+    refused: AtomicU64,
+}
+
+/// Counts one.
+fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Ordering::Relaxed);
+}
+
+/// A running hub; dropping it ends the bus and removes its socket.
+pub struct Hub {
+    place: Place,
+    counters: Arc<Counters>,
+    stop: OwnedFd,
+    thread: Option<JoinHandle<()>>,
+    real_time: Result<(), Refused>,
+}
+
+impl Hub {
+    /// Starts a hub on its own thread, and the recorder of its bus.
+    ///
+    /// # Errors
+    /// When no socket can be made.
+    pub fn start() -> Result<(Self, Recorder), HubError> {
+        Self::start_in(&place::candidates())
+    }
+
+    fn start_in(directories: &[PathBuf]) -> Result<(Self, Recorder), HubError> {
+        let (place, listener) = Place::make(directories)?;
+        let (ring, recorder) = recorder::ring();
+        let counters = Arc::new(Counters::default());
+        let stop =
+            eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).map_err(io::Error::from)?;
+        let switch = Switch::new(listener, stop.try_clone()?, ring, Arc::clone(&counters))?;
+        let (tell, told) = std::sync::mpsc::channel();
+        let thread = std::thread::Builder::new()
+            .name("hub".into())
+            .spawn(move || {
+                let asked = scheduling::request_fifo(PRIORITY);
+                // Nobody listens when the start itself was given up.
+                tell.send(asked).ok();
+                switch.run();
+            })?;
+        let real_time = told
+            .recv()
+            .map_err(|_| io::Error::other("its thread ended at once"))?;
+        let hub = Self {
+            place,
+            counters,
+            stop,
+            thread: Some(thread),
+            real_time,
+        };
+        Ok((hub, recorder))
+    }
+
+    /// Where the bus is.
+    #[must_use]
+    pub fn address(&self) -> BusAddress {
+        BusAddress::Embedded(self.place.socket())
+    }
+
+    /// What was counted so far.
+    #[must_use]
+    pub fn report(&self) -> HubReport {
+        let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        HubReport {
+            frames: read(&self.counters.frames),
+            dropped: read(&self.counters.dropped),
+            malformed: read(&self.counters.malformed),
+            refused: read(&self.counters.refused),
+        }
+    }
+
+    /// Why the hub's thread has no real-time priority; `None` when it has.
+    #[must_use]
+    pub fn refusal(&self) -> Option<&Refused> {
+        self.real_time.as_ref().err()
+    }
+}
+
+impl Drop for Hub {
+    fn drop(&mut self) {
+        // An event counter takes this write; should it not, the join below would wait for ever.
+        if rustix::io::write(&self.stop, &1_u64.to_ne_bytes()).is_ok()
+            && let Some(thread) = self.thread.take()
+        {
+            drop(thread.join());
+        }
+    }
+}
+
+impl fmt::Debug for Hub {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("Hub")
+            .field("address", &self.address())
+            .field("report", &self.report())
+            .finish_non_exhaustive()
+    }
+}
+
+/// A notice: how many frames were dropped for this client.
+fn encode_notice(dropped: u64) -> [u8; 8] {
+    dropped.to_ne_bytes()
+}
+
+/// The number in a notice; `None` when the packet is none.
+pub(crate) fn decode_notice(packet: &[u8]) -> Option<u64> {
+    packet.try_into().ok().map(u64::from_ne_bytes)
+}

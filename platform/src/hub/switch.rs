@@ -1,0 +1,210 @@
+//! The hub's thread: takes a frame from one client and passes it on to the others.
+
+use std::io;
+use std::mem::MaybeUninit;
+use std::os::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use canopen::{CanFrame, Filter};
+use rustix::event::epoll;
+use rustix::io::Errno;
+use rustix::net::sockopt::socket_peercred;
+use rustix::net::{RecvFlags, SendFlags, SocketFlags, accept_with};
+
+use super::{CLIENTS_MAX, Counters, count, encode_notice};
+use crate::kernel_format::{FILTER_BYTES, FRAME_BYTES, decode_filters, decode_frame, encode_frame};
+use crate::recorder::Ring;
+
+/// Filters of a client, at most (the kernel's `CAN_RAW_FILTER_MAX`).
+const FILTERS_MAX: usize = 512;
+const PACKET_MAX: usize = FILTERS_MAX * FILTER_BYTES;
+
+/// Epoll's names for what is not a client.
+const LISTENER: u64 = u64::MAX;
+const STOP: u64 = u64::MAX - 1;
+
+struct Client {
+    socket: OwnedFd,
+    /// `None` until the first packet.
+    filters: Option<Vec<Filter>>,
+    dropped: u64,
+    dropped_told: u64,
+}
+
+pub(super) struct Switch {
+    epoll: OwnedFd,
+    listener: OwnedFd,
+    // Kept open for the epoll.
+    _stop: OwnedFd,
+    clients: [Option<Client>; CLIENTS_MAX],
+    ring: Ring,
+    counters: Arc<Counters>,
+    packet: Box<[u8; PACKET_MAX]>,
+}
+
+/// What came from a client.
+enum Packet {
+    Nothing,
+    End,
+    Bytes(usize),
+}
+
+impl Switch {
+    pub(super) fn new(
+        listener: OwnedFd,
+        stop: OwnedFd,
+        ring: Ring,
+        counters: Arc<Counters>,
+    ) -> io::Result<Self> {
+        let epoll = epoll::create(epoll::CreateFlags::CLOEXEC)?;
+        watch(&epoll, &listener, LISTENER)?;
+        watch(&epoll, &stop, STOP)?;
+        Ok(Self {
+            epoll,
+            listener,
+            _stop: stop,
+            clients: [const { None }; CLIENTS_MAX],
+            ring,
+            counters,
+            packet: Box::new([0; PACKET_MAX]),
+        })
+    }
+
+    /// Works until told to stop. One packet per client and round: nobody starves the others.
+    pub(super) fn run(mut self) {
+        let mut events = [MaybeUninit::uninit(); CLIENTS_MAX + 2];
+        loop {
+            let ready = match epoll::wait(&self.epoll, &mut events[..], None) {
+                Ok((ready, _)) => ready,
+                Err(Errno::INTR) => continue,
+                // Ending the bus is better than spinning at real-time priority.
+                Err(_) => return,
+            };
+            for event in ready {
+                match event.data.u64() {
+                    STOP => return,
+                    LISTENER => self.take_client(),
+                    index => self.serve(usize::try_from(index).unwrap_or(CLIENTS_MAX)),
+                }
+            }
+        }
+    }
+
+    fn take_client(&mut self) {
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+        let socket = match accept_with(&self.listener, flags) {
+            Ok(socket) => socket,
+            Err(Errno::AGAIN | Errno::INTR | Errno::CONNABORTED) => return,
+            Err(_) => {
+                // Out of descriptors: taking no more clients is better than spinning at real-time priority.
+                count(&self.counters.refused);
+                epoll::delete(&self.epoll, &self.listener).ok();
+                return;
+            }
+        };
+        let own_user =
+            socket_peercred(&socket).is_ok_and(|peer| peer.uid == rustix::process::geteuid());
+        let free = self.clients.iter().position(Option::is_none);
+        match free.filter(|_| own_user) {
+            Some(index) if watch(&self.epoll, &socket, index as u64).is_ok() => {
+                self.clients[index] = Some(Client {
+                    socket,
+                    filters: None,
+                    dropped: 0,
+                    dropped_told: 0,
+                });
+            }
+            _ => count(&self.counters.refused),
+        }
+    }
+
+    /// Takes one packet from a client.
+    fn serve(&mut self, index: usize) {
+        let Some(client) = self.clients.get_mut(index).and_then(Option::as_mut) else {
+            return;
+        };
+        match receive(client, &mut self.packet[..]) {
+            Packet::Nothing => {}
+            Packet::End => self.clients[index] = None,
+            Packet::Bytes(length) if client.filters.is_some() => {
+                match self.packet.get(..length).and_then(decode_frame) {
+                    Some(frame) => self.pass_on(index, &frame),
+                    None => count(&self.counters.malformed),
+                }
+            }
+            Packet::Bytes(length) => {
+                client.filters = self.packet.get(..length).and_then(decode_filters);
+                if client.filters.is_none() {
+                    count(&self.counters.malformed);
+                    self.clients[index] = None;
+                } else if !client.send(&encode_notice(0)) {
+                    self.clients[index] = None;
+                }
+            }
+        }
+    }
+
+    /// Records a frame and gives it to all others who want it.
+    fn pass_on(&mut self, sender: usize, frame: &CanFrame) {
+        count(&self.counters.frames);
+        self.ring.push_now(*frame);
+        let bytes = encode_frame(frame);
+        for (index, client) in self.clients.iter_mut().enumerate() {
+            let Some(client) = client else { continue };
+            if index != sender && client.wants(frame) && !client.deliver(&bytes) {
+                client.dropped += 1;
+                self.counters.dropped.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+}
+
+impl Client {
+    fn wants(&self, frame: &CanFrame) -> bool {
+        self.filters
+            .as_ref()
+            .is_some_and(|filters| filters.iter().any(|filter| filter.accepts(frame)))
+    }
+
+    /// Gives the client a frame, and before it the news of lost ones; false when its socket is full or gone.
+    fn deliver(&mut self, bytes: &[u8; FRAME_BYTES]) -> bool {
+        if self.dropped != self.dropped_told {
+            if !self.send(&encode_notice(self.dropped)) {
+                return false;
+            }
+            self.dropped_told = self.dropped;
+        }
+        self.send(bytes)
+    }
+
+    fn send(&self, packet: &[u8]) -> bool {
+        rustix::net::send(
+            &self.socket,
+            packet,
+            SendFlags::DONTWAIT | SendFlags::NOSIGNAL,
+        )
+        .is_ok()
+    }
+}
+
+/// Takes one packet; a longer one than fits is told by its length.
+fn receive(client: &Client, packet: &mut [u8]) -> Packet {
+    let flags = RecvFlags::DONTWAIT | RecvFlags::TRUNC;
+    match rustix::net::recv(&client.socket, packet, flags) {
+        Ok((_, 0)) => Packet::End,
+        Ok((_, length)) => Packet::Bytes(length),
+        Err(Errno::AGAIN | Errno::INTR) => Packet::Nothing,
+        Err(_) => Packet::End,
+    }
+}
+
+fn watch(epoll: &OwnedFd, source: &OwnedFd, name: u64) -> io::Result<()> {
+    epoll::add(
+        epoll,
+        source,
+        epoll::EventData::new_u64(name),
+        epoll::EventFlags::IN,
+    )?;
+    Ok(())
+}

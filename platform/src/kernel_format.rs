@@ -1,0 +1,80 @@
+//! The kernel's layout of frames and filters (`linux/can.h`), native byte order.
+
+use canopen::{CanFrame, Filter};
+
+/// Bytes of `struct can_frame`.
+pub(crate) const FRAME_BYTES: usize = 16;
+/// Bytes of `struct can_filter`.
+pub(crate) const FILTER_BYTES: usize = 8;
+
+/// A frame as `struct can_frame`: identifier with flags, length, three bytes of padding, data.
+pub(crate) fn encode_frame(frame: &CanFrame) -> [u8; FRAME_BYTES] {
+    let mut bytes = [0; FRAME_BYTES];
+    bytes[..4].copy_from_slice(&frame.raw_id().to_ne_bytes());
+    bytes[4] = u8::try_from(frame.data().len()).expect("a frame has at most 8 bytes");
+    bytes[8..].copy_from_slice(&frame.buffer());
+    bytes
+}
+
+/// A frame from `struct can_frame`; `None` when it is none.
+pub(crate) fn decode_frame(bytes: &[u8]) -> Option<CanFrame> {
+    let bytes: &[u8; FRAME_BYTES] = bytes.try_into().ok()?;
+    let (id, rest) = bytes.split_first_chunk::<4>()?;
+    let data = bytes.last_chunk::<8>()?;
+    CanFrame::from_raw(u32::from_ne_bytes(*id), rest[0], *data)
+}
+
+/// Filters as an array of `struct can_filter`.
+pub(crate) fn encode_filters(filters: &[Filter]) -> Vec<u8> {
+    filters
+        .iter()
+        .flat_map(|filter| [filter.id.to_ne_bytes(), filter.mask.to_ne_bytes()])
+        .flatten()
+        .collect()
+}
+
+/// Filters from an array of `struct can_filter`; `None` when the length is no multiple of 8.
+pub(crate) fn decode_filters(bytes: &[u8]) -> Option<Vec<Filter>> {
+    let (filters, rest) = bytes.as_chunks::<FILTER_BYTES>();
+    rest.is_empty().then(|| {
+        filters
+            .iter()
+            .map(|[a, b, c, d, e, f, g, h]| Filter {
+                id: u32::from_ne_bytes([*a, *b, *c, *d]),
+                mask: u32::from_ne_bytes([*e, *f, *g, *h]),
+            })
+            .collect()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_has_the_kernels_layout() {
+        let frame = CanFrame::new(0x190, &[1, 2, 3]);
+        let bytes = encode_frame(&frame);
+        assert_eq!(bytes[..4], 0x190_u32.to_ne_bytes());
+        assert_eq!(bytes[4..], [3, 0, 0, 0, 1, 2, 3, 0, 0, 0, 0, 0]);
+        assert_eq!(decode_frame(&bytes), Some(frame));
+    }
+
+    #[test]
+    fn what_is_no_frame_is_refused() {
+        let mut bytes = encode_frame(&CanFrame::new(1, &[]));
+        assert_eq!(decode_frame(&bytes[..15]), None);
+        assert_eq!(decode_frame(&[0; 72]), None);
+        bytes[4] = 9;
+        assert_eq!(decode_frame(&bytes), None);
+    }
+
+    #[test]
+    fn filters_come_back() {
+        let filters = [Filter::ALL, Filter::exact(0x190)];
+        let bytes = encode_filters(&filters);
+        assert_eq!(bytes.len(), 16);
+        assert_eq!(decode_filters(&bytes).unwrap(), filters);
+        assert_eq!(decode_filters(&bytes[..9]), None);
+    }
+}

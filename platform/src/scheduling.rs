@@ -1,0 +1,119 @@
+//! Real-time scheduling and locked memory: asked for, and where refused, one line that says how to permit them.
+#![expect(
+    unsafe_code,
+    reason = "sched_setscheduler has no safe wrapper in our dependencies"
+)]
+
+use std::hint::black_box;
+use std::io;
+
+use rustix::mm::{MlockAllFlags, mlockall};
+
+/// Priority of a node's loop.
+pub const NODE_PRIORITY: u8 = 50;
+
+/// Stack that is touched before it is locked, in bytes; the loops need a fraction of it.
+const STACK_BYTES: usize = 128 * 1024;
+
+/// The system refused real-time means; the loop runs without them, its deadlines at the mercy of the machine's load.
+#[derive(Debug, thiserror::Error)]
+pub enum Refused {
+    /// No real-time priority.
+    #[error(
+        "real-time priority {priority} (SCHED_FIFO) was refused: {source}; permit it to this shell with: sudo prlimit --pid $$ --rtprio=99"
+    )]
+    Fifo {
+        /// The priority asked for.
+        priority: u8,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// Memory may be paged out.
+    #[error(
+        "locking memory was refused: {source}; permit it to this shell with: sudo prlimit --pid $$ --memlock=unlimited"
+    )]
+    Memory {
+        /// The system's error.
+        source: io::Error,
+    },
+}
+
+/// What a real-time loop got of what it asked for.
+#[derive(Debug)]
+pub struct Scheduling {
+    /// Real-time priority for the calling thread.
+    pub fifo: Result<(), Refused>,
+    /// Memory that is never paged out, for the process.
+    pub memory: Result<(), Refused>,
+}
+
+impl Scheduling {
+    /// What was refused, one line each.
+    pub fn refusals(&self) -> impl Iterator<Item = &Refused> {
+        [&self.fifo, &self.memory]
+            .into_iter()
+            .filter_map(|result| result.as_ref().err())
+    }
+}
+
+/// Asks for [`NODE_PRIORITY`] for this thread and for locked memory. Call it on the loop's thread, after the node and
+/// the bus are made and before the loop.
+pub fn request() -> Scheduling {
+    Scheduling {
+        memory: lock_memory(),
+        fifo: request_fifo(NODE_PRIORITY),
+    }
+}
+
+/// Asks for a real-time priority (1 to 99) for this thread. Threads and processes that it starts do not inherit it.
+///
+/// # Errors
+/// When it is not permitted.
+pub fn request_fifo(priority: u8) -> Result<(), Refused> {
+    let parameter = libc::sched_param {
+        sched_priority: priority.into(),
+    };
+    let policy = libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK;
+    // SAFETY: the call reads the parameter and nothing else; 0 is the calling thread.
+    let result = unsafe { libc::sched_setscheduler(0, policy, &raw const parameter) };
+    if result == 0 {
+        return Ok(());
+    }
+    Err(Refused::Fifo {
+        priority,
+        source: io::Error::last_os_error(),
+    })
+}
+
+/// Locks the memory that the process has now, each page from its first use on.
+///
+/// The loops allocate nothing later, and locking future memory too would make allocations of other threads fail at the
+/// limit. A page that is never used, of a large program most are, is not worth its place.
+///
+/// # Errors
+/// When it is not permitted.
+pub fn lock_memory() -> Result<(), Refused> {
+    touch_stack();
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT).map_err(|errno| Refused::Memory {
+        source: errno.into(),
+    })
+}
+
+/// Makes the kernel give us the stack that the loop will use, so that it is there to be locked.
+#[inline(never)]
+fn touch_stack() {
+    black_box([0_u8; STACK_BYTES]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_is_one_line_that_says_how_to_permit_it() {
+        // Priority 0 is refused to everyone.
+        let refused = request_fifo(0).unwrap_err().to_string();
+        assert!(refused.contains("prlimit"), "{refused}");
+        assert_eq!(refused.lines().count(), 1);
+    }
+}

@@ -1,0 +1,196 @@
+//! A bus of the kernel (SocketCAN): a virtual one, or real hardware.
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::time::Duration;
+
+use canopen::frame::ERROR_FLAG;
+use canopen::{CanFrame, Filter};
+use rustix::event::PollFlags;
+use rustix::io::Errno;
+use rustix::net::{RecvFlags, SendFlags};
+use socketcan::{CanFilter, CanSocket, Socket, SocketOptions};
+
+use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within, wait_ready};
+use crate::clock::{self, Clock};
+use crate::kernel_format::{FRAME_BYTES, decode_frame, encode_frame};
+use crate::probe::{self, Interface};
+
+/// Between two attempts to send into a full queue: about the time of one frame at 1 Mbit/s.
+const SEND_RETRY: Duration = Duration::from_micros(100);
+
+/// Index of the drop counter in the answer to `SO_MEMINFO` (`SK_MEMINFO_DROPS`).
+const MEMINFO_DROPS: usize = 8;
+
+/// One participant's socket on a CAN interface.
+pub(crate) struct SocketCanBus {
+    name: String,
+    socket: CanSocket,
+}
+
+impl SocketCanBus {
+    /// Opens the interface with the kernel's receive filters.
+    ///
+    /// # Errors
+    /// Says what is missing and what to do about it.
+    pub(crate) fn open(name: &str, filters: &[Filter]) -> Result<Self, BusError> {
+        let socket = open_socket(name)?;
+        let bus = Self {
+            name: name.into(),
+            socket,
+        };
+        set_filters(&bus.socket, filters).map_err(|error| bus.system("set its filters", error))?;
+        bus.forget_unfiltered()?;
+        Ok(bus)
+    }
+
+    /// Takes what came between the opening and the filters.
+    fn forget_unfiltered(&self) -> Result<(), BusError> {
+        while self.try_receive()?.is_some() {}
+        Ok(())
+    }
+
+    fn try_receive(&self) -> Result<Option<CanFrame>, BusError> {
+        let mut bytes = [0; FRAME_BYTES];
+        loop {
+            match rustix::net::recv(&self.socket, &mut bytes, RecvFlags::DONTWAIT) {
+                // The socket takes classical frames only, so all that comes is one; the kernel checks the length.
+                Ok((_, length)) => {
+                    if let Some(frame) = decode_frame(bytes.get(..length).unwrap_or_default()) {
+                        return Ok(Some(frame));
+                    }
+                }
+                Err(Errno::AGAIN) => return Ok(None),
+                Err(Errno::INTR) => {}
+                Err(errno) => return Err(self.failed("receive", errno)),
+            }
+        }
+    }
+
+    fn address(&self) -> BusAddress {
+        BusAddress::Interface(self.name.clone())
+    }
+
+    fn system(&self, action: &'static str, source: io::Error) -> BusError {
+        BusError::System {
+            address: self.address(),
+            action,
+            source,
+        }
+    }
+
+    fn failed(&self, action: &'static str, errno: Errno) -> BusError {
+        match errno {
+            Errno::NETDOWN => BusError::InterfaceDown {
+                name: self.name.clone(),
+            },
+            Errno::NODEV | Errno::NXIO => BusError::NoInterface {
+                name: self.name.clone(),
+            },
+            errno => self.system(action, errno.into()),
+        }
+    }
+}
+
+impl Bus for SocketCanBus {
+    fn send(&mut self, frame: &CanFrame) -> Result<(), BusError> {
+        let bytes = encode_frame(frame);
+        let clock = Clock::start();
+        loop {
+            let full = match rustix::net::send(&self.socket, &bytes, SendFlags::DONTWAIT) {
+                Ok(_) => return Ok(()),
+                Err(Errno::INTR) => continue,
+                Err(full @ (Errno::NOBUFS | Errno::AGAIN)) => full,
+                Err(errno) => return Err(self.failed("send", errno)),
+            };
+            let patience = SEND_PATIENCE.saturating_sub(clock.now());
+            if patience.is_zero() {
+                return Err(BusError::NotSent {
+                    frame: *frame,
+                    address: self.address(),
+                });
+            }
+            // ENOBUFS is the device's queue, of which poll knows nothing: it would call the socket writable.
+            if full == Errno::NOBUFS {
+                clock::sleep(SEND_RETRY);
+            } else {
+                wait_ready(self.socket.as_fd(), PollFlags::OUT, patience)
+                    .map_err(|errno| self.failed("send", errno))?;
+            }
+        }
+    }
+
+    fn receive(&mut self, timeout: Duration) -> Result<Option<CanFrame>, BusError> {
+        let attempt = || self.try_receive();
+        receive_within(self.as_fd(), timeout, attempt, |errno| {
+            self.failed("receive", errno)
+        })
+    }
+
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
+    }
+
+    fn dropped(&self) -> u64 {
+        kernel_drops(&self.socket)
+    }
+}
+
+/// Opens an unfiltered socket on an interface, after a look at what the system has.
+pub(crate) fn open_socket(name: &str) -> Result<CanSocket, BusError> {
+    let address = || BusAddress::Interface(name.into());
+    let system = |source| BusError::System {
+        address: address(),
+        action: "open",
+        source,
+    };
+    probe::kernel_can()?;
+    let name = name.to_owned();
+    match probe::interface(&name).map_err(system)? {
+        Interface::Missing => return Err(BusError::NoInterface { name }),
+        Interface::NotCan => return Err(BusError::NotCan { name }),
+        Interface::Down => return Err(BusError::InterfaceDown { name }),
+        Interface::Up => {}
+    }
+    CanSocket::open(&name).map_err(|error| match error.kind() {
+        io::ErrorKind::PermissionDenied => BusError::NoPermission { address: address() },
+        _ => system(error),
+    })
+}
+
+/// Sets the kernel's receive filters.
+///
+/// In the kernel's filter the error flag has two other meanings: in the identifier it inverts the filter, in the mask it
+/// selects error messages *instead of* frames. So it is taken out, and error messages have their own filter.
+fn set_filters(socket: &CanSocket, filters: &[Filter]) -> io::Result<()> {
+    let frames: Vec<CanFilter> = filters
+        .iter()
+        .filter(|filter| filter.id & filter.mask & ERROR_FLAG == 0)
+        .map(|filter| CanFilter::new(filter.id & !ERROR_FLAG, filter.mask & !ERROR_FLAG))
+        .collect();
+    if frames.is_empty() {
+        socket.set_filter_drop_all()?;
+    } else {
+        socket.set_filters(&frames)?;
+    }
+    let errors_wanted = filters
+        .iter()
+        .any(|filter| filter.mask & ERROR_FLAG == 0 || filter.id & ERROR_FLAG != 0);
+    if errors_wanted {
+        socket.set_error_filter_accept_all()
+    } else {
+        socket.set_error_filter_drop_all()
+    }
+}
+
+/// Frames that the kernel threw away because the socket's buffer was full; 0 where the kernel does not say.
+pub(crate) fn kernel_drops(socket: &CanSocket) -> u64 {
+    let mut bytes = [0; 64];
+    let length = socket
+        .get_socket_option_bytes(libc::SOL_SOCKET, libc::SO_MEMINFO, &mut bytes)
+        .unwrap_or(0);
+    let (words, _) = bytes[..length.min(64)].as_chunks::<4>();
+    words
+        .get(MEMINFO_DROPS)
+        .map_or(0, |word| u64::from(u32::from_ne_bytes(*word)))
+}
