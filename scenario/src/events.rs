@@ -214,3 +214,113 @@ impl Disturbance {
             .map_or(0.0, |last| self.load[last].added_grams)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scenario(tables: &str) -> Scenario {
+        let text = format!(
+            "schema = 1\nname = \"t\"\nduration_seconds = 30.0\n[controller.pid]\n{tables}"
+        );
+        Scenario::parse(
+            &text,
+            "t.toml",
+            |_| Err(std::io::ErrorKind::NotFound.into()),
+        )
+        .unwrap()
+    }
+
+    const STEPS: &str = "[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+        [[reference.step]]\nat_seconds = 10.0\nposition_millimetres = 35.0\n\
+        [[reference.step]]\nat_seconds = 20.0\nposition_millimetres = 15.0\n";
+    const FAN: &str =
+        "[[disturbance.fan]]\nfrom_seconds = 12.0\nuntil_seconds = 15.0\nconvection_factor = 5.0\n";
+    const LOADS: &str = "[[disturbance.load]]\nat_seconds = 13.0\nadded_grams = 10.0\n\
+        [[disturbance.load]]\nat_seconds = 25.0\nadded_grams = -5.0\n";
+
+    #[test]
+    fn a_step_lasts_until_the_next_event_or_the_end() {
+        let steps = scenario(&format!("{STEPS}{FAN}")).judged_steps();
+        let expected = [(10.0, 12.0, 10.0, 35.0), (20.0, 30.0, 35.0, 15.0)];
+        let found = steps.iter().map(|step| {
+            let Window {
+                from_seconds,
+                until_seconds,
+            } = step.window;
+            (
+                from_seconds,
+                until_seconds,
+                step.from_millimetres,
+                step.to_millimetres,
+            )
+        });
+        assert!(found.eq(expected));
+    }
+
+    #[test]
+    fn a_step_at_once_starts_from_the_stop() {
+        let step = "[[reference.step]]\nat_seconds = 0.0\nposition_millimetres = 25.0\n";
+        let steps = scenario(step).judged_steps();
+        assert_eq!(steps[0].from_millimetres, 0.0);
+        assert_eq!(steps[0].window.until_seconds, 30.0);
+    }
+
+    #[test]
+    fn the_last_three_of_at_least_four_whole_periods_count() {
+        let sine = |period: &str| {
+            let table = "[[reference.sine]]\nfrom_seconds = 5.0\ncentre_millimetres = 25.0\namplitude_millimetres = 10.0\nperiod_seconds = ";
+            scenario(&format!("{table}{period}\n")).judged_sine()
+        };
+        let window = |from_seconds, until_seconds| Window {
+            from_seconds,
+            until_seconds,
+        };
+        assert_eq!(sine("5.0"), Some(window(15.0, 30.0)));
+        assert_eq!(sine("6.0"), Some(window(11.0, 29.0)));
+        assert_eq!(sine("7.0"), None);
+    }
+
+    #[test]
+    fn disturbances_have_windows_commands_and_names() {
+        let scenario = scenario(&format!("{STEPS}{FAN}{LOADS}"));
+        let windows = scenario.disturbance_windows();
+        let spans = windows.iter().map(|disturbance| {
+            (
+                disturbance.window.from_seconds,
+                disturbance.window.until_seconds,
+            )
+        });
+        assert!(spans.eq([(12.0, 15.0), (13.0, 13.0), (25.0, 25.0)]));
+        let commands = scenario.disturbance.commands();
+        let commands = commands.iter().map(|command| {
+            (
+                command.at_seconds,
+                command.convection_factor,
+                command.added_grams,
+            )
+        });
+        assert!(commands.eq([
+            (12.0, 5.0, 0.0),
+            (13.0, 5.0, 10.0),
+            (15.0, 1.0, 10.0),
+            (25.0, 1.0, -5.0)
+        ]));
+        let events: Vec<String> = scenario
+            .events()
+            .iter()
+            .map(|event| format!("{} {}", event.at_seconds, event.text))
+            .collect();
+        assert_eq!(
+            events,
+            [
+                "10 step to 35 mm",
+                "12 fan, convection × 5",
+                "13 load +10 g",
+                "15 fan off",
+                "20 step to 15 mm",
+                "25 load -5 g"
+            ]
+        );
+    }
+}

@@ -352,6 +352,13 @@ fn every_kind_of_problem_has_its_place_and_its_words() {
             "no such file",
         ),
         (
+            with("[[controller.open_loop.step]]\nat_seconds = 1\ncurrent_amperes = 1.5\n"),
+            6,
+            19,
+            "`controller.open_loop.step.current_amperes` = 1.5 is out of range",
+            "must be from 0 to 1",
+        ),
+        (
             more("[expect]\ncurrent_amperes_rms = {}\n"),
             9,
             23,
