@@ -109,7 +109,10 @@ impl fmt::Display for CanFrame {
     }
 }
 
-/// Accepts a frame when its identifier equals `id` in the bits of `mask` (the kernel's `struct can_filter`).
+/// Accepts a frame as the kernel's `struct can_filter` does.
+///
+/// A data or remote frame passes when its identifier equals `id` in the bits of `mask`. With [`ERROR_FLAG`] in `mask`
+/// the filter is for error messages only, and those pass when they share a bit with the rest of `mask`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Filter {
     /// Identifier with flags.
@@ -119,21 +122,59 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// Accepts everything.
+    /// Accepts every data and remote frame.
     pub const ALL: Self = Self { id: 0, mask: 0 };
+
+    /// Accepts every error message.
+    pub const ERRORS: Self = Self {
+        id: 0,
+        mask: ERROR_FLAG | 0x1FFF_FFFF,
+    };
 
     /// Accepts data frames with this 11-bit identifier only.
     #[must_use]
     pub fn exact(id: u16) -> Self {
         Self {
             id: u32::from(id),
-            mask: EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG | 0x7FF,
+            mask: EXTENDED_FLAG | REMOTE_FLAG | 0x7FF,
         }
     }
 
     /// True when the frame passes.
     #[must_use]
     pub fn accepts(&self, frame: &CanFrame) -> bool {
-        frame.raw_id() & self.mask == self.id & self.mask
+        if frame.is_error() {
+            return self.mask & ERROR_FLAG != 0
+                && frame.raw_id() & self.mask & !ERROR_FLAG != 0;
+        }
+        self.mask & ERROR_FLAG == 0 && frame.raw_id() & self.mask == self.id & self.mask
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn raw(id: u32) -> CanFrame {
+        CanFrame::from_raw(id, 0, [0; 8]).unwrap()
+    }
+
+    #[test]
+    fn exact_filter_takes_only_the_data_frame() {
+        let filter = Filter::exact(0x190);
+        assert!(filter.accepts(&raw(0x190)));
+        for other in [0x191, 0x190 | REMOTE_FLAG, 0x190 | EXTENDED_FLAG, 0x190 | ERROR_FLAG] {
+            assert!(!filter.accepts(&raw(other)), "{other:#x}");
+        }
+    }
+
+    /// `linux/can.h`: a mask with `CAN_ERR_FLAG` makes a filter for error messages, so no data filter may carry it.
+    #[test]
+    fn error_messages_pass_their_own_filter_only() {
+        let error = raw(ERROR_FLAG | 0x40);
+        assert!(Filter::ERRORS.accepts(&error));
+        assert!(!Filter::ALL.accepts(&error));
+        assert!(!Filter::ERRORS.accepts(&raw(0x40)));
+        assert!(Filter::ALL.accepts(&raw(0x40)));
     }
 }

@@ -295,6 +295,12 @@ impl Entry {
         integer_from_le(self.data_type, &self.value)
     }
 
+    /// Bytes as an integer of this object's type; 0 for types that are none.
+    #[must_use]
+    pub fn decode_integer(&self, bytes: &[u8]) -> i128 {
+        integer_from_le(self.data_type, bytes)
+    }
+
     /// Checks length and limits of a value to be written.
     ///
     /// # Errors
@@ -437,6 +443,44 @@ impl ObjectDictionary {
         }
         entry.value.copy_from_slice(&bytes[..size]);
         Ok(())
+    }
+
+    /// The integer at index and sub-index when it exists and fits 32 bits without sign.
+    #[must_use]
+    pub fn unsigned(&self, index: u16, sub_index: u8) -> Option<u32> {
+        self.integer(index, sub_index)
+            .and_then(|value| u32::try_from(value).ok())
+    }
+
+    /// The value as a client may read it.
+    ///
+    /// # Errors
+    /// No such object or sub-index, or write only.
+    pub fn read(&self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
+        let entry = self.entry(self.find(index, sub_index)?);
+        if !entry.access.is_readable() {
+            return Err(AbortCode::WRITE_ONLY);
+        }
+        Ok(entry.value())
+    }
+
+    /// Checks whether a client may write these bytes: existence, access right, length, limits, in this order.
+    ///
+    /// # Errors
+    /// No such object or sub-index, read only, too long or short, too high or low.
+    pub fn check_write(
+        &self,
+        index: u16,
+        sub_index: u8,
+        bytes: &[u8],
+    ) -> Result<Handle, AbortCode> {
+        let handle = self.find(index, sub_index)?;
+        let entry = self.entry(handle);
+        if !entry.access.is_writable() {
+            return Err(AbortCode::READ_ONLY);
+        }
+        entry.check(bytes)?;
+        Ok(handle)
     }
 
     /// Puts the defaults back for all objects whose index is in the range (NMT reset).

@@ -1,0 +1,62 @@
+//! COB-IDs as the dictionary holds them (CiA 301, 7.5.2.5, 7.5.2.15, 7.5.2.35) and the identifiers nobody may take.
+
+use crate::object_dictionary::AbortCode;
+
+const FLAG_31: u32 = 0x8000_0000;
+const FLAG_30: u32 = 0x4000_0000;
+const EXTENDED: u32 = 0x2000_0000;
+
+/// A COB-ID: an 11-bit identifier with flags whose meaning depends on the service.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct CobId(pub(crate) u32);
+
+impl CobId {
+    /// The COB-ID in an object's bytes.
+    pub(crate) fn from_bytes(bytes: &[u8]) -> Result<Self, AbortCode> {
+        let bytes = bytes.try_into().map_err(|_| AbortCode::LENGTH_MISMATCH)?;
+        Ok(Self(u32::from_le_bytes(bytes)))
+    }
+
+    /// Bit 31 clear: the PDO or the EMCY exists.
+    pub(crate) fn is_valid(self) -> bool {
+        self.0 & FLAG_31 == 0
+    }
+
+    /// Bit 30: SYNC is produced here; a TPDO allows no remote frame.
+    pub(crate) fn flag_30(self) -> bool {
+        self.0 & FLAG_30 != 0
+    }
+
+    /// The identifier.
+    pub(crate) fn id(self) -> u16 {
+        (self.0 & 0x7FF) as u16
+    }
+
+    /// Refuses 29-bit identifiers and the restricted ones.
+    pub(crate) fn check(self) -> Result<(), AbortCode> {
+        if self.0 & EXTENDED != 0 || self.0 & 0x1FFF_F800 != 0 || is_restricted(self.id()) {
+            return Err(AbortCode::INVALID_VALUE);
+        }
+        Ok(())
+    }
+}
+
+/// The identifiers that no configurable service may use (CiA 301, table 42).
+fn is_restricted(id: u16) -> bool {
+    matches!(id, 0x000..=0x07F | 0x101..=0x180 | 0x581..=0x5FF | 0x601..=0x67F | 0x6E0..=0x6FF | 0x701..)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn restricted_and_extended_identifiers_are_refused() {
+        for good in [0x080, 0x190, 0x210, 0x8000_0211, 0x4000_0080] {
+            assert_eq!(CobId(good).check(), Ok(()), "{good:#x}");
+        }
+        for bad in [0x000, 0x07F, 0x101, 0x180, 0x590, 0x610, 0x701, 0x7FF, 0x2000_0190, 0x0000_0990] {
+            assert_eq!(CobId(bad).check(), Err(AbortCode::INVALID_VALUE), "{bad:#x}");
+        }
+    }
+}

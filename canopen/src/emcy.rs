@@ -1,0 +1,309 @@
+//! Emergencies (CiA 301, 7.2.7): the error register 0x1001, the history 0x1003, the message by 0x1014 and 0x1015,
+//! and the error code 0x603F of CiA 402.
+//!
+//! An error is a condition: it is raised once, stays active, and its end is told by "no error" with the register of
+//! what remains. While the node is Stopped, messages wait.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use crate::cob_id::CobId;
+use crate::frame::CanFrame;
+use crate::object_dictionary::{AbortCode, ObjectDictionary};
+
+const ERROR_REGISTER: u16 = 0x1001;
+const HISTORY: u16 = 0x1003;
+const COB_ID: u16 = 0x1014;
+const INHIBIT_TIME: u16 = 0x1015;
+const DRIVE_ERROR_CODE: u16 = 0x603F;
+
+/// Messages that wait for the bus at most; the oldest goes when there are more.
+const QUEUE_LENGTH: usize = 16;
+/// Conditions that are tracked at most.
+const ACTIVE_MAX: usize = 64;
+
+/// An emergency error code (CiA 301, table 26).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ErrorCode(pub u16);
+
+impl ErrorCode {
+    /// Error reset or no error.
+    pub const NO_ERROR: Self = Self(0x0000);
+    /// Generic error.
+    pub const GENERIC: Self = Self(0x1000);
+    /// Continuous over-current on the device's output side.
+    pub const OVER_CURRENT: Self = Self(0x2310);
+    /// Load level fault: I²t, thermal state.
+    pub const THERMAL_OVERLOAD: Self = Self(0x2350);
+    /// Excess temperature of the device.
+    pub const EXCESS_TEMPERATURE: Self = Self(0x4210);
+    /// Communication: no SYNC within its time.
+    pub const COMMUNICATION: Self = Self(0x8100);
+    /// CAN overrun: objects lost.
+    pub const CAN_OVERRUN: Self = Self(0x8110);
+    /// CAN in error passive mode.
+    pub const ERROR_PASSIVE: Self = Self(0x8120);
+    /// Heartbeat error.
+    pub const HEARTBEAT: Self = Self(0x8130);
+    /// Recovered from bus-off.
+    pub const RECOVERED_FROM_BUS_OFF: Self = Self(0x8140);
+    /// PDO not processed because of its length.
+    pub const PDO_TOO_SHORT: Self = Self(0x8210);
+    /// PDO length exceeded.
+    pub const PDO_TOO_LONG: Self = Self(0x8220);
+    /// Unexpected SYNC data length.
+    pub const SYNC_LENGTH: Self = Self(0x8240);
+    /// RPDO time-out.
+    pub const RPDO_TIMEOUT: Self = Self(0x8250);
+
+    /// The bits in the error register 0x1001 (CiA 301, table 46); bit 0 is set with any error.
+    #[must_use]
+    pub fn register_bits(self) -> u8 {
+        const GENERIC: u8 = 1;
+        GENERIC
+            | match self.0 >> 12 {
+                0x0 => return if self.0 == 0 { 0 } else { GENERIC },
+                0x2 => 1 << 1,
+                0x3 => 1 << 2,
+                0x4 => 1 << 3,
+                0x8 if matches!(self.0 >> 8, 0x81 | 0x82) => 1 << 4,
+                0x7 | 0x8 => 1 << 5,
+                0xF => 1 << 7,
+                _ => 0,
+            }
+    }
+}
+
+/// The content of an EMCY frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EmergencyMessage {
+    /// What happened; [`ErrorCode::NO_ERROR`] when something ended.
+    pub code: ErrorCode,
+    /// The error register 0x1001.
+    pub register: u8,
+    /// Five manufacturer bytes. Ours begin with the number of the RPDO or node concerned (little-endian); with
+    /// "no error", with the code of what ended and then that number.
+    pub manufacturer: [u8; 5],
+}
+
+impl EmergencyMessage {
+    /// The eight bytes, little-endian (CiA 301, figure 44).
+    #[must_use]
+    pub fn encode(&self) -> [u8; 8] {
+        let [low, high] = self.code.0.to_le_bytes();
+        let [a, b, c, d, e] = self.manufacturer;
+        [low, high, self.register, a, b, c, d, e]
+    }
+
+    /// The message in a payload; `None` when it has not eight bytes.
+    #[must_use]
+    pub fn decode(data: &[u8]) -> Option<Self> {
+        let [low, high, register, manufacturer @ ..] = *data else {
+            return None;
+        };
+        Some(Self {
+            code: ErrorCode(u16::from_le_bytes([low, high])),
+            register,
+            manufacturer: <[u8; 5]>::try_from(&manufacturer[..]).ok()?,
+        })
+    }
+}
+
+/// A condition that lasts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Condition {
+    code: ErrorCode,
+    source: u16,
+}
+
+/// The EMCY producer of a node.
+#[derive(Clone, Debug)]
+pub(crate) struct Emcy {
+    active: Vec<Condition>,
+    queue: VecDeque<[u8; 8]>,
+    cob_id: Option<u16>,
+    inhibit_time: Duration,
+    next_allowed: Duration,
+}
+
+impl Emcy {
+    /// The producer as the dictionary configures it.
+    pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
+        let mut emcy = Self {
+            active: Vec::with_capacity(ACTIVE_MAX),
+            queue: VecDeque::with_capacity(QUEUE_LENGTH),
+            cob_id: None,
+            inhibit_time: Duration::ZERO,
+            next_allowed: Duration::ZERO,
+        };
+        emcy.configure(dictionary);
+        emcy
+    }
+
+    /// Forgets all conditions and messages and reads the configuration again.
+    pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
+        self.active.clear();
+        self.queue.clear();
+        self.next_allowed = Duration::ZERO;
+        self.configure(dictionary);
+    }
+
+    /// Reads 0x1014 and 0x1015.
+    pub(crate) fn configure(&mut self, dictionary: &ObjectDictionary) {
+        let cob_id = dictionary.unsigned(COB_ID, 0).map(CobId);
+        self.cob_id = cob_id.filter(|id| id.is_valid()).map(CobId::id);
+        let inhibit_time = dictionary.unsigned(INHIBIT_TIME, 0).unwrap_or(0);
+        self.inhibit_time = Duration::from_micros(u64::from(inhibit_time) * 100);
+    }
+
+    /// The rules for writing 0x1003, 0x1014.
+    pub(crate) fn check_write(
+        dictionary: &ObjectDictionary,
+        index: u16,
+        bytes: &[u8],
+    ) -> Result<(), AbortCode> {
+        match index {
+            HISTORY if bytes.iter().any(|byte| *byte != 0) => Err(AbortCode::INVALID_VALUE),
+            COB_ID => check_cob_id(dictionary, CobId::from_bytes(bytes)?),
+            _ => Ok(()),
+        }
+    }
+
+    /// What a written 0x1003, 0x1014 or 0x1015 brings about.
+    pub(crate) fn on_write(&mut self, dictionary: &mut ObjectDictionary, index: u16) {
+        match index {
+            HISTORY => clear_history(dictionary),
+            COB_ID | INHIBIT_TIME => self.configure(dictionary),
+            _ => {}
+        }
+    }
+
+    /// Raises a condition unless it is active; `source` tells several with the same code apart.
+    pub(crate) fn raise(
+        &mut self,
+        dictionary: &mut ObjectDictionary,
+        code: ErrorCode,
+        source: u16,
+        manufacturer: [u8; 5],
+    ) {
+        let condition = Condition { code, source };
+        if self.active.contains(&condition) || self.active.len() >= ACTIVE_MAX {
+            return;
+        }
+        self.active.push(condition);
+        record(dictionary, code, manufacturer);
+        self.announce(dictionary, code, manufacturer);
+    }
+
+    /// Ends a condition, if it is active.
+    pub(crate) fn clear(&mut self, dictionary: &mut ObjectDictionary, code: ErrorCode, source: u16) {
+        let condition = Condition { code, source };
+        let Some(place) = self.active.iter().position(|active| *active == condition) else {
+            return;
+        };
+        self.active.swap_remove(place);
+        let [low, high] = code.0.to_le_bytes();
+        let [source_low, source_high] = source.to_le_bytes();
+        let manufacturer = [low, high, source_low, source_high, 0];
+        self.announce(dictionary, ErrorCode::NO_ERROR, manufacturer);
+    }
+
+    /// The next message, when the inhibit time has passed.
+    pub(crate) fn next_frame(&mut self, now: Duration) -> Option<CanFrame> {
+        let cob_id = self.cob_id?;
+        if now < self.next_allowed {
+            return None;
+        }
+        let bytes = self.queue.pop_front()?;
+        self.next_allowed = now + self.inhibit_time;
+        Some(CanFrame::new(cob_id, &bytes))
+    }
+
+    /// When the next message may go.
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        let is_waiting = self.cob_id.is_some() && !self.queue.is_empty();
+        is_waiting.then_some(self.next_allowed)
+    }
+
+    /// Updates 0x1001 and queues the message.
+    fn announce(
+        &mut self,
+        dictionary: &mut ObjectDictionary,
+        code: ErrorCode,
+        manufacturer: [u8; 5],
+    ) {
+        let bits = self.active.iter().map(|active| active.code.register_bits());
+        let register = bits.fold(0, |all, bits| all | bits);
+        set(dictionary, ERROR_REGISTER, 0, u32::from(register));
+        if self.queue.len() >= QUEUE_LENGTH {
+            self.queue.pop_front();
+        }
+        let message = EmergencyMessage {
+            code,
+            register,
+            manufacturer,
+        };
+        self.queue.push_back(message.encode());
+    }
+}
+
+/// CiA 301, 7.5.2.17: the identifier stays while the EMCY exists; bit 30 is reserved.
+fn check_cob_id(dictionary: &ObjectDictionary, new: CobId) -> Result<(), AbortCode> {
+    if new.flag_30() {
+        return Err(AbortCode::INVALID_VALUE);
+    }
+    new.check()?;
+    let old = CobId(dictionary.unsigned(COB_ID, 0).unwrap_or(0));
+    if old.is_valid() && new.is_valid() && old.id() != new.id() {
+        return Err(AbortCode::DEVICE_STATE);
+    }
+    Ok(())
+}
+
+/// Stores a value where the object exists: all of EMCY's objects but 0x1001 are optional.
+fn set(dictionary: &mut ObjectDictionary, index: u16, sub_index: u8, value: u32) {
+    dictionary
+        .set_integer(index, sub_index, i128::from(value))
+        .ok();
+}
+
+/// Puts the newest error at 0x1003:01 (CiA 301, 7.5.2.4) and into 0x603F.
+fn record(dictionary: &mut ObjectDictionary, code: ErrorCode, manufacturer: [u8; 5]) {
+    set(dictionary, DRIVE_ERROR_CODE, 0, u32::from(code.0));
+    let depth = history_depth(dictionary);
+    for sub_index in (2..=depth).rev() {
+        let older = dictionary.unsigned(HISTORY, sub_index - 1).unwrap_or(0);
+        set(dictionary, HISTORY, sub_index, older);
+    }
+    let [low, high] = code.0.to_le_bytes();
+    let newest = u32::from_le_bytes([low, high, manufacturer[0], manufacturer[1]]);
+    set(dictionary, HISTORY, 1, newest);
+    let count = dictionary.unsigned(HISTORY, 0).unwrap_or(0);
+    set(dictionary, HISTORY, 0, (count + 1).min(u32::from(depth)));
+}
+
+/// How many errors 0x1003 can hold.
+fn history_depth(dictionary: &ObjectDictionary) -> u8 {
+    let has_room = |sub_index: &u8| dictionary.find(HISTORY, *sub_index).is_ok();
+    (1..=254).take_while(has_room).last().unwrap_or(0)
+}
+
+/// Forgets the history, as writing 0 to 0x1003:00 asks for.
+fn clear_history(dictionary: &mut ObjectDictionary) {
+    for sub_index in 0..=history_depth(dictionary) {
+        set(dictionary, HISTORY, sub_index, 0);
+    }
+}
+
+/// Refuses reading an entry of 0x1003 that holds no error (CiA 301, 7.5.2.4).
+pub(crate) fn check_read(
+    dictionary: &ObjectDictionary,
+    index: u16,
+    sub_index: u8,
+) -> Result<(), AbortCode> {
+    let count = dictionary.unsigned(HISTORY, 0).unwrap_or(0);
+    if index == HISTORY && u32::from(sub_index) > count {
+        return Err(AbortCode::NO_DATA);
+    }
+    Ok(())
+}

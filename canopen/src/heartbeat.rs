@@ -1,0 +1,227 @@
+//! Heartbeat (CiA 301, 7.2.8.3.2.2): producer 0x1017, consumers 0x1016.
+//!
+//! Node guarding is not offered: CiA 301 recommends heartbeat in its place, and a node shall not use both.
+
+use std::time::Duration;
+
+use crate::frame::CanFrame;
+use crate::nmt::{NmtState, NodeId};
+use crate::object_dictionary::{AbortCode, ObjectDictionary};
+
+const CONSUMER_TIME: u16 = 0x1016;
+const PRODUCER_TIME: u16 = 0x1017;
+
+/// True for the objects that configure heartbeat.
+pub(crate) fn owns(index: u16) -> bool {
+    matches!(index, CONSUMER_TIME | PRODUCER_TIME)
+}
+
+/// The rule for writing 0x1016: no node may be watched twice (CiA 301, 7.5.2.19).
+pub(crate) fn check_write(
+    dictionary: &ObjectDictionary,
+    index: u16,
+    sub_index: u8,
+    bytes: &[u8],
+) -> Result<(), AbortCode> {
+    let Ok(bytes) = <[u8; 4]>::try_from(bytes) else {
+        return Ok(());
+    };
+    let Some((node_id, _)) = decode_consumer_time(u32::from_le_bytes(bytes)) else {
+        return Ok(());
+    };
+    let watches = |other: u8| {
+        let value = dictionary.unsigned(CONSUMER_TIME, other).unwrap_or(0);
+        other != sub_index && decode_consumer_time(value).is_some_and(|(id, _)| id == node_id)
+    };
+    if index == CONSUMER_TIME && (1..=monitor_count(dictionary)).any(watches) {
+        return Err(AbortCode::PARAMETER_INCOMPATIBLE);
+    }
+    Ok(())
+}
+
+/// A heartbeat that some node sent.
+#[must_use]
+pub(crate) fn decode(id: u16, data: &[u8]) -> Option<(NodeId, NmtState)> {
+    let node_id = NodeId::new(u8::try_from(id.checked_sub(0x700)?).ok()?)?;
+    let [state] = *data else { return None };
+    Some((node_id, NmtState::from_number(state & 0x7F)?))
+}
+
+/// Sends the node's state every 0x1017 milliseconds, at once when that is written and when the state changes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct HeartbeatProducer {
+    period: Option<Duration>,
+    next: Option<Duration>,
+}
+
+impl HeartbeatProducer {
+    /// Begins anew with the dictionary's period, the first heartbeat being due at `first`.
+    pub(crate) fn start(&mut self, dictionary: &ObjectDictionary, first: Duration) {
+        let milliseconds = dictionary.unsigned(PRODUCER_TIME, 0).unwrap_or(0);
+        self.period =
+            (milliseconds != 0).then(|| Duration::from_millis(u64::from(milliseconds)));
+        self.next = self.period.map(|_| first);
+    }
+
+    /// Begins anew one period after the boot-up message, which counts as the first heartbeat.
+    pub(crate) fn start_after_boot_up(&mut self, dictionary: &ObjectDictionary, now: Duration) {
+        self.start(dictionary, now);
+        self.next = self.period.map(|period| now + period);
+    }
+
+    /// True when a heartbeat is due; the next one is due a multiple of the period after this one's deadline.
+    pub(crate) fn is_due(&mut self, now: Duration) -> bool {
+        let (Some(period), Some(due)) = (self.period, self.next.filter(|due| now >= *due)) else {
+            return false;
+        };
+        let next = due + period;
+        self.next = Some(if next > now { next } else { now + period });
+        true
+    }
+
+    /// When the next heartbeat is due.
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        self.next
+    }
+
+    /// True when heartbeats are produced.
+    pub(crate) fn is_enabled(&self) -> bool {
+        self.period.is_some()
+    }
+
+    /// The heartbeat.
+    pub(crate) fn frame(node_id: NodeId, state: NmtState) -> CanFrame {
+        CanFrame::new(node_id.with(0x700), &[state.number()])
+    }
+}
+
+/// What a heartbeat meant to the one who watches its node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Watch {
+    /// Not watched, or as expected.
+    Normal,
+    /// The node is back after a loss.
+    Recovered,
+    /// The node booted although it had been alive: whatever it was doing is over.
+    Rebooted,
+}
+
+/// One entry of 0x1016.
+#[derive(Clone, Copy, Debug)]
+struct Monitor {
+    node_id: NodeId,
+    time: Duration,
+    /// Set from the first heartbeat on, until the loss.
+    deadline: Option<Duration>,
+    is_lost: bool,
+}
+
+/// Watches the heartbeats of other nodes. Watching a node begins with its first heartbeat (CiA 301).
+#[derive(Clone, Debug, Default)]
+pub(crate) struct HeartbeatConsumer {
+    monitors: Vec<Option<Monitor>>,
+}
+
+impl HeartbeatConsumer {
+    /// The consumer as the dictionary configures it, with nothing received.
+    pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
+        let mut consumer = Self::default();
+        consumer.reset(dictionary);
+        consumer
+    }
+
+    /// Forgets what was received and reads 0x1016 again.
+    pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
+        let entries = (1..=monitor_count(dictionary)).map(|sub_index| monitor(dictionary, sub_index));
+        self.monitors.clear();
+        self.monitors.extend(entries);
+    }
+
+    /// Reads one entry again after a write. Where the node had been heard, its new time counts from `now`; the node
+    /// that the entry watched before is returned, so that its loss can be ended.
+    pub(crate) fn configure(
+        &mut self,
+        now: Duration,
+        dictionary: &ObjectDictionary,
+        sub_index: u8,
+    ) -> Option<NodeId> {
+        let place = usize::from(sub_index).checked_sub(1)?;
+        let slot = self.monitors.get_mut(place)?;
+        let old = slot.take();
+        *slot = monitor(dictionary, sub_index);
+        if let (Some(old), Some(new)) = (old, slot.as_mut())
+            && old.node_id == new.node_id
+        {
+            new.is_lost = old.is_lost;
+            new.deadline = old.deadline.map(|_| now + new.time);
+            return None;
+        }
+        old.map(|old| old.node_id)
+    }
+
+    /// Takes a heartbeat.
+    pub(crate) fn on_heartbeat(&mut self, now: Duration, node_id: NodeId, state: NmtState) -> Watch {
+        let mut monitors = self.monitors.iter_mut().flatten();
+        let Some(monitor) = monitors.find(|monitor| monitor.node_id == node_id) else {
+            return Watch::Normal;
+        };
+        if state == NmtState::Initialising {
+            let was_alive = monitor.deadline.take().is_some();
+            monitor.is_lost |= was_alive;
+            return if was_alive {
+                Watch::Rebooted
+            } else {
+                Watch::Normal
+            };
+        }
+        monitor.deadline = Some(now + monitor.time);
+        if std::mem::take(&mut monitor.is_lost) {
+            Watch::Recovered
+        } else {
+            Watch::Normal
+        }
+    }
+
+    /// A node whose time has passed; each loss is returned once.
+    pub(crate) fn next_lost(&mut self, now: Duration) -> Option<NodeId> {
+        let mut monitors = self.monitors.iter_mut().flatten();
+        let is_overdue =
+            |monitor: &&mut Monitor| monitor.deadline.is_some_and(|deadline| now >= deadline);
+        let monitor = monitors.find(is_overdue)?;
+        monitor.deadline = None;
+        monitor.is_lost = true;
+        Some(monitor.node_id)
+    }
+
+    /// When the next node's time passes.
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        let monitors = self.monitors.iter().flatten();
+        monitors.filter_map(|monitor| monitor.deadline).min()
+    }
+}
+
+/// The sub-indices of 0x1016, without gaps from 1.
+fn monitor_count(dictionary: &ObjectDictionary) -> u8 {
+    let exists = |sub_index: &u8| dictionary.find(CONSUMER_TIME, *sub_index).is_ok();
+    (1..=127).take_while(exists).last().unwrap_or(0)
+}
+
+/// An entry of 0x1016 that watches something.
+fn monitor(dictionary: &ObjectDictionary, sub_index: u8) -> Option<Monitor> {
+    let value = dictionary.unsigned(CONSUMER_TIME, sub_index)?;
+    let (node_id, time) = decode_consumer_time(value)?;
+    Some(Monitor {
+        node_id,
+        time,
+        deadline: None,
+        is_lost: false,
+    })
+}
+
+/// Node id in bits 16 to 23, milliseconds in bits 0 to 15; `None` when the entry is unused (CiA 301, figure 71).
+fn decode_consumer_time(value: u32) -> Option<(NodeId, Duration)> {
+    let [low, high, node_id, reserved] = value.to_le_bytes();
+    let milliseconds = u16::from_le_bytes([low, high]);
+    let node_id = NodeId::new(node_id).filter(|_| milliseconds != 0 && reserved == 0)?;
+    Some((node_id, Duration::from_millis(u64::from(milliseconds))))
+}

@@ -1,0 +1,200 @@
+//! Network management (CiA 301, 7.2.8): states, commands, boot-up, and what a manager sends.
+
+use std::fmt;
+
+use crate::frame::CanFrame;
+
+/// The number of a CANopen node, 1 to 127.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct NodeId(u8);
+
+impl NodeId {
+    /// The node id when it is in 1 to 127.
+    #[must_use]
+    pub const fn new(number: u8) -> Option<Self> {
+        match number {
+            1..=127 => Some(Self(number)),
+            _ => None,
+        }
+    }
+
+    /// The number.
+    #[must_use]
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+
+    /// The identifier of a default connection: function code plus node id.
+    #[must_use]
+    pub(crate) fn with(self, function: u16) -> u16 {
+        function + u16::from(self.0)
+    }
+}
+
+impl fmt::Display for NodeId {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}", self.0)
+    }
+}
+
+/// The states of a node (CiA 301, figure 48).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NmtState {
+    /// Not yet up; as a heartbeat this is the boot-up message.
+    Initialising,
+    /// Only NMT and heartbeat work.
+    Stopped,
+    /// Everything works.
+    Operational,
+    /// Everything but PDOs works.
+    PreOperational,
+}
+
+impl NmtState {
+    /// The number in a heartbeat.
+    #[must_use]
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Initialising => 0,
+            Self::Stopped => 4,
+            Self::Operational => 5,
+            Self::PreOperational => 127,
+        }
+    }
+
+    /// The state with this number in a heartbeat.
+    #[must_use]
+    pub fn from_number(number: u8) -> Option<Self> {
+        match number {
+            0 => Some(Self::Initialising),
+            4 => Some(Self::Stopped),
+            5 => Some(Self::Operational),
+            127 => Some(Self::PreOperational),
+            _ => None,
+        }
+    }
+
+    /// True where SDO, SYNC and EMCY work (CiA 301, table 38).
+    #[must_use]
+    pub fn allows_sdo(self) -> bool {
+        matches!(self, Self::PreOperational | Self::Operational)
+    }
+}
+
+/// What a manager can order (CiA 301, 7.2.8.3.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NmtCommand {
+    /// To Operational.
+    Start,
+    /// To Stopped.
+    Stop,
+    /// To Pre-operational.
+    EnterPreOperational,
+    /// Back to power-on values in the whole dictionary, then boot-up.
+    ResetNode,
+    /// Back to power-on values in 0x1000 to 0x1FFF, then boot-up.
+    ResetCommunication,
+}
+
+impl NmtCommand {
+    /// The command specifier.
+    #[must_use]
+    pub fn specifier(self) -> u8 {
+        match self {
+            Self::Start => 1,
+            Self::Stop => 2,
+            Self::EnterPreOperational => 128,
+            Self::ResetNode => 129,
+            Self::ResetCommunication => 130,
+        }
+    }
+
+    /// The command with this specifier.
+    #[must_use]
+    pub fn from_specifier(specifier: u8) -> Option<Self> {
+        match specifier {
+            1 => Some(Self::Start),
+            2 => Some(Self::Stop),
+            128 => Some(Self::EnterPreOperational),
+            129 => Some(Self::ResetNode),
+            130 => Some(Self::ResetCommunication),
+            _ => None,
+        }
+    }
+
+    /// The frame that orders this of one node, or of all nodes when `target` is `None`.
+    #[must_use]
+    pub fn frame(self, target: Option<NodeId>) -> CanFrame {
+        CanFrame::new(0, &[self.specifier(), target.map_or(0, NodeId::get)])
+    }
+
+    /// The command in the payload of a frame with identifier 0, when it is for this node or for all.
+    #[must_use]
+    pub(crate) fn decode(data: &[u8], node_id: NodeId) -> Option<Self> {
+        match *data {
+            [specifier, target] if target == 0 || target == node_id.get() => {
+                Self::from_specifier(specifier)
+            }
+            _ => None,
+        }
+    }
+
+    /// Where the command leads; `None` for the resets.
+    #[must_use]
+    pub(crate) fn target_state(self) -> Option<NmtState> {
+        match self {
+            Self::Start => Some(NmtState::Operational),
+            Self::Stop => Some(NmtState::Stopped),
+            Self::EnterPreOperational => Some(NmtState::PreOperational),
+            Self::ResetNode | Self::ResetCommunication => None,
+        }
+    }
+}
+
+/// The boot-up message (CiA 301, 7.2.8.3.3).
+#[must_use]
+pub fn boot_up_frame(node_id: NodeId) -> CanFrame {
+    CanFrame::new(node_id.with(0x700), &[NmtState::Initialising.number()])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NODE: NodeId = NodeId::new(1).unwrap();
+
+    #[test]
+    fn node_1_and_127_are_valid_and_0_and_128_are_not() {
+        assert!(NodeId::new(1).is_some() && NodeId::new(127).is_some());
+        assert!(NodeId::new(0).is_none() && NodeId::new(128).is_none());
+    }
+
+    #[test]
+    fn commands_for_this_node_and_for_all_are_decoded() {
+        for command in [
+            NmtCommand::Start,
+            NmtCommand::Stop,
+            NmtCommand::EnterPreOperational,
+            NmtCommand::ResetNode,
+            NmtCommand::ResetCommunication,
+        ] {
+            for target in [None, Some(NODE)] {
+                assert_eq!(
+                    NmtCommand::decode(command.frame(target).data(), NODE),
+                    Some(command)
+                );
+            }
+            assert_eq!(
+                NmtCommand::decode(command.frame(NodeId::new(2)).data(), NODE),
+                None
+            );
+        }
+    }
+
+    #[test]
+    fn malformed_commands_are_ignored() {
+        for data in [&[][..], &[1], &[1, 1, 0], &[0, 1], &[255, 0]] {
+            assert_eq!(NmtCommand::decode(data, NODE), None);
+        }
+    }
+}

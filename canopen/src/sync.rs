@@ -1,0 +1,289 @@
+//! SYNC (CiA 301, 7.2.5): consumer with counter, length check, window and time-out; producer with absolute deadlines.
+
+use std::time::Duration;
+
+use crate::cob_id::CobId;
+use crate::frame::CanFrame;
+use crate::object_dictionary::{AbortCode, ObjectDictionary};
+
+pub(crate) const COB_ID: u16 = 0x1005;
+const PERIOD: u16 = 0x1006;
+const WINDOW: u16 = 0x1007;
+const OVERFLOW: u16 = 0x1019;
+
+/// SYNCs that may be missing before the consumer reports a time-out: it waits 1.5 periods.
+const MISSING_SYNCS_TOLERATED: u32 = 1;
+
+/// A SYNC as the services of a node see it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sync {
+    /// The counter, 1 to 0x1019; `None` for a SYNC without.
+    pub counter: Option<u8>,
+    /// SYNCs since the one before, by the counter: more than 1 when SYNCs were lost.
+    pub elapsed: u8,
+}
+
+/// What a frame was to the consumer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reception {
+    /// A SYNC.
+    Sync(Sync),
+    /// The SYNC's identifier with a wrong length.
+    WrongLength,
+}
+
+/// The objects 0x1005 to 0x1007 and 0x1019.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Parameters {
+    cob_id: Option<u16>,
+    is_producer: bool,
+    period: Option<Duration>,
+    window: Option<Duration>,
+    overflow: u8,
+}
+
+impl Parameters {
+    fn read(dictionary: &ObjectDictionary) -> Self {
+        let cob_id = dictionary.unsigned(COB_ID, 0).map(CobId);
+        let microseconds = |index| {
+            let value = dictionary.unsigned(index, 0).filter(|value| *value != 0);
+            value.map(|value| Duration::from_micros(u64::from(value)))
+        };
+        let overflow = dictionary.unsigned(OVERFLOW, 0).unwrap_or(0);
+        Self {
+            cob_id: cob_id.map(CobId::id),
+            is_producer: cob_id.is_some_and(CobId::flag_30),
+            period: microseconds(PERIOD),
+            window: microseconds(WINDOW),
+            overflow: u8::try_from(overflow).unwrap_or(0),
+        }
+    }
+}
+
+/// True for the objects that configure SYNC.
+pub(crate) fn owns(index: u16) -> bool {
+    matches!(index, COB_ID | PERIOD | WINDOW | OVERFLOW)
+}
+
+/// The rules for writing 0x1005 and 0x1019 (CiA 301, 7.5.2.5 and 7.5.2.22).
+pub(crate) fn check_write(
+    dictionary: &ObjectDictionary,
+    index: u16,
+    bytes: &[u8],
+) -> Result<(), AbortCode> {
+    match index {
+        COB_ID => {
+            let new = CobId::from_bytes(bytes)?;
+            new.check()?;
+            let old = CobId(dictionary.unsigned(COB_ID, 0).unwrap_or(0));
+            if old.flag_30() && new.id() != old.id() {
+                return Err(AbortCode::DEVICE_STATE);
+            }
+            Ok(())
+        }
+        OVERFLOW if dictionary.unsigned(PERIOD, 0).unwrap_or(0) != 0 => {
+            Err(AbortCode::DEVICE_STATE)
+        }
+        OVERFLOW if !matches!(bytes, [0 | 2..=240]) => Err(AbortCode::INVALID_VALUE),
+        _ => Ok(()),
+    }
+}
+
+/// Recognises SYNC, watches its counter and its absence.
+///
+/// An empty SYNC is accepted whatever 0x1019 says, since widely used managers send nothing else; any other wrong
+/// length is an error and no SYNC. The time-out starts with the first SYNC.
+#[derive(Clone, Debug)]
+pub(crate) struct SyncConsumer {
+    parameters: Parameters,
+    missing_tolerated: u32,
+    last_counter: Option<u8>,
+    last: Option<Duration>,
+    deadline: Option<Duration>,
+}
+
+impl SyncConsumer {
+    /// The consumer as the dictionary configures it.
+    pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
+        Self {
+            parameters: Parameters::read(dictionary),
+            missing_tolerated: MISSING_SYNCS_TOLERATED,
+            last_counter: None,
+            last: None,
+            deadline: None,
+        }
+    }
+
+    /// How many SYNCs may be missing before the time-out, which then comes after that number and a half of periods.
+    pub(crate) fn set_missing_tolerated(&mut self, count: u32) {
+        self.missing_tolerated = count;
+    }
+
+    /// Forgets what was received (NMT reset, Stopped).
+    pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
+        *self = Self {
+            missing_tolerated: self.missing_tolerated,
+            ..Self::new(dictionary)
+        };
+    }
+
+    /// Reads the objects again after a write; a running time-out is re-armed from `now`.
+    pub(crate) fn configure(&mut self, now: Duration, dictionary: &ObjectDictionary) {
+        self.parameters = Parameters::read(dictionary);
+        self.deadline = self.last.and_then(|_| self.deadline_from(now));
+    }
+
+    /// True when the frame's identifier is SYNC's; a producer takes no foreign SYNC.
+    pub(crate) fn listens_to(&self, id: u16) -> bool {
+        self.parameters.cob_id == Some(id) && !self.parameters.is_producer
+    }
+
+    /// Takes a frame with SYNC's identifier.
+    pub(crate) fn on_frame(&mut self, now: Duration, data: &[u8]) -> Reception {
+        let counter = match (data, self.parameters.overflow) {
+            ([], _) => None,
+            ([counter], overflow) if overflow != 0 => Some(*counter),
+            _ => return Reception::WrongLength,
+        };
+        self.last = Some(now);
+        self.deadline = self.deadline_from(now);
+        let elapsed = self.elapsed_until(counter);
+        self.last_counter = counter;
+        Reception::Sync(Sync { counter, elapsed })
+    }
+
+    /// True once when the time-out has passed.
+    pub(crate) fn has_timed_out(&mut self, now: Duration) -> bool {
+        let has_timed_out = self.deadline.is_some_and(|deadline| now >= deadline);
+        if has_timed_out {
+            self.deadline = None;
+        }
+        has_timed_out
+    }
+
+    /// When the time-out passes.
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        self.deadline
+    }
+
+    /// True when a synchronous RPDO may still arrive (0x1007).
+    pub(crate) fn is_window_open(&self, now: Duration) -> bool {
+        match (self.last, self.parameters.window) {
+            (Some(last), Some(window)) => now <= last + window,
+            _ => true,
+        }
+    }
+
+    fn deadline_from(&self, now: Duration) -> Option<Duration> {
+        let half_periods = self.missing_tolerated.saturating_mul(2).saturating_add(1);
+        let period = self.parameters.period?;
+        (!self.parameters.is_producer).then(|| now + period.saturating_mul(half_periods) / 2)
+    }
+
+    /// SYNCs since the one before; 1 where the counters do not tell.
+    fn elapsed_until(&self, counter: Option<u8>) -> u8 {
+        let overflow = self.parameters.overflow;
+        match (self.last_counter, counter) {
+            (Some(last), Some(counter))
+                if last != counter && (1..=overflow).contains(&counter) && last <= overflow =>
+            {
+                if counter > last {
+                    counter - last
+                } else {
+                    overflow - last + counter
+                }
+            }
+            _ => 1,
+        }
+    }
+}
+
+/// Produces SYNC: deadlines are multiples of 0x1006 from the start and never drift.
+///
+/// A late tick sends one SYNC; the multiples that have passed meanwhile are skipped and counted as overruns.
+#[derive(Clone, Debug)]
+pub(crate) struct SyncProducer {
+    parameters: Parameters,
+    next: Option<Duration>,
+    counter: u8,
+    overruns: u64,
+}
+
+impl SyncProducer {
+    /// The producer as the dictionary configures it; it begins with [`SyncProducer::start`].
+    pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
+        Self {
+            parameters: Parameters::read(dictionary),
+            next: None,
+            counter: 0,
+            overruns: 0,
+        }
+    }
+
+    /// Stops; the counter begins again with 1 (NMT reset, Stopped).
+    pub(crate) fn stop(&mut self) {
+        self.next = None;
+        self.counter = 0;
+    }
+
+    /// Begins where 0x1005 and 0x1006 ask for it and nothing runs yet: the first SYNC comes one period after `now`.
+    pub(crate) fn start(&mut self, now: Duration) {
+        if self.next.is_none() {
+            self.next = self.period().map(|period| now + period);
+        }
+    }
+
+    /// Reads the objects again after a write; a new period counts from `now`.
+    pub(crate) fn configure(&mut self, now: Duration, dictionary: &ObjectDictionary) {
+        let old = std::mem::replace(&mut self.parameters, Parameters::read(dictionary));
+        if old != self.parameters {
+            self.next = None;
+            self.start(now);
+        }
+        if old.overflow != self.parameters.overflow {
+            self.counter = 0;
+        }
+    }
+
+    /// The SYNC that is due at `now`.
+    pub(crate) fn on_tick(&mut self, now: Duration) -> Option<(CanFrame, Sync)> {
+        let (period, cob_id) = (self.period()?, self.parameters.cob_id?);
+        let due = self.next.filter(|next| now >= *next)?;
+        let late_by_nanoseconds = (now - due).as_nanos();
+        let missed = u64::try_from(late_by_nanoseconds / period.as_nanos()).unwrap_or(u64::MAX);
+        self.overruns = self.overruns.saturating_add(missed);
+        let remainder = u64::try_from(late_by_nanoseconds % period.as_nanos()).unwrap_or(0);
+        self.next = Some(now - Duration::from_nanos(remainder) + period);
+        Some(self.sync(cob_id))
+    }
+
+    /// When the next SYNC is due.
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        self.next
+    }
+
+    /// Deadlines that passed without a SYNC since the start.
+    pub(crate) fn overruns(&self) -> u64 {
+        self.overruns
+    }
+
+    fn period(&self) -> Option<Duration> {
+        self.parameters
+            .period
+            .filter(|_| self.parameters.is_producer)
+    }
+
+    /// The next SYNC; the counter runs from 1 to 0x1019.
+    fn sync(&mut self, cob_id: u16) -> (CanFrame, Sync) {
+        if self.parameters.overflow == 0 {
+            let (counter, elapsed) = (None, 1);
+            return (CanFrame::new(cob_id, &[]), Sync { counter, elapsed });
+        }
+        self.counter = self.counter % self.parameters.overflow + 1;
+        let sync = Sync {
+            counter: Some(self.counter),
+            elapsed: 1,
+        };
+        (CanFrame::new(cob_id, &[self.counter]), sync)
+    }
+}
