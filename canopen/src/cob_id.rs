@@ -55,8 +55,23 @@ mod tests {
         for good in [0x080, 0x190, 0x210, 0x8000_0211, 0x4000_0080] {
             assert_eq!(CobId(good).check(), Ok(()), "{good:#x}");
         }
-        for bad in [0x000, 0x07F, 0x101, 0x180, 0x590, 0x610, 0x701, 0x7FF, 0x2000_0190, 0x0000_0990] {
-            assert_eq!(CobId(bad).check(), Err(AbortCode::INVALID_VALUE), "{bad:#x}");
+        for bad in [
+            0x000,
+            0x07F,
+            0x101,
+            0x180,
+            0x590,
+            0x610,
+            0x701,
+            0x7FF,
+            0x2000_0190,
+            0x0000_0990,
+        ] {
+            assert_eq!(
+                CobId(bad).check(),
+                Err(AbortCode::INVALID_VALUE),
+                "{bad:#x}"
+            );
         }
     }
 }

@@ -98,13 +98,13 @@ impl EmergencyMessage {
     /// The message in a payload; `None` when it has not eight bytes.
     #[must_use]
     pub fn decode(data: &[u8]) -> Option<Self> {
-        let [low, high, register, manufacturer @ ..] = *data else {
+        let [low, high, register, a, b, c, d, e] = *data else {
             return None;
         };
         Some(Self {
             code: ErrorCode(u16::from_le_bytes([low, high])),
             register,
-            manufacturer: <[u8; 5]>::try_from(&manufacturer[..]).ok()?,
+            manufacturer: [a, b, c, d, e],
         })
     }
 }
@@ -196,7 +196,12 @@ impl Emcy {
     }
 
     /// Ends a condition, if it is active.
-    pub(crate) fn clear(&mut self, dictionary: &mut ObjectDictionary, code: ErrorCode, source: u16) {
+    pub(crate) fn clear(
+        &mut self,
+        dictionary: &mut ObjectDictionary,
+        code: ErrorCode,
+        source: u16,
+    ) {
         let condition = Condition { code, source };
         let Some(place) = self.active.iter().position(|active| *active == condition) else {
             return;
@@ -206,6 +211,11 @@ impl Emcy {
         let [source_low, source_high] = source.to_le_bytes();
         let manufacturer = [low, high, source_low, source_high, 0];
         self.announce(dictionary, ErrorCode::NO_ERROR, manufacturer);
+    }
+
+    /// True while a condition is active.
+    pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
+        self.active.contains(&Condition { code, source })
     }
 
     /// The next message, when the inhibit time has passed.

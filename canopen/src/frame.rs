@@ -23,6 +23,7 @@ impl CanFrame {
     /// # Panics
     /// When `id` exceeds 0x7FF or `data` is longer than 8 bytes: both are the caller's constants.
     #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "at most 8")]
     pub fn new(id: u16, data: &[u8]) -> Self {
         assert!(id <= 0x7FF, "identifier {id:#x} exceeds 11 bits");
         assert!(data.len() <= 8, "{} data bytes exceed 8", data.len());
@@ -50,7 +51,7 @@ impl CanFrame {
     /// The 11-bit identifier of a data frame; `None` for extended, remote and error frames.
     #[must_use]
     pub fn standard_id(&self) -> Option<u16> {
-        (self.id <= 0x7FF).then_some(self.id as u16)
+        u16::try_from(self.id).ok().filter(|id| *id <= 0x7FF)
     }
 
     /// True for a remote frame.
@@ -144,8 +145,7 @@ impl Filter {
     #[must_use]
     pub fn accepts(&self, frame: &CanFrame) -> bool {
         if frame.is_error() {
-            return self.mask & ERROR_FLAG != 0
-                && frame.raw_id() & self.mask & !ERROR_FLAG != 0;
+            return self.mask & ERROR_FLAG != 0 && frame.raw_id() & self.mask & !ERROR_FLAG != 0;
         }
         self.mask & ERROR_FLAG == 0 && frame.raw_id() & self.mask == self.id & self.mask
     }
@@ -163,7 +163,12 @@ mod tests {
     fn exact_filter_takes_only_the_data_frame() {
         let filter = Filter::exact(0x190);
         assert!(filter.accepts(&raw(0x190)));
-        for other in [0x191, 0x190 | REMOTE_FLAG, 0x190 | EXTENDED_FLAG, 0x190 | ERROR_FLAG] {
+        for other in [
+            0x191,
+            0x190 | REMOTE_FLAG,
+            0x190 | EXTENDED_FLAG,
+            0x190 | ERROR_FLAG,
+        ] {
             assert!(!filter.accepts(&raw(other)), "{other:#x}");
         }
     }

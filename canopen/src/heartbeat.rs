@@ -9,7 +9,7 @@ use crate::nmt::{NmtState, NodeId};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 
 const CONSUMER_TIME: u16 = 0x1016;
-const PRODUCER_TIME: u16 = 0x1017;
+pub(crate) const PRODUCER_TIME: u16 = 0x1017;
 
 /// True for the objects that configure heartbeat.
 pub(crate) fn owns(index: u16) -> bool {
@@ -58,8 +58,7 @@ impl HeartbeatProducer {
     /// Begins anew with the dictionary's period, the first heartbeat being due at `first`.
     pub(crate) fn start(&mut self, dictionary: &ObjectDictionary, first: Duration) {
         let milliseconds = dictionary.unsigned(PRODUCER_TIME, 0).unwrap_or(0);
-        self.period =
-            (milliseconds != 0).then(|| Duration::from_millis(u64::from(milliseconds)));
+        self.period = (milliseconds != 0).then(|| Duration::from_millis(u64::from(milliseconds)));
         self.next = self.period.map(|_| first);
     }
 
@@ -132,7 +131,8 @@ impl HeartbeatConsumer {
 
     /// Forgets what was received and reads 0x1016 again.
     pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
-        let entries = (1..=monitor_count(dictionary)).map(|sub_index| monitor(dictionary, sub_index));
+        let entries =
+            (1..=monitor_count(dictionary)).map(|sub_index| monitor(dictionary, sub_index));
         self.monitors.clear();
         self.monitors.extend(entries);
     }
@@ -160,7 +160,12 @@ impl HeartbeatConsumer {
     }
 
     /// Takes a heartbeat.
-    pub(crate) fn on_heartbeat(&mut self, now: Duration, node_id: NodeId, state: NmtState) -> Watch {
+    pub(crate) fn on_heartbeat(
+        &mut self,
+        now: Duration,
+        node_id: NodeId,
+        state: NmtState,
+    ) -> Watch {
         let mut monitors = self.monitors.iter_mut().flatten();
         let Some(monitor) = monitors.find(|monitor| monitor.node_id == node_id) else {
             return Watch::Normal;

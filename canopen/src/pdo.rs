@@ -118,13 +118,13 @@ fn check_parameter_write(
             Ok(())
         }
         TRANSMISSION_TYPE => match (direction, bytes) {
-            (_, [0..=240 | 254..]) | (Direction::Transmit, [252 | 253]) => Ok(()),
+            (_, [0..=240 | 254 | 255]) | (Direction::Transmit, [252 | 253]) => Ok(()),
             _ => Err(AbortCode::INVALID_VALUE),
         },
         INHIBIT_TIME | SYNC_START if direction == Direction::Transmit && old.is_valid() => {
             Err(AbortCode::DEVICE_STATE)
         }
-        SYNC_START if matches!(bytes, [241..]) => Err(AbortCode::INVALID_VALUE),
+        SYNC_START if matches!(bytes, [241..=255]) => Err(AbortCode::INVALID_VALUE),
         _ => Ok(()),
     }
 }
@@ -303,9 +303,17 @@ pub struct WaitingPdo {
 impl WaitingPdo {
     /// The integer that an object will get; `None` when it is not mapped here.
     #[must_use]
-    pub fn integer(&self, dictionary: &ObjectDictionary, index: u16, sub_index: u8) -> Option<i128> {
+    pub fn integer(
+        &self,
+        dictionary: &ObjectDictionary,
+        index: u16,
+        sub_index: u8,
+    ) -> Option<i128> {
         let wanted = dictionary.find(index, sub_index).ok()?;
-        let (range, handle) = self.mapping.ranges().find(|(_, handle)| *handle == wanted)?;
+        let (range, handle) = self
+            .mapping
+            .ranges()
+            .find(|(_, handle)| *handle == wanted)?;
         Some(dictionary.entry(handle).decode_integer(&self.data[range]))
     }
 }
@@ -362,7 +370,7 @@ pub(crate) enum Received {
     /// Its data are in the dictionary.
     Stored,
     /// Its data wait for the next SYNC.
-    Waiting(WaitingPdo),
+    Waiting,
     /// It was too short and is ignored.
     TooShort,
 }
@@ -449,10 +457,15 @@ impl Rpdo {
             return Received::Stored;
         }
         self.waiting = Some(buffer);
-        Received::Waiting(WaitingPdo {
+        Received::Waiting
+    }
+
+    /// What waits for the next SYNC.
+    pub(crate) fn waiting(&self) -> Option<WaitingPdo> {
+        self.waiting.map(|data| WaitingPdo {
             number: self.place.number,
             mapping: self.mapping,
-            data: buffer,
+            data,
         })
     }
 
@@ -557,7 +570,11 @@ impl Tpdo {
     }
 
     /// The frame to send at this SYNC.
-    pub(crate) fn on_sync(&mut self, sync: &Sync, dictionary: &ObjectDictionary) -> Option<CanFrame> {
+    pub(crate) fn on_sync(
+        &mut self,
+        sync: &Sync,
+        dictionary: &ObjectDictionary,
+    ) -> Option<CanFrame> {
         if !self.is_active() {
             return None;
         }
@@ -570,11 +587,17 @@ impl Tpdo {
         if is_due || self.parameters.allows_remote_frames {
             self.sampled = Some(self.mapping.pack(dictionary));
         }
-        self.sampled.filter(|_| is_due).and_then(|data| self.frame(&data))
+        self.sampled
+            .filter(|_| is_due)
+            .and_then(|data| self.frame(&data))
     }
 
     /// The frame to send at `now` because of an event or the event timer.
-    pub(crate) fn on_tick(&mut self, now: Duration, dictionary: &ObjectDictionary) -> Option<CanFrame> {
+    pub(crate) fn on_tick(
+        &mut self,
+        now: Duration,
+        dictionary: &ObjectDictionary,
+    ) -> Option<CanFrame> {
         if !self.is_active() || !self.is_event_driven() || now < self.next_allowed {
             return None;
         }
@@ -586,18 +609,25 @@ impl Tpdo {
         self.next_allowed = now + self.parameters.inhibit_time;
         self.event_deadline = self.parameters.event_timer.map(|timer| {
             let from_deadline = elapsed.map(|deadline| deadline + timer);
-            from_deadline.filter(|next| *next > now).unwrap_or(now + timer)
+            from_deadline
+                .filter(|next| *next > now)
+                .unwrap_or(now + timer)
         });
         self.frame(&self.mapping.pack(dictionary))
     }
 
     /// The answer to a remote frame with this identifier.
-    pub(crate) fn on_remote_frame(&mut self, id: u16, dictionary: &ObjectDictionary) -> Option<CanFrame> {
+    pub(crate) fn on_remote_frame(
+        &mut self,
+        id: u16,
+        dictionary: &ObjectDictionary,
+    ) -> Option<CanFrame> {
         let is_asked = self.parameters.cob_id == Some(id) && self.parameters.allows_remote_frames;
         if !is_asked || !self.is_active() {
             return None;
         }
-        let is_sampled_at_sync = self.parameters.is_synchronous() || self.parameters.transmission_type == 252;
+        let is_sampled_at_sync =
+            self.parameters.is_synchronous() || self.parameters.transmission_type == 252;
         let data = if is_sampled_at_sync {
             self.sampled?
         } else {

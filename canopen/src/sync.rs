@@ -99,7 +99,9 @@ pub(crate) struct SyncConsumer {
     missing_tolerated: u32,
     last_counter: Option<u8>,
     last: Option<Duration>,
+    /// Runs from each SYNC, until the time-out.
     deadline: Option<Duration>,
+    has_timed_out: bool,
 }
 
 impl SyncConsumer {
@@ -111,6 +113,7 @@ impl SyncConsumer {
             last_counter: None,
             last: None,
             deadline: None,
+            has_timed_out: false,
         }
     }
 
@@ -130,7 +133,8 @@ impl SyncConsumer {
     /// Reads the objects again after a write; a running time-out is re-armed from `now`.
     pub(crate) fn configure(&mut self, now: Duration, dictionary: &ObjectDictionary) {
         self.parameters = Parameters::read(dictionary);
-        self.deadline = self.last.and_then(|_| self.deadline_from(now));
+        let is_watching = self.last.is_some() && !self.has_timed_out;
+        self.deadline = self.deadline_from(now).filter(|_| is_watching);
     }
 
     /// True when the frame's identifier is SYNC's; a producer takes no foreign SYNC.
@@ -146,6 +150,7 @@ impl SyncConsumer {
             _ => return Reception::WrongLength,
         };
         self.last = Some(now);
+        self.has_timed_out = false;
         self.deadline = self.deadline_from(now);
         let elapsed = self.elapsed_until(counter);
         self.last_counter = counter;
@@ -154,11 +159,12 @@ impl SyncConsumer {
 
     /// True once when the time-out has passed.
     pub(crate) fn has_timed_out(&mut self, now: Duration) -> bool {
-        let has_timed_out = self.deadline.is_some_and(|deadline| now >= deadline);
-        if has_timed_out {
-            self.deadline = None;
+        if self.deadline.is_none_or(|deadline| now < deadline) {
+            return false;
         }
-        has_timed_out
+        self.deadline = None;
+        self.has_timed_out = true;
+        true
     }
 
     /// When the time-out passes.
@@ -220,7 +226,13 @@ impl SyncProducer {
         }
     }
 
-    /// Stops; the counter begins again with 1 (NMT reset, Stopped).
+    /// Stops and reads the configuration again (NMT reset).
+    pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
+        self.stop();
+        self.parameters = Parameters::read(dictionary);
+    }
+
+    /// Stops; the counter begins again with 1 (Stopped).
     pub(crate) fn stop(&mut self) {
         self.next = None;
         self.counter = 0;

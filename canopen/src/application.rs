@@ -1,0 +1,146 @@
+//! What a device's application hears and decides.
+
+use std::time::Duration;
+
+use crate::emcy::{EmergencyMessage, ErrorCode};
+use crate::frame::CanFrame;
+use crate::nmt::{NmtCommand, NmtState, NodeId};
+use crate::node::Progress;
+use crate::object_dictionary::AbortCode;
+use crate::pdo::WaitingPdo;
+use crate::services::Services;
+use crate::sync::Sync;
+
+/// Communication that the device relied on and that is gone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CommunicationLoss {
+    /// A watched node's heartbeat did not come in its time (0x1016), or the node booted.
+    Heartbeat(NodeId),
+    /// No SYNC for 1.5 periods (0x1006), or as many as [`Services::set_missing_syncs_tolerated`] allows.
+    Sync,
+    /// The RPDO with this number, from 1, missed its dead-line (0x1400:05).
+    Rpdo(u16),
+    /// The CAN controller left the bus.
+    BusOff,
+}
+
+impl CommunicationLoss {
+    /// The error to raise, with its source; none for bus-off, since nobody would hear it.
+    pub(crate) fn error(self) -> Option<(ErrorCode, u16)> {
+        match self {
+            Self::Heartbeat(node_id) => Some((ErrorCode::HEARTBEAT, u16::from(node_id.get()))),
+            Self::Sync => Some((ErrorCode::COMMUNICATION, 0)),
+            Self::Rpdo(number) => Some((ErrorCode::RPDO_TIMEOUT, number)),
+            Self::BusOff => None,
+        }
+    }
+}
+
+/// The part of a device that is no CANopen service. Every function has a default that does nothing.
+///
+/// All calls come from within the device's `on_frame`, `on_tick` and `on_stop`, with `services.now()` as the time. At a
+/// SYNC the order is: waiting RPDO data become valid ([`Application::on_rpdo`] for each), [`Application::on_sync`]
+/// samples and applies, then the TPDOs of this SYNC are packed.
+pub trait Application {
+    /// The dictionary has its defaults again (power-on, NMT reset); the boot-up message follows. `reset` is
+    /// [`NmtCommand::ResetNode`] also at power-on.
+    fn on_reset(&mut self, services: &mut Services, reset: NmtCommand) {
+        let _ = (services, reset);
+    }
+
+    /// The node's own NMT state has changed, on arrival of the command. Leaving Operational must take the energy away.
+    fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {
+        let _ = (services, state);
+    }
+
+    /// A SYNC has arrived, or was produced by this device.
+    fn on_sync(&mut self, services: &mut Services, sync: &Sync) {
+        let _ = (services, sync);
+    }
+
+    /// The data of an RPDO are in the dictionary: on arrival for types 254 and 255, at the SYNC for the others.
+    fn on_rpdo(&mut self, services: &mut Services, number: u16) {
+        let _ = (services, number);
+    }
+
+    /// A synchronous RPDO has arrived and waits for the next SYNC. What takes energy away (a controlword that disables
+    /// or asks for quick stop) must be obeyed here; everything else must wait.
+    fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
+        let _ = (services, waiting);
+    }
+
+    /// A client is about to read an object: the last chance to bring it up to date.
+    fn on_read(&mut self, services: &mut Services, index: u16, sub_index: u8) {
+        let _ = (services, index, sub_index);
+    }
+
+    /// A client writes an object; existence, access, length, limits and the services' rules have been checked. The
+    /// value is stored after this returns `Ok`.
+    ///
+    /// # Errors
+    /// The application's reason to refuse.
+    fn on_write(
+        &mut self,
+        services: &mut Services,
+        index: u16,
+        sub_index: u8,
+        bytes: &[u8],
+    ) -> Result<(), AbortCode> {
+        let _ = (services, index, sub_index, bytes);
+        Ok(())
+    }
+
+    /// Communication is lost; the EMCY is queued. A drive sets its current to 0 here. The reaction by 0x1029 follows.
+    fn on_communication_loss(&mut self, services: &mut Services, loss: CommunicationLoss) {
+        let _ = (services, loss);
+    }
+
+    /// Communication is back; "no error" is queued.
+    fn on_communication_recovery(&mut self, services: &mut Services, loss: CommunicationLoss) {
+        let _ = (services, loss);
+    }
+
+    /// Another node's heartbeat, or its boot-up message as [`NmtState::Initialising`].
+    fn on_heartbeat(&mut self, services: &mut Services, node_id: NodeId, state: NmtState) {
+        let _ = (services, node_id, state);
+    }
+
+    /// Another node's emergency.
+    fn on_emergency(
+        &mut self,
+        services: &mut Services,
+        node_id: NodeId,
+        message: &EmergencyMessage,
+    ) {
+        let _ = (services, node_id, message);
+    }
+
+    /// A data frame that none of the device's own services takes, such as an answer to an SDO client.
+    fn on_frame(&mut self, services: &mut Services, frame: &CanFrame) {
+        let _ = (services, frame);
+    }
+
+    /// Time has passed.
+    fn on_tick(&mut self, services: &mut Services) {
+        let _ = services;
+    }
+
+    /// When the application wants its next tick.
+    fn next_deadline(&self) -> Option<Duration> {
+        None
+    }
+
+    /// The node is asked for its safe state.
+    fn on_stop(&mut self, services: &mut Services) {
+        let _ = services;
+    }
+
+    /// How far the application is; by default stopped as soon as that was asked for.
+    fn progress(&self, is_stop_asked: bool) -> Progress {
+        if is_stop_asked {
+            Progress::Stopped
+        } else {
+            Progress::Running
+        }
+    }
+}

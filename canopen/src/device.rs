@@ -1,0 +1,520 @@
+//! A CANopen device: dictionary, NMT slave, SDO servers, SYNC, PDOs, heartbeat and EMCY round an application.
+//!
+//! Decided and left out: storing parameters (0x1010, 0x1011) and LSS, since a bench's nodes get their values from their
+//! EDS at every start and from their manager afterwards (both objects abort with "object does not exist"); node guarding
+//! (see [`crate::heartbeat`]); time stamps (0x1012).
+//!
+//! Kernel error messages are the CAN controller's view of the bus: bus-off counts as loss of communication, error
+//! passive and overrun raise their EMCY.
+
+use std::borrow::Cow;
+use std::time::Duration;
+
+use crate::application::{Application, CommunicationLoss};
+use crate::emcy::{EmergencyMessage, ErrorCode};
+use crate::frame::{CanFrame, Filter, REMOTE_FLAG};
+use crate::heartbeat::{self, HeartbeatProducer, Watch};
+use crate::nmt::{self, NmtCommand, NmtState, NodeId};
+use crate::node::{Node, Progress};
+use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::pdo::Received;
+use crate::sdo_channels::SdoServers;
+use crate::sdo_server::Access;
+use crate::services::{InvalidPdo, Services};
+use crate::sync::{Reception, Sync};
+
+const ERROR_BEHAVIOUR: u16 = 0x1029;
+
+/// A node with an application.
+#[derive(Debug)]
+pub struct Device<A> {
+    services: Services,
+    application: A,
+    sdo: SdoServers,
+    is_stop_asked: bool,
+    is_bus_off: bool,
+}
+
+impl<A: Application> Device<A> {
+    /// A device that boots with the first frame or tick, with the dictionary's defaults.
+    ///
+    /// # Errors
+    /// A PDO that the dictionary configures wrongly.
+    pub fn new(
+        node_id: NodeId,
+        dictionary: ObjectDictionary,
+        application: A,
+    ) -> Result<Self, InvalidPdo> {
+        let services = Services::new(node_id, dictionary)?;
+        Ok(Self {
+            sdo: SdoServers::new(node_id, services.dictionary()),
+            services,
+            application,
+            is_stop_asked: false,
+            is_bus_off: false,
+        })
+    }
+
+    /// The application.
+    #[must_use]
+    pub fn application(&self) -> &A {
+        &self.application
+    }
+
+    /// The application, for whoever composes the node.
+    #[must_use]
+    pub fn application_mut(&mut self) -> &mut A {
+        &mut self.application
+    }
+
+    /// The services and the dictionary.
+    #[must_use]
+    pub fn services(&self) -> &Services {
+        &self.services
+    }
+
+    /// The services and the dictionary, for whoever composes the node.
+    #[must_use]
+    pub fn services_mut(&mut self) -> &mut Services {
+        &mut self.services
+    }
+
+    /// Reads an object as an SDO client would.
+    ///
+    /// # Errors
+    /// As an SDO upload would be refused.
+    pub fn read(&mut self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
+        self.application
+            .on_read(&mut self.services, index, sub_index);
+        self.services.read(index, sub_index)
+    }
+
+    /// Writes an object as an SDO client would.
+    ///
+    /// # Errors
+    /// As an SDO download would be refused.
+    pub fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
+        self.objects().write(index, sub_index, bytes)?;
+        self.sdo.configure(&self.services.dictionary);
+        Ok(())
+    }
+
+    fn objects(&mut self) -> Objects<'_, A> {
+        Objects {
+            services: &mut self.services,
+            application: &mut self.application,
+        }
+    }
+
+    /// Sets the time and boots if that has not happened.
+    fn begin(&mut self, now: Duration) {
+        self.services.now = self.services.now.max(now);
+        if self.services.state == NmtState::Initialising {
+            self.reset(NmtCommand::ResetNode);
+        }
+    }
+
+    /// Obeys what the application asked of its own NMT state; bounded, since each may ask for more.
+    fn finish(&mut self) {
+        for _ in 0..8 {
+            let Some(command) = self.services.requests.pop_front() else {
+                return;
+            };
+            self.obey(command);
+        }
+    }
+
+    fn obey(&mut self, command: NmtCommand) {
+        match command.target_state() {
+            Some(state) => self.enter(state),
+            None => self.reset(command),
+        }
+    }
+
+    fn enter(&mut self, state: NmtState) {
+        if self.services.state == state {
+            return;
+        }
+        self.services.enter(state);
+        if !state.allows_sdo() {
+            self.sdo.reset(&self.services.dictionary);
+        }
+        self.application.on_nmt_state(&mut self.services, state);
+    }
+
+    /// Power-on or NMT reset: defaults, boot-up, Pre-operational (CiA 301, 7.3.2.2.1).
+    fn reset(&mut self, command: NmtCommand) {
+        let indices = match command {
+            NmtCommand::ResetCommunication => 0x1000..=0x1FFF,
+            _ => 0x0000..=0xFFFF,
+        };
+        self.services.state = NmtState::Initialising;
+        self.services.reset(indices);
+        self.sdo.reset(&self.services.dictionary);
+        self.application.on_reset(&mut self.services, command);
+        let boot_up = nmt::boot_up_frame(self.services.node_id);
+        self.services.send(boot_up);
+        self.services.heartbeat = HeartbeatProducer::default();
+        self.enter(NmtState::PreOperational);
+        let Services {
+            heartbeat,
+            dictionary,
+            now,
+            ..
+        } = &mut self.services;
+        heartbeat.start_after_boot_up(dictionary, *now);
+    }
+
+    fn dispatch(&mut self, id: u16, frame: &CanFrame) {
+        let data = frame.data();
+        if id == 0 {
+            if let Some(command) = NmtCommand::decode(data, self.services.node_id) {
+                self.obey(command);
+            }
+        } else if self.services.sync.listens_to(id) {
+            self.on_sync_frame(data);
+        } else if self.sdo.listens_to(id) {
+            self.on_sdo_frame(frame);
+        } else if self.services.rpdos.iter().any(|rpdo| rpdo.listens_to(id)) {
+            self.on_rpdo_frame(id, data);
+        } else if (0x701..=0x77F).contains(&id) {
+            self.on_heartbeat_frame(id, data);
+        } else if (0x081..=0x0FF).contains(&id) {
+            self.on_emergency_frame(id, data);
+        } else {
+            self.application.on_frame(&mut self.services, frame);
+        }
+    }
+
+    fn on_sync_frame(&mut self, data: &[u8]) {
+        if !self.services.state.allows_sdo() {
+            return;
+        }
+        let now = self.services.now;
+        match self.services.sync.on_frame(now, data) {
+            Reception::Sync(sync) => {
+                self.services.clear_from(ErrorCode::SYNC_LENGTH, 0);
+                self.recover(CommunicationLoss::Sync);
+                self.on_sync(&sync);
+            }
+            Reception::WrongLength => self.services.raise_from(ErrorCode::SYNC_LENGTH, 0),
+        }
+    }
+
+    /// The cyclic order: RPDO data become valid, the application works, TPDOs are packed.
+    fn on_sync(&mut self, sync: &Sync) {
+        for place in 0..self.services.rpdos.len() {
+            let Services {
+                rpdos, dictionary, ..
+            } = &mut self.services;
+            if rpdos[place].on_sync(dictionary) {
+                let number = rpdos[place].number();
+                self.application.on_rpdo(&mut self.services, number);
+            }
+        }
+        self.application.on_sync(&mut self.services, sync);
+        for place in 0..self.services.tpdos.len() {
+            let Services {
+                tpdos, dictionary, ..
+            } = &mut self.services;
+            let frame = tpdos[place].on_sync(sync, dictionary);
+            frame
+                .into_iter()
+                .for_each(|frame| self.services.send(frame));
+        }
+    }
+
+    fn on_sdo_frame(&mut self, frame: &CanFrame) {
+        if !self.services.state.allows_sdo() {
+            return;
+        }
+        let now = self.services.now;
+        let mut objects = Objects {
+            services: &mut self.services,
+            application: &mut self.application,
+        };
+        self.sdo.on_frame(now, frame, &mut objects);
+        self.sdo.configure(&self.services.dictionary);
+    }
+
+    fn on_rpdo_frame(&mut self, id: u16, data: &[u8]) {
+        if self.services.state != NmtState::Operational {
+            return;
+        }
+        for place in 0..self.services.rpdos.len() {
+            if self.services.rpdos[place].listens_to(id) {
+                self.receive(place, data);
+            }
+        }
+    }
+
+    fn receive(&mut self, place: usize, data: &[u8]) {
+        let Services {
+            rpdos,
+            dictionary,
+            sync,
+            now,
+            ..
+        } = &mut self.services;
+        let rpdo = &mut rpdos[place];
+        if rpdo.is_synchronous() && !sync.is_window_open(*now) {
+            return;
+        }
+        let (number, is_exceeded) = (rpdo.number(), rpdo.is_exceeded_by(data));
+        let received = rpdo.on_frame(*now, dictionary, data);
+        if matches!(received, Received::TooShort) {
+            self.services.raise_from(ErrorCode::PDO_TOO_SHORT, number);
+            return;
+        }
+        self.services.clear_from(ErrorCode::PDO_TOO_SHORT, number);
+        if is_exceeded {
+            self.services.raise_from(ErrorCode::PDO_TOO_LONG, number);
+        } else {
+            self.services.clear_from(ErrorCode::PDO_TOO_LONG, number);
+        }
+        self.recover(CommunicationLoss::Rpdo(number));
+        match self.services.rpdos[place].waiting() {
+            Some(waiting) => self
+                .application
+                .on_waiting_rpdo(&mut self.services, &waiting),
+            None => self.application.on_rpdo(&mut self.services, number),
+        }
+    }
+
+    fn on_heartbeat_frame(&mut self, id: u16, data: &[u8]) {
+        let Some((node_id, state)) = heartbeat::decode(id, data) else {
+            return;
+        };
+        let now = self.services.now;
+        let loss = CommunicationLoss::Heartbeat(node_id);
+        match self.services.monitors.on_heartbeat(now, node_id, state) {
+            Watch::Normal => {}
+            Watch::Recovered => self.recover(loss),
+            Watch::Rebooted => self.lose(loss),
+        }
+        self.application
+            .on_heartbeat(&mut self.services, node_id, state);
+    }
+
+    fn on_emergency_frame(&mut self, id: u16, data: &[u8]) {
+        let node_id = u8::try_from(id - 0x080).ok().and_then(NodeId::new);
+        if let (Some(node_id), Some(message)) = (node_id, EmergencyMessage::decode(data)) {
+            self.application
+                .on_emergency(&mut self.services, node_id, &message);
+        }
+    }
+
+    fn on_remote_frame(&mut self, id: u16) {
+        for place in 0..self.services.tpdos.len() {
+            let Services {
+                tpdos, dictionary, ..
+            } = &mut self.services;
+            let frame = tpdos[place].on_remote_frame(id, dictionary);
+            frame
+                .into_iter()
+                .for_each(|frame| self.services.send(frame));
+        }
+    }
+
+    /// The kernel's error messages (`linux/can/error.h`).
+    fn on_error_frame(&mut self, frame: &CanFrame) {
+        const CONTROLLER: u32 = 0x004;
+        const BUS_OFF: u32 = 0x040;
+        const RESTARTED: u32 = 0x100;
+        const OVERFLOW: u8 = 0x01 | 0x02;
+        const PASSIVE: u8 = 0x10 | 0x20;
+        const ACTIVE: u8 = 0x40;
+        let controller = frame.buffer()[1];
+        let class = frame.raw_id();
+        if class & CONTROLLER != 0 && controller & OVERFLOW != 0 {
+            self.services.raise_from(ErrorCode::CAN_OVERRUN, 0);
+            self.services.clear_from(ErrorCode::CAN_OVERRUN, 0);
+        }
+        if class & CONTROLLER != 0 && controller & PASSIVE != 0 {
+            self.services.raise_from(ErrorCode::ERROR_PASSIVE, 0);
+        }
+        if class & CONTROLLER != 0 && controller & ACTIVE != 0 {
+            self.services.clear_from(ErrorCode::ERROR_PASSIVE, 0);
+        }
+        if class & BUS_OFF != 0 && !self.is_bus_off {
+            self.is_bus_off = true;
+            self.lose(CommunicationLoss::BusOff);
+        }
+        if class & RESTARTED != 0 && self.is_bus_off {
+            self.is_bus_off = false;
+            let code = ErrorCode::RECOVERED_FROM_BUS_OFF;
+            self.services.raise_from(code, 0);
+            self.services.clear_from(code, 0);
+            self.application
+                .on_communication_recovery(&mut self.services, CommunicationLoss::BusOff);
+        }
+    }
+
+    /// Reports a loss and obeys 0x1029, which is about heartbeat and bus-off only.
+    fn lose(&mut self, loss: CommunicationLoss) {
+        if let Some((code, source)) = loss.error() {
+            self.services.raise_from(code, source);
+        }
+        self.application
+            .on_communication_loss(&mut self.services, loss);
+        let obeys_error_behaviour = matches!(
+            loss,
+            CommunicationLoss::Heartbeat(_) | CommunicationLoss::BusOff
+        );
+        if obeys_error_behaviour && self.services.state == NmtState::Operational {
+            self.behave_on_error();
+        }
+    }
+
+    /// 0x1029:01 (CiA 301, 7.5.2.32): 0 Pre-operational, which is also the default; 1 no change; 2 Stopped.
+    fn behave_on_error(&mut self) {
+        match self.services.dictionary.integer(ERROR_BEHAVIOUR, 1) {
+            Some(1) => {}
+            Some(2) => self.enter(NmtState::Stopped),
+            _ => self.enter(NmtState::PreOperational),
+        }
+    }
+
+    /// Reports the end of a loss, if there was one.
+    fn recover(&mut self, loss: CommunicationLoss) {
+        let error = loss.error();
+        let active = error.filter(|(code, source)| self.services.is_active(*code, *source));
+        if let Some((code, source)) = active {
+            self.services.clear_from(code, source);
+            self.application
+                .on_communication_recovery(&mut self.services, loss);
+        }
+    }
+
+    /// Reports what did not come in its time.
+    fn expire(&mut self) {
+        let now = self.services.now;
+        if self.services.sync.has_timed_out(now) {
+            self.lose(CommunicationLoss::Sync);
+        }
+        for place in 0..self.services.rpdos.len() {
+            if self.services.rpdos[place].has_timed_out(now) {
+                let number = self.services.rpdos[place].number();
+                self.lose(CommunicationLoss::Rpdo(number));
+            }
+        }
+        while let Some(node_id) = self.services.monitors.next_lost(now) {
+            self.lose(CommunicationLoss::Heartbeat(node_id));
+        }
+    }
+
+    /// Sends what is due by time.
+    fn produce(&mut self) {
+        let now = self.services.now;
+        if let Some((frame, sync)) = self.services.sync_producer.on_tick(now) {
+            self.services.send(frame);
+            self.on_sync(&sync);
+        }
+        for place in 0..self.services.tpdos.len() {
+            let Services {
+                tpdos, dictionary, ..
+            } = &mut self.services;
+            let frame = tpdos[place].on_tick(now, dictionary);
+            frame
+                .into_iter()
+                .for_each(|frame| self.services.send(frame));
+        }
+        if self.services.heartbeat.is_due(now) {
+            let frame = HeartbeatProducer::frame(self.services.node_id, self.services.state);
+            self.services.send(frame);
+        }
+    }
+}
+
+/// The dictionary as SDO clients see it: rights, limits and the services' rules, then the application, then the value.
+struct Objects<'a, A> {
+    services: &'a mut Services,
+    application: &'a mut A,
+}
+
+impl<A: Application> Access for Objects<'_, A> {
+    fn read(&mut self, index: u16, sub_index: u8) -> Result<Cow<'_, [u8]>, AbortCode> {
+        self.application.on_read(self.services, index, sub_index);
+        self.services.read(index, sub_index).map(Cow::Borrowed)
+    }
+
+    fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
+        let handle = self.services.check_write(index, sub_index, bytes)?;
+        self.application
+            .on_write(self.services, index, sub_index, bytes)?;
+        self.services.commit(handle, bytes)
+    }
+
+    fn prepare_write(
+        &mut self,
+        index: u16,
+        sub_index: u8,
+        length: Option<usize>,
+    ) -> Result<(), AbortCode> {
+        Access::prepare_write(&mut self.services.dictionary, index, sub_index, length)
+    }
+
+    fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
+        Access::size_bytes(&mut self.services.dictionary, index, sub_index)
+    }
+}
+
+impl<A: Application> Node for Device<A> {
+    /// Everything: a manager may give the device's PDOs and consumers other identifiers at any time.
+    fn filters(&self) -> Vec<Filter> {
+        vec![Filter::ALL, Filter::ERRORS]
+    }
+
+    fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+        self.begin(now);
+        if frame.is_error() {
+            self.on_error_frame(frame);
+        } else if frame.is_remote() && !frame.is_extended() {
+            self.on_remote_frame((frame.raw_id() & !REMOTE_FLAG & 0x7FF) as u16);
+        } else if let Some(id) = frame.standard_id() {
+            self.dispatch(id, frame);
+        }
+        self.finish();
+    }
+
+    fn on_tick(&mut self, now: Duration) {
+        self.begin(now);
+        self.expire();
+        self.sdo.on_tick(now);
+        self.application.on_tick(&mut self.services);
+        self.finish();
+        self.produce();
+        self.finish();
+    }
+
+    fn on_stop(&mut self, now: Duration) {
+        self.begin(now);
+        self.is_stop_asked = true;
+        self.application.on_stop(&mut self.services);
+        self.finish();
+    }
+
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        let frame = self.services.next_output();
+        frame.or_else(|| self.sdo.next_frame())
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        if self.services.state == NmtState::Initialising {
+            return Some(Duration::ZERO);
+        }
+        let application = self.application.next_deadline();
+        let sdo = self.sdo.next_deadline();
+        [self.services.next_deadline(), application, sdo]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    fn progress(&self) -> Progress {
+        self.application.progress(self.is_stop_asked)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,146 @@
+//! The SDO servers of a device: the default channel 0x1200 and those that 0x1201 to 0x127F describe.
+
+use std::time::Duration;
+
+use crate::cob_id::CobId;
+use crate::frame::CanFrame;
+use crate::nmt::NodeId;
+use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use crate::sdo_server::{Access, SdoServer};
+
+const FIRST_ADDITIONAL: u16 = 0x1201;
+const LAST: u16 = 0x127F;
+const REQUEST_ID: u8 = 1;
+const RESPONSE_ID: u8 = 2;
+
+/// True for the objects that describe additional channels.
+pub(crate) fn owns(index: u16) -> bool {
+    (FIRST_ADDITIONAL..=LAST).contains(&index)
+}
+
+/// The rule for writing a channel's COB-IDs: they stay while they are valid (CiA 301, 7.5.2.33).
+pub(crate) fn check_write(
+    dictionary: &ObjectDictionary,
+    index: u16,
+    sub_index: u8,
+    bytes: &[u8],
+) -> Result<(), AbortCode> {
+    if !matches!(sub_index, REQUEST_ID | RESPONSE_ID) {
+        return Ok(());
+    }
+    let new = CobId::from_bytes(bytes)?;
+    let old = CobId(dictionary.unsigned(index, sub_index).unwrap_or(u32::MAX));
+    if !new.is_valid() {
+        return Ok(());
+    }
+    new.check()?;
+    if old.is_valid() && old.id() != new.id() {
+        return Err(AbortCode::DEVICE_STATE);
+    }
+    Ok(())
+}
+
+/// One server per channel.
+#[derive(Clone, Debug)]
+pub(crate) struct SdoServers {
+    default: SdoServer,
+    additional: Vec<Channel>,
+}
+
+/// A channel of the dictionary; without server while a COB-ID is invalid.
+#[derive(Clone, Debug)]
+struct Channel {
+    index: u16,
+    server: Option<SdoServer>,
+}
+
+impl Channel {
+    /// Follows the dictionary; a server whose COB-IDs have not changed goes on with its transfer.
+    fn configure(&mut self, dictionary: &ObjectDictionary) {
+        let ids = channel_ids(dictionary, self.index);
+        let current = self.server.as_ref();
+        if ids != current.map(|server| (server.request_id(), server.response_id())) {
+            self.server = ids.map(|(request, response)| SdoServer::new(request, response));
+        }
+    }
+}
+
+impl SdoServers {
+    /// The servers of a dictionary.
+    pub(crate) fn new(node_id: NodeId, dictionary: &ObjectDictionary) -> Self {
+        let indices =
+            (FIRST_ADDITIONAL..=LAST).filter(|index| dictionary.find(*index, REQUEST_ID).is_ok());
+        let server = None;
+        let mut servers = Self {
+            default: SdoServer::for_node(node_id.get()),
+            additional: indices
+                .map(|index| Channel {
+                    index,
+                    server: server.clone(),
+                })
+                .collect(),
+        };
+        servers.configure(dictionary);
+        servers
+    }
+
+    /// Follows the dictionary after a write.
+    pub(crate) fn configure(&mut self, dictionary: &ObjectDictionary) {
+        for channel in &mut self.additional {
+            channel.configure(dictionary);
+        }
+    }
+
+    /// Forgets all transfers (NMT reset, Stopped).
+    pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
+        self.servers_mut().for_each(SdoServer::reset);
+        self.configure(dictionary);
+    }
+
+    /// True when a frame with this identifier is a request.
+    pub(crate) fn listens_to(&self, id: u16) -> bool {
+        self.servers().any(|server| server.request_id() == id)
+    }
+
+    /// Takes a request.
+    pub(crate) fn on_frame(&mut self, now: Duration, frame: &CanFrame, objects: &mut dyn Access) {
+        for server in self.servers_mut() {
+            server.on_frame(now, frame, objects);
+        }
+    }
+
+    /// Ends transfers whose client is silent.
+    pub(crate) fn on_tick(&mut self, now: Duration) {
+        self.servers_mut().for_each(|server| server.on_tick(now));
+    }
+
+    /// The next answer.
+    pub(crate) fn next_frame(&mut self) -> Option<CanFrame> {
+        self.servers_mut().find_map(SdoServer::next_frame)
+    }
+
+    /// When the next client's time passes.
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        self.servers().filter_map(SdoServer::next_deadline).min()
+    }
+
+    fn servers(&self) -> impl Iterator<Item = &SdoServer> {
+        let additional = self.additional.iter();
+        std::iter::once(&self.default).chain(additional.flat_map(|channel| &channel.server))
+    }
+
+    fn servers_mut(&mut self) -> impl Iterator<Item = &mut SdoServer> {
+        let additional = self.additional.iter_mut();
+        std::iter::once(&mut self.default).chain(additional.flat_map(|channel| &mut channel.server))
+    }
+}
+
+/// The COB-IDs of a channel, request first; `None` while one of them is invalid.
+fn channel_ids(dictionary: &ObjectDictionary, index: u16) -> Option<(u16, u16)> {
+    let id = |sub_index| {
+        let cob_id = CobId(dictionary.unsigned(index, sub_index)?);
+        let is_usable = cob_id.is_valid() && cob_id.check().is_ok();
+        is_usable.then(|| cob_id.id())
+    };
+    Some((id(REQUEST_ID)?, id(RESPONSE_ID)?))
+}

@@ -1,0 +1,365 @@
+//! The CiA 301 services of one node round its dictionary, as its application sees them.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use crate::emcy::{self, Emcy, ErrorCode};
+use crate::frame::CanFrame;
+use crate::heartbeat::{self, HeartbeatConsumer, HeartbeatProducer};
+use crate::nmt::{NmtCommand, NmtState, NodeId};
+use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
+use crate::pdo::{self, Direction, Place, Rpdo, Tpdo};
+use crate::sdo_channels;
+use crate::sync::{self, SyncConsumer, SyncProducer};
+
+/// Frames that wait to be drained at most; newer ones are dropped and counted.
+const OUTPUT_LENGTH: usize = 256;
+
+/// The dictionary of a PDO cannot work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("PDO parameters at {index:#06x}: {reason}")]
+pub struct InvalidPdo {
+    /// Index of the PDO's communication parameters.
+    pub index: u16,
+    /// What is wrong with them or with the mapping.
+    pub reason: AbortCode,
+}
+
+/// A node's dictionary and services. An application gets it with every call.
+#[derive(Clone, Debug)]
+pub struct Services {
+    pub(crate) now: Duration,
+    pub(crate) node_id: NodeId,
+    pub(crate) state: NmtState,
+    pub(crate) requests: VecDeque<NmtCommand>,
+    pub(crate) dictionary: ObjectDictionary,
+    pub(crate) sync: SyncConsumer,
+    pub(crate) sync_producer: SyncProducer,
+    pub(crate) rpdos: Vec<Rpdo>,
+    pub(crate) tpdos: Vec<Tpdo>,
+    pub(crate) heartbeat: HeartbeatProducer,
+    pub(crate) monitors: HeartbeatConsumer,
+    pub(crate) emcy: Emcy,
+    output: VecDeque<CanFrame>,
+    dropped_frames: u64,
+}
+
+/// NMT commands of the application that wait at most.
+const REQUESTS_MAX: usize = 8;
+
+impl Services {
+    /// The services as the dictionary's defaults configure them, not yet booted.
+    pub(crate) fn new(
+        node_id: NodeId,
+        mut dictionary: ObjectDictionary,
+    ) -> Result<Self, InvalidPdo> {
+        dictionary.restore_defaults(0x0000..=0xFFFF);
+        let (rpdos, tpdos) = read_pdos(&dictionary)?;
+        Ok(Self {
+            now: Duration::ZERO,
+            node_id,
+            state: NmtState::Initialising,
+            requests: VecDeque::with_capacity(REQUESTS_MAX),
+            sync: SyncConsumer::new(&dictionary),
+            sync_producer: SyncProducer::new(&dictionary),
+            rpdos,
+            tpdos,
+            heartbeat: HeartbeatProducer::default(),
+            monitors: HeartbeatConsumer::new(&dictionary),
+            emcy: Emcy::new(&dictionary),
+            output: VecDeque::with_capacity(OUTPUT_LENGTH),
+            dropped_frames: 0,
+            dictionary,
+        })
+    }
+
+    /// The time of the call that is going on, since the node's start.
+    #[must_use]
+    pub fn now(&self) -> Duration {
+        self.now
+    }
+
+    /// The node's number.
+    #[must_use]
+    pub fn node_id(&self) -> NodeId {
+        self.node_id
+    }
+
+    /// The node's own NMT state.
+    #[must_use]
+    pub fn nmt_state(&self) -> NmtState {
+        self.state
+    }
+
+    /// The dictionary.
+    #[must_use]
+    pub fn dictionary(&self) -> &ObjectDictionary {
+        &self.dictionary
+    }
+
+    /// The dictionary for the application's own values. Objects of the services are written with [`Services::write`],
+    /// so that the services notice; none may be inserted.
+    #[must_use]
+    pub fn dictionary_mut(&mut self) -> &mut ObjectDictionary {
+        &mut self.dictionary
+    }
+
+    /// Writes an object as a client would, the application's own `on_write` left out: access, limits and the services'
+    /// rules count, and the services notice.
+    ///
+    /// # Errors
+    /// As an SDO download would be refused.
+    pub fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
+        let handle = self.check_write(index, sub_index, bytes)?;
+        self.commit(handle, bytes)
+    }
+
+    /// Asks for an NMT state change or reset of this node itself, once the present call is over.
+    pub fn request_nmt(&mut self, command: NmtCommand) {
+        if self.requests.len() < REQUESTS_MAX {
+            self.requests.push_back(command);
+        }
+    }
+
+    /// As NMT manager: orders one node, or all others when `target` is `None`. The node itself is not meant; see
+    /// [`Services::request_nmt`].
+    pub fn send_nmt(&mut self, command: NmtCommand, target: Option<NodeId>) {
+        self.send(command.frame(target));
+    }
+
+    /// Queues a frame of the application's own.
+    pub fn send(&mut self, frame: CanFrame) {
+        if self.output.len() < OUTPUT_LENGTH {
+            self.output.push_back(frame);
+        } else {
+            self.dropped_frames += 1;
+        }
+    }
+
+    /// Asks for a TPDO: types 254 and 255 are packed now, or when their inhibit time has passed; type 0 goes with the
+    /// next SYNC. Without effect outside Operational and for other types.
+    pub fn request_tpdo(&mut self, number: u16) {
+        let (now, dictionary) = (self.now, &self.dictionary);
+        let mut tpdos = self.tpdos.iter_mut();
+        let frame = tpdos.find(|tpdo| tpdo.number() == number).and_then(|tpdo| {
+            tpdo.request();
+            tpdo.on_tick(now, dictionary)
+        });
+        frame.into_iter().for_each(|frame| self.send(frame));
+    }
+
+    /// Raises an error: 0x1001, 0x1003, 0x603F and the EMCY follow. Nothing happens while it is active already.
+    pub fn raise_error(&mut self, code: ErrorCode, manufacturer: [u8; 5]) {
+        self.emcy.raise(&mut self.dictionary, code, 0, manufacturer);
+    }
+
+    /// Ends an error: 0x1001 and the EMCY "no error" follow. Nothing happens when it is not active.
+    pub fn clear_error(&mut self, code: ErrorCode) {
+        self.emcy.clear(&mut self.dictionary, code, 0);
+    }
+
+    /// How many SYNCs may be missing before [`crate::CommunicationLoss::Sync`]: the time-out is that number and a half
+    /// of periods (0x1006). CiA 301 leaves it open; the default is 1.
+    pub fn set_missing_syncs_tolerated(&mut self, count: u32) {
+        self.sync.set_missing_tolerated(count);
+    }
+
+    /// SYNC deadlines that this producer let pass.
+    #[must_use]
+    pub fn sync_overruns(&self) -> u64 {
+        self.sync_producer.overruns()
+    }
+
+    /// Frames that were dropped because nobody drained the output.
+    #[must_use]
+    pub fn dropped_frames(&self) -> u64 {
+        self.dropped_frames
+    }
+
+    /// Raises an error of one RPDO or node.
+    pub(crate) fn raise_from(&mut self, code: ErrorCode, source: u16) {
+        let [low, high] = source.to_le_bytes();
+        self.emcy
+            .raise(&mut self.dictionary, code, source, [low, high, 0, 0, 0]);
+    }
+
+    /// Ends an error of one RPDO or node.
+    pub(crate) fn clear_from(&mut self, code: ErrorCode, source: u16) {
+        self.emcy.clear(&mut self.dictionary, code, source);
+    }
+
+    /// True while an error of one RPDO or node is active.
+    pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
+        self.emcy.is_active(code, source)
+    }
+
+    /// An object's value as a client reads it.
+    pub(crate) fn read(&self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
+        let value = self.dictionary.read(index, sub_index)?;
+        emcy::check_read(&self.dictionary, index, sub_index)?;
+        Ok(value)
+    }
+
+    /// Checks a write against the dictionary and the services' rules, without effect.
+    pub(crate) fn check_write(
+        &self,
+        index: u16,
+        sub_index: u8,
+        bytes: &[u8],
+    ) -> Result<Handle, AbortCode> {
+        let dictionary = &self.dictionary;
+        let handle = dictionary.check_write(index, sub_index, bytes)?;
+        if let Some(place) = Place::of(index) {
+            pdo::check_write(dictionary, place, sub_index, bytes)?;
+        } else if sync::owns(index) {
+            sync::check_write(dictionary, index, bytes)?;
+        } else if heartbeat::owns(index) {
+            heartbeat::check_write(dictionary, index, sub_index, bytes)?;
+        } else if sdo_channels::owns(index) {
+            sdo_channels::check_write(dictionary, index, sub_index, bytes)?;
+        } else {
+            Emcy::check_write(dictionary, index, bytes)?;
+        }
+        Ok(handle)
+    }
+
+    /// Stores a checked value and lets the service that it configures follow at once.
+    pub(crate) fn commit(&mut self, handle: Handle, bytes: &[u8]) -> Result<(), AbortCode> {
+        self.dictionary.store(handle, bytes)?;
+        let entry = self.dictionary.entry(handle);
+        let (index, sub_index) = (entry.index, entry.sub_index);
+        if let Some(place) = Place::of(index) {
+            self.configure_pdo(place);
+        } else if sync::owns(index) {
+            self.configure_sync();
+        } else if heartbeat::owns(index) {
+            self.configure_heartbeat(index, sub_index);
+        } else {
+            self.emcy.on_write(&mut self.dictionary, index);
+        }
+        Ok(())
+    }
+
+    /// Puts defaults back into a range of indices and all services into the state after power-on.
+    pub(crate) fn reset(&mut self, indices: std::ops::RangeInclusive<u16>) {
+        self.dictionary.restore_defaults(indices);
+        let dictionary = &self.dictionary;
+        self.sync.reset(dictionary);
+        self.sync_producer.reset(dictionary);
+        self.monitors.reset(dictionary);
+        self.emcy.reset(dictionary);
+        for rpdo in &mut self.rpdos {
+            rpdo.configure(dictionary);
+        }
+        for tpdo in &mut self.tpdos {
+            tpdo.stop();
+            tpdo.configure(self.now, dictionary);
+        }
+        self.output.clear();
+    }
+
+    /// Lets the services follow a change of the NMT state.
+    pub(crate) fn enter(&mut self, state: NmtState) {
+        let was_operational = self.state == NmtState::Operational;
+        self.state = state;
+        if was_operational {
+            self.rpdos.iter_mut().for_each(Rpdo::stop);
+            self.tpdos.iter_mut().for_each(Tpdo::stop);
+        }
+        if state == NmtState::Operational {
+            let now = self.now;
+            self.tpdos.iter_mut().for_each(|tpdo| tpdo.start(now));
+        }
+        if state.allows_sdo() {
+            self.sync_producer.start(self.now);
+        } else {
+            self.sync.reset(&self.dictionary);
+            self.sync_producer.stop();
+        }
+        if self.heartbeat.is_enabled() {
+            self.send(HeartbeatProducer::frame(self.node_id, state));
+        }
+    }
+
+    /// The oldest frame in the output.
+    pub(crate) fn next_output(&mut self) -> Option<CanFrame> {
+        let frame = self.output.pop_front();
+        if frame.is_some() || !self.state.allows_sdo() {
+            return frame;
+        }
+        self.emcy.next_frame(self.now)
+    }
+
+    /// When a service has something to do next.
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        let emcy = self.emcy.next_deadline();
+        let rpdos = self.rpdos.iter().filter_map(Rpdo::next_deadline);
+        let tpdos = self.tpdos.iter().filter_map(Tpdo::next_deadline);
+        [
+            self.heartbeat.next_deadline(),
+            self.monitors.next_deadline(),
+            self.sync.next_deadline(),
+            self.sync_producer.next_deadline(),
+            emcy.filter(|_| self.state.allows_sdo()),
+        ]
+        .into_iter()
+        .flatten()
+        .chain(rpdos)
+        .chain(tpdos)
+        .min()
+    }
+
+    fn configure_pdo(&mut self, place: Place) {
+        match place.direction {
+            Direction::Receive => {
+                let mut rpdos = self.rpdos.iter_mut();
+                if let Some(rpdo) = rpdos.find(|rpdo| rpdo.number() == place.number) {
+                    rpdo.configure(&self.dictionary);
+                }
+            }
+            Direction::Transmit => {
+                let mut tpdos = self.tpdos.iter_mut();
+                if let Some(tpdo) = tpdos.find(|tpdo| tpdo.number() == place.number) {
+                    tpdo.configure(self.now, &self.dictionary);
+                }
+            }
+        }
+    }
+
+    fn configure_sync(&mut self) {
+        self.sync.configure(self.now, &self.dictionary);
+        self.sync_producer.configure(self.now, &self.dictionary);
+        if !self.state.allows_sdo() {
+            self.sync_producer.stop();
+        }
+    }
+
+    fn configure_heartbeat(&mut self, index: u16, sub_index: u8) {
+        if index == heartbeat::PRODUCER_TIME {
+            self.heartbeat.start(&self.dictionary, self.now);
+            return;
+        }
+        let dropped = self
+            .monitors
+            .configure(self.now, &self.dictionary, sub_index);
+        if let Some(node_id) = dropped {
+            self.clear_from(ErrorCode::HEARTBEAT, u16::from(node_id.get()));
+        }
+    }
+}
+
+/// All PDOs that the dictionary has parameters for.
+fn read_pdos(dictionary: &ObjectDictionary) -> Result<(Vec<Rpdo>, Vec<Tpdo>), InvalidPdo> {
+    let receive = pdo::numbers(dictionary, Direction::Receive).map(|number| {
+        let index = 0x1400 + number - 1;
+        Rpdo::new(dictionary, number).map_err(|reason| InvalidPdo { index, reason })
+    });
+    let transmit = pdo::numbers(dictionary, Direction::Transmit).map(|number| {
+        let index = 0x1800 + number - 1;
+        Tpdo::new(dictionary, number).map_err(|reason| InvalidPdo { index, reason })
+    });
+    Ok((
+        receive.collect::<Result<_, _>>()?,
+        transmit.collect::<Result<_, _>>()?,
+    ))
+}
