@@ -108,88 +108,15 @@ impl Default for Pid {
     }
 }
 
-/// What the observer trusts.
-    pub observer: Observer,
-    /// What the law takes the plant to be.
-    pub nominal_model: NominalModel,
-}
-
-impl Default for SlidingMode {
-    fn default() -> Self {
-        Self {
-            bandwidth_radians_per_second: 40.0,
-            boundary_layer_metres_per_second_squared: 1.6,
-            switching_gain_metres_per_second_cubed: 64.0,
-            reference_filter_radians_per_second: 28.0,
-            observer: Observer::default(),
-            nominal_model: NominalModel::default(),
-        }
-    }
-}
-
-/// Sliding mode as the paper prints it, with errata, Eq. (12)-(14).
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SlidingModePaper {
-    /// `λ` (paper: 40).
-    pub bandwidth_radians_per_second: f64,
-    /// `φ` (paper: 1.6).
-    pub boundary_layer_metres_per_second_squared: f64,
-    /// `KSM` (paper: 64).
-    pub switching_gain_metres_per_second_cubed: f64,
-    /// Poles of the filter that differentiates the position (assumed).
-    pub derivative_filter_radians_per_second: f64,
-    /// Poles of the reference filter (assumed).
-    pub reference_filter_radians_per_second: f64,
-    /// What the law takes the plant to be.
-    pub nominal_model: NominalModel,
-}
-
-impl Default for SlidingModePaper {
-    fn default() -> Self {
-        Self {
-            bandwidth_radians_per_second: 40.0,
-            boundary_layer_metres_per_second_squared: 1.6,
-            switching_gain_metres_per_second_cubed: 64.0,
-            derivative_filter_radians_per_second: 100.0,
-            reference_filter_radians_per_second: 20.0,
-            nominal_model: NominalModel::default(),
-        }
-    }
-}
-
-/// PID with anti-windup; the output is a current.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Pid {
-    /// Proportional gain.
-    pub proportional_amperes_per_metre: f64,
-    /// Integral gain.
-    pub integral_amperes_per_metre_second: f64,
-    /// Derivative gain.
-    pub derivative_ampere_seconds_per_metre: f64,
-    /// Pole of the derivative's filter.
-    pub derivative_filter_radians_per_second: f64,
-}
-
-impl Default for Pid {
-    fn default() -> Self {
-        Self {
-            proportional_amperes_per_metre: 20.0,
-            integral_amperes_per_metre_second: 20.0,
-            derivative_ampere_seconds_per_metre: 0.5,
-            derivative_filter_radians_per_second: 100.0,
-        }
-    }
-}
-
 /// A current profile without feedback; built like `[reference]`.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OpenLoop {
     /// Current jumps to a value and stays.
+    #[schemars(length(max = 10_000))]
     pub step: Vec<CurrentStep>,
     /// Current moves linearly from its present value.
+    #[schemars(length(max = 10_000))]
     pub ramp: Vec<CurrentRamp>,
 }
 
@@ -198,8 +125,10 @@ pub struct OpenLoop {
 #[serde(deny_unknown_fields)]
 pub struct CurrentStep {
     /// When.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
     /// To which value.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub current_amperes: f64,
 }
 
@@ -208,10 +137,13 @@ pub struct CurrentStep {
 #[serde(deny_unknown_fields)]
 pub struct CurrentRamp {
     /// Start.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub from_seconds: f64,
     /// End.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
     pub until_seconds: f64,
     /// Value at the end.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub current_amperes: f64,
 }
 
