@@ -18,6 +18,7 @@ pub mod pdo;
 pub mod sdo;
 mod sdo_block;
 mod sdo_channels;
+pub mod sdo_client;
 pub mod sdo_server;
 pub mod services;
 pub mod sync;

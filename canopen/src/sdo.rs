@@ -145,6 +145,18 @@ pub(crate) fn check_length(length: usize, announced: Option<usize>) -> Result<()
     }
 }
 
+/// Checks the toggle bit of a segment, its request or its confirmation.
+///
+/// # Errors
+/// [`AbortCode::TOGGLE_BIT_NOT_ALTERNATED`].
+pub(crate) fn check_toggle(payload: &Payload, expected: bool) -> Result<(), AbortCode> {
+    if (payload[0] & 0x10 != 0) == expected {
+        Ok(())
+    } else {
+        Err(AbortCode::TOGGLE_BIT_NOT_ALTERNATED)
+    }
+}
+
 /// How many of a segment's seven bytes `length` leaves unused.
 pub(crate) fn unused_bytes(length: usize) -> u8 {
     u8::try_from(SEGMENT_BYTES.saturating_sub(length)).unwrap_or(0)

@@ -7,8 +7,8 @@ use crate::frame::CanFrame;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
-    Payload, SEGMENT_BYTES, append_segment, check_length, data_of, expedited, expedited_length,
-    length_of, payload_of, segment,
+    Payload, SEGMENT_BYTES, append_segment, check_length, check_toggle, data_of, expedited,
+    expedited_length, length_of, payload_of, segment,
 };
 use crate::sdo_block::{
     BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
@@ -534,15 +534,6 @@ impl SdoServer {
     }
 }
 
-/// Checks the toggle bit of a segment.
-fn check_toggle(request: &Payload, expected: bool) -> Result<(), AbortCode> {
-    if (request[0] & 0x10 != 0) == expected {
-        Ok(())
-    } else {
-        Err(AbortCode::TOGGLE_BIT_NOT_ALTERNATED)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -857,7 +848,7 @@ mod tests {
                     server.on_frame(NOW, &frame, &mut Refusing(code));
                 }
                 let answer = server.next_frame().unwrap().data().to_vec();
-                assert_eq!(abort_of(&[answer.clone()]), code, "{end}");
+                assert_eq!(abort_of(std::slice::from_ref(&answer)), code, "{end}");
                 assert_eq!(answer[1..4], [0, 0x16, 0], "{end}");
                 assert!(!server.is_busy(), "{end}");
             }
