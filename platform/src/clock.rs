@@ -49,6 +49,11 @@ impl Clock {
             .saturating_sub(self.wall_at_start)
             .abs_diff(monotonic)
     }
+
+    /// This clock's `time` on `CLOCK_MONOTONIC`, for absolute timers.
+    pub(crate) fn on_monotonic(&self, time: Duration) -> Duration {
+        self.start.saturating_add(time)
+    }
 }
 
 fn monotonic() -> Duration {

@@ -1,7 +1,7 @@
 //! Everything that touches the operating system: buses, clock, scheduling, processes, and the two runners.
 //!
-//! A [`canopen::Node`] knows no time and no socket. [`lockstep`] moves it in virtual time, on behalf of a coordinator
-//! that models the bus.
+//! A [`canopen::Node`] knows no time and no socket. [`real_time`] moves it by the monotonic clock and a [`bus`];
+//! [`lockstep`] moves it in virtual time, on behalf of a coordinator that models the bus.
 
 pub mod bus;
 pub mod clock;
@@ -10,9 +10,14 @@ pub mod hub;
 mod kernel_format;
 pub mod lockstep;
 pub mod probe;
+pub mod process;
+pub mod real_time;
 pub mod recorder;
 pub mod scheduling;
 mod socketcan_bus;
+pub mod stop;
 
+#[cfg(test)]
+mod counting_allocator;
 #[cfg(test)]
 mod test_nodes;

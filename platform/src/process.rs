@@ -1,0 +1,214 @@
+//! Child processes of the bench, and the descriptors that they inherit.
+#![expect(
+    unsafe_code,
+    reason = "what happens between fork and exec, and descriptors passed by number"
+)]
+
+use std::io;
+use std::os::fd::{AsFd, AsRawFd, FromRawFd, OwnedFd, RawFd};
+use std::os::unix::process::CommandExt;
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicI32, Ordering};
+
+use rustix::io::{Errno, FdFlags, fcntl_setfd};
+use rustix::net::SocketType;
+use rustix::net::sockopt::socket_type;
+use rustix::process::{Signal, getpid, getppid, set_parent_process_death_signal};
+
+/// A command that starts this program again, as a child that does not outlive us:
+/// - its standard input is a pipe from us, whose end tells it to stop ([`crate::stop::StopSignal::from_parent`]);
+/// - Ctrl-C and a closed terminal do not end it, that is ours to do;
+/// - SIGTERM comes when the *thread* that spawned it ends (`PR_SET_PDEATHSIG`), so spawn from a thread that lives as
+///   long as the run. It arms an alarm that ends even a child that hangs.
+///
+/// # Errors
+/// Never on a system with `/proc`.
+pub fn myself() -> io::Result<Command> {
+    // The running file itself, even when another was put in its place meanwhile.
+    let mut command = Command::new("/proc/self/exe");
+    if let Some(name) = std::env::args_os().next() {
+        command.arg0(name);
+    }
+    command.stdin(Stdio::piped());
+    let parent = getpid();
+    let prepare = move || {
+        set_parent_process_death_signal(Some(Signal::TERM))?;
+        if getppid() != Some(parent) {
+            return Err(Errno::SRCH.into());
+        }
+        for signal in [libc::SIGINT, libc::SIGHUP] {
+            // SAFETY: signal is async-signal-safe, and ignoring is inherited by the program that exec starts.
+            unsafe { libc::signal(signal, libc::SIG_IGN) };
+        }
+        Ok(())
+    };
+    // SAFETY: the closure makes system calls only and allocates nothing.
+    unsafe { command.pre_exec(prepare) };
+    Ok(command)
+}
+
+/// Lets the child inherit `descriptor`; returns the number to tell it. The descriptor is closed here when `command` is
+/// dropped: drop it once the child is spawned, or its end of a side channel stays open after its death.
+pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
+    let number = descriptor.as_raw_fd();
+    let prepare = move || Ok(fcntl_setfd(descriptor.as_fd(), FdFlags::empty())?);
+    // SAFETY: the closure makes one system call and allocates nothing.
+    unsafe { command.pre_exec(prepare) };
+    number
+}
+
+/// Takes the side channel that the parent passed under `number`.
+///
+/// # Errors
+/// When `number` is no `SOCK_SEQPACKET` socket, or was taken before.
+pub fn inherited_channel(number: RawFd) -> io::Result<OwnedFd> {
+    static TAKEN: AtomicI32 = AtomicI32::new(-1);
+    if number <= 2 {
+        return Err(io::Error::other(format!(
+            "descriptor {number} is a standard stream, not a side channel"
+        )));
+    }
+    if TAKEN
+        .compare_exchange(-1, number, Ordering::Relaxed, Ordering::Relaxed)
+        .is_err()
+    {
+        return Err(io::Error::other("the side channel was taken before"));
+    }
+    // SAFETY: the number is not used here before or after, as long as it is a socket, which is checked next; if it is
+    // not, it is given back unclosed.
+    let channel = unsafe { OwnedFd::from_raw_fd(number) };
+    match socket_type(&channel) {
+        Ok(SocketType::SEQPACKET) => {
+            fcntl_setfd(&channel, FdFlags::CLOEXEC)?;
+            Ok(channel)
+        }
+        _ => {
+            std::mem::forget(channel);
+            TAKEN.store(-1, Ordering::Relaxed);
+            Err(io::Error::other(format!(
+                "descriptor {number} is no side channel"
+            )))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::{Child, ExitStatus};
+    use std::time::Duration;
+
+    use rustix::event::PollFlags;
+    use rustix::net::{RecvFlags, SendFlags, recv, send};
+    use rustix::process::{Pid, kill_process};
+
+    use super::*;
+    use crate::bus::wait_ready;
+    use crate::clock::Clock;
+    use crate::lockstep::channel;
+    use crate::stop::StopSignal;
+
+    const SOON: Duration = Duration::from_secs(10);
+    const CHANNEL: &str = "PLATFORM_TEST_CHANNEL";
+    const HANGS: &str = "PLATFORM_TEST_HANGS";
+
+    /// What the children of the tests below do; by itself it is no test.
+    #[test]
+    #[ignore = "not a test: the child of the other tests"]
+    fn child() {
+        let Ok(number) = std::env::var(CHANNEL) else {
+            return;
+        };
+        let stop = StopSignal::from_parent().unwrap();
+        let number = number.parse().unwrap();
+        let channel = inherited_channel(number).unwrap();
+        assert!(inherited_channel(number).is_err());
+        send(&channel, b"up", SendFlags::NOSIGNAL).unwrap();
+        while std::env::var_os(HANGS).is_some() || !stop.is_raised() {
+            std::thread::yield_now();
+        }
+        std::process::exit(42);
+    }
+
+    /// A child that is up, and our end of its channel.
+    fn child_that(hangs: bool) -> (Child, OwnedFd) {
+        let (ours, theirs) = channel().unwrap();
+        let mut command = myself().unwrap();
+        command.args(["--exact", "process::tests::child", "--ignored"]);
+        let number = inherit(&mut command, theirs);
+        command.env(CHANNEL, number.to_string());
+        if hangs {
+            command.env(HANGS, "yes");
+        }
+        let child = command.stdout(Stdio::null()).spawn().unwrap();
+        drop(command);
+        assert!(wait_ready(ours.as_fd(), PollFlags::IN, SOON).unwrap());
+        let mut bytes = [0; 8];
+        let (_, length) = recv(&ours, &mut bytes, RecvFlags::empty()).unwrap();
+        assert_eq!(&bytes[..length], b"up");
+        (child, ours)
+    }
+
+    fn tell(child: &Child, signal: Signal) {
+        kill_process(Pid::from_child(child), signal).unwrap();
+    }
+
+    /// Waits for the child's end, without closing its standard input.
+    fn ended(child: &mut Child) -> ExitStatus {
+        let clock = Clock::start();
+        loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                return status;
+            }
+            if clock.now() > SOON {
+                child.kill().unwrap();
+                child.wait().unwrap();
+                panic!("the child did not end");
+            }
+            crate::clock::sleep(Duration::from_millis(1));
+        }
+    }
+
+    #[test]
+    fn the_end_of_its_input_stops_a_child_and_its_channel_ends_with_it() {
+        let (mut child, channel) = child_that(false);
+        drop(child.stdin.take());
+        assert_eq!(ended(&mut child).code(), Some(42));
+        let (_, length) = recv(&channel, &mut [0; 8], RecvFlags::empty()).unwrap();
+        assert_eq!(length, 0);
+    }
+
+    #[test]
+    fn ctrl_c_does_not_end_a_child_but_sigterm_stops_it() {
+        let (mut child, _channel) = child_that(false);
+        tell(&child, Signal::INT);
+        tell(&child, Signal::HUP);
+        crate::clock::sleep(Duration::from_millis(50));
+        assert!(child.try_wait().unwrap().is_none());
+        tell(&child, Signal::TERM);
+        assert_eq!(ended(&mut child).code(), Some(42));
+    }
+
+    #[test]
+    fn a_child_stops_when_the_thread_that_spawned_it_ends() {
+        let (mut child, _channel) = std::thread::spawn(|| child_that(false)).join().unwrap();
+        assert_eq!(ended(&mut child).code(), Some(42));
+    }
+
+    #[test]
+    fn a_child_that_hangs_is_ended_by_the_kernel() {
+        let (mut child, _channel) = child_that(true);
+        tell(&child, Signal::TERM);
+        assert_eq!(ended(&mut child).signal(), Some(Signal::ALARM.as_raw()));
+    }
+
+    #[test]
+    fn what_is_no_side_channel_is_refused() {
+        let error = inherited_channel(0).unwrap_err().to_string();
+        assert!(error.contains("standard stream"), "{error}");
+        let file = std::fs::File::open("/dev/null").unwrap();
+        let error = inherited_channel(file.as_raw_fd()).unwrap_err().to_string();
+        assert!(error.contains("is no side channel"), "{error}");
+        assert!(inherited_channel(9999).is_err());
+    }
+}

@@ -1,0 +1,291 @@
+//! Real time: moves a node by the monotonic clock and a bus.
+//!
+//! After its start the loop allocates nothing, takes no lock and writes no log. Its deadlines are absolute. A tick that
+//! comes late is counted with its lateness; a deadline that has passed when the tick before it is done is an overrun.
+
+#[cfg(test)]
+mod tests;
+mod timer;
+
+use std::fmt;
+use std::time::Duration;
+
+use canopen::{Node, Progress};
+use hdrhistogram::Histogram;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::Errno;
+
+use crate::bus::{Bus, BusError};
+use crate::clock::Clock;
+use crate::stop::StopSignal;
+use timer::Timer;
+
+/// How long a node may take to reach its safe state.
+pub const STOP_PATIENCE: Duration = Duration::from_millis(500);
+
+/// Frames taken in one go; then ticks and the stop signal have their turn.
+const BATCH_FRAMES: usize = 64;
+
+/// Ticks in a row that leave the deadline where it was before the node counts as stuck.
+const TICKS_PER_DEADLINE_MAX: u32 = 1000;
+
+/// Latenesses above 10 s count as 10 s.
+const LATENESS_NANOSECONDS_MAX: u64 = 10_000_000_000;
+
+/// What a loop has done.
+#[derive(Clone, Debug)]
+pub struct RunReport {
+    /// Ticks of the node.
+    pub ticks: u64,
+    /// Deadlines that had passed before the tick before them was done.
+    pub overruns: u64,
+    /// How late the ticks were, in nanoseconds, to three digits.
+    pub lateness_nanoseconds: Histogram<u64>,
+    /// Frames that the node took.
+    pub frames_received: u64,
+    /// Frames that the node sent.
+    pub frames_sent: u64,
+    /// Frames that were lost before the node could take them.
+    pub frames_dropped: u64,
+}
+
+impl RunReport {
+    fn new() -> Self {
+        Self {
+            ticks: 0,
+            overruns: 0,
+            lateness_nanoseconds: Histogram::new_with_max(LATENESS_NANOSECONDS_MAX, 3)
+                .expect("constant bounds that the histogram takes"),
+            frames_received: 0,
+            frames_sent: 0,
+            frames_dropped: 0,
+        }
+    }
+}
+
+/// One line.
+impl fmt::Display for RunReport {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let late = |quantile: f64| self.lateness_nanoseconds.value_at_quantile(quantile) / 1000;
+        write!(
+            formatter,
+            "{} ticks, {} overruns, late by median {} us, p99 {} us, p99.9 {} us, max {} us; {} frames received, {} sent, {} dropped",
+            self.ticks,
+            self.overruns,
+            late(0.5),
+            late(0.99),
+            late(0.999),
+            late(1.0),
+            self.frames_received,
+            self.frames_sent,
+            self.frames_dropped,
+        )
+    }
+}
+
+/// Why a loop ended before the node had stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The bus failed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The node itself gave up.
+    #[error("{0}")]
+    Node(String),
+    /// The node did not reach its safe state.
+    #[error("the node did not stop within {} ms", STOP_PATIENCE.as_millis())]
+    NotStopped,
+    /// The node's deadline does not move.
+    #[error(
+        "the node wants more than {TICKS_PER_DEADLINE_MAX} ticks at {at:?}: its deadline does not move"
+    )]
+    Stuck {
+        /// The deadline.
+        at: Duration,
+    },
+    /// The system refused a timer or a wait.
+    #[error("the loop could not {action}: {source}")]
+    System {
+        /// What was tried.
+        action: &'static str,
+        /// The system's error.
+        source: Errno,
+    },
+}
+
+/// Moves `node` until it has stopped. Its time begins now. When `stop` is raised, the node is asked for its safe state
+/// and has [`STOP_PATIENCE`] for it.
+///
+/// # Errors
+/// When the bus fails, when the node fails, hangs at a deadline or does not stop.
+pub fn run(
+    node: &mut dyn Node,
+    bus: &mut dyn Bus,
+    stop: &StopSignal,
+) -> Result<RunReport, RunError> {
+    let mut cycle = Cycle {
+        node,
+        bus,
+        clock: Clock::start(),
+        report: RunReport::new(),
+        stop_asked_at: None,
+        ticks_at_deadline: 0,
+    };
+    let mut timer = Timer::new(cycle.clock).map_err(system("make a timer"))?;
+    let mut ready = Ready {
+        frames: true,
+        stop: true,
+    };
+    loop {
+        if ready.frames {
+            cycle.take_frames()?;
+        }
+        if ready.stop && stop.is_raised() {
+            cycle.ask_to_stop()?;
+        }
+        cycle.tick_when_due()?;
+        match cycle.node.progress() {
+            Progress::Running => {}
+            Progress::Stopped => return Ok(cycle.into_report()),
+            Progress::Failed(text) => return Err(RunError::Node(text)),
+        }
+        cycle.check_stop_patience()?;
+        ready = wait(&mut timer, &cycle, stop)?;
+    }
+}
+
+/// What a wait ended with, besides the timer.
+struct Ready {
+    frames: bool,
+    stop: bool,
+}
+
+/// Waits for a frame, the stop signal or the next deadline.
+fn wait(timer: &mut Timer, cycle: &Cycle<'_>, stop: &StopSignal) -> Result<Ready, RunError> {
+    timer
+        .set(cycle.next_deadline())
+        .map_err(system("set its timer"))?;
+    // Once asked, a stop signal that stays raised would keep the loop awake.
+    let [pipe, event] = match cycle.stop_asked_at {
+        None => stop.fds(),
+        Some(_) => [None, None],
+    };
+    let bus = cycle.bus.as_fd();
+    // A missing descriptor's place is taken by the timer's, which is watched anyway.
+    let mut fds = [
+        bus,
+        timer.as_fd(),
+        pipe.unwrap_or(timer.as_fd()),
+        event.unwrap_or(timer.as_fd()),
+    ]
+    .map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN));
+    match poll(&mut fds, None) {
+        Ok(_) | Err(Errno::INTR) => {}
+        Err(errno) => return Err(system("wait")(errno)),
+    }
+    let is_ready = |index: usize| !fds[index].revents().is_empty();
+    Ok(Ready {
+        frames: is_ready(0),
+        stop: (pipe.is_some() && is_ready(2)) || (event.is_some() && is_ready(3)),
+    })
+}
+
+/// The node in its world.
+struct Cycle<'a> {
+    node: &'a mut dyn Node,
+    bus: &'a mut dyn Bus,
+    clock: Clock,
+    report: RunReport,
+    stop_asked_at: Option<Duration>,
+    ticks_at_deadline: u32,
+}
+
+impl Cycle<'_> {
+    fn take_frames(&mut self) -> Result<(), RunError> {
+        for _ in 0..BATCH_FRAMES {
+            let Some(frame) = self.bus.receive(Duration::ZERO)? else {
+                break;
+            };
+            self.report.frames_received += 1;
+            self.node.on_frame(self.clock.now(), &frame);
+            self.send_queued()?;
+        }
+        Ok(())
+    }
+
+    fn tick_when_due(&mut self) -> Result<(), RunError> {
+        let now = self.clock.now();
+        let Some(deadline) = self
+            .node
+            .next_deadline()
+            .filter(|deadline| *deadline <= now)
+        else {
+            return Ok(());
+        };
+        let late = u64::try_from((now - deadline).as_nanos()).unwrap_or(u64::MAX);
+        self.report.lateness_nanoseconds.saturating_record(late);
+        self.report.ticks += 1;
+        self.node.on_tick(now);
+        self.send_queued()?;
+        let next = self.node.next_deadline();
+        if next.is_some_and(|next| next <= self.clock.now()) {
+            self.report.overruns += 1;
+        }
+        self.check_moved(deadline, next)
+    }
+
+    /// A node whose deadline stays is a fault that would keep the processor at real-time priority.
+    fn check_moved(&mut self, deadline: Duration, next: Option<Duration>) -> Result<(), RunError> {
+        self.ticks_at_deadline = if next == Some(deadline) {
+            self.ticks_at_deadline + 1
+        } else {
+            0
+        };
+        if self.ticks_at_deadline > TICKS_PER_DEADLINE_MAX {
+            return Err(RunError::Stuck { at: deadline });
+        }
+        Ok(())
+    }
+
+    fn ask_to_stop(&mut self) -> Result<(), RunError> {
+        let now = self.clock.now();
+        self.stop_asked_at = Some(now);
+        self.node.on_stop(now);
+        self.send_queued()
+    }
+
+    fn check_stop_patience(&self) -> Result<(), RunError> {
+        match self.stop_asked_at {
+            Some(asked) if self.clock.now() >= asked + STOP_PATIENCE => Err(RunError::NotStopped),
+            _ => Ok(()),
+        }
+    }
+
+    /// The node's next deadline, or the end of the patience.
+    fn next_deadline(&self) -> Option<Duration> {
+        let patience_ends = self.stop_asked_at.map(|asked| asked + STOP_PATIENCE);
+        [self.node.next_deadline(), patience_ends]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    fn send_queued(&mut self) -> Result<(), RunError> {
+        while let Some(frame) = self.node.next_frame() {
+            self.bus.send(&frame)?;
+            self.report.frames_sent += 1;
+        }
+        Ok(())
+    }
+
+    fn into_report(self) -> RunReport {
+        RunReport {
+            frames_dropped: self.bus.dropped(),
+            ..self.report
+        }
+    }
+}
+
+fn system(action: &'static str) -> impl Fn(Errno) -> RunError {
+    move |source| RunError::System { action, source }
+}

@@ -1,0 +1,233 @@
+use std::thread::JoinHandle;
+
+use canopen::{CanFrame, Filter};
+
+use super::*;
+use crate::bus;
+use crate::counting_allocator::allocations;
+use crate::hub::Hub;
+use crate::recorder::Recorder;
+use crate::stop::Stopper;
+use crate::test_nodes::Echo;
+
+const MS: Duration = Duration::from_millis(1);
+const SOON: Duration = Duration::from_secs(5);
+
+/// An echo that runs in a thread on a bus, and a second participant who hears everything.
+struct Bench {
+    hub: Hub,
+    recorder: Recorder,
+    other: Box<dyn Bus>,
+    stopper: Option<Stopper>,
+    echo: JoinHandle<(Echo, Result<RunReport, RunError>)>,
+}
+
+fn bench(mut echo: Echo) -> Bench {
+    let (hub, recorder) = Hub::start().unwrap();
+    let other = bus::open(&hub.address(), &[Filter::ALL]).unwrap();
+    let (stopper, stop) = StopSignal::manual().unwrap();
+    let mut bus = bus::open(&hub.address(), &echo.filters()).unwrap();
+    Bench {
+        hub,
+        recorder,
+        other,
+        stopper: Some(stopper),
+        echo: std::thread::spawn(move || {
+            let result = run(&mut echo, bus.as_mut(), &stop);
+            (echo, result)
+        }),
+    }
+}
+
+impl Bench {
+    /// The data of the next frame with this identifier.
+    fn next(&mut self, id: u16) -> Vec<u8> {
+        loop {
+            let frame = self.other.receive(SOON).unwrap().unwrap();
+            if frame.standard_id() == Some(id) {
+                return frame.data().to_vec();
+            }
+        }
+    }
+
+    fn stop(&mut self) {
+        drop(self.stopper.take());
+    }
+}
+
+#[test]
+fn a_node_ticks_answers_and_stops() {
+    let mut echo = Echo::new(MS);
+    echo.stops_after = 20 * MS;
+    let mut bench = bench(echo);
+    for round in 0..50 {
+        bench.other.send(&CanFrame::new(0x100, &[round])).unwrap();
+        assert_eq!(bench.next(0x101), [round]);
+        bench.next(0x200);
+    }
+    bench.stop();
+    assert_eq!(bench.next(0x300), []);
+    let (echo, result) = bench.echo.join().unwrap();
+    let report = result.unwrap();
+    assert_eq!(report.ticks, u64::from(echo.ticks));
+    assert!(report.ticks >= 50, "{report}");
+    assert_eq!(report.lateness_nanoseconds.len(), report.ticks);
+    assert_eq!(report.frames_received, 50);
+    assert_eq!(report.frames_sent, report.ticks + 50 + 1);
+    assert_eq!(report.frames_dropped, 0);
+    // All that was sent was recorded, with the pings.
+    drop(bench.hub);
+    let mut recorded = 0;
+    while bench.recorder.next().is_some() {
+        recorded += 1;
+    }
+    assert_eq!(recorded, report.frames_sent + 50);
+    assert_eq!(bench.recorder.lost(), 0);
+}
+
+#[test]
+fn ticks_keep_to_absolute_deadlines() {
+    let mut bench = bench(Echo::new(MS));
+    let clock = Clock::start();
+    while clock.now() < 300 * MS {
+        bench.next(0x200);
+    }
+    bench.stop();
+    let (echo, result) = bench.echo.join().unwrap();
+    // A late tick does not move the ones after it, so the number of ticks is that of the periods.
+    let ticks = echo.ticks;
+    assert!((299..2000).contains(&ticks), "{ticks}: {}", result.unwrap());
+}
+
+#[test]
+fn overruns_are_counted() {
+    struct Slow(Echo);
+    impl Node for Slow {
+        fn filters(&self) -> Vec<Filter> {
+            self.0.filters()
+        }
+        fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+            self.0.on_frame(now, frame);
+        }
+        fn on_tick(&mut self, now: Duration) {
+            self.0.on_tick(now);
+            if self.0.ticks.is_multiple_of(10) {
+                crate::clock::sleep(3 * MS);
+            }
+            if self.0.ticks == 50 {
+                self.0.progress = Progress::Stopped;
+            }
+        }
+        fn on_stop(&mut self, now: Duration) {
+            self.0.on_stop(now);
+        }
+        fn next_frame(&mut self) -> Option<CanFrame> {
+            self.0.next_frame()
+        }
+        fn next_deadline(&self) -> Option<Duration> {
+            self.0.next_deadline()
+        }
+        fn progress(&self) -> Progress {
+            self.0.progress()
+        }
+    }
+    let (hub, _recorder) = Hub::start().unwrap();
+    let mut bus = bus::open(&hub.address(), &[]).unwrap();
+    let (_stopper, stop) = StopSignal::manual().unwrap();
+    let report = run(&mut Slow(Echo::new(MS)), bus.as_mut(), &stop).unwrap();
+    assert!(report.overruns >= 10, "{report}");
+    assert!(report.lateness_nanoseconds.max() >= 1_900_000, "{report}");
+}
+
+#[test]
+fn the_loop_allocates_nothing_after_its_start() {
+    /// Notes the thread's allocations at its first and its latest tick.
+    struct Witness(Echo, Option<u64>, u64);
+    impl Node for Witness {
+        fn filters(&self) -> Vec<Filter> {
+            self.0.filters()
+        }
+        fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+            self.0.on_frame(now, frame);
+        }
+        fn on_tick(&mut self, now: Duration) {
+            self.0.on_tick(now);
+            self.2 = allocations();
+            self.1.get_or_insert(self.2);
+        }
+        fn on_stop(&mut self, now: Duration) {
+            self.0.on_stop(now);
+        }
+        fn next_frame(&mut self) -> Option<CanFrame> {
+            self.0.next_frame()
+        }
+        fn next_deadline(&self) -> Option<Duration> {
+            self.0.next_deadline()
+        }
+        fn progress(&self) -> Progress {
+            self.0.progress()
+        }
+    }
+    let (hub, _recorder) = Hub::start().unwrap();
+    let mut other = bus::open(&hub.address(), &[Filter::exact(0x101)]).unwrap();
+    let mut bus = bus::open(&hub.address(), &[Filter::exact(0x100)]).unwrap();
+    let (stopper, stop) = StopSignal::manual().unwrap();
+    let node = std::thread::spawn(move || {
+        let mut node = Witness(Echo::new(MS / 10), None, 0);
+        let before = allocations();
+        run(&mut node, bus.as_mut(), &stop).unwrap();
+        assert!(allocations() > before, "the allocator does not count");
+        node
+    });
+    let clock = Clock::start();
+    let mut pings = 0;
+    while pings < 200 || clock.now() < 50 * MS {
+        other.send(&CanFrame::new(0x100, &[])).unwrap();
+        other.receive(SOON).unwrap().unwrap();
+        pings += 1;
+    }
+    drop(stopper);
+    let node = node.join().unwrap();
+    assert_eq!(node.0.received, pings);
+    assert!(node.0.ticks > 100, "{} ticks", node.0.ticks);
+    assert_eq!(node.1, Some(node.2));
+}
+
+#[test]
+fn a_node_that_fails_ends_the_loop_with_its_words() {
+    let mut bench = bench(Echo::new(MS));
+    bench.other.send(&CanFrame::new(0x1FF, &[])).unwrap();
+    let error = bench.echo.join().unwrap().1.unwrap_err();
+    assert_eq!(error.to_string(), "the echo was told to fail");
+}
+
+#[test]
+fn a_node_that_does_not_stop_ends_the_loop() {
+    let mut echo = Echo::new(MS);
+    echo.stops_after = 2 * STOP_PATIENCE;
+    let mut bench = bench(echo);
+    let clock = Clock::start();
+    bench.stop();
+    let error = bench.echo.join().unwrap().1.unwrap_err();
+    assert!(matches!(error, RunError::NotStopped), "{error}");
+    assert!(clock.now() >= STOP_PATIENCE);
+}
+
+#[test]
+fn a_deadline_that_does_not_move_ends_the_loop() {
+    let bench = bench(Echo::new(Duration::ZERO));
+    let error = bench.echo.join().unwrap().1.unwrap_err();
+    assert!(matches!(error, RunError::Stuck { .. }), "{error}");
+}
+
+#[test]
+fn the_end_of_the_bus_ends_the_loop() {
+    let mut bench = bench(Echo::new(MS));
+    bench.next(0x200);
+    drop(bench.hub);
+    let error = bench.echo.join().unwrap().1.unwrap_err();
+    assert!(
+        matches!(error, RunError::Bus(BusError::Closed { .. })),
+        "{error}"
+    );
+}

@@ -1,0 +1,193 @@
+//! How a process is told to stop: by its parent's death, by the end of its standard input, by a signal, by a program.
+#![expect(unsafe_code, reason = "signal handlers")]
+
+use std::io;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicI32, Ordering};
+
+use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
+use rustix::io::Errno;
+use rustix::pipe::{PipeFlags, pipe_with};
+
+/// After a signal to stop, the kernel ends the process when it has not ended by itself for so long.
+const KILL_AFTER_SECONDS: libc::c_uint = 3;
+
+/// The event that the signal handler raises; -1 before there is one.
+static SIGNAL_EVENT: AtomicI32 = AtomicI32::new(-1);
+
+/// Tells a loop that it is to stop.
+#[derive(Debug)]
+pub struct StopSignal {
+    /// Its end means stop; what is written to it means nothing.
+    pipe: Option<Pipe>,
+    /// Raised by the signal handler.
+    event: Option<BorrowedFd<'static>>,
+}
+
+#[derive(Debug)]
+enum Pipe {
+    Stdin,
+    Owned(OwnedFd),
+}
+
+/// Raises a [`StopSignal`] when dropped.
+#[derive(Debug)]
+pub struct Stopper {
+    _pipe: OwnedFd,
+}
+
+impl StopSignal {
+    /// For a child of the bench: stops when the standard input ends, which is also how the parent's death shows, and at
+    /// SIGTERM. Ctrl-C in a terminal reaches the children too, who must outlive it for an orderly end: SIGINT and SIGHUP
+    /// are ignored.
+    ///
+    /// # Errors
+    /// When the system refuses the handler.
+    pub fn from_parent() -> io::Result<Self> {
+        ignore(&[libc::SIGINT, libc::SIGHUP])?;
+        Ok(Self {
+            pipe: Some(Pipe::Stdin),
+            event: Some(signal_event(&[libc::SIGTERM])?),
+        })
+    }
+
+    /// For a program that is started by hand: stops at Ctrl-C, SIGTERM and when its terminal is closed.
+    ///
+    /// # Errors
+    /// When the system refuses the handler.
+    pub fn from_signals() -> io::Result<Self> {
+        Ok(Self {
+            pipe: None,
+            event: Some(signal_event(&[libc::SIGINT, libc::SIGTERM, libc::SIGHUP])?),
+        })
+    }
+
+    /// For a loop in a thread: stops when the [`Stopper`] is dropped.
+    ///
+    /// # Errors
+    /// When the system refuses the pipe.
+    pub fn manual() -> io::Result<(Stopper, Self)> {
+        let (reader, writer) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
+        let signal = Self {
+            pipe: Some(Pipe::Owned(reader)),
+            event: None,
+        };
+        Ok((Stopper { _pipe: writer }, signal))
+    }
+
+    /// True when it is time to stop. Never waits.
+    #[must_use]
+    pub fn is_raised(&self) -> bool {
+        self.event.is_some_and(is_readable) || self.pipe_fd().is_some_and(has_ended)
+    }
+
+    /// What becomes readable when [`StopSignal::is_raised`] may have changed.
+    pub(crate) fn fds(&self) -> [Option<BorrowedFd<'_>>; 2] {
+        [self.pipe_fd(), self.event]
+    }
+
+    fn pipe_fd(&self) -> Option<BorrowedFd<'_>> {
+        self.pipe.as_ref().map(|pipe| match pipe {
+            Pipe::Stdin => rustix::stdio::stdin(),
+            Pipe::Owned(fd) => fd.as_fd(),
+        })
+    }
+}
+
+fn is_readable(fd: BorrowedFd<'_>) -> bool {
+    let now = Timespec::default();
+    poll(
+        &mut [PollFd::from_borrowed_fd(fd, PollFlags::IN)],
+        Some(&now),
+    )
+    .is_ok_and(|ready| ready > 0)
+}
+
+/// Reads away what is there; true at the end.
+fn has_ended(fd: BorrowedFd<'_>) -> bool {
+    let mut bytes = [0; 256];
+    while is_readable(fd) {
+        match rustix::io::read(fd, &mut bytes) {
+            Ok(0) => return true,
+            Ok(_) | Err(Errno::INTR) => {}
+            Err(Errno::AGAIN) => return false,
+            // Nobody can tell us anything any more.
+            Err(_) => return true,
+        }
+    }
+    false
+}
+
+fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
+    signals
+        .iter()
+        .try_for_each(|signal| set_handler(*signal, libc::SIG_IGN))
+}
+
+/// Turns `signals` into an event.
+fn signal_event(signals: &[libc::c_int]) -> io::Result<BorrowedFd<'static>> {
+    static EVENT: OnceLock<OwnedFd> = OnceLock::new();
+    let fresh = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
+    let event = EVENT.get_or_init(|| fresh);
+    SIGNAL_EVENT.store(event.as_raw_fd(), Ordering::Relaxed);
+    let handler: extern "C" fn(libc::c_int) = on_signal;
+    for signal in signals {
+        set_handler(*signal, handler as libc::sighandler_t)?;
+    }
+    Ok(event.as_fd())
+}
+
+/// Raises the event, and arms the kernel against a process that no longer looks at it: SIGALRM ends it.
+extern "C" fn on_signal(_signal: libc::c_int) {
+    // SAFETY: errno is this thread's; write and alarm are async-signal-safe; the event is never closed, and before there
+    // is one the write fails harmlessly.
+    unsafe {
+        let errno = *libc::__errno_location();
+        let one = 1_u64;
+        libc::write(
+            SIGNAL_EVENT.load(Ordering::Relaxed),
+            (&raw const one).cast(),
+            size_of::<u64>(),
+        );
+        libc::alarm(KILL_AFTER_SECONDS);
+        *libc::__errno_location() = errno;
+    }
+}
+
+fn set_handler(signal: libc::c_int, handler: libc::sighandler_t) -> io::Result<()> {
+    // SAFETY: a sigaction of zeros has no flags and an empty mask; the handler is async-signal-safe or SIG_IGN.
+    let result = unsafe {
+        let mut action: libc::sigaction = std::mem::zeroed();
+        action.sa_sigaction = handler;
+        action.sa_flags = libc::SA_RESTART;
+        libc::sigaction(signal, &raw const action, std::ptr::null_mut())
+    };
+    if result == 0 {
+        Ok(())
+    } else {
+        Err(io::Error::last_os_error())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dropping_the_stopper_raises_the_signal() {
+        let (stopper, signal) = StopSignal::manual().unwrap();
+        assert!(!signal.is_raised());
+        drop(stopper);
+        assert!(signal.is_raised());
+    }
+
+    #[test]
+    fn what_is_written_is_not_the_end() {
+        let (stopper, signal) = StopSignal::manual().unwrap();
+        rustix::io::write(&stopper._pipe, &[0; 1000]).unwrap();
+        assert!(!signal.is_raised());
+        drop(stopper);
+        assert!(signal.is_raised());
+    }
+}
