@@ -79,7 +79,8 @@ impl State {
         })
     }
 
-    /// The controlword that brings a drive in this state one step nearer to Operation enabled; a fault is reset.
+    /// The controlword that brings a drive in this state one step nearer to Operation enabled. A fault is reset,
+    /// which takes a rising edge of bit 7.
     #[must_use]
     pub fn controlword_towards_operation(self) -> u16 {
         match self {
@@ -373,4 +374,295 @@ pub fn interpolation_period(value: u8, exponent: i8) -> Option<Duration> {
     let nanoseconds = u64::from(value).checked_mul(unit)?;
     let is_usable = (1..=1_000_000_000_000).contains(&nanoseconds);
     is_usable.then(|| Duration::from_nanos(nanoseconds))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use State::{
+        Fault, OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn,
+    };
+
+    const SHUTDOWN: u16 = 0x06;
+    const SWITCH_ON: u16 = 0x07;
+    const ENABLE: u16 = 0x0F;
+    const DISABLE_VOLTAGE: u16 = 0x00;
+    const QUICK_STOP: u16 = 0x02;
+    const FAULT_RESET: u16 = 0x80;
+
+    fn codes(quick_stop: i16, abort_connection: i16) -> OptionCodes {
+        OptionCodes {
+            quick_stop,
+            abort_connection,
+        }
+    }
+
+    fn machine_in(state: State) -> StateMachine {
+        StateMachine {
+            state,
+            controlword: 0,
+        }
+    }
+
+    /// Every state with every command, against the standard's table of transitions.
+    #[test]
+    fn all_transitions() {
+        #[rustfmt::skip]
+        let table = [
+            // from, command, to with quick stop option code 2, to with 6
+            (SwitchOnDisabled, SHUTDOWN, ReadyToSwitchOn, ReadyToSwitchOn),            // 2
+            (SwitchOnDisabled, SWITCH_ON, SwitchOnDisabled, SwitchOnDisabled),
+            (SwitchOnDisabled, ENABLE, SwitchOnDisabled, SwitchOnDisabled),
+            (SwitchOnDisabled, DISABLE_VOLTAGE, SwitchOnDisabled, SwitchOnDisabled),
+            (SwitchOnDisabled, QUICK_STOP, SwitchOnDisabled, SwitchOnDisabled),
+            (ReadyToSwitchOn, SHUTDOWN, ReadyToSwitchOn, ReadyToSwitchOn),
+            (ReadyToSwitchOn, SWITCH_ON, SwitchedOn, SwitchedOn),                      // 3
+            (ReadyToSwitchOn, ENABLE, OperationEnabled, OperationEnabled),             // 3, 4
+            (ReadyToSwitchOn, DISABLE_VOLTAGE, SwitchOnDisabled, SwitchOnDisabled),    // 7
+            (ReadyToSwitchOn, QUICK_STOP, SwitchOnDisabled, SwitchOnDisabled),         // 7
+            (SwitchedOn, SHUTDOWN, ReadyToSwitchOn, ReadyToSwitchOn),                  // 6
+            (SwitchedOn, SWITCH_ON, SwitchedOn, SwitchedOn),
+            (SwitchedOn, ENABLE, OperationEnabled, OperationEnabled),                  // 4
+            (SwitchedOn, DISABLE_VOLTAGE, SwitchOnDisabled, SwitchOnDisabled),         // 10
+            (SwitchedOn, QUICK_STOP, SwitchOnDisabled, SwitchOnDisabled),              // 10
+            (OperationEnabled, SHUTDOWN, ReadyToSwitchOn, ReadyToSwitchOn),            // 8
+            (OperationEnabled, SWITCH_ON, SwitchedOn, SwitchedOn),                     // 5
+            (OperationEnabled, ENABLE, OperationEnabled, OperationEnabled),
+            (OperationEnabled, DISABLE_VOLTAGE, SwitchOnDisabled, SwitchOnDisabled),   // 9
+            (OperationEnabled, QUICK_STOP, SwitchOnDisabled, QuickStopActive),         // 11, 12
+            (QuickStopActive, SHUTDOWN, QuickStopActive, QuickStopActive),
+            (QuickStopActive, SWITCH_ON, QuickStopActive, QuickStopActive),
+            (QuickStopActive, ENABLE, OperationEnabled, OperationEnabled),             // 16
+            (QuickStopActive, DISABLE_VOLTAGE, SwitchOnDisabled, SwitchOnDisabled),    // 12
+            (QuickStopActive, QUICK_STOP, QuickStopActive, QuickStopActive),
+            (Fault, SHUTDOWN, Fault, Fault),
+            (Fault, SWITCH_ON, Fault, Fault),
+            (Fault, ENABLE, Fault, Fault),
+            (Fault, DISABLE_VOLTAGE, Fault, Fault),
+            (Fault, QUICK_STOP, Fault, Fault),
+            (Fault, FAULT_RESET, SwitchOnDisabled, SwitchOnDisabled),                  // 15
+        ];
+        for (from, controlword, to, to_with_6) in table {
+            for (quick_stop, to) in [(2, to), (6, to_with_6)] {
+                let mut machine = machine_in(from);
+                machine.on_controlword(controlword, &codes(quick_stop, 1), false);
+                assert_eq!(machine.state(), to, "{from:?} by {controlword:#04x}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_usual_sequence_leads_to_operation_enabled() {
+        let mut machine = StateMachine::new();
+        let mut statusword = machine.statusword(&Status::default());
+        for expected in [ReadyToSwitchOn, SwitchedOn, OperationEnabled] {
+            let state = State::from_statusword(statusword).unwrap();
+            let controlword = state.controlword_towards_operation();
+            machine.on_controlword(controlword, &OptionCodes::default(), false);
+            assert_eq!(machine.state(), expected);
+            statusword = machine.statusword(&Status::default());
+        }
+        assert!(machine.is_current_allowed());
+    }
+
+    #[test]
+    fn every_state_has_its_statusword_and_is_recognised() {
+        for (state, bits) in [
+            (State::NotReadyToSwitchOn, 0x00),
+            (SwitchOnDisabled, 0x40),
+            (ReadyToSwitchOn, 0x21),
+            (SwitchedOn, 0x23),
+            (OperationEnabled, 0x27),
+            (QuickStopActive, 0x07),
+            (State::FaultReactionActive, 0x0F),
+            (Fault, 0x08),
+        ] {
+            let statusword = machine_in(state).statusword(&Status::default());
+            assert_eq!(statusword & 0x6F, bits, "{state:?}");
+            let noisy = statusword | 0xFF90;
+            assert_eq!(State::from_statusword(noisy), Some(state));
+        }
+        assert_eq!(State::from_statusword(0x02), None);
+    }
+
+    #[test]
+    fn statusword_bits_beside_the_state() {
+        let machine = machine_in(OperationEnabled);
+        let base = Status::default();
+        #[rustfmt::skip]
+        let cases = [
+            (Status { is_voltage_enabled: true, ..base }, 1 << 4),
+            (Status { has_warning: true, ..base }, 1 << 7),
+            (Status { is_remote: true, ..base }, 1 << 9),
+            (Status { is_limit_active: true, ..base }, 1 << 11),
+            (Status { mode: CYCLIC_SYNCHRONOUS_TORQUE, ..base }, 1 << 12),
+        ];
+        for (status, bit) in cases {
+            assert_eq!(machine.statusword(&status), 0x27 | bit);
+        }
+    }
+
+    #[test]
+    fn bit_12_says_in_torque_mode_whether_the_drive_follows_its_target() {
+        let status = Status {
+            mode: CYCLIC_SYNCHRONOUS_TORQUE,
+            ..Status::default()
+        };
+        let follows = |machine: &StateMachine| machine.statusword(&status) & 1 << 12 != 0;
+        let mut machine = machine_in(SwitchedOn);
+        assert!(!follows(&machine));
+        machine.on_controlword(ENABLE, &OptionCodes::default(), false);
+        assert!(follows(&machine));
+        machine.on_controlword(ENABLE | HALT_BIT, &OptionCodes::default(), false);
+        assert!(!follows(&machine), "halt");
+    }
+
+    #[test]
+    fn fault_reset_needs_an_edge_and_the_fault_to_be_gone() {
+        let codes = OptionCodes::default();
+        let mut machine = machine_in(OperationEnabled);
+        machine.on_controlword(ENABLE | FAULT_RESET, &codes, false);
+        assert_eq!(machine.state(), OperationEnabled);
+        machine.on_fault();
+        assert!(!machine.is_current_allowed());
+        machine.on_controlword(FAULT_RESET, &codes, false);
+        assert_eq!(machine.state(), Fault, "no edge");
+        machine.on_controlword(0, &codes, false);
+        machine.on_controlword(FAULT_RESET, &codes, true);
+        assert_eq!(machine.state(), Fault, "still there");
+        machine.on_controlword(0, &codes, false);
+        machine.on_controlword(FAULT_RESET | ENABLE, &codes, false);
+        assert_eq!(machine.state(), SwitchOnDisabled);
+    }
+
+    #[test]
+    fn a_waiting_controlword_can_only_take_the_current_away() {
+        for controlword in 0..=u16::from(u8::MAX) {
+            for state in [
+                SwitchOnDisabled,
+                ReadyToSwitchOn,
+                SwitchedOn,
+                QuickStopActive,
+                Fault,
+            ] {
+                let mut machine = machine_in(state);
+                machine.on_waiting_controlword(controlword, &OptionCodes::default());
+                assert_eq!(machine.state(), state, "{controlword:#04x}");
+            }
+            let mut machine = machine_in(OperationEnabled);
+            machine.on_waiting_controlword(controlword, &OptionCodes::default());
+            let goes_on = controlword & 0x0F == ENABLE;
+            assert_eq!(machine.is_current_allowed(), goes_on, "{controlword:#04x}");
+        }
+    }
+
+    #[test]
+    fn halt_acts_on_arrival_and_ends_with_the_next_controlword() {
+        let codes = OptionCodes::default();
+        let mut machine = machine_in(OperationEnabled);
+        machine.on_waiting_controlword(ENABLE | HALT_BIT, &codes);
+        assert!(!machine.is_current_allowed());
+        assert_eq!(machine.state(), OperationEnabled);
+        machine.on_controlword(ENABLE, &codes, false);
+        assert!(machine.is_current_allowed());
+    }
+
+    #[test]
+    fn abort_connection_option_code_decides_the_state_after_a_loss() {
+        for (abort_connection, state) in [(1, Fault), (2, SwitchOnDisabled), (3, QuickStopActive)] {
+            let mut machine = machine_in(OperationEnabled);
+            assert!(machine.on_communication_loss(&codes(6, abort_connection)));
+            assert_eq!(machine.state(), state);
+            assert!(!machine.is_current_allowed());
+        }
+        let mut machine = machine_in(SwitchedOn);
+        assert!(!machine.on_communication_loss(&codes(2, 1)));
+        assert_eq!(machine.state(), SwitchedOn);
+    }
+
+    #[test]
+    fn any_abort_connection_option_code_takes_the_current_away() {
+        for abort_connection in [i16::MIN, -1, 0, 4, i16::MAX] {
+            let mut machine = machine_in(OperationEnabled);
+            machine.on_communication_loss(&codes(2, abort_connection));
+            assert!(!machine.is_current_allowed(), "{abort_connection}");
+        }
+    }
+
+    #[test]
+    fn disable_acts_in_every_state_and_keeps_a_fault() {
+        for state in [
+            ReadyToSwitchOn,
+            SwitchedOn,
+            OperationEnabled,
+            QuickStopActive,
+        ] {
+            let mut machine = machine_in(state);
+            machine.disable();
+            assert_eq!(machine.state(), SwitchOnDisabled);
+        }
+        let mut machine = machine_in(Fault);
+        machine.disable();
+        assert_eq!(machine.state(), Fault);
+    }
+
+    #[test]
+    fn option_codes_without_meaning_here_are_refused() {
+        for (index, good) in [
+            (QUICK_STOP_OPTION_CODE, &[0, 1, 2, 5, 6][..]),
+            (SHUTDOWN_OPTION_CODE, &[0, 1]),
+            (DISABLE_OPERATION_OPTION_CODE, &[0, 1]),
+            (HALT_OPTION_CODE, &[1, 2]),
+            (FAULT_REACTION_OPTION_CODE, &[0, 1, 2]),
+            (ABORT_CONNECTION_OPTION_CODE, &[1, 2, 3]),
+        ] {
+            for value in -2..10 {
+                let is_ok = OptionCodes::check(index, value).is_ok();
+                assert_eq!(is_ok, good.contains(&value), "{index:#06x} = {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn only_the_modes_of_0x6502_are_accepted() {
+        let only_torque = 1 << 9;
+        for mode in i8::MIN..=i8::MAX {
+            let is_ok = check_mode(mode, only_torque).is_ok();
+            assert_eq!(is_ok, matches!(mode, 0 | 10), "{mode}");
+        }
+        assert_eq!(check_mode(8, only_torque), Err(AbortCode::INVALID_VALUE));
+    }
+
+    #[test]
+    fn torque_is_limited_by_the_smaller_of_0x6072_and_0x6073() {
+        assert_eq!(limit_torque(900, 1000, 1000), (900, false));
+        assert_eq!(limit_torque(900, 800, 1000), (800, true));
+        assert_eq!(limit_torque(-900, 1000, 700), (-700, true));
+        assert_eq!(limit_torque(i16::MIN, 65535, 65535), (-i16::MAX, true));
+    }
+
+    #[test]
+    fn interpolation_period_of_0x60c2() {
+        assert_eq!(interpolation_period(1, -3), Some(Duration::from_millis(1)));
+        assert_eq!(
+            interpolation_period(250, -6),
+            Some(Duration::from_micros(250))
+        );
+        assert_eq!(interpolation_period(2, 0), Some(Duration::from_secs(2)));
+        for (value, exponent) in [(0, -3), (1, -10), (1, 127), (255, 9), (1, -128)] {
+            assert_eq!(interpolation_period(value, exponent), None);
+        }
+    }
+
+    #[test]
+    fn option_codes_come_from_the_dictionary_or_the_standard() {
+        use crate::object_dictionary::{Access, DataType, Entry};
+        let mut dictionary = ObjectDictionary::new();
+        assert_eq!(OptionCodes::read(&dictionary), codes(2, 1));
+        for (index, value) in [(0x605A, 6), (0x6007, 3)] {
+            let (kind, access) = (DataType::Integer16, Access::ReadWrite);
+            dictionary.insert(Entry::new(index, 0, "code", kind, access, vec![value, 0]));
+        }
+        assert_eq!(OptionCodes::read(&dictionary), codes(6, 3));
+    }
 }

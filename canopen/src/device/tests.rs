@@ -1,6 +1,12 @@
 //! A device and a bench round it: each test plays the other side of the bus, frame by frame.
 
+mod emcy;
+mod fuzz;
+mod heartbeat;
 mod nmt;
+mod pdo;
+mod sdo;
+mod sync;
 
 use super::*;
 use crate::object_dictionary::{Access as Rights, DataType, Entry};
@@ -236,7 +242,6 @@ impl Bench {
         let end = self.now + time;
         let mut sent = Vec::new();
         while let Some(deadline) = self.device.next_deadline().filter(|next| *next <= end) {
-            assert!(deadline >= self.now || self.device.next_deadline().is_some());
             self.now = self.now.max(deadline);
             let frames = self.tick();
             let milliseconds = self.now.as_secs_f64() * 1e3;
@@ -256,44 +261,33 @@ impl Bench {
         std::mem::take(&mut self.device.application.heard)
     }
 
+    /// Sends an SDO request and returns the answer's payload.
+    fn request(&mut self, request: &[u8]) -> [u8; 8] {
+        let answers = self.send(0x600 + u16::from(ID), request);
+        let answer = answers.iter().find_map(|frame| frame.strip_prefix("590#"));
+        let answer = u64::from_str_radix(answer.expect("the server answers"), 16).unwrap();
+        answer.to_be_bytes()
+    }
+
     /// Writes by SDO, expedited; the abort code is the error.
     fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
         let command = 0x23 | u8::try_from(4 - bytes.len()).unwrap() << 2;
         let [low, high] = index.to_le_bytes();
-        let mut data = [command, low, high, sub_index, 0, 0, 0, 0];
-        data[4..4 + bytes.len()].copy_from_slice(bytes);
-        self.device
-            .on_frame(self.now, &CanFrame::new(0x600 + u16::from(ID), &data));
-        let mut answer = None;
-        while let Some(frame) = self.device.next_frame() {
-            if frame.standard_id() == Some(0x580 + u16::from(ID)) {
-                answer = Some(frame);
-            }
-        }
-        let answer = answer.expect("the server answers");
-        match answer.data()[0] {
-            0x60 => Ok(()),
-            _ => Err(AbortCode(u32::from_le_bytes(
-                answer.data()[4..8].try_into().unwrap(),
-            ))),
+        let mut request = [command, low, high, sub_index, 0, 0, 0, 0];
+        request[4..4 + bytes.len()].copy_from_slice(bytes);
+        match self.request(&request) {
+            [0x60, ..] => Ok(()),
+            [.., a, b, c, d] => Err(AbortCode(u32::from_le_bytes([a, b, c, d]))),
         }
     }
 
     /// Reads up to four bytes by SDO as an integer.
     fn read(&mut self, index: u16, sub_index: u8) -> Result<u32, AbortCode> {
         let [low, high] = index.to_le_bytes();
-        let data = [0x40, low, high, sub_index, 0, 0, 0, 0];
-        self.device
-            .on_frame(self.now, &CanFrame::new(0x600 + u16::from(ID), &data));
-        let mut answer = None;
-        while let Some(frame) = self.device.next_frame() {
-            if frame.standard_id() == Some(0x580 + u16::from(ID)) {
-                answer = Some(frame);
-            }
-        }
-        let answer = answer.expect("the server answers");
-        let value = u32::from_le_bytes(answer.data()[4..8].try_into().unwrap());
-        match answer.data()[0] {
+        let [command, _, _, _, a, b, c, d] =
+            self.request(&[0x40, low, high, sub_index, 0, 0, 0, 0]);
+        let value = u32::from_le_bytes([a, b, c, d]);
+        match command {
             0x80 => Err(AbortCode(value)),
             _ => Ok(value),
         }
