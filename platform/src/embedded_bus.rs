@@ -5,6 +5,7 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use canopen::frame::ERROR_FLAG;
 use canopen::{CanFrame, Filter};
 use rustix::event::PollFlags;
 use rustix::io::Errno;
@@ -21,10 +22,11 @@ use crate::kernel_format::{FRAME_BYTES, decode_frame, encode_filters, encode_fra
 /// How long the hub may take to let a participant join.
 const JOIN_PATIENCE: Duration = Duration::from_secs(5);
 
-/// A filter that nothing passes, in place of no filter: an empty packet would read as the end of the connection.
+/// A filter for no kind of error message, which nothing passes, in place of no filter: an empty packet would read as the
+/// end of the connection.
 const NOTHING: Filter = Filter {
-    id: u32::MAX,
-    mask: u32::MAX,
+    id: 0,
+    mask: ERROR_FLAG,
 };
 
 /// One participant's connection to a hub.

@@ -3,8 +3,9 @@
 //! The hub listens on a `SOCK_SEQPACKET` socket of the file system. Packets:
 //!
 //! - The first packet of a client is its receive filters, an array of the kernel's `struct can_filter` (8 bytes each, up
-//!   to 512). Identifier 0 with mask 0 accepts everything. Flags are ordinary bits here. An empty packet would read as
-//!   the end of the connection: a client that wants nothing sends one filter that nothing passes.
+//!   to 512). Identifier 0 with mask 0 accepts everything but error messages. There are no inverted filters. An empty
+//!   packet would read as the end of the connection: a client that wants nothing sends one filter that nothing passes,
+//!   identifier 0 with mask 0x20000000.
 //! - The hub answers with a notice: the number of frames that it dropped for this client, 8 bytes (now zero). A client
 //!   is on the bus when it has this answer.
 //! - From then on each packet is a frame, the kernel's 16-byte `struct can_frame`, native byte order, in both directions.

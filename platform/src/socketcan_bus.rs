@@ -1,5 +1,8 @@
 //! A bus of the kernel (SocketCAN): a virtual one, or real hardware.
 
+#[cfg(test)]
+mod vcan;
+
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
@@ -158,29 +161,17 @@ pub(crate) fn open_socket(name: &str) -> Result<CanSocket, BusError> {
     })
 }
 
-/// Sets the kernel's receive filters.
-///
-/// In the kernel's filter the error flag has two other meanings: in the identifier it inverts the filter, in the mask it
-/// selects error messages *instead of* frames. So it is taken out, and error messages have their own filter.
+/// Sets the kernel's receive filters. In an identifier the kernel takes the error flag for the inversion of the filter,
+/// which ours do not have.
 fn set_filters(socket: &CanSocket, filters: &[Filter]) -> io::Result<()> {
-    let frames: Vec<CanFilter> = filters
+    if filters.is_empty() {
+        return socket.set_filter_drop_all();
+    }
+    let filters: Vec<CanFilter> = filters
         .iter()
-        .filter(|filter| filter.id & filter.mask & ERROR_FLAG == 0)
-        .map(|filter| CanFilter::new(filter.id & !ERROR_FLAG, filter.mask & !ERROR_FLAG))
+        .map(|filter| CanFilter::new(filter.id & !ERROR_FLAG, filter.mask))
         .collect();
-    if frames.is_empty() {
-        socket.set_filter_drop_all()?;
-    } else {
-        socket.set_filters(&frames)?;
-    }
-    let errors_wanted = filters
-        .iter()
-        .any(|filter| filter.mask & ERROR_FLAG == 0 || filter.id & ERROR_FLAG != 0);
-    if errors_wanted {
-        socket.set_error_filter_accept_all()
-    } else {
-        socket.set_error_filter_drop_all()
-    }
+    socket.set_filters(&filters)
 }
 
 /// Frames that the kernel threw away because the socket's buffer was full; 0 where the kernel does not say.

@@ -11,6 +11,8 @@ pub(crate) struct Echo {
     pub(crate) deadline: Duration,
     pub(crate) ticks: u32,
     pub(crate) received: u32,
+    /// How early ticks came at most: zero when none came before its deadline.
+    pub(crate) earliest_tick: Option<Duration>,
     pub(crate) stops_after: Duration,
     pub(crate) stop_at: Option<Duration>,
     pub(crate) progress: Progress,
@@ -24,6 +26,7 @@ impl Echo {
             deadline: Duration::ZERO,
             ticks: 0,
             received: 0,
+            earliest_tick: None,
             stops_after: Duration::ZERO,
             stop_at: None,
             progress: Progress::Running,
@@ -50,6 +53,8 @@ impl Node for Echo {
         if self.stop_at.is_some_and(|at| now >= at) {
             self.progress = Progress::Stopped;
         }
+        let early = self.deadline.saturating_sub(now);
+        self.earliest_tick = self.earliest_tick.max(Some(early));
         self.ticks += 1;
         self.deadline += self.period;
         self.queue

@@ -4,6 +4,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use canopen::frame::ERROR_FLAG;
 use canopen::{CanFrame, Filter};
 use rustix::net::{
     AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, connect, send,
@@ -23,6 +24,11 @@ fn join(hub: &Hub, filters: &[Filter]) -> Box<dyn Bus> {
 
 fn frame(id: u16, byte: u8) -> CanFrame {
     CanFrame::new(id, &[byte])
+}
+
+/// A controller has lost a frame (`CAN_ERR_CRTL`).
+fn error_message() -> CanFrame {
+    CanFrame::from_raw(ERROR_FLAG | 4, 8, [0, 1, 0, 0, 0, 0, 0, 0]).unwrap()
 }
 
 /// A connection that says what it likes.
@@ -64,10 +70,12 @@ fn frames_reach_those_who_want_them_and_not_their_sender() {
     let mut everything = join(&hub, &[Filter::ALL]);
     let mut some = join(&hub, &[Filter::exact(0x190), Filter::exact(0x80)]);
     let mut nothing = join(&hub, &[]);
+    let mut errors = join(&hub, &[Filter::ERRORS]);
 
     everything.send(&frame(0x190, 1)).unwrap();
     everything.send(&frame(0x191, 2)).unwrap();
     nothing.send(&frame(0x80, 3)).unwrap();
+    some.send(&error_message()).unwrap();
     some.send(&frame(0x7FF, 4)).unwrap();
 
     assert_eq!(some.receive(SOON).unwrap(), Some(frame(0x190, 1)));
@@ -80,14 +88,17 @@ fn frames_reach_those_who_want_them_and_not_their_sender() {
     assert_eq!(everything.receive(NOT).unwrap(), None);
     assert_eq!(nothing.receive(NOT).unwrap(), None);
 
-    let times: Vec<_> = recorded(&mut recorder, 4)
+    assert_eq!(errors.receive(SOON).unwrap(), Some(error_message()));
+    assert_eq!(errors.receive(NOT).unwrap(), None);
+
+    let times: Vec<_> = recorded(&mut recorder, 5)
         .iter()
         .map(|stamped| stamped.time)
         .collect();
     assert!(times.is_sorted(), "{times:?}");
     assert_eq!(recorder.lost(), 0);
     let report = HubReport {
-        frames: 4,
+        frames: 5,
         ..HubReport::default()
     };
     assert_eq!(hub.report(), report);
