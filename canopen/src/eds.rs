@@ -95,13 +95,18 @@ pub struct Eds {
     pub device: DeviceInfo,
     /// Data types (indices 0x0001 to 0x0007) that may be mapped into an RPDO as gaps, from `[DummyUsage]`.
     pub dummies: Vec<u16>,
+    /// What is wrong but leaves no value in doubt that a PDO or the device's state needs.
+    pub warnings: Vec<EdsError>,
 }
 
 /// Reads the text of an EDS or DCF for the node `node_id`.
 ///
 /// A trailing comment starts with a semicolon after a blank. Numbers may be decimal, hexadecimal (`0x`), octal (leading
 /// 0) and contain `$NODEID`. A number without default is 0. `ParameterValue` (DCF) takes the place of `DefaultValue`.
-/// Sections that describe no value are passed over.
+/// Sections that describe no value are passed over. Bought devices' data sheets are rarely free of errors, so some are
+/// only warnings: an object that is listed but not described, an ARRAY or RECORD without sub-objects, a data type that
+/// is no basic one of CiA 301 (read as DOMAIN), and a default of an OCTET_STRING or DOMAIN that is no hexadecimal bytes
+/// (read as empty).
 ///
 /// # Errors
 /// The first thing that is wrong, with its line.
@@ -116,12 +121,13 @@ pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
     }
     let sections = ini::read(text)?;
     let device = device_info(&sections, node_id)?;
-    check_object_lists(&sections, node_id)?;
     check_compact_pdos(&sections, node_id)?;
     let mut reader = Reader {
         node_id,
         entries: BTreeMap::new(),
+        warnings: Vec::new(),
     };
+    reader.check_object_lists(&sections)?;
     for (index, object) in objects(&sections)? {
         reader.object(index, &object)?;
     }
@@ -134,6 +140,7 @@ pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
         dictionary,
         device,
         dummies: dummies(&sections, node_id)?,
+        warnings: reader.warnings,
     })
 }
 
@@ -184,9 +191,29 @@ fn objects<'s, 't>(sections: &'s Sections<'t>) -> Result<BTreeMap<u16, Object<'s
 struct Reader {
     node_id: u8,
     entries: BTreeMap<(u16, u8), Entry>,
+    warnings: Vec<EdsError>,
 }
 
 impl Reader {
+    /// Checks that each object in the lists of supported objects is described.
+    fn check_object_lists(&mut self, sections: &Sections<'_>) -> Result<(), EdsError> {
+        let lists = ["mandatoryobjects", "optionalobjects", "manufacturerobjects"];
+        for item in lists
+            .iter()
+            .filter_map(|list| sections.get(*list))
+            .flat_map(Section::items)
+            .filter(|item| item.key.bytes().all(|letter| letter.is_ascii_digit()))
+        {
+            let index =
+                value::integer(item.value, self.node_id).map_err(|reason| item.error(reason))?;
+            if !sections.contains_key(&format!("{index:04x}")) {
+                let reason = format!("there is no section [{index:04X}]");
+                self.warnings.push(item.error(reason));
+            }
+        }
+        Ok(())
+    }
+
     /// Reads one object by its object type (CiA 301, table 42).
     fn object(&mut self, index: u16, object: &Object<'_, '_>) -> Result<(), EdsError> {
         let Some(main) = object.main else {
@@ -200,7 +227,7 @@ impl Reader {
             // NULL, DEFTYPE and DEFSTRUCT hold no value.
             0 | 5 | 6 => Ok(()),
             2 | 7 => match object.subs.values().next() {
-                None => self.add(self.entry(index, 0, main)?, main),
+                None => self.described(index, 0, main),
                 Some(sub) => Err(sub.error(format!("[{}] is neither ARRAY nor RECORD", main.name))),
             },
             8 | 9 => self.composed_object(index, main, object),
@@ -216,14 +243,27 @@ impl Reader {
         object: &Object<'_, '_>,
     ) -> Result<(), EdsError> {
         match integer_at(main, "compactsubobj", self.node_id, 254_u8)?.unwrap_or(0) {
-            0 if object.subs.is_empty() => return Err(main.error("there are no sub-objects")),
+            0 if object.subs.is_empty() => {
+                self.warnings.push(main.error("there are no sub-objects"));
+            }
             0 => {}
             count => self.compact_sub_objects(index, count, main, object)?,
         }
         for (&sub_index, section) in &object.subs {
-            self.add(self.entry(index, sub_index, section)?, section)?;
+            self.described(index, sub_index, section)?;
         }
         Ok(())
+    }
+
+    /// Keeps the value that a section describes.
+    fn described(
+        &mut self,
+        index: u16,
+        sub_index: u8,
+        section: &Section<'_>,
+    ) -> Result<(), EdsError> {
+        let entry = self.entry(index, sub_index, section)?;
+        self.add(entry, section)
     }
 
     /// Expands `CompactSubObj` (CiA 306-1, clause 4.6.3.4): sub-index 0 and `count` equal sub-objects.
@@ -254,7 +294,7 @@ impl Reader {
                 |item| item.value.to_owned(),
             );
             let default = match value {
-                Some(item) => self.encode(template.data_type, item)?,
+                Some(item) => self.default(template.data_type, item)?,
                 None => template.default.clone(),
             };
             let mut entry = Entry::new(
@@ -274,12 +314,17 @@ impl Reader {
     }
 
     /// Reads the section of one value.
-    fn entry(&self, index: u16, sub_index: u8, section: &Section<'_>) -> Result<Entry, EdsError> {
+    fn entry(
+        &mut self,
+        index: u16,
+        sub_index: u8,
+        section: &Section<'_>,
+    ) -> Result<Entry, EdsError> {
         let is_domain = integer_at(section, "objecttype", self.node_id, u8::MAX)? == Some(2);
         let data_type = match section.get("datatype") {
             None if is_domain => DataType::Domain,
             None => return Err(section.error("the key DataType is missing")),
-            Some(item) => data_type(item, self.node_id)?,
+            Some(item) => self.data_type(item)?,
         };
         let access = match section.get("accesstype") {
             None if is_domain => Access::ReadWrite,
@@ -292,7 +337,7 @@ impl Reader {
         let default = section
             .get("parametervalue")
             .or_else(|| section.get("defaultvalue"))
-            .map(|item| self.encode(data_type, item))
+            .map(|item| self.default(data_type, item))
             .transpose()?
             .unwrap_or_else(|| vec![0; data_type.size_bytes().unwrap_or(0)]);
         let mut entry = Entry::new(index, sub_index, name.value, data_type, access, default);
@@ -317,6 +362,29 @@ impl Reader {
         item.filter(|_| data_type.size_bytes().is_some())
             .map(|item| Ok(data_type.rank(&self.encode(data_type, item)?)))
             .transpose()
+    }
+
+    /// Reads `DataType`.
+    fn data_type(&mut self, item: &Item<'_>) -> Result<DataType, EdsError> {
+        let number =
+            value::integer(item.value, self.node_id).map_err(|reason| item.error(reason))?;
+        let known = u32::try_from(number).ok().and_then(DataType::from_number);
+        Ok(known.unwrap_or_else(|| {
+            let reason = "the data type is unknown, read as DOMAIN";
+            self.warnings.push(item.error(reason));
+            DataType::Domain
+        }))
+    }
+
+    /// Reads a default; that of plain bytes may be unreadable.
+    fn default(&mut self, data_type: DataType, item: &Item<'_>) -> Result<Vec<u8>, EdsError> {
+        match self.encode(data_type, item) {
+            Err(error) if matches!(data_type, DataType::OctetString | DataType::Domain) => {
+                self.warnings.push(error);
+                Ok(Vec::new())
+            }
+            result => result,
+        }
     }
 
     /// Reads a value of a type.
@@ -351,15 +419,6 @@ fn integer_at<T: Copy + Into<i128> + TryFrom<i128>>(
         .flatten()
         .map(Some)
         .ok_or_else(|| item.error(format!("{value} is outside 0 to {}", limit.into())))
-}
-
-/// Reads `DataType`.
-fn data_type(item: &Item<'_>, node_id: u8) -> Result<DataType, EdsError> {
-    let number = value::integer(item.value, node_id).map_err(|reason| item.error(reason))?;
-    u32::try_from(number)
-        .ok()
-        .and_then(DataType::from_number)
-        .ok_or_else(|| item.error("the data type is unknown"))
 }
 
 /// Reads `AccessType`.
@@ -408,24 +467,6 @@ fn device_info(sections: &Sections<'_>, node_id: u8) -> Result<DeviceInfo, EdsEr
         transmit_pdo_count: pdo_count("nroftxpdo")?,
         is_lss_supported: number("lss_supported")? != 0,
     })
-}
-
-/// Checks that each object in the lists of supported objects is described.
-fn check_object_lists(sections: &Sections<'_>, node_id: u8) -> Result<(), EdsError> {
-    let lists = ["mandatoryobjects", "optionalobjects", "manufacturerobjects"];
-    for item in lists
-        .iter()
-        .filter_map(|list| sections.get(*list))
-        .flat_map(Section::items)
-        .filter(|item| item.key.bytes().all(|letter| letter.is_ascii_digit()))
-    {
-        let index = value::integer(item.value, node_id).map_err(|reason| item.error(reason))?;
-        let name = format!("{index:04x}");
-        if !sections.contains_key(&name) {
-            return Err(item.error(format!("there is no section [{}]", name.to_uppercase())));
-        }
-    }
-    Ok(())
 }
 
 /// Refuses an EDS that leaves PDOs undescribed by `CompactPDO`, because their mapping would be a guess.
@@ -493,9 +534,9 @@ mod tests {
             Boolean, Domain, Integer16, Integer24, Integer32, Unsigned8, Unsigned16, Unsigned32,
             Unsigned64,
         };
-        // Printed by python-canopen 2.4.1 for node 0x10, but: 0x1003:00 and 0x2108:00 (python leaves the count out),
-        // 0x1003:03 ff. and 0x2108:02 ff. (python makes them when asked, without names and [2108Value]), 0x2107 (python
-        // reads 4294967294 into an INTEGER32), and no value where python says None.
+        // Printed by python-canopen 2.4.1 for node 0x10, except for compact sub-objects (it leaves out their count and
+        // [2108Value], gives other names, and forgets PDOMapping from sub-index 2 on), 0x2107 (it reads 4294967294 into
+        // an INTEGER32), and 0 where it says None.
         #[rustfmt::skip]
         let expected = [
             (0x1000, 0x00, "Device type", Unsigned32, Constant, false, None, None, 131_474),
@@ -705,10 +746,6 @@ mod tests {
             "line 6: [2000] DefaultValue=08: \"08\" is not an octal number (leading 0)"
         );
         assert_eq!(
-            message(&object("DataType=0x1D")),
-            "line 5: [2000] DataType=0x1D: the data type is unknown"
-        );
-        assert_eq!(
             message(&object("")),
             "line 1: [2000] the key DataType is missing"
         );
@@ -731,20 +768,12 @@ mod tests {
         assert_eq!(message("x=1"), "line 1: a line before the first [section]");
         assert_eq!(message("[A"), "line 1: a section header without ']'");
         assert_eq!(
-            message("[OptionalObjects]\n1=0x1F51"),
-            "line 2: [OptionalObjects] 1=0x1F51: there is no section [1F51]"
-        );
-        assert_eq!(
             message("[1018sub1]"),
             "line 1: [1018sub1] there is no section [1018]"
         );
         assert_eq!(
             message("[1018]\nObjectType=9\n[1018sub01]\n[1018sub1]"),
             "line 4: [1018sub1] the sub-object stands in line 3 already"
-        );
-        assert_eq!(
-            message("[1018]\nObjectType=9"),
-            "line 1: [1018] there are no sub-objects"
         );
         assert_eq!(
             message(&object("DataType=5\nLowLimit=2\nHighLimit=1")),
@@ -758,6 +787,29 @@ mod tests {
             parse("", 0).unwrap_err().to_string(),
             "node-ID 0 is outside 1 to 127"
         );
+    }
+
+    #[test]
+    fn errors_that_do_no_harm_are_warnings() {
+        let text = object("DataType=0x40\nDefaultValue=@A\nLowLimit=x");
+        let text = format!("[OptionalObjects]\n1=0x1F51\n{text}\n[2001]\nObjectType=9");
+        let eds = parse(&text, 1).unwrap();
+        let warnings: Vec<_> = eds.warnings.iter().map(EdsError::to_string).collect();
+        assert_eq!(
+            warnings,
+            [
+                "line 2: [OptionalObjects] 1=0x1F51: there is no section [1F51]",
+                "line 7: [2000] DataType=0x40: the data type is unknown, read as DOMAIN",
+                "line 8: [2000] DefaultValue=@A: expected pairs of hexadecimal digits",
+                "line 11: [2001] there are no sub-objects",
+            ]
+        );
+        let entry = &eds.dictionary.entries()[0];
+        assert_eq!(
+            (entry.data_type, entry.value()),
+            (DataType::Domain, &[][..])
+        );
+        assert_eq!(parse(SAMPLE, 1).unwrap().warnings, []);
     }
 
     #[test]

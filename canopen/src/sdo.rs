@@ -191,6 +191,15 @@ const CRC_TABLE: [u16; 256] = {
     table
 };
 
+/// The bytes that hexadecimal digits spell.
+#[cfg(test)]
+pub(crate) fn bytes(digits: &str) -> Vec<u8> {
+    (0..digits.len())
+        .step_by(2)
+        .map(|place| u8::from_str_radix(&digits[place..place + 2], 16).unwrap())
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -580,6 +580,7 @@ mod tests {
 
     use super::*;
     use crate::object_dictionary::{Access, DataType, Entry, ObjectDictionary};
+    use crate::sdo::bytes;
     use crate::sdo_server::SdoServer;
 
     const NOW: Duration = Duration::from_secs(3);
@@ -842,6 +843,41 @@ mod tests {
             message(SdoFailure::TimedOut(DEFAULT_TIMEOUT)),
             "object 0x6060:00 of node 0x10: no answer within 1000 ms"
         );
+    }
+
+    #[test]
+    fn requests_satisfy_python_canopens_server() {
+        let mut client = client();
+        let mut requests = VecDeque::new();
+        let transcript = include_str!("../tests/data/sdo_server_of_python_canopen.log");
+        for line in transcript.lines().filter(|line| !line.starts_with(';')) {
+            let words: Vec<_> = line.split([' ', '#']).collect();
+            match words[..] {
+                [">", ref command @ ..] => start(&mut client, command),
+                ["610", request] => assert_eq!(requests.pop_front(), Some(bytes(request))),
+                ["590", payload] => answer(&mut client, &bytes(payload)),
+                ["=", value] => assert_eq!(client.take_result(), Some(Ok(bytes(value)))),
+                ["!", code] => {
+                    let code = AbortCode(u32::from_str_radix(code, 16).unwrap());
+                    let error = client.take_result().unwrap().unwrap_err();
+                    assert_eq!(error.failure, SdoFailure::Aborted(code));
+                }
+                _ => panic!("{line}"),
+            }
+            requests.extend(sent(&mut client));
+        }
+        assert!(requests.is_empty());
+    }
+
+    /// Starts what a transcript says.
+    fn start(client: &mut SdoClient, command: &[&str]) {
+        let index = u16::from_str_radix(command[1], 16).unwrap();
+        match *command {
+            ["UP", _] => client.start_upload(NOW, index, 0).unwrap(),
+            ["BUP", _] => client.start_block_upload(NOW, index, 0).unwrap(),
+            ["DOWN", _, value] => client.start_download(NOW, index, 0, &bytes(value)).unwrap(),
+            _ => panic!("{command:?}"),
+        }
     }
 
     /// What the bus does to a frame.

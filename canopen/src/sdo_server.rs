@@ -536,11 +536,13 @@ impl SdoServer {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::VecDeque;
+
     use proptest::prelude::*;
 
     use super::*;
     use crate::object_dictionary::{self, DataType, Entry};
-    use crate::sdo::crc;
+    use crate::sdo::{bytes, crc};
 
     const NOW: Duration = Duration::from_secs(5);
 
@@ -1054,6 +1056,21 @@ mod tests {
         ] {
             pass(CanFrame::from_raw(0x610 | flag, 8, upload));
         }
+    }
+
+    #[test]
+    fn answers_satisfy_python_canopens_client() {
+        let mut bench = Bench::new();
+        let mut answers = VecDeque::new();
+        let transcript = include_str!("../tests/data/sdo_client_of_python_canopen.log");
+        for line in transcript.lines().filter(|line| !line.starts_with(';')) {
+            match line.split_once('#').unwrap() {
+                ("610", request) => answers.extend(bench.ask(&bytes(request))),
+                (_, answer) => assert_eq!(answers.pop_front(), Some(bytes(answer)), "{line}"),
+            }
+        }
+        assert!(answers.is_empty());
+        assert!(!bench.server.is_busy());
     }
 
     /// Requests that mostly look like the protocol's.
