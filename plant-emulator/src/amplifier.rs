@@ -39,6 +39,13 @@ impl Amplifier {
         libm::round(clipped / self.amperes_max * self.steps) / self.steps * self.amperes_max
     }
 
+    /// True when a command lies outside what the amplifier can source.
+    #[must_use]
+    pub fn clips(&self, command_permille: i16) -> bool {
+        let wanted = f64::from(command_permille) * 1e-3 * self.rated_amperes;
+        !(0.0..=self.amperes_max).contains(&wanted)
+    }
+
     /// A current in permille of the rated current, as 0x6078 reports it.
     #[must_use]
     pub fn permille(&self, current_amperes: f64) -> i16 {
@@ -79,6 +86,8 @@ mod tests {
     #[test]
     fn the_maximum_may_differ_from_the_rating() {
         assert_eq!(amplifier(0.8, 0).current_amperes(900), 0.8);
+        assert!(amplifier(0.8, 0).clips(900) && !amplifier(0.8, 0).clips(800));
+        assert!(amplifier(0.8, 0).clips(-1) && !amplifier(0.8, 0).clips(0));
         assert_eq!(amplifier(0.0, 10).current_amperes(900), 0.0);
     }
 

@@ -1,9 +1,179 @@
 //! The plant emulator: the actuator of the paper behind the bus interface of a real drive.
 //!
-//! [`sma`] is the physics, one file per part of the model.
+//! [`sma`] is the physics, one file per part of the model. [`drive`] and [`disturbance`] are the two nodes that act on
+//! it, [`PlantEmulator`] both of them and the actuator as one participant of the bus.
 
 pub mod amplifier;
+pub mod disturbance;
+pub mod drive;
 mod integrator;
+mod objects;
+mod rig;
 pub mod sensor;
 pub mod sma;
 pub mod thermal_protection;
+
+use std::time::Duration;
+
+use canopen::eds::{self, EdsError};
+use canopen::services::InvalidPdo;
+use canopen::{Application, CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress};
+
+use disturbance::DisturbanceModule;
+use drive::{Drive, Truth};
+pub use objects::MissingObject;
+use rig::Rig;
+use sma::{Actuator, Inputs, InvalidPlant};
+
+/// Node-ID of the drive.
+pub const DRIVE_NODE_ID: NodeId = NodeId::new(0x10).expect("16 is in 1 to 127");
+/// Node-ID of the disturbance module.
+pub const DISTURBANCE_NODE_ID: NodeId = NodeId::new(0x11).expect("17 is in 1 to 127");
+
+/// Why there can be no emulator.
+#[derive(Debug, thiserror::Error)]
+pub enum InvalidEmulator {
+    /// The plant makes no physical sense.
+    #[error("plant: {0}")]
+    Plant(#[from] InvalidPlant),
+    /// A data sheet cannot be read.
+    #[error("EDS of node {node_id}: {error}")]
+    Eds {
+        /// The node.
+        node_id: NodeId,
+        /// What is wrong with the text.
+        error: EdsError,
+    },
+    /// A data sheet lacks an object.
+    #[error("{0}")]
+    MissingObject(#[from] MissingObject),
+    /// A data sheet configures a PDO wrongly.
+    #[error("{0}")]
+    Pdo(#[from] InvalidPdo),
+}
+
+/// Drive, disturbance module and the actuator between them.
+///
+/// The actuator follows the emulator's own time: it is brought up to date at each frame and tick, and by a deadline of
+/// its own at least once a SYNC period.
+#[derive(Debug)]
+pub struct PlantEmulator {
+    rig: Rig,
+    drive: Device<Drive>,
+    disturbance: Device<DisturbanceModule>,
+    period: Duration,
+}
+
+impl PlantEmulator {
+    /// The emulator of a scenario's plant, with the objects of the shipped data sheets.
+    ///
+    /// # Errors
+    /// A plant that makes no sense, or a data sheet that does not suit.
+    pub fn new(scenario: &scenario::Scenario) -> Result<Self, InvalidEmulator> {
+        let plant = &scenario.plant;
+        sma::check(plant)?;
+        let drive = device(DRIVE_NODE_ID, dbc::DRIVE_EDS, |dictionary| {
+            Drive::new(plant, scenario.seed, dictionary)
+        })?;
+        let disturbance = device(
+            DISTURBANCE_NODE_ID,
+            dbc::DISTURBANCE_EDS,
+            DisturbanceModule::new,
+        )?;
+        Ok(Self {
+            rig: Rig::new(Actuator::new(plant)),
+            drive,
+            disturbance,
+            period: scenario.bus.sync_period(),
+        })
+    }
+
+    /// The actuator, at the time of the latest event.
+    #[must_use]
+    pub fn actuator(&self) -> &Actuator {
+        self.rig.actuator()
+    }
+
+    /// What acts on the actuator since the latest event.
+    #[must_use]
+    pub fn inputs(&self) -> &Inputs {
+        self.rig.inputs()
+    }
+
+    /// One event: the plant reaches `now`, the nodes act, and what they put out acts on the plant from now on.
+    fn event(&mut self, now: Duration, act: impl FnOnce(&mut Self)) {
+        let elapsed = self.rig.advance_to(now);
+        let truth = Truth::of(self.rig.actuator());
+        self.drive.application_mut().observe(elapsed, truth);
+        act(self);
+        let disturbance = self.disturbance.application();
+        *self.rig.inputs_mut() = Inputs {
+            current_amperes: self.drive.application().current_amperes(),
+            convection_factor: disturbance.convection_factor(),
+            added_load_kilograms: disturbance.added_load_kilograms(),
+        };
+    }
+}
+
+impl Node for PlantEmulator {
+    fn filters(&self) -> Vec<Filter> {
+        let mut filters = self.drive.filters();
+        filters.extend(self.disturbance.filters());
+        filters.sort_unstable_by_key(|filter| (filter.id, filter.mask));
+        filters.dedup();
+        filters
+    }
+
+    fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+        self.event(now, |emulator| {
+            emulator.drive.on_frame(now, frame);
+            emulator.disturbance.on_frame(now, frame);
+        });
+    }
+
+    fn on_tick(&mut self, now: Duration) {
+        self.event(now, |emulator| {
+            emulator.drive.on_tick(now);
+            emulator.disturbance.on_tick(now);
+        });
+    }
+
+    fn on_stop(&mut self, now: Duration) {
+        self.event(now, |emulator| {
+            emulator.drive.on_stop(now);
+            emulator.disturbance.on_stop(now);
+        });
+    }
+
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        self.drive
+            .next_frame()
+            .or_else(|| self.disturbance.next_frame())
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        let physics = self.rig.time() + self.period;
+        let nodes = [self.drive.next_deadline(), self.disturbance.next_deadline()];
+        Some(nodes.into_iter().flatten().fold(physics, Duration::min))
+    }
+
+    fn progress(&self) -> Progress {
+        match (self.drive.progress(), self.disturbance.progress()) {
+            (Progress::Stopped, Progress::Stopped) => Progress::Stopped,
+            (failed @ Progress::Failed(_), _) | (_, failed @ Progress::Failed(_)) => failed,
+            _ => Progress::Running,
+        }
+    }
+}
+
+/// A device with the dictionary of a data sheet.
+fn device<A: Application>(
+    node_id: NodeId,
+    text: &str,
+    application: impl FnOnce(&ObjectDictionary) -> Result<A, MissingObject>,
+) -> Result<Device<A>, InvalidEmulator> {
+    let eds =
+        eds::parse(text, node_id.get()).map_err(|error| InvalidEmulator::Eds { node_id, error })?;
+    let application = application(&eds.dictionary)?;
+    Ok(Device::new(node_id, eds.dictionary, application)?)
+}

@@ -1,43 +1,60 @@
-//! I²t protection of the drive, which does not measure the wire's temperature.
+//! I²t protection of the drive (0x2110), which does not measure the wire's temperature.
 //!
-//! Both numbers are assumed. The amplifier's limit of 1 A alone keeps the wire below 138 °C, Eq. (1) with the paper's
-//! data, and the wire reaches that within seconds (its time constant is 0.65 s), so no overload integral can keep the peak
-//! lower; the protection limits how long a wire is held there. At 0.9 A it settles at 115 °C, where all of it is austenite:
-//! no task needs more for long. At 1 A the protection trips after 10 s, which leaves a ramp 0 → 1 → 0 A in 40 s
-//! (overload 0.37 A² s) and any hold inside the span (0.7 A) far from the limit.
+//! The limits are assumed. The amplifier's maximum of 1 A alone keeps the wire below 138 °C, Eq. (1) with the paper's
+//! data, and the wire gets there within seconds (its time constant is 0.65 s), so no overload integral can keep the peak
+//! lower: the protection limits how long a wire is held hot. The continuous 0.7 A settle at 75 °C, which holds any
+//! position inside the span; 10 A² s above it allow 1 A for 19.6 s. A ramp 0 → 1 → 0 A in 40 s takes 2.9 A² s.
 
-/// Current that may flow for ever (assumed).
-pub const CONTINUOUS_AMPERES: f64 = 0.9;
+/// What may flow for how long.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Current that may flow for ever (0x2110:01).
+    pub continuous_amperes: f64,
+    /// Largest `∫ (i² − continuous²) dt` (0x2110:02).
+    pub overload_square_ampere_seconds: f64,
+}
 
-/// Overload that trips: `∫ (i² − 0.81 A²) dt`, never below zero (assumed: 10 s at 1 A).
-pub const OVERLOAD_SQUARE_AMPERE_SECONDS_MAX: f64 =
-    10.0 * (1.0 - CONTINUOUS_AMPERES * CONTINUOUS_AMPERES);
-
-/// The overload integral.
-#[derive(Clone, Debug, Default)]
+/// The overload integral, never below zero and never above its limit.
+#[derive(Clone, Debug)]
 pub struct ThermalProtection {
+    limits: Limits,
     overload_square_ampere_seconds: f64,
 }
 
 impl ThermalProtection {
+    /// A protection without load.
+    #[must_use]
+    pub fn new(limits: Limits) -> Self {
+        Self {
+            limits,
+            overload_square_ampere_seconds: 0.0,
+        }
+    }
+
+    /// Other limits from now on; the load stays.
+    pub fn set_limits(&mut self, limits: Limits) {
+        self.limits = limits;
+    }
+
     /// Lets a current flow for some time.
     pub fn advance(&mut self, duration_seconds: f64, current_amperes: f64) {
-        let excess = current_amperes * current_amperes - CONTINUOUS_AMPERES * CONTINUOUS_AMPERES;
-        let overload = self.overload_square_ampere_seconds + excess * duration_seconds;
-        self.overload_square_ampere_seconds =
-            overload.clamp(0.0, OVERLOAD_SQUARE_AMPERE_SECONDS_MAX);
+        let continuous = self.limits.continuous_amperes;
+        let excess = current_amperes * current_amperes - continuous * continuous;
+        self.overload_square_ampere_seconds = (self.overload_square_ampere_seconds
+            + excess * duration_seconds)
+            .clamp(0.0, self.limits.overload_square_ampere_seconds.max(0.0));
     }
 
     /// True while the overload is at its limit.
     #[must_use]
     pub fn is_tripped(&self) -> bool {
-        self.overload_square_ampere_seconds >= OVERLOAD_SQUARE_AMPERE_SECONDS_MAX
+        self.overload_square_ampere_seconds >= self.limits.overload_square_ampere_seconds
     }
 
-    /// The overload by its limit, 0 to 1.
+    /// The overload by its limit, 0 to 1 (0x2110:03).
     #[must_use]
-    pub fn load_factor(&self) -> f64 {
-        self.overload_square_ampere_seconds / OVERLOAD_SQUARE_AMPERE_SECONDS_MAX
+    pub fn utilisation(&self) -> f64 {
+        (self.overload_square_ampere_seconds / self.limits.overload_square_ampere_seconds).min(1.0)
     }
 }
 
@@ -45,9 +62,14 @@ impl ThermalProtection {
 mod tests {
     use super::*;
 
+    const LIMITS: Limits = Limits {
+        continuous_amperes: 0.7,
+        overload_square_ampere_seconds: 10.0,
+    };
+
     /// Seconds until the protection trips under a constant current.
     fn trip_seconds(current_amperes: f64) -> Option<f64> {
-        let mut protection = ThermalProtection::default();
+        let mut protection = ThermalProtection::new(LIMITS);
         (1..100_000)
             .find(|_| {
                 protection.advance(0.001, current_amperes);
@@ -57,28 +79,28 @@ mod tests {
     }
 
     #[test]
-    fn one_ampere_trips_after_ten_seconds_and_the_continuous_current_never() {
+    fn one_ampere_trips_after_19_6_seconds_and_the_continuous_current_never() {
         let seconds = trip_seconds(1.0).unwrap();
-        assert!((seconds - 10.0).abs() < 0.01, "{seconds}");
-        assert_eq!(trip_seconds(CONTINUOUS_AMPERES), None);
+        assert!((seconds - 10.0 / 0.51).abs() < 0.01, "{seconds}");
+        assert_eq!(trip_seconds(LIMITS.continuous_amperes), None);
     }
 
     #[test]
     fn the_ramp_to_one_ampere_and_back_does_not_trip() {
-        let mut protection = ThermalProtection::default();
+        let mut protection = ThermalProtection::new(LIMITS);
         let mut highest: f64 = 0.0;
         for milliseconds in 0..40_000 {
             let seconds = f64::from(milliseconds) * 1e-3;
             protection.advance(0.001, 1.0 - (seconds - 20.0).abs() / 20.0);
-            highest = highest.max(protection.load_factor());
+            highest = highest.max(protection.utilisation());
         }
-        assert!((0.15..0.25).contains(&highest), "{highest}");
-        assert_eq!(protection.load_factor(), 0.0);
+        assert!((0.25..0.32).contains(&highest), "{highest}");
+        assert_eq!(protection.utilisation(), 0.0);
     }
 
     #[test]
     fn a_trip_ends_as_soon_as_the_current_is_gone() {
-        let mut protection = ThermalProtection::default();
+        let mut protection = ThermalProtection::new(LIMITS);
         protection.advance(100.0, 1.0);
         assert!(protection.is_tripped());
         protection.advance(0.001, 0.0);

@@ -1,0 +1,133 @@
+//! The disturbance module, node 0x11 (CiA 401): two analogue outputs, a fan and an added load.
+
+use canopen::object_dictionary::{DataType, Handle};
+use canopen::{
+    AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, ObjectDictionary, Services,
+};
+
+use crate::objects::{self, MissingObject};
+
+/// Write analogue output 16-bit (CiA 401).
+const OUTPUT: u16 = 0x6411;
+/// Analogue output error mode (CiA 401): 1 puts the error value out when something is wrong.
+const ERROR_MODE: u16 = 0x6443;
+/// Analogue output error value integer (CiA 401).
+const ERROR_VALUE: u16 = 0x6444;
+const CONVECTION_FACTOR: usize = 0;
+const ADDED_LOAD: usize = 1;
+
+/// One analogue output.
+#[derive(Clone, Copy, Debug)]
+struct Output {
+    value: Handle,
+    error_mode: Handle,
+    error_value: Handle,
+}
+
+impl Output {
+    fn find(dictionary: &ObjectDictionary, sub_index: u8) -> Result<Self, MissingObject> {
+        let find = |index, data_type| objects::find(dictionary, index, sub_index, data_type);
+        Ok(Self {
+            value: find(OUTPUT, DataType::Integer16)?,
+            error_mode: find(ERROR_MODE, DataType::Unsigned8)?,
+            error_value: find(ERROR_VALUE, DataType::Integer32)?,
+        })
+    }
+}
+
+/// What the outputs do; the dictionary holds what they are.
+#[derive(Clone, Debug)]
+pub struct DisturbanceModule {
+    outputs: [Output; 2],
+    /// What is put out, in the units of 0x6411.
+    values: [i16; 2],
+}
+
+impl DisturbanceModule {
+    /// A module with the outputs of a dictionary.
+    ///
+    /// # Errors
+    /// An output that the dictionary lacks.
+    pub fn new(dictionary: &ObjectDictionary) -> Result<Self, MissingObject> {
+        let outputs = [Output::find(dictionary, 1)?, Output::find(dictionary, 2)?];
+        let mut module = Self {
+            outputs,
+            values: [0; 2],
+        };
+        module.put_out(dictionary);
+        Ok(module)
+    }
+
+    /// Multiplies the wire's convection; 0 to 32.767.
+    #[must_use]
+    pub fn convection_factor(&self) -> f64 {
+        f64::from(self.values[CONVECTION_FACTOR].max(0)) * 1e-3
+    }
+
+    /// Added to the load; may be negative.
+    #[must_use]
+    pub fn added_load_kilograms(&self) -> f64 {
+        f64::from(self.values[ADDED_LOAD]) * 1e-4
+    }
+
+    /// Puts out what the dictionary holds.
+    fn put_out(&mut self, dictionary: &ObjectDictionary) {
+        for (value, output) in self.values.iter_mut().zip(&self.outputs) {
+            *value = objects::integer16(dictionary, output.value);
+        }
+    }
+
+    /// Puts out the error values of all outputs whose error mode asks for it. They become the commanded values too, so
+    /// that nothing old comes back with the next start.
+    fn put_out_error_values(&mut self, dictionary: &mut ObjectDictionary) {
+        for output in self.outputs {
+            if dictionary.entry(output.error_mode).as_integer() == 1 {
+                let value = objects::integer16(dictionary, output.error_value);
+                objects::store(dictionary, output.value, &value.to_le_bytes());
+            }
+        }
+        self.put_out(dictionary);
+    }
+}
+
+impl Application for DisturbanceModule {
+    fn on_reset(&mut self, services: &mut Services, _reset: NmtCommand) {
+        self.put_out(services.dictionary());
+    }
+
+    fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {
+        if state == NmtState::Stopped {
+            self.put_out_error_values(services.dictionary_mut());
+        }
+    }
+
+    fn on_rpdo(&mut self, services: &mut Services, _number: u16) {
+        self.put_out(services.dictionary());
+    }
+
+    fn on_write(
+        &mut self,
+        _services: &mut Services,
+        index: u16,
+        sub_index: u8,
+        bytes: &[u8],
+    ) -> Result<(), AbortCode> {
+        let place = usize::from(sub_index).wrapping_sub(1);
+        if let (OUTPUT, Some(value), Ok(bytes)) = (
+            index,
+            self.values.get_mut(place),
+            <[u8; 2]>::try_from(bytes),
+        ) {
+            *value = i16::from_le_bytes(bytes);
+        }
+        Ok(())
+    }
+
+    fn on_communication_loss(&mut self, services: &mut Services, _loss: CommunicationLoss) {
+        self.put_out_error_values(services.dictionary_mut());
+    }
+
+    fn on_stop(&mut self, services: &mut Services) {
+        self.put_out_error_values(services.dictionary_mut());
+    }
+}

@@ -1,0 +1,106 @@
+//! The objects that an application uses every cycle: found and checked once, then reached without search.
+
+use canopen::ObjectDictionary;
+use canopen::object_dictionary::{DataType, Handle};
+
+/// The data sheet lacks an object that the application needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the EDS has no object {index:#06x}:{sub_index:02x} of type {data_type:?}")]
+pub struct MissingObject {
+    /// Index of the object.
+    pub index: u16,
+    /// Its sub-index.
+    pub sub_index: u8,
+    /// The type that it must have.
+    pub data_type: DataType,
+}
+
+/// Finds an object of a given type.
+pub(crate) fn find(
+    dictionary: &ObjectDictionary,
+    index: u16,
+    sub_index: u8,
+    data_type: DataType,
+) -> Result<Handle, MissingObject> {
+    let found = dictionary.find(index, sub_index).ok();
+    found
+        .filter(|handle| dictionary.entry(*handle).data_type == data_type)
+        .ok_or(MissingObject {
+            index,
+            sub_index,
+            data_type,
+        })
+}
+
+/// Stores a value whose width is that of the object's type, as [`find`] has made sure.
+pub(crate) fn store(dictionary: &mut ObjectDictionary, handle: Handle, bytes: &[u8]) {
+    let stored = dictionary.store(handle, bytes);
+    debug_assert!(stored.is_ok(), "the type was checked when it was found");
+}
+
+/// An integer object that fits 16 bits with sign, saturated.
+pub(crate) fn integer16(dictionary: &ObjectDictionary, handle: Handle) -> i16 {
+    let limits = i128::from(i16::MIN)..=i128::from(i16::MAX);
+    let value = dictionary.entry(handle).as_integer();
+    i16::try_from(value.clamp(*limits.start(), *limits.end())).unwrap_or_default()
+}
+
+/// A number rounded to the nearest integer, saturated; 0 for NaN.
+pub(crate) fn rounded_i32(value: f64) -> i32 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
+    )]
+    let rounded = libm::round(value) as i32;
+    rounded
+}
+
+/// As [`rounded_i32`], for 16 bits with sign.
+pub(crate) fn rounded_i16(value: f64) -> i16 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
+    )]
+    let rounded = libm::round(value) as i16;
+    rounded
+}
+
+/// As [`rounded_i32`], for 16 bits without sign.
+pub(crate) fn rounded_u16(value: f64) -> u16 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
+    )]
+    let rounded = libm::round(value) as u16;
+    rounded
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::object_dictionary::{Access, Entry};
+
+    #[test]
+    fn an_object_of_another_type_is_missing() {
+        let mut dictionary = ObjectDictionary::new();
+        let bytes = vec![0, 0];
+        let entry = Entry::new(0x6071, 0, "", DataType::Integer16, Access::ReadWrite, bytes);
+        dictionary.insert(entry);
+        assert!(find(&dictionary, 0x6071, 0, DataType::Integer16).is_ok());
+        let missing = find(&dictionary, 0x6071, 0, DataType::Integer32).unwrap_err();
+        assert_eq!(
+            missing.to_string(),
+            "the EDS has no object 0x6071:00 of type Integer32"
+        );
+    }
+
+    #[test]
+    fn rounding_saturates() {
+        assert_eq!(rounded_i32(1e12), i32::MAX);
+        assert_eq!(rounded_i16(-1e12), i16::MIN);
+        assert_eq!(rounded_u16(-1.0), 0);
+        assert_eq!(rounded_u16(1.5), 2);
+        assert_eq!(rounded_i32(f64::NAN), 0);
+    }
+}

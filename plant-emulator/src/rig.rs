@@ -1,0 +1,91 @@
+//! The physics on the emulator's own clock: whatever the bus does, the wire cools on.
+
+use std::time::Duration;
+
+use crate::sma::{Actuator, Inputs};
+
+/// Longest time that is caught up at once. After this long under constant inputs everything has settled, so nothing
+/// is lost by leaving out the rest.
+const CATCH_UP_MAX: Duration = Duration::from_secs(60);
+
+/// The actuator, the time it has reached and what acts on it since.
+#[derive(Clone, Debug)]
+pub(crate) struct Rig {
+    actuator: Actuator,
+    inputs: Inputs,
+    time: Duration,
+}
+
+impl Rig {
+    /// An actuator at time zero, without current and undisturbed.
+    pub(crate) fn new(actuator: Actuator) -> Self {
+        Self {
+            actuator,
+            inputs: Inputs::default(),
+            time: Duration::ZERO,
+        }
+    }
+
+    /// Brings the actuator to `now`, under the inputs that have acted so far, and tells how much time that was.
+    pub(crate) fn advance_to(&mut self, now: Duration) -> Duration {
+        let elapsed = now.saturating_sub(self.time);
+        self.actuator
+            .advance(elapsed.min(CATCH_UP_MAX).as_secs_f64(), &self.inputs);
+        self.time = self.time.max(now);
+        elapsed
+    }
+
+    /// The time that the actuator has reached.
+    pub(crate) fn time(&self) -> Duration {
+        self.time
+    }
+
+    pub(crate) fn actuator(&self) -> &Actuator {
+        &self.actuator
+    }
+
+    pub(crate) fn inputs(&self) -> &Inputs {
+        &self.inputs
+    }
+
+    /// What acts from the present time on.
+    pub(crate) fn inputs_mut(&mut self) -> &mut Inputs {
+        &mut self.inputs
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::plant::Plant;
+
+    fn rig() -> Rig {
+        Rig::new(Actuator::new(&Plant::default()))
+    }
+
+    #[test]
+    fn events_in_between_change_nothing() {
+        let (mut once, mut often) = (rig(), rig());
+        for rig in [&mut once, &mut often] {
+            rig.inputs_mut().current_amperes = 0.6;
+        }
+        once.advance_to(Duration::from_millis(2000));
+        for microseconds in (0..=2_000_000).step_by(310) {
+            often.advance_to(Duration::from_micros(microseconds));
+        }
+        often.advance_to(Duration::from_millis(2000));
+        let difference = once.actuator().position_metres() - often.actuator().position_metres();
+        assert!(difference.abs() < 1e-9, "{difference}");
+        assert!(once.actuator().position_metres() > 0.01);
+    }
+
+    #[test]
+    fn time_does_not_go_back_and_a_long_gap_is_bounded() {
+        let mut rig = rig();
+        rig.inputs_mut().current_amperes = 1.0;
+        rig.advance_to(Duration::from_secs(1_000_000_000));
+        assert!((rig.actuator().temperature_celsius() - 138.44).abs() < 0.01);
+        assert_eq!(rig.advance_to(Duration::ZERO), Duration::ZERO);
+        assert_eq!(rig.time(), Duration::from_secs(1_000_000_000));
+    }
+}

@@ -1,0 +1,259 @@
+//! A small manager with a clock of its own: it plays the bus and the controller for the emulator.
+
+use std::time::Duration;
+
+use canopen::cia402::State;
+use canopen::{CanFrame, Node, Progress};
+use plant_emulator::PlantEmulator;
+use plant_emulator::sma::{Actuator, Inputs};
+use scenario::Scenario;
+
+pub(crate) const DRIVE: u16 = 0x10;
+pub(crate) const DISTURBANCE: u16 = 0x11;
+
+const PERIOD: Duration = Duration::from_millis(1);
+
+/// A time in milliseconds.
+pub(crate) fn milliseconds(number: u64) -> Duration {
+    Duration::from_millis(number)
+}
+
+/// A scenario with the default plant.
+pub(crate) fn scenario() -> Scenario {
+    Scenario {
+        schema: 1,
+        name: "nodes".to_owned(),
+        description: None,
+        seed: 42,
+        duration_seconds: 1.0,
+        bus: scenario::Bus::default(),
+        controller: scenario::controller::Controller::default(),
+        reference: scenario::reference::Reference::default(),
+        disturbance: scenario::disturbance::Disturbance::default(),
+        plant: scenario::plant::Plant::default(),
+        expect: scenario::expect::Expect::default(),
+    }
+}
+
+/// The content of TPDO1.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sample {
+    pub(crate) statusword: u16,
+    pub(crate) state: State,
+    pub(crate) position_micrometres: i32,
+    pub(crate) current_permille: i16,
+}
+
+pub(crate) struct Manager {
+    emulator: PlantEmulator,
+    now: Duration,
+    frames: Vec<CanFrame>,
+    counter: u8,
+    /// The next heartbeat of the manager; `None` while it is silent.
+    next_heartbeat: Option<Duration>,
+}
+
+impl Manager {
+    pub(crate) fn new() -> Self {
+        Self::with(&scenario())
+    }
+
+    pub(crate) fn with(scenario: &Scenario) -> Self {
+        Self {
+            emulator: PlantEmulator::new(scenario).expect("the default plant is valid"),
+            now: Duration::ZERO,
+            frames: Vec::new(),
+            counter: 0,
+            next_heartbeat: None,
+        }
+    }
+
+    /// A manager whose drive is in Operation enabled.
+    pub(crate) fn enabled() -> Self {
+        let mut manager = Self::new();
+        manager.configure();
+        manager.enable();
+        manager
+    }
+
+    /// What the controller configures by SDO, then NMT start.
+    pub(crate) fn configure(&mut self) {
+        self.run_for(milliseconds(2));
+        self.restore_heartbeat();
+        self.write(DRIVE, 0x1016, 1, &0x0001_0064_u32.to_le_bytes());
+        self.write(DRIVE, 0x1006, 0, &1000_u32.to_le_bytes());
+        self.write(DRIVE, 0x6060, 0, &[10]);
+        self.send(0, &[1, 0]);
+    }
+
+    /// The 402 sequence.
+    pub(crate) fn enable(&mut self) {
+        for controlword in [0x06, 0x07, 0x0F] {
+            self.cycle(controlword, 0);
+        }
+        assert_eq!(self.cycle(0x0F, 0).state, State::OperationEnabled);
+    }
+
+    pub(crate) fn now(&self) -> Duration {
+        self.now
+    }
+
+    /// All frames that the emulator has sent.
+    pub(crate) fn frames(&self) -> &[CanFrame] {
+        &self.frames
+    }
+
+    /// The payload of the latest frame with an identifier.
+    pub(crate) fn last(&self, id: u16) -> Option<&[u8]> {
+        let mut frames = self.frames.iter().rev();
+        frames
+            .find(|frame| frame.standard_id() == Some(id))
+            .map(CanFrame::data)
+    }
+
+    pub(crate) fn actuator(&self) -> &Actuator {
+        self.emulator.actuator()
+    }
+
+    pub(crate) fn inputs(&self) -> &Inputs {
+        self.emulator.inputs()
+    }
+
+    pub(crate) fn current_amperes(&self) -> f64 {
+        self.inputs().current_amperes
+    }
+
+    pub(crate) fn progress(&self) -> Progress {
+        self.emulator.progress()
+    }
+
+    pub(crate) fn stop(&mut self) {
+        self.emulator.on_stop(self.now);
+        self.drain();
+    }
+
+    /// The manager's heartbeat comes every 20 ms from now on.
+    pub(crate) fn restore_heartbeat(&mut self) {
+        self.next_heartbeat = Some(self.now);
+    }
+
+    /// As [`Manager::restore_heartbeat`], said where only SYNCs are lost.
+    pub(crate) fn keep_heartbeat_alive(&mut self) {
+        assert!(self.next_heartbeat.is_some());
+    }
+
+    pub(crate) fn lose_heartbeat(&mut self) {
+        self.next_heartbeat = None;
+    }
+
+    pub(crate) fn send_frame(&mut self, frame: &CanFrame) {
+        let filters = self.emulator.filters();
+        if filters.iter().any(|filter| filter.accepts(frame)) {
+            self.emulator.on_frame(self.now, frame);
+        }
+        self.drain();
+    }
+
+    pub(crate) fn send(&mut self, id: u16, data: &[u8]) {
+        self.send_frame(&CanFrame::new(id, data));
+    }
+
+    pub(crate) fn send_rpdo(&mut self, controlword: u16, target_permille: i16) {
+        let [a, b] = controlword.to_le_bytes();
+        let [c, d] = target_permille.to_le_bytes();
+        self.send(0x210, &[a, b, c, d]);
+    }
+
+    /// One SYNC, a period after the latest.
+    pub(crate) fn sync(&mut self) {
+        self.run_for(PERIOD);
+        self.counter = self.counter % 240 + 1;
+        self.send(0x080, &[self.counter]);
+    }
+
+    /// RPDO1, then SYNC, then what TPDO1 says.
+    pub(crate) fn cycle(&mut self, controlword: u16, target_permille: i16) -> Sample {
+        self.send_rpdo(controlword, target_permille);
+        self.frames
+            .retain(|frame| frame.standard_id() != Some(0x190));
+        self.sync();
+        let Some(&[a, b, c, d, e, f, g, h]) = self.last(0x190) else {
+            // Not Operational any more: what an SDO client would see.
+            let statusword = u16::try_from(self.read(DRIVE, 0x6041, 0)).expect("16 bits");
+            return Self::sample(statusword, 0, 0);
+        };
+        Self::sample(
+            u16::from_le_bytes([a, b]),
+            i32::from_le_bytes([c, d, e, f]),
+            i16::from_le_bytes([g, h]),
+        )
+    }
+
+    fn sample(statusword: u16, position_micrometres: i32, current_permille: i16) -> Sample {
+        Sample {
+            statusword,
+            state: State::from_statusword(statusword).expect("a state of CiA 402"),
+            position_micrometres,
+            current_permille,
+        }
+    }
+
+    /// Lets time pass.
+    pub(crate) fn run_for(&mut self, duration: Duration) {
+        let end = self.now + duration;
+        while self.next_event() <= end {
+            self.tick();
+        }
+        self.now = end;
+    }
+
+    fn next_event(&self) -> Duration {
+        let deadline = self.emulator.next_deadline().unwrap_or(Duration::MAX);
+        deadline.min(self.next_heartbeat.unwrap_or(Duration::MAX))
+    }
+
+    /// The next thing that happens by itself: a heartbeat of the manager or a deadline of the emulator.
+    pub(crate) fn tick(&mut self) {
+        self.now = self.now.max(self.next_event());
+        if self.next_heartbeat.is_some_and(|due| due <= self.now) {
+            self.next_heartbeat = Some(self.now + milliseconds(20));
+            self.send(0x701, &[5]);
+            return;
+        }
+        self.emulator.on_tick(self.now);
+        self.drain();
+    }
+
+    fn drain(&mut self) {
+        while let Some(frame) = self.emulator.next_frame() {
+            self.frames.push(frame);
+        }
+    }
+
+    /// Expedited SDO upload.
+    pub(crate) fn read(&mut self, node: u16, index: u16, sub_index: u8) -> u32 {
+        let [low, high] = index.to_le_bytes();
+        self.send(0x600 + node, &[0x40, low, high, sub_index, 0, 0, 0, 0]);
+        match self.last(0x580 + node) {
+            Some(&[command, l, h, s, data @ ..]) if command & 0xE0 == 0x40 => {
+                assert_eq!((l, h, s), (low, high, sub_index));
+                u32::from_le_bytes(data.try_into().expect("4 bytes"))
+            }
+            answer => panic!("read {index:#06x}:{sub_index}: {answer:02X?}"),
+        }
+    }
+
+    /// Expedited SDO download.
+    pub(crate) fn write(&mut self, node: u16, index: u16, sub_index: u8, bytes: &[u8]) {
+        let [low, high] = index.to_le_bytes();
+        let unused = u8::try_from(4 - bytes.len()).expect("at most 4 bytes");
+        let mut data = [0x23 | unused << 2, low, high, sub_index, 0, 0, 0, 0];
+        data[4..4 + bytes.len()].copy_from_slice(bytes);
+        self.send(0x600 + node, &data);
+        let answer = self.last(0x580 + node);
+        assert!(
+            matches!(answer, Some([0x60, ..])),
+            "write {index:#06x}:{sub_index}: {answer:02X?}"
+        );
+    }
+}

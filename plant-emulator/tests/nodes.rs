@@ -1,0 +1,370 @@
+//! The emulator as a node, against a small manager: start-up, the 402 sequence, the cycle, and every way to lose current.
+
+mod manager;
+
+use std::time::Duration;
+
+use canopen::cia402::State;
+use canopen::{CanFrame, Node, Progress};
+use manager::{DISTURBANCE, DRIVE, Manager, milliseconds};
+use proptest::prelude::*;
+
+const ENABLE_OPERATION: u16 = 0x0F;
+
+#[test]
+fn both_nodes_boot_and_answer() {
+    let mut manager = Manager::new();
+    manager.run_for(milliseconds(2));
+    for node in [DRIVE, DISTURBANCE] {
+        let boot_up = CanFrame::new(0x700 + node, &[0]);
+        assert!(
+            manager.frames().contains(&boot_up),
+            "{:?}",
+            manager.frames()
+        );
+    }
+    assert_eq!(manager.read(DRIVE, 0x1000, 0), 0x0002_0192);
+    assert_eq!(manager.read(DISTURBANCE, 0x1000, 0) & 0xFFFF, 0x0191);
+}
+
+#[test]
+fn the_402_sequence_leads_to_operation_enabled() {
+    let mut manager = Manager::new();
+    manager.configure();
+    let states = [0x06, 0x07, 0x0F].map(|controlword| manager.cycle(controlword, 0).state);
+    let expected = [
+        State::ReadyToSwitchOn,
+        State::SwitchedOn,
+        State::OperationEnabled,
+    ];
+    assert_eq!(states, expected);
+}
+
+#[test]
+fn a_command_acts_from_its_sync_and_shows_in_the_next_sample() {
+    let mut manager = Manager::enabled();
+    let first = manager.cycle(ENABLE_OPERATION, 700);
+    assert_eq!(first.current_permille, 0, "the sample precedes the command");
+    assert_eq!(manager.current_amperes(), 0.7);
+    let second = manager.cycle(ENABLE_OPERATION, 300);
+    assert_eq!(second.current_permille, 700);
+    // Between two SYNCs a new command only waits.
+    manager.send_rpdo(ENABLE_OPERATION, 900);
+    assert_eq!(manager.current_amperes(), 0.3);
+}
+
+#[test]
+fn current_lifts_the_load_in_steps_of_the_converter() {
+    let mut manager = Manager::enabled();
+    let mut sample = manager.cycle(ENABLE_OPERATION, 600);
+    for _ in 0..3000 {
+        sample = manager.cycle(ENABLE_OPERATION, 600);
+    }
+    assert!(sample.position_micrometres > 20_000, "{sample:?}");
+    let truth = manager.actuator().position_metres() * 1e6;
+    let counts = f64::from(sample.position_micrometres) / (60_000.0 / 1024.0);
+    assert!((counts - counts.round()).abs() < 0.01, "{counts}");
+    assert!((truth - f64::from(sample.position_micrometres)).abs() < 32.0);
+}
+
+#[test]
+fn the_truth_is_in_tpdo2() {
+    let mut manager = Manager::enabled();
+    for _ in 0..2000 {
+        manager.cycle(ENABLE_OPERATION, 600);
+    }
+    let data = manager.last(0x290).expect("TPDO2 comes with each SYNC");
+    let temperature = i16::from_le_bytes([data[0], data[1]]);
+    let fraction = u16::from_le_bytes([data[2], data[3]]);
+    let position = i32::from_le_bytes([data[4], data[5], data[6], data[7]]);
+    let actuator = manager.actuator();
+    assert!((f64::from(temperature) * 1e-2 - actuator.temperature_celsius()).abs() < 0.0051);
+    assert!((f64::from(fraction) / 5e4 - actuator.martensite_fraction()).abs() < 1.01e-5);
+    assert!((f64::from(position) * 1e-9 - actuator.position_metres()).abs() < 0.51e-9);
+}
+
+/// Commands outside 0 to the limits are cut, and the statusword says so (bit 11).
+#[test]
+fn limits_cut_and_say_so() {
+    let mut manager = Manager::enabled();
+    manager.write(DRIVE, 0x6073, 0, &400_u16.to_le_bytes());
+    manager.cycle(ENABLE_OPERATION, 700);
+    assert_eq!(manager.current_amperes(), 0.4);
+    assert!(manager.cycle(ENABLE_OPERATION, 100).statusword & 1 << 11 == 0);
+    assert!(manager.cycle(ENABLE_OPERATION, -5).statusword & 1 << 11 != 0);
+    assert_eq!(manager.current_amperes(), 0.0);
+}
+
+/// Heats, lets `disturb` happen and returns how long after that the current is gone.
+fn time_to_zero(mut manager: Manager, disturb: impl FnOnce(&mut Manager)) -> (Manager, Duration) {
+    for _ in 0..100 {
+        manager.cycle(ENABLE_OPERATION, 800);
+    }
+    assert_eq!(manager.current_amperes(), 0.8);
+    let start = manager.now();
+    disturb(&mut manager);
+    while manager.current_amperes() > 0.0 {
+        manager.tick();
+        assert!(
+            manager.now() < start + Duration::from_secs(1),
+            "still heated"
+        );
+    }
+    let elapsed = manager.now() - start;
+    (manager, elapsed)
+}
+
+#[test]
+fn whatever_disables_acts_on_arrival() {
+    let nmt = |command| move |manager: &mut Manager| manager.send(0, &[command, 0x10]);
+    let rpdo = |controlword| move |manager: &mut Manager| manager.send_rpdo(controlword, 800);
+    for command in [2, 128, 129, 130] {
+        let (_, elapsed) = time_to_zero(Manager::enabled(), nmt(command));
+        assert_eq!(elapsed, Duration::ZERO, "NMT command {command}");
+    }
+    for controlword in [0x00, 0x02, 0x06, 0x07, 0x10F] {
+        let (_, elapsed) = time_to_zero(Manager::enabled(), rpdo(controlword));
+        assert_eq!(elapsed, Duration::ZERO, "controlword {controlword:#x}");
+    }
+    let sdo = |manager: &mut Manager| manager.write(DRIVE, 0x6040, 0, &[0x02, 0]);
+    assert_eq!(time_to_zero(Manager::enabled(), sdo).1, Duration::ZERO);
+    let stop = |manager: &mut Manager| manager.stop();
+    let (manager, elapsed) = time_to_zero(Manager::enabled(), stop);
+    assert_eq!(elapsed, Duration::ZERO);
+    assert_eq!(manager.progress(), Progress::Stopped);
+}
+
+/// With every frame gone, whichever supervision is the first takes the current away, within one period of its time.
+#[test]
+fn the_drive_takes_the_current_away_when_its_manager_is_gone() {
+    let (_, elapsed) = time_to_zero(Manager::enabled(), |_| {});
+    let limit = plant_emulator::drive::SYNC_TIMEOUT + milliseconds(2);
+    assert!(elapsed <= limit, "{elapsed:?}");
+}
+
+#[test]
+fn lost_syncs_are_a_fault_with_an_emergency() {
+    let (mut manager, elapsed) = time_to_zero(Manager::enabled(), |manager| {
+        manager.keep_heartbeat_alive();
+    });
+    assert!(
+        elapsed <= plant_emulator::drive::SYNC_TIMEOUT + milliseconds(2),
+        "{elapsed:?}"
+    );
+    manager.run_for(milliseconds(2));
+    assert_eq!(
+        &manager.last(0x090).expect("an emergency")[..2],
+        &[0x00, 0x81]
+    );
+    assert_back_only_after_fault_reset(manager);
+}
+
+#[test]
+fn lost_syncs_are_noticed_without_a_configured_period() {
+    let mut manager = Manager::new();
+    manager.configure();
+    manager.write(DRIVE, 0x1006, 0, &[0; 4]);
+    manager.enable();
+    let (mut manager, elapsed) = time_to_zero(manager, |manager| manager.keep_heartbeat_alive());
+    assert!(
+        elapsed <= plant_emulator::drive::SYNC_TIMEOUT + milliseconds(2),
+        "{elapsed:?}"
+    );
+    manager.run_for(milliseconds(2));
+    assert_eq!(
+        &manager.last(0x090).expect("an emergency")[..2],
+        &[0x00, 0x81]
+    );
+}
+
+#[test]
+fn a_lost_heartbeat_is_a_fault_although_syncs_come() {
+    let (manager, elapsed) = time_to_zero(Manager::enabled(), |manager| {
+        manager.lose_heartbeat();
+        for _ in 0..101 {
+            manager.cycle(ENABLE_OPERATION, 800);
+        }
+        assert_eq!(manager.current_amperes(), 0.0);
+    });
+    assert!(elapsed <= milliseconds(101), "{elapsed:?}");
+    assert_eq!(
+        &manager.last(0x090).expect("an emergency")[..2],
+        &[0x30, 0x81]
+    );
+    assert_back_only_after_fault_reset(manager);
+}
+
+#[test]
+fn a_lost_rpdo_is_a_fault_although_syncs_come() {
+    let mut manager = Manager::new();
+    manager.configure();
+    manager.write(DRIVE, 0x1400, 5, &20_u16.to_le_bytes());
+    manager.enable();
+    let (manager, _) = time_to_zero(manager, |manager| {
+        for _ in 0..22 {
+            manager.sync();
+        }
+        assert_eq!(manager.current_amperes(), 0.0);
+    });
+    assert_eq!(
+        &manager.last(0x090).expect("an emergency")[..2],
+        &[0x50, 0x82]
+    );
+    assert_back_only_after_fault_reset(manager);
+}
+
+/// After a fault, `enable operation` alone brings nothing back.
+fn assert_back_only_after_fault_reset(mut manager: Manager) {
+    manager.restore_heartbeat();
+    manager.send(0, &[1, 0x10]);
+    for _ in 0..30 {
+        let sample = manager.cycle(ENABLE_OPERATION, 500);
+        assert_eq!(sample.state, State::Fault);
+    }
+    assert_eq!(manager.current_amperes(), 0.0);
+    assert_eq!(manager.cycle(0x80, 0).state, State::SwitchOnDisabled);
+    for controlword in [0x06, 0x07, 0x0F] {
+        manager.cycle(controlword, 500);
+    }
+    assert_eq!(manager.current_amperes(), 0.5);
+}
+
+#[test]
+fn one_ampere_for_ever_trips_the_protection() {
+    let mut manager = Manager::enabled();
+    let mut cycles = 0;
+    while manager.cycle(ENABLE_OPERATION, 1000).state == State::OperationEnabled {
+        cycles += 1;
+        assert!(cycles < 30_000, "no trip");
+    }
+    assert!((19_500..19_700).contains(&cycles), "{cycles} ms");
+    assert_eq!(manager.current_amperes(), 0.0);
+    assert_eq!(
+        &manager.last(0x090).expect("an emergency")[..2],
+        &[0x50, 0x23]
+    );
+    // Still hot: no reset. Later: yes.
+    assert_eq!(manager.cycle(0x80, 0).state, State::Fault);
+    for _ in 0..5000 {
+        manager.cycle(0, 0);
+    }
+    assert_eq!(manager.cycle(0x80, 0).state, State::SwitchOnDisabled);
+}
+
+#[test]
+fn the_ramp_to_one_ampere_and_back_passes() {
+    let mut manager = Manager::enabled();
+    for cycle in 0..40_000_i32 {
+        let permille = 1000 - (cycle - 20_000).abs() / 20;
+        let permille = i16::try_from(permille).expect("0 to 1000");
+        let sample = manager.cycle(ENABLE_OPERATION, permille);
+        assert_eq!(sample.state, State::OperationEnabled, "cycle {cycle}");
+    }
+}
+
+/// Cooling follows the emulator's own time: with or without SYNCs the wire is equally cold afterwards.
+#[test]
+fn a_lost_sync_never_slows_cooling() {
+    let cooled = |has_syncs: bool| {
+        let mut manager = Manager::enabled();
+        for _ in 0..2000 {
+            manager.cycle(ENABLE_OPERATION, 600);
+        }
+        manager.send(0, &[2, 0]);
+        for _ in 0..500 {
+            if has_syncs {
+                manager.sync();
+            } else {
+                manager.run_for(milliseconds(1));
+            }
+        }
+        manager.actuator().temperature_celsius()
+    };
+    let (with, without) = (cooled(true), cooled(false));
+    assert!((with - without).abs() < 1e-6, "{with} {without}");
+    assert!(with < 40.0);
+}
+
+#[test]
+fn the_disturbance_module_acts_on_arrival_and_falls_back() {
+    let mut manager = Manager::enabled();
+    let fan_and_load = |manager: &mut Manager| {
+        manager.send(0x211, &[0x88, 0x13, 0x64, 0x00]);
+    };
+    fan_and_load(&mut manager);
+    assert_eq!(manager.inputs().convection_factor, 5.0);
+    assert!((manager.inputs().added_load_kilograms - 0.01).abs() < 1e-12);
+    manager.send(0, &[2, 0x11]);
+    assert_eq!(manager.inputs().convection_factor, 1.0);
+    assert_eq!(manager.inputs().added_load_kilograms, 0.0);
+    manager.send(0, &[1, 0x11]);
+    assert_eq!(manager.inputs().convection_factor, 1.0);
+    fan_and_load(&mut manager);
+    manager.lose_heartbeat();
+    manager.run_for(milliseconds(400));
+    assert_eq!(manager.inputs().convection_factor, 1.0, "heartbeat lost");
+    // A negative factor blows no heat.
+    let mut manager = Manager::enabled();
+    manager.send(0x211, &[0x00, 0x80, 0x00, 0x00]);
+    assert_eq!(manager.inputs().convection_factor, 0.0);
+    manager.write(DISTURBANCE, 0x6411, 1, &2000_i16.to_le_bytes());
+    manager.run_for(milliseconds(1));
+    assert_eq!(manager.inputs().convection_factor, 2.0);
+}
+
+#[test]
+fn equal_frames_give_equal_frames() {
+    let run = || {
+        let mut scenario = manager::scenario();
+        scenario.plant.sensor.noise_millimetres_rms = 0.06;
+        let mut manager = Manager::with(&scenario);
+        manager.configure();
+        manager.enable();
+        for cycle in 0..2000 {
+            manager.cycle(ENABLE_OPERATION, 400 + cycle % 300);
+        }
+        manager.frames().to_vec()
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn an_impossible_plant_is_refused_by_name() {
+    let mut scenario = manager::scenario();
+    scenario.plant.phase.austenite_finish_celsius = 50.0;
+    let error = plant_emulator::PlantEmulator::new(&scenario).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "plant: austenite_start_celsius is 53 °C, it must be below austenite_finish_celsius of 50 °C"
+    );
+}
+
+fn any_frame() -> impl Strategy<Value = CanFrame> {
+    let ids = prop_oneof![
+        0_u32..0x800,
+        prop::sample::select(vec![0, 0x80, 0x210, 0x211, 0x610, 0x611, 0x690, 0x701]),
+        any::<u32>(),
+    ];
+    (ids, 0_u8..=8, any::<[u8; 8]>()).prop_map(|(id, length, data)| {
+        CanFrame::from_raw(id, length, data).expect("at most 8 bytes")
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever comes: no panic, a finite plant, a bounded output, and no current without a manager in the end.
+    #[test]
+    fn arbitrary_frames_never_harm(frames in prop::collection::vec((any_frame(), 0_u64..3000), 1..200)) {
+        let mut manager = Manager::enabled();
+        for (frame, pause) in frames {
+            manager.run_for(Duration::from_micros(pause));
+            manager.send_frame(&frame);
+            prop_assert!(manager.actuator().position_metres().is_finite());
+            prop_assert!(manager.actuator().temperature_celsius().is_finite());
+        }
+        manager.lose_heartbeat();
+        manager.run_for(milliseconds(500));
+        prop_assert_eq!(manager.current_amperes(), 0.0);
+    }
+}
