@@ -31,7 +31,7 @@ impl Amplifier {
     /// The current that a command gives, clipped to 0 and the maximum and rounded to the converter's steps.
     #[must_use]
     pub fn current_amperes(&self, command_permille: i16) -> f64 {
-        let wanted = f64::from(command_permille) * 1e-3 * self.rated_amperes;
+        let wanted = f64::from(command_permille) / 1e3 * self.rated_amperes;
         let clipped = wanted.clamp(0.0, self.amperes_max);
         if self.steps == 0.0 || self.amperes_max == 0.0 {
             return clipped;
@@ -42,7 +42,7 @@ impl Amplifier {
     /// True when a command lies outside what the amplifier can source.
     #[must_use]
     pub fn clips(&self, command_permille: i16) -> bool {
-        let wanted = f64::from(command_permille) * 1e-3 * self.rated_amperes;
+        let wanted = f64::from(command_permille) / 1e3 * self.rated_amperes;
         !(0.0..=self.amperes_max).contains(&wanted)
     }
 

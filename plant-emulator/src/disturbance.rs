@@ -61,13 +61,13 @@ impl DisturbanceModule {
     /// Multiplies the wire's convection; 0 to 32.767.
     #[must_use]
     pub fn convection_factor(&self) -> f64 {
-        f64::from(self.values[CONVECTION_FACTOR].max(0)) * 1e-3
+        f64::from(self.values[CONVECTION_FACTOR].max(0)) / 1e3
     }
 
     /// Added to the load; may be negative.
     #[must_use]
     pub fn added_load_kilograms(&self) -> f64 {
-        f64::from(self.values[ADDED_LOAD]) * 1e-4
+        f64::from(self.values[ADDED_LOAD]) / 1e4
     }
 
     /// Puts out what the dictionary holds.

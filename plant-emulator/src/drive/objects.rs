@@ -118,14 +118,14 @@ impl Objects {
 
     /// 0x6075.
     pub(super) fn rated_amperes(&self, dictionary: &ObjectDictionary) -> f64 {
-        unsigned32(dictionary, self.rated_current) * 1e-3
+        unsigned32(dictionary, self.rated_current) / 1e3
     }
 
     /// 0x2110:01 and :02.
     pub(super) fn protection_limits(&self, dictionary: &ObjectDictionary) -> Limits {
         Limits {
-            continuous_amperes: unsigned32(dictionary, self.continuous_current) * 1e-3,
-            overload_square_ampere_seconds: unsigned32(dictionary, self.overload_limit) * 1e-3,
+            continuous_amperes: unsigned32(dictionary, self.continuous_current) / 1e3,
+            overload_square_ampere_seconds: unsigned32(dictionary, self.overload_limit) / 1e3,
         }
     }
 

@@ -235,9 +235,9 @@ impl Manager {
         let [low, high] = index.to_le_bytes();
         self.send(0x600 + node, &[0x40, low, high, sub_index, 0, 0, 0, 0]);
         match self.last(0x580 + node) {
-            Some(&[command, l, h, s, data @ ..]) if command & 0xE0 == 0x40 => {
+            Some(&[command, l, h, s, ref data @ ..]) if command & 0xE0 == 0x40 => {
                 assert_eq!((l, h, s), (low, high, sub_index));
-                u32::from_le_bytes(data.try_into().expect("4 bytes"))
+                u32::from_le_bytes(<[u8; 4]>::try_from(data).expect("4 bytes"))
             }
             answer => panic!("read {index:#06x}:{sub_index}: {answer:02X?}"),
         }
