@@ -847,9 +847,20 @@ mod tests {
 
     #[test]
     fn requests_satisfy_python_canopens_server() {
+        replay(include_str!(
+            "../tests/data/sdo_server_of_python_canopen.log"
+        ));
+    }
+
+    #[test]
+    fn requests_satisfy_canopennodes_server_with_block_transfer() {
+        replay(include_str!("../tests/data/sdo_server_of_canopennode.log"));
+    }
+
+    /// Holds the client to a session with another server.
+    fn replay(transcript: &str) {
         let mut client = client();
         let mut requests = VecDeque::new();
-        let transcript = include_str!("../tests/data/sdo_server_of_python_canopen.log");
         for line in transcript.lines().filter(|line| !line.starts_with(';')) {
             let words: Vec<_> = line.split([' ', '#']).collect();
             match words[..] {
@@ -876,6 +887,9 @@ mod tests {
             ["UP", _] => client.start_upload(NOW, index, 0).unwrap(),
             ["BUP", _] => client.start_block_upload(NOW, index, 0).unwrap(),
             ["DOWN", _, value] => client.start_download(NOW, index, 0, &bytes(value)).unwrap(),
+            ["BDOWN", _, value] => client
+                .start_block_download(NOW, index, 0, &bytes(value))
+                .unwrap(),
             _ => panic!("{command:?}"),
         }
     }
