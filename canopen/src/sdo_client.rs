@@ -692,6 +692,45 @@ mod tests {
     }
 
     #[test]
+    fn answers_for_other_objects_are_dropped_in_every_kind_of_transfer() {
+        type Start = fn(&mut SdoClient);
+        let starts: [(Start, u8); 4] = [
+            (
+                |client| client.start_download(NOW, 0x2000, 0, &[1]).unwrap(),
+                0x60,
+            ),
+            (
+                |client| client.start_download(NOW, 0x2000, 0, &[1; 9]).unwrap(),
+                0x60,
+            ),
+            (
+                |client| client.start_block_download(NOW, 0x2000, 0, &[1]).unwrap(),
+                0xA4,
+            ),
+            (
+                |client| client.start_block_upload(NOW, 0x2000, 0).unwrap(),
+                0xC6,
+            ),
+        ];
+        for (start, command) in starts {
+            let mut client = client();
+            start(&mut client);
+            sent(&mut client);
+            answer(&mut client, &[command, 0, 0x20, 1, 0x7F, 0, 0, 0]);
+            answer(&mut client, &[command, 1, 0x20, 0, 0x7F, 0, 0, 0]);
+            assert!(
+                client.is_busy() && sent(&mut client).is_empty(),
+                "{command:02X}"
+            );
+            answer(&mut client, &[command, 0, 0x20, 0, 0x7F, 0, 0, 0]);
+            assert!(
+                !client.is_busy() || !sent(&mut client).is_empty(),
+                "{command:02X}"
+            );
+        }
+    }
+
+    #[test]
     fn stale_answers_do_not_postpone_the_time_out() {
         let mut client = upload();
         let deadline = client.next_deadline();
