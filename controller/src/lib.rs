@@ -1,6 +1,10 @@
 //! The controller: control laws with observer and nominal model, and the node that runs them on the bus.
 
+mod drive;
+mod explanation;
 pub mod law;
+mod manager;
+pub mod node;
 pub mod nominal_model;
 pub mod observer;
 pub mod open_loop;
@@ -8,3 +12,5 @@ pub mod pid;
 pub mod reference_filter;
 pub mod sliding_mode;
 pub mod sliding_mode_paper;
+
+pub use node::ControllerNode;

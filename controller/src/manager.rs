@@ -1,0 +1,303 @@
+//! Bring-up of the drive by SDO: checks who it is and configures it as one would a bought drive.
+//!
+//! The PDO parameters are read back and written by the standard's full procedure only where they differ, since many
+//! drives refuse or store such writes.
+
+use std::time::Duration;
+
+use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
+use canopen::{Services, cia402};
+
+use crate::drive::{Drive, Pdo};
+use crate::node::{CONTROLLER, DRIVE};
+
+/// The drive gives up when the manager's heartbeat is missing for this long.
+const CONSUMER_HEARTBEAT_TIME: Duration = Duration::from_millis(100);
+/// The drive's heartbeat period.
+const PRODUCER_HEARTBEAT_TIME: Duration = Duration::from_millis(20);
+/// Time for each answer.
+const ANSWER_TIME: Duration = Duration::from_millis(500);
+/// Bit 31 of a COB-ID: the PDO does not exist.
+const INVALID: u32 = 0x8000_0000;
+/// Bit 30 of a TPDO's COB-ID: no remote frames. Nobody sends any, so either setting will do.
+const NO_REMOTE_FRAMES: u32 = 0x4000_0000;
+
+/// What to do with one object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Action {
+    /// Read; anything but the value ends the bring-up.
+    Require,
+    /// Write.
+    Write,
+    /// Read; a value that differs in the bits of the mask makes the following [`Action::Correct`] be done.
+    Compare { mask: u32 },
+    /// Write if something differed.
+    Correct,
+    /// From here on nothing differs.
+    NewGroup,
+}
+
+/// One object and what to do with it.
+#[derive(Clone, Debug)]
+struct Step {
+    action: Action,
+    index: u16,
+    sub_index: u8,
+    /// The object's name in the EDS.
+    name: String,
+    value: u32,
+    length_bytes: usize,
+}
+
+impl Step {
+    fn start(&self, client: &mut SdoClient, now: Duration) -> Result<(), SdoError> {
+        let (index, sub_index) = (self.index, self.sub_index);
+        match self.action {
+            Action::Write | Action::Correct => {
+                let bytes = &self.value.to_le_bytes()[..self.length_bytes];
+                client.start_download(now, index, sub_index, bytes)
+            }
+            _ => client.start_upload(now, index, sub_index),
+        }
+    }
+
+    /// A value of this object for people.
+    fn shown(&self, value: u32) -> String {
+        match self.length_bytes {
+            4 => format!("0x{value:08X}"),
+            _ => value.to_string(),
+        }
+    }
+}
+
+/// A program in the making.
+struct Program<'drive> {
+    drive: &'drive Drive,
+    steps: Vec<Step>,
+}
+
+impl Program<'_> {
+    fn push(&mut self, action: Action, index: u16, sub_index: u8, value: u32) {
+        let dictionary = &self.drive.dictionary;
+        let entry = dictionary
+            .find(index, sub_index)
+            .ok()
+            .map(|handle| dictionary.entry(handle));
+        let size = entry.and_then(|entry| entry.data_type.size_bytes());
+        self.steps.push(Step {
+            action,
+            index,
+            sub_index,
+            name: entry.map_or_else(String::new, |entry| entry.name.clone()),
+            value,
+            length_bytes: size.map_or(4, |size| size.min(4)),
+        });
+    }
+
+    /// Compares a PDO and, where it differs, configures it in the standard's order (CiA 301, 7.5.2.36): destroy,
+    /// no objects, objects, their number, create.
+    fn pdo(&mut self, pdo: &Pdo) {
+        let objects = || (1..=u8::MAX).zip(&pdo.entries);
+        let count = u32::try_from(pdo.entries.len()).unwrap_or(u32::MAX);
+        let transmission_type = u32::from(pdo.transmission_type);
+        let any = Action::Compare { mask: u32::MAX };
+        let cob_id_bits = Action::Compare {
+            mask: !NO_REMOTE_FRAMES,
+        };
+        self.push(Action::NewGroup, pdo.parameters, 0, 0);
+        self.push(cob_id_bits, pdo.parameters, 1, pdo.cob_id);
+        self.push(any.clone(), pdo.parameters, 2, transmission_type);
+        self.push(any.clone(), pdo.mapping, 0, count);
+        for (sub_index, entry) in objects() {
+            self.push(any.clone(), pdo.mapping, sub_index, *entry);
+        }
+        self.push(Action::Correct, pdo.parameters, 1, pdo.cob_id | INVALID);
+        self.push(Action::Correct, pdo.mapping, 0, 0);
+        for (sub_index, entry) in objects() {
+            self.push(Action::Correct, pdo.mapping, sub_index, *entry);
+        }
+        self.push(Action::Correct, pdo.parameters, 2, transmission_type);
+        self.push(Action::Correct, pdo.mapping, 0, count);
+        self.push(Action::Correct, pdo.parameters, 1, pdo.cob_id);
+    }
+}
+
+/// How far the bring-up is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    Busy,
+    Done,
+    Failed(String),
+}
+
+/// The program of SDO transfers that configures the drive.
+#[derive(Debug)]
+pub(crate) struct BringUp {
+    client: SdoClient,
+    steps: Vec<Step>,
+    next: usize,
+    differs: bool,
+}
+
+impl BringUp {
+    /// The program for a drive and a SYNC period.
+    pub(crate) fn new(drive: &Drive, sync_period: Duration) -> Self {
+        let microseconds = u32::try_from(sync_period.as_micros()).unwrap_or(u32::MAX);
+        let manager = u32::from(CONTROLLER.get()) << 16;
+        let mode = u32::from(cia402::CYCLIC_SYNCHRONOUS_TORQUE.unsigned_abs());
+        let steps = Vec::new();
+        let mut program = Program { drive, steps };
+        for (index, sub_index) in [(0x1000, 0), (0x1018, 1), (0x1018, 2)] {
+            let value = drive.dictionary.unsigned(index, sub_index).unwrap_or(0);
+            program.push(Action::Require, index, sub_index, value);
+        }
+        program.push(
+            Action::Write,
+            0x1016,
+            1,
+            manager | milliseconds(CONSUMER_HEARTBEAT_TIME),
+        );
+        program.push(
+            Action::Write,
+            0x1017,
+            0,
+            milliseconds(PRODUCER_HEARTBEAT_TIME),
+        );
+        program.push(Action::Write, cia402::MODES_OF_OPERATION, 0, mode);
+        program.push(Action::Write, 0x1006, 0, microseconds);
+        program.pdo(&drive.feedback);
+        program.pdo(&drive.command);
+        Self {
+            client: SdoClient::new(DRIVE.get()).with_timeout(ANSWER_TIME),
+            steps: program.steps,
+            next: 0,
+            differs: false,
+        }
+    }
+
+    /// Asks for the device type, to learn whether the drive is there. A question still open is dropped.
+    pub(crate) fn ask(&mut self, services: &mut Services) {
+        self.client.reset();
+        let started = self.client.start_upload(services.now(), 0x1000, 0);
+        debug_assert!(started.is_ok(), "a client that was reset is idle");
+        self.drain(services);
+    }
+
+    /// True once when the drive has answered the question, be it with an abort.
+    pub(crate) fn is_answered(&mut self) -> bool {
+        self.client.take_result().is_some()
+    }
+
+    /// Begins the program.
+    pub(crate) fn begin(&mut self, services: &mut Services) -> Outcome {
+        self.client.reset();
+        (self.next, self.differs) = (0, false);
+        self.advance(services)
+    }
+
+    /// Takes a frame, which may be an answer.
+    pub(crate) fn on_frame(&mut self, services: &mut Services, frame: &canopen::CanFrame) {
+        self.client.on_frame(services.now(), frame);
+        self.drain(services);
+    }
+
+    /// Lets an answer that is overdue time out.
+    pub(crate) fn on_tick(&mut self, services: &mut Services) {
+        self.client.on_tick(services.now());
+        self.drain(services);
+    }
+
+    /// When an answer is overdue.
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        self.client.next_deadline()
+    }
+
+    /// Goes on with the program as far as the answers allow.
+    pub(crate) fn advance(&mut self, services: &mut Services) -> Outcome {
+        if let Some(result) = self.client.take_result()
+            && let Err(text) = self.take(result)
+        {
+            return Outcome::Failed(text);
+        }
+        while !self.client.is_busy() {
+            let Some(step) = self.steps.get(self.next) else {
+                return Outcome::Done;
+            };
+            match step.action {
+                Action::NewGroup => self.differs = false,
+                Action::Correct if !self.differs => {}
+                _ => {
+                    let now = services.now();
+                    if let Err(error) = step.start(&mut self.client, now) {
+                        return Outcome::Failed(error.to_string());
+                    }
+                    self.drain(services);
+                    return Outcome::Busy;
+                }
+            }
+            self.next += 1;
+        }
+        Outcome::Busy
+    }
+
+    /// Judges the answer to the present step.
+    fn take(&mut self, result: Result<Vec<u8>, SdoError>) -> Result<(), String> {
+        let Some(step) = self.steps.get(self.next) else {
+            return Ok(());
+        };
+        self.next += 1;
+        let Step {
+            name,
+            index,
+            sub_index,
+            ..
+        } = step;
+        let wanted = step.shown(step.value);
+        match (&step.action, result) {
+            (Action::Compare { mask }, Ok(bytes)) => {
+                let found = unsigned(&bytes);
+                self.differs |= found.is_none_or(|found| (found ^ step.value) & mask != 0);
+                Ok(())
+            }
+            // What cannot be read is written; its refusal will say more.
+            (Action::Compare { .. }, Err(error))
+                if matches!(error.failure, SdoFailure::Aborted(_)) =>
+            {
+                self.differs = true;
+                Ok(())
+            }
+            (Action::Require, Ok(bytes)) => match unsigned(&bytes) {
+                Some(found) if found == step.value => Ok(()),
+                found => {
+                    let found =
+                        found.map_or_else(|| "no number".to_owned(), |found| step.shown(found));
+                    Err(format!(
+                        "the node is not the drive of the EDS: {name} (0x{index:04X}:{sub_index:02X}) is {found} instead of {wanted}"
+                    ))
+                }
+            },
+            (_, Ok(_)) => Ok(()),
+            (Action::Write | Action::Correct, Err(error)) => Err(format!(
+                "the drive did not take {wanted} for {name}: {error}"
+            )),
+            (_, Err(error)) => Err(format!("the drive did not tell {name}: {error}")),
+        }
+    }
+
+    fn drain(&mut self, services: &mut Services) {
+        while let Some(frame) = self.client.next_frame() {
+            services.send(frame);
+        }
+    }
+}
+
+fn milliseconds(time: Duration) -> u32 {
+    u32::try_from(time.as_millis()).unwrap_or(u32::MAX)
+}
+
+/// A little-endian number of one to four bytes.
+fn unsigned(bytes: &[u8]) -> Option<u32> {
+    let mut buffer = [0; 4];
+    buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);
+    (!bytes.is_empty()).then_some(u32::from_le_bytes(buffer))
+}

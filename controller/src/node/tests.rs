@@ -1,0 +1,670 @@
+//! The controller against a drive of the test's own, in virtual time on a bus without delays.
+
+use canopen::cia402::{OptionCodes, StateMachine, Status};
+use canopen::object_dictionary::AbortCode;
+use canopen::pdo::WaitingPdo;
+use proptest::prelude::*;
+
+use super::*;
+
+const MILLISECOND: Duration = Duration::from_millis(1);
+
+/// A drive whose position follows the current at once: 40 mm at 1 A.
+#[derive(Default)]
+struct TestDrive {
+    machine: StateMachine,
+    /// Set for a fault that stays.
+    is_broken: bool,
+    /// Refuses writes to this object.
+    refuses: Option<(u16, AbortCode)>,
+    /// Applied at each SYNC.
+    torque_permille: i128,
+}
+
+impl TestDrive {
+    fn is_heating(&self) -> bool {
+        self.torque_permille != 0
+    }
+
+    fn update(&mut self, services: &mut Services) {
+        if !self.machine.is_current_allowed() {
+            self.torque_permille = 0;
+        }
+        let status = Status {
+            is_voltage_enabled: true,
+            is_remote: true,
+            ..Status::default()
+        };
+        let statusword = self.machine.statusword(&status);
+        let dictionary = services.dictionary_mut();
+        dictionary
+            .set_integer(0x6041, 0, i128::from(statusword))
+            .unwrap();
+        dictionary
+            .set_integer(0x6064, 0, self.torque_permille * 40)
+            .unwrap();
+    }
+}
+
+impl Application for TestDrive {
+    fn on_reset(&mut self, services: &mut Services, reset: NmtCommand) {
+        if reset == NmtCommand::ResetNode {
+            self.machine = StateMachine::new();
+        }
+        self.update(services);
+    }
+
+    fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {
+        if state != NmtState::Operational {
+            self.machine.disable();
+        }
+        self.update(services);
+    }
+
+    fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
+        let controlword = waiting.integer(services.dictionary(), 0x6040, 0).unwrap();
+        let controlword = u16::try_from(controlword).unwrap();
+        self.machine
+            .on_waiting_controlword(controlword, &OptionCodes::default());
+        self.update(services);
+    }
+
+    fn on_rpdo(&mut self, services: &mut Services, _: u16) {
+        let controlword = services.dictionary().unsigned(0x6040, 0).unwrap();
+        let controlword = u16::try_from(controlword).unwrap();
+        self.machine
+            .on_controlword(controlword, &OptionCodes::default(), self.is_broken);
+    }
+
+    fn on_sync(&mut self, services: &mut Services, _: &Sync) {
+        self.torque_permille = services.dictionary().integer(0x6071, 0).unwrap();
+        self.update(services);
+    }
+
+    fn on_write(&mut self, _: &mut Services, index: u16, _: u8, _: &[u8]) -> Result<(), AbortCode> {
+        match self.refuses {
+            Some((refused, code)) if refused == index => Err(code),
+            _ => Ok(()),
+        }
+    }
+
+    fn on_communication_loss(&mut self, services: &mut Services, _: CommunicationLoss) {
+        self.machine.on_communication_loss(&OptionCodes::default());
+        self.update(services);
+    }
+}
+
+struct Module;
+
+impl Application for Module {}
+
+/// A bus with controller, drive and disturbance module. Frames arrive at once.
+struct Bus {
+    now: Duration,
+    controller: ControllerNode,
+    drive: Option<Device<TestDrive>>,
+    module: Option<Device<Module>>,
+    log: Vec<(Duration, CanFrame)>,
+    /// Frames with this identifier are lost.
+    lost: Option<u16>,
+}
+
+const CLOSED_LOOP: &str =
+    "[controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+const OPEN_LOOP: &str = "[[controller.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.25\n\
+    [[controller.open_loop.step]]\nat_seconds = 0.01\ncurrent_amperes = 0.5\n";
+
+fn controller(tables: &str) -> ControllerNode {
+    let text = format!("schema = 1\nname = \"t\"\nduration_seconds = 1.0\n{tables}");
+    let view = ControllerView::parse(
+        &text,
+        "t.toml",
+        |_| Err(std::io::ErrorKind::NotFound.into()),
+    );
+    ControllerNode::new(&view.unwrap()).unwrap()
+}
+
+fn drive() -> Device<TestDrive> {
+    let dictionary = eds::parse(dbc::DRIVE_EDS, DRIVE.get()).unwrap().dictionary;
+    Device::new(DRIVE, dictionary, TestDrive::default()).unwrap()
+}
+
+fn module() -> Device<Module> {
+    let dictionary = eds::parse(dbc::DISTURBANCE_EDS, DISTURBANCE.get())
+        .unwrap()
+        .dictionary;
+    Device::new(DISTURBANCE, dictionary, Module).unwrap()
+}
+
+impl Bus {
+    fn new(tables: &str) -> Self {
+        Self {
+            now: Duration::ZERO,
+            controller: controller(tables),
+            drive: Some(drive()),
+            module: Some(module()),
+            log: Vec::new(),
+            lost: None,
+        }
+    }
+
+    fn nodes(&mut self) -> Vec<&mut dyn Node> {
+        let mut nodes: Vec<&mut dyn Node> = vec![&mut self.controller];
+        nodes.extend(self.drive.as_mut().map(|node| node as &mut dyn Node));
+        nodes.extend(self.module.as_mut().map(|node| node as &mut dyn Node));
+        nodes
+    }
+
+    /// Delivers frames until nobody has any.
+    fn settle(&mut self) {
+        let now = self.now;
+        for _ in 0..10_000 {
+            let nodes = self.nodes();
+            let sent = nodes
+                .into_iter()
+                .enumerate()
+                .find_map(|(place, node)| Some((place, node.next_frame()?)));
+            let Some((sender, frame)) = sent else { return };
+            self.log.push((now, frame));
+            if self.lost.is_some() && frame.standard_id() == self.lost {
+                continue;
+            }
+            for (place, node) in self.nodes().into_iter().enumerate() {
+                let is_wanted = node.filters().iter().any(|filter| filter.accepts(&frame));
+                if place != sender && is_wanted {
+                    node.on_frame(now, &frame);
+                }
+            }
+        }
+        panic!("the bus does not come to rest");
+    }
+
+    fn run_until(&mut self, end: Duration) {
+        loop {
+            let deadlines = self
+                .nodes()
+                .into_iter()
+                .filter_map(|node| node.next_deadline());
+            let next = deadlines.min().unwrap_or(end).max(self.now);
+            if next > end {
+                self.now = end;
+                return;
+            }
+            self.now = next;
+            for place in 0..self.nodes().len() {
+                let node = self.nodes().swap_remove(place);
+                if node
+                    .next_deadline()
+                    .is_some_and(|deadline| deadline <= next)
+                {
+                    node.on_tick(next);
+                }
+                self.settle();
+            }
+        }
+    }
+
+    fn run_for(&mut self, time: Duration) {
+        self.run_until(self.now + time);
+    }
+
+    /// Runs until the law works.
+    fn run_until_running(&mut self) {
+        for _ in 0..12_000 {
+            if self.controller.statistics().cycles > 0 {
+                return;
+            }
+            self.run_for(MILLISECOND);
+        }
+        panic!("not running: {:?}", self.controller.progress());
+    }
+
+    /// Runs until the controller says how it ended.
+    #[track_caller]
+    fn ending(&mut self) -> Progress {
+        for _ in 0..20_000 {
+            match self.controller.progress() {
+                Progress::Running => self.run_for(MILLISECOND),
+                ending => return ending,
+            }
+        }
+        panic!("the controller does not end");
+    }
+
+    #[track_caller]
+    fn fails_with(&mut self, expected: &str) {
+        assert_eq!(self.ending(), Progress::Failed(expected.to_owned()));
+        if let Some(drive) = &self.drive {
+            assert!(
+                !drive.application().is_heating(),
+                "the wire is still heated"
+            );
+        }
+        assert!(
+            self.has_sent(&NmtCommand::Stop.frame(Some(DRIVE))),
+            "the drive was not stopped"
+        );
+    }
+
+    fn has_sent(&self, frame: &CanFrame) -> bool {
+        self.log.iter().any(|(_, sent)| sent == frame)
+    }
+
+    fn drive(&mut self) -> &mut Device<TestDrive> {
+        self.drive.as_mut().unwrap()
+    }
+
+    /// The frames with an identifier, in order, from a time on.
+    fn frames(&self, id: u16, from: Duration) -> Vec<CanFrame> {
+        let log = self
+            .log
+            .iter()
+            .filter(|(time, frame)| *time >= from && frame.standard_id() == Some(id));
+        log.map(|(_, frame)| *frame).collect()
+    }
+
+    /// Downloads to the drive: index, sub-index and value.
+    fn downloads(&self) -> Vec<(u16, u8, u32)> {
+        let requests = self.frames(0x610, Duration::ZERO);
+        let downloads = requests
+            .iter()
+            .filter(|frame| frame.data()[0] & 0xE0 == 0x20);
+        let decode = |frame: &CanFrame| {
+            let [_, low, high, sub_index, value @ ..] = frame.buffer();
+            (
+                u16::from_le_bytes([low, high]),
+                sub_index,
+                u32::from_le_bytes(value),
+            )
+        };
+        downloads.map(decode).collect()
+    }
+}
+
+#[test]
+fn the_drive_is_configured_started_and_led_to_operation_enabled() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    let expected = [
+        (0x1016, 1, 0x0001_0064),
+        (0x1017, 0, 20),
+        (0x6060, 0, 10),
+        (0x1006, 0, 1000),
+    ];
+    assert_eq!(
+        bus.downloads(),
+        expected,
+        "a mapping that agrees is not written"
+    );
+    assert_eq!(bus.drive().services().nmt_state(), NmtState::Operational);
+    let controlwords: Vec<u8> = bus
+        .frames(0x210, Duration::ZERO)
+        .iter()
+        .map(|frame| frame.data()[0])
+        .collect();
+    assert_eq!(controlwords[..4], [0x06, 0x07, 0x0F, 0x0F]);
+    assert_eq!(bus.controller.progress(), Progress::Running);
+}
+
+#[test]
+fn the_module_is_started_when_it_boots_and_its_absence_is_no_failure() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    assert_eq!(
+        bus.module.as_ref().unwrap().services().nmt_state(),
+        NmtState::Operational
+    );
+
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.module = None;
+    bus.run_until_running();
+    bus.run_for(300 * MILLISECOND);
+    bus.module = Some(module());
+    bus.run_for(300 * MILLISECOND);
+    assert_eq!(
+        bus.module.as_ref().unwrap().services().nmt_state(),
+        NmtState::Operational
+    );
+    bus.module = None;
+    bus.run_for(300 * MILLISECOND);
+    assert_eq!(bus.controller.progress(), Progress::Running);
+}
+
+#[test]
+fn time_zero_is_the_first_sync_after_operation_enabled_and_commands_follow_the_scenario() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.run_for(50 * MILLISECOND);
+    let is_enabled =
+        |frame: &CanFrame| frame.standard_id() == Some(0x190) && frame.data()[0] & 0x6F == 0x27;
+    let enabled = bus
+        .log
+        .iter()
+        .position(|(_, frame)| is_enabled(frame))
+        .unwrap();
+    let is_sync = |entry: &&(Duration, CanFrame)| entry.1.standard_id() == Some(0x080);
+    let start = bus.log[enabled..].iter().find(is_sync).unwrap().0;
+    // The command of cycle 0 is computed from its sample, so it is the first RPDO after the SYNC.
+    let commands = bus.frames(0x210, start);
+    let torque = |frame: &CanFrame| i16::from_le_bytes([frame.data()[2], frame.data()[3]]);
+    assert!(
+        commands[..10].iter().all(|frame| torque(frame) == 250),
+        "{commands:?}"
+    );
+    assert!(
+        commands[10..].iter().all(|frame| torque(frame) == 500),
+        "{commands:?}"
+    );
+    let before = bus
+        .log
+        .iter()
+        .filter(|(time, frame)| *time < start && frame.standard_id() == Some(0x210));
+    assert!(before.into_iter().all(|(_, frame)| torque(frame) == 0));
+}
+
+#[test]
+fn each_sync_brings_one_command_and_every_tenth_the_explanation() {
+    let mut bus = Bus::new(CLOSED_LOOP);
+    bus.run_until_running();
+    let from = bus.now + MILLISECOND / 2;
+    bus.run_for(Duration::from_secs(1));
+    let syncs = bus.frames(0x080, from);
+    assert_eq!(syncs.len(), 1000);
+    assert_eq!(bus.frames(0x210, from).len(), 1000);
+    for id in [0x181, 0x281, 0x381, 0x481] {
+        assert_eq!(bus.frames(id, from).len(), 100, "{id:#x}");
+    }
+    let counters: Vec<u8> = syncs.iter().map(|frame| frame.data()[0]).collect();
+    assert!(counters.windows(2).all(|pair| pair[1] == pair[0] % 240 + 1));
+    assert_eq!(bus.controller.statistics().missing_positions, 0);
+}
+
+#[test]
+fn a_mapping_that_differs_is_written_by_the_full_procedure() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    // A drive of the same kind that maps position before statusword.
+    let text = dbc::DRIVE_EDS
+        .replace("0x60410010", "swapped")
+        .replace("0x60640020", "0x60410010")
+        .replace("swapped", "0x60640020");
+    let dictionary = eds::parse(&text, DRIVE.get()).unwrap().dictionary;
+    bus.drive = Some(Device::new(DRIVE, dictionary, TestDrive::default()).unwrap());
+    bus.run_until_running();
+    let is_pdo = |(index, ..): &(u16, u8, u32)| (0x1400..0x1C00).contains(index);
+    let mapping: Vec<_> = bus.downloads().into_iter().filter(is_pdo).collect();
+    let expected = [
+        (0x1800, 1, 0xC000_0190),
+        (0x1A00, 0, 0),
+        (0x1A00, 1, 0x6041_0010),
+        (0x1A00, 2, 0x6064_0020),
+        (0x1A00, 3, 0x6078_0010),
+        (0x1800, 2, 1),
+        (0x1A00, 0, 3),
+        (0x1800, 1, 0x4000_0190),
+    ];
+    assert_eq!(mapping, expected);
+}
+
+#[test]
+fn an_abort_names_object_value_and_reason() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.drive().application_mut().refuses = Some((0x6060, AbortCode::INVALID_VALUE));
+    bus.fails_with(
+        "the drive did not take 10 for Modes of operation: object 0x6060:00 of node 0x10: abort 0x0609_0030: invalid value for parameter",
+    );
+}
+
+#[test]
+fn another_device_is_not_driven() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    let text = dbc::DRIVE_EDS.replace("DefaultValue=0x00020192", "DefaultValue=0x00020191");
+    let dictionary = eds::parse(&text, DRIVE.get()).unwrap().dictionary;
+    bus.drive = Some(Device::new(DRIVE, dictionary, TestDrive::default()).unwrap());
+    bus.fails_with(
+        "the node is not the drive of the EDS: Device type (0x1000:00) is 0x00020191 instead of 0x00020192",
+    );
+}
+
+#[test]
+fn without_a_drive_the_controller_gives_up_after_ten_seconds() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.drive = None;
+    bus.fails_with(
+        "no drive: node 16 sent no boot-up message or heartbeat and answered no SDO for 10 s",
+    );
+    assert_eq!(bus.now, BRING_UP_TIME);
+    assert_eq!(bus.frames(0x610, Duration::ZERO).len(), 100);
+}
+
+#[test]
+fn a_drive_that_appears_late_is_found() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.drive = None;
+    bus.run_until(Duration::from_secs(9));
+    bus.drive = Some(drive());
+    bus.run_until_running();
+}
+
+#[test]
+fn a_silent_drive_that_only_answers_sdo_is_found_and_reset() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.drive().on_tick(Duration::ZERO);
+    bus.drive().write(0x1017, 0, &[0, 0]).unwrap();
+    while bus.drive().next_frame().is_some() {}
+    bus.run_until_running();
+    assert!(bus.has_sent(&NmtCommand::ResetCommunication.frame(Some(DRIVE))));
+}
+
+#[test]
+fn a_restarted_controller_takes_over_a_drive_that_was_left_operational() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.run_for(20 * MILLISECOND);
+    assert!(bus.drive().application().is_heating());
+    bus.controller = controller(OPEN_LOOP);
+    bus.log.clear();
+    bus.run_until_running();
+    assert!(bus.has_sent(&NmtCommand::ResetCommunication.frame(Some(DRIVE))));
+    assert_eq!(
+        bus.drive().application().machine.state(),
+        State::OperationEnabled
+    );
+}
+
+#[test]
+fn a_fault_from_before_is_reset_and_one_that_stays_is_told() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.drive().on_tick(Duration::ZERO);
+    bus.drive().application_mut().machine.on_fault();
+    bus.run_until_running();
+
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.drive().on_tick(Duration::ZERO);
+    bus.drive().application_mut().machine.on_fault();
+    bus.drive().application_mut().is_broken = true;
+    bus.fails_with(
+        "the drive (node 16) did not reach Operation enabled within 2 s; its last statusword was 0x0218 (Fault)",
+    );
+}
+
+#[test]
+fn a_drive_that_falls_silent_is_a_lost_heartbeat_or_lost_positions() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.run_for(20 * MILLISECOND);
+    bus.drive = None;
+    bus.fails_with("no position from the drive (node 16, frame 0x190) in 21 cycles (limit 20)");
+
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.lost = Some(0x710);
+    bus.fails_with("heartbeat from the drive (node 16) missing for 100 ms (limit 100 ms)");
+}
+
+#[test]
+fn a_few_lost_positions_hold_the_last_command() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.run_for(20 * MILLISECOND);
+    bus.lost = Some(0x190);
+    bus.run_for(u32::try_from(MISSING_POSITIONS_MAX).unwrap() * MILLISECOND);
+    assert_eq!(bus.drive().application().torque_permille, 500);
+    bus.lost = None;
+    bus.run_for(100 * MILLISECOND);
+    assert_eq!(bus.controller.progress(), Progress::Running);
+    assert_eq!(
+        bus.controller.statistics().missing_positions,
+        MISSING_POSITIONS_MAX
+    );
+}
+
+#[test]
+fn faults_emergencies_and_states_of_the_drive_end_the_run() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.drive().application_mut().machine.on_fault();
+    bus.fails_with("the drive (node 16) left Operation enabled: statusword 0x0218 (Fault)");
+
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.drive()
+        .services_mut()
+        .raise_error(ErrorCode::THERMAL_OVERLOAD, [0; 5]);
+    bus.fails_with("the drive (node 16) reports emergency 0x2350, error register 0x03");
+
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.drive()
+        .services_mut()
+        .request_nmt(NmtCommand::EnterPreOperational);
+    bus.fails_with("the drive (node 16) left NMT state Operational: it is PreOperational");
+
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.drive()
+        .services_mut()
+        .request_nmt(NmtCommand::ResetNode);
+    bus.fails_with("the drive (node 16) restarted while it was led");
+}
+
+#[test]
+fn stopping_takes_the_energy_away_before_the_drive_is_stopped() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    bus.run_for(20 * MILLISECOND);
+    assert!(bus.drive().application().is_heating());
+    let stop = bus.now;
+    bus.controller.on_stop(stop);
+    bus.settle();
+    assert!(
+        !bus.drive().application().is_heating(),
+        "quick stop is obeyed at once"
+    );
+    assert_eq!(bus.ending(), Progress::Stopped);
+    assert!(bus.now - stop <= 5 * MILLISECOND);
+    let quick_stop = CanFrame::new(0x210, &[0x02, 0, 0, 0]);
+    let place = |wanted: CanFrame| {
+        bus.log
+            .iter()
+            .position(|(time, frame)| *time >= stop && *frame == wanted)
+            .unwrap()
+    };
+    let stops = [DRIVE, DISTURBANCE].map(|node| place(NmtCommand::Stop.frame(Some(node))));
+    assert!(stops.iter().all(|stop| place(quick_stop) < *stop));
+    assert_eq!(bus.drive().services().nmt_state(), NmtState::Stopped);
+    let frames = bus.log.len();
+    bus.run_for(10 * MILLISECOND);
+    assert!(
+        bus.frames(0x080, bus.now - 8 * MILLISECOND).is_empty(),
+        "SYNC has ended"
+    );
+    assert!(bus.log.len() < frames + 5);
+}
+
+#[test]
+fn stopping_works_in_every_phase() {
+    for milliseconds in 0..20 {
+        let mut bus = Bus::new(OPEN_LOOP);
+        bus.run_until(milliseconds * MILLISECOND);
+        bus.controller.on_stop(bus.now);
+        bus.settle();
+        assert_eq!(bus.ending(), Progress::Stopped, "after {milliseconds} ms");
+        assert!(!bus.drive().application().is_heating());
+        assert_eq!(bus.drive().services().nmt_state(), NmtState::Stopped);
+    }
+}
+
+#[test]
+fn a_controller_ordered_about_by_another_master_takes_the_energy_away() {
+    for (command, expected) in [
+        (
+            NmtCommand::Stop,
+            "the controller was ordered to NMT state Stopped over the bus",
+        ),
+        (
+            NmtCommand::ResetNode,
+            "the controller was reset over the bus",
+        ),
+    ] {
+        let mut bus = Bus::new(OPEN_LOOP);
+        bus.run_until_running();
+        bus.run_for(20 * MILLISECOND);
+        bus.controller
+            .on_frame(bus.now, &command.frame(Some(CONTROLLER)));
+        bus.settle();
+        bus.fails_with(expected);
+    }
+}
+
+#[test]
+fn late_ticks_skip_syncs_and_keep_scenario_time() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    let start = bus.now;
+    // The controller's process sleeps over five SYNCs: the step of the profile at 10 ms still comes in its time.
+    bus.now += 5 * MILLISECOND + MILLISECOND / 2;
+    bus.run_until(start + 30 * MILLISECOND);
+    assert!(bus.controller.statistics().sync_overruns >= 4);
+    let stepped = bus.log.iter().find(|(time, frame)| {
+        *time > start
+            && frame.standard_id() == Some(0x210)
+            && frame.data()[2..] == 500_i16.to_le_bytes()
+    });
+    let delay = stepped.unwrap().0 - start;
+    assert!(
+        delay >= 9 * MILLISECOND && delay <= 11 * MILLISECOND,
+        "{delay:?}"
+    );
+}
+
+#[test]
+fn the_explanation_is_in_the_objects_of_the_dbc() {
+    let mut bus = Bus::new(CLOSED_LOOP);
+    bus.run_until_running();
+    bus.run_for(500 * MILLISECOND);
+    let frame = *bus.frames(0x181, Duration::ZERO).last().unwrap();
+    let micrometres = i32::from_le_bytes(frame.data()[..4].try_into().unwrap());
+    assert_eq!(micrometres, 10_000);
+}
+
+proptest! {
+    #[test]
+    fn arbitrary_frames_never_panic(
+        frames in prop::collection::vec((0_u32..0x800, 0_u8..9, any::<[u8; 8]>(), 0_u64..3_000), 0..200),
+        running in any::<bool>(),
+    ) {
+        let mut bus = Bus::new(CLOSED_LOOP);
+        if running {
+            bus.run_until_running();
+        }
+        for (id, length, data, microseconds) in frames {
+            let frame = CanFrame::from_raw(id, length, data).unwrap();
+            bus.controller.on_frame(bus.now, &frame);
+            bus.settle();
+            bus.run_for(Duration::from_micros(microseconds));
+        }
+        bus.controller.on_stop(bus.now);
+        bus.settle();
+        prop_assert!(bus.ending() != Progress::Running);
+    }
+}
