@@ -42,8 +42,9 @@ impl CommunicationLoss {
 /// SYNC the order is: waiting RPDO data become valid ([`Application::on_rpdo`] for each), [`Application::on_sync`]
 /// samples and applies, then the TPDOs of this SYNC are packed.
 pub trait Application {
-    /// The dictionary has its defaults again (power-on, NMT reset); the boot-up message follows. `reset` is
-    /// [`NmtCommand::ResetNode`] also at power-on.
+    /// The dictionary has its defaults again (power-on, NMT reset); the boot-up message follows, then
+    /// [`Application::on_nmt_state`]. `reset` is [`NmtCommand::ResetNode`] also at power-on. A drive that was Operational
+    /// takes the energy away here.
     fn on_reset(&mut self, services: &mut Services, reset: NmtCommand) {
         let _ = (services, reset);
     }

@@ -53,17 +53,11 @@ pub trait Access {
 /// Plain storage: existence, access rights, length and limits are checked, nothing else happens.
 impl Access for ObjectDictionary {
     fn read(&mut self, index: u16, sub_index: u8) -> Result<Cow<'_, [u8]>, AbortCode> {
-        let entry = self.entry(self.find(index, sub_index)?);
-        if !entry.access.is_readable() {
-            return Err(AbortCode::WRITE_ONLY);
-        }
-        Ok(Cow::Borrowed(entry.value()))
+        ObjectDictionary::read(self, index, sub_index).map(Cow::Borrowed)
     }
 
     fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
-        self.prepare_write(index, sub_index, Some(bytes.len()))?;
-        let handle = self.find(index, sub_index)?;
-        self.entry(handle).check(bytes)?;
+        let handle = self.check_write(index, sub_index, bytes)?;
         self.store(handle, bytes)
     }
 

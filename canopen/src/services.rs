@@ -14,6 +14,8 @@ use crate::sync::{self, SyncConsumer, SyncProducer};
 
 /// Frames that wait to be drained at most; newer ones are dropped and counted.
 const OUTPUT_LENGTH: usize = 256;
+/// Tells an overrun of the output from one that the CAN controller reports.
+const OUTPUT_OVERRUN: u16 = 1;
 
 /// The dictionary of a PDO cannot work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -133,6 +135,7 @@ impl Services {
             self.output.push_back(frame);
         } else {
             self.dropped_frames += 1;
+            self.raise_from(ErrorCode::CAN_OVERRUN, OUTPUT_OVERRUN);
         }
     }
 
@@ -287,6 +290,7 @@ impl Services {
         if frame.is_some() || !self.state.allows_sdo() {
             return frame;
         }
+        self.clear_from(ErrorCode::CAN_OVERRUN, OUTPUT_OVERRUN);
         self.emcy.next_frame(self.now)
     }
 

@@ -4,6 +4,7 @@ mod emcy;
 mod fuzz;
 mod heartbeat;
 mod nmt;
+mod pair;
 mod pdo;
 mod sdo;
 mod sync;

@@ -156,6 +156,21 @@ fn controller_overrun_is_8110_and_error_passive_8120() {
 }
 
 #[test]
+fn an_output_that_nobody_drains_is_bounded_and_told_as_8110() {
+    let mut bench = Bench::operational();
+    for _ in 0..300 {
+        bench.device.on_frame(bench.now, &CanFrame::new(0x80, &[]));
+    }
+    assert_eq!(bench.device.services().dropped_frames(), 300 - 256);
+    let sent = bench.drain();
+    assert_eq!(sent.len(), 256 + 2);
+    assert_eq!(
+        sent[256..],
+        ["090#1081110100000000", "090#0000001081010000"]
+    );
+}
+
+#[test]
 fn bus_off_is_a_loss_and_recovery_is_8140() {
     let mut bench = Bench::operational();
     assert!(bench.send_frame(&error_message(0x040, 0)).is_empty());

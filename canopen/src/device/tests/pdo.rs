@@ -201,6 +201,9 @@ fn type_10_goes_on_over_the_counters_overflow() {
     bench.write(0x1800, 2, &[10]).unwrap();
     let counters = (226..=240).chain(1..=15);
     assert_eq!(syncs_with(&mut bench, "190", counters), [235, 5, 15]);
+    let with_losses = (16..=238).chain(3..=20);
+    let sent = syncs_with(&mut bench, "190", with_losses);
+    assert_eq!(sent[sent.len() - 3..], [235, 5, 15]);
 }
 
 #[test]
