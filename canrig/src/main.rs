@@ -1,1 +1,7 @@
-fn main() {}
+//! The `canrig` program; everything is in the library.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    canrig::main()
+}

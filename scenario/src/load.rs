@@ -31,6 +31,16 @@ impl Scenario {
         })
     }
 
+    /// As [`Scenario::load`], with the very text that was read.
+    ///
+    /// # Errors
+    /// As [`Scenario::load`].
+    pub fn load_with_text(path: &Path) -> Result<(Self, String), ScenarioError> {
+        load(path, |text, name, read_table| {
+            Self::parse(text, name, read_table).map(|scenario| (scenario, text.to_owned()))
+        })
+    }
+
     /// Reads a scenario from text. `file_name` names it in errors; `read_table` gives the text of a table by the
     /// name that the scenario uses.
     ///

@@ -1,0 +1,174 @@
+//! The command line.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use platform::bus::BusAddress;
+
+const EXAMPLES: &str = "\
+Examples:
+  canrig run scenarios/step.toml                       controller and plant as processes, judged
+  canrig run scenarios/ --clock lockstep               every scenario, in virtual time
+  canrig run scenarios/step.toml --bus vcan0           over the kernel's SocketCAN
+  canrig simulate scenarios/step.toml                  the same in one process, as fast as it goes
+  canrig check scenarios/                              are the files valid?
+
+Exit codes: 0 pass · 1 a limit was not met · 2 usage · 3 scenario invalid · 4 bus or process failed
+            5 inconclusive (timing not trustworthy) · 70 internal error · 130 interrupted";
+
+/// Proves a controller against a plant over a CAN bus, before the real drive is on the table.
+#[derive(Debug, Parser)]
+#[command(version, about, after_help = EXAMPLES, max_term_width = 100)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Play scenarios with controller and plant as processes on a CAN bus, and judge them
+    Run(RunArgs),
+    /// Play scenarios in one process and virtual time, and judge them
+    Simulate(SimulateArgs),
+    /// Check scenario files without playing them
+    Check(CheckArgs),
+    /// Print the JSON Schema of scenario files, for editors
+    Schema,
+    /// One node of the bench as a process of its own; `run` starts these
+    #[command(hide = true)]
+    Node(NodeArgs),
+}
+
+/// Scenarios and what to do with their results.
+#[derive(Args, Debug)]
+pub struct PlayArgs {
+    /// Scenario files, or folders of them
+    #[arg(required = true, value_name = "SCENARIO")]
+    pub scenarios: Vec<PathBuf>,
+    /// Where run folders are made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Print the verdicts as JSON instead of tables
+    #[arg(long)]
+    pub json: bool,
+    /// Print nothing but failures
+    #[arg(long, short, conflicts_with = "json")]
+    pub quiet: bool,
+}
+
+/// Arguments of `run`.
+#[derive(Args, Debug)]
+pub struct RunArgs {
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub play: PlayArgs,
+    /// The bus: `auto`, `embedded` (a socket private to you) or a CAN interface such as `vcan0`
+    #[arg(long, value_name = "BUS", default_value = "auto")]
+    pub bus: BusChoice,
+    /// Which time the processes live in
+    #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
+    pub clock: ClockChoice,
+    /// Fail unless the bus is the kernel's own, so that a CI job cannot skip it silently
+    #[arg(long)]
+    pub require_vcan: bool,
+}
+
+/// Arguments of `simulate`.
+#[derive(Args, Debug)]
+pub struct SimulateArgs {
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub play: PlayArgs,
+}
+
+/// Arguments of `check`.
+#[derive(Args, Debug)]
+pub struct CheckArgs {
+    /// Scenario files, or folders of them
+    #[arg(required = true, value_name = "SCENARIO")]
+    pub scenarios: Vec<PathBuf>,
+}
+
+/// Which time the processes live in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ClockChoice {
+    /// The machine's clock
+    RealTime,
+    /// Virtual time: a verdict that no busy machine can bend
+    Lockstep,
+}
+
+/// Which bus.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum BusChoice {
+    /// The best that this machine permits.
+    Auto,
+    /// A socket in a folder of the user's own, served by canrig.
+    Embedded,
+    /// A CAN interface of the kernel.
+    Interface(String),
+}
+
+impl FromStr for BusChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "embedded" => Ok(Self::Embedded),
+            name => match name.parse() {
+                Ok(BusAddress::Interface(interface)) => Ok(Self::Interface(interface)),
+                Ok(BusAddress::Embedded(_)) => {
+                    Err("canrig makes the embedded bus itself; say `embedded`".to_owned())
+                }
+                Err(error) => Err(error.to_string()),
+            },
+        }
+    }
+}
+
+/// Arguments of `node`.
+#[derive(Args, Debug)]
+pub struct NodeArgs {
+    /// Which node
+    #[arg(value_enum)]
+    pub role: Role,
+    /// The scenario
+    #[arg(long)]
+    pub scenario: PathBuf,
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub host: HostArgs,
+}
+
+/// Which node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Role {
+    /// The manager with its control law
+    Controller,
+    /// The rig
+    PlantEmulator,
+}
+
+/// Where a node lives.
+#[derive(Args, Debug)]
+pub struct HostArgs {
+    /// The bus, such as `can0` or `embedded:/path`; in lock-step only where frames cross a real bus
+    #[arg(long)]
+    pub bus: Option<BusAddress>,
+    /// File descriptor of the side channel; its presence means lock-step
+    #[arg(long)]
+    pub lockstep: Option<i32>,
+}

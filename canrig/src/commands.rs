@@ -1,0 +1,217 @@
+//! What each command does.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use dbc::Database;
+use platform::scheduling;
+use scenario::Scenario;
+
+use crate::capture::{Capture, Watch};
+use crate::cli::{CheckArgs, Cli, ClockChoice, Command, PlayArgs, RunArgs};
+use crate::console::{Progress, complain, say};
+use crate::exit::Exit;
+use crate::nodes;
+use crate::report::terminal;
+use crate::run::{self, Judged, Source, World};
+use crate::run_folder::RunFolder;
+use crate::verdict::Verdict;
+use crate::world::{self, WorldError};
+
+/// Levels of folders that are searched for scenarios.
+const FOLDER_DEPTH_MAX: u32 = 8;
+
+/// Does what the command line says.
+#[must_use]
+pub fn execute(cli: Cli) -> Exit {
+    match cli.command {
+        Command::Run(args) => run(&args),
+        Command::Simulate(args) => simulate(&args.play),
+        Command::Check(args) => check(&args),
+        Command::Schema => {
+            say(&scenario::schema::json_schema());
+            Exit::Pass
+        }
+        Command::Node(args) => nodes::host(&args),
+    }
+}
+
+fn check(args: &CheckArgs) -> Exit {
+    let paths = match scenario_files(&args.scenarios) {
+        Ok(paths) => paths,
+        Err(error) => return usage(&error),
+    };
+    let mut worst = Exit::Pass;
+    for path in paths {
+        match Source::load(&path) {
+            Ok(source) => say(&format!(
+                "{}: valid ({})",
+                path.display(),
+                source.scenario.name
+            )),
+            Err(error) => {
+                complain(&format!("{:?}", miette::Report::new(error)));
+                worst = worst.max(Exit::ScenarioInvalid);
+            }
+        }
+    }
+    worst
+}
+
+fn run(args: &RunArgs) -> Exit {
+    let bus = match world::choose_bus(&args.bus, args.require_vcan) {
+        Ok(bus) => bus,
+        Err(error) => {
+            complain(&format!("canrig: {error}"));
+            return Exit::BenchFailed;
+        }
+    };
+    let (clock, lockstep) = match args.clock {
+        ClockChoice::RealTime => ("real time", false),
+        ClockChoice::Lockstep => ("lock-step", true),
+    };
+    announce(&args.play, &format!("bus: {bus} · clock: {clock}"));
+    if args.clock == ClockChoice::RealTime
+        && let Some(refusal) = refused_priority()
+    {
+        announce(&args.play, &format!("note: {refusal}"));
+    }
+    play(&args.play, |scenario, folder, capture| {
+        if lockstep {
+            world::processes::in_lockstep(scenario, folder, capture, &bus)
+        } else {
+            world::real_time::run(scenario, folder, capture, &bus)
+        }
+    })
+}
+
+/// Why the nodes will run without real-time priority; found out on a thread that ends at once.
+fn refused_priority() -> Option<String> {
+    let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
+    asked
+        .ok()
+        .and_then(Result::err)
+        .map(|refused| refused.to_string())
+}
+
+fn simulate(args: &PlayArgs) -> Exit {
+    announce(args, "bus: modelled · clock: lock-step, in one process");
+    play(args, |scenario, _, capture| {
+        let end = world::lockstep::simulate(scenario, &Database::sma_actuator(), capture)?;
+        Ok(World {
+            end,
+            frames_lost: 0,
+        })
+    })
+}
+
+fn announce(args: &PlayArgs, text: &str) {
+    if !args.json && !args.quiet {
+        say(text);
+    }
+}
+
+/// Plays each scenario in a world and reports; the worst exit of all.
+fn play(
+    args: &PlayArgs,
+    world: impl Fn(&Scenario, &RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
+) -> Exit {
+    let paths = match scenario_files(&args.scenarios) {
+        Ok(paths) => paths,
+        Err(error) => return usage(&error),
+    };
+    let mut worst = Exit::Pass;
+    let mut verdicts = Vec::new();
+    for path in &paths {
+        let source = match Source::load(path) {
+            Ok(source) => source,
+            Err(error) => {
+                complain(&format!("{:?}", miette::Report::new(error)));
+                worst = worst.max(Exit::ScenarioInvalid);
+                continue;
+            }
+        };
+        let watch = Watch::default();
+        let progress = Progress::new(source.scenario.duration_seconds, !args.json && !args.quiet);
+        let judged = run::run(&source, &args.output, &watch, |folder, capture| {
+            world::observed(&watch, &progress, || {
+                world(&source.scenario, folder, capture)
+            })
+        });
+        drop(progress);
+        let exit = match judged {
+            Ok(judged) => {
+                report(args, &judged);
+                verdicts.push(judged.verdict);
+                judged.exit
+            }
+            Err(error) => {
+                complain(&format!("canrig: {}: {error}", path.display()));
+                Exit::BenchFailed
+            }
+        };
+        worst = worst.max(exit);
+        if exit == Exit::Interrupted {
+            break;
+        }
+    }
+    summarise(args, &verdicts);
+    worst
+}
+
+fn report(args: &PlayArgs, judged: &Judged) {
+    let is_bad = judged.exit != Exit::Pass;
+    if !args.json && (!args.quiet || is_bad) {
+        say(&terminal::run(judged));
+    }
+}
+
+fn summarise(args: &PlayArgs, verdicts: &[Verdict]) {
+    if args.json {
+        say(&serde_json::to_string_pretty(verdicts).expect("plain data"));
+    } else if !args.quiet && verdicts.len() > 1 {
+        say(&terminal::summary(verdicts));
+    }
+}
+
+fn usage(message: &str) -> Exit {
+    complain(&format!("canrig: {message}"));
+    Exit::Usage
+}
+
+/// The scenario files that the arguments name: files as they are, folders with everything below them in order.
+fn scenario_files(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, String> {
+    let mut files = Vec::new();
+    for argument in arguments {
+        if argument.is_dir() {
+            let before = files.len();
+            let searched = find_scenarios(argument, FOLDER_DEPTH_MAX, &mut files);
+            searched.map_err(|error| format!("{} cannot be read: {error}", argument.display()))?;
+            if files.len() == before {
+                return Err(format!("{} holds no scenario (*.toml)", argument.display()));
+            }
+        } else {
+            files.push(argument.clone());
+        }
+    }
+    Ok(files)
+}
+
+fn find_scenarios(folder: &Path, depth: u32, files: &mut Vec<PathBuf>) -> io::Result<()> {
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)?
+        .map(|entry| entry.map(|entry| entry.path()))
+        .collect::<Result<_, _>>()?;
+    paths.sort();
+    for path in paths {
+        if path.is_dir() && depth > 0 {
+            find_scenarios(&path, depth - 1, files)?;
+        } else if path
+            .extension()
+            .is_some_and(|extension| extension == "toml")
+        {
+            files.push(path);
+        }
+    }
+    Ok(())
+}

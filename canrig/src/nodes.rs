@@ -1,0 +1,84 @@
+//! The nodes of the shipped rig, built from a scenario.
+
+use canopen::Node;
+use controller::ControllerNode;
+use plant_emulator::PlantEmulator;
+use platform::bus::{self, Bus};
+use platform::process::inherited_channel;
+use platform::stop::StopSignal;
+use platform::{lockstep, real_time, scheduling};
+use scenario::{ControllerView, Scenario};
+
+use crate::cli::{NodeArgs, Role};
+use crate::console::complain;
+use crate::exit::Exit;
+use crate::world::WorldError;
+
+/// The rig with its drive and its disturbance module.
+///
+/// # Errors
+/// The scenario's plant cannot be emulated.
+pub fn plant_emulator(scenario: &Scenario) -> Result<PlantEmulator, WorldError> {
+    PlantEmulator::new(scenario).map_err(|error| WorldError::Node {
+        name: "plant-emulator",
+        reason: error.to_string(),
+    })
+}
+
+/// The manager with its control law.
+///
+/// # Errors
+/// The scenario's controller cannot be set up.
+pub fn controller(view: &ControllerView) -> Result<ControllerNode, WorldError> {
+    ControllerNode::new(view).map_err(|error| WorldError::Node {
+        name: "controller",
+        reason: error.to_string(),
+    })
+}
+
+/// Runs one node as this process: what the hidden subcommand `node` does.
+#[must_use]
+pub fn host(args: &NodeArgs) -> Exit {
+    let hosted = match args.role {
+        Role::Controller => ControllerView::load(&args.scenario)
+            .map_err(|error| error.to_string())
+            .and_then(|view| controller(&view).map_err(|error| error.to_string()))
+            .and_then(|mut node| run_node(&mut node, args)),
+        Role::PlantEmulator => Scenario::load(&args.scenario)
+            .map_err(|error| error.to_string())
+            .and_then(|scenario| plant_emulator(&scenario).map_err(|error| error.to_string()))
+            .and_then(|mut node| run_node(&mut node, args)),
+    };
+    match hosted {
+        Ok(()) => Exit::Pass,
+        Err(reason) => {
+            complain(&reason);
+            Exit::BenchFailed
+        }
+    }
+}
+
+fn run_node(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
+    let stop = StopSignal::from_parent().map_err(|error| error.to_string())?;
+    let mut bus = match &args.host.bus {
+        Some(address) => {
+            Some(bus::open(address, &node.filters()).map_err(|error| error.to_string())?)
+        }
+        None => None,
+    };
+    let bus = bus.as_mut().map(|bus| &mut **bus as &mut dyn Bus);
+    match (args.host.lockstep, bus) {
+        (Some(number), wire) => {
+            let channel = inherited_channel(number).map_err(|error| error.to_string())?;
+            lockstep::follow(node, channel, wire).map_err(|error| error.to_string())
+        }
+        (None, Some(bus)) => {
+            // What is refused here was told by the bench before the run.
+            let _ = scheduling::request();
+            real_time::run(node, bus, &stop)
+                .map(|_| ())
+                .map_err(|error| error.to_string())
+        }
+        (None, None) => Err("a node needs --bus or --lockstep".to_owned()),
+    }
+}

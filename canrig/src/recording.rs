@@ -1,0 +1,187 @@
+//! What was on the bus: stamped frames, as `bus.log` holds them (`candump -L`).
+
+use std::fmt;
+use std::io::{self, BufRead, Write};
+use std::str::FromStr;
+use std::time::Duration;
+
+use canopen::CanFrame;
+use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
+
+/// Longest line of a log that is read.
+const LINE_LENGTH_MAX: u64 = 256;
+
+/// A frame and when its last bit passed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamped {
+    /// Time of the recording's clock: virtual time, or the wall clock's since 1970. Whole microseconds, as the log's.
+    pub time: Duration,
+    /// The frame.
+    pub frame: CanFrame,
+}
+
+impl Stamped {
+    /// A frame with its time cut to the log's resolution, so that a log read back judges the same.
+    #[must_use]
+    pub fn new(time: Duration, frame: CanFrame) -> Self {
+        let time = Duration::new(time.as_secs(), time.subsec_micros() * 1000);
+        Self { time, frame }
+    }
+}
+
+/// One line of `candump -L`, with the interface written as `can0` in every world.
+impl fmt::Display for Stamped {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (seconds, micros) = (self.time.as_secs(), self.time.subsec_micros());
+        write!(formatter, "({seconds:010}.{micros:06}) can0 {}", self.frame)
+    }
+}
+
+/// Why a line is no frame.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("not a line of candump -L: \"{line}\" ({reason})")]
+pub struct LineError {
+    line: String,
+    reason: &'static str,
+}
+
+impl FromStr for Stamped {
+    type Err = LineError;
+
+    fn from_str(line: &str) -> Result<Self, LineError> {
+        let fault = |reason| LineError {
+            line: line.chars().take(80).collect(),
+            reason,
+        };
+        let mut words = line.split_whitespace();
+        let (stamp, _interface, frame) = match (words.next(), words.next(), words.next()) {
+            (Some(stamp), Some(interface), Some(frame)) => (stamp, interface, frame),
+            _ => return Err(fault("expected: (seconds.microseconds) interface id#data")),
+        };
+        let stamp = stamp
+            .strip_prefix('(')
+            .and_then(|stamp| stamp.strip_suffix(')'));
+        let (seconds, micros) = stamp
+            .and_then(|stamp| stamp.split_once('.'))
+            .ok_or(fault("no time stamp"))?;
+        let seconds: u64 = seconds
+            .parse()
+            .map_err(|_| fault("seconds are no number"))?;
+        let micros = match micros.len() {
+            6 => micros
+                .parse::<u32>()
+                .map_err(|_| fault("microseconds are no number"))?,
+            _ => return Err(fault("microseconds need six digits")),
+        };
+        let frame = parse_frame(frame).map_err(fault)?;
+        Ok(Self {
+            time: Duration::new(seconds, micros * 1000),
+            frame,
+        })
+    }
+}
+
+fn parse_frame(text: &str) -> Result<CanFrame, &'static str> {
+    let (id, data) = text
+        .split_once('#')
+        .ok_or("no '#' between identifier and data")?;
+    let mut raw_id = u32::from_str_radix(id, 16).map_err(|_| "identifier is not hexadecimal")?;
+    match id.len() {
+        3 if raw_id <= 0x7FF => {}
+        8 if raw_id & ERROR_FLAG != 0 => {}
+        8 if raw_id <= 0x1FFF_FFFF => raw_id |= EXTENDED_FLAG,
+        _ => return Err("identifier needs three or eight digits"),
+    }
+    if data.starts_with('R') {
+        return CanFrame::from_raw(raw_id | REMOTE_FLAG, 0, [0; 8]).ok_or("too long");
+    }
+    if data.starts_with('#') {
+        return Err("a CAN FD frame");
+    }
+    if data.len() > 16 || data.len() % 2 != 0 || !data.is_ascii() {
+        return Err("data need up to eight pairs of digits");
+    }
+    let mut bytes = [0; 8];
+    for (place, byte) in bytes.iter_mut().enumerate().take(data.len() / 2) {
+        let pair = &data[2 * place..2 * place + 2];
+        *byte = u8::from_str_radix(pair, 16).map_err(|_| "data are not hexadecimal")?;
+    }
+    let length = u8::try_from(data.len() / 2).unwrap_or(8);
+    CanFrame::from_raw(raw_id, length, bytes).ok_or("too long")
+}
+
+/// Writes frames as `candump -L` does.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_log(mut output: impl Write, frames: &[Stamped]) -> io::Result<()> {
+    frames
+        .iter()
+        .try_for_each(|stamped| writeln!(output, "{stamped}"))
+}
+
+/// Reads a log of `candump -L`.
+///
+/// # Errors
+/// The file cannot be read, or a line is no frame; the message has the line's number.
+pub fn read_log(mut input: impl BufRead) -> io::Result<Vec<Stamped>> {
+    let mut frames = Vec::new();
+    let mut line = String::new();
+    for number in 1.. {
+        line.clear();
+        if io::Read::take(&mut input, LINE_LENGTH_MAX).read_line(&mut line)? == 0 {
+            break;
+        }
+        let parsed = line.parse().map_err(|error| {
+            io::Error::new(
+                io::ErrorKind::InvalidData,
+                format!("line {number}: {error}"),
+            )
+        });
+        frames.push(parsed?);
+    }
+    Ok(frames)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_line_reads_as_candump_writes_it() {
+        let stamped = Stamped::new(
+            Duration::from_micros(1_234_567),
+            CanFrame::new(0x190, &[1, 0xAB]),
+        );
+        assert_eq!(stamped.to_string(), "(0000000001.234567) can0 190#01AB");
+        assert_eq!("(0000000001.234567) vcan0 190#01AB R".parse(), Ok(stamped));
+    }
+
+    #[test]
+    fn a_bad_line_is_named_by_its_number() {
+        let error =
+            read_log("(0.000001) can0 123#\n(0.000002) can0 9999#00\n".as_bytes()).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "line 2: not a line of candump -L: \"(0.000002) can0 9999#00\" (identifier needs three or eight digits)"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn every_frame_survives_the_log(id in 0u32..0x7FF, extended: bool, data in prop::collection::vec(any::<u8>(), 0..=8), micros in 0u64..1 << 50) {
+            let mut bytes = [0; 8];
+            bytes[..data.len()].copy_from_slice(&data);
+            let id = if extended { id << 10 | EXTENDED_FLAG } else { id };
+            let frame = CanFrame::from_raw(id, data.len() as u8, bytes).unwrap();
+            let stamped = Stamped::new(Duration::from_micros(micros), frame);
+            prop_assert_eq!(stamped.to_string().parse(), Ok(stamped));
+        }
+
+        #[test]
+        fn arbitrary_text_never_panics(text in ".{0,100}") {
+            let _ = text.parse::<Stamped>();
+        }
+    }
+}

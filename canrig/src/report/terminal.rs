@@ -1,0 +1,151 @@
+//! The verdict as a table for people.
+
+use comfy_table::{Attribute, Cell, CellAlignment, Color, ContentArrangement, Table, presets};
+
+use crate::run::Judged;
+use crate::run_folder::file;
+use crate::verdict::{Metric, Outcome, Verdict};
+
+/// Everything about one run: its name, its table, its outcome, where to look.
+#[must_use]
+pub fn run(judged: &Judged) -> String {
+    let Judged {
+        verdict, folder, ..
+    } = judged;
+    let mut text = format!("\n{}\n", verdict.scenario);
+    if !verdict.metrics.is_empty() {
+        text += &format!("{}\n", table(verdict));
+    }
+    text += &format!("{}", verdict.outcome.word());
+    if let Some(reason) = &verdict.reason {
+        text += &format!(": {reason}");
+    }
+    text += &format!("\nrun folder  {}", folder.display());
+    let recording = folder.join(file::RERUN);
+    if recording.exists() {
+        text += &format!(
+            "\nlook at it  rerun {}   (viewer: pip install rerun-sdk==0.36.3)",
+            recording.display()
+        );
+    }
+    text
+}
+
+/// One line for each of several runs.
+#[must_use]
+pub fn summary(verdicts: &[Verdict]) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+    table.set_content_arrangement(ContentArrangement::Dynamic);
+    table.set_header(["scenario", "limits", "result"]);
+    for verdict in verdicts {
+        let limited = verdict
+            .metrics
+            .iter()
+            .filter(|metric| metric.limit.is_some());
+        let passed = limited
+            .clone()
+            .filter(|metric| metric.passed == Some(true))
+            .count();
+        let colour = match verdict.outcome {
+            Outcome::Pass => Color::Green,
+            Outcome::Fail | Outcome::Incomplete => Color::Red,
+            Outcome::Inconclusive => Color::Yellow,
+        };
+        table.add_row([
+            Cell::new(&verdict.scenario),
+            Cell::new(format!("{passed} of {} met", limited.count())),
+            Cell::new(verdict.outcome.word()).fg(colour),
+        ]);
+    }
+    format!("\n{table}")
+}
+
+/// The table of one run's metrics beside their limits.
+#[must_use]
+pub fn table(verdict: &Verdict) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+    table.set_content_arrangement(ContentArrangement::Dynamic);
+    table.set_header(["metric", "measured", "limit", "result"]);
+    for metric in &verdict.metrics {
+        table.add_row([
+            Cell::new(metric.name.replace('_', " ")),
+            Cell::new(measured(metric)).set_alignment(CellAlignment::Right),
+            Cell::new(limit(metric)),
+            result(metric, verdict.outcome),
+        ]);
+    }
+    table.to_string()
+}
+
+fn measured(metric: &Metric) -> String {
+    match (metric.value, &metric.remark) {
+        (Some(value), _) => significant(value),
+        (None, Some(remark)) => remark.clone(),
+        (None, None) => "–".to_owned(),
+    }
+}
+
+/// Four significant digits, without an exponent.
+fn significant(value: f64) -> String {
+    let decimals = match value.abs() {
+        v if v >= 1000.0 => 0,
+        v if v >= 100.0 => 1,
+        v if v >= 10.0 => 2,
+        v if v >= 1.0 => 3,
+        _ => 4,
+    };
+    format!("{value:.decimals$}")
+}
+
+fn limit(metric: &Metric) -> String {
+    let Some(limit) = metric.limit else {
+        return String::new();
+    };
+    match (limit.min, limit.max) {
+        (Some(min), Some(max)) => format!("{min} … {max}"),
+        (Some(min), None) => format!("≥ {min}"),
+        (None, Some(max)) => format!("≤ {max}"),
+        (None, None) => String::new(),
+    }
+}
+
+fn result(metric: &Metric, outcome: Outcome) -> Cell {
+    match (metric.passed, outcome) {
+        (None, _) => Cell::new(""),
+        (Some(_), Outcome::Inconclusive) => Cell::new("not judged").fg(Color::Yellow),
+        (Some(true), _) => Cell::new("pass").fg(Color::Green),
+        (Some(false), _) => Cell::new("FAIL")
+            .fg(Color::Red)
+            .add_attribute(Attribute::Bold),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use scenario::expect::Limit;
+
+    use super::*;
+
+    #[test]
+    fn a_row_shows_value_limit_and_result() {
+        let limit = Some(Limit {
+            min: None,
+            max: Some(0.23),
+        });
+        let mut verdict = Verdict::incomplete("step", 1, "");
+        verdict.outcome = Outcome::Fail;
+        verdict.metrics = vec![Metric::new(
+            "settling_time_seconds",
+            Err("never settled".to_owned()),
+            limit,
+        )];
+        let text = table(&verdict);
+        assert!(text.contains("settling time seconds"), "{text}");
+        assert!(
+            text.contains("never settled") && text.contains("≤ 0.23") && text.contains("FAIL"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,153 @@
+//! One scenario from file to verdict.
+
+use std::path::{Path, PathBuf};
+
+use dbc::Database;
+use scenario::{Scenario, ScenarioError};
+
+use crate::capture::{Capture, Watch};
+use crate::exit::Exit;
+use crate::judge::judge;
+use crate::report;
+use crate::run_folder::{RunFolder, WriteError, file};
+use crate::scenario_clock::ScenarioClock;
+use crate::signals::SignalMissing;
+use crate::timeline::{self, Timeline};
+use crate::verdict::Verdict;
+use crate::world::{End, WorldError};
+
+/// A scenario as it lies on the disk.
+pub struct Source {
+    /// Its file.
+    pub path: PathBuf,
+    /// Its text.
+    pub text: String,
+    /// Its meaning.
+    pub scenario: Scenario,
+}
+
+impl Source {
+    /// Reads and checks a scenario file.
+    ///
+    /// # Errors
+    /// The file cannot be read or is no valid scenario.
+    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
+        let (scenario, text) = Scenario::load_with_text(path)?;
+        Ok(Self {
+            path: path.to_owned(),
+            text,
+            scenario,
+        })
+    }
+}
+
+/// What a run left.
+pub struct Judged {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// How the program ends.
+    pub exit: Exit,
+}
+
+/// Why the files of a run are not complete.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A file cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// The DBC lacks a signal.
+    #[error(transparent)]
+    Signal(#[from] SignalMissing),
+    /// A report cannot be made.
+    #[error("{name} cannot be made: {reason}")]
+    Report {
+        /// Which one.
+        name: &'static str,
+        /// Why.
+        reason: String,
+    },
+}
+
+impl RunError {
+    fn report(name: &'static str, error: &dyn std::error::Error) -> Self {
+        Self::Report {
+            name,
+            reason: error.to_string(),
+        }
+    }
+}
+
+/// Plays the scenario in a world, records and judges it. What was recorded before a failure of the world is kept, with
+/// a verdict that says "incomplete" and why.
+///
+/// # Errors
+/// The files of the run cannot be written.
+pub fn run(
+    source: &Source,
+    parent: &Path,
+    watch: &Watch,
+    world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
+) -> Result<Judged, RunError> {
+    let database = Database::sma_actuator();
+    let scenario = &source.scenario;
+    let folder = RunFolder::create(parent, source)?;
+    let mut capture = Capture::new(folder.bus_log()?, ScenarioClock::new(&database)?, watch);
+    let ended = world(&folder, &mut capture);
+    let timeline = timeline::decode(&capture.finish()?, scenario, &database)?;
+    let verdict = match &ended {
+        Err(error) => Verdict::incomplete(&scenario.name, scenario.seed, &error.to_string()),
+        Ok(World {
+            end: End::Interrupted,
+            ..
+        }) => Verdict::incomplete(&scenario.name, scenario.seed, "interrupted by the user"),
+        Ok(World { frames_lost, .. }) => judge(&timeline, scenario, *frames_lost),
+    };
+    write_reports(&folder, scenario, &timeline, &verdict)?;
+    let exit = match ended {
+        Ok(World {
+            end: End::Interrupted,
+            ..
+        }) => Exit::Interrupted,
+        _ => verdict.outcome.exit(),
+    };
+    Ok(Judged {
+        verdict,
+        folder: folder.path().to_owned(),
+        exit,
+    })
+}
+
+/// How a world ended.
+pub struct World {
+    /// Whether it came to the scenario's end.
+    pub end: End,
+    /// Frames that the recorder lost.
+    pub frames_lost: u64,
+}
+
+fn write_reports(
+    folder: &RunFolder,
+    scenario: &Scenario,
+    timeline: &Timeline,
+    verdict: &Verdict,
+) -> Result<(), RunError> {
+    let table =
+        report::csv::to_csv(timeline).map_err(|error| RunError::report(file::SIGNALS, &error))?;
+    folder.write(file::SIGNALS, &table)?;
+    let junit = report::junit::to_xml(std::slice::from_ref(verdict));
+    let junit = junit.map_err(|error| RunError::report(file::JUNIT, &error))?;
+    folder.write(file::JUNIT, junit.as_bytes())?;
+    #[cfg(feature = "rerun")]
+    report::rerun::write(
+        &folder.path().join(file::RERUN),
+        timeline,
+        verdict,
+        scenario,
+    )
+    .map_err(|error| RunError::report(file::RERUN, &error))?;
+    #[cfg(not(feature = "rerun"))]
+    let _ = scenario;
+    Ok(folder.write_verdict(verdict)?)
+}

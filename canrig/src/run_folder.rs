@@ -1,0 +1,241 @@
+//! The folder of one run. Made before the run starts and marked incomplete until it has been judged.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use crate::recording::{self, Stamped};
+use crate::run::Source;
+use crate::verdict::Verdict;
+
+/// Runs of one scenario, seed and version that one folder may hold.
+const REPEATS_MAX: u32 = 100_000;
+
+/// Names of the files in a run folder.
+pub mod file {
+    /// The scenario as it was run.
+    pub const SCENARIO: &str = "scenario.toml";
+    /// The frames, `candump -L`.
+    pub const BUS_LOG: &str = "bus.log";
+    /// One row a cycle.
+    pub const SIGNALS: &str = "signals.csv";
+    /// The verdict.
+    pub const VERDICT: &str = "verdict.json";
+    /// The verdict for CI systems.
+    pub const JUNIT: &str = "junit.xml";
+    /// The recording for the Rerun viewer.
+    pub const RERUN: &str = "run.rrd";
+}
+
+/// A file of a run cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{} cannot be written: {source}", path.display())]
+pub struct WriteError {
+    /// Which file or folder.
+    pub path: PathBuf,
+    /// Why.
+    pub source: io::Error,
+}
+
+impl WriteError {
+    fn at(path: &Path) -> impl FnOnce(io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self { path, source }
+    }
+}
+
+/// The folder of one run.
+#[derive(Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+}
+
+impl RunFolder {
+    /// Makes the folder `<parent>/<name>-<hash>` with the scenario and a verdict "incomplete" in it. A second run gets
+    /// a numbered suffix; nothing is overwritten.
+    ///
+    /// # Errors
+    /// The folder or its files cannot be written.
+    pub fn create(parent: &Path, source: &Source) -> Result<Self, WriteError> {
+        fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
+        let Source { scenario, text, .. } = source;
+        let base = format!("{}-{}", slug(&scenario.name), hash(scenario.seed, text));
+        let path = create_numbered(parent, &base).map_err(WriteError::at(&parent.join(&base)))?;
+        let folder = Self { path };
+        let unfinished = "the run has not ended; if no process works on it any more, it broke off";
+        folder.write_verdict(&Verdict::incomplete(
+            &scenario.name,
+            scenario.seed,
+            unfinished,
+        ))?;
+        folder.write(file::SCENARIO, text.as_bytes())?;
+        folder.copy_tables(source)?;
+        Ok(folder)
+    }
+
+    /// The scenario's tables, so that the folder can be run and judged by itself.
+    fn copy_tables(&self, source: &Source) -> Result<(), WriteError> {
+        let parent = source.path.parent().unwrap_or(Path::new("."));
+        for table in &source.scenario.reference.table {
+            let (from, to) = (parent.join(&table.file), self.path.join(&table.file));
+            let copied = to
+                .parent()
+                .map_or(Ok(()), fs::create_dir_all)
+                .and_then(|()| fs::copy(from, &to));
+            copied.map_err(WriteError::at(&to))?;
+        }
+        Ok(())
+    }
+
+    /// The scenario's copy in the folder.
+    #[must_use]
+    pub fn scenario(&self) -> PathBuf {
+        self.path.join(file::SCENARIO)
+    }
+
+    /// Where the folder is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes one file as a whole: a reader sees the old one or the new one.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), WriteError> {
+        let path = self.path.join(name);
+        write_whole(&path, bytes).map_err(WriteError::at(&path))
+    }
+
+    /// Writes `verdict.json`.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_verdict(&self, verdict: &Verdict) -> Result<(), WriteError> {
+        self.write(file::VERDICT, verdict.to_json().as_bytes())
+    }
+
+    /// Opens `bus.log`, which grows while the run goes on.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn bus_log(&self) -> Result<BusLog, WriteError> {
+        let path = self.path.join(file::BUS_LOG);
+        let output = File::create(&path).map_err(WriteError::at(&path))?;
+        Ok(BusLog {
+            path,
+            output: BufWriter::new(output),
+        })
+    }
+}
+
+/// `bus.log` while it grows.
+#[derive(Debug)]
+pub struct BusLog {
+    path: PathBuf,
+    output: BufWriter<File>,
+}
+
+impl BusLog {
+    /// Appends frames.
+    ///
+    /// # Errors
+    /// The disk does not take them.
+    pub fn append(&mut self, frames: &[Stamped]) -> Result<(), WriteError> {
+        recording::write_log(&mut self.output, frames).map_err(WriteError::at(&self.path))
+    }
+
+    /// Hands everything to the operating system, so that a kill loses nothing older.
+    ///
+    /// # Errors
+    /// The disk does not take it.
+    pub fn flush(&mut self) -> Result<(), WriteError> {
+        self.output.flush().map_err(WriteError::at(&self.path))
+    }
+}
+
+fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let partial = path.with_added_extension("partial");
+    let mut output = File::create(&partial)?;
+    output.write_all(bytes)?;
+    output.sync_data()?;
+    fs::rename(partial, path)
+}
+
+fn create_numbered(parent: &Path, base: &str) -> io::Result<PathBuf> {
+    for number in 1..=REPEATS_MAX {
+        let name = if number == 1 {
+            base.to_owned()
+        } else {
+            format!("{base}-{number}")
+        };
+        let path = parent.join(name);
+        match fs::create_dir(&path) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+            Ok(()) => return Ok(path),
+        }
+    }
+    let full = format!(
+        "{} holds {REPEATS_MAX} runs of {base}; remove some",
+        parent.display()
+    );
+    Err(io::Error::new(io::ErrorKind::AlreadyExists, full))
+}
+
+/// Lower-case letters, digits and single dashes: a name that every file system takes.
+fn slug(name: &str) -> String {
+    let mut slug = String::new();
+    for character in name.chars().take(60) {
+        if character.is_ascii_alphanumeric() {
+            slug.push(character.to_ascii_lowercase());
+        } else if !slug.ends_with('-') && !slug.is_empty() {
+            slug.push('-');
+        }
+    }
+    let slug = slug.trim_end_matches('-');
+    if slug.is_empty() {
+        "run".to_owned()
+    } else {
+        slug.to_owned()
+    }
+}
+
+/// Eight digits that name scenario, seed and version.
+fn hash(seed: u64, text: &str) -> String {
+    let mut hasher = Sha256::new();
+    hasher.update(env!("CARGO_PKG_VERSION"));
+    hasher.update(seed.to_le_bytes());
+    hasher.update(text);
+    hasher
+        .finalize()
+        .iter()
+        .take(4)
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_becomes_a_folder_name() {
+        assert_eq!(
+            slug("25 mm step, from a warm hold!"),
+            "25-mm-step-from-a-warm-hold"
+        );
+        assert_eq!(slug("../../etc"), "etc");
+        assert_eq!(slug("ψ"), "run");
+    }
+
+    #[test]
+    fn the_hash_tells_seeds_and_texts_apart() {
+        assert_ne!(hash(1, "a"), hash(2, "a"));
+        assert_ne!(hash(1, "a"), hash(1, "b"));
+        assert_eq!(hash(1, "a").len(), 8);
+    }
+}

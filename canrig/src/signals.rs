@@ -1,0 +1,53 @@
+//! The signals of the DBC that the bench itself reads or writes, as `message.signal`.
+
+use dbc::{Database, SignalHandle};
+
+/// State bits of the drive's statusword.
+pub const STATUSWORD: &str = "drive_tpdo1.statusword_state";
+/// Position of the load as the drive measures it.
+pub const POSITION: &str = "drive_tpdo1.position_millimetres";
+/// Current through the wire as the drive measures it.
+pub const CURRENT: &str = "drive_tpdo1.current_amperes";
+/// Current that the controller asks for.
+pub const TARGET_CURRENT: &str = "drive_rpdo1.target_current_amperes";
+/// Commands to the disturbance node.
+pub const DISTURBANCE_MESSAGE: &str = "disturbance_rpdo1";
+/// Factor on the convection coefficient, to the disturbance node.
+pub const CONVECTION_FACTOR: &str = "disturbance_rpdo1.convection_factor";
+/// Mass added to the load, to the disturbance node.
+pub const ADDED_LOAD: &str = "disturbance_rpdo1.added_load_grams";
+
+/// The messages whose signals become columns, in this order.
+pub const COLUMN_MESSAGES: [&str; 8] = [
+    "drive_tpdo1",
+    "drive_rpdo1",
+    "drive_tpdo2",
+    "controller_tpdo1",
+    "controller_tpdo2",
+    "controller_tpdo3",
+    "controller_tpdo4",
+    "disturbance_rpdo1",
+];
+
+/// The database lacks a signal that the bench needs.
+#[derive(Debug, thiserror::Error)]
+#[error("the DBC has no signal {path}")]
+pub struct SignalMissing {
+    path: String,
+}
+
+/// Finds a signal.
+///
+/// # Errors
+/// There is none of this name.
+pub fn find(database: &Database, path: &str) -> Result<SignalHandle, SignalMissing> {
+    database.signal(path).ok_or_else(|| missing(path))
+}
+
+/// The error for a signal that is not there.
+#[must_use]
+pub fn missing(path: &str) -> SignalMissing {
+    SignalMissing {
+        path: path.to_owned(),
+    }
+}

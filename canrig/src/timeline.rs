@@ -1,0 +1,272 @@
+//! A recording, decoded: one row a cycle, and the events between them.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use canopen::CanFrame;
+use dbc::{Database, SignalHandle};
+use scenario::Scenario;
+
+use crate::events::{Event, EventReader};
+use crate::recording::Stamped;
+use crate::scenario_clock::ScenarioClock;
+use crate::signals::{self, COLUMN_MESSAGES, SignalMissing};
+
+/// One signal over all cycles.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column {
+    /// The signal's name in the DBC; the unit is its end.
+    pub name: String,
+    /// The unit in the DBC; empty for numbers without one.
+    pub unit: String,
+    /// Physical value per cycle; NaN where the signal was not on the bus yet, or, for the drive's measured values, in
+    /// a cycle in which the drive was silent.
+    pub values: Vec<f64>,
+}
+
+/// A recording, decoded.
+#[derive(Clone, Debug)]
+pub struct Timeline {
+    /// The SYNC period.
+    pub period_seconds: f64,
+    /// Number of the cycle since scenario time 0, per row. Rows of cycles that never began are absent.
+    pub cycle: Vec<u64>,
+    /// Scenario time per row: the cycle's number times the period.
+    pub time_seconds: Vec<f64>,
+    /// The raw set-point of the scenario per row; NaN where the scenario has none.
+    pub set_point_millimetres: Vec<f64>,
+    /// All signals.
+    pub columns: Vec<Column>,
+    /// What happened, in the order of time.
+    pub events: Vec<Event>,
+    position: usize,
+    current: usize,
+}
+
+/// Decodes frames until the scenario's end.
+///
+/// # Errors
+/// The database lacks a signal that the bench needs.
+pub fn decode(
+    frames: &[Stamped],
+    scenario: &Scenario,
+    database: &Database,
+) -> Result<Timeline, SignalMissing> {
+    let mut reader = Reader::new(scenario, database)?;
+    for stamped in frames {
+        reader.take(stamped);
+    }
+    reader.finish(scenario)
+}
+
+impl Timeline {
+    /// A column by its signal's name.
+    #[must_use]
+    pub fn column(&self, name: &str) -> Option<&Column> {
+        self.columns.iter().find(|column| column.name == name)
+    }
+
+    /// The measured position in millimetres.
+    #[must_use]
+    pub fn position(&self) -> &[f64] {
+        &self.columns[self.position].values
+    }
+
+    /// The measured current in amperes.
+    #[must_use]
+    pub fn current(&self) -> &[f64] {
+        &self.columns[self.current].values
+    }
+
+    /// Scenario time at the end of the last cycle.
+    #[must_use]
+    pub fn end_seconds(&self) -> f64 {
+        self.time_seconds
+            .last()
+            .map_or(0.0, |time| time + self.period_seconds)
+    }
+
+    /// Cycles that never began or in which the drive was silent, by all cycles up to the last.
+    #[must_use]
+    pub fn missed_cycles_percent(&self) -> f64 {
+        let Some(last) = self.cycle.last() else {
+            return 0.0;
+        };
+        let expected = *last + 1;
+        let served = self
+            .position()
+            .iter()
+            .filter(|position| !position.is_nan())
+            .count();
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "cycle counts stay far below 2^52"
+        )]
+        let (expected, served) = (expected as f64, served as f64);
+        100.0 * (expected - served) / expected
+    }
+}
+
+/// A signal that becomes a column.
+struct Tracked {
+    handle: SignalHandle,
+    name: String,
+    unit: String,
+    /// Measured values belong to their cycle; everything else holds until it changes.
+    is_measured: bool,
+}
+
+/// What the frames say, cycle by cycle.
+struct Reader {
+    clock: ScenarioClock,
+    period: Duration,
+    end_cycle: u64,
+    events: EventReader,
+    signals: Vec<Tracked>,
+    columns_of_id: BTreeMap<u32, Vec<usize>>,
+    latest: Vec<f64>,
+    cycle: Vec<u64>,
+    columns: Vec<Vec<f64>>,
+}
+
+impl Reader {
+    fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
+        let signals = tracked_signals(database)?;
+        let mut columns_of_id: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for (column, signal) in signals.iter().enumerate() {
+            columns_of_id
+                .entry(signal.handle.raw_id())
+                .or_default()
+                .push(column);
+        }
+        let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
+        Ok(Self {
+            clock: ScenarioClock::new(database)?,
+            period,
+            end_cycle: cycles(Duration::from_secs_f64(scenario.duration_seconds), period),
+            events: EventReader::new(database),
+            latest: vec![f64::NAN; signals.len()],
+            columns: vec![Vec::new(); signals.len()],
+            signals,
+            columns_of_id,
+            cycle: Vec::new(),
+        })
+    }
+
+    fn take(&mut self, stamped: &Stamped) {
+        let is_sync = self.clock.on_frame(stamped.time, &stamped.frame);
+        let time = self.clock.scenario_time(stamped.time);
+        self.events.take(stamped, time);
+        match time {
+            Some(time) if is_sync => self.begin_cycle(cycles(time, self.period)),
+            _ => self.take_signals(&stamped.frame),
+        }
+    }
+
+    fn begin_cycle(&mut self, number: u64) {
+        let is_new = self.cycle.last().is_none_or(|last| number > *last);
+        if !is_new || number >= self.end_cycle {
+            return;
+        }
+        self.cycle.push(number);
+        for ((column, latest), signal) in
+            self.columns.iter_mut().zip(&self.latest).zip(&self.signals)
+        {
+            column.push(if signal.is_measured {
+                f64::NAN
+            } else {
+                *latest
+            });
+        }
+    }
+
+    fn take_signals(&mut self, frame: &CanFrame) {
+        let Some(columns) = self.columns_of_id.get(&frame.raw_id()) else {
+            return;
+        };
+        for &column in columns {
+            let Some(value) = self.signals[column].handle.decode(frame) else {
+                continue;
+            };
+            self.latest[column] = value;
+            if let Some(last) = self.columns[column].last_mut() {
+                *last = value;
+            }
+        }
+    }
+
+    fn finish(self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+        let period_seconds = self.period.as_secs_f64();
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "cycle numbers stay far below 2^52"
+        )]
+        let time_seconds: Vec<f64> = self
+            .cycle
+            .iter()
+            .map(|cycle| *cycle as f64 * period_seconds)
+            .collect();
+        let columns = self.signals.into_iter().zip(self.columns);
+        let columns: Vec<Column> = columns
+            .map(|(signal, values)| Column {
+                name: signal.name,
+                unit: signal.unit,
+                values,
+            })
+            .collect();
+        let place = |path: &str| {
+            let name = path.split_once('.').map_or(path, |(_, name)| name);
+            columns
+                .iter()
+                .position(|column| column.name == name)
+                .ok_or_else(|| signals::missing(path))
+        };
+        Ok(Timeline {
+            period_seconds,
+            set_point_millimetres: set_points(scenario, &time_seconds),
+            cycle: self.cycle,
+            time_seconds,
+            position: place(signals::POSITION)?,
+            current: place(signals::CURRENT)?,
+            columns,
+            events: self.events.finish(scenario),
+        })
+    }
+}
+
+fn tracked_signals(database: &Database) -> Result<Vec<Tracked>, SignalMissing> {
+    let mut tracked = Vec::new();
+    for name in COLUMN_MESSAGES {
+        let message = database
+            .message(name)
+            .ok_or_else(|| signals::missing(name))?;
+        for signal in &message.signals {
+            let handle = signals::find(database, &format!("{name}.{}", signal.name))?;
+            let is_measured = signals::POSITION.starts_with(name);
+            tracked.push(Tracked {
+                handle,
+                name: signal.name.clone(),
+                unit: signal.unit.clone(),
+                is_measured,
+            });
+        }
+    }
+    Ok(tracked)
+}
+
+/// The nearest whole number of periods.
+fn cycles(time: Duration, period: Duration) -> u64 {
+    let cycles = (time.as_nanos() + period.as_nanos() / 2) / period.as_nanos().max(1);
+    u64::try_from(cycles).unwrap_or(u64::MAX)
+}
+
+fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Vec<f64> {
+    if scenario.reference.is_empty() {
+        return vec![f64::NAN; time_seconds.len()];
+    }
+    let trajectory = scenario.reference.trajectory();
+    time_seconds
+        .iter()
+        .map(|time| trajectory.at(*time).position_metres * 1e3)
+        .collect()
+}

@@ -1,0 +1,158 @@
+//! What a run came to: metrics beside their limits, and the outcome.
+
+use scenario::expect::Limit;
+use serde::Serialize;
+
+use crate::exit::Exit;
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// Every limit was met.
+    Pass,
+    /// A limit was not met.
+    Fail,
+    /// The recording is not good enough to decide.
+    Inconclusive,
+    /// The run broke off; written before it starts and replaced when it has been judged.
+    Incomplete,
+}
+
+impl Outcome {
+    /// The exit code of this outcome.
+    #[must_use]
+    pub fn exit(self) -> Exit {
+        match self {
+            Self::Pass => Exit::Pass,
+            Self::Fail => Exit::VerdictFailed,
+            Self::Inconclusive => Exit::Inconclusive,
+            Self::Incomplete => Exit::BenchFailed,
+        }
+    }
+
+    /// The word that people read.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Pass => "pass",
+            Self::Fail => "FAIL",
+            Self::Inconclusive => "inconclusive",
+            Self::Incomplete => "incomplete",
+        }
+    }
+}
+
+/// One metric.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Metric {
+    /// Its key in `[expect]`; the unit is in the name.
+    pub name: &'static str,
+    /// The measured value; none where the run does not have it (no step, never settled).
+    pub value: Option<f64>,
+    /// Why there is no value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub remark: Option<String>,
+    /// Its limit; none where it is only reported.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub limit: Option<Limit>,
+    /// Whether the limit is met; none where there is no limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub passed: Option<bool>,
+}
+
+impl Metric {
+    /// Holds a value against its limit. Without a value a limit is not met.
+    #[must_use]
+    pub fn new(name: &'static str, value: Result<f64, String>, limit: Option<Limit>) -> Self {
+        let passed = limit.map(|limit| value.as_ref().is_ok_and(|value| meets(*value, limit)));
+        let (value, remark) = match value {
+            Ok(value) => (Some(rounded(value)), None),
+            Err(remark) => (None, Some(remark)),
+        };
+        Self {
+            name,
+            value,
+            remark,
+            limit,
+            passed,
+        }
+    }
+}
+
+fn meets(value: f64, limit: Limit) -> bool {
+    let value = rounded(value);
+    limit.min.is_none_or(|min| value >= min) && limit.max.is_none_or(|max| value <= max)
+}
+
+/// Six decimals: more than any metric is known to, and the same text on every machine.
+fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
+
+/// The verdict of one run, as `verdict.json` holds it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Verdict {
+    /// Version of this file's format.
+    pub schema: u32,
+    /// The scenario's name.
+    pub scenario: String,
+    /// The program's version.
+    pub version: &'static str,
+    /// The scenario's seed.
+    pub seed: u64,
+    /// How the run ended.
+    pub outcome: Outcome,
+    /// Why, where the metrics do not tell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// All metrics that the run has or the scenario limits.
+    pub metrics: Vec<Metric>,
+}
+
+impl Verdict {
+    /// The verdict before a run: what a reader finds when the run breaks off.
+    #[must_use]
+    pub fn incomplete(scenario: &str, seed: u64, reason: &str) -> Self {
+        Self {
+            schema: 1,
+            scenario: scenario.to_owned(),
+            version: env!("CARGO_PKG_VERSION"),
+            seed,
+            outcome: Outcome::Incomplete,
+            reason: Some(reason.to_owned()),
+            metrics: Vec::new(),
+        }
+    }
+
+    /// The text of `verdict.json`.
+    ///
+    /// # Panics
+    /// Never: the verdict has no map with keys other than strings.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        let mut text = serde_json::to_string_pretty(self).expect("plain data");
+        text.push('\n');
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_are_two_sided_and_inclusive() {
+        let limit = Some(Limit {
+            min: Some(0.1),
+            max: Some(0.23),
+        });
+        let passed = |value| Metric::new("settling_time_seconds", value, limit).passed;
+        assert_eq!(passed(Ok(0.23)), Some(true));
+        assert_eq!(passed(Ok(0.230_001)), Some(false));
+        assert_eq!(passed(Ok(0.05)), Some(false));
+        assert_eq!(passed(Ok(f64::NAN)), Some(false));
+        assert_eq!(passed(Err("never settled".to_owned())), Some(false));
+        assert_eq!(Metric::new("overshoot_percent", Ok(1.0), None).passed, None);
+    }
+}

@@ -1,0 +1,123 @@
+//! Virtual time: the coordinator moves the nodes, in this process or in others.
+
+use std::time::Duration;
+
+use canopen::CanFrame;
+use dbc::Database;
+use platform::bus::Bus;
+use platform::lockstep::{Local, Participant};
+use scenario::Scenario;
+
+use super::{End, START_PATIENCE, STOP_PATIENCE, WorldError};
+use crate::capture::Capture;
+use crate::coordinator::{Coordinator, CoordinatorError, Wire};
+use crate::disturbance_node::DisturbanceProducer;
+use crate::nodes;
+
+/// Events between two looks at the disk and at the user's wish to stop.
+const EVENTS_PER_FLUSH: u32 = 4096;
+
+/// The three participants of every run.
+pub struct Roles<'a> {
+    /// The rig.
+    pub plant_emulator: &'a mut dyn Participant,
+    /// The bench's own node, which commands the disturbances.
+    pub bench: &'a mut dyn Participant,
+    /// The manager; the last to join and the first to stop.
+    pub controller: &'a mut dyn Participant,
+}
+
+/// Runs the scenario in this process.
+///
+/// # Errors
+/// A node failed, or the recording cannot be written.
+pub fn simulate(
+    scenario: &Scenario,
+    database: &Database,
+    capture: &mut Capture<'_>,
+) -> Result<End, WorldError> {
+    let mut plant_emulator = nodes::plant_emulator(scenario)?;
+    let mut bench = DisturbanceProducer::new(scenario, database)?;
+    let mut controller = nodes::controller(&scenario.controller_view())?;
+    let roles = Roles {
+        plant_emulator: &mut Local::new("plant-emulator", &mut plant_emulator),
+        bench: &mut Local::new("bench", &mut bench),
+        controller: &mut Local::new("controller", &mut controller),
+    };
+    play(scenario, roles, capture, None)
+}
+
+/// Plays the scenario with these participants. With a `wire` the winner of each arbitration goes on it.
+///
+/// # Errors
+/// A participant or the wire failed, or the recording cannot be written.
+pub fn play(
+    scenario: &Scenario,
+    roles: Roles<'_>,
+    capture: &mut Capture<'_>,
+    wire: Option<&mut dyn Bus>,
+) -> Result<End, WorldError> {
+    let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second);
+    let plant_emulator = coordinator.join(roles.plant_emulator);
+    let bench = coordinator.join(roles.bench);
+    let controller = coordinator.join(roles.controller);
+    let mut taps = Taps { capture, wire };
+    let end = Duration::from_secs_f64(scenario.duration_seconds);
+    let end = run_until(&mut coordinator, &mut taps, end)?;
+    // The manager goes first: it takes the current away and stops the others while they still listen.
+    for (index, name) in [
+        (controller, "controller"),
+        (bench, "bench"),
+        (plant_emulator, "plant-emulator"),
+    ] {
+        coordinator.stop(index)?;
+        let give_up = coordinator.now() + STOP_PATIENCE;
+        while !coordinator.is_stopped(index) {
+            if coordinator.step(&mut taps)?.is_none_or(|now| now > give_up) {
+                return Err(WorldError::NoStop { name });
+            }
+        }
+    }
+    Ok(end)
+}
+
+fn run_until(
+    coordinator: &mut Coordinator<'_>,
+    taps: &mut Taps<'_, '_, '_>,
+    end: Duration,
+) -> Result<End, WorldError> {
+    for event in 0u32.. {
+        let now = coordinator.step(taps)?.ok_or(WorldError::NoStart)?;
+        match taps.capture.scenario_time_at(now) {
+            Some(time) if time >= end => break,
+            None if now > START_PATIENCE => return Err(WorldError::NoStart),
+            _ => {}
+        }
+        if event % EVENTS_PER_FLUSH == 0 {
+            taps.capture.flush()?;
+            if taps.capture.is_interrupted() {
+                return Ok(End::Interrupted);
+            }
+        }
+    }
+    Ok(End::Completed)
+}
+
+/// Where the winners go: to the recording and, where there is one, on the real wire.
+struct Taps<'a, 'b, 'c> {
+    capture: &'a mut Capture<'b>,
+    wire: Option<&'c mut dyn Bus>,
+}
+
+impl Wire for Taps<'_, '_, '_> {
+    fn put(&mut self, time: Duration, frame: &CanFrame) -> Result<(), CoordinatorError> {
+        self.capture.take(time, *frame);
+        match &mut self.wire {
+            Some(wire) => wire.send(frame).map_err(|source| CoordinatorError::Wire {
+                frame: *frame,
+                source,
+            }),
+            None => Ok(()),
+        }
+    }
+}

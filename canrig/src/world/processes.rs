@@ -1,0 +1,111 @@
+//! Controller and plant as processes, in lock-step or in real time.
+
+use dbc::Database;
+use platform::bus::{self, Bus, BusAddress};
+use platform::lockstep::{Local, Remote, channel};
+use scenario::Scenario;
+use tokio::runtime::Runtime;
+
+use super::child::NodeProcess;
+use super::lockstep::{self, Roles};
+use super::{End, RunBus, WorldError};
+use crate::capture::Capture;
+use crate::disturbance_node::DisturbanceProducer;
+use crate::run::World;
+use crate::run_folder::RunFolder;
+
+/// The two nodes that are processes of their own.
+pub(super) struct Processes {
+    pub(super) plant_emulator: NodeProcess,
+    pub(super) controller: NodeProcess,
+}
+
+impl Processes {
+    /// Waits until one of them ends before its time; the error that tells of it.
+    pub(super) async fn early_end(&mut self) -> WorldError {
+        tokio::select! {
+            error = self.controller.early_end() => error,
+            error = self.plant_emulator.early_end() => error,
+        }
+    }
+
+    /// Stops both, the manager first; the first error of the two.
+    pub(super) async fn stop(&mut self) -> Result<(), WorldError> {
+        let controller = self.controller.stop().await;
+        let plant_emulator = self.plant_emulator.stop().await;
+        controller.and(plant_emulator)
+    }
+}
+
+/// The runtime in which processes are watched. It lives on the calling thread, whose end would end the processes.
+pub(super) fn runtime() -> Result<Runtime, WorldError> {
+    let built = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build();
+    built.map_err(|source| WorldError::Spawn {
+        name: "bench",
+        source,
+    })
+}
+
+/// Plays the scenario in lock-step, with controller and plant as processes. On a CAN interface the frames cross it.
+///
+/// # Errors
+/// A process or the bus failed, or the recording cannot be written.
+pub fn in_lockstep(
+    scenario: &Scenario,
+    folder: &RunFolder,
+    capture: &mut Capture<'_>,
+    bus: &RunBus,
+) -> Result<World, WorldError> {
+    let address = match bus {
+        RunBus::Embedded { .. } => None,
+        RunBus::Interface(name) => Some(BusAddress::Interface(name.clone())),
+    };
+    // The coordinator only sends; without filters nothing comes in.
+    let mut wire = address
+        .as_ref()
+        .map(|address| bus::open(address, &[]))
+        .transpose()?;
+    let runtime = runtime()?;
+    let _entered = runtime.enter();
+    let start = |name| {
+        let (ours, theirs) = channel().map_err(|source| WorldError::Spawn { name, source })?;
+        Ok::<_, WorldError>((
+            NodeProcess::spawn(name, folder, address.as_ref(), Some(theirs))?,
+            ours,
+        ))
+    };
+    let (plant_emulator, plant_channel) = start("plant-emulator")?;
+    let (controller, controller_channel) = start("controller")?;
+    let mut processes = Processes {
+        plant_emulator,
+        controller,
+    };
+    let played = (|| -> Result<End, WorldError> {
+        let mut plant_emulator = Remote::accept("plant-emulator", plant_channel)?;
+        let mut controller = Remote::accept("controller", controller_channel)?;
+        let mut bench = DisturbanceProducer::new(scenario, &Database::sma_actuator())?;
+        let roles = Roles {
+            plant_emulator: &mut plant_emulator,
+            bench: &mut Local::new("bench", &mut bench),
+            controller: &mut controller,
+        };
+        lockstep::play(
+            scenario,
+            roles,
+            capture,
+            wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus),
+        )
+    })();
+    let stopped = runtime.block_on(processes.stop());
+    match (played, stopped) {
+        (Ok(end), stopped) => stopped.map(|()| World {
+            end,
+            frames_lost: 0,
+        }),
+        // How a process ended tells more than that it does not answer.
+        (Err(WorldError::Coordinator(_)), Err(how @ WorldError::Process { .. })) => Err(how),
+        (Err(error), _) => Err(error),
+    }
+}

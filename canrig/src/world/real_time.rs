@@ -1,0 +1,154 @@
+//! Real time: the processes keep their own time on a bus, and the bench listens.
+
+use std::time::Duration;
+
+use dbc::Database;
+use platform::bus::{self, BusAddress};
+use platform::clock::Clock;
+use platform::hub::Hub;
+use platform::recorder::Recorder;
+use platform::stop::StopSignal;
+use scenario::Scenario;
+
+use super::child::NodeProcess;
+use super::processes::{Processes, runtime};
+use super::{End, RunBus, START_PATIENCE, WorldError};
+use crate::capture::Capture;
+use crate::disturbance_node::DisturbanceProducer;
+use crate::run::World;
+use crate::run_folder::RunFolder;
+
+/// How often the recorded frames are taken and written.
+const COLLECT_PERIOD: Duration = Duration::from_millis(20);
+/// A bus without a frame for so long has lost its manager.
+const SILENCE_MAX: Duration = Duration::from_secs(2);
+
+/// Plays the scenario in real time, with controller and plant as processes.
+///
+/// # Errors
+/// A process or the bus failed, or the recording cannot be written.
+pub fn run(
+    scenario: &Scenario,
+    folder: &RunFolder,
+    capture: &mut Capture<'_>,
+    bus: &RunBus,
+) -> Result<World, WorldError> {
+    let runtime = runtime()?;
+    let _entered = runtime.enter();
+    let mut line = Line::open(bus)?;
+    let mut processes = Processes {
+        plant_emulator: NodeProcess::spawn("plant-emulator", folder, Some(&line.address), None)?,
+        controller: NodeProcess::spawn("controller", folder, Some(&line.address), None)?,
+    };
+    let mut bench = DisturbanceProducer::new(scenario, &Database::sma_actuator())?;
+    let mut voice = bus::open(&line.address, &canopen::Node::filters(&bench))?;
+    let (stopper, stop) = StopSignal::manual().map_err(|source| WorldError::Spawn {
+        name: "bench",
+        source,
+    })?;
+    let end = std::thread::scope(|scope| {
+        let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *voice, &stop));
+        let end = runtime.block_on(async {
+            let end = follow(scenario, &mut line, capture, &mut processes).await;
+            // However the run went, nothing may stay heated or running.
+            let stopped = processes.stop().await;
+            match end {
+                Ok(end) => stopped.map(|()| end),
+                Err(error) => Err(error),
+            }
+        });
+        drop(stopper);
+        let bench = bench
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench))
+    });
+    let frames_lost = line.close(capture)?;
+    end.map(|end| World { end, frames_lost })
+}
+
+/// Collects frames until the scenario is over, the user stops it, or something fails.
+async fn follow(
+    scenario: &Scenario,
+    line: &mut Line,
+    capture: &mut Capture<'_>,
+    processes: &mut Processes,
+) -> Result<End, WorldError> {
+    let duration = Duration::from_secs_f64(scenario.duration_seconds);
+    let clock = Clock::start();
+    let mut last_heard = Duration::ZERO;
+    let mut ticks = tokio::time::interval(COLLECT_PERIOD);
+    loop {
+        tokio::select! {
+            error = processes.early_end() => return Err(error),
+            _ = ticks.tick() => {}
+        }
+        let now = clock.now();
+        if line.collect(capture)? {
+            last_heard = now;
+        }
+        if capture.is_interrupted() {
+            return Ok(End::Interrupted);
+        }
+        match capture.scenario_time() {
+            Some(time) if time >= duration => return Ok(End::Completed),
+            Some(_) if now - last_heard > SILENCE_MAX => {
+                return Err(WorldError::Silent {
+                    silence: SILENCE_MAX,
+                });
+            }
+            None if now > START_PATIENCE => return Err(WorldError::NoStart),
+            _ => {}
+        }
+    }
+}
+
+/// The bus of a run and the ear on it.
+struct Line {
+    address: BusAddress,
+    recorder: Recorder,
+    hub: Option<Hub>,
+}
+
+impl Line {
+    fn open(bus: &RunBus) -> Result<Self, WorldError> {
+        match bus {
+            RunBus::Embedded { .. } => {
+                let (hub, recorder) = Hub::start()?;
+                Ok(Self {
+                    address: hub.address(),
+                    recorder,
+                    hub: Some(hub),
+                })
+            }
+            RunBus::Interface(name) => {
+                let recorder = Recorder::on_interface(name)?;
+                Ok(Self {
+                    address: BusAddress::Interface(name.clone()),
+                    recorder,
+                    hub: None,
+                })
+            }
+        }
+    }
+
+    /// Takes what was heard since the last time; `true` when there was something.
+    fn collect(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
+        let epoch = self.recorder.wall_epoch();
+        let mut has_heard = false;
+        while let Some(stamped) = self.recorder.next() {
+            capture.take(epoch + stamped.time, stamped.frame);
+            has_heard = true;
+        }
+        capture.flush()?;
+        Ok(has_heard)
+    }
+
+    /// Ends the bus and takes the last frames; the number of frames that were lost.
+    fn close(mut self, capture: &mut Capture<'_>) -> Result<u64, WorldError> {
+        self.recorder.stop();
+        self.hub = None;
+        self.collect(capture)?;
+        Ok(self.recorder.lost())
+    }
+}

@@ -1,0 +1,222 @@
+//! The bench with real processes: what is left when one of them is killed.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+
+use crate::support::{canrig, only_run, output, scenario, short_scenario};
+
+/// How long something may take on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A run in real time that goes on for some seconds.
+struct Run {
+    canrig: Child,
+    folder: tempfile::TempDir,
+}
+
+impl Run {
+    fn start() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut canrig = canrig(folder.path(), "run");
+        let canrig = canrig
+            .arg(scenario("step.toml"))
+            .args(["--bus", "embedded"]);
+        // The embedded bus lies in a folder of its own, so that a test sees what is left there.
+        let runtime = folder.path().join("runtime");
+        fs::create_dir(&runtime).unwrap();
+        let canrig = canrig
+            .env("XDG_RUNTIME_DIR", runtime)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        let run = Self {
+            canrig: canrig.spawn().unwrap(),
+            folder,
+        };
+        wait_for("the scenario to begin", || run.has_heated());
+        run
+    }
+
+    fn id(&self) -> Pid {
+        Pid::from_raw(self.canrig.id().cast_signed()).unwrap()
+    }
+
+    fn run_folder(&self) -> Option<std::path::PathBuf> {
+        let entries = fs::read_dir(self.folder.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().path());
+        entries.into_iter().find(|path| !path.ends_with("runtime"))
+    }
+
+    fn log(&self) -> String {
+        self.run_folder()
+            .and_then(|run| fs::read_to_string(run.join("bus.log")).ok())
+            .unwrap_or_default()
+    }
+
+    /// Whether a current was commanded: RPDO1 of the drive with a target that is not 0.
+    fn has_heated(&self) -> bool {
+        self.log()
+            .lines()
+            .any(|line| line.contains(" 210#0F00") && !line.ends_with("0000"))
+    }
+
+    /// The process of a node.
+    fn node(&self, name: &str) -> Pid {
+        let children =
+            fs::read_to_string(format!("/proc/{0}/task/{0}/children", self.canrig.id())).unwrap();
+        let pids = children
+            .split_whitespace()
+            .map(|pid| pid.parse::<i32>().unwrap());
+        let is_node = |pid: &i32| {
+            let line = fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+            line.split('\0').any(|word| word == name)
+        };
+        Pid::from_raw(pids.into_iter().find(is_node).expect("the node runs")).unwrap()
+    }
+
+    fn end(self) -> (Option<i32>, String, tempfile::TempDir) {
+        let ended = self.canrig.wait_with_output().unwrap();
+        let text =
+            String::from_utf8(ended.stdout).unwrap() + &String::from_utf8(ended.stderr).unwrap();
+        (ended.status.code(), text, self.folder)
+    }
+}
+
+fn wait_for(what: &str, condition: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !condition() {
+        assert!(start.elapsed() < PATIENCE, "waited too long for {what}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn is_gone(pid: Pid) -> bool {
+    // A zombie without a parent to collect it counts as gone.
+    let stat =
+        fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).unwrap_or_default();
+    test_kill_process(pid).is_err() || stat.contains(") Z ")
+}
+
+fn last_command(log: &str) -> &str {
+    log.lines().rfind(|line| line.contains(" 210#")).unwrap()
+}
+
+fn verdict(folder: &Path) -> serde_json::Value {
+    let entries = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    let run = entries
+        .into_iter()
+        .find(|path| !path.ends_with("runtime"))
+        .unwrap();
+    serde_json::from_str(&fs::read_to_string(run.join("verdict.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn a_killed_controller_is_named_and_nothing_stays() {
+    let run = Run::start();
+    let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
+    kill_process(controller, Signal::KILL).unwrap();
+    let (code, text, folder) = run.end();
+    assert_eq!(code, Some(4), "{text}");
+    assert!(
+        text.contains("the controller was killed by signal 9"),
+        "{text}"
+    );
+    assert!(is_gone(controller) && is_gone(plant_emulator));
+    assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+}
+
+#[test]
+fn a_killed_plant_emulator_is_named_and_nothing_stays() {
+    let run = Run::start();
+    let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
+    kill_process(plant_emulator, Signal::KILL).unwrap();
+    let (code, text, folder) = run.end();
+    assert_eq!(code, Some(4), "{text}");
+    assert!(
+        text.contains("the plant-emulator was killed by signal 9"),
+        "{text}"
+    );
+    assert!(is_gone(controller) && is_gone(plant_emulator));
+    assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+}
+
+#[test]
+fn a_killed_bench_leaves_no_process_and_no_socket() {
+    let mut run = Run::start();
+    let nodes = [run.node("controller"), run.node("plant-emulator")];
+    kill_process(run.id(), Signal::KILL).unwrap();
+    run.canrig.wait().unwrap();
+    wait_for("the nodes to end", || {
+        nodes.iter().all(|node| is_gone(*node))
+    });
+    let runtime = run.folder.path().join("runtime");
+    wait_for("the socket to be removed", || {
+        fs::read_dir(&runtime).unwrap().next().is_none()
+    });
+    assert_eq!(verdict(run.folder.path())["outcome"], "incomplete");
+}
+
+#[test]
+fn an_interrupted_run_ends_with_the_current_at_0() {
+    let run = Run::start();
+    let nodes = [run.node("controller"), run.node("plant-emulator")];
+    kill_process(run.id(), Signal::INT).unwrap();
+    let log = || run.log();
+    wait_for("the nodes to end", || {
+        nodes.iter().all(|node| is_gone(*node))
+    });
+    wait_for("the current to be taken away", || {
+        last_command(&log()).ends_with("0000")
+    });
+    let (code, text, folder) = run.end();
+    assert_eq!(code, Some(130), "{text}");
+    let verdict = verdict(folder.path());
+    assert_eq!(verdict["reason"], "interrupted by the user");
+}
+
+#[test]
+fn real_time_on_the_embedded_bus_is_recorded_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = short_scenario(folder.path(), 2.0);
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) =
+        output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(short));
+    // On a busy machine the timing may decide nothing; then the program says so.
+    assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
+    let run = only_run(&runs);
+    for name in [
+        "scenario.toml",
+        "bus.log",
+        "signals.csv",
+        "verdict.json",
+        "junit.xml",
+    ] {
+        assert!(run.join(name).exists(), "{name} is missing");
+    }
+    assert!(!stdout.contains("lost"), "{stdout}");
+}
+
+#[test]
+fn a_node_by_hand_needs_no_bench() {
+    // Without a drive the controller gives up in its own words.
+    let output = Command::new(env!("CARGO_BIN_EXE_canrig"))
+        .args([
+            "node",
+            "controller",
+            "--bus",
+            "embedded:/nowhere/bus",
+            "--scenario",
+        ])
+        .arg(scenario("step.toml"))
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(4));
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.contains("no bus is at /nowhere/bus"), "{text}");
+}

@@ -1,0 +1,64 @@
+//! What several tests need.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The root of the checkout.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("canrig lies in the root")
+        .to_owned()
+}
+
+/// A shipped scenario.
+pub fn scenario(name: &str) -> PathBuf {
+    root().join("scenarios").join(name)
+}
+
+/// The program, with its runs in `folder`.
+pub fn canrig(folder: &Path, command: &str) -> Command {
+    let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    canrig
+        .arg(command)
+        .arg("--output")
+        .arg(folder)
+        .env("NO_COLOR", "1");
+    canrig
+}
+
+/// Runs a command to its end.
+pub fn output(command: &mut Command) -> (Option<i32>, String, String) {
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = command.output().unwrap();
+    (
+        status.code(),
+        String::from_utf8(stdout).unwrap(),
+        String::from_utf8(stderr).unwrap(),
+    )
+}
+
+/// The only run folder below a folder.
+pub fn only_run(folder: &Path) -> PathBuf {
+    let runs: Vec<PathBuf> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    assert_eq!(runs.len(), 1, "{runs:?}");
+    runs[0].clone()
+}
+
+/// A short scenario written into `folder`: a small step from a warm hold.
+pub fn short_scenario(folder: &Path, duration_seconds: f64) -> PathBuf {
+    let path = folder.join("short.toml");
+    let text = format!(
+        "schema = 1\nname = \"short\"\nduration_seconds = {duration_seconds:.1}\n\n[controller.sliding_mode]\n\n\
+         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n"
+    );
+    fs::write(&path, text).unwrap();
+    path
+}

@@ -1,0 +1,99 @@
+//! Tests on the kernel's own CAN bus. Without one they are reported as ignored, by name, never as passed;
+//! `tests/vcan/run` gives a machine one.
+
+mod support;
+
+use std::fs;
+use std::process::ExitCode;
+
+use libtest_mimic::{Arguments, Failed, Trial};
+use platform::probe::{self, Interface};
+use support::{canrig, only_run, output, scenario};
+
+/// The interface that the tests use.
+const INTERFACE: &str = "vcan0";
+
+fn main() -> ExitCode {
+    let is_there =
+        probe::kernel_can().is_ok() && matches!(probe::interface(INTERFACE), Ok(Interface::Up));
+    let tests: [(&str, fn() -> Result<(), Failed>); 3] = [
+        (
+            "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
+            same_bytes,
+        ),
+        ("real_time_over_vcan_is_recorded_whole", real_time),
+        ("a_foreign_frame_in_lockstep_is_told", foreign_frame),
+    ];
+    let trials = tests.map(|(name, test)| Trial::test(name, test).with_ignored_flag(!is_there));
+    // One bus for all: one test at a time.
+    let arguments = Arguments {
+        test_threads: Some(1),
+        ..Arguments::from_args()
+    };
+    libtest_mimic::run(&arguments, trials.into()).exit_code()
+}
+
+fn same_bytes() -> Result<(), Failed> {
+    let (simulated, crossed) = (tempfile::tempdir()?, tempfile::tempdir()?);
+    let (code, stdout, stderr) =
+        output(canrig(simulated.path(), "simulate").arg(scenario("step.toml")));
+    assert_eq!(code, Some(0), "{stdout}\n{stderr}");
+    let arguments = ["--bus", INTERFACE, "--require-vcan", "--clock", "lockstep"];
+    let (code, stdout, stderr) = output(
+        canrig(crossed.path(), "run")
+            .args(arguments)
+            .arg(scenario("step.toml")),
+    );
+    assert_eq!(code, Some(0), "{stdout}\n{stderr}");
+    for name in ["bus.log", "signals.csv", "verdict.json"] {
+        let same = fs::read(only_run(simulated.path()).join(name))?
+            == fs::read(only_run(crossed.path()).join(name))?;
+        assert!(same, "{name} differs");
+    }
+    Ok(())
+}
+
+fn real_time() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    let short = support::short_scenario(folder.path(), 2.0);
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(
+        canrig(&runs, "run")
+            .args(["--bus", INTERFACE, "--require-vcan"])
+            .arg(short),
+    );
+    // On a busy machine the timing may decide nothing; then the program says so.
+    assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
+    let log = fs::read_to_string(only_run(&runs).join("bus.log"))?;
+    let syncs = log.lines().filter(|line| line.contains(" 080#")).count();
+    assert!(syncs > 1000, "{syncs} SYNCs in 2 s");
+    Ok(())
+}
+
+/// Another program on the bus would bend virtual time, so the nodes refuse to go on.
+fn foreign_frame() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    let arguments = ["--bus", INTERFACE, "--clock", "lockstep"];
+    let mut canrig = canrig(folder.path(), "run");
+    let run = canrig.args(arguments).arg(scenario("step.toml"));
+    let run = run
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::null())
+        .spawn()?;
+    let mut bus = platform::bus::open(
+        &platform::bus::BusAddress::Interface(INTERFACE.to_owned()),
+        &[],
+    )?;
+    for _ in 0..20 {
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        bus.send(&canopen::CanFrame::new(0x190, &[0; 8]))?;
+    }
+    let ended = run.wait_with_output()?;
+    let stderr = String::from_utf8(ended.stderr)?;
+    assert_eq!(ended.status.code(), Some(4), "{stderr}");
+    assert!(
+        stderr.contains("is another program sending on this bus?"),
+        "{stderr}"
+    );
+    Ok(())
+}
