@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 /// The root of the checkout.
-pub fn root() -> PathBuf {
+pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .parent()
         .expect("canrig lies in the root")
@@ -13,12 +13,12 @@ pub fn root() -> PathBuf {
 }
 
 /// A shipped scenario.
-pub fn scenario(name: &str) -> PathBuf {
+pub(crate) fn scenario(name: &str) -> PathBuf {
     root().join("scenarios").join(name)
 }
 
 /// The program, with its runs in `folder`.
-pub fn canrig(folder: &Path, command: &str) -> Command {
+pub(crate) fn canrig(folder: &Path, command: &str) -> Command {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     canrig
         .arg(command)
@@ -29,7 +29,7 @@ pub fn canrig(folder: &Path, command: &str) -> Command {
 }
 
 /// Runs a command to its end.
-pub fn output(command: &mut Command) -> (Option<i32>, String, String) {
+pub(crate) fn output(command: &mut Command) -> (Option<i32>, String, String) {
     let Output {
         status,
         stdout,
@@ -43,7 +43,7 @@ pub fn output(command: &mut Command) -> (Option<i32>, String, String) {
 }
 
 /// The only run folder below a folder.
-pub fn only_run(folder: &Path) -> PathBuf {
+pub(crate) fn only_run(folder: &Path) -> PathBuf {
     let runs: Vec<PathBuf> = fs::read_dir(folder)
         .unwrap()
         .map(|entry| entry.unwrap().path())
@@ -53,7 +53,7 @@ pub fn only_run(folder: &Path) -> PathBuf {
 }
 
 /// A short scenario written into `folder`: a small step from a warm hold.
-pub fn short_scenario(folder: &Path, duration_seconds: f64) -> PathBuf {
+pub(crate) fn short_scenario(folder: &Path, duration_seconds: f64) -> PathBuf {
     let path = folder.join("short.toml");
     let text = format!(
         "schema = 1\nname = \"short\"\nduration_seconds = {duration_seconds:.1}\n\n[controller.sliding_mode]\n\n\

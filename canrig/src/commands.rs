@@ -16,7 +16,7 @@ use crate::nodes;
 use crate::report::terminal;
 use crate::run::{self, Judged, Source, World};
 use crate::run_folder::RunFolder;
-use crate::verdict::Verdict;
+use crate::verdict::{Outcome, Verdict};
 use crate::world::{self, WorldError};
 
 /// Levels of folders that are searched for scenarios.
@@ -142,7 +142,7 @@ fn play(
         drop(progress);
         let exit = match judged {
             Ok(judged) => {
-                report(args, &judged);
+                report(args, path, &judged);
                 verdicts.push(judged.verdict);
                 judged.exit
             }
@@ -160,9 +160,12 @@ fn play(
     worst
 }
 
-fn report(args: &PlayArgs, judged: &Judged) {
-    let is_bad = judged.exit != Exit::Pass;
-    if !args.json && (!args.quiet || is_bad) {
+fn report(args: &PlayArgs, path: &Path, judged: &Judged) {
+    if judged.verdict.outcome == Outcome::Incomplete {
+        let reason = judged.verdict.reason.as_deref().unwrap_or_default();
+        complain(&format!("canrig: {}: {reason}", path.display()));
+    }
+    if !args.json && (!args.quiet || judged.exit != Exit::Pass) {
         say(&terminal::run(judged));
     }
 }

@@ -132,7 +132,7 @@ pub fn read_log(mut input: impl BufRead) -> io::Result<Vec<Stamped>> {
         if io::Read::take(&mut input, LINE_LENGTH_MAX).read_line(&mut line)? == 0 {
             break;
         }
-        let parsed = line.parse().map_err(|error| {
+        let parsed = line.trim_end().parse().map_err(|error| {
             io::Error::new(
                 io::ErrorKind::InvalidData,
                 format!("line {number}: {error}"),

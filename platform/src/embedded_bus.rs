@@ -109,7 +109,7 @@ impl EmbeddedBus {
 
     /// The hub is gone. Where it was killed, its socket is still there: the last to notice cleans up.
     fn closed(&self) -> BusError {
-        hub::remove_leftover(&self.path);
+        hub::remove_silent(&self.path);
         BusError::Closed {
             address: self.address(),
         }

@@ -37,7 +37,7 @@ use crate::recorder::{self, Recorder};
 use crate::scheduling::{self, Refused};
 
 use place::Place;
-pub(crate) use place::remove_leftover;
+pub(crate) use place::remove_silent;
 use switch::Switch;
 
 /// Participants at once, at most.

@@ -17,7 +17,12 @@ pub fn run(judged: &Judged) -> String {
         text += &format!("{}\n", table(verdict));
     }
     text += &format!("{}", verdict.outcome.word());
-    if let Some(reason) = &verdict.reason {
+    // Why a run broke off was told as an error already.
+    if let Some(reason) = verdict
+        .reason
+        .as_ref()
+        .filter(|_| verdict.outcome != Outcome::Incomplete)
+    {
         text += &format!(": {reason}");
     }
     text += &format!("\nrun folder  {}", folder.display());
@@ -34,10 +39,7 @@ pub fn run(judged: &Judged) -> String {
 /// One line for each of several runs.
 #[must_use]
 pub fn summary(verdicts: &[Verdict]) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
-    table.set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_header(["scenario", "limits", "result"]);
+    let mut table = empty_table(["scenario", "limits", "result"]);
     for verdict in verdicts {
         let limited = verdict
             .metrics
@@ -64,10 +66,7 @@ pub fn summary(verdicts: &[Verdict]) -> String {
 /// The table of one run's metrics beside their limits.
 #[must_use]
 pub fn table(verdict: &Verdict) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
-    table.set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_header(["metric", "measured", "limit", "result"]);
+    let mut table = empty_table(["metric", "measured", "limit", "result"]);
     for metric in &verdict.metrics {
         table.add_row([
             Cell::new(metric.name.replace('_', " ")),
@@ -77,6 +76,18 @@ pub fn table(verdict: &Verdict) -> String {
         ]);
     }
     table.to_string()
+}
+
+/// A table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them.
+fn empty_table<const N: usize>(header: [&str; N]) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_content_arrangement(ContentArrangement::Dynamic);
+    table.set_header(header);
+    if std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty()) {
+        table.force_no_tty();
+    }
+    table
 }
 
 fn measured(metric: &Metric) -> String {

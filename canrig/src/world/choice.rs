@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use platform::bus::{self, BusAddress};
 use platform::probe;
 
 use super::WorldError;
@@ -31,10 +32,12 @@ impl fmt::Display for RunBus {
 /// Decides on the bus.
 ///
 /// # Errors
-/// The kernel's own bus is demanded and not to be had.
+/// The bus that was asked for is not to be had.
 pub fn choose_bus(choice: &BusChoice, require_kernel: bool) -> Result<RunBus, WorldError> {
     if let BusChoice::Interface(name) = choice {
-        return Ok(RunBus::Interface(name.clone()));
+        // Opened once, so that a missing bus is told before a run is made.
+        let address = BusAddress::Interface(name.clone());
+        return Ok(bus::open(&address, &[]).map(|_| RunBus::Interface(name.clone()))?);
     }
     let kernel = probe::kernel_can();
     if require_kernel {

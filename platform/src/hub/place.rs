@@ -105,15 +105,22 @@ fn remove_leftovers(parent: &Path) {
     }
 }
 
-/// Removes a hub's socket and directory when the hub was killed: its process is gone and nobody listens.
-pub(crate) fn remove_leftover(socket: &Path) {
+/// Removes a hub's socket and directory when its process is gone: a hub that is about to listen has one.
+fn remove_leftover(socket: &Path) {
     let process = socket
         .parent()
         .and_then(Path::file_name)
         .and_then(|name| name.to_str()?.strip_prefix(PREFIX)?.split_once('-'))
         .and_then(|(process, _)| Pid::from_raw(process.parse().ok()?));
-    let gone = process.is_some_and(|process| test_kill_process(process) == Err(Errno::SRCH));
-    if gone && nobody_listens(socket) {
+    if process.is_some_and(|process| test_kill_process(process) == Err(Errno::SRCH)) {
+        remove_silent(socket);
+    }
+}
+
+/// Removes a hub's socket and directory when nobody listens there any more. For those who were its clients: a killed
+/// process may still be waiting to be collected by its parent.
+pub(crate) fn remove_silent(socket: &Path) {
+    if nobody_listens(socket) {
         remove(socket);
     }
 }
