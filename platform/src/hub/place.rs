@@ -5,6 +5,7 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use rustix::io::Errno;
 use rustix::net::{
@@ -13,12 +14,16 @@ use rustix::net::{
 use rustix::process::{Pid, test_kill_process};
 
 use super::{CLIENTS_MAX, HubError};
+use crate::clock::Clock;
 
 /// Directories are named `canrig-bus-<process>-<number>`.
 const PREFIX: &str = "canrig-bus-";
 const SOCKET: &str = "socket";
 /// Hubs of one process, at most.
 const HUBS_MAX: u32 = 1000;
+
+/// How long a listener may outlive its connections while its process ends.
+const LISTENER_PATIENCE: Duration = Duration::from_millis(500);
 
 /// A directory with a hub's socket; both are removed on drop.
 pub(super) struct Place {
@@ -118,11 +123,23 @@ fn remove_leftover(socket: &Path) {
 }
 
 /// Removes a hub's socket and directory when nobody listens there any more. For those who were its clients: a killed
-/// process may still be waiting to be collected by its parent.
+/// process may still be waiting to be collected by its parent, and its connections may end a moment before its listener.
 pub(crate) fn remove_silent(socket: &Path) {
-    if nobody_listens(socket) {
-        remove(socket);
+    let clock = Clock::start();
+    while clock.now() < LISTENER_PATIENCE {
+        if nobody_listens(socket) {
+            return remove(socket);
+        }
+        wait(LISTENER_PATIENCE / 50);
     }
+}
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the bus has ended: nothing cyclic is left to hold up"
+)]
+fn wait(duration: Duration) {
+    std::thread::sleep(duration);
 }
 
 fn nobody_listens(socket: &Path) -> bool {
