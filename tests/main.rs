@@ -1,4 +1,9 @@
 //! The integration tests, from pure to process level; one binary. Those on the kernel's CAN bus are in `vcan.rs`.
+#![expect(
+    clippy::unwrap_used,
+    clippy::disallowed_methods,
+    reason = "tests fail by panicking, and wait for processes"
+)]
 
 mod command_line;
 mod lockstep;

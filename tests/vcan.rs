@@ -1,5 +1,10 @@
 //! Tests on the kernel's own CAN bus. Without one they are reported as ignored, by name, never as passed;
 //! `tests/vcan/run` gives a machine one.
+#![expect(
+    clippy::unwrap_used,
+    clippy::disallowed_methods,
+    reason = "tests fail by panicking, and wait for processes"
+)]
 
 mod support;
 
@@ -13,10 +18,12 @@ use support::{canrig, only_run, output, scenario};
 /// The interface that the tests use.
 const INTERFACE: &str = "vcan0";
 
+type Test = fn() -> Result<(), Failed>;
+
 fn main() -> ExitCode {
     let is_there =
         probe::kernel_can().is_ok() && matches!(probe::interface(INTERFACE), Ok(Interface::Up));
-    let tests: [(&str, fn() -> Result<(), Failed>); 3] = [
+    let tests: [(&str, Test); 3] = [
         (
             "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
             same_bytes,

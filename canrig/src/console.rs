@@ -1,5 +1,4 @@
 //! What people see while the program works. Nothing here panics when the reader of a pipe is gone.
-#![expect(clippy::print_stderr, reason = "this is where canrig prints")]
 
 use std::io::{self, IsTerminal, Write};
 use std::panic::PanicHookInfo;

@@ -174,7 +174,7 @@ mod tests {
             let mut bytes = [0; 8];
             bytes[..data.len()].copy_from_slice(&data);
             let id = if extended { id << 10 | EXTENDED_FLAG } else { id };
-            let frame = CanFrame::from_raw(id, data.len() as u8, bytes).unwrap();
+            let frame = CanFrame::from_raw(id, u8::try_from(data.len()).unwrap(), bytes).unwrap();
             let stamped = Stamped::new(Duration::from_micros(micros), frame);
             prop_assert_eq!(stamped.to_string().parse(), Ok(stamped));
         }

@@ -16,7 +16,7 @@ pub fn run(judged: &Judged) -> String {
     if !verdict.metrics.is_empty() {
         text += &format!("{}\n", table(verdict));
     }
-    text += &format!("{}", verdict.outcome.word());
+    text += verdict.outcome.word();
     // Why a run broke off was told as an error already.
     if let Some(reason) = verdict
         .reason
