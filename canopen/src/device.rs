@@ -386,7 +386,8 @@ impl<A: Application> Device<A> {
         }
     }
 
-    /// Reports what did not come in its time.
+    /// Reports what did not come in its time. Only a tick does this: where a busy host delivers a frame together with the
+    /// deadline that it should have met, the frame counts.
     fn expire(&mut self) {
         let now = self.services.now;
         if self.services.sync.has_timed_out(now) {

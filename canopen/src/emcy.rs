@@ -19,7 +19,7 @@ const DRIVE_ERROR_CODE: u16 = 0x603F;
 
 /// Messages that wait for the bus at most; the oldest goes when there are more.
 const QUEUE_LENGTH: usize = 16;
-/// Conditions that are tracked at most.
+/// Conditions that are active at most; further ones are not told.
 const ACTIVE_MAX: usize = 64;
 
 /// An emergency error code (CiA 301, table 26).

@@ -122,3 +122,20 @@ fn a_half_open_transfer_times_out_by_the_devices_own_deadline() {
     let sent = bench.pass(Duration::from_secs(2));
     assert_eq!(sent, [(1000.0, "590#8000250000000405".to_owned())]);
 }
+
+#[test]
+fn stopped_forgets_a_half_open_transfer_in_silence() {
+    let mut dictionary = dictionary();
+    let rights = Rights::ReadWrite;
+    let text = b"a text of more than seven bytes".to_vec();
+    let kind = DataType::VisibleString;
+    dictionary.insert(Entry::new(0x2500, 0, "text", kind, rights, text));
+    let mut bench = Bench::with(dictionary);
+    bench.send(0x610, &[0x40, 0x00, 0x25, 0, 0, 0, 0, 0]);
+    bench.send(0, &[2, ID]);
+    assert!(bench.pass(Duration::from_secs(2)).is_empty());
+    bench.send(0, &[128, ID]);
+    let segment = bench.send(0x610, &[0x60, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(segment.len(), 1);
+    assert!(segment[0].starts_with("590#80"), "no transfer is open");
+}
