@@ -2,6 +2,9 @@
 //!
 //! A command that follows from the sample of one SYNC acts from the next SYNC on: one cycle of delay. The current falls
 //! to 0 on arrival of whatever disables the drive, and by the drive's own timer when communication is lost.
+//!
+//! The drive holds the actuator it is wired to and brings it up to date whenever it samples, before the current or a
+//! disturbance changes, and by a deadline of its own. Frames that only wait for a SYNC leave the physics alone.
 
 mod objects;
 
@@ -14,14 +17,16 @@ use canopen::sync::Sync;
 use canopen::{
     AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, ObjectDictionary, Services,
 };
-use scenario::plant;
+use scenario::Scenario;
 
 use objects::Objects;
 pub use objects::Truth;
 
 use crate::amplifier::Amplifier;
 use crate::objects::MissingObject;
+use crate::rig::Rig;
 use crate::sensor::PositionSensor;
+use crate::sma::{Actuator, Inputs};
 use crate::thermal_protection::ThermalProtection;
 
 /// Longest pause between two SYNCs (assumed). In it a wire at 1 A warms by less than 10 °C; a host that does not run
@@ -41,10 +46,12 @@ pub struct Drive {
     sensor: PositionSensor,
     amplifier: Amplifier,
     protection: ThermalProtection,
-    /// The plant at the time of the present call.
-    truth: Truth,
-    /// What the amplifier puts out.
-    current_amperes: f64,
+    /// The actuator and what acts on it; its current is what the amplifier puts out.
+    rig: Rig,
+    /// Longest time that the actuator is left behind: beyond the next SYNC, which brings it up to date itself.
+    idle_max: Duration,
+    /// The option codes, to be read again when one may have been written.
+    codes: Option<OptionCodes>,
     /// A limit cuts the target.
     is_limit_active: bool,
     /// When the latest SYNC came; supervised here while 0x1006 is 0.
@@ -55,23 +62,21 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// A drive with the objects of a dictionary; the sensor's noise follows from `seed`.
+    /// The drive of a scenario's plant, with the objects of a dictionary. The sensor's noise follows from the seed.
     ///
     /// # Errors
     /// An object that the dictionary lacks.
-    pub fn new(
-        plant: &plant::Plant,
-        seed: u64,
-        dictionary: &ObjectDictionary,
-    ) -> Result<Self, MissingObject> {
+    pub fn new(scenario: &Scenario, dictionary: &ObjectDictionary) -> Result<Self, MissingObject> {
         let objects = Objects::find(dictionary)?;
+        let plant = &scenario.plant;
         Ok(Self {
             machine: StateMachine::new(),
-            sensor: PositionSensor::new(&plant.sensor, seed),
+            sensor: PositionSensor::new(&plant.sensor, scenario.seed),
             amplifier: Amplifier::new(&plant.amplifier, objects.rated_amperes(dictionary)),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
-            truth: Truth::default(),
-            current_amperes: 0.0,
+            rig: Rig::new(Actuator::new(plant)),
+            idle_max: scenario.bus.sync_period() * 3 / 2,
+            codes: None,
             is_limit_active: false,
             latest_sync: Duration::ZERO,
             has_sync_period: false,
@@ -80,10 +85,16 @@ impl Drive {
         })
     }
 
-    /// The current that flows from now on.
+    /// The actuator, as far as it has been brought up to date.
     #[must_use]
-    pub fn current_amperes(&self) -> f64 {
-        self.current_amperes
+    pub fn actuator(&self) -> &Actuator {
+        self.rig.actuator()
+    }
+
+    /// What acts on the actuator.
+    #[must_use]
+    pub fn inputs(&self) -> &Inputs {
+        self.rig.inputs()
     }
 
     /// The state of the power state machine.
@@ -92,36 +103,70 @@ impl Drive {
         self.machine.state()
     }
 
-    /// Takes over the plant's state after `elapsed` with the present current; to be called before each event.
-    pub(crate) fn observe(&mut self, elapsed: Duration, truth: Truth) {
+    /// Lets other disturbances act from `now` on.
+    pub(crate) fn disturb(
+        &mut self,
+        now: Duration,
+        convection_factor: f64,
+        added_load_kilograms: f64,
+    ) {
+        let inputs = Inputs {
+            convection_factor,
+            added_load_kilograms,
+            ..*self.rig.inputs()
+        };
+        self.act_on_plant(now, inputs);
+    }
+
+    fn act_on_plant(&mut self, now: Duration, inputs: Inputs) {
+        if inputs != *self.rig.inputs() {
+            self.advance_to(now);
+            self.rig.set_inputs(inputs);
+        }
+    }
+
+    fn set_current(&mut self, now: Duration, current_amperes: f64) {
+        let inputs = Inputs {
+            current_amperes,
+            ..*self.rig.inputs()
+        };
+        self.act_on_plant(now, inputs);
+    }
+
+    /// Brings the actuator and the overload integral to `now`.
+    fn advance_to(&mut self, now: Duration) {
+        let current_amperes = self.rig.inputs().current_amperes;
+        let elapsed = self.rig.advance_to(now);
         self.protection
-            .advance(elapsed.as_secs_f64(), self.current_amperes);
-        self.truth = truth;
+            .advance(elapsed.as_secs_f64(), current_amperes);
     }
 
     /// Samples the sensors into the dictionary.
-    fn sample(&mut self, dictionary: &mut ObjectDictionary) {
-        let counts = self.sensor.sample(self.truth.position_metres);
+    fn sample(&mut self, services: &mut Services) {
+        self.advance_to(services.now());
+        let truth = Truth::of(self.rig.actuator());
+        let counts = self.sensor.sample(truth.position_metres);
         let position = self.sensor.position_metres(counts);
+        let permille = self.amplifier.permille(self.rig.inputs().current_amperes);
+        let dictionary = services.dictionary_mut();
         self.objects.set_position(dictionary, position);
-        self.objects.set_truth(dictionary, &self.truth);
-        let permille = self.amplifier.permille(self.current_amperes);
-        let utilisation = self.protection.utilisation();
-        self.objects.set_current(dictionary, permille, utilisation);
+        self.objects.set_truth(dictionary, &truth);
+        self.objects.set_current(dictionary, permille);
+        self.objects
+            .set_utilisation(dictionary, self.protection.utilisation());
     }
 
     /// Lets the target torque act, where that is allowed.
     fn apply(&mut self, services: &Services) {
         if !self.may_heat(services) {
-            self.take_current_away();
             return;
         }
         let dictionary = services.dictionary();
         let target = self.objects.target_torque_permille(dictionary);
         let (torque_max, current_max) = self.objects.limits_permille(dictionary);
         let (limited, is_cut) = cia402::limit_torque(target, torque_max, current_max);
-        self.current_amperes = self.amplifier.current_amperes(limited);
         self.is_limit_active = is_cut || self.amplifier.clips(limited);
+        self.set_current(services.now(), self.amplifier.current_amperes(limited));
     }
 
     fn may_heat(&self, services: &Services) -> bool {
@@ -131,15 +176,11 @@ impl Drive {
             && self.objects.mode(services.dictionary()) == CYCLIC_SYNCHRONOUS_TORQUE
     }
 
-    fn take_current_away(&mut self) {
-        self.current_amperes = 0.0;
-        self.is_limit_active = false;
-    }
-
     /// Ends every call that may have changed the state: no current without permission, and the statusword of now.
     fn settle(&mut self, services: &mut Services) {
         if !self.may_heat(services) {
-            self.take_current_away();
+            self.set_current(services.now(), 0.0);
+            self.is_limit_active = false;
         }
         let mode = self.objects.mode(services.dictionary());
         let statusword = self.machine.statusword(&Status {
@@ -163,8 +204,14 @@ impl Drive {
         }
     }
 
-    fn obey(&mut self, controlword: u16, dictionary: &ObjectDictionary) {
-        let codes = OptionCodes::read(dictionary);
+    fn codes(&mut self, services: &Services) -> OptionCodes {
+        *self
+            .codes
+            .get_or_insert_with(|| OptionCodes::read(services.dictionary()))
+    }
+
+    fn obey(&mut self, controlword: u16, services: &Services) {
+        let codes = self.codes(services);
         let is_fault_present = self.protection.utilisation() >= WARNING_UTILISATION;
         self.machine
             .on_controlword(controlword, &codes, is_fault_present);
@@ -172,7 +219,7 @@ impl Drive {
 
     /// The end of the SYNC's supervision while 0x1006 gives no period to the SYNC consumer.
     fn sync_deadline(&self) -> Option<Duration> {
-        (self.current_amperes > 0.0 && !self.has_sync_period)
+        (self.rig.inputs().current_amperes > 0.0 && !self.has_sync_period)
             .then(|| self.latest_sync + SYNC_TIMEOUT)
     }
 
@@ -188,6 +235,7 @@ impl Drive {
 impl Application for Drive {
     fn on_reset(&mut self, services: &mut Services, _reset: NmtCommand) {
         self.machine = StateMachine::new();
+        self.codes = None;
         let dictionary = services.dictionary();
         let limits = self.objects.protection_limits(dictionary);
         let period = dictionary.unsigned(COMMUNICATION_CYCLE_PERIOD, 0);
@@ -205,7 +253,7 @@ impl Application for Drive {
 
     fn on_sync(&mut self, services: &mut Services, _sync: &Sync) {
         self.latest_sync = services.now();
-        self.sample(services.dictionary_mut());
+        self.sample(services);
         self.protect(services);
         self.apply(services);
         self.settle(services);
@@ -213,7 +261,7 @@ impl Application for Drive {
 
     fn on_rpdo(&mut self, services: &mut Services, _number: u16) {
         let controlword = self.objects.controlword(services.dictionary());
-        self.obey(controlword, services.dictionary());
+        self.obey(controlword, services);
         self.settle(services);
     }
 
@@ -221,7 +269,7 @@ impl Application for Drive {
         let dictionary = services.dictionary();
         let controlword = waiting.integer(dictionary, cia402::CONTROLWORD, 0);
         if let Some(controlword) = controlword.and_then(|value| u16::try_from(value).ok()) {
-            let codes = OptionCodes::read(dictionary);
+            let codes = self.codes(services);
             self.machine.on_waiting_controlword(controlword, &codes);
             self.settle(services);
         }
@@ -229,7 +277,7 @@ impl Application for Drive {
 
     fn on_read(&mut self, services: &mut Services, index: u16, _sub_index: u8) {
         if matches!(index, 0x2101..=0x2103 | 0x2110 | 0x6064 | 0x6077 | 0x6078) {
-            self.sample(services.dictionary_mut());
+            self.sample(services);
         }
     }
 
@@ -240,6 +288,7 @@ impl Application for Drive {
         _sub_index: u8,
         bytes: &[u8],
     ) -> Result<(), AbortCode> {
+        self.codes = None;
         match (index, bytes) {
             (cia402::MODES_OF_OPERATION, &[mode]) => {
                 let supported = services
@@ -248,7 +297,7 @@ impl Application for Drive {
                 cia402::check_mode(mode.cast_signed(), supported.unwrap_or_default())?;
             }
             (cia402::CONTROLWORD, &[low, high]) => {
-                self.obey(u16::from_le_bytes([low, high]), services.dictionary());
+                self.obey(u16::from_le_bytes([low, high]), services);
                 self.settle(services);
             }
             (COMMUNICATION_CYCLE_PERIOD, &[a, b, c, d]) => {
@@ -261,12 +310,13 @@ impl Application for Drive {
     }
 
     fn on_communication_loss(&mut self, services: &mut Services, _loss: CommunicationLoss) {
-        let codes = OptionCodes::read(services.dictionary());
+        let codes = self.codes(services);
         self.machine.on_communication_loss(&codes);
         self.settle(services);
     }
 
     fn on_tick(&mut self, services: &mut Services) {
+        self.advance_to(services.now());
         if self
             .sync_deadline()
             .is_some_and(|deadline| services.now() >= deadline)
@@ -281,7 +331,11 @@ impl Application for Drive {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        self.sync_deadline()
+        let physics = self.rig.time() + self.idle_max;
+        Some(
+            self.sync_deadline()
+                .map_or(physics, |sync| sync.min(physics)),
+        )
     }
 
     fn on_stop(&mut self, services: &mut Services) {

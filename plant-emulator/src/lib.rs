@@ -20,9 +20,8 @@ use canopen::services::InvalidPdo;
 use canopen::{Application, CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress};
 
 use disturbance::DisturbanceModule;
-use drive::{Drive, Truth};
+use drive::Drive;
 pub use objects::MissingObject;
-use rig::Rig;
 use sma::{Actuator, Inputs, InvalidPlant};
 
 /// Node-ID of the drive.
@@ -52,16 +51,13 @@ pub enum InvalidEmulator {
     Pdo(#[from] InvalidPdo),
 }
 
-/// Drive, disturbance module and the actuator between them.
+/// The drive with the actuator it is wired to, and the disturbance module that acts on the same actuator.
 ///
-/// The actuator follows the emulator's own time: it is brought up to date at each frame and tick, and by a deadline of
-/// its own at least once a SYNC period.
+/// The actuator follows the emulator's own time; see [`drive`].
 #[derive(Debug)]
 pub struct PlantEmulator {
-    rig: Rig,
     drive: Device<Drive>,
     disturbance: Device<DisturbanceModule>,
-    period: Duration,
 }
 
 impl PlantEmulator {
@@ -70,48 +66,35 @@ impl PlantEmulator {
     /// # Errors
     /// A plant that makes no sense, or a data sheet that does not suit.
     pub fn new(scenario: &scenario::Scenario) -> Result<Self, InvalidEmulator> {
-        let plant = &scenario.plant;
-        sma::check(plant)?;
+        sma::check(&scenario.plant)?;
         let drive = device(DRIVE_NODE_ID, dbc::DRIVE_EDS, |dictionary| {
-            Drive::new(plant, scenario.seed, dictionary)
+            Drive::new(scenario, dictionary)
         })?;
         let disturbance = device(
             DISTURBANCE_NODE_ID,
             dbc::DISTURBANCE_EDS,
             DisturbanceModule::new,
         )?;
-        Ok(Self {
-            rig: Rig::new(Actuator::new(plant)),
-            drive,
-            disturbance,
-            period: scenario.bus.sync_period(),
-        })
+        Ok(Self { drive, disturbance })
     }
 
-    /// The actuator, at the time of the latest event.
+    /// The actuator, as far as it has been brought up to date: to the latest SYNC or tick, or later.
     #[must_use]
     pub fn actuator(&self) -> &Actuator {
-        self.rig.actuator()
+        self.drive.application().actuator()
     }
 
-    /// What acts on the actuator since the latest event.
+    /// What acts on the actuator.
     #[must_use]
     pub fn inputs(&self) -> &Inputs {
-        self.rig.inputs()
+        self.drive.application().inputs()
     }
 
-    /// One event: the plant reaches `now`, the nodes act, and what they put out acts on the plant from now on.
-    fn event(&mut self, now: Duration, act: impl FnOnce(&mut Self)) {
-        let elapsed = self.rig.advance_to(now);
-        let truth = Truth::of(self.rig.actuator());
-        self.drive.application_mut().observe(elapsed, truth);
-        act(self);
-        let disturbance = self.disturbance.application();
-        *self.rig.inputs_mut() = Inputs {
-            current_amperes: self.drive.application().current_amperes(),
-            convection_factor: disturbance.convection_factor(),
-            added_load_kilograms: disturbance.added_load_kilograms(),
-        };
+    /// Passes the disturbance module's outputs on to the actuator.
+    fn disturb(&mut self, now: Duration) {
+        let module = self.disturbance.application();
+        let (factor, load) = (module.convection_factor(), module.added_load_kilograms());
+        self.drive.application_mut().disturb(now, factor, load);
     }
 }
 
@@ -125,24 +108,21 @@ impl Node for PlantEmulator {
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        self.event(now, |emulator| {
-            emulator.drive.on_frame(now, frame);
-            emulator.disturbance.on_frame(now, frame);
-        });
+        self.disturbance.on_frame(now, frame);
+        self.disturb(now);
+        self.drive.on_frame(now, frame);
     }
 
     fn on_tick(&mut self, now: Duration) {
-        self.event(now, |emulator| {
-            emulator.drive.on_tick(now);
-            emulator.disturbance.on_tick(now);
-        });
+        self.disturbance.on_tick(now);
+        self.disturb(now);
+        self.drive.on_tick(now);
     }
 
     fn on_stop(&mut self, now: Duration) {
-        self.event(now, |emulator| {
-            emulator.drive.on_stop(now);
-            emulator.disturbance.on_stop(now);
-        });
+        self.disturbance.on_stop(now);
+        self.disturb(now);
+        self.drive.on_stop(now);
     }
 
     fn next_frame(&mut self) -> Option<CanFrame> {
@@ -152,9 +132,8 @@ impl Node for PlantEmulator {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        let physics = self.rig.time() + self.period;
         let nodes = [self.drive.next_deadline(), self.disturbance.next_deadline()];
-        Some(nodes.into_iter().flatten().fold(physics, Duration::min))
+        nodes.into_iter().flatten().min()
     }
 
     fn progress(&self) -> Progress {

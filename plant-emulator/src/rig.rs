@@ -49,8 +49,8 @@ impl Rig {
     }
 
     /// What acts from the present time on.
-    pub(crate) fn inputs_mut(&mut self) -> &mut Inputs {
-        &mut self.inputs
+    pub(crate) fn set_inputs(&mut self, inputs: Inputs) {
+        self.inputs = inputs;
     }
 }
 
@@ -63,11 +63,18 @@ mod tests {
         Rig::new(Actuator::new(&Plant::default()))
     }
 
+    fn current(current_amperes: f64) -> Inputs {
+        Inputs {
+            current_amperes,
+            ..Inputs::default()
+        }
+    }
+
     #[test]
     fn events_in_between_change_nothing() {
         let (mut once, mut often) = (rig(), rig());
         for rig in [&mut once, &mut often] {
-            rig.inputs_mut().current_amperes = 0.6;
+            rig.set_inputs(current(0.6));
         }
         once.advance_to(Duration::from_millis(2000));
         for microseconds in (0..=2_000_000).step_by(310) {
@@ -82,7 +89,7 @@ mod tests {
     #[test]
     fn time_does_not_go_back_and_a_long_gap_is_bounded() {
         let mut rig = rig();
-        rig.inputs_mut().current_amperes = 1.0;
+        rig.set_inputs(current(1.0));
         rig.advance_to(Duration::from_secs(1_000_000_000));
         assert!((rig.actuator().temperature_celsius() - 138.44).abs() < 0.01);
         assert_eq!(rig.advance_to(Duration::ZERO), Duration::ZERO);

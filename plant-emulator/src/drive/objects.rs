@@ -141,15 +141,14 @@ impl Objects {
         objects::store(dictionary, self.position, &micrometres.to_le_bytes());
     }
 
-    /// 0x6077 and 0x6078 in permille of the rated values, and 0x2110:03 in permille of the limit.
-    pub(super) fn set_current(
-        &self,
-        dictionary: &mut ObjectDictionary,
-        permille: i16,
-        utilisation: f64,
-    ) {
+    /// 0x6077 and 0x6078 in permille of the rated values.
+    pub(super) fn set_current(&self, dictionary: &mut ObjectDictionary, permille: i16) {
         objects::store(dictionary, self.torque, &permille.to_le_bytes());
         objects::store(dictionary, self.current, &permille.to_le_bytes());
+    }
+
+    /// 0x2110:03 in permille of the limit.
+    pub(super) fn set_utilisation(&self, dictionary: &mut ObjectDictionary, utilisation: f64) {
         let utilisation = objects::rounded_u16(utilisation * 1e3);
         let bytes = utilisation.to_le_bytes();
         objects::store(dictionary, self.overload_utilisation, &bytes);

@@ -111,6 +111,13 @@ impl Manager {
             .map(CanFrame::data)
     }
 
+    /// The actuator, brought up to date.
+    pub(crate) fn actuator_now(&mut self) -> &Actuator {
+        self.emulator.on_tick(self.now);
+        self.drain();
+        self.emulator.actuator()
+    }
+
     pub(crate) fn actuator(&self) -> &Actuator {
         self.emulator.actuator()
     }
