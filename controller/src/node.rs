@@ -3,6 +3,7 @@
 //! A SYNC makes the drive sample; its TPDO1 brings the sample; the law's command leaves in RPDO1 and acts with the next
 //! SYNC: one cycle of delay. Scenario time 0 is the first SYNC after Operation enabled was seen.
 
+use std::fmt;
 use std::time::Duration;
 
 use canopen::cia402::{Command as DriveCommand, State};
@@ -76,6 +77,21 @@ pub struct Statistics {
     pub missing_positions: u64,
     /// SYNCs not sent because their time had passed.
     pub sync_overruns: u64,
+}
+
+/// One line.
+impl fmt::Display for Statistics {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            cycles,
+            missing_positions,
+            sync_overruns,
+        } = self;
+        write!(
+            formatter,
+            "{cycles} cycles, {missing_positions} without a position, {sync_overruns} SYNCs skipped"
+        )
+    }
 }
 
 /// The controller.

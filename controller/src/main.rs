@@ -1,0 +1,60 @@
+//! `controller --bus can0 --scenario S`: the controller as a process of its own, by hand or on another machine.
+#![expect(
+    clippy::print_stderr,
+    reason = "a program that is started by hand says how it went"
+)]
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use controller::ControllerNode;
+use miette::{IntoDiagnostic, Report};
+use platform::bus::{self, BusAddress};
+use platform::stop::StopSignal;
+use platform::{real_time, scheduling};
+use scenario::ControllerView;
+
+/// Leads the drive on a CAN bus through a scenario until it is stopped (Ctrl-C).
+///
+/// Exit codes: 0 stopped, 2 usage, 3 scenario invalid, 4 bus or drive failed.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    /// CAN interface such as can0, or embedded:/path/to/socket.
+    #[arg(long)]
+    bus: BusAddress,
+    /// Scenario file; its plant, disturbances and limits are not looked at.
+    #[arg(long)]
+    scenario: PathBuf,
+}
+
+const SCENARIO_INVALID: u8 = 3;
+const FAILED: u8 = 4;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let outcome = ControllerView::load(&arguments.scenario)
+        .map_err(|error| (SCENARIO_INVALID, Report::new(error)))
+        .and_then(|view| run(&arguments.bus, &view).map_err(|error| (FAILED, error)));
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err((code, error)) => {
+            eprintln!("{error:?}");
+            ExitCode::from(code)
+        }
+    }
+}
+
+fn run(address: &BusAddress, view: &ControllerView) -> miette::Result<()> {
+    let mut node = ControllerNode::new(view).into_diagnostic()?;
+    let stop = StopSignal::from_signals().into_diagnostic()?;
+    let mut bus = bus::open(address, &canopen::Node::filters(&node)).into_diagnostic()?;
+    let scheduling = scheduling::request();
+    scheduling
+        .refusals()
+        .for_each(|refused| eprintln!("warning: {refused}"));
+    let report = real_time::run(&mut node, bus.as_mut(), &stop).into_diagnostic()?;
+    eprintln!("{}; {report}", node.statistics());
+    Ok(())
+}
