@@ -19,12 +19,13 @@ struct Run {
 }
 
 impl Run {
-    fn start() -> Self {
+    /// Starts a run and waits until the wire is heated.
+    fn start(name: &str, clock: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut canrig = canrig(folder.path(), "run");
         let canrig = canrig
-            .arg(scenario("step.toml"))
-            .args(["--bus", "embedded"]);
+            .arg(scenario(name))
+            .args(["--bus", "embedded", "--clock", clock]);
         // The embedded bus lies in a folder of its own, so that a test sees what is left there.
         let runtime = folder.path().join("runtime");
         fs::create_dir(&runtime).unwrap();
@@ -118,7 +119,7 @@ fn verdict(folder: &Path) -> serde_json::Value {
 
 #[test]
 fn a_killed_controller_is_named_and_nothing_stays() {
-    let run = Run::start();
+    let run = Run::start("step.toml", "real-time");
     let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
     kill_process(controller, Signal::KILL).unwrap();
     let (code, text, folder) = run.end();
@@ -133,7 +134,7 @@ fn a_killed_controller_is_named_and_nothing_stays() {
 
 #[test]
 fn a_killed_plant_emulator_is_named_and_nothing_stays() {
-    let run = Run::start();
+    let run = Run::start("step.toml", "real-time");
     let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
     kill_process(plant_emulator, Signal::KILL).unwrap();
     let (code, text, folder) = run.end();
@@ -147,8 +148,23 @@ fn a_killed_plant_emulator_is_named_and_nothing_stays() {
 }
 
 #[test]
+fn a_node_killed_in_lockstep_is_named_and_nothing_stays() {
+    for victim in ["controller", "plant-emulator"] {
+        let run = Run::start("sine_20s.toml", "lockstep");
+        let nodes = [run.node("controller"), run.node("plant-emulator")];
+        kill_process(run.node(victim), Signal::KILL).unwrap();
+        let (code, text, folder) = run.end();
+        assert_eq!(code, Some(4), "{text}");
+        let told = format!("the {victim} was killed by signal 9");
+        assert!(text.contains(&told), "{text}");
+        assert!(nodes.iter().all(|node| is_gone(*node)));
+        assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+    }
+}
+
+#[test]
 fn a_killed_bench_leaves_no_process_and_no_socket() {
-    let mut run = Run::start();
+    let mut run = Run::start("step.toml", "real-time");
     let nodes = [run.node("controller"), run.node("plant-emulator")];
     kill_process(run.id(), Signal::KILL).unwrap();
     run.canrig.wait().unwrap();
@@ -164,7 +180,7 @@ fn a_killed_bench_leaves_no_process_and_no_socket() {
 
 #[test]
 fn an_interrupted_run_ends_with_the_current_at_0() {
-    let run = Run::start();
+    let run = Run::start("step.toml", "real-time");
     let nodes = [run.node("controller"), run.node("plant-emulator")];
     kill_process(run.id(), Signal::INT).unwrap();
     let log = || run.log();

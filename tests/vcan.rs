@@ -60,21 +60,24 @@ fn same_bytes() -> Result<(), Failed> {
     Ok(())
 }
 
+/// A busy machine may hold up a node until its partner gives up, and the program says so; but not three times in a row.
 fn real_time() -> Result<(), Failed> {
-    let folder = tempfile::tempdir()?;
-    let short = support::short_scenario(folder.path(), 2.0);
-    let runs = folder.path().join("runs");
-    let (code, stdout, stderr) = output(
-        canrig(&runs, "run")
-            .args(["--bus", INTERFACE, "--require-vcan"])
-            .arg(short),
-    );
-    // On a busy machine the timing may decide nothing; then the program says so.
-    assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
-    let log = fs::read_to_string(only_run(&runs).join("bus.log"))?;
-    let syncs = log.lines().filter(|line| line.contains(" 080#")).count();
-    assert!(syncs > 1000, "{syncs} SYNCs in 2 s");
-    Ok(())
+    let mut refusals = Vec::new();
+    for _ in 0..3 {
+        let folder = tempfile::tempdir()?;
+        let short = support::short_scenario(folder.path(), 2.0);
+        let runs = folder.path().join("runs");
+        let arguments = ["--bus", INTERFACE, "--require-vcan"];
+        let (code, stdout, stderr) = output(canrig(&runs, "run").args(arguments).arg(short));
+        if matches!(code, Some(0 | 5)) {
+            let log = fs::read_to_string(only_run(&runs).join("bus.log"))?;
+            let syncs = log.lines().filter(|line| line.contains(" 080#")).count();
+            assert!(syncs > 1000, "{syncs} SYNCs in 2 s");
+            return Ok(());
+        }
+        refusals.push(format!("{code:?}\n{stdout}\n{stderr}"));
+    }
+    Err(refusals.join("\n").into())
 }
 
 /// Another program on the bus would bend virtual time, so the nodes refuse to go on.

@@ -8,7 +8,7 @@ use platform::bus::Bus;
 use platform::lockstep::{Local, Participant};
 use scenario::Scenario;
 
-use super::{End, START_PATIENCE, STOP_PATIENCE, WorldError};
+use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, START_PATIENCE, STOP_PATIENCE, WorldError};
 use crate::capture::Capture;
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
@@ -40,9 +40,9 @@ pub fn simulate(
     let mut bench = DisturbanceProducer::new(scenario, database)?;
     let mut controller = nodes::controller(&scenario.controller_view())?;
     let roles = Roles {
-        plant_emulator: &mut Local::new("plant-emulator", &mut plant_emulator),
-        bench: &mut Local::new("bench", &mut bench),
-        controller: &mut Local::new("controller", &mut controller),
+        plant_emulator: &mut Local::new(PLANT_EMULATOR, &mut plant_emulator),
+        bench: &mut Local::new(BENCH, &mut bench),
+        controller: &mut Local::new(CONTROLLER, &mut controller),
     };
     play(scenario, roles, capture, None)
 }
@@ -66,9 +66,9 @@ pub fn play(
     let end = run_until(&mut coordinator, &mut taps, end)?;
     // The manager goes first: it takes the current away and stops the others while they still listen.
     for (index, name) in [
-        (controller, "controller"),
-        (bench, "bench"),
-        (plant_emulator, "plant-emulator"),
+        (controller, CONTROLLER),
+        (bench, BENCH),
+        (plant_emulator, PLANT_EMULATOR),
     ] {
         coordinator.stop(index)?;
         let give_up = coordinator.now() + STOP_PATIENCE;

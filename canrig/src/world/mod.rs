@@ -17,6 +17,11 @@ use crate::coordinator::CoordinatorError;
 use crate::run_folder::WriteError;
 use crate::signals::SignalMissing;
 
+/// Names of the nodes, for messages and for the command line of their processes.
+const CONTROLLER: &str = "controller";
+const PLANT_EMULATOR: &str = "plant-emulator";
+const BENCH: &str = "bench";
+
 /// How long the nodes may take until the scenario begins, on the run's clock.
 const START_PATIENCE: Duration = Duration::from_secs(15);
 /// How long a node may take to its safe state, on the run's clock.
@@ -87,9 +92,6 @@ pub enum WorldError {
     /// The embedded bus cannot be made.
     #[error(transparent)]
     Hub(#[from] platform::hub::HubError),
-    /// A process gave no answer in lock-step.
-    #[error(transparent)]
-    Lockstep(#[from] platform::lockstep::LockstepError),
     /// The bench's own node failed.
     #[error("the bench's own node failed: {0}")]
     Bench(platform::real_time::RunError),

@@ -2,14 +2,15 @@
 
 use dbc::Database;
 use platform::bus::{self, Bus, BusAddress};
-use platform::lockstep::{Local, Remote, channel};
+use platform::lockstep::{Local, LockstepError, Remote, channel};
 use scenario::Scenario;
 use tokio::runtime::Runtime;
 
 use super::child::NodeProcess;
 use super::lockstep::{self, Roles};
-use super::{End, RunBus, WorldError};
+use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, RunBus, WorldError};
 use crate::capture::Capture;
+use crate::coordinator::CoordinatorError;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::run::World;
 use crate::run_folder::RunFolder;
@@ -21,6 +22,15 @@ pub(super) struct Processes {
 }
 
 impl Processes {
+    /// The process of a participant.
+    fn named(&mut self, name: &str) -> &mut NodeProcess {
+        if name == CONTROLLER {
+            &mut self.controller
+        } else {
+            &mut self.plant_emulator
+        }
+    }
+
     /// Waits until one of them ends before its time; the error that tells of it.
     pub(super) async fn early_end(&mut self) -> WorldError {
         tokio::select! {
@@ -43,7 +53,7 @@ pub(super) fn runtime() -> Result<Runtime, WorldError> {
         .enable_all()
         .build();
     built.map_err(|source| WorldError::Spawn {
-        name: "bench",
+        name: BENCH,
         source,
     })
 }
@@ -76,19 +86,21 @@ pub fn in_lockstep(
             ours,
         ))
     };
-    let (plant_emulator, plant_channel) = start("plant-emulator")?;
-    let (controller, controller_channel) = start("controller")?;
+    let (plant_emulator, plant_channel) = start(PLANT_EMULATOR)?;
+    let (controller, controller_channel) = start(CONTROLLER)?;
     let mut processes = Processes {
         plant_emulator,
         controller,
     };
     let played = (|| -> Result<End, WorldError> {
-        let mut plant_emulator = Remote::accept("plant-emulator", plant_channel)?;
-        let mut controller = Remote::accept("controller", controller_channel)?;
+        let mut plant_emulator =
+            Remote::accept(PLANT_EMULATOR, plant_channel).map_err(CoordinatorError::from)?;
+        let mut controller =
+            Remote::accept(CONTROLLER, controller_channel).map_err(CoordinatorError::from)?;
         let mut bench = DisturbanceProducer::new(scenario, &Database::sma_actuator())?;
         let roles = Roles {
             plant_emulator: &mut plant_emulator,
-            bench: &mut Local::new("bench", &mut bench),
+            bench: &mut Local::new(BENCH, &mut bench),
             controller: &mut controller,
         };
         lockstep::play(
@@ -98,14 +110,17 @@ pub fn in_lockstep(
             wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus),
         )
     })();
-    let stopped = runtime.block_on(processes.stop());
-    match (played, stopped) {
-        (Ok(end), stopped) => stopped.map(|()| World {
-            end,
-            frames_lost: 0,
-        }),
-        // How a process ended tells more than that it does not answer.
-        (Err(WorldError::Coordinator(_)), Err(how @ WorldError::Process { .. })) => Err(how),
-        (Err(error), _) => Err(error),
-    }
+    runtime.block_on(async {
+        match played {
+            Ok(end) => processes.stop().await.map(|()| World {
+                end,
+                frames_lost: 0,
+            }),
+            // How a process ended tells more than that it does not answer.
+            Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
+                name,
+            }))) => Err(processes.named(&name).early_end().await),
+            Err(error) => Err(error),
+        }
+    })
 }

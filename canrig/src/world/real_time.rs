@@ -12,7 +12,7 @@ use scenario::Scenario;
 
 use super::child::NodeProcess;
 use super::processes::{Processes, runtime};
-use super::{End, RunBus, START_PATIENCE, WorldError};
+use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, RunBus, START_PATIENCE, WorldError};
 use crate::capture::Capture;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::run::World;
@@ -37,13 +37,13 @@ pub fn run(
     let _entered = runtime.enter();
     let mut line = Line::open(bus)?;
     let mut processes = Processes {
-        plant_emulator: NodeProcess::spawn("plant-emulator", folder, Some(&line.address), None)?,
-        controller: NodeProcess::spawn("controller", folder, Some(&line.address), None)?,
+        plant_emulator: NodeProcess::spawn(PLANT_EMULATOR, folder, Some(&line.address), None)?,
+        controller: NodeProcess::spawn(CONTROLLER, folder, Some(&line.address), None)?,
     };
     let mut bench = DisturbanceProducer::new(scenario, &Database::sma_actuator())?;
     let mut voice = bus::open(&line.address, &canopen::Node::filters(&bench))?;
     let (stopper, stop) = StopSignal::manual().map_err(|source| WorldError::Spawn {
-        name: "bench",
+        name: BENCH,
         source,
     })?;
     let end = std::thread::scope(|scope| {
