@@ -44,12 +44,6 @@ fn outcome(
     lost: u64,
 ) -> (Outcome, Option<String>) {
     let missed = timeline.missed_cycles_percent();
-    let planned = scenario.duration_seconds;
-    let reached = timeline.end_seconds();
-    if reached + 1.5 * timeline.period_seconds < planned {
-        let reason = format!("the recording ends after {reached:.3} s of {planned} s");
-        return (Outcome::Incomplete, Some(reason));
-    }
     if lost > 0 {
         return (
             Outcome::Inconclusive,
@@ -62,6 +56,12 @@ fn outcome(
              for real time; try --clock lockstep"
         );
         return (Outcome::Inconclusive, Some(reason));
+    }
+    let planned = scenario.duration_seconds;
+    let reached = timeline.end_seconds();
+    if reached + 1.5 * timeline.period_seconds < planned {
+        let reason = format!("the recording ends after {reached:.3} s of {planned} s");
+        return (Outcome::Incomplete, Some(reason));
     }
     let failed = metrics.iter().any(|metric| metric.passed == Some(false));
     (if failed { Outcome::Fail } else { Outcome::Pass }, None)
