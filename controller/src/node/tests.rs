@@ -488,6 +488,29 @@ fn a_fault_from_before_is_reset_and_one_that_stays_is_told() {
 }
 
 #[test]
+fn a_fault_whose_cause_goes_late_is_reset_all_the_same() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.drive().on_tick(Duration::ZERO);
+    bus.drive().application_mut().machine.on_fault();
+    bus.drive().application_mut().is_broken = true;
+    bus.run_for(100 * MILLISECOND);
+    bus.drive().application_mut().is_broken = false;
+    bus.run_until_running();
+}
+
+#[test]
+fn a_second_sample_in_a_cycle_brings_no_second_command() {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.run_until_running();
+    let from = bus.now + MILLISECOND / 2;
+    bus.run_until(from);
+    let sample = *bus.frames(0x190, Duration::ZERO).last().unwrap();
+    bus.controller.on_frame(bus.now, &sample);
+    bus.settle();
+    assert!(bus.frames(0x210, from).is_empty());
+}
+
+#[test]
 fn a_drive_that_falls_silent_is_a_lost_heartbeat_or_lost_positions() {
     let mut bus = Bus::new(OPEN_LOOP);
     bus.run_until_running();
