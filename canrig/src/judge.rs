@@ -43,18 +43,13 @@ fn outcome(
     metrics: &[Metric],
     lost: u64,
 ) -> (Outcome, Option<String>) {
-    let missed = timeline.missed_cycles_percent();
     if lost > 0 {
         return (
             Outcome::Inconclusive,
             Some(format!("the recorder lost {lost} frames")),
         );
     }
-    if missed > MISSED_CYCLES_PERCENT_MAX {
-        let reason = format!(
-            "{missed:.1} % of the cycles were missed (limit {MISSED_CYCLES_PERCENT_MAX} %): the machine was too busy \
-             for real time; try --clock lockstep"
-        );
+    if let Some(reason) = too_many_missed(timeline) {
         return (Outcome::Inconclusive, Some(reason));
     }
     let planned = scenario.duration_seconds;
@@ -65,6 +60,18 @@ fn outcome(
     }
     let failed = metrics.iter().any(|metric| metric.passed == Some(false));
     (if failed { Outcome::Fail } else { Outcome::Pass }, None)
+}
+
+/// Says so when too many cycles were missed for anything to be decided.
+#[must_use]
+pub fn too_many_missed(timeline: &Timeline) -> Option<String> {
+    let missed = timeline.missed_cycles_percent();
+    (missed > MISSED_CYCLES_PERCENT_MAX).then(|| {
+        format!(
+            "{missed:.1} % of the cycles were missed (limit {MISSED_CYCLES_PERCENT_MAX} %): the machine was too busy \
+             for real time; try --clock lockstep"
+        )
+    })
 }
 
 struct Run<'a> {

@@ -7,7 +7,7 @@ use scenario::{Scenario, ScenarioError};
 
 use crate::capture::{Capture, Watch};
 use crate::exit::Exit;
-use crate::judge::judge;
+use crate::judge::{self, judge};
 use crate::report;
 use crate::run_folder::{RunFolder, WriteError, file};
 use crate::scenario_clock::ScenarioClock;
@@ -97,7 +97,9 @@ pub fn run(
     let ended = world(&folder, &mut capture);
     let timeline = timeline::decode(&capture.finish()?, scenario, &database)?;
     let verdict = match &ended {
-        Err(error) => Verdict::incomplete(&scenario.name, scenario.seed, &error.to_string()),
+        Err(error) => {
+            Verdict::incomplete(&scenario.name, scenario.seed, &with_cause(error, &timeline))
+        }
         Ok(World {
             end: End::Interrupted,
             ..
@@ -117,6 +119,12 @@ pub fn run(
         folder: folder.path().to_owned(),
         exit,
     })
+}
+
+/// A busy machine looks like a broken node; where it was busy, that is said too.
+fn with_cause(error: &WorldError, timeline: &Timeline) -> String {
+    let busy = judge::too_many_missed(timeline);
+    busy.map_or_else(|| error.to_string(), |busy| format!("{error}\n{busy}"))
 }
 
 /// How a world ended.
