@@ -8,7 +8,7 @@ use crate::timeline::Timeline;
 use crate::verdict::{Metric, Outcome, Verdict};
 
 /// Half the width of the settling band, by the height of the step (PAPER, "Definitions").
-const SETTLING_BAND: f64 = 0.05;
+pub(crate) const SETTLING_BAND: f64 = 0.05;
 /// A deviation within this counts as recovered from a disturbance: four steps of a 10-bit converter over 60 mm.
 const RECOVERY_BAND_MILLIMETRES: f64 = 0.25;
 /// A disturbance is watched this long after its end.

@@ -2,4 +2,6 @@
 
 pub mod csv;
 pub mod junit;
+#[cfg(feature = "rerun")]
+pub mod rerun;
 pub mod terminal;

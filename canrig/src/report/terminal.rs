@@ -90,7 +90,7 @@ fn empty_table<const N: usize>(header: [&str; N]) -> Table {
     table
 }
 
-fn measured(metric: &Metric) -> String {
+pub(super) fn measured(metric: &Metric) -> String {
     match (metric.value, &metric.remark) {
         (Some(value), _) => significant(value),
         (None, Some(remark)) => remark.clone(),
@@ -110,7 +110,7 @@ fn significant(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-fn limit(metric: &Metric) -> String {
+pub(super) fn limit(metric: &Metric) -> String {
     let Some(limit) = metric.limit else {
         return String::new();
     };

@@ -1,0 +1,233 @@
+//! The file is read back with the SDK's own reader and held to the timeline.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::time::Duration;
+
+use canopen::CanFrame;
+use dbc::Database;
+use rerun::external::re_log_encoding::Decoder;
+use rerun::log::{Chunk, LogMsg};
+
+use super::*;
+use crate::judge::judge;
+use crate::recording::Stamped;
+use crate::timeline;
+
+/// The cycle in which the drive of the made-up run is silent.
+const SILENT: u64 = 70;
+
+/// Run time in nanoseconds, cycle, value.
+type Row = (i64, i64, f64);
+
+fn scenario() -> Scenario {
+    let text = "schema = 1\nname = \"made up\"\nduration_seconds = 0.3\n\n[controller.sliding_mode]\n\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
+        [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 35.0\n";
+    Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap()
+}
+
+/// 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.
+fn made_up_run() -> (Timeline, Verdict) {
+    let database = Database::sma_actuator();
+    let message = |name: &str, signals: &[(&str, f64)]| {
+        let mut builder = database.builder(name).unwrap();
+        for (signal, value) in signals {
+            builder.set(
+                &database.signal(&format!("{name}.{signal}")).unwrap(),
+                *value,
+            );
+        }
+        builder.frame()
+    };
+    let drive = |cycle: u32| {
+        let position = f64::from(cycle / 7) * 0.06;
+        let signals = [
+            ("statusword_state", 55.0),
+            ("position_millimetres", position),
+            ("current_amperes", 0.3),
+        ];
+        message("drive_tpdo1", &signals)
+    };
+    let mut frames = vec![(9_900, drive(0))];
+    for cycle in 0..300_u32 {
+        let begin = u64::from(cycle) * 1000 + 10_000;
+        frames.push((begin, CanFrame::new(0x080, &[1])));
+        if u64::from(cycle) != SILENT {
+            frames.push((begin + 100, drive(cycle)));
+        }
+        let signals = [
+            ("wire_temperature_celsius", 20.0 + 0.2 * f64::from(cycle)),
+            ("martensite_fraction", 1.0 - f64::from(cycle) / 300.0),
+        ];
+        frames.push((begin + 200, message("drive_tpdo2", &signals)));
+    }
+    let stamped = |(micros, frame)| Stamped::new(Duration::from_micros(micros), frame);
+    let frames: Vec<Stamped> = frames.into_iter().map(stamped).collect();
+    let timeline = timeline::decode(&frames, &scenario(), &database).unwrap();
+    let verdict = judge(&timeline, &scenario(), 0);
+    (timeline, verdict)
+}
+
+/// All chunks of the recording itself, without the layout.
+fn chunks(path: &Path) -> Vec<Chunk> {
+    let file = BufReader::new(File::open(path).unwrap());
+    let mut chunks = Vec::new();
+    for message in Decoder::<LogMsg>::decode_eager(file).unwrap() {
+        if let LogMsg::ArrowMsg(store, message) = message.unwrap()
+            && store.is_recording()
+        {
+            chunks.push(Chunk::from_arrow_msg(&message).unwrap());
+        }
+    }
+    chunks
+}
+
+/// The scalars of a recording by path.
+fn scalars(path: &Path) -> BTreeMap<String, Vec<Row>> {
+    let mut series: BTreeMap<String, Vec<Row>> = BTreeMap::new();
+    let component = Scalars::descriptor_scalars().component;
+    for chunk in chunks(path) {
+        let values: Vec<f64> = chunk
+            .iter_slices::<f64>(component)
+            .map(|value| value[0])
+            .collect();
+        if values.is_empty() {
+            continue;
+        }
+        let times = |name: &str| {
+            let (_, times) = chunk
+                .timelines()
+                .iter()
+                .find(|(timeline, _)| timeline.as_str() == name)
+                .unwrap();
+            times.times_raw().to_vec()
+        };
+        let rows = times(RUN_TIME).into_iter().zip(times(CYCLE)).zip(values);
+        let rows = rows.map(|((time, cycle), value)| (time, cycle, value));
+        series
+            .entry(chunk.entity_path().to_string())
+            .or_default()
+            .extend(rows);
+    }
+    series
+}
+
+/// The value that the viewer shows in a cycle.
+fn held(rows: &[Row], cycle: u64) -> Option<f64> {
+    let cycle = i64::try_from(cycle).unwrap();
+    rows.iter()
+        .take_while(|row| row.1 <= cycle)
+        .last()
+        .map(|row| row.2)
+}
+
+fn written() -> (tempfile::TempDir, std::path::PathBuf, Timeline) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    let (timeline, verdict) = made_up_run();
+    write(&path, &timeline, &verdict, &scenario()).unwrap();
+    (folder, path, timeline)
+}
+
+#[test]
+fn every_value_of_the_timeline_is_in_the_file() {
+    let (_folder, path, timeline) = written();
+    let series = scalars(&path);
+    let mut compared = 0;
+    for column in &timeline.columns {
+        let Style { group, .. } = groups::style(&column.name);
+        let rows = series
+            .get(&format!("/{group}/{}", column.name))
+            .cloned()
+            .unwrap_or_default();
+        for (row, value) in column
+            .values
+            .iter()
+            .enumerate()
+            .filter(|(_, value)| !value.is_nan())
+        {
+            assert_eq!(
+                held(&rows, timeline.cycle[row]),
+                Some(*value),
+                "{} in row {row}",
+                column.name
+            );
+            compared += 1;
+        }
+    }
+    assert!(compared > 3 * 299, "{compared}");
+    let set_point = &series["/position/set_point_millimetres"];
+    let expected = [
+        (0, 0, 10.0),
+        (100_000_000, 100, 35.0),
+        (299_000_000, 299, 35.0),
+    ];
+    assert_eq!(set_point.as_slice(), expected);
+}
+
+#[test]
+fn a_row_is_written_only_where_the_value_changes() {
+    let nan = f64::NAN;
+    assert_eq!(
+        changes(&[nan, 1.0, 1.0, nan, 1.0, 2.0, 2.0, 2.0]),
+        [1, 5, 7]
+    );
+    assert_eq!(changes(&[nan, nan]), [0; 0]);
+    assert_eq!(changes(&[3.0]), [0]);
+    let (_folder, path, _) = written();
+    let positions = &scalars(&path)["/position/position_millimetres"];
+    let (different, last) = (300 / 7 + 1, 1);
+    assert_eq!(positions.len(), different + last);
+}
+
+#[test]
+fn the_settling_band_is_that_of_the_verdict() {
+    let (_folder, path, _) = written();
+    let band = &scalars(&path)["/position/settling_band/step_1/upper_millimetres"];
+    assert_eq!(
+        band.as_slice(),
+        [(100_000_000, 100, 36.25), (300_000_000, 300, 36.25)]
+    );
+}
+
+#[test]
+fn two_writings_of_one_run_are_equal_once_decoded() {
+    let ((_a, first, _), (_b, second, _)) = (written(), written());
+    let decoded = |path: &Path| -> Vec<String> {
+        let mut rows: Vec<String> = chunks(path).iter().map(content).collect();
+        rows.sort();
+        rows
+    };
+    assert_eq!(decoded(&first), decoded(&second));
+}
+
+/// Everything of a chunk but the random numbers of the chunk and its rows.
+fn content(chunk: &Chunk) -> String {
+    let times = chunk.timelines().values().map(|times| {
+        (
+            times.timeline().name().to_string(),
+            times.times_raw().to_vec(),
+        )
+    });
+    let times: Vec<_> = times.collect();
+    let components: Vec<String> = chunk
+        .components()
+        .values()
+        .map(|column| format!("{column:?}"))
+        .collect();
+    format!("{} {times:?} {components:?}", chunk.entity_path())
+}
+
+#[test]
+fn the_file_is_complete_or_not_there() {
+    let (folder, path, _) = written();
+    let bytes = std::fs::read(&path).unwrap();
+    assert!(bytes.starts_with(b"RRF"));
+    assert!(!folder.path().join("run.rrd.partial").exists());
+    let (timeline, verdict) = made_up_run();
+    let nowhere = folder.path().join("missing").join("run.rrd");
+    assert!(write(&nowhere, &timeline, &verdict, &scenario()).is_err());
+}
