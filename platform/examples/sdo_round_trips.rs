@@ -1,0 +1,56 @@
+//! How many SDO uploads of 0x1000 per second one client gets from a node on a bus:
+//! `cargo run --release -p platform --example sdo_round_trips -- vcan0 0x10 3`.
+#![expect(clippy::print_stdout, reason = "a program that shows a number")]
+
+use std::error::Error;
+use std::time::Duration;
+
+use canopen::Filter;
+use canopen::sdo_client::SdoClient;
+use platform::bus::{self, Bus};
+use platform::clock::Clock;
+
+const DEVICE_TYPE: u16 = 0x1000;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [address, node_id, seconds] = arguments.as_slice() else {
+        return Err("usage: sdo_round_trips BUS NODE-ID SECONDS".into());
+    };
+    let node_id = match node_id.strip_prefix("0x") {
+        Some(digits) => u8::from_str_radix(digits, 16)?,
+        None => node_id.parse()?,
+    };
+    let mut client = SdoClient::new(node_id);
+    let mut bus = bus::open(&address.parse()?, &[Filter::exact(client.response_id())])?;
+    let end = Duration::from_secs(seconds.parse()?);
+    let clock = Clock::start();
+    let mut count = 0_u32;
+    while clock.now() < end {
+        upload(&mut client, &mut *bus, &clock)?;
+        count += 1;
+    }
+    println!("{:.0}", f64::from(count) / clock.now().as_secs_f64());
+    Ok(())
+}
+
+fn upload(
+    client: &mut SdoClient,
+    bus: &mut dyn Bus,
+    clock: &Clock,
+) -> Result<Vec<u8>, Box<dyn Error>> {
+    client.start_upload(clock.now(), DEVICE_TYPE, 0)?;
+    loop {
+        while let Some(frame) = client.next_frame() {
+            bus.send(&frame)?;
+        }
+        if let Some(result) = client.take_result() {
+            return Ok(result?);
+        }
+        let patience = client.next_deadline().unwrap_or_default();
+        match bus.receive(patience.saturating_sub(clock.now()))? {
+            Some(frame) => client.on_frame(clock.now(), &frame),
+            None => client.on_tick(clock.now()),
+        }
+    }
+}
