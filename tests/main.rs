@@ -10,3 +10,4 @@ mod lockstep;
 mod processes;
 mod rooms;
 mod support;
+mod tools;

@@ -6,6 +6,9 @@ use std::str::FromStr;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use platform::bus::BusAddress;
 
+use crate::tools::ToolBus;
+use crate::tools::nodes::LISTEN_SECONDS;
+
 const EXAMPLES: &str = "\
 Examples:
   canrig run scenarios/step.toml                       controller and plant as processes, judged
@@ -13,6 +16,10 @@ Examples:
   canrig run scenarios/step.toml --bus vcan0           over the kernel's SocketCAN
   canrig simulate scenarios/step.toml                  the same in one process, as fast as it goes
   canrig check scenarios/                              are the files valid?
+  canrig nodes --bus vcan0                             who is on the bus?
+  canrig sdo read drive 0x6064                         one object of a node in a run that is going on
+  canrig sdo write 0x10 \"Producer heartbeat time\" 50 --bus can0
+  canrig monitor --only drive --changes                live traffic, decoded
 
 Exit codes: 0 pass · 1 a limit was not met · 2 usage · 3 scenario invalid · 4 bus or process failed
             5 inconclusive (timing not trustworthy) · 70 internal error · 130 interrupted";
@@ -37,6 +44,12 @@ pub enum Command {
     Check(CheckArgs),
     /// Print the JSON Schema of scenario files, for editors
     Schema,
+    /// List the nodes on a bus: number, NMT state, device type, identity, and which EDS describes them
+    Nodes(NodesArgs),
+    /// Read or write an object of a node, without disturbing a running controller
+    Sdo(SdoArgs),
+    /// Show live traffic, one line per frame, decoded by DBC and EDS
+    Monitor(MonitorArgs),
     /// One node of the bench as a process of its own; `run` starts these
     #[command(hide = true)]
     Node(NodeArgs),
@@ -96,6 +109,120 @@ pub struct CheckArgs {
     /// Scenario files, or folders of them
     #[arg(required = true, value_name = "SCENARIO")]
     pub scenarios: Vec<PathBuf>,
+}
+
+/// The bus that a tool joins.
+#[derive(Args, Debug)]
+pub struct ToolBusArgs {
+    /// The bus: `embedded` (that of your only running `canrig run`), `embedded:/path`, or a CAN interface such as `vcan0`
+    #[arg(long, value_name = "BUS", default_value_t = ToolBus::Running)]
+    pub bus: ToolBus,
+}
+
+/// Arguments of `nodes`.
+#[derive(Args, Debug)]
+pub struct NodesArgs {
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub bus: ToolBusArgs,
+    /// More EDS files to recognise nodes by, besides those of the rig
+    #[arg(long, value_name = "FILE")]
+    pub eds: Vec<PathBuf>,
+    /// How long to listen for heartbeats before nodes are asked
+    #[arg(long, value_name = "SECONDS", default_value_t = LISTEN_SECONDS, value_parser = seconds)]
+    pub listen: f64,
+}
+
+/// Arguments of `sdo`.
+#[derive(Args, Debug)]
+pub struct SdoArgs {
+    /// What to do with the object.
+    #[command(subcommand)]
+    pub action: SdoAction,
+}
+
+/// What to do with an object.
+#[derive(Debug, Subcommand)]
+pub enum SdoAction {
+    /// Read an object
+    Read(ObjectArgs),
+    /// Write an object
+    Write {
+        #[command(flatten)]
+        #[expect(
+            missing_docs,
+            reason = "clap shows the doc comment of a flattened field as help"
+        )]
+        object: ObjectArgs,
+        /// The value, in the object's type: a number (decimal, 0x, 0b), text, or bytes in hexadecimal digits
+        #[arg(allow_hyphen_values = true)]
+        value: String,
+    },
+}
+
+/// An object of a node.
+#[derive(Args, Debug)]
+pub struct ObjectArgs {
+    /// The node: its number (16, 0x10) or `controller`, `drive`, `disturbance`
+    pub node: String,
+    /// The object: index and sub-index (6064, 0x1018:02) or its name in the EDS ("Statusword")
+    pub object: String,
+    /// The node's EDS, if it is none of the rig's
+    #[arg(long, value_name = "FILE")]
+    pub eds: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub bus: ToolBusArgs,
+}
+
+/// Arguments of `monitor`.
+#[derive(Args, Debug)]
+pub struct MonitorArgs {
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub bus: ToolBusArgs,
+    /// Show only these: parts of names (drive, sync, heartbeat) or identifiers (0x190)
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub only: Vec<String>,
+    /// Leave these out
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub except: Vec<String>,
+    /// Show a frame only when its content has changed
+    #[arg(long)]
+    pub changes: bool,
+    /// Show the bytes too
+    #[arg(long)]
+    pub raw: bool,
+    /// End after so many lines
+    #[arg(long, value_name = "LINES")]
+    pub count: Option<u64>,
+    /// End after so many seconds
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub duration: Option<f64>,
+    /// A DBC file instead of the rig's
+    #[arg(long, value_name = "FILE")]
+    pub dbc: Option<PathBuf>,
+}
+
+/// A time from 0 to a day.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text
+        .parse()
+        .map_err(|_| "a number of seconds is expected")?;
+    if (0.0..=86_400.0).contains(&seconds) {
+        Ok(seconds)
+    } else {
+        Err("0 to 86400 seconds are possible".to_owned())
+    }
 }
 
 /// Which time the processes live in.

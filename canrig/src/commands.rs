@@ -3,19 +3,22 @@
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use dbc::Database;
+use platform::bus::BusAddress;
 use platform::scheduling;
 use scenario::Scenario;
 
 use crate::capture::{Capture, Watch};
-use crate::cli::{CheckArgs, Cli, ClockChoice, Command, PlayArgs, RunArgs};
+use crate::cli::{CheckArgs, Cli, ClockChoice, Command, MonitorArgs, PlayArgs, RunArgs, SdoAction};
 use crate::console::{Progress, complain, say};
 use crate::exit::Exit;
 use crate::nodes;
 use crate::report::terminal;
 use crate::run::{self, Judged, Source, World};
 use crate::run_folder::RunFolder;
+use crate::tools::{self, ToolError};
 use crate::verdict::{Outcome, Verdict};
 use crate::world::{self, WorldError};
 
@@ -33,7 +36,56 @@ pub fn execute(cli: Cli) -> Exit {
             say(&scenario::schema::json_schema());
             Exit::Pass
         }
+        Command::Nodes(args) => {
+            let listen = Duration::from_secs_f64(args.listen);
+            told(tools::nodes::nodes(&args.bus.bus, &args.eds, listen))
+        }
+        Command::Sdo(args) => told(sdo(&args.action)),
+        Command::Monitor(args) => monitor(args),
         Command::Node(args) => nodes::host(&args),
+    }
+}
+
+/// Prints what a tool found out, or why it did not.
+fn told(outcome: Result<String, ToolError>) -> Exit {
+    match outcome {
+        Ok(text) => {
+            say(&text);
+            Exit::Pass
+        }
+        Err(error) => {
+            complain(&format!("canrig: {error}"));
+            error.exit()
+        }
+    }
+}
+
+fn sdo(action: &SdoAction) -> Result<String, ToolError> {
+    let (object, value) = match action {
+        SdoAction::Read(object) => (object, None),
+        SdoAction::Write { object, value } => (object, Some(value.as_str())),
+    };
+    let target = tools::sdo::Target {
+        node: &object.node,
+        object: &object.object,
+        eds: object.eds.as_deref(),
+    };
+    tools::sdo::sdo(&object.bus.bus, target, value)
+}
+
+fn monitor(args: MonitorArgs) -> Exit {
+    let options = tools::monitor::Options {
+        only: args.only,
+        except: args.except,
+        changes: args.changes,
+        raw: args.raw,
+        count: args.count,
+        duration: args.duration.map(Duration::from_secs_f64),
+        dbc: args.dbc,
+    };
+    match tools::monitor::monitor(&args.bus.bus, options) {
+        Ok(()) => Exit::Pass,
+        Err(error) => told(Err(error)),
     }
 }
 
@@ -81,9 +133,18 @@ fn run(args: &RunArgs) -> Exit {
         if lockstep {
             world::processes::in_lockstep(scenario, folder, capture, &bus)
         } else {
-            world::real_time::run(scenario, folder, capture, &bus)
+            world::real_time::run(scenario, folder, capture, &bus, &|address| {
+                tell_address(&args.play, address);
+            })
         }
     })
+}
+
+/// Tools find the only embedded bus by themselves; of several each has its address.
+fn tell_address(args: &PlayArgs, address: &BusAddress) {
+    if let BusAddress::Embedded(_) = address {
+        announce(args, &format!("bus address: {address}"));
+    }
 }
 
 /// Why the nodes will run without real-time priority; found out on a thread that ends at once.

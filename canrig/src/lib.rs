@@ -1,7 +1,7 @@
 //! canrig: a hardware-in-the-loop test bench over CAN.
 //!
 //! A scenario file is played in one of several worlds (`world`), what was on the bus is recorded (`capture`,
-//! `recording`), decoded (`timeline`, `events`), judged (`judge`, `verdict`) and reported (`report`, `run_folder`).
+//! `recording`), decoded (`timeline`, `events`), judged (`judge`, `verdict`) and reported (`report`, `run_folder`). `tools` are for people who debug nodes.
 
 pub mod bus_model;
 pub mod capture;
@@ -21,6 +21,7 @@ pub mod run_folder;
 pub mod scenario_clock;
 pub mod signals;
 pub mod timeline;
+pub mod tools;
 pub mod verdict;
 pub mod world;
 

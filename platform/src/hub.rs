@@ -84,6 +84,13 @@ pub struct HubReport {
     pub refused: u64,
 }
 
+/// The buses of this user's hubs that are running on this machine, found without disturbing them.
+#[must_use]
+pub fn running() -> Vec<BusAddress> {
+    let sockets = place::running();
+    sockets.into_iter().map(BusAddress::Embedded).collect()
+}
+
 #[derive(Default)]
 struct Counters {
     frames: AtomicU64,

@@ -23,7 +23,7 @@ const COLLECT_PERIOD: Duration = Duration::from_millis(20);
 /// A bus without a frame for so long has lost its manager.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
 
-/// Plays the scenario in real time, with controller and plant as processes.
+/// Plays the scenario in real time, with controller and plant as processes; `tell` gets the bus's address once it is there.
 ///
 /// # Errors
 /// A process or the bus failed, or the recording cannot be written.
@@ -32,10 +32,12 @@ pub fn run(
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
+    tell: &dyn Fn(&BusAddress),
 ) -> Result<World, WorldError> {
     let runtime = runtime()?;
     let _entered = runtime.enter();
     let mut line = Line::open(bus)?;
+    tell(&line.address);
     let mut processes = Processes {
         plant_emulator: NodeProcess::spawn(PLANT_EMULATOR, folder, Some(&line.address), None)?,
         controller: NodeProcess::spawn(CONTROLLER, folder, Some(&line.address), None)?,

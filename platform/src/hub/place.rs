@@ -3,7 +3,7 @@
 use std::fs::{self, DirBuilder, Permissions};
 use std::io;
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -100,6 +100,44 @@ fn make_directory_in(parent: &Path) -> io::Result<PathBuf> {
     Err(io::Error::other("this process has too many buses"))
 }
 
+/// The sockets of this user's hubs that are running.
+pub(super) fn running() -> Vec<PathBuf> {
+    running_in(&candidates())
+}
+
+fn running_in(parents: &[PathBuf]) -> Vec<PathBuf> {
+    let entries = parents
+        .iter()
+        .filter_map(|parent| fs::read_dir(parent).ok());
+    let mut sockets: Vec<PathBuf> = entries
+        .flat_map(|entries| entries.flatten())
+        .filter(|entry| is_mine(&entry.path()))
+        .map(|entry| entry.path().join(SOCKET))
+        .filter(|socket| is_served(socket))
+        .collect();
+    sockets.sort();
+    sockets.dedup();
+    sockets
+}
+
+fn is_mine(directory: &Path) -> bool {
+    let owner = fs::symlink_metadata(directory).map(|metadata| metadata.uid());
+    owner.is_ok_and(|owner| owner == rustix::process::geteuid().as_raw())
+}
+
+/// Whether the process in the directory's name lives; connecting would disturb its hub.
+fn is_served(socket: &Path) -> bool {
+    let process = process_of(socket);
+    process.is_some_and(|process| test_kill_process(process).is_ok()) && socket.exists()
+}
+
+/// The process in the name of a socket's directory.
+fn process_of(socket: &Path) -> Option<Pid> {
+    let name = socket.parent()?.file_name()?.to_str()?;
+    let (process, _) = name.strip_prefix(PREFIX)?.split_once('-')?;
+    Pid::from_raw(process.parse().ok()?)
+}
+
 /// Removes what killed hubs left in `parent`.
 fn remove_leftovers(parent: &Path) {
     let Ok(entries) = fs::read_dir(parent) else {
@@ -112,11 +150,7 @@ fn remove_leftovers(parent: &Path) {
 
 /// Removes a hub's socket and directory when its process is gone: a hub that is about to listen has one.
 fn remove_leftover(socket: &Path) {
-    let process = socket
-        .parent()
-        .and_then(Path::file_name)
-        .and_then(|name| name.to_str()?.strip_prefix(PREFIX)?.split_once('-'))
-        .and_then(|(process, _)| Pid::from_raw(process.parse().ok()?));
+    let process = process_of(socket);
     if process.is_some_and(|process| test_kill_process(process) == Err(Errno::SRCH)) {
         remove_silent(socket);
     }
@@ -169,4 +203,27 @@ fn seqpacket() -> Result<OwnedFd, Errno> {
         SocketFlags::CLOEXEC | SocketFlags::NONBLOCK,
         None,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_hubs_that_live_are_running() {
+        let parent = std::env::temp_dir().join(format!("canrig-place-{}", std::process::id()));
+        fs::create_dir(&parent).unwrap();
+        let parents = [parent.clone()];
+        assert_eq!(running_in(&parents), Vec::<PathBuf>::new());
+        let (place, _listener) = Place::make(&parents).unwrap();
+        // What a killed hub leaves: nobody has this number, which is beyond the kernel's limit.
+        let leftover = parent.join(format!("{PREFIX}{}-0", i32::MAX));
+        fs::create_dir(&leftover).unwrap();
+        fs::write(leftover.join(SOCKET), "").unwrap();
+        fs::create_dir(parent.join("something else")).unwrap();
+        assert_eq!(running_in(&parents), [place.socket()]);
+        drop(place);
+        assert_eq!(running_in(&parents), Vec::<PathBuf>::new());
+        fs::remove_dir_all(parent).unwrap();
+    }
 }

@@ -1,0 +1,254 @@
+//! The data sheets that the tools know: those of the rig, and those that the user names.
+
+use std::fs;
+use std::path::Path;
+
+use canopen::object_dictionary::Entry;
+use canopen::{ObjectDictionary, eds};
+
+use super::ToolError;
+
+/// Second SDO server channel.
+const SECOND_CHANNEL: u16 = 0x1201;
+/// NMT startup; bit 0 makes a node the NMT manager (CiA 302-2).
+const NMT_STARTUP: u16 = 0x1F80;
+/// Bit 31 of a COB-ID: the channel does not exist.
+const INVALID: u32 = 0x8000_0000;
+/// Objects that a message about an ambiguous name lists.
+const CANDIDATES_MAX: usize = 8;
+
+/// One EDS, read for one node-ID.
+#[derive(Clone, Debug)]
+pub struct DataSheet {
+    /// The file's name.
+    pub name: String,
+    /// What people call the node.
+    pub node_name: String,
+    /// The node-ID that it was read for.
+    pub node_id: u8,
+    /// The objects with their defaults.
+    pub dictionary: ObjectDictionary,
+}
+
+/// The data sheets of the rig.
+///
+/// # Panics
+/// Never: tests read the files that are compiled in.
+#[must_use]
+pub fn of_the_rig() -> Vec<DataSheet> {
+    let shipped = [
+        ("controller", 0x01, dbc::CONTROLLER_EDS),
+        ("drive", 0x10, dbc::DRIVE_EDS),
+        ("disturbance", 0x11, dbc::DISTURBANCE_EDS),
+    ];
+    let read = |(node_name, node_id, text)| DataSheet {
+        name: format!("{node_name}.eds"),
+        node_name: String::from(node_name),
+        node_id,
+        dictionary: eds::parse(text, node_id)
+            .expect("the file is compiled in and tested")
+            .dictionary,
+    };
+    shipped.map(read).into()
+}
+
+/// The number of a node that the user names by number or, for the rig's, by name.
+///
+/// # Errors
+/// It is neither.
+pub fn node_id(text: &str, sheets: &[DataSheet]) -> Result<u8, ToolError> {
+    if let Some(sheet) = sheets.iter().find(|sheet| sheet.node_name == text) {
+        return Ok(sheet.node_id);
+    }
+    let number = match text.strip_prefix("0x") {
+        Some(digits) => u8::from_str_radix(digits, 16).ok(),
+        None => text.parse().ok(),
+    };
+    number.filter(|id| (1..=127).contains(id)).ok_or_else(|| {
+        let names: Vec<&str> = sheets
+            .iter()
+            .map(|sheet| sheet.node_name.as_str())
+            .collect();
+        ToolError::Usage(format!(
+            "\"{text}\" is no node: give a number from 1 to 127 (such as 16 or 0x10) or one of {}",
+            names.join(", ")
+        ))
+    })
+}
+
+impl DataSheet {
+    /// Reads a file for a node.
+    ///
+    /// # Errors
+    /// The file cannot be read or is no EDS.
+    pub fn load(path: &Path, node_id: u8) -> Result<Self, ToolError> {
+        let text = fs::read_to_string(path).map_err(|source| ToolError::File {
+            path: path.to_owned(),
+            source,
+        })?;
+        let eds = eds::parse(&text, node_id).map_err(|error| ToolError::Eds {
+            path: path.to_owned(),
+            error: Box::new(error),
+        })?;
+        let name = path.file_name().unwrap_or(path.as_os_str());
+        Ok(Self {
+            name: name.to_string_lossy().into_owned(),
+            node_name: format!("node {node_id}"),
+            node_id,
+            dictionary: eds.dictionary,
+        })
+    }
+
+    /// Request and answer identifiers of the second SDO channel, where the data sheet has one.
+    #[must_use]
+    pub fn second_channel(&self) -> Option<(u16, u16)> {
+        let id = |sub_index| {
+            let cob_id = self.dictionary.unsigned(SECOND_CHANNEL, sub_index)?;
+            let id = u16::try_from(cob_id & 0x7FF).ok()?;
+            (cob_id & INVALID == 0 && id != 0).then_some(id)
+        };
+        Some((id(1)?, id(2)?))
+    }
+
+    /// True for an NMT manager.
+    #[must_use]
+    pub fn is_manager(&self) -> bool {
+        let startup = self.dictionary.unsigned(NMT_STARTUP, 0);
+        startup.is_some_and(|startup| startup & 1 == 1)
+    }
+
+    /// True when a device with this type, vendor and product is the one described.
+    #[must_use]
+    pub fn describes(&self, device_type: u32, vendor: u32, product: u32) -> bool {
+        let expected = |index, sub_index| self.dictionary.unsigned(index, sub_index);
+        expected(0x1000, 0) == Some(device_type)
+            && expected(0x1018, 1) == Some(vendor)
+            && expected(0x1018, 2) == Some(product)
+    }
+
+    /// The sub-object at a place.
+    #[must_use]
+    pub fn entry(&self, index: u16, sub_index: u8) -> Option<&Entry> {
+        let handle = self.dictionary.find(index, sub_index).ok()?;
+        Some(self.dictionary.entry(handle))
+    }
+
+    /// The object that the user names, as `6064`, `0x6064:00` or by its name in the EDS (case does not matter; a part
+    /// of the name will do where it is unambiguous).
+    ///
+    /// # Errors
+    /// No object, or several.
+    pub fn find(&self, text: &str) -> Result<(u16, u8), ToolError> {
+        if let Some(place) = parse_place(text) {
+            return Ok(place);
+        }
+        let wanted = text.to_lowercase();
+        let is_exact = |entry: &&Entry| entry.name.to_lowercase() == wanted;
+        let is_part = |entry: &&Entry| entry.name.to_lowercase().contains(&wanted);
+        let entries = || self.dictionary.entries().iter();
+        let mut found: Vec<&Entry> = entries().filter(is_exact).collect();
+        if found.is_empty() {
+            found = entries().filter(is_part).collect();
+        }
+        match found.as_slice() {
+            [entry] => Ok((entry.index, entry.sub_index)),
+            [] => Err(ToolError::Usage(format!(
+                "{} has no object \"{text}\"; give an index such as 0x6064:00 or a name from the EDS",
+                self.name
+            ))),
+            several => Err(ToolError::Usage(ambiguous(text, several))),
+        }
+    }
+}
+
+fn ambiguous(text: &str, several: &[&Entry]) -> String {
+    let mut message = format!("\"{text}\" is the name of {} objects:", several.len());
+    for entry in several.iter().take(CANDIDATES_MAX) {
+        let (index, sub_index, name) = (entry.index, entry.sub_index, &entry.name);
+        message += &format!("\n  0x{index:04X}:{sub_index:02X}  {name}");
+    }
+    if several.len() > CANDIDATES_MAX {
+        message += "\n  ...";
+    }
+    message
+}
+
+/// Index and sub-index in hexadecimal digits, with or without `0x`; without a sub-index it is 0.
+fn parse_place(text: &str) -> Option<(u16, u8)> {
+    let hexadecimal = |text: &str| {
+        let digits = text.strip_prefix("0x").unwrap_or(text);
+        let is_number = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
+        is_number.then(|| u32::from_str_radix(digits, 16).ok())?
+    };
+    let (index, sub_index) = text.split_once(':').unwrap_or((text, "0"));
+    let digits = index.strip_prefix("0x").unwrap_or(index);
+    if digits.len() != 4 {
+        return None;
+    }
+    Some((
+        u16::try_from(hexadecimal(index)?).ok()?,
+        u8::try_from(hexadecimal(sub_index)?).ok()?,
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn drive() -> DataSheet {
+        of_the_rig().remove(1)
+    }
+
+    #[test]
+    fn objects_are_found_by_place_and_by_name() {
+        for (text, place) in [
+            ("6064", (0x6064, 0)),
+            ("0x6064", (0x6064, 0)),
+            ("1018:2", (0x1018, 2)),
+            ("0x1018:0x02", (0x1018, 2)),
+            ("60C2:01", (0x60C2, 1)),
+            ("Statusword", (0x6041, 0)),
+            ("position actual value", (0x6064, 0)),
+            ("target torq", (0x6071, 0)),
+            // Not in the EDS, but a place: the node will say what it thinks of it.
+            ("FFFF:FF", (0xFFFF, 0xFF)),
+        ] {
+            assert_eq!(drive().find(text).unwrap(), place, "{text}");
+        }
+    }
+
+    #[test]
+    fn unknown_and_ambiguous_names_say_what_there_is() {
+        let unknown = drive().find("warp factor").unwrap_err().to_string();
+        assert!(
+            unknown.contains("drive.eds has no object \"warp factor\""),
+            "{unknown}"
+        );
+        let ambiguous = drive().find("option code").unwrap_err().to_string();
+        assert!(ambiguous.contains("6 objects"), "{ambiguous}");
+        assert!(
+            ambiguous.contains("0x605A:00  Quick stop option code"),
+            "{ambiguous}"
+        );
+    }
+
+    #[test]
+    fn nodes_are_found_by_number_and_by_name() {
+        let sheets = of_the_rig();
+        for (text, id) in [("16", 16), ("0x10", 16), ("drive", 16), ("controller", 1)] {
+            assert_eq!(node_id(text, &sheets).unwrap(), id);
+        }
+        for text in ["0", "128", "motor", "-1", "0x"] {
+            assert!(node_id(text, &sheets).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn only_the_drive_has_a_second_channel_and_only_the_controller_manages() {
+        let sheets = of_the_rig();
+        let channels: Vec<_> = sheets.iter().map(DataSheet::second_channel).collect();
+        assert_eq!(channels, [None, Some((0x690, 0x6D0)), None]);
+        let managers: Vec<_> = sheets.iter().map(DataSheet::is_manager).collect();
+        assert_eq!(managers, [true, false, false]);
+    }
+}

@@ -1,0 +1,166 @@
+//! What people debug nodes with: who is there (`nodes`), one object (`sdo`), live traffic (`monitor`).
+//!
+//! A tool is a guest on the bus. The default SDO channel of a node belongs to the controller while one runs
+//! ([`presence`]), so a guest asks on the second channel where the node's data sheet has one ([`data_sheet`]).
+
+pub mod data_sheet;
+pub mod monitor;
+pub mod nodes;
+pub mod presence;
+pub mod sdo;
+pub mod value;
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use canopen::eds::EdsError;
+use canopen::sdo_client::SdoError;
+use canopen::{Filter, Node};
+use dbc::DbcError;
+use platform::bus::{self, BadAddress, Bus, BusAddress, BusError};
+use platform::hub;
+use platform::real_time::{self, RunError};
+use platform::stop::StopSignal;
+
+use crate::exit::Exit;
+
+/// The bus that a tool joins.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ToolBus {
+    /// The embedded bus of the user's only running `canrig run`.
+    Running,
+    /// A bus with an address.
+    At(BusAddress),
+}
+
+impl FromStr for ToolBus {
+    type Err = BadAddress;
+
+    fn from_str(text: &str) -> Result<Self, BadAddress> {
+        match text {
+            "embedded" => Ok(Self::Running),
+            address => address.parse().map(Self::At),
+        }
+    }
+}
+
+impl fmt::Display for ToolBus {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Running => formatter.write_str("embedded"),
+            Self::At(address) => address.fmt(formatter),
+        }
+    }
+}
+
+/// Why a tool cannot do what it was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum ToolError {
+    /// What the user typed makes no sense.
+    #[error("{0}")]
+    Usage(String),
+    /// A file cannot be read.
+    #[error("{} cannot be read: {source}", path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// An EDS is wrong.
+    #[error("{}: {error}", path.display())]
+    Eds {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong.
+        error: Box<EdsError>,
+    },
+    /// A DBC is wrong.
+    #[error("{}: {error}", path.display())]
+    Dbc {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong.
+        error: DbcError,
+    },
+    /// No run to join.
+    #[error(
+        "no embedded bus of yours is running; start one with: canrig run SCENARIO --bus embedded (or name a CAN interface: --bus vcan0)"
+    )]
+    NoRunningBus,
+    /// Several runs to join.
+    #[error("{} embedded buses are running; choose one: {}", .0.len(), addresses(.0))]
+    SeveralBuses(Vec<BusAddress>),
+    /// The bus does not work.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The loop does not work, or the tool gave up.
+    #[error("{}", words(.0))]
+    Run(RunError),
+    /// Ctrl-C cannot be handled.
+    #[error("signals cannot be handled: {0}")]
+    Signals(io::Error),
+    /// A transfer failed.
+    #[error(transparent)]
+    Sdo(#[from] SdoError),
+    /// The tool would have to take what is the controller's.
+    #[error("{0}")]
+    Refused(String),
+}
+
+impl ToolError {
+    /// How the program ends.
+    #[must_use]
+    pub fn exit(&self) -> Exit {
+        match self {
+            Self::Usage(_) | Self::File { .. } | Self::Eds { .. } | Self::Dbc { .. } => Exit::Usage,
+            _ => Exit::BenchFailed,
+        }
+    }
+}
+
+fn addresses(buses: &[BusAddress]) -> String {
+    let options: Vec<String> = buses.iter().map(|bus| format!("--bus {bus}")).collect();
+    options.join(", ")
+}
+
+/// A node that gave up has said all there is to say.
+fn words(error: &RunError) -> String {
+    match error {
+        RunError::Node(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+/// The address of the bus that the user means.
+///
+/// # Errors
+/// None or several are running.
+pub fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
+    match bus {
+        ToolBus::At(address) => Ok(address.clone()),
+        ToolBus::Running => {
+            let mut running = hub::running();
+            match running.len() {
+                0 => Err(ToolError::NoRunningBus),
+                1 => Ok(running.remove(0)),
+                _ => Err(ToolError::SeveralBuses(running)),
+            }
+        }
+    }
+}
+
+fn open(bus: &ToolBus, filters: &[Filter]) -> Result<Box<dyn Bus>, ToolError> {
+    Ok(bus::open(&address(bus)?, filters)?)
+}
+
+/// Moves a tool's node on the bus until it has done its work or the user stops it.
+fn run(node: &mut dyn Node, bus: &ToolBus) -> Result<(), ToolError> {
+    let mut bus = open(bus, &node.filters())?;
+    let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
+    real_time::run(node, &mut *bus, &stop)
+        .map(|_| ())
+        .map_err(ToolError::Run)
+}

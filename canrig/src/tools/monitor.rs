@@ -1,0 +1,478 @@
+//! `canrig monitor`: live traffic, one line per frame, decoded by DBC and EDS. Flags that are not set are left out.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs;
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
+use canopen::{AbortCode, CanFrame, Filter, NmtCommand, NmtState};
+use dbc::Database;
+use platform::clock::Clock;
+use platform::stop::StopSignal;
+
+use super::data_sheet::{DataSheet, of_the_rig};
+use super::nodes::state_name;
+use super::{ToolBus, ToolError, open, value};
+use crate::console::complain;
+
+/// How long a quiet bus is waited for before Ctrl-C and the duration are looked at.
+const PATIENCE: Duration = Duration::from_millis(50);
+/// Lines that wait for a busy bus at most, in bytes.
+const BUFFER_BYTES: usize = 64 << 10;
+/// Width of the column of names.
+const NAME_WIDTH: usize = 23;
+
+/// What to show and for how long.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Show only frames whose name or identifier (hexadecimal) is among these; all when empty.
+    pub only: Vec<String>,
+    /// Leave these out.
+    pub except: Vec<String>,
+    /// Show a frame only when its content differs from the last one with its identifier.
+    pub changes: bool,
+    /// Show the bytes too.
+    pub raw: bool,
+    /// End after this many lines.
+    pub count: Option<u64>,
+    /// End after this time.
+    pub duration: Option<Duration>,
+    /// A DBC file instead of the rig's.
+    pub dbc: Option<PathBuf>,
+}
+
+/// Which SDO channel an identifier belongs to.
+struct Channel<'a> {
+    is_request: bool,
+    node_id: u8,
+    sheet: Option<&'a DataSheet>,
+}
+
+/// Turns frames into lines.
+#[derive(Debug)]
+pub struct Decoder {
+    database: Database,
+    sheets: Vec<DataSheet>,
+    options: Options,
+    last: BTreeMap<u32, CanFrame>,
+}
+
+impl Decoder {
+    /// A decoder by a DBC and data sheets.
+    #[must_use]
+    pub fn new(database: Database, sheets: Vec<DataSheet>, options: Options) -> Self {
+        Self {
+            database,
+            sheets,
+            options,
+            last: BTreeMap::new(),
+        }
+    }
+
+    /// The line for a frame; `None` when the options leave it out.
+    pub fn line(&mut self, time: Duration, frame: &CanFrame) -> Option<String> {
+        let name = self.name(frame);
+        if !self.is_wanted(&name, frame) {
+            return None;
+        }
+        let before = self.last.insert(frame.raw_id(), *frame);
+        if self.options.changes && before == Some(*frame) {
+            return None;
+        }
+        let seconds = time.as_secs_f64();
+        let (id, bytes) = frame_words(frame);
+        let mut line = format!("{seconds:12.6}  {id:>8}  {name:<NAME_WIDTH$}");
+        if self.options.raw {
+            let _ = write!(line, "  [{bytes:<23}]");
+        }
+        let content = self.content(frame);
+        let content = match content.is_empty() && !self.options.raw {
+            true => bytes,
+            false => content,
+        };
+        let _ = write!(line, "  {content}");
+        Some(line.trim_end().to_owned())
+    }
+
+    fn is_wanted(&self, name: &str, frame: &CanFrame) -> bool {
+        let id = frame_words(frame).0;
+        let is_meant = |pattern: &String| {
+            let digits = pattern.strip_prefix("0x").unwrap_or(pattern);
+            name.contains(pattern.as_str()) || digits.eq_ignore_ascii_case(&id)
+        };
+        let Options { only, except, .. } = &self.options;
+        (only.is_empty() || only.iter().any(is_meant)) && !except.iter().any(is_meant)
+    }
+
+    /// The message's name in the DBC, or what CANopen makes of the identifier.
+    fn name(&self, frame: &CanFrame) -> String {
+        if let Some(message) = self.database.message_of(frame) {
+            return message.name.clone();
+        }
+        let Some(id) = frame.standard_id() else {
+            let kind = match (frame.is_error(), frame.is_remote()) {
+                (true, _) => "error message",
+                (_, true) => "remote frame",
+                _ => "extended frame",
+            };
+            return kind.to_owned();
+        };
+        if let Some(channel) = self.channel(id) {
+            let direction = if channel.is_request {
+                "request"
+            } else {
+                "answer"
+            };
+            return format!("node {} SDO {direction}", channel.node_id);
+        }
+        let node_id = id & 0x7F;
+        match id & 0x780 {
+            0x000 if id == 0 => "NMT command".to_owned(),
+            0x080 if node_id == 0 => "SYNC".to_owned(),
+            0x080 => format!("node {node_id} emergency"),
+            0x700 if node_id != 0 => format!("node {node_id} heartbeat"),
+            pdo @ 0x180..=0x500 if node_id != 0 => {
+                let direction = if pdo & 0x80 == 0 { "RPDO" } else { "TPDO" };
+                let number = if pdo & 0x80 == 0 {
+                    (pdo - 0x100) >> 8
+                } else {
+                    pdo >> 8
+                };
+                format!("node {node_id} {direction}{number}")
+            }
+            _ => "unknown".to_owned(),
+        }
+    }
+
+    fn channel(&self, id: u16) -> Option<Channel<'_>> {
+        let second = self.sheets.iter().find_map(|sheet| {
+            let (request, answer) = sheet.second_channel()?;
+            [request, answer].contains(&id).then_some(Channel {
+                is_request: id == request,
+                node_id: sheet.node_id,
+                sheet: Some(sheet),
+            })
+        });
+        second.or_else(|| {
+            let node_id = (id & 0x7F) as u8;
+            let is_sdo = [DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID].contains(&(id & 0x780));
+            (is_sdo && node_id != 0).then(|| Channel {
+                is_request: id & 0x780 == DEFAULT_REQUEST_ID,
+                node_id,
+                sheet: self.sheets.iter().find(|sheet| sheet.node_id == node_id),
+            })
+        })
+    }
+
+    /// What the bytes mean.
+    fn content(&self, frame: &CanFrame) -> String {
+        let channel = frame.standard_id().and_then(|id| self.channel(id));
+        if let (Some(channel), Ok(payload)) = (channel, frame.data().try_into()) {
+            return sdo_words(&channel, payload);
+        }
+        if let Some(decoded) = self.database.decode(frame) {
+            let signals = decoded
+                .signals()
+                .filter(|decoded| !value::is_idle(decoded.signal, decoded.value))
+                .map(|decoded| value::show_signal(decoded.signal, decoded.value));
+            return signals.collect::<Vec<_>>().join("  ");
+        }
+        match (frame.standard_id(), frame.data()) {
+            (Some(0), &[command, node_id]) => {
+                let order = NmtCommand::from_specifier(command);
+                let order =
+                    order.map_or_else(|| format!("{command}"), |order| format!("{order:?}"));
+                format!("{order} node {node_id}")
+            }
+            (Some(0x701..=0x77F), &[state]) => NmtState::from_number(state & 0x7F).map_or_else(
+                || format!("state {state}"),
+                |state| state_name(state).to_owned(),
+            ),
+            (Some(0x081..=0x0FF), &[low, high, register, ..]) => {
+                let code = u16::from_le_bytes([low, high]);
+                format!("error code 0x{code:04X}, error register 0x{register:02X}")
+            }
+            _ => String::new(),
+        }
+    }
+}
+
+/// Identifier and bytes.
+fn frame_words(frame: &CanFrame) -> (String, String) {
+    let text = frame.to_string();
+    let (id, _) = text.split_once('#').unwrap_or((&text, ""));
+    let pairs: Vec<String> = frame
+        .data()
+        .iter()
+        .map(|byte| format!("{byte:02X}"))
+        .collect();
+    (id.to_owned(), pairs.join(" "))
+}
+
+/// An SDO frame in words (CiA 301, 7.2.4.3).
+fn sdo_words(channel: &Channel<'_>, payload: [u8; 8]) -> String {
+    let [command, low, high, sub_index, data @ ..] = payload;
+    let index = u16::from_le_bytes([low, high]);
+    let entry = channel
+        .sheet
+        .and_then(|sheet| sheet.entry(index, sub_index));
+    let name = entry.map_or_else(String::new, |entry| format!(" {}", entry.name));
+    let object = format!("0x{index:04X}:{sub_index:02X}{name}");
+    let value = || {
+        let is_expedited = command & 0b10 != 0;
+        let unused = if command & 1 == 0 {
+            0
+        } else {
+            usize::from(command >> 2 & 0b11)
+        };
+        if is_expedited {
+            format!(" = {}", value::show(entry, &data[..4 - unused]))
+        } else if command & 1 != 0 {
+            format!(" ({} bytes follow)", u32::from_le_bytes(data))
+        } else {
+            " (segments follow)".to_owned()
+        }
+    };
+    match (channel.is_request, command >> 5) {
+        (_, 4) => format!("{object}: {}", AbortCode(u32::from_le_bytes(data))),
+        (true, 1) => format!("write {object}{}", value()),
+        (true, 2) => format!("read {object}"),
+        (true, 0) => "write segment".to_owned(),
+        (true, 3) => "read next segment".to_owned(),
+        (true, 5) => "block upload".to_owned(),
+        (true, 6) => "block download".to_owned(),
+        (false, 2) => format!("is {object}{}", value()),
+        (false, 3) => format!("written {object}"),
+        (false, 0) => "segment".to_owned(),
+        (false, 1) => "segment written".to_owned(),
+        (false, 5) => "block download".to_owned(),
+        (false, 6) => "block upload".to_owned(),
+        _ => "no SDO command".to_owned(),
+    }
+}
+
+/// Shows the traffic of a bus until the count or the duration is reached, Ctrl-C, or the end of the reader.
+///
+/// # Errors
+/// The bus does not work, or the DBC is wrong.
+pub fn monitor(bus: &ToolBus, options: Options) -> Result<(), ToolError> {
+    let database = match &options.dbc {
+        None => Database::sma_actuator(),
+        Some(path) => {
+            let text = fs::read_to_string(path).map_err(|source| ToolError::File {
+                path: path.clone(),
+                source,
+            })?;
+            Database::parse(&text).map_err(|error| ToolError::Dbc {
+                path: path.clone(),
+                error,
+            })?
+        }
+    };
+    let (count, duration) = (options.count, options.duration);
+    let mut decoder = Decoder::new(database, of_the_rig(), options);
+    let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
+    let mut bus = open(bus, &[Filter::ALL, Filter::ERRORS])?;
+    let clock = Clock::start();
+    let mut output = Output::default();
+    let mut lines = 0;
+    let is_over = |lines: u64| {
+        count.is_some_and(|count| lines >= count)
+            || duration.is_some_and(|duration| clock.now() >= duration)
+            || stop.is_raised()
+    };
+    while !output.is_closed && !is_over(lines) {
+        // A busy bus fills a buffer; a quiet moment shows what there is.
+        let frame = match bus.receive(Duration::ZERO)? {
+            Some(frame) => Some(frame),
+            None => {
+                output.flush();
+                bus.receive(PATIENCE)?
+            }
+        };
+        if let Some(line) = frame.and_then(|frame| decoder.line(clock.now(), &frame)) {
+            output.add(&line);
+            lines += 1;
+        }
+    }
+    output.flush();
+    if bus.dropped() > 0 {
+        complain(&format!(
+            "canrig: {} frames were lost: they came faster than they could be shown (show fewer with --only, --except or --changes)",
+            bus.dropped()
+        ));
+    }
+    Ok(())
+}
+
+/// Standard output with a buffer; a reader that went away is the end, not an error.
+#[derive(Default)]
+struct Output {
+    text: String,
+    is_closed: bool,
+}
+
+impl Output {
+    fn add(&mut self, line: &str) {
+        self.text += line;
+        self.text.push('\n');
+        if self.text.len() >= BUFFER_BYTES {
+            self.flush();
+        }
+    }
+
+    fn flush(&mut self) {
+        let mut stdout = std::io::stdout().lock();
+        let written = stdout.write_all(self.text.as_bytes());
+        self.is_closed |= written.and_then(|()| stdout.flush()).is_err();
+        self.text.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG};
+    use proptest::prelude::*;
+
+    fn decoder(options: Options) -> Decoder {
+        Decoder::new(Database::sma_actuator(), of_the_rig(), options)
+    }
+
+    /// The line without its time.
+    fn line(frame: &CanFrame) -> String {
+        let line = decoder(Options::default()).line(Duration::from_millis(1500), frame);
+        line.unwrap()
+            .strip_prefix("    1.500000  ")
+            .unwrap()
+            .to_owned()
+    }
+
+    #[test]
+    fn signals_come_with_units_and_labels() {
+        let frame = CanFrame::new(0x190, &[0x37, 0x12, 0x10, 0x27, 0, 0, 0x2C, 1]);
+        let line = line(&frame);
+        assert!(line.starts_with("     190  drive_tpdo1 "), "{line}");
+        for part in [
+            "statusword_state=\"operation enabled\"",
+            "statusword_follows_command=\"yes\"",
+            "position_millimetres=10.000 mm",
+            "current_amperes=0.300 A",
+        ] {
+            assert!(line.contains(part), "{part} in {line}");
+        }
+    }
+
+    #[test]
+    fn sdo_is_told_by_the_names_of_the_eds() {
+        for (id, data, words) in [
+            (
+                0x610,
+                [0x40, 0x18, 0x10, 2, 0, 0, 0, 0],
+                "read 0x1018:02 Product code",
+            ),
+            (
+                0x590,
+                [0x43, 0x18, 0x10, 2, 1, 0, 0, 0],
+                "is 0x1018:02 Product code = 1 (0x00000001)",
+            ),
+            (
+                0x690,
+                [0x2B, 0x71, 0x60, 0, 0xFE, 0xFF, 0, 0],
+                "write 0x6071:00 Target torque = -2",
+            ),
+            (
+                0x6D0,
+                [0x60, 0x71, 0x60, 0, 0, 0, 0, 0],
+                "written 0x6071:00 Target torque",
+            ),
+            (
+                0x591,
+                [0x80, 0, 0x20, 0, 0, 0, 2, 6],
+                "0x2000:00: abort 0x0602_0000: object does not exist in the object dictionary",
+            ),
+            (
+                0x5A0,
+                [0x43, 0x18, 0x10, 2, 1, 0, 0, 0],
+                "is 0x1018:02 = 01 00 00 00 (4 bytes)",
+            ),
+        ] {
+            let line = line(&CanFrame::new(id, &data));
+            assert!(line.ends_with(words), "{words} at the end of {line}");
+        }
+    }
+
+    #[test]
+    fn nodes_that_are_not_in_the_dbc_are_told_by_canopen() {
+        for (id, data, words) in [
+            (
+                0x722,
+                &[0x7F][..],
+                "node 34 heartbeat        pre-operational",
+            ),
+            (
+                0x0A2,
+                &[0x10, 0x81, 0x11, 0, 0, 0, 0, 0],
+                "error code 0x8110, error register 0x11",
+            ),
+            (0x2A2, &[1, 2], "node 34 TPDO2            01 02"),
+            (0x222, &[1], "node 34 RPDO1            01"),
+            (0x7E5, &[1], "unknown                  01"),
+        ] {
+            let line = line(&CanFrame::new(id, data));
+            assert!(line.ends_with(words), "{words} at the end of {line}");
+        }
+    }
+
+    #[test]
+    fn options_choose_frames() {
+        let (drive, sync) = (CanFrame::new(0x190, &[0; 8]), CanFrame::new(0x080, &[1]));
+        let now = Duration::ZERO;
+        for pattern in ["drive_tpdo1", "drive", "0x190", "190"] {
+            let only = Options {
+                only: vec![pattern.to_owned()],
+                ..Options::default()
+            };
+            let mut chosen = decoder(only);
+            assert!(
+                chosen.line(now, &drive).is_some() && chosen.line(now, &sync).is_none(),
+                "{pattern}"
+            );
+            let except = Options {
+                except: vec![pattern.to_owned()],
+                ..Options::default()
+            };
+            let mut chosen = decoder(except);
+            assert!(
+                chosen.line(now, &drive).is_none() && chosen.line(now, &sync).is_some(),
+                "{pattern}"
+            );
+        }
+        let mut changes = decoder(Options {
+            changes: true,
+            ..Options::default()
+        });
+        assert!(changes.line(now, &drive).is_some());
+        assert!(changes.line(now, &drive).is_none());
+        assert!(changes.line(now, &CanFrame::new(0x190, &[1; 8])).is_some());
+        let mut raw = decoder(Options {
+            raw: true,
+            ..Options::default()
+        });
+        assert!(raw.line(now, &sync).unwrap().contains("[01 "));
+    }
+
+    proptest! {
+        #[test]
+        fn any_frame_has_a_line(id: u32, length in 0u8..=8, data: [u8; 8], raw: bool) {
+            let mut decoder = decoder(Options { raw, ..Options::default() });
+            for id in [id, id & 0x7FF, id | EXTENDED_FLAG, id | ERROR_FLAG] {
+                let frame = CanFrame::from_raw(id, length, data).unwrap();
+                prop_assert!(decoder.line(Duration::ZERO, &frame).is_some());
+            }
+        }
+    }
+}

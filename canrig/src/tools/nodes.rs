@@ -1,0 +1,514 @@
+//! `canrig nodes`: who is on a bus.
+//!
+//! First it listens: heartbeats tell nodes and their states, SYNC and heartbeats tell whether a manager runs. Without a
+//! manager it then calls every node-ID on its default SDO channel, so that nodes without a heartbeat show too. At last it
+//! asks each node for its identity: on the second SDO channel where the node's data sheet has one and the node answers
+//! there, else on the default channel, and not at all where that one belongs to a running controller.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
+use std::time::Duration;
+
+use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
+use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
+use canopen::{CanFrame, Filter, NmtState, Node, Progress};
+use comfy_table::{ContentArrangement, Table, presets};
+
+use super::data_sheet::{DataSheet, of_the_rig};
+use super::presence::Presence;
+use super::{ToolBus, ToolError};
+
+/// How long the tool listens before it speaks, unless told otherwise: longer than usual heartbeat periods.
+pub const LISTEN_SECONDS: f64 = 1.0;
+/// Pause between two calls, so that the answers fit on a slow bus.
+const CALL_PERIOD: Duration = Duration::from_millis(2);
+/// How long the last node called may take to its answer.
+const CALL_PATIENCE: Duration = Duration::from_millis(500);
+/// Time for each answer of a node that is known to be there.
+const ANSWER_TIME: Duration = Duration::from_secs(1);
+const NODE_IDS: std::ops::RangeInclusive<u8> = 1..=127;
+
+const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
+const DEVICE_NAME: (u16, u8) = (0x1008, 0);
+/// What each node is asked.
+const QUESTIONS: [(u16, u8); 6] = [
+    DEVICE_TYPE,
+    (0x1018, 1),
+    (0x1018, 2),
+    (0x1018, 3),
+    (0x1018, 4),
+    DEVICE_NAME,
+];
+
+/// What a node answered; `None` where it aborted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    /// 0x1000
+    pub device_type: Option<u32>,
+    /// 0x1018:01 to :04
+    pub identity: [Option<u32>; 4],
+    /// 0x1008
+    pub name: Option<String>,
+}
+
+/// What is known of one node.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Finding {
+    /// The state in its last heartbeat; `None` without heartbeat.
+    pub state: Option<NmtState>,
+    /// Who it says it is, or why that is not known.
+    pub identity: Result<Identity, String>,
+    /// The data sheet that describes it.
+    pub data_sheet: String,
+}
+
+/// The questions to one node.
+#[derive(Debug)]
+struct Interview {
+    node_id: u8,
+    client: SdoClient,
+    /// Whether the default channel has not been tried yet.
+    may_change_channel: bool,
+    next: usize,
+    identity: Identity,
+}
+
+#[derive(Debug)]
+enum Phase {
+    Listening { until: Option<Duration> },
+    Calling { next: u8, at: Duration },
+    Awaiting { until: Duration },
+    Asking(Box<Interview>),
+    Done,
+}
+
+/// The roll call of a bus, a node without node-ID.
+#[derive(Debug)]
+pub struct RollCall {
+    sheets: Vec<DataSheet>,
+    listen: Duration,
+    presence: Presence,
+    phase: Phase,
+    /// Nodes that answered a call.
+    called: Vec<u8>,
+    /// Nodes still to be asked.
+    waiting: VecDeque<u8>,
+    identities: BTreeMap<u8, Result<Identity, String>>,
+    output: VecDeque<CanFrame>,
+}
+
+impl RollCall {
+    /// A roll call that listens for a time first.
+    #[must_use]
+    pub fn new(sheets: Vec<DataSheet>, listen: Duration) -> Self {
+        Self {
+            sheets,
+            listen,
+            presence: Presence::default(),
+            phase: Phase::Listening { until: None },
+            called: Vec::new(),
+            waiting: VecDeque::new(),
+            identities: BTreeMap::new(),
+            output: VecDeque::new(),
+        }
+    }
+
+    /// What was found, by node-ID.
+    #[must_use]
+    pub fn findings(&self) -> BTreeMap<u8, Finding> {
+        let states = self.presence.states();
+        let ids = states.keys().chain(&self.called);
+        let finding = |node_id: &u8| {
+            let unasked = || Err("not asked: interrupted".to_owned());
+            let identity = self.identities.get(node_id).cloned();
+            let identity = identity.unwrap_or_else(unasked);
+            let finding = Finding {
+                state: states.get(node_id).copied(),
+                data_sheet: self.data_sheet(*node_id, identity.as_ref().ok()),
+                identity,
+            };
+            (*node_id, finding)
+        };
+        ids.map(finding).collect()
+    }
+
+    /// How a running manager shows, if one does.
+    #[must_use]
+    pub fn manager(&self) -> Option<String> {
+        self.presence.manager(&self.sheets)
+    }
+
+    /// The data sheet that matches what the node says, or might since it was made for this node-ID.
+    fn data_sheet(&self, node_id: u8, identity: Option<&Identity>) -> String {
+        let mut sheets = self.sheets.iter();
+        let Some(identity) = identity else {
+            let expected = sheets.find(|sheet| sheet.node_id == node_id);
+            return expected.map_or_else(String::new, |sheet| format!("{}?", sheet.name));
+        };
+        let found = match (identity.device_type, identity.identity) {
+            (Some(device_type), [Some(vendor), Some(product), ..]) => {
+                sheets.find(|sheet| sheet.describes(device_type, vendor, product))
+            }
+            _ => None,
+        };
+        let Some(sheet) = found else {
+            return "none".to_owned();
+        };
+        let expected = sheet.dictionary.unsigned(0x1018, 3);
+        match identity.identity[2] {
+            revision if revision == expected => sheet.name.clone(),
+            Some(revision) => format!("{}, but revision 0x{revision:08X}", sheet.name),
+            None => format!("{}, but no revision", sheet.name),
+        }
+    }
+
+    fn hear_answer_to_call(&mut self, frame: &CanFrame) {
+        let node_id = frame
+            .standard_id()
+            .and_then(|id| id.checked_sub(DEFAULT_RESPONSE_ID))
+            .and_then(|id| u8::try_from(id).ok())
+            .filter(|id| NODE_IDS.contains(id));
+        let is_about_device_type = frame.data().get(1..4) == Some(&[0x00, 0x10, 0x00]);
+        if let Some(node_id) = node_id.filter(|_| is_about_device_type)
+            && !self.called.contains(&node_id)
+        {
+            self.called.push(node_id);
+        }
+    }
+
+    /// The end of listening: calls everybody where no manager minds.
+    fn begin(&mut self, now: Duration) {
+        if self.manager().is_some() {
+            self.ask_all(now);
+        } else {
+            let next = *NODE_IDS.start();
+            self.phase = Phase::Calling { next, at: now };
+            self.call(now);
+        }
+    }
+
+    fn call(&mut self, now: Duration) {
+        let Phase::Calling { next, at } = self.phase else {
+            return;
+        };
+        if now < at {
+            return;
+        }
+        let request = [0x40, 0x00, 0x10, 0x00, 0, 0, 0, 0];
+        self.output.push_back(CanFrame::new(
+            DEFAULT_REQUEST_ID + u16::from(next),
+            &request,
+        ));
+        self.phase = if next == *NODE_IDS.end() {
+            Phase::Awaiting {
+                until: now + CALL_PATIENCE,
+            }
+        } else {
+            Phase::Calling {
+                next: next + 1,
+                at: now + CALL_PERIOD,
+            }
+        };
+    }
+
+    fn ask_all(&mut self, now: Duration) {
+        let mut ids: Vec<u8> = self.presence.states().keys().copied().collect();
+        ids.extend(&self.called);
+        ids.sort_unstable();
+        ids.dedup();
+        self.waiting = ids.into();
+        self.ask_next(now);
+    }
+
+    fn ask_next(&mut self, now: Duration) {
+        self.phase = Phase::Done;
+        while let Some(node_id) = self.waiting.pop_front() {
+            if self.presence.states().get(&node_id) == Some(&NmtState::Stopped) {
+                let reason = "not asked: a stopped node answers no SDO";
+                self.identities.insert(node_id, Err(reason.to_owned()));
+                continue;
+            }
+            let mut sheets = self.sheets.iter().filter(|sheet| sheet.node_id == node_id);
+            let channel = sheets.find_map(DataSheet::second_channel);
+            let client = match channel {
+                Some((request, response)) => {
+                    SdoClient::new(node_id).with_channel(request, response)
+                }
+                None => match self.presence.why_not_default_channel(node_id, &self.sheets) {
+                    None => SdoClient::new(node_id),
+                    Some(_) => {
+                        let reason = "not asked: its only SDO channel is the controller's";
+                        self.identities.insert(node_id, Err(reason.to_owned()));
+                        continue;
+                    }
+                },
+            };
+            let mut interview = Box::new(Interview {
+                node_id,
+                client: client.with_timeout(ANSWER_TIME),
+                may_change_channel: channel.is_some(),
+                next: 0,
+                identity: Identity::default(),
+            });
+            interview.ask(now);
+            self.phase = Phase::Asking(interview);
+            return;
+        }
+    }
+
+    /// Takes what the node being asked has answered, and goes on.
+    fn advance(&mut self, now: Duration) {
+        let Phase::Asking(interview) = &mut self.phase else {
+            return;
+        };
+        if let Some(result) = interview.client.take_result() {
+            let node_id = interview.node_id;
+            match interview.take(&result) {
+                Ok(()) if interview.next < QUESTIONS.len() => interview.ask(now),
+                Ok(()) => {
+                    let identity = std::mem::take(&mut interview.identity);
+                    self.identities.insert(node_id, Ok(identity));
+                    self.drain();
+                    self.ask_next(now);
+                }
+                Err(error) => self.no_answer(now, error),
+            }
+        }
+        self.drain();
+    }
+
+    /// A node that is silent on its second channel may not have one; its default channel may be asked where it is free.
+    fn no_answer(&mut self, now: Duration, error: SdoError) {
+        let Phase::Asking(interview) = &mut self.phase else {
+            return;
+        };
+        let node_id = interview.node_id;
+        let refusal = self.presence.why_not_default_channel(node_id, &self.sheets);
+        match (interview.may_change_channel && interview.next == 0, refusal) {
+            (true, None) => {
+                interview.may_change_channel = false;
+                interview.client = SdoClient::new(node_id).with_timeout(ANSWER_TIME);
+                interview.ask(now);
+            }
+            (true, Some(_)) => {
+                let reason = "no answer on its second SDO channel; the first is the controller's";
+                self.identities.insert(node_id, Err(reason.to_owned()));
+                self.ask_next(now);
+            }
+            (false, _) => {
+                self.identities.insert(node_id, Err(error.to_string()));
+                self.ask_next(now);
+            }
+        }
+    }
+
+    fn drain(&mut self) {
+        if let Phase::Asking(interview) = &mut self.phase {
+            while let Some(frame) = interview.client.next_frame() {
+                self.output.push_back(frame);
+            }
+        }
+    }
+}
+
+impl Interview {
+    fn ask(&mut self, now: Duration) {
+        let (index, sub_index) = QUESTIONS[self.next];
+        let started = self.client.start_upload(now, index, sub_index);
+        debug_assert!(started.is_ok(), "one question at a time");
+    }
+
+    /// Keeps an answer. An abort is an answer too.
+    fn take(&mut self, result: &Result<Vec<u8>, SdoError>) -> Result<(), SdoError> {
+        let bytes = match result {
+            Ok(bytes) => Some(bytes.as_slice()),
+            Err(error) if matches!(error.failure, SdoFailure::Aborted(_)) => None,
+            Err(error) => return Err(*error),
+        };
+        let number = bytes
+            .and_then(|bytes| bytes.try_into().ok())
+            .map(u32::from_le_bytes);
+        match QUESTIONS[self.next] {
+            DEVICE_TYPE => self.identity.device_type = number,
+            (_, sub_index @ 1..=4) => self.identity.identity[usize::from(sub_index) - 1] = number,
+            _ => {
+                self.identity.name = bytes.map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+            }
+        }
+        self.next += 1;
+        Ok(())
+    }
+}
+
+impl Node for RollCall {
+    fn filters(&self) -> Vec<Filter> {
+        vec![Filter::ALL]
+    }
+
+    fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+        match &mut self.phase {
+            // Later frames may be answers to this tool itself.
+            Phase::Listening { .. } => self.presence.hear(frame),
+            Phase::Calling { .. } | Phase::Awaiting { .. } => self.hear_answer_to_call(frame),
+            Phase::Asking(interview) => {
+                interview.client.on_frame(now, frame);
+                self.advance(now);
+            }
+            Phase::Done => {}
+        }
+    }
+
+    fn on_tick(&mut self, now: Duration) {
+        match &mut self.phase {
+            Phase::Listening {
+                until: until @ None,
+            } => *until = Some(now + self.listen),
+            Phase::Listening { until: Some(until) } if now >= *until => self.begin(now),
+            Phase::Calling { .. } => self.call(now),
+            Phase::Awaiting { until } if now >= *until => self.ask_all(now),
+            Phase::Asking(interview) => {
+                interview.client.on_tick(now);
+                self.advance(now);
+            }
+            _ => {}
+        }
+        self.drain();
+    }
+
+    fn on_stop(&mut self, _now: Duration) {
+        self.phase = Phase::Done;
+    }
+
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        self.output.pop_front()
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        match &self.phase {
+            Phase::Listening { until } => Some(until.unwrap_or_default()),
+            Phase::Calling { at, .. } => Some(*at),
+            Phase::Awaiting { until } => Some(*until),
+            Phase::Asking(interview) => interview.client.next_deadline(),
+            Phase::Done => None,
+        }
+    }
+
+    fn progress(&self) -> Progress {
+        match self.phase {
+            Phase::Done => Progress::Stopped,
+            _ => Progress::Running,
+        }
+    }
+}
+
+/// Calls the roll on a bus; the table for people.
+///
+/// # Errors
+/// The bus does not work, or an EDS is wrong.
+pub fn nodes(
+    bus: &ToolBus,
+    eds: &[impl AsRef<Path>],
+    listen: Duration,
+) -> Result<String, ToolError> {
+    let mut sheets = of_the_rig();
+    for path in eds {
+        // For its identity only; which node-ID it has is to be found out.
+        let sheet = DataSheet::load(path.as_ref(), 127)?;
+        sheets.push(DataSheet {
+            node_id: 0,
+            ..sheet
+        });
+    }
+    let mut roll_call = RollCall::new(sheets, listen);
+    super::run(&mut roll_call, bus)?;
+    Ok(report(&roll_call))
+}
+
+/// The findings as a table.
+#[must_use]
+pub fn report(roll_call: &RollCall) -> String {
+    let findings = roll_call.findings();
+    if findings.is_empty() {
+        return format!(
+            "no node: no heartbeat in {:.1} s{}",
+            roll_call.listen.as_secs_f64(),
+            match roll_call.manager() {
+                Some(manager) => format!(", but {manager}"),
+                None => " and no answer to SDO".to_owned(),
+            }
+        );
+    }
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+    table.set_content_arrangement(ContentArrangement::Dynamic);
+    table.set_header([
+        "node",
+        "NMT state",
+        "device type",
+        "identity",
+        "name",
+        "EDS",
+    ]);
+    for (node_id, finding) in &findings {
+        let state = finding.state.map_or("no heartbeat", state_name).to_owned();
+        let [device_type, identity, name] = match &finding.identity {
+            Ok(identity) => [
+                identity
+                    .device_type
+                    .map_or_else(|| "-".to_owned(), device_type),
+                identity_words(&identity.identity),
+                identity.name.clone().unwrap_or_else(|| "-".to_owned()),
+            ],
+            Err(reason) => [String::new(), reason.clone(), String::new()],
+        };
+        let node = format!("{node_id} (0x{node_id:02X})");
+        table.add_row([
+            node,
+            state,
+            device_type,
+            identity,
+            name,
+            finding.data_sheet.clone(),
+        ]);
+    }
+    let mut text = table.to_string();
+    if let Some(manager) = roll_call.manager() {
+        text +=
+            &format!("\na controller runs ({manager} was heard): its SDO channels were left alone");
+    }
+    text
+}
+
+/// The state as people call it.
+#[must_use]
+pub fn state_name(state: NmtState) -> &'static str {
+    match state {
+        NmtState::Initialising => "booting",
+        NmtState::Stopped => "stopped",
+        NmtState::Operational => "operational",
+        NmtState::PreOperational => "pre-operational",
+    }
+}
+
+/// The device type with its profile.
+fn device_type(device_type: u32) -> String {
+    let profile = match device_type & 0xFFFF {
+        0 => "no profile".to_owned(),
+        profile => format!("CiA {profile}"),
+    };
+    format!("0x{device_type:08X} {profile}")
+}
+
+fn identity_words(identity: &[Option<u32>; 4]) -> String {
+    let words = ["vendor", "product", "revision", "serial"];
+    let told = words
+        .into_iter()
+        .zip(identity)
+        .filter_map(|(word, number)| number.map(|number| format!("{word} 0x{number:X}")));
+    let told: Vec<String> = told.collect();
+    if told.is_empty() {
+        "-".to_owned()
+    } else {
+        told.join(", ")
+    }
+}

@@ -1,0 +1,361 @@
+//! Values of objects as people type and read them.
+
+use canopen::object_dictionary::{DataType, Entry};
+use dbc::{Database, Signal};
+
+/// Bytes of a value that are shown in hexadecimal digits.
+const SHOWN_BYTES_MAX: usize = 64;
+
+/// The standard's name of a type.
+#[must_use]
+pub fn type_name(data_type: DataType) -> &'static str {
+    match data_type {
+        DataType::Boolean => "BOOLEAN",
+        DataType::Integer8 => "INTEGER8",
+        DataType::Integer16 => "INTEGER16",
+        DataType::Integer24 => "INTEGER24",
+        DataType::Integer32 => "INTEGER32",
+        DataType::Integer40 => "INTEGER40",
+        DataType::Integer48 => "INTEGER48",
+        DataType::Integer56 => "INTEGER56",
+        DataType::Integer64 => "INTEGER64",
+        DataType::Unsigned8 => "UNSIGNED8",
+        DataType::Unsigned16 => "UNSIGNED16",
+        DataType::Unsigned24 => "UNSIGNED24",
+        DataType::Unsigned32 => "UNSIGNED32",
+        DataType::Unsigned40 => "UNSIGNED40",
+        DataType::Unsigned48 => "UNSIGNED48",
+        DataType::Unsigned56 => "UNSIGNED56",
+        DataType::Unsigned64 => "UNSIGNED64",
+        DataType::Real32 => "REAL32",
+        DataType::Real64 => "REAL64",
+        DataType::TimeOfDay => "TIME_OF_DAY",
+        DataType::TimeDifference => "TIME_DIFFERENCE",
+        DataType::VisibleString => "VISIBLE_STRING",
+        DataType::UnicodeString => "UNICODE_STRING",
+        DataType::OctetString => "OCTET_STRING",
+        DataType::Domain => "DOMAIN",
+    }
+}
+
+/// Bytes as a value of the object's type; of unknown objects as bytes.
+#[must_use]
+pub fn show(entry: Option<&Entry>, bytes: &[u8]) -> String {
+    let Some(entry) = entry else {
+        return show_bytes(bytes);
+    };
+    let data_type = entry.data_type;
+    if data_type
+        .size_bytes()
+        .is_some_and(|size| size != bytes.len())
+    {
+        return format!(
+            "{} (not of type {})",
+            show_bytes(bytes),
+            type_name(data_type)
+        );
+    }
+    match data_type {
+        DataType::Boolean => (bytes != [0]).to_string(),
+        DataType::Real32 => bytes.try_into().map_or_else(
+            |_| show_bytes(bytes),
+            |bytes| f32::from_le_bytes(bytes).to_string(),
+        ),
+        DataType::Real64 => bytes.try_into().map_or_else(
+            |_| show_bytes(bytes),
+            |bytes| f64::from_le_bytes(bytes).to_string(),
+        ),
+        DataType::VisibleString => format!("{:?}", String::from_utf8_lossy(bytes)),
+        DataType::UnicodeString => {
+            let units: Vec<u16> = bytes
+                .chunks_exact(2)
+                .map(|pair| u16::from_le_bytes([pair[0], pair[1]]))
+                .collect();
+            format!("{:?}", String::from_utf16_lossy(&units))
+        }
+        DataType::OctetString
+        | DataType::Domain
+        | DataType::TimeOfDay
+        | DataType::TimeDifference => show_bytes(bytes),
+        _ => show_integer(entry, bytes),
+    }
+}
+
+fn show_integer(entry: &Entry, bytes: &[u8]) -> String {
+    let value = entry.decode_integer(bytes);
+    if entry.data_type.is_signed() {
+        return value.to_string();
+    }
+    let digits = 2 * bytes.len();
+    format!("{value} (0x{value:0digits$X})")
+}
+
+fn show_bytes(bytes: &[u8]) -> String {
+    let pairs: Vec<String> = bytes
+        .iter()
+        .take(SHOWN_BYTES_MAX)
+        .map(|byte| format!("{byte:02X}"))
+        .collect();
+    let rest = if bytes.len() > SHOWN_BYTES_MAX {
+        " ..."
+    } else {
+        ""
+    };
+    format!("{}{rest} ({} bytes)", pairs.join(" "), bytes.len())
+}
+
+/// What the DBC says of a value: number with unit, and labels, of each signal made from the object.
+#[must_use]
+pub fn meaning(database: &Database, entry: &Entry, bytes: &[u8]) -> Vec<String> {
+    let object = format!("0x{:04X}:{:02X}", entry.index, entry.sub_index);
+    let signals = database.messages().iter().flat_map(|message| {
+        let signals = message.signals.iter();
+        // Signals lie in the message where the object lies; the first of them tells where that is.
+        let first = message
+            .signals
+            .iter()
+            .find(|signal| signal.object == object);
+        let start = first.map_or(0, |signal| signal.coding.start_bit);
+        signals
+            .filter(|signal| signal.object == object)
+            .map(move |signal| (signal, start))
+    });
+    let mut seen = Vec::new();
+    let mut meanings = Vec::new();
+    for (signal, start) in signals {
+        if seen.contains(&&signal.name) {
+            continue;
+        }
+        seen.push(&signal.name);
+        meanings.extend(meaning_of(signal, start, bytes));
+    }
+    meanings
+}
+
+fn meaning_of(signal: &Signal, start: u8, bytes: &[u8]) -> Option<String> {
+    let mut payload = [0; 8];
+    payload.get_mut(..bytes.len())?.copy_from_slice(bytes);
+    let mut coding = signal.coding;
+    coding.start_bit = coding.start_bit.checked_sub(start)?;
+    coding.check(bytes.len()).ok()?;
+    let value = coding.decode(&payload);
+    let says_more =
+        !signal.unit.is_empty() || signal.label(value).is_some() || coding.factor != 1.0;
+    says_more.then(|| show_signal(signal, value))
+}
+
+/// A signal with its value, unit and label.
+#[must_use]
+pub fn show_signal(signal: &Signal, value: f64) -> String {
+    let number = match signal.label(value) {
+        Some(label) => format!("\"{label}\""),
+        None => show_number(signal.coding.factor, value),
+    };
+    let unit = &signal.unit;
+    let blank = if unit.is_empty() { "" } else { " " };
+    format!("{}={number}{blank}{unit}", signal.name)
+}
+
+/// True for what says nothing: a flag that is not set, and a few bits without a name of their own that are 0.
+#[must_use]
+pub fn is_idle(signal: &Signal, value: f64) -> bool {
+    let is_nameless = signal.unit.is_empty() && signal.coding.length_bits < 8;
+    value == 0.0
+        && signal
+            .label(value)
+            .map_or(is_nameless, |label| label == "no")
+}
+
+/// A number with as many decimals as its steps need.
+fn show_number(factor: f64, value: f64) -> String {
+    let is_whole = factor.fract() == 0.0;
+    if is_whole && value.fract() != 0.0 {
+        // A floating-point signal.
+        return format!("{value:.6}");
+    }
+    let mut decimals = 0;
+    let mut step = factor.abs();
+    while decimals < 9 && (step - step.round()).abs() > 1e-6 * step {
+        step *= 10.0;
+        decimals += 1;
+    }
+    format!("{value:.decimals$}")
+}
+
+/// Reads what the user typed as a value of the object's type, little-endian.
+///
+/// # Errors
+/// What would have been right.
+pub fn parse(entry: &Entry, text: &str) -> Result<Vec<u8>, String> {
+    let data_type = entry.data_type;
+    let wrong = |expected: &str| {
+        let (index, sub_index) = (entry.index, entry.sub_index);
+        format!(
+            "\"{text}\" is no value for 0x{index:04X}:{sub_index:02X} {}: {expected}",
+            entry.name
+        )
+    };
+    match data_type {
+        DataType::Boolean => match text {
+            "true" | "1" => Ok(vec![1]),
+            "false" | "0" => Ok(vec![0]),
+            _ => Err(wrong("true or false is expected")),
+        },
+        DataType::Real32 => text
+            .parse::<f32>()
+            .map(|value| value.to_le_bytes().to_vec())
+            .map_err(|_| wrong("a number is expected")),
+        DataType::Real64 => text
+            .parse::<f64>()
+            .map(|value| value.to_le_bytes().to_vec())
+            .map_err(|_| wrong("a number is expected")),
+        DataType::VisibleString => Ok(text.as_bytes().to_vec()),
+        DataType::UnicodeString => Ok(text.encode_utf16().flat_map(u16::to_le_bytes).collect()),
+        DataType::OctetString
+        | DataType::Domain
+        | DataType::TimeOfDay
+        | DataType::TimeDifference => {
+            parse_bytes(text).ok_or_else(|| wrong("pairs of hexadecimal digits are expected"))
+        }
+        _ => {
+            let size = data_type.size_bytes().unwrap_or(8);
+            let value = parse_integer(text).ok_or_else(|| wrong("a whole number is expected"))?;
+            let bytes = value.to_le_bytes()[..size].to_vec();
+            if entry.decode_integer(&bytes) != value {
+                return Err(wrong(&format!("it does not fit {}", type_name(data_type))));
+            }
+            Ok(bytes)
+        }
+    }
+}
+
+/// Reads the bytes of an object without data sheet.
+#[must_use]
+pub fn parse_bytes(text: &str) -> Option<Vec<u8>> {
+    let digits: String = text
+        .chars()
+        .filter(|letter| !letter.is_whitespace())
+        .collect();
+    if digits.is_empty()
+        || !digits.len().is_multiple_of(2)
+        || !digits.bytes().all(|byte| byte.is_ascii_hexdigit())
+    {
+        return None;
+    }
+    (0..digits.len())
+        .step_by(2)
+        .map(|place| u8::from_str_radix(&digits[place..place + 2], 16).ok())
+        .collect()
+}
+
+fn parse_integer(text: &str) -> Option<i128> {
+    let (is_negative, digits) = match text.strip_prefix('-') {
+        Some(digits) => (true, digits),
+        None => (false, text),
+    };
+    if digits.starts_with(['+', '-']) {
+        return None;
+    }
+    let value = match digits.get(..2) {
+        Some("0x" | "0X") => i128::from_str_radix(&digits[2..], 16),
+        Some("0b" | "0B") => i128::from_str_radix(&digits[2..], 2),
+        _ => digits.parse(),
+    };
+    value
+        .ok()
+        .map(|value| if is_negative { -value } else { value })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tools::data_sheet::of_the_rig;
+    use proptest::prelude::*;
+
+    fn entry(index: u16, sub_index: u8) -> Entry {
+        of_the_rig()[1].entry(index, sub_index).unwrap().clone()
+    }
+
+    #[test]
+    fn numbers_are_read_in_the_objects_type() {
+        for (index, text, bytes) in [
+            (0x6071, "-2", vec![0xFE, 0xFF]),
+            (0x6071, "0x10", vec![0x10, 0]),
+            (0x1017, "0b101", vec![5, 0]),
+            (0x60A8, "4294967295", vec![0xFF; 4]),
+        ] {
+            assert_eq!(parse(&entry(index, 0), text).unwrap(), bytes, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_by_name() {
+        let error = parse(&entry(0x1017, 0), "70000").unwrap_err();
+        assert_eq!(
+            error,
+            "\"70000\" is no value for 0x1017:00 Producer heartbeat time: it does not fit UNSIGNED16"
+        );
+        for text in ["", "-1", "ten", "0x", "1.5", "--1", "+-1"] {
+            assert!(parse(&entry(0x1017, 0), text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn values_are_shown_by_type_with_unit_and_label() {
+        let database = Database::sma_actuator();
+        let shown = |index, bytes: &[u8]| {
+            let entry = entry(index, 0);
+            (show(Some(&entry), bytes), meaning(&database, &entry, bytes))
+        };
+        let (value, meaning) = shown(0x6064, &10_000_i32.to_le_bytes());
+        assert_eq!(
+            (value.as_str(), meaning),
+            ("10000", vec!["position_millimetres=10.000 mm".to_owned()])
+        );
+        let (value, meaning) = shown(0x6041, &[0x37, 0x12]);
+        assert_eq!(value, "4663 (0x1237)");
+        assert!(meaning[0].contains("operation enabled"), "{meaning:?}");
+        assert!(
+            meaning.contains(&"statusword_follows_command=\"yes\"".to_owned()),
+            "{meaning:?}"
+        );
+        assert_eq!(shown(0x1008, b"SMA").0, "\"SMA\"");
+        assert_eq!(
+            shown(0x1000, b"SMA").0,
+            "53 4D 41 (3 bytes) (not of type UNSIGNED32)"
+        );
+    }
+
+    #[test]
+    fn numbers_have_the_decimals_of_their_steps() {
+        for (factor, value, text) in [
+            (1.0, 3.0, "3"),
+            (0.001, 10.0, "10.000"),
+            (0.000_001, 9.987_654, "9.987654"),
+            (0.000_02, 0.951_16, "0.95116"),
+            (0.5, 1.5, "1.5"),
+            (1.0, 0.25, "0.250000"),
+        ] {
+            assert_eq!(show_number(factor, value), text);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn every_integer_comes_back(value: i16) {
+            let entry = entry(0x6071, 0);
+            let bytes = parse(&entry, &value.to_string()).unwrap();
+            prop_assert_eq!(show(Some(&entry), &bytes), value.to_string());
+        }
+
+        #[test]
+        fn arbitrary_text_and_bytes_never_panic(text in ".{0,20}", bytes: Vec<u8>, place in 0usize..112) {
+            let drive = of_the_rig().remove(1);
+            let entry = &drive.dictionary.entries()[place];
+            let _ = parse(entry, &text);
+            let _ = parse_bytes(&text);
+            let _ = show(Some(entry), &bytes);
+            let _ = meaning(&Database::sma_actuator(), entry, &bytes);
+        }
+    }
+}
