@@ -11,6 +11,9 @@ use crate::sliding_mode_paper::SlidingModePaper;
 /// Largest current in A; commands lie between 0 and this.
 pub const CURRENT_AMPERES_MAX: f64 = 1.0;
 
+/// Largest `u = i²` in A².
+pub const SQUARED_CURRENT_MAX: f64 = CURRENT_AMPERES_MAX * CURRENT_AMPERES_MAX;
+
 /// What the controller knows of the plant in a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measurement {
@@ -199,7 +202,7 @@ pub fn limited_current(current_amperes: f64) -> f64 {
 pub fn current_of(squared_current: f64) -> (f64, Saturation) {
     let current = limited_current(libm::sqrt(squared_current.max(0.0)));
     let saturation = Saturation {
-        at_upper_limit: squared_current > CURRENT_AMPERES_MAX * CURRENT_AMPERES_MAX,
+        at_upper_limit: squared_current > SQUARED_CURRENT_MAX,
         at_lower_limit: squared_current < 0.0,
         on_stop: false,
     };

@@ -19,6 +19,12 @@ const INTEGRATOR_STEPS_MAX: u32 = 64;
 /// Steepness of Eq. (2): the argument of the exponential runs over this range from start to finish temperature.
 const TRANSFORMATION_STEEPNESS: f64 = 6.2;
 
+/// Least effect of the fraction on the acceleration in m/s² that a jerk is divided by, so that results stay finite.
+const AUTHORITY_MIN: f64 = 1e-3;
+
+/// Least `dξ/dT` in 1/K that a rate is divided by, so that results stay finite.
+const SLOPE_PER_KELVIN_MIN: f64 = 1e-9;
+
 /// Share of a branch's span, from either end, at which Eq. (2) is no longer solved for the temperature.
 const SHARE_MIN: f64 = 1e-6;
 
@@ -282,7 +288,7 @@ impl NominalModel {
         let (by_position, by_velocity, by_fraction) = self.acceleration_gradient(state);
         let mechanical =
             by_position * state.velocity_metres_per_second + by_velocity * acceleration;
-        (jerk - mechanical) / by_fraction.min(-f64::MIN_POSITIVE)
+        (jerk - mechanical) / by_fraction.min(-AUTHORITY_MIN)
     }
 
     /// `u = i²` in A² that gives a jerk in m/s³ at an acceleration in m/s²: Eq. (13) and (10) solved for `u`, on the branch
@@ -293,8 +299,19 @@ impl NominalModel {
         let slope = self.slope(state, Self::branch(-fraction_rate));
         self.squared_current(
             state,
-            fraction_rate / slope.per_kelvin.min(-f64::MIN_POSITIVE),
+            fraction_rate / slope.per_kelvin.min(-SLOPE_PER_KELVIN_MIN),
         )
+    }
+
+    /// Jerk in m/s³ at `u = i²` in A², Eq. (13).
+    #[must_use]
+    pub fn jerk(&self, state: &State, acceleration: f64, squared_current: f64) -> f64 {
+        let (by_position, by_velocity, by_fraction) = self.acceleration_gradient(state);
+        let rate = self.temperature_rate(state, squared_current);
+        let slope = self.slope(state, Self::branch(rate)).per_kelvin;
+        by_position * state.velocity_metres_per_second
+            + by_velocity * acceleration
+            + by_fraction * slope * rate
     }
 
     /// Fraction at which the wire just holds the load at rest, Eq. (12).
@@ -309,6 +326,12 @@ impl NominalModel {
     pub fn holding_position(&self, martensite_fraction: f64) -> f64 {
         let stretch = self.weight * self.ratio / self.stiffness(martensite_fraction);
         (self.elongation - stretch) * self.ratio
+    }
+
+    /// Position at which the wire has no stretch left.
+    #[must_use]
+    pub fn position_metres_max(&self) -> f64 {
+        self.elongation * self.ratio
     }
 
     /// True where the load rests on the stop at `x = 0` and the wire cannot lift it (PAPER E6).

@@ -15,6 +15,10 @@ const FRACTION: usize = 2;
 const TEMPERATURE: usize = 3;
 const HEATING: usize = 4;
 
+/// Standard deviation of the sensor in its steps: quantisation (0.29) and as much again for noise and for its being no
+/// white noise.
+const SENSOR_DEVIATION_STEPS: f64 = 0.5;
+
 /// How far from zero, in sensor steps, a position must be to prove that the load has left the stop.
 const LIFTED_STEPS: f64 = 2.0;
 
@@ -89,35 +93,34 @@ impl Observer {
         seconds: f64,
     ) {
         if position_metres.is_finite() {
-            self.correct(state, position_metres);
+            self.correct(
+                state,
+                position_metres.clamp(0.0, self.model.position_metres_max()),
+            );
         }
         self.predict(state, squared_current, seconds);
     }
 
     fn correct(&self, state: &mut State, position_metres: f64) {
         if !self.model.rests_on_stop(&state.model) {
-            let innovation =
-                self.beyond_quantisation(position_metres - state.model.position_metres);
-            let variance = self.sensor_step_metres * self.sensor_step_metres / 12.0;
-            apply(state, POSITION, innovation, variance);
+            let deviation = self.sensor_step_metres * SENSOR_DEVIATION_STEPS;
+            let innovation = position_metres - state.model.position_metres;
+            correct_component(state, POSITION, innovation, deviation);
         } else if position_metres > LIFTED_STEPS * self.sensor_step_metres {
             let innovation = self.model.holding_fraction(0.0) - state.model.martensite_fraction;
-            let variance = LIFT_OFF_FRACTION_DEVIATION * LIFT_OFF_FRACTION_DEVIATION;
-            apply(state, FRACTION, innovation, variance);
+            correct_component(state, FRACTION, innovation, LIFT_OFF_FRACTION_DEVIATION);
         }
-    }
-
-    /// A position within half a sensor step of the sample agrees with it.
-    fn beyond_quantisation(&self, innovation: f64) -> f64 {
-        let half = self.sensor_step_metres / 2.0;
-        innovation - innovation.clamp(-half, half)
     }
 
     fn predict(&self, state: &mut State, squared_current: f64, seconds: f64) {
         let transition = self.transition(&state.model, squared_current, seconds);
         state.model = self.model.advance(&state.model, squared_current, seconds);
-        let drift = Matrix::from_diagonal(&self.drift.component_mul(&self.drift)) * seconds;
-        state.covariance = transition * state.covariance * transition.transpose() + drift;
+        state.covariance = transition * state.covariance * transition.transpose();
+        // On the stop nothing is learnt, so the doubt does not grow either.
+        if !self.model.rests_on_stop(&state.model) {
+            let drift = self.drift.component_mul(&self.drift) * seconds;
+            state.covariance += Matrix::from_diagonal(&drift);
+        }
     }
 
     /// Transition matrix to second order in time: the exponential of the model's Jacobian.
@@ -152,10 +155,10 @@ impl Observer {
     }
 }
 
-/// The filter's correction when one component of the state is measured.
-fn apply(state: &mut State, component: usize, innovation: f64, variance: f64) {
+/// The filter's correction when one component of the state is measured with a standard deviation.
+fn correct_component(state: &mut State, component: usize, innovation: f64, deviation: f64) {
     let column: Vector = state.covariance.column(component).into();
-    let gain = column / (column[component] + variance);
+    let gain = column / (column[component] + deviation * deviation);
     state.covariance -= gain * column.transpose();
     let change = gain * innovation;
     let model = &mut state.model;

@@ -1,71 +1,70 @@
 //! Critically damped third-order filter that gives a bare set-point its derivatives (PAPER E5).
+//!
+//! Its poles follow the move: slow enough at the start that the plant can follow, faster towards the end, where less is
+//! left to brake. The launch never asks for more than the plant can do at full or at no current.
 
 use scenario::reference::SetPoint;
 
-/// The filter; its three poles lie at `-poles_radians_per_second`.
-#[derive(Clone, Debug)]
-pub struct ReferenceFilter {
-    /// `p`, poles of `p³ / (s + p)³`.
-    pub poles_radians_per_second: f64,
-    /// Set-points are limited to 0 and this position.
-    pub position_metres_max: f64,
-}
+/// Time in which the memory of a move's length fades.
+const MEMORY_SECONDS: f64 = 0.5;
 
-/// A point of the reference trajectory.
+/// Shortest move that counts, in metres.
+const MOVE_METRES_MIN: f64 = 1e-6;
+
+/// A point of a trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct State {
-    /// Reference position.
+pub struct Point {
+    /// Position.
     pub position_metres: f64,
-    /// Reference velocity.
+    /// Velocity.
     pub velocity_metres_per_second: f64,
-    /// Reference acceleration.
+    /// Acceleration.
     pub acceleration_metres_per_second_squared: f64,
 }
 
-/// The reference for this cycle: a trajectory point and the jerk that leads on from it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Reference {
-    /// Position, velocity and acceleration.
-    pub state: State,
-    /// Reference jerk.
-    pub jerk_metres_per_second_cubed: f64,
-}
-
-impl ReferenceFilter {
-    /// Moves the reference on by one period and gives it with its jerk. A set-point with exact derivatives bypasses the
-    /// filter and is only brought to the end of the period.
-    pub fn step(&self, state: &mut State, set_point: &SetPoint, seconds: f64) -> Reference {
-        if set_point.has_exact_derivatives {
-            return bypass(state, set_point, seconds);
-        }
-        let target = set_point
-            .position_metres
-            .clamp(0.0, self.position_metres_max);
-        *state = self.advance(state, target, seconds);
-        Reference {
-            state: *state,
-            jerk_metres_per_second_cubed: self.jerk(state, target),
+impl Point {
+    /// The point after a time at constant jerk.
+    #[must_use]
+    pub fn moved(&self, jerk: f64, seconds: f64) -> Self {
+        let acceleration = self.acceleration_metres_per_second_squared;
+        let velocity = self.velocity_metres_per_second;
+        Self {
+            position_metres: self.position_metres
+                + (velocity + (acceleration + jerk * seconds / 3.0) * seconds / 2.0) * seconds,
+            velocity_metres_per_second: velocity + (acceleration + jerk * seconds / 2.0) * seconds,
+            acceleration_metres_per_second_squared: acceleration + jerk * seconds,
         }
     }
+}
 
+/// The filter `p³ / (s + p)³`.
+#[derive(Clone, Copy, Debug)]
+pub struct CriticallyDamped {
+    /// `p`; the three poles lie at `-p`.
+    pub poles_radians_per_second: f64,
+}
+
+impl CriticallyDamped {
     /// `x⃛d = p³ (r − xd) − 3 p² x′d − 3 p x″d`.
-    fn jerk(&self, state: &State, target: f64) -> f64 {
+    #[must_use]
+    pub fn jerk(&self, point: &Point, target: f64) -> f64 {
         let p = self.poles_radians_per_second;
-        p * p * p * (target - state.position_metres)
-            - 3.0 * p * p * state.velocity_metres_per_second
-            - 3.0 * p * state.acceleration_metres_per_second_squared
+        p * p * p * (target - point.position_metres)
+            - 3.0 * p * p * point.velocity_metres_per_second
+            - 3.0 * p * point.acceleration_metres_per_second_squared
     }
 
     /// Exact solution at a constant target: the error is `(a + b t + c t²) exp(−p t)`.
-    pub(crate) fn advance(&self, state: &State, target: f64, seconds: f64) -> State {
+    #[must_use]
+    pub fn advance(&self, point: &Point, target: f64, seconds: f64) -> Point {
         let p = self.poles_radians_per_second;
         let decay = libm::exp(-p * seconds);
-        let a = state.position_metres - target;
-        let b = state.velocity_metres_per_second + p * a;
-        let c = (state.acceleration_metres_per_second_squared + 2.0 * p * b - p * p * a) / 2.0;
+        let a = point.position_metres - target;
+        let b = point.velocity_metres_per_second + p * a;
+        let c = (point.acceleration_metres_per_second_squared + 2.0 * p * b - p * p * a) / 2.0;
         let value = a + (b + c * seconds) * seconds;
         let slope = b + 2.0 * c * seconds;
-        State {
+        Point {
             position_metres: target + value * decay,
             velocity_metres_per_second: (slope - p * value) * decay,
             acceleration_metres_per_second_squared: (2.0 * c - 2.0 * p * slope + p * p * value)
@@ -74,18 +73,276 @@ impl ReferenceFilter {
     }
 }
 
-fn bypass(state: &mut State, set_point: &SetPoint, seconds: f64) -> Reference {
-    let jerk = set_point.jerk_metres_per_second_cubed;
-    let acceleration = set_point.acceleration_metres_per_second_squared;
-    let velocity = set_point.velocity_metres_per_second;
-    *state = State {
-        position_metres: set_point.position_metres
-            + (velocity + (acceleration + jerk * seconds / 3.0) * seconds / 2.0) * seconds,
-        velocity_metres_per_second: velocity + (acceleration + jerk * seconds / 2.0) * seconds,
-        acceleration_metres_per_second_squared: acceleration + jerk * seconds,
+/// The jerks that the plant can follow, in m/s³.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JerkRange {
+    /// Least jerk.
+    pub min: f64,
+    /// Greatest jerk.
+    pub max: f64,
+}
+
+impl JerkRange {
+    /// Any jerk.
+    pub const UNLIMITED: Self = Self {
+        min: f64::NEG_INFINITY,
+        max: f64::INFINITY,
     };
-    Reference {
-        state: *state,
-        jerk_metres_per_second_cubed: jerk,
+
+    fn limit(&self, jerk: f64) -> f64 {
+        jerk.max(self.min).min(self.max)
+    }
+}
+
+/// The filter with poles that follow the move.
+#[derive(Clone, Debug)]
+pub struct ReferenceFilter {
+    /// Fastest poles.
+    pub poles_radians_per_second_max: f64,
+    /// Jerk wanted at the start of a move; infinite for poles that never change.
+    pub launch_jerk_metres_per_second_cubed: f64,
+    /// Poles at the end of a move, by those at its start.
+    pub landing_ratio: f64,
+    /// Set-points are limited to 0 and this position.
+    pub position_metres_max: f64,
+}
+
+/// The filter's memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// The reference for this cycle.
+    pub point: Point,
+    move_metres: f64,
+}
+
+/// The reference for a cycle: a point and the jerk that leads on from it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reference {
+    /// Position, velocity and acceleration.
+    pub point: Point,
+    /// Reference jerk.
+    pub jerk_metres_per_second_cubed: f64,
+}
+
+impl State {
+    /// A filter at rest at a position.
+    #[must_use]
+    pub fn at_rest(position_metres: f64) -> Self {
+        Self {
+            point: Point {
+                position_metres,
+                ..Point::default()
+            },
+            move_metres: 0.0,
+        }
+    }
+}
+
+impl ReferenceFilter {
+    /// A filter with poles that never change.
+    #[must_use]
+    pub fn fixed(poles_radians_per_second: f64, position_metres_max: f64) -> Self {
+        Self {
+            poles_radians_per_second_max: poles_radians_per_second,
+            launch_jerk_metres_per_second_cubed: f64::INFINITY,
+            landing_ratio: 1.0,
+            position_metres_max,
+        }
+    }
+
+    /// Gives the reference for this cycle and moves on to the next. A set-point with exact derivatives bypasses the
+    /// filter and is only brought forward by one period.
+    pub fn step(
+        &self,
+        state: &mut State,
+        set_point: &SetPoint,
+        followable: &JerkRange,
+        seconds: f64,
+    ) -> Reference {
+        if is_exact(set_point) {
+            state.point = brought_forward(set_point, seconds);
+            return Reference {
+                point: state.point,
+                jerk_metres_per_second_cubed: set_point.jerk_metres_per_second_cubed,
+            };
+        }
+        let target = self.target(state, set_point);
+        let filter = self.filter(state, target, seconds);
+        let wanted = filter.jerk(&state.point, target);
+        let reference = Reference {
+            point: state.point,
+            jerk_metres_per_second_cubed: followable.limit(wanted),
+        };
+        state.point = if followable.limit(wanted) == wanted {
+            filter.advance(&state.point, target, seconds)
+        } else {
+            state.point.moved(followable.limit(wanted), seconds)
+        };
+        reference
+    }
+
+    /// The position that the filter aims at: the set-point within the limits, or none but the present one.
+    #[must_use]
+    pub fn target(&self, state: &State, set_point: &SetPoint) -> f64 {
+        if set_point.position_metres.is_finite() {
+            set_point
+                .position_metres
+                .clamp(0.0, self.position_metres_max)
+        } else {
+            state.point.position_metres
+        }
+    }
+
+    /// The filter for this cycle. At the start of a move of length `l` its poles are `p₀ = (J / l)^⅓`, so that any move asks
+    /// for the jerk `J` first; over the distance `d` left they rise to `ρ p₀ / √(1 + (ρ² − 1) (d / l)²)`.
+    fn filter(&self, state: &mut State, target: f64, seconds: f64) -> CriticallyDamped {
+        let left = (target - state.point.position_metres).abs();
+        let faded = state.move_metres * (1.0 - (seconds / MEMORY_SECONDS).min(1.0));
+        state.move_metres = faded.max(left).max(MOVE_METRES_MIN);
+        let launch = libm::cbrt(self.launch_jerk_metres_per_second_cubed / state.move_metres);
+        let share = left / state.move_metres;
+        let rise = self.landing_ratio * self.landing_ratio - 1.0;
+        let poles = self.landing_ratio * launch / libm::sqrt(1.0 + rise * share * share);
+        CriticallyDamped {
+            poles_radians_per_second: poles.min(self.poles_radians_per_second_max),
+        }
+    }
+}
+
+fn is_exact(set_point: &SetPoint) -> bool {
+    set_point.has_exact_derivatives
+        && set_point.position_metres.is_finite()
+        && set_point.velocity_metres_per_second.is_finite()
+        && set_point.acceleration_metres_per_second_squared.is_finite()
+        && set_point.jerk_metres_per_second_cubed.is_finite()
+}
+
+fn brought_forward(set_point: &SetPoint, seconds: f64) -> Point {
+    let now = Point {
+        position_metres: set_point.position_metres,
+        velocity_metres_per_second: set_point.velocity_metres_per_second,
+        acceleration_metres_per_second_squared: set_point.acceleration_metres_per_second_squared,
+    };
+    now.moved(set_point.jerk_metres_per_second_cubed, seconds)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD: f64 = 1e-3;
+
+    fn hold(position_metres: f64) -> SetPoint {
+        SetPoint {
+            position_metres,
+            ..SetPoint::default()
+        }
+    }
+
+    #[test]
+    fn fixed_poles_give_the_step_response_of_the_textbook() {
+        let filter = ReferenceFilter::fixed(30.0, 0.05);
+        let mut state = State::default();
+        for cycle in 0..300 {
+            let reference = filter.step(&mut state, &hold(0.025), &JerkRange::UNLIMITED, PERIOD);
+            let y = 30.0 * f64::from(cycle) * PERIOD;
+            let decay = libm::exp(-y);
+            let position = 0.025 * (1.0 - decay * (1.0 + y + y * y / 2.0));
+            let velocity = 0.025 * decay * y * y / 2.0 * 30.0;
+            assert!((reference.point.position_metres - position).abs() < 1e-12);
+            assert!((reference.point.velocity_metres_per_second - velocity).abs() < 1e-11);
+        }
+    }
+
+    #[test]
+    fn one_long_period_equals_many_short_ones() {
+        let filter = CriticallyDamped {
+            poles_radians_per_second: 40.0,
+        };
+        let start = Point {
+            position_metres: 0.01,
+            velocity_metres_per_second: -0.1,
+            acceleration_metres_per_second_squared: 2.0,
+        };
+        let long = filter.advance(&start, 0.03, 0.05);
+        let short = (0..50).fold(start, |point, _| filter.advance(&point, 0.03, 0.001));
+        assert!((long.position_metres - short.position_metres).abs() < 1e-14);
+        assert!(
+            (long.acceleration_metres_per_second_squared
+                - short.acceleration_metres_per_second_squared)
+                .abs()
+                < 1e-10
+        );
+    }
+
+    fn moving_filter() -> ReferenceFilter {
+        ReferenceFilter {
+            poles_radians_per_second_max: 60.0,
+            launch_jerk_metres_per_second_cubed: 450.0,
+            landing_ratio: 2.5,
+            position_metres_max: 0.05,
+        }
+    }
+
+    #[test]
+    fn a_move_of_any_length_asks_for_the_same_jerk_first_and_never_overshoots() {
+        let filter = moving_filter();
+        for length in [0.005, 0.01, 0.025, 0.045] {
+            let mut state = State::default();
+            let mut positions = Vec::new();
+            for cycle in 0..1000 {
+                let reference =
+                    filter.step(&mut state, &hold(length), &JerkRange::UNLIMITED, PERIOD);
+                if cycle == 0 {
+                    assert!((reference.jerk_metres_per_second_cubed - 450.0).abs() < 1e-6);
+                }
+                positions.push(reference.point.position_metres);
+            }
+            assert!(
+                positions.iter().all(|&position| position < length * 1.001),
+                "{length}"
+            );
+            assert!((positions[999] - length).abs() < 1e-6, "{length}");
+        }
+    }
+
+    #[test]
+    fn the_jerk_stays_within_what_the_plant_can_follow() {
+        let filter = moving_filter();
+        let followable = JerkRange {
+            min: f64::NEG_INFINITY,
+            max: 100.0,
+        };
+        let mut state = State::default();
+        let reference = filter.step(&mut state, &hold(0.025), &followable, PERIOD);
+        assert_eq!(reference.jerk_metres_per_second_cubed, 100.0);
+        assert!((state.point.acceleration_metres_per_second_squared - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_sine_bypasses_and_comes_one_period_early() {
+        let omega = 10.0;
+        let sine = |time: f64| SetPoint {
+            position_metres: 0.025 + 0.01 * libm::sin(omega * time),
+            velocity_metres_per_second: 0.01 * omega * libm::cos(omega * time),
+            acceleration_metres_per_second_squared: -0.01 * omega * omega * libm::sin(omega * time),
+            jerk_metres_per_second_cubed: -0.01 * omega * omega * omega * libm::cos(omega * time),
+            has_exact_derivatives: true,
+        };
+        let mut state = State::default();
+        let reference = moving_filter().step(&mut state, &sine(0.3), &JerkRange::UNLIMITED, PERIOD);
+        let next = sine(0.3 + PERIOD);
+        assert!((reference.point.position_metres - next.position_metres).abs() < 1e-11);
+        let velocity = reference.point.velocity_metres_per_second;
+        assert!((velocity - next.velocity_metres_per_second).abs() < 1e-8);
+    }
+
+    #[test]
+    fn infeasible_and_meaningless_set_points_are_kept_out() {
+        let filter = moving_filter();
+        let state = State::at_rest(0.02);
+        assert_eq!(filter.target(&state, &hold(0.2)), 0.05);
+        assert_eq!(filter.target(&state, &hold(-0.2)), 0.0);
+        assert_eq!(filter.target(&state, &hold(f64::NAN)), 0.02);
     }
 }

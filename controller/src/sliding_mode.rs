@@ -3,13 +3,13 @@
 use scenario::controller::SlidingMode as Config;
 use scenario::reference::SetPoint;
 
-use crate::law::{Command, ControlLaw, Explanation, Measurement, current_of};
+use crate::law::{Command, ControlLaw, Explanation, Measurement, SQUARED_CURRENT_MAX, current_of};
 use crate::nominal_model::{NominalModel, State as ModelState};
 use crate::observer::{self, Observer};
-use crate::reference_filter::{self, Reference, ReferenceFilter};
+use crate::reference_filter::{self, JerkRange, Point, Reference, ReferenceFilter};
 
-/// Least martensite fraction that set-points may ask for; beyond, the transformation has no authority left.
-const MARTENSITE_FRACTION_MIN: f64 = 0.2;
+/// Least martensite fraction that set-points may ask for; beyond, hardly any stretch is left to work with.
+pub(crate) const MARTENSITE_FRACTION_MIN: f64 = 0.2;
 
 /// The law's constants.
 #[derive(Clone, Debug)]
@@ -39,7 +39,7 @@ pub struct Surface {
 }
 
 /// What the surface asks for.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WantedJerk {
     /// `s` in m/s².
     pub sliding_variable: f64,
@@ -52,26 +52,31 @@ pub struct WantedJerk {
 impl Surface {
     /// `s = x̃″ + 2λ x̃′ + λ² x̃`, and `x⃛d − 2λ x̃″ − λ² x̃′ − KSM sat(s/φ)` in its two parts, Eq. (14) with PAPER E4.
     #[must_use]
-    pub fn wanted_jerk(
-        &self,
-        estimate: &ModelState,
-        acceleration: f64,
-        reference: &Reference,
-    ) -> WantedJerk {
+    pub fn wanted_jerk(&self, position: &Point, reference: &Reference) -> WantedJerk {
         let lambda = self.bandwidth;
-        let error = estimate.position_metres - reference.state.position_metres;
+        let error = position.position_metres - reference.point.position_metres;
         let error_rate =
-            estimate.velocity_metres_per_second - reference.state.velocity_metres_per_second;
-        let error_acceleration =
-            acceleration - reference.state.acceleration_metres_per_second_squared;
+            position.velocity_metres_per_second - reference.point.velocity_metres_per_second;
+        let error_acceleration = position.acceleration_metres_per_second_squared
+            - reference.point.acceleration_metres_per_second_squared;
         let sliding_variable = error_acceleration + (2.0 * error_rate + lambda * error) * lambda;
+        let saturated = (sliding_variable / self.boundary_layer).clamp(-1.0, 1.0);
         WantedJerk {
             sliding_variable,
             equivalent: reference.jerk_metres_per_second_cubed
                 - (2.0 * error_acceleration + lambda * error_rate) * lambda,
-            switching: -self.switching_gain
-                * (sliding_variable / self.boundary_layer).clamp(-1.0, 1.0),
+            switching: -self.switching_gain * saturated,
         }
+    }
+
+    /// The wanted jerk less the reference's own.
+    fn correction(&self, position: &Point, reference: &Point) -> f64 {
+        let standing = Reference {
+            point: *reference,
+            jerk_metres_per_second_cubed: 0.0,
+        };
+        let wanted = self.wanted_jerk(position, &standing);
+        wanted.equivalent + wanted.switching
     }
 }
 
@@ -87,11 +92,66 @@ impl SlidingMode {
                 switching_gain: config.switching_gain_metres_per_second_cubed,
             },
             reference_filter: ReferenceFilter {
-                poles_radians_per_second: config.reference_filter_radians_per_second,
+                poles_radians_per_second_max: config.reference_filter_radians_per_second_max,
+                launch_jerk_metres_per_second_cubed: config
+                    .reference_launch_jerk_metres_per_second_cubed,
+                landing_ratio: config.reference_landing_ratio,
                 position_metres_max: model.holding_position(MARTENSITE_FRACTION_MIN),
             },
             observer: Observer::new(&config.observer, model),
         }
+    }
+
+    /// The jerks that a launched reference may ask for: those between no and full current after the law's own correction.
+    /// Only the side towards the target binds, so that a load that cannot be braked does not drag the reference along.
+    fn followable(
+        &self,
+        estimate: &ModelState,
+        position: &Point,
+        reference: &Point,
+        target: f64,
+    ) -> JerkRange {
+        let model = &self.observer.model;
+        let acceleration = position.acceleration_metres_per_second_squared;
+        let correction = self.surface.correction(position, reference);
+        let jerk_at =
+            |squared_current| model.jerk(estimate, acceleration, squared_current) - correction;
+        if target >= reference.position_metres {
+            JerkRange {
+                max: jerk_at(SQUARED_CURRENT_MAX),
+                ..JerkRange::UNLIMITED
+            }
+        } else {
+            JerkRange {
+                min: jerk_at(0.0),
+                ..JerkRange::UNLIMITED
+            }
+        }
+    }
+
+    /// The reference for this cycle; on the stop it waits until the load lifts.
+    fn reference(
+        &self,
+        state: &mut State,
+        position: &Point,
+        set_point: &SetPoint,
+        on_stop: bool,
+        period_seconds: f64,
+    ) -> Reference {
+        let followable = if on_stop {
+            state.reference = reference_filter::State::default();
+            JerkRange::UNLIMITED
+        } else {
+            let target = self.reference_filter.target(&state.reference, set_point);
+            self.followable(
+                &state.observer.model,
+                position,
+                &state.reference.point,
+                target,
+            )
+        };
+        self.reference_filter
+            .step(&mut state.reference, set_point, &followable, period_seconds)
     }
 }
 
@@ -120,20 +180,22 @@ impl ControlLaw for SlidingMode {
             state.squared_current,
             period_seconds,
         );
-        let estimate = &state.observer.model;
-        let on_stop = model.rests_on_stop(estimate);
-        if on_stop {
-            state.reference = reference_filter::State::default();
-        }
-        let reference = self
-            .reference_filter
-            .step(&mut state.reference, set_point, period_seconds);
-        let acceleration = model.acceleration(estimate);
-        let wanted = self.surface.wanted_jerk(estimate, acceleration, &reference);
-        let part = |jerk| model.squared_current_for_jerk(estimate, acceleration, jerk);
-        let squared_current = part(wanted.equivalent + wanted.switching);
+        let estimate = state.observer.model;
+        let position = point_of(model, &estimate);
+        let on_stop = model.rests_on_stop(&estimate);
+        let reference = self.reference(state, &position, set_point, on_stop, period_seconds);
+        let wanted = self.surface.wanted_jerk(&position, &reference);
+        let acceleration = position.acceleration_metres_per_second_squared;
+        let part = |jerk| model.squared_current_for_jerk(&estimate, acceleration, jerk);
+        // A load that shall stay on the stop needs no current.
+        let idle = on_stop && set_point.position_metres <= 0.0;
+        let squared_current = if idle {
+            0.0
+        } else {
+            part(wanted.equivalent + wanted.switching)
+        };
         let mut command = command(
-            estimate,
+            &estimate,
             &reference,
             &wanted,
             part(wanted.equivalent),
@@ -142,6 +204,15 @@ impl ControlLaw for SlidingMode {
         command.explanation.saturation.on_stop = on_stop;
         state.squared_current = command.current_amperes * command.current_amperes;
         command
+    }
+}
+
+/// Position, velocity and acceleration of a model's state.
+fn point_of(model: &NominalModel, state: &ModelState) -> Point {
+    Point {
+        position_metres: state.position_metres,
+        velocity_metres_per_second: state.velocity_metres_per_second,
+        acceleration_metres_per_second_squared: model.acceleration(state),
     }
 }
 
@@ -157,8 +228,8 @@ pub(crate) fn command(
     Command {
         current_amperes,
         explanation: Explanation {
-            reference_position_metres: reference.state.position_metres,
-            reference_velocity_metres_per_second: reference.state.velocity_metres_per_second,
+            reference_position_metres: reference.point.position_metres,
+            reference_velocity_metres_per_second: reference.point.velocity_metres_per_second,
             estimated_temperature_celsius: estimate.temperature_celsius,
             estimated_martensite_fraction: estimate.martensite_fraction,
             estimated_velocity_metres_per_second: estimate.velocity_metres_per_second,

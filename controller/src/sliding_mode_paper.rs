@@ -5,11 +5,8 @@ use scenario::reference::SetPoint;
 
 use crate::law::{Command, ControlLaw, Measurement};
 use crate::nominal_model::{Branch, BranchCurve, NominalModel, State as ModelState};
-use crate::reference_filter::{self, ReferenceFilter};
-use crate::sliding_mode::{Surface, command};
-
-/// Least martensite fraction that Eq. (12) may give.
-const MARTENSITE_FRACTION_MIN: f64 = 0.2;
+use crate::reference_filter::{self, CriticallyDamped, JerkRange, Point, ReferenceFilter};
+use crate::sliding_mode::{MARTENSITE_FRACTION_MIN, Surface, command};
 
 /// The law's constants.
 #[derive(Clone, Debug)]
@@ -17,14 +14,14 @@ pub struct SlidingModePaper {
     surface: Surface,
     model: NominalModel,
     reference_filter: ReferenceFilter,
-    derivative_filter: ReferenceFilter,
+    derivative_filter: CriticallyDamped,
 }
 
 /// The law's memory.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     reference: reference_filter::State,
-    filtered: reference_filter::State,
+    filtered: Point,
     curve: BranchCurve,
 }
 
@@ -34,18 +31,19 @@ impl SlidingModePaper {
     pub fn new(config: &Config) -> Self {
         let model = NominalModel::new(&config.nominal_model);
         let position_metres_max = model.holding_position(MARTENSITE_FRACTION_MIN);
-        let filter = |poles_radians_per_second| ReferenceFilter {
-            poles_radians_per_second,
-            position_metres_max,
-        };
         Self {
             surface: Surface {
                 bandwidth: config.bandwidth_radians_per_second,
                 boundary_layer: config.boundary_layer_metres_per_second_squared,
                 switching_gain: config.switching_gain_metres_per_second_cubed,
             },
-            reference_filter: filter(config.reference_filter_radians_per_second),
-            derivative_filter: filter(config.derivative_filter_radians_per_second),
+            reference_filter: ReferenceFilter::fixed(
+                config.reference_filter_radians_per_second,
+                position_metres_max,
+            ),
+            derivative_filter: CriticallyDamped {
+                poles_radians_per_second: config.derivative_filter_radians_per_second,
+            },
             model,
         }
     }
@@ -75,7 +73,7 @@ impl ControlLaw for SlidingModePaper {
     fn start(&self) -> State {
         State {
             reference: reference_filter::State::default(),
-            filtered: reference_filter::State::default(),
+            filtered: Point::default(),
             curve: self
                 .model
                 .curve_through(&self.model.start(), Branch::Heating),
@@ -92,18 +90,21 @@ impl ControlLaw for SlidingModePaper {
         if measurement.position_metres.is_finite() {
             state.filtered = self.derivative_filter.advance(
                 &state.filtered,
-                measurement.position_metres,
+                measurement
+                    .position_metres
+                    .clamp(0.0, self.model.position_metres_max()),
                 period_seconds,
             );
         }
         let estimate = self.estimate(state);
         let acceleration = state.filtered.acceleration_metres_per_second_squared;
-        let reference = self
-            .reference_filter
-            .step(&mut state.reference, set_point, period_seconds);
-        let wanted = self
-            .surface
-            .wanted_jerk(&estimate, acceleration, &reference);
+        let reference = self.reference_filter.step(
+            &mut state.reference,
+            set_point,
+            &JerkRange::UNLIMITED,
+            period_seconds,
+        );
+        let wanted = self.surface.wanted_jerk(&state.filtered, &reference);
         let jerk = wanted.equivalent + wanted.switching;
         let branch = NominalModel::branch(-self.model.fraction_rate(&estimate, acceleration, jerk));
         if branch != state.curve.branch {

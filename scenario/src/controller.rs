@@ -26,13 +26,23 @@ pub struct Controller {
 #[serde(deny_unknown_fields, default)]
 pub struct SlidingMode {
     /// `λ` (paper: 40).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub bandwidth_radians_per_second: f64,
     /// `φ` (paper: 1.6).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub boundary_layer_metres_per_second_squared: f64,
     /// `KSM` (paper: 64 = λφ).
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     pub switching_gain_metres_per_second_cubed: f64,
-    /// Poles of the reference filter.
-    pub reference_filter_radians_per_second: f64,
+    /// Fastest poles of the reference filter (assumed).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    pub reference_filter_radians_per_second_max: f64,
+    /// Jerk that the reference filter wants at the start of a move: its poles are the slower the longer the move (assumed).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
+    pub reference_launch_jerk_metres_per_second_cubed: f64,
+    /// Poles of the reference filter at the end of a move, by those at its start (assumed).
+    #[schemars(range(min = 1.0, max = 100.0))]
+    pub reference_landing_ratio: f64,
     /// What the observer trusts.
     pub observer: Observer,
     /// What the law takes the plant to be.
@@ -45,7 +55,9 @@ impl Default for SlidingMode {
             bandwidth_radians_per_second: 40.0,
             boundary_layer_metres_per_second_squared: 1.6,
             switching_gain_metres_per_second_cubed: 64.0,
-            reference_filter_radians_per_second: 28.0,
+            reference_filter_radians_per_second_max: 55.0,
+            reference_launch_jerk_metres_per_second_cubed: 450.0,
+            reference_landing_ratio: 2.5,
             observer: Observer::default(),
             nominal_model: NominalModel::default(),
         }
@@ -57,14 +69,19 @@ impl Default for SlidingMode {
 #[serde(deny_unknown_fields, default)]
 pub struct SlidingModePaper {
     /// `λ` (paper: 40).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub bandwidth_radians_per_second: f64,
     /// `φ` (paper: 1.6).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub boundary_layer_metres_per_second_squared: f64,
     /// `KSM` (paper: 64).
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     pub switching_gain_metres_per_second_cubed: f64,
     /// Poles of the filter that differentiates the position (assumed).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub derivative_filter_radians_per_second: f64,
     /// Poles of the reference filter (assumed).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub reference_filter_radians_per_second: f64,
     /// What the law takes the plant to be.
     pub nominal_model: NominalModel,
@@ -88,12 +105,16 @@ impl Default for SlidingModePaper {
 #[serde(deny_unknown_fields, default)]
 pub struct Pid {
     /// Proportional gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     pub proportional_amperes_per_metre: f64,
     /// Integral gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     pub integral_amperes_per_metre_second: f64,
     /// Derivative gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
     pub derivative_ampere_seconds_per_metre: f64,
     /// Pole of the derivative's filter.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub derivative_filter_radians_per_second: f64,
 }
 
@@ -152,14 +173,19 @@ pub struct CurrentRamp {
 #[serde(deny_unknown_fields, default)]
 pub struct Observer {
     /// One step of the position sensor (rig: 60 mm in 10 bits).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 10.0))]
     pub sensor_step_millimetres: f64,
     /// Standard deviation that the velocity gains in one second beyond the model.
+    #[schemars(range(min = 0.0, max = 1_000.0))]
     pub velocity_drift_metres_per_second: f64,
     /// Standard deviation that the martensite fraction gains in one second beyond the model.
+    #[schemars(range(min = 0.0, max = 1_000.0))]
     pub fraction_drift: f64,
     /// Standard deviation that the unknown heating gains in one second.
+    #[schemars(range(min = 0.0, max = 1_000.0))]
     pub heating_drift_kelvins_per_second: f64,
     /// Standard deviation of the transformation temperatures about the nominal ones.
+    #[schemars(range(min = 0.0, max = 1_000.0))]
     pub temperature_uncertainty_kelvins: f64,
 }
 
@@ -180,46 +206,67 @@ impl Default for Observer {
 #[serde(deny_unknown_fields, default)]
 pub struct NominalModel {
     /// `m`, mass of the wire (paper: 2e-4).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub mass_kilograms_per_metre: f64,
     /// `cp`, specific heat (paper: 837).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub specific_heat_joules_per_kilogram_kelvin: f64,
     /// `R`, electrical resistance (paper: 32).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub resistance_ohms_per_metre: f64,
     /// `A`, surface (paper: 6.28e-4).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub surface_square_metres_per_metre: f64,
     /// `h`, convection coefficient (paper, identified: 7).
+    #[schemars(range(min = 0.0, max = 1_000.0))]
     pub convection_watts_per_square_metre_kelvin: f64,
     /// `C`, conduction to the cooling element (paper, identified: 0.255).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 100.0))]
     pub conduction_watts_per_metre_kelvin: f64,
     /// `Tamb`, ambient temperature (paper: 20).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub ambient_celsius: f64,
     /// `Tp`, surface of the cooling element (paper: 15).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub cooling_element_celsius: f64,
     /// `As` (paper, identified: 53).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub austenite_start_celsius: f64,
     /// `Af` (paper, identified: 93).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub austenite_finish_celsius: f64,
     /// `Ms` (paper, identified: 66).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub martensite_start_celsius: f64,
     /// `Mf` (paper, identified: 34).
+    #[schemars(range(min = -50.0, max = 200.0))]
     pub martensite_finish_celsius: f64,
     /// `EA`, Young's modulus of austenite (assumed: 75e9).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e12))]
     pub austenite_modulus_pascals: f64,
     /// `d`, wire diameter (paper: 2e-4).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 0.01))]
     pub wire_diameter_metres: f64,
     /// `l_wire`, length of the martensitic wire (paper: 0.15).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 10.0))]
     pub wire_length_metres: f64,
     /// `Δ / l_wire`, recoverable strain (paper: 0.04).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 0.2))]
     pub recoverable_strain: f64,
     /// `r1`, inner pulley (paper: 4.5e-3).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub inner_pulley_radius_metres: f64,
     /// `r2`, outer pulley (paper: 45e-3).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
     pub outer_pulley_radius_metres: f64,
     /// `J`, inertia of the pulley (assumed: 2e-5).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub pulley_inertia_kilogram_square_metres: f64,
     /// `mL`, load (paper: 0.04).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 100.0))]
     pub load_kilograms: f64,
     /// `c`, damping (assumed: 0.5).
+    #[schemars(range(min = 0.0, max = 100.0))]
     pub damping_newton_seconds_per_metre: f64,
 }
 
