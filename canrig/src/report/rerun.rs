@@ -10,6 +10,7 @@ mod hysteresis;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::path::Path;
@@ -69,11 +70,16 @@ pub fn write(
         .save(&partial)?;
     stream.set_log_time_enabled(false);
     log_properties(&stream, verdict)?;
-    log_signals(&stream, timeline)?;
+    let mut groups = log_signals(&stream, timeline)?;
+    if log_disturbances(&stream, timeline, scenario)? {
+        groups.insert("disturbance");
+    }
+    if hysteresis::log(&stream, timeline)? {
+        groups.insert("hysteresis");
+    }
     log_settling_bands(&stream, timeline, scenario)?;
     log_events(&stream, timeline)?;
-    let has_hysteresis = hysteresis::log(&stream, timeline)?;
-    blueprint::send(&stream, timeline, has_hysteresis)?;
+    blueprint::send(&stream, &groups)?;
     stream
         .flush_blocking()
         .map_err(|_| RerunError::NotFlushed)?;
@@ -137,12 +143,16 @@ fn page(verdict: &Verdict) -> String {
     text
 }
 
-/// Set-point, error and all signals of the bus.
-fn log_signals(stream: &RecordingStream, timeline: &Timeline) -> Result<(), RecordingStreamError> {
-    let error: Vec<f64> = timeline
+/// Set-point, error and all signals of the bus; the groups that there are.
+fn log_signals(
+    stream: &RecordingStream,
+    timeline: &Timeline,
+) -> Result<BTreeSet<&'static str>, RecordingStreamError> {
+    let samples = timeline
         .set_point_millimetres
         .iter()
-        .zip(timeline.position())
+        .zip(timeline.position());
+    let error: Vec<f64> = samples
         .map(|(set_point, position)| set_point - position)
         .collect();
     let own = [
@@ -153,23 +163,67 @@ fn log_signals(stream: &RecordingStream, timeline: &Timeline) -> Result<(), Reco
         .columns
         .iter()
         .map(|column| (column.name.as_str(), &column.values));
+    let mut groups = BTreeSet::new();
     for (name, values) in own.into_iter().chain(columns) {
-        let Style {
-            group,
-            label,
-            colour,
-        } = groups::style(name);
-        let path = format!("{group}/{name}");
         let rows = changes(values);
-        if rows.is_empty() {
-            continue;
+        if !rows.is_empty() {
+            let values: Vec<f64> = rows.iter().map(|&row| values[row]).collect();
+            groups.insert(log_signal(stream, name, &values, times(timeline, &rows))?);
         }
-        stream.log_static(path.as_str(), &line(label, colour))?;
-        let values = rows.iter().map(|&row| values[row]);
-        let scalars = Scalars::new(values).columns_of_unit_batches()?;
-        stream.send_columns(path, times(timeline, &rows), scalars)?;
     }
-    Ok(())
+    Ok(groups)
+}
+
+/// What the scenario does to the rig, from scenario time 0 on; `true` when it does something.
+fn log_disturbances(
+    stream: &RecordingStream,
+    timeline: &Timeline,
+    scenario: &Scenario,
+) -> Result<bool, RecordingStreamError> {
+    let commands = scenario.disturbance.commands();
+    let (mut seconds, mut factors, mut grams) = (vec![0.0], vec![1.0], vec![0.0]);
+    for command in &commands {
+        seconds.push(command.at_seconds);
+        factors.push(command.convection_factor);
+        grams.push(command.added_grams);
+    }
+    seconds.push(timeline.end_seconds());
+    for values in [&mut factors, &mut grams] {
+        values.extend(values.last().copied());
+    }
+    let times = times_between(timeline, &seconds);
+    if !scenario.disturbance.fan.is_empty() {
+        log_signal(
+            stream,
+            "scenario_convection_factor",
+            &factors,
+            times.clone(),
+        )?;
+    }
+    if !scenario.disturbance.load.is_empty() {
+        log_signal(stream, "scenario_added_load_grams", &grams, times)?;
+    }
+    Ok(!commands.is_empty())
+}
+
+/// One signal, drawn as its group has it; gives the group.
+fn log_signal(
+    stream: &RecordingStream,
+    name: &str,
+    values: &[f64],
+    times: [TimeColumn; 2],
+) -> Result<&'static str, RecordingStreamError> {
+    let Style {
+        group,
+        label,
+        colour,
+        ..
+    } = groups::style(name, values);
+    let path = format!("{group}/{name}");
+    stream.log_static(path.as_str(), &line(label, colour))?;
+    let scalars = Scalars::new(values.iter().copied()).columns_of_unit_batches()?;
+    stream.send_columns(path, times, scalars)?;
+    Ok(group)
 }
 
 /// The rows whose value differs from the one before, and the last one. Rows without a value are left out.

@@ -2,29 +2,27 @@
 //!
 //! Logged as raw archetypes, since the SDK's typed layout cannot yet link time axes or place legends.
 
+use std::collections::BTreeSet;
+
 use rerun::datatypes::{Bool, Float32, Range1D, Range2D, Uuid};
 use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg};
 use rerun::external::re_sdk_types::blueprint::archetypes::{
-    ContainerBlueprint, PanelBlueprint, PlotLegend, TimeAxis, TimePanelBlueprint, ViewBlueprint,
-    ViewContents, ViewportBlueprint, VisualBounds2D,
+    ContainerBlueprint, PanelBlueprint, PlotLegend, TextLogColumns, TimeAxis, TimePanelBlueprint,
+    ViewBlueprint, ViewContents, ViewportBlueprint, VisualBounds2D,
 };
 use rerun::external::re_sdk_types::blueprint::components::{
     AutoLayout, AutoViews, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis,
-    PanelState, PlayState, QueryExpression, RootContainer, RowShare, TimelineName,
+    PanelState, PlayState, QueryExpression, RootContainer, RowShare, TextLogColumn, TimelineName,
 };
+use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 
-use super::{APPLICATION, RUN_TIME, groups, hysteresis};
-use crate::timeline::Timeline;
+use super::{APPLICATION, RUN_TIME, hysteresis};
 
 type Result<T> = std::result::Result<T, RecordingStreamError>;
 
 /// Sends the layout ahead of the recording's data.
-pub(super) fn send(
-    recording: &RecordingStream,
-    timeline: &Timeline,
-    has_hysteresis: bool,
-) -> Result<()> {
+pub(super) fn send(recording: &RecordingStream, groups: &BTreeSet<&str>) -> Result<()> {
     let (stream, messages) = RecordingStreamBuilder::new(APPLICATION)
         .enabled(true)
         .recording_id("canrig layout")
@@ -36,7 +34,7 @@ pub(super) fn send(
         stream: &stream,
         places: 0,
     };
-    layout.build(timeline, has_hysteresis)?;
+    layout.build(groups)?;
     let messages = messages.take();
     let id = messages.iter().find_map(|message| match message {
         LogMsg::SetStoreInfo(info) => Some(info.info.store_id.clone()),
@@ -66,21 +64,18 @@ struct Layout<'a> {
 }
 
 impl Layout<'_> {
-    fn build(&mut self, timeline: &Timeline, has_hysteresis: bool) -> Result<()> {
-        let has = |group: &str| {
-            timeline.columns.iter().any(|column| {
-                groups::style(&column.name).group == group
-                    && column.values.iter().any(|value| value.is_finite())
-            })
-        };
+    fn build(&mut self, groups: &BTreeSet<&str>) -> Result<()> {
+        let has = |group| groups.contains(group);
         let mut left = Vec::new();
         left.push(self.plot("Position (mm)", "position", 2.2)?);
-        left.push(self.plot("Error (mm)", "error", 1.2)?);
+        if has("error") {
+            left.push(self.plot("Error (mm)", "error", 1.2)?);
+        }
         left.push(self.plot("Current (A)", "current", 1.2)?);
         if has("disturbance") {
             left.push(self.plot("Disturbance", "disturbance", 0.8)?);
         }
-        let events = self.view("TextLog", "Events", "events", 1.0)?;
+        let events = self.event_log("events", 1.0)?;
         let verdict = self.view("TextDocument", "Verdict", "verdict", 1.0)?;
         left.push(self.container(ContainerKind::Horizontal, vec![events, verdict], 1.6)?);
 
@@ -91,7 +86,7 @@ impl Layout<'_> {
         if has("martensite_fraction") {
             right.push(self.plot("Martensite fraction", "martensite_fraction", 1.0)?);
         }
-        if has_hysteresis {
+        if has("hysteresis") {
             right.push(self.hysteresis(1.7)?);
         }
         if has("sliding_variable") {
@@ -121,6 +116,21 @@ impl Layout<'_> {
         Ok(place)
     }
 
+    /// Time, level and text; the path would be the same in each row.
+    fn event_log(&mut self, group: &str, share: f32) -> Result<Place> {
+        let place = self.view("TextLog", "Events", group, share)?;
+        let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body];
+        let columns = columns.map(|kind| {
+            TextLogColumn(datatypes::TextLogColumn {
+                visible: Bool(true),
+                kind,
+            })
+        });
+        let columns = TextLogColumns::new().with_text_log_columns(columns);
+        self.log(&format!("{}/TextLogColumns", place.path), &columns)?;
+        Ok(place)
+    }
+
     fn hysteresis(&mut self, share: f32) -> Result<Place> {
         let place = self.view(
             "2D",
@@ -129,8 +139,8 @@ impl Layout<'_> {
             share,
         )?;
         let bounds = Range2D {
-            x_range: Range1D([-0.1 * hysteresis::WIDTH, 1.05 * hysteresis::WIDTH]),
-            y_range: Range1D([-0.05 * hysteresis::HEIGHT, 1.1 * hysteresis::HEIGHT]),
+            x_range: Range1D([-0.12 * hysteresis::WIDTH, 1.08 * hysteresis::WIDTH]),
+            y_range: Range1D([-0.08 * hysteresis::HEIGHT, 1.16 * hysteresis::HEIGHT]),
         };
         self.log(
             &format!("{}/VisualBounds2D", place.path),

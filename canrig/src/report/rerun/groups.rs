@@ -1,6 +1,7 @@
 //! Which signals are drawn together, and how.
 
 /// How a signal is drawn.
+#[derive(Clone, Copy)]
 pub(super) struct Style {
     /// The first part of its path; a view shows a whole group.
     pub(super) group: &'static str,
@@ -8,6 +9,7 @@ pub(super) struct Style {
     pub(super) label: &'static str,
     /// Its colour.
     pub(super) colour: [u8; 3],
+    is_drawn_when_zero: bool,
 }
 
 // Colours that people with any colour vision tell apart (Okabe and Ito), light enough for a dark viewer.
@@ -19,76 +21,83 @@ const YELLOW: [u8; 3] = [240, 228, 66];
 pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
 /// Signals by the beginning of their names.
-const STYLES: [(&str, Style); 16] = [
-    ("set_point_", style_of("position", "set-point", ORANGE)),
-    ("position_", style_of("position", "measured", SKY)),
-    ("true_position_", style_of("position", "true", GREEN)),
+const STYLES: [(&str, Style); 18] = [
+    ("set_point_", always("position", "set-point", ORANGE)),
+    ("position_", always("position", "measured", SKY)),
+    ("true_position_", always("position", "true", GREEN)),
     (
         "reference_position_",
-        style_of("position", "filtered reference", PINK),
+        if_used("position", "filtered reference", PINK),
     ),
     (
         "error_millimetres",
-        style_of("error", "set-point − measured", SKY),
+        always("error", "set-point − measured", SKY),
     ),
-    ("target_current_", style_of("current", "commanded", ORANGE)),
-    ("current_", style_of("current", "measured", SKY)),
-    ("wire_temperature_", style_of("temperature", "true", GREEN)),
+    ("target_current_", always("current", "commanded", ORANGE)),
+    ("current_", always("current", "measured", SKY)),
+    ("wire_temperature_", always("temperature", "true", GREEN)),
     (
         "estimated_temperature_",
-        style_of("temperature", "estimated", PINK),
+        if_used("temperature", "estimated", PINK),
     ),
     (
         "martensite_fraction",
-        style_of("martensite_fraction", "true", GREEN),
+        always("martensite_fraction", "true", GREEN),
     ),
     (
         "estimated_martensite_fraction",
-        style_of("martensite_fraction", "estimated", PINK),
+        if_used("martensite_fraction", "estimated", PINK),
     ),
     (
         "sliding_variable",
-        style_of("sliding_variable", "sliding variable", SKY),
+        if_used("sliding_variable", "sliding variable", SKY),
     ),
     (
         "equivalent_part_",
-        style_of("law", "equivalent part", ORANGE),
+        if_used("law", "equivalent part", ORANGE),
     ),
-    ("switching_part_", style_of("law", "switching part", SKY)),
+    ("switching_part_", if_used("law", "switching part", SKY)),
+    (
+        "scenario_convection_factor",
+        if_used("disturbance", "convection factor, scenario", GREY),
+    ),
     (
         "convection_factor",
-        style_of("disturbance", "convection factor", YELLOW),
+        if_used("disturbance", "convection factor, bus", YELLOW),
+    ),
+    (
+        "scenario_added_load_",
+        if_used("disturbance", "added load (g), scenario", GREY),
     ),
     (
         "added_load_",
-        style_of("disturbance", "added load (g)", ORANGE),
+        if_used("disturbance", "added load (g), bus", ORANGE),
     ),
 ];
 
-const fn style_of(group: &'static str, label: &'static str, colour: [u8; 3]) -> Style {
+const fn always(group: &'static str, label: &'static str, colour: [u8; 3]) -> Style {
     Style {
         group,
         label,
         colour,
+        is_drawn_when_zero: true,
+    }
+}
+
+/// Nodes send 0 for what they do not have: a law without an observer has no estimates.
+const fn if_used(group: &'static str, label: &'static str, colour: [u8; 3]) -> Style {
+    Style {
+        group,
+        label,
+        colour,
+        is_drawn_when_zero: false,
     }
 }
 
 /// The style of a signal; those that no view shows are in the group `other`.
-pub(super) fn style(name: &str) -> Style {
+pub(super) fn style(name: &str, values: &[f64]) -> Style {
+    let is_used = || values.iter().any(|value| value.abs() > 0.0);
     let known = STYLES.iter().find(|(start, _)| name.starts_with(start));
-    known.map_or(
-        style_of("other", "", GREY),
-        |(
-            _,
-            Style {
-                group,
-                label,
-                colour,
-            },
-        )| Style {
-            group,
-            label,
-            colour: *colour,
-        },
-    )
+    let drawn = known.filter(|(_, style)| style.is_drawn_when_zero || is_used());
+    drawn.map_or(always("other", "", GREY), |(_, style)| *style)
 }

@@ -21,8 +21,10 @@ pub(super) const WIDTH: f64 = 160.0;
 pub(super) const HEIGHT: f64 = 100.0;
 /// A point of the path nearer to the one before than this cannot be seen.
 const STEP: f64 = 0.25;
-/// Temperatures are marked at multiples of this.
-const GRID_CELSIUS: f64 = 20.0;
+/// Grid lines are at multiples of the first of these that needs no more than so many steps.
+const GRID_CELSIUS: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0];
+const GRID_FRACTION: [f64; 5] = [0.01, 0.02, 0.05, 0.1, 0.2];
+const GRID_STEPS_MAX: u32 = 6;
 
 /// Draws it; `false` when the recording has not both signals.
 pub(super) fn log(
@@ -35,11 +37,20 @@ pub(super) fn log(
     let rows: Vec<usize> = (0..timeline.cycle.len())
         .filter(|&row| temperature[row].is_finite() && fraction[row].is_finite())
         .collect();
-    let Some(scale) = Scale::new(rows.iter().map(|&row| temperature[row])) else {
+    let axis =
+        |values: &[f64], steps: &[f64]| Axis::new(rows.iter().map(|&row| values[row]), steps);
+    let (Some(celsius), Some(fractions)) = (
+        axis(temperature, &GRID_CELSIUS),
+        axis(fraction, &GRID_FRACTION),
+    ) else {
         return Ok(false);
     };
-    let seen = thinned(rows, |row| scale.place(temperature[row], fraction[row]));
-    scale.log_frame(stream)?;
+    let frame = Frame {
+        celsius,
+        fraction: fractions,
+    };
+    let seen = thinned(&rows, |row| frame.place(temperature[row], fraction[row]));
+    frame.log(stream)?;
     let path: Vec<[f32; 2]> = seen.iter().map(|(_, place)| *place).collect();
     let strip = LineStrips2D::new([path.clone()])
         .with_colors([[0, 158, 115]])
@@ -68,9 +79,9 @@ fn signals(timeline: &Timeline) -> Option<(&[f64], &[f64])> {
 }
 
 /// The rows whose places can be told apart, with their places.
-fn thinned(rows: Vec<usize>, place: impl Fn(usize) -> [f32; 2]) -> Vec<(usize, [f32; 2])> {
+fn thinned(rows: &[usize], place: impl Fn(usize) -> [f32; 2]) -> Vec<(usize, [f32; 2])> {
     let mut seen: Vec<(usize, [f32; 2])> = Vec::new();
-    for row in rows {
+    for &row in rows {
         let here = place(row);
         let is_new = seen.last().is_none_or(|(_, last)| {
             f64::from(here[0] - last[0]).hypot(f64::from(here[1] - last[1])) >= STEP
@@ -82,53 +93,83 @@ fn thinned(rows: Vec<usize>, place: impl Fn(usize) -> [f32; 2]) -> Vec<(usize, [
     seen
 }
 
-/// From °C and fraction to the drawing.
-struct Scale {
-    coldest: f64,
-    hottest: f64,
+/// One axis of the frame: whole grid lines around all values.
+struct Axis {
+    low: f64,
+    step: f64,
+    steps: u32,
 }
 
-impl Scale {
-    /// From grid line to grid line around all temperatures; `None` when there are none.
-    fn new(temperatures: impl Iterator<Item = f64>) -> Option<Self> {
-        let (low, high) = temperatures
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), t| {
-                (low.min(t), high.max(t))
-            });
-        (low <= high).then(|| Self {
-            coldest: (low / GRID_CELSIUS).floor() * GRID_CELSIUS,
-            hottest: ((high / GRID_CELSIUS).floor() + 1.0) * GRID_CELSIUS,
-        })
+impl Axis {
+    /// `None` when there are no values.
+    fn new(values: impl Iterator<Item = f64> + Clone, steps: &[f64]) -> Option<Self> {
+        let low = values.clone().fold(f64::INFINITY, f64::min);
+        let high = values.fold(f64::NEG_INFINITY, f64::max);
+        let axes = steps.iter().map(|&step| {
+            let first = (low / step).floor();
+            // A value on a line does not need the next one.
+            let count = ((high / step - 1e-9).ceil() - first).max(1.0);
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "at least 1, and held to the limit below"
+            )]
+            let steps = count.min(1e6) as u32;
+            Self {
+                low: first * step,
+                step,
+                steps,
+            }
+        });
+        let mut fitting = axes.filter(|axis| low <= high && axis.steps <= GRID_STEPS_MAX);
+        fitting.next()
     }
 
+    /// Where a value lies: 0 at the low end, 1 at the high end.
+    fn part(&self, value: f64) -> f64 {
+        (value - self.low) / (self.step * f64::from(self.steps))
+    }
+
+    fn lines(&self) -> impl Iterator<Item = f64> {
+        (0..=self.steps).map(|number| self.low + self.step * f64::from(number))
+    }
+}
+
+/// From °C and fraction to the drawing.
+struct Frame {
+    celsius: Axis,
+    fraction: Axis,
+}
+
+impl Frame {
+    /// A place by the parts of the axes.
     #[expect(clippy::cast_possible_truncation, reason = "for the eye")]
-    fn place(&self, celsius: f64, fraction: f64) -> [f32; 2] {
-        let x = (celsius - self.coldest) / (self.hottest - self.coldest) * WIDTH;
-        [x as f32, ((1.0 - fraction) * HEIGHT) as f32]
+    fn at(right: f64, up: f64) -> [f32; 2] {
+        [(right * WIDTH) as f32, ((1.0 - up) * HEIGHT) as f32]
     }
 
-    fn log_frame(&self, stream: &RecordingStream) -> Result<(), RecordingStreamError> {
+    fn place(&self, celsius: f64, fraction: f64) -> [f32; 2] {
+        Self::at(self.celsius.part(celsius), self.fraction.part(fraction))
+    }
+
+    fn log(&self, stream: &RecordingStream) -> Result<(), RecordingStreamError> {
         let mut lines: Vec<[[f32; 2]; 2]> = Vec::new();
         let mut numbers: Vec<([f32; 2], String)> = Vec::new();
-        let mut celsius = self.coldest;
-        while celsius <= self.hottest {
-            lines.push([self.place(celsius, 0.0), self.place(celsius, 1.0)]);
-            numbers.push((self.place(celsius, -0.04), format!("{celsius:.0} °C")));
-            celsius += GRID_CELSIUS;
+        for celsius in self.celsius.lines() {
+            let right = self.celsius.part(celsius);
+            lines.push([Self::at(right, 0.0), Self::at(right, 1.0)]);
+            numbers.push((Self::at(right, -0.03), format!("{celsius:.0} °C")));
         }
-        for quarter in 0..=4 {
-            let fraction = f64::from(quarter) / 4.0;
-            let line = [
-                self.place(self.coldest, fraction),
-                self.place(self.hottest, fraction),
-            ];
-            numbers.push(([line[0][0] - 6.0, line[0][1]], format!("{fraction}")));
-            lines.push(line);
+        let decimals = if self.fraction.step < 0.1 { 2 } else { 1 };
+        for fraction in self.fraction.lines() {
+            let up = self.fraction.part(fraction);
+            lines.push([Self::at(0.0, up), Self::at(1.0, up)]);
+            numbers.push((Self::at(-0.04, up + 0.04), format!("{fraction:.decimals$}")));
         }
-        let frame = LineStrips2D::new(lines)
+        let lines = LineStrips2D::new(lines)
             .with_colors([groups::GREY])
             .with_radii([Radius::new_ui_points(0.5)]);
-        stream.log_static("hysteresis/frame", &frame)?;
+        stream.log_static("hysteresis/frame", &lines)?;
         let (places, texts): (Vec<_>, Vec<_>) = numbers.into_iter().unzip();
         let numbers = Points2D::new(places)
             .with_labels(texts)
@@ -136,5 +177,25 @@ impl Scale {
             .with_colors([groups::GREY])
             .with_radii([Radius::new_ui_points(0.0)]);
         stream.log_static("hysteresis/numbers", &numbers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_has_few_lines_around_all_values() {
+        let axis = |values: &[f64]| {
+            let axis = Axis::new(values.iter().copied(), &GRID_CELSIUS)?;
+            Some((axis.low, axis.step, axis.steps))
+        };
+        assert_eq!(axis(&[20.0, 57.0]), Some((20.0, 10.0, 4)));
+        assert_eq!(axis(&[20.0, 90.0]), Some((20.0, 20.0, 4)));
+        assert_eq!(axis(&[-1.0, 0.0]), Some((-1.0, 1.0, 1)));
+        assert_eq!(axis(&[25.0]), Some((25.0, 1.0, 1)));
+        assert_eq!(axis(&[]), None);
+        assert_eq!(axis(&[0.0, 1e9]), None);
+        assert_eq!(axis(&[f64::NEG_INFINITY, f64::INFINITY]), None);
     }
 }
