@@ -1,8 +1,8 @@
 //! `run.rrd`: the run for the Rerun viewer, with a layout of its own.
 //!
-//! A signal's row is written where its value changes, and the viewer holds it until the next one: this is what a
-//! sampled signal does, and a tenth of the size. Nothing in the file comes from this machine's clock, so two equal
-//! runs are equal files once decoded (only the viewer's row numbers differ).
+//! A signal that is drawn has a row in every cycle, one that is not only where its value changes. Nothing in the file
+//! comes from this machine's clock, so two equal runs are equal files once decoded (only the SDK's random numbers of
+//! rows differ).
 
 mod blueprint;
 mod groups;
@@ -20,6 +20,7 @@ use rerun::{
     TextDocument, TextLog, TextLogLevel, TimeColumn,
 };
 use scenario::Scenario;
+use scenario::events::DisturbanceCommand;
 use sha2::{Digest, Sha256};
 
 use crate::events::{Event, Level};
@@ -70,10 +71,7 @@ pub fn write(
         .save(&partial)?;
     stream.set_log_time_enabled(false);
     log_properties(&stream, verdict)?;
-    let mut groups = log_signals(&stream, timeline)?;
-    if log_disturbances(&stream, timeline, scenario)? {
-        groups.insert("disturbance");
-    }
+    let mut groups = log_signals(&stream, timeline, scenario)?;
     if hysteresis::log(&stream, timeline)? {
         groups.insert("hysteresis");
     }
@@ -143,10 +141,11 @@ fn page(verdict: &Verdict) -> String {
     text
 }
 
-/// Set-point, error and all signals of the bus; the groups that there are.
+/// Set-point, error, disturbances and all signals of the bus; the groups that there are.
 fn log_signals(
     stream: &RecordingStream,
     timeline: &Timeline,
+    scenario: &Scenario,
 ) -> Result<BTreeSet<&'static str>, RecordingStreamError> {
     let samples = timeline
         .set_point_millimetres
@@ -155,9 +154,13 @@ fn log_signals(
     let error: Vec<f64> = samples
         .map(|(set_point, position)| set_point - position)
         .collect();
+    let factors = asked(scenario, timeline, 1.0, |command| command.convection_factor);
+    let grams = asked(scenario, timeline, 0.0, |command| command.added_grams);
     let own = [
         ("set_point_millimetres", &timeline.set_point_millimetres),
         ("error_millimetres", &error),
+        ("scenario_convection_factor", &factors),
+        ("scenario_added_load_grams", &grams),
     ];
     let columns = timeline
         .columns
@@ -165,83 +168,64 @@ fn log_signals(
         .map(|column| (column.name.as_str(), &column.values));
     let mut groups = BTreeSet::new();
     for (name, values) in own.into_iter().chain(columns) {
-        let rows = changes(values);
+        let style = groups::style(name, values);
+        let rows = rows(style.group, values);
         if !rows.is_empty() {
-            let values: Vec<f64> = rows.iter().map(|&row| values[row]).collect();
-            groups.insert(log_signal(stream, name, &values, times(timeline, &rows))?);
+            let values = rows.iter().map(|&row| values[row]);
+            log_signal(stream, name, style, values, times(timeline, &rows))?;
+            groups.insert(style.group);
         }
     }
     Ok(groups)
 }
 
-/// What the scenario does to the rig, from scenario time 0 on; `true` when it does something.
-fn log_disturbances(
-    stream: &RecordingStream,
-    timeline: &Timeline,
+/// What the scenario asks of the disturbance node, per row; NaN where it never asks.
+fn asked(
     scenario: &Scenario,
-) -> Result<bool, RecordingStreamError> {
+    timeline: &Timeline,
+    before: f64,
+    output: fn(&DisturbanceCommand) -> f64,
+) -> Vec<f64> {
     let commands = scenario.disturbance.commands();
-    let (mut seconds, mut factors, mut grams) = (vec![0.0], vec![1.0], vec![0.0]);
-    for command in &commands {
-        seconds.push(command.at_seconds);
-        factors.push(command.convection_factor);
-        grams.push(command.added_grams);
+    if commands.iter().all(|command| output(command) == before) {
+        return vec![f64::NAN; timeline.cycle.len()];
     }
-    seconds.push(timeline.end_seconds());
-    for values in [&mut factors, &mut grams] {
-        values.extend(values.last().copied());
-    }
-    let times = times_between(timeline, &seconds);
-    if !scenario.disturbance.fan.is_empty() {
-        log_signal(
-            stream,
-            "scenario_convection_factor",
-            &factors,
-            times.clone(),
-        )?;
-    }
-    if !scenario.disturbance.load.is_empty() {
-        log_signal(stream, "scenario_added_load_grams", &grams, times)?;
-    }
-    Ok(!commands.is_empty())
+    let at = |time: &f64| {
+        let begun = commands
+            .iter()
+            .rev()
+            .find(|command| command.at_seconds <= *time);
+        begun.map_or(before, output)
+    };
+    timeline.time_seconds.iter().map(at).collect()
 }
 
-/// One signal, drawn as its group has it; gives the group.
+/// One signal as an entity of its group.
 fn log_signal(
     stream: &RecordingStream,
     name: &str,
-    values: &[f64],
+    style: Style,
+    values: impl IntoIterator<Item = f64>,
     times: [TimeColumn; 2],
-) -> Result<&'static str, RecordingStreamError> {
-    let Style {
-        group,
-        label,
-        colour,
-        ..
-    } = groups::style(name, values);
-    let path = format!("{group}/{name}");
-    stream.log_static(path.as_str(), &line(label, colour))?;
-    let scalars = Scalars::new(values.iter().copied()).columns_of_unit_batches()?;
-    stream.send_columns(path, times, scalars)?;
-    Ok(group)
+) -> Result<(), RecordingStreamError> {
+    let path = format!("{}/{name}", style.group);
+    stream.log_static(path.as_str(), &line(style.label, style.colour))?;
+    let scalars = Scalars::new(values).columns_of_unit_batches()?;
+    stream.send_columns(path, times, scalars)
 }
 
-/// The rows whose value differs from the one before, and the last one. Rows without a value are left out.
-fn changes(values: &[f64]) -> Vec<usize> {
-    let mut rows: Vec<usize> = Vec::new();
-    let mut last = None;
-    for (row, value) in values
-        .iter()
-        .enumerate()
-        .filter(|(_, value)| !value.is_nan())
-    {
-        if rows.last().is_none_or(|before| values[*before] != *value) {
-            rows.push(row);
-        }
-        last = Some(row);
-    }
-    if rows.last() != last.as_ref() {
-        rows.extend(last);
+/// The rows to write of a signal. Those without a value are left out.
+///
+/// A drawn signal has all others: the viewer draws no more than the extremes of what falls on one pixel, and would hold
+/// an extreme until the next row.
+fn rows(group: &str, values: &[f64]) -> Vec<usize> {
+    let mut rows: Vec<usize> = (0..values.len())
+        .filter(|&row| !values[row].is_nan())
+        .collect();
+    if group == groups::OTHER {
+        let last = rows.last().copied();
+        rows.dedup_by(|row, before| values[*row] == values[*before]);
+        rows.extend(last.filter(|last| rows.last() != Some(last)));
     }
     rows
 }

@@ -12,6 +12,9 @@ pub(super) struct Style {
     is_drawn_when_zero: bool,
 }
 
+/// The group of signals that no view shows.
+pub(super) const OTHER: &str = "other";
+
 // Colours that people with any colour vision tell apart (Okabe and Ito), light enough for a dark viewer.
 const ORANGE: [u8; 3] = [230, 159, 0];
 const SKY: [u8; 3] = [86, 180, 233];
@@ -94,10 +97,10 @@ const fn if_used(group: &'static str, label: &'static str, colour: [u8; 3]) -> S
     }
 }
 
-/// The style of a signal; those that no view shows are in the group `other`.
+/// The style of a signal; those that no view shows are in the group [`OTHER`].
 pub(super) fn style(name: &str, values: &[f64]) -> Style {
     let is_used = || values.iter().any(|value| value.abs() > 0.0);
     let known = STYLES.iter().find(|(start, _)| name.starts_with(start));
     let drawn = known.filter(|(_, style)| style.is_drawn_when_zero || is_used());
-    drawn.map_or(always("other", "", GREY), |(_, style)| *style)
+    drawn.map_or(always(OTHER, "", GREY), |(_, style)| *style)
 }
