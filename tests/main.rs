@@ -5,9 +5,14 @@
     reason = "tests fail by panicking, and wait for processes"
 )]
 
+mod allocation;
 mod command_line;
 mod lockstep;
 mod processes;
 mod rooms;
 mod support;
 mod tools;
+
+#[global_allocator]
+static ALLOCATOR: platform::counting_allocator::CountingAllocator =
+    platform::counting_allocator::CountingAllocator;

@@ -1,25 +1,27 @@
-//! Counts the allocations of each thread, for tests of what allocates nothing.
+//! An allocator that counts the allocations of each thread, for tests of what allocates nothing.
+//!
+//! A test program declares it as its `#[global_allocator]`, which needs no unsafe code there; no other program has it.
 #![expect(unsafe_code, reason = "a global allocator is unsafe to implement")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-struct Counting;
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
+/// The system's allocator with a count.
+#[derive(Clone, Copy, Debug)]
+pub struct CountingAllocator;
 
 thread_local! {
     static COUNT: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Allocations and reallocations by this thread so far.
-pub(crate) fn allocations() -> u64 {
+/// Allocations and reallocations by this thread so far; 0 for ever where the program has another allocator.
+#[must_use]
+pub fn allocations() -> u64 {
     COUNT.get()
 }
 
 // SAFETY: every call goes to the system's allocator unchanged; a constant-initialised Cell allocates nothing itself.
-unsafe impl GlobalAlloc for Counting {
+unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         COUNT.set(COUNT.get() + 1);
         // SAFETY: the caller's promises are passed on.

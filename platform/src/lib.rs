@@ -5,6 +5,7 @@
 
 pub mod bus;
 pub mod clock;
+pub mod counting_allocator;
 mod embedded_bus;
 pub mod hub;
 mod kernel_format;
@@ -18,6 +19,8 @@ mod socketcan_bus;
 pub mod stop;
 
 #[cfg(test)]
-mod counting_allocator;
-#[cfg(test)]
 mod test_nodes;
+
+#[cfg(test)]
+#[global_allocator]
+static ALLOCATOR: counting_allocator::CountingAllocator = counting_allocator::CountingAllocator;
