@@ -6,7 +6,13 @@ use std::path::Path;
 use crate::support::{canrig, only_run, output, root, scenario};
 
 /// The files that must be the same to the byte.
-const DETERMINED: [&str; 4] = ["bus.log", "signals.csv", "verdict.json", "junit.xml"];
+const DETERMINED: [&str; 5] = [
+    "bus.log",
+    "signals.csv",
+    "verdict.json",
+    "junit.xml",
+    "report.html",
+];
 
 fn contents(run: &Path) -> Vec<Vec<u8>> {
     DETERMINED

@@ -9,6 +9,8 @@ mod allocation;
 mod command_line;
 mod lockstep;
 mod processes;
+mod replay;
+mod report;
 mod rooms;
 mod support;
 mod tools;

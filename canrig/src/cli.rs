@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use platform::bus::BusAddress;
 
+use crate::recordings::args::{CompareArgs, ExportArgs, ReplayArgs, ReportArgs};
 use crate::tools::ToolBus;
 use crate::tools::nodes::LISTEN_SECONDS;
 
@@ -16,12 +17,16 @@ Examples:
   canrig run scenarios/step.toml --bus vcan0           over the kernel's SocketCAN
   canrig simulate scenarios/step.toml                  the same in one process, as fast as it goes
   canrig check scenarios/                              are the files valid?
+  canrig report runs/* --output overview.html          several runs on one page
+  canrig replay RUN                                    judge a recording again
+  canrig compare RUN OTHER_RUN                         where do two runs diverge?
+  canrig export RUN --format blf --output run.blf      for another program
   canrig nodes --bus vcan0                             who is on the bus?
   canrig sdo read drive 0x6064                         one object of a node in a run that is going on
   canrig sdo write 0x10 \"Producer heartbeat time\" 50 --bus can0
   canrig monitor --only drive --changes                live traffic, decoded
 
-Exit codes: 0 pass · 1 a limit was not met · 2 usage · 3 scenario invalid · 4 bus or process failed
+Exit codes: 0 pass · 1 a limit was not met · 2 usage · 3 scenario or recording invalid · 4 bus or process failed
             5 inconclusive (timing not trustworthy) · 70 internal error · 130 interrupted";
 
 /// Proves a controller against a plant over a CAN bus, before the real drive is on the table.
@@ -40,6 +45,14 @@ pub enum Command {
     Run(RunArgs),
     /// Play scenarios in one process and virtual time, and judge them
     Simulate(SimulateArgs),
+    /// Make report.html again from run folders, or one page that compares several
+    Report(ReportArgs),
+    /// Judge a recording again, from its bus.log alone
+    Replay(ReplayArgs),
+    /// Find out where two runs diverge
+    Compare(CompareArgs),
+    /// Write a recording in another program's format
+    Export(ExportArgs),
     /// Check scenario files without playing them
     Check(CheckArgs),
     /// Print the JSON Schema of scenario files, for editors
@@ -50,6 +63,18 @@ pub enum Command {
     Sdo(SdoArgs),
     /// Show live traffic, one line per frame, decoded by DBC and EDS
     Monitor(MonitorArgs),
+    /// Print what makes your shell complete canrig's commands and options
+    Completions {
+        /// The shell
+        #[arg(value_enum)]
+        shell: clap_complete::Shell,
+    },
+    /// Write the manual pages
+    Man {
+        /// The folder for them, such as ~/.local/share/man/man1
+        #[arg(value_name = "FOLDER")]
+        folder: PathBuf,
+    },
     /// One node of the bench as a process of its own; `run` starts these
     #[command(hide = true)]
     Node(NodeArgs),

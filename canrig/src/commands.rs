@@ -14,7 +14,9 @@ use crate::capture::{Capture, Watch};
 use crate::cli::{CheckArgs, Cli, ClockChoice, Command, MonitorArgs, PlayArgs, RunArgs, SdoAction};
 use crate::console::{Progress, complain, say};
 use crate::exit::Exit;
+use crate::manual;
 use crate::nodes;
+use crate::recordings;
 use crate::report::terminal;
 use crate::run::{self, Judged, Source, World};
 use crate::run_folder::RunFolder;
@@ -31,6 +33,10 @@ pub fn execute(cli: Cli) -> Exit {
     match cli.command {
         Command::Run(args) => run(&args),
         Command::Simulate(args) => simulate(&args.play),
+        Command::Report(args) => recordings::report::report(&args),
+        Command::Replay(args) => recordings::replay::replay(&args),
+        Command::Compare(args) => recordings::compare::compare(&args),
+        Command::Export(args) => recordings::export::export(&args),
         Command::Check(args) => check(&args),
         Command::Schema => {
             say(&scenario::schema::json_schema());
@@ -42,6 +48,8 @@ pub fn execute(cli: Cli) -> Exit {
         }
         Command::Sdo(args) => told(sdo(&args.action)),
         Command::Monitor(args) => monitor(args),
+        Command::Completions { shell } => manual::completions(shell),
+        Command::Man { folder } => manual::pages(&folder),
         Command::Node(args) => nodes::host(&args),
     }
 }

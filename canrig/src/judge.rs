@@ -33,6 +33,7 @@ pub fn judge(timeline: &Timeline, scenario: &Scenario, frames_lost: u64) -> Verd
         seed: scenario.seed,
         outcome,
         reason,
+        frames_lost,
         metrics,
     }
 }

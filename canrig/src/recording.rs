@@ -63,7 +63,7 @@ impl FromStr for Stamped {
             .and_then(|stamp| stamp.strip_suffix(')'));
         let (seconds, micros) = stamp
             .and_then(|stamp| stamp.split_once('.'))
-            .ok_or(fault("no time stamp"))?;
+            .ok_or_else(|| fault("no time stamp"))?;
         let seconds: u64 = seconds
             .parse()
             .map_err(|_| fault("seconds are no number"))?;
@@ -143,6 +143,69 @@ pub fn read_log(mut input: impl BufRead) -> io::Result<Vec<Stamped>> {
     Ok(frames)
 }
 
+/// What a log holds, as far as it can be read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Log {
+    /// The frames before the break.
+    pub frames: Vec<Stamped>,
+    /// Where and why the log breaks off, for people.
+    pub broken: Option<String>,
+}
+
+/// Reads a log whose writer may have been killed: its end may be cut in the middle of a line. A last line without its
+/// end is not taken, since a shorter frame looks whole.
+///
+/// # Errors
+/// The file cannot be read, holds frames of two interfaces, or good lines follow a bad one: then it is damaged, or no
+/// log of `candump -L`.
+pub fn read_cut_log(mut input: impl BufRead) -> io::Result<Log> {
+    let mut log = Log::default();
+    let mut interface = None;
+    let mut line = Vec::new();
+    for number in 1u64.. {
+        line.clear();
+        if io::Read::take(&mut input, LINE_LENGTH_MAX).read_until(b'\n', &mut line)? == 0 {
+            break;
+        }
+        match (whole_line(&line, &mut interface), &log.broken) {
+            (Ok(None), _) => {}
+            (Ok(Some(stamped)), None) => log.frames.push(stamped),
+            (Ok(Some(_)), Some(broken)) => return Err(invalid(broken.clone())),
+            (Err(reason), _) => {
+                log.broken.get_or_insert(format!("line {number}: {reason}"));
+            }
+        }
+    }
+    Ok(log)
+}
+
+/// The frame of a line; none in an empty line. The first line decides on the interface.
+fn whole_line(line: &[u8], interface: &mut Option<String>) -> Result<Option<Stamped>, String> {
+    let text = str::from_utf8(line).map_err(|_| "not text".to_owned())?;
+    let is_ended = text.ends_with('\n');
+    let text = text.trim();
+    if text.is_empty() {
+        return Ok(None);
+    }
+    if !is_ended {
+        return Err("cut before its end".to_owned());
+    }
+    let stamped = text.parse().map_err(|error: LineError| error.to_string())?;
+    let name = text.split_whitespace().nth(1).unwrap_or_default();
+    let first = interface.get_or_insert_with(|| name.to_owned());
+    if first == name {
+        Ok(Some(stamped))
+    } else {
+        Err(format!(
+            "a frame of {name} among those of {first}; take one interface out of the log first"
+        ))
+    }
+}
+
+fn invalid(reason: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, reason)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -165,6 +228,40 @@ mod tests {
         assert_eq!(
             error.to_string(),
             "line 2: not a line of candump -L: \"(0.000002) can0 9999#00\" (identifier needs three or eight digits)"
+        );
+    }
+
+    const LOG: &str = "(0.000001) can0 123#\n(0.000002) can0 190#0102\n";
+
+    #[test]
+    fn a_log_cut_at_any_byte_reads_up_to_there() {
+        let whole = read_cut_log(LOG.as_bytes()).unwrap();
+        assert_eq!((whole.frames.len(), &whole.broken), (2, &None));
+        for length in 0..LOG.len() {
+            let log = read_cut_log(&LOG.as_bytes()[..length]).unwrap();
+            let lines = LOG[..length].matches('\n').count();
+            assert_eq!(log.frames, whole.frames[..lines]);
+            assert_eq!(
+                log.broken.is_some(),
+                !LOG[..length].ends_with('\n') && length > 0
+            );
+        }
+        let zeros = [LOG.as_bytes(), &[0; 5000]].concat();
+        let log = read_cut_log(&zeros[..]).unwrap();
+        assert_eq!((log.frames.len(), log.broken.is_some()), (2, true));
+    }
+
+    #[test]
+    fn a_log_damaged_in_the_middle_or_of_two_interfaces_is_refused() {
+        let damaged = LOG.replace("123#", "1#");
+        let error = read_cut_log(damaged.as_bytes()).unwrap_err().to_string();
+        assert!(error.starts_with("line 1: "), "{error}");
+        let two = format!("(0.0) can1 123#\n{LOG}").replace("0.0)", "0.000000)");
+        let log = read_cut_log(two.as_bytes()).unwrap();
+        assert!(
+            log.broken
+                .unwrap()
+                .contains("a frame of can0 among those of can1")
         );
     }
 

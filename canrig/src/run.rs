@@ -95,7 +95,8 @@ pub fn run(
     let folder = RunFolder::create(parent, source)?;
     let mut capture = Capture::new(folder.bus_log()?, ScenarioClock::new(&database)?, watch);
     let ended = world(&folder, &mut capture);
-    let timeline = timeline::decode(&capture.finish()?, scenario, &database)?;
+    let frames = capture.finish()?;
+    let timeline = timeline::decode(&frames, scenario, &database)?;
     let verdict = match &ended {
         Err(error) => {
             Verdict::incomplete(&scenario.name, scenario.seed, &with_cause(error, &timeline))
@@ -106,7 +107,14 @@ pub fn run(
         }) => Verdict::incomplete(&scenario.name, scenario.seed, "interrupted by the user"),
         Ok(World { frames_lost, .. }) => judge(&timeline, scenario, *frames_lost),
     };
-    write_reports(&folder, scenario, &timeline, &verdict)?;
+    let run = report::html::Run {
+        text: &source.text,
+        scenario,
+        frames: &frames,
+        timeline: &timeline,
+        verdict: &verdict,
+    };
+    write_reports(&folder, &run, &database)?;
     let exit = match ended {
         Ok(World {
             end: End::Interrupted,
@@ -137,10 +145,10 @@ pub struct World {
 
 fn write_reports(
     folder: &RunFolder,
-    scenario: &Scenario,
-    timeline: &Timeline,
-    verdict: &Verdict,
+    run: &report::html::Run<'_>,
+    database: &Database,
 ) -> Result<(), RunError> {
+    let (timeline, verdict) = (run.timeline, run.verdict);
     let table =
         report::csv::to_csv(timeline).map_err(|error| RunError::report(file::SIGNALS, &error))?;
     folder.write(file::SIGNALS, &table)?;
@@ -152,10 +160,10 @@ fn write_reports(
         &folder.path().join(file::RERUN),
         timeline,
         verdict,
-        scenario,
+        run.scenario,
     )
     .map_err(|error| RunError::report(file::RERUN, &error))?;
-    #[cfg(not(feature = "rerun"))]
-    let _ = scenario;
+    let page = report::html::to_html(run, database)?;
+    folder.write(file::REPORT, page.as_bytes())?;
     Ok(folder.write_verdict(verdict)?)
 }

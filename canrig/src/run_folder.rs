@@ -25,6 +25,8 @@ pub mod file {
     pub const VERDICT: &str = "verdict.json";
     /// The verdict for CI systems.
     pub const JUNIT: &str = "junit.xml";
+    /// The run on one page.
+    pub const REPORT: &str = "report.html";
     /// The recording for the Rerun viewer.
     pub const RERUN: &str = "run.rrd";
 }

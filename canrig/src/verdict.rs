@@ -1,12 +1,12 @@
 //! What a run came to: metrics beside their limits, and the outcome.
 
 use scenario::expect::Limit;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::exit::Exit;
 
 /// How a run ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// Every limit was met.
@@ -106,6 +106,9 @@ pub struct Verdict {
     /// Why, where the metrics do not tell.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// Frames that the recorder lost: the one thing that the frames of a recording do not tell.
+    #[serde(skip_serializing_if = "is_none_lost")]
+    pub frames_lost: u64,
     /// All metrics that the run has or the scenario limits.
     pub metrics: Vec<Metric>,
 }
@@ -121,8 +124,17 @@ impl Verdict {
             seed,
             outcome: Outcome::Incomplete,
             reason: Some(reason.to_owned()),
+            frames_lost: 0,
             metrics: Vec::new(),
         }
+    }
+
+    /// Reads the text of `verdict.json`.
+    ///
+    /// # Errors
+    /// The text is no verdict.
+    pub fn from_json(text: &str) -> serde_json::Result<Self> {
+        serde_json::from_str::<StoredVerdict>(text).map(Self::from)
     }
 
     /// The text of `verdict.json`.
@@ -137,9 +149,79 @@ impl Verdict {
     }
 }
 
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+fn is_none_lost(frames: &u64) -> bool {
+    *frames == 0
+}
+
+/// `verdict.json` as any version may have written it.
+#[derive(Deserialize)]
+struct StoredVerdict {
+    schema: u32,
+    scenario: String,
+    version: String,
+    seed: u64,
+    outcome: Outcome,
+    reason: Option<String>,
+    #[serde(default)]
+    frames_lost: u64,
+    metrics: Vec<StoredMetric>,
+}
+
+#[derive(Deserialize)]
+struct StoredMetric {
+    name: String,
+    value: Option<f64>,
+    remark: Option<String>,
+    limit: Option<Limit>,
+    passed: Option<bool>,
+}
+
+impl From<StoredVerdict> for Verdict {
+    fn from(stored: StoredVerdict) -> Self {
+        // Names are few and small; those that are read live as long as the program, like those that it knows.
+        let metrics = stored.metrics.into_iter().map(|metric| Metric {
+            name: metric.name.leak(),
+            value: metric.value,
+            remark: metric.remark,
+            limit: metric.limit,
+            passed: metric.passed,
+        });
+        Self {
+            schema: stored.schema,
+            scenario: stored.scenario,
+            version: stored.version.leak(),
+            seed: stored.seed,
+            outcome: stored.outcome,
+            reason: stored.reason,
+            frames_lost: stored.frames_lost,
+            metrics: metrics.collect(),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_stored_verdict_reads_back_whole() {
+        let mut verdict = Verdict::incomplete("step \"1\"", 7, "killed");
+        verdict.frames_lost = 3;
+        let limit = Some(Limit {
+            min: Some(0.1),
+            max: None,
+        });
+        verdict.metrics = vec![
+            Metric::new("settling_time_seconds", Ok(0.2), limit),
+            Metric::new("overshoot_percent", Err("no step".to_owned()), None),
+        ];
+        assert_eq!(Verdict::from_json(&verdict.to_json()).unwrap(), verdict);
+        assert!(Verdict::from_json("{}").is_err());
+    }
 
     #[test]
     fn limits_are_two_sided_and_inclusive() {

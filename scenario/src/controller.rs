@@ -21,6 +21,21 @@ pub struct Controller {
     pub open_loop: Option<OpenLoop>,
 }
 
+impl Controller {
+    /// The name of the law's table.
+    #[must_use]
+    pub fn law_name(&self) -> &'static str {
+        let laws = [
+            (self.sliding_mode.is_some(), "sliding_mode"),
+            (self.sliding_mode_paper.is_some(), "sliding_mode_paper"),
+            (self.pid.is_some(), "pid"),
+            (self.open_loop.is_some(), "open_loop"),
+        ];
+        let chosen = laws.into_iter().find(|(is_chosen, _)| *is_chosen);
+        chosen.map_or("none", |(_, name)| name)
+    }
+}
+
 /// Sliding mode with an observer on a nominal model.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]

@@ -1,7 +1,17 @@
 //! What a run leaves behind for people and for other programs.
 
+pub mod asc;
+pub mod blf;
+mod bus_timing;
+mod calendar;
+pub mod comparison;
 pub mod csv;
+pub mod html;
 pub mod junit;
+pub mod overview;
+mod page;
+mod plot;
 #[cfg(feature = "rerun")]
 pub mod rerun;
 pub mod terminal;
+mod thin;

@@ -6,17 +6,31 @@ use crate::run::Judged;
 use crate::run_folder::file;
 use crate::verdict::{Metric, Outcome, Verdict};
 
+/// A verdict: its name, its table, its outcome and why.
+#[must_use]
+pub fn verdict(verdict: &Verdict) -> String {
+    let mut text = named_table(verdict);
+    if let Some(reason) = &verdict.reason {
+        text += &format!(": {reason}");
+    }
+    text
+}
+
+fn named_table(verdict: &Verdict) -> String {
+    let mut text = format!("\n{}\n", verdict.scenario);
+    if !verdict.metrics.is_empty() {
+        text += &format!("{}\n", table(verdict));
+    }
+    text + verdict.outcome.word()
+}
+
 /// Everything about one run: its name, its table, its outcome, where to look.
 #[must_use]
 pub fn run(judged: &Judged) -> String {
     let Judged {
         verdict, folder, ..
     } = judged;
-    let mut text = format!("\n{}\n", verdict.scenario);
-    if !verdict.metrics.is_empty() {
-        text += &format!("{}\n", table(verdict));
-    }
-    text += verdict.outcome.word();
+    let mut text = named_table(verdict);
     // Why a run broke off was told as an error already.
     if let Some(reason) = verdict
         .reason
@@ -79,7 +93,7 @@ pub fn table(verdict: &Verdict) -> String {
 }
 
 /// A table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them.
-fn empty_table<const N: usize>(header: [&str; N]) -> Table {
+pub(super) fn empty_table<const N: usize>(header: [&str; N]) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_content_arrangement(ContentArrangement::Dynamic);
@@ -99,7 +113,7 @@ pub(super) fn measured(metric: &Metric) -> String {
 }
 
 /// Four significant digits, without an exponent.
-fn significant(value: f64) -> String {
+pub(super) fn significant(value: f64) -> String {
     let decimals = match value.abs() {
         v if v >= 1000.0 => 0,
         v if v >= 100.0 => 1,

@@ -1,0 +1,91 @@
+//! The command line of what is done with recordings.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::compare::GivenTolerance;
+
+/// Arguments of `report`.
+#[derive(Args, Debug)]
+pub struct ReportArgs {
+    /// Run folders
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Where to write: the page of a single run, or the page that compares several
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+/// Arguments of `replay`.
+#[derive(Args, Debug)]
+pub struct ReplayArgs {
+    /// A run folder, or a log of `candump -L`
+    #[arg(value_name = "RUN|LOG")]
+    pub recording: PathBuf,
+    /// For a run folder: take the limits ([expect]) of this scenario. For a log: the scenario that was played
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Print the verdict as JSON, as verdict.json has it
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `compare`.
+#[derive(Args, Debug)]
+pub struct CompareArgs {
+    /// A run folder, or a log beside its scenario.toml
+    pub a: PathBuf,
+    /// Another one
+    pub b: PathBuf,
+    /// How far a signal, a metric, or all signals of a unit may differ, such as `position_millimetres=0.5`, `mm=0.5`,
+    /// `current_amperes=inf`
+    #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
+    pub tolerance: Vec<GivenTolerance>,
+    /// How much earlier or later a value may come
+    #[arg(long, value_name = "MILLISECONDS", default_value_t = 5.0, value_parser = milliseconds)]
+    pub time_tolerance: f64,
+    /// Write a page with plots of what differs
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Print the comparison as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `export`.
+#[derive(Args, Debug)]
+pub struct ExportArgs {
+    /// A run folder, or a log beside its scenario.toml
+    #[arg(value_name = "RUN")]
+    pub recording: PathBuf,
+    /// The format
+    #[arg(long, short, value_enum)]
+    pub format: Format,
+    /// Where to write, instead of to standard output
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+/// A format for other programs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// One row a cycle, signals as columns, as signals.csv
+    Csv,
+    /// The frames as Vector's ASCII log (CANalyzer, python-can, SavvyCAN)
+    Asc,
+    /// The frames as Vector's binary log (CANalyzer, python-can)
+    Blf,
+}
+
+/// A time from 0 to 10 s.
+fn milliseconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text
+        .parse()
+        .map_err(|_| "a number of milliseconds is expected")?;
+    if (0.0..=10_000.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("0 to 10000 ms are possible".to_owned())
+    }
+}

@@ -1,0 +1,60 @@
+//! `canrig export`: a recording in another program's format.
+
+use std::io::{self, Write};
+
+use dbc::Database;
+
+use super::args::{ExportArgs, Format};
+use super::{Recorded, RecordedError, refuse};
+use crate::console::complain;
+use crate::exit::Exit;
+use crate::report::{asc, blf, csv};
+
+/// Writes the recording.
+#[must_use]
+pub fn export(args: &ExportArgs) -> Exit {
+    let (recorded, bytes) = match converted(args) {
+        Ok(converted) => converted,
+        Err(error) => return refuse(error),
+    };
+    if let Some(broken) = &recorded.log.broken {
+        complain(&format!(
+            "canrig: the log breaks off ({broken}); what is before that is written"
+        ));
+    }
+    let Some(place) = &args.output else {
+        // A reader that has gone needs no more.
+        let _ = io::stdout().write_all(&bytes);
+        return Exit::Pass;
+    };
+    match std::fs::write(place, bytes) {
+        Ok(()) => Exit::Pass,
+        Err(error) => {
+            complain(&format!(
+                "canrig: {} cannot be written: {error}",
+                place.display()
+            ));
+            Exit::BenchFailed
+        }
+    }
+}
+
+fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
+    let recorded = Recorded::load(&args.recording, None)?;
+    let frames = &recorded.log.frames;
+    let bytes = match args.format {
+        Format::Csv => csv_table(&recorded)?,
+        Format::Asc => asc::to_asc(frames).into_bytes(),
+        Format::Blf => blf::to_blf(frames),
+    };
+    Ok((recorded, bytes))
+}
+
+fn csv_table(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
+    let timeline = recorded.timeline(&Database::sma_actuator())?;
+    let table = csv::to_csv(&timeline);
+    table.map_err(|error| RecordedError::Read {
+        path: recorded.path.clone(),
+        source: io::Error::other(error),
+    })
+}

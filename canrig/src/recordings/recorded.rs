@@ -1,0 +1,195 @@
+//! A recording read back from the disk.
+
+use std::fs::{self, File};
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+
+use dbc::Database;
+use scenario::ScenarioError;
+
+use crate::judge::judge;
+use crate::recording::{Log, read_cut_log};
+use crate::run::Source;
+use crate::run_folder::file;
+use crate::signals::SignalMissing;
+use crate::timeline::{self, Timeline};
+use crate::verdict::{Outcome, Verdict};
+
+/// Largest `verdict.json` that is read.
+const VERDICT_BYTES_MAX: u64 = 1 << 20;
+
+/// Why a recording cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordedError {
+    /// A file cannot be read.
+    #[error("{} cannot be read: {source}", path.display())]
+    Read {
+        /// Which one.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A log without a scenario.
+    #[error("{}: what was played? Name its scenario with --scenario FILE", path.display())]
+    NoScenario {
+        /// The log.
+        path: PathBuf,
+    },
+    /// Not one frame in it.
+    #[error("{} holds no frame{}", path.display(), broken.as_ref().map(|broken| format!(" ({broken})")).unwrap_or_default())]
+    Empty {
+        /// The log.
+        path: PathBuf,
+        /// Where it breaks off.
+        broken: Option<String>,
+    },
+    /// The scenario is not valid.
+    #[error("the scenario of the recording is not valid")]
+    Scenario(Box<ScenarioError>),
+    /// The DBC lacks a signal.
+    #[error(transparent)]
+    Signal(#[from] SignalMissing),
+}
+
+/// A recording: a run folder, or a log of `candump -L` and the scenario that was played.
+pub struct Recorded {
+    /// What the user named.
+    pub path: PathBuf,
+    /// The scenario that was played.
+    pub source: Source,
+    /// The frames.
+    pub log: Log,
+    /// The verdict of the run; none for a log that canrig has not written.
+    pub stored: Option<Verdict>,
+    /// Whether it is a run folder.
+    pub is_folder: bool,
+}
+
+impl Recorded {
+    /// Reads a run folder, or a log with the scenario `played` or the `scenario.toml` beside it.
+    ///
+    /// # Errors
+    /// A file is missing or not valid. A log that breaks off is no error.
+    pub fn load(path: &Path, played: Option<&Path>) -> Result<Self, RecordedError> {
+        let is_folder = path.is_dir();
+        let folder = if is_folder {
+            path
+        } else {
+            path.parent().unwrap_or(Path::new("."))
+        };
+        let log_path = if is_folder {
+            path.join(file::BUS_LOG)
+        } else {
+            path.to_owned()
+        };
+        let beside = folder.join(file::SCENARIO);
+        let scenario = match played {
+            Some(played) => played,
+            None if is_folder || beside.exists() => &beside,
+            None => {
+                return Err(RecordedError::NoScenario {
+                    path: path.to_owned(),
+                });
+            }
+        };
+        let log = read_log(&log_path)?;
+        if log.frames.is_empty() && !is_folder {
+            return Err(RecordedError::Empty {
+                path: log_path,
+                broken: log.broken,
+            });
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            source: Source::load(scenario)
+                .map_err(|error| RecordedError::Scenario(Box::new(error)))?,
+            log,
+            stored: match played {
+                None => read_verdict(&folder.join(file::VERDICT))?,
+                Some(_) => None,
+            },
+            is_folder,
+        })
+    }
+
+    /// The recording, decoded.
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub fn timeline(&self, database: &Database) -> Result<Timeline, SignalMissing> {
+        timeline::decode(&self.log.frames, &self.source.scenario, database)
+    }
+
+    /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, for its own reason.
+    #[must_use]
+    pub fn judge(&self, timeline: &Timeline) -> Verdict {
+        let lost = self.stored.as_ref().map_or(0, |stored| stored.frames_lost);
+        let mut verdict = judge(timeline, &self.source.scenario, lost);
+        let stored = self.stored.as_ref();
+        if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
+            verdict.outcome = Outcome::Incomplete;
+            verdict.reason.clone_from(&stored.reason);
+        }
+        if self.is_folder && stored.is_none() {
+            verdict.outcome = Outcome::Incomplete;
+            verdict.reason = Some(format!(
+                "the run broke off before there was a {}",
+                file::VERDICT
+            ));
+        }
+        verdict
+    }
+
+    /// The verdict of the run itself, or what it would have been.
+    #[must_use]
+    pub fn verdict(&self, timeline: &Timeline) -> Verdict {
+        self.stored.clone().unwrap_or_else(|| self.judge(timeline))
+    }
+}
+
+fn read_log(path: &Path) -> Result<Log, RecordedError> {
+    let read = File::open(path).and_then(|file| read_cut_log(BufReader::new(file)));
+    match read {
+        // Killed before the first frame.
+        Err(error)
+            if error.kind() == io::ErrorKind::NotFound
+                && path.ends_with(file::BUS_LOG)
+                && has_scenario(path) =>
+        {
+            Ok(Log {
+                broken: Some("there is none".to_owned()),
+                ..Log::default()
+            })
+        }
+        read => read.map_err(|source| RecordedError::Read {
+            path: path.to_owned(),
+            source,
+        }),
+    }
+}
+
+fn has_scenario(log: &Path) -> bool {
+    log.with_file_name(file::SCENARIO).exists()
+}
+
+/// The verdict of a run; none when there is no file. One that is no verdict was cut, so it counts as none too.
+fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
+    let failed = |source| RecordedError::Read {
+        path: path.to_owned(),
+        source,
+    };
+    match fs::metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(failed(error)),
+        Ok(metadata) if metadata.len() > VERDICT_BYTES_MAX => {
+            let reason = format!(
+                "it has {} bytes, more than {VERDICT_BYTES_MAX}",
+                metadata.len()
+            );
+            return Err(failed(io::Error::new(io::ErrorKind::InvalidData, reason)));
+        }
+        Ok(_) => {}
+    }
+    let text = fs::read(path).map_err(failed)?;
+    Ok(Verdict::from_json(&String::from_utf8_lossy(&text)).ok())
+}

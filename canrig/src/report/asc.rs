@@ -1,0 +1,87 @@
+//! Vector's ASCII log of CAN frames.
+
+use std::fmt::Write;
+use std::time::Duration;
+
+use super::calendar::Moment;
+use crate::recording::Stamped;
+
+/// The log. Times count from the whole second of the first frame, which the header gives in UTC.
+#[must_use]
+pub fn to_asc(frames: &[Stamped]) -> String {
+    let start = frames.first().map_or(Duration::ZERO, |first| first.time);
+    let start = Duration::from_secs(start.as_secs());
+    let date = date(start);
+    let mut text = format!(
+        "date {date}\nbase hex  timestamps absolute\ninternal events logged\nBegin Triggerblock {date}\n   0.000000 Start of measurement\n"
+    );
+    for Stamped { time, frame } in frames {
+        let since = time.saturating_sub(start);
+        let (seconds, micros) = (since.as_secs(), since.subsec_micros());
+        if frame.is_error() {
+            let _ = writeln!(text, "{seconds:4}.{micros:06} 1  ErrorFrame");
+            continue;
+        }
+        let id = match frame.standard_id() {
+            Some(id) => format!("{id:X}"),
+            None => format!("{:X}x", frame.raw_id() & 0x1FFF_FFFF),
+        };
+        let _ = write!(text, "{seconds:4}.{micros:06} 1  {id:<15} Rx   ");
+        if frame.is_remote() {
+            text.push('r');
+        } else {
+            let _ = write!(text, "d {:X}", frame.data().len());
+            for byte in frame.data() {
+                let _ = write!(text, " {byte:02X}");
+            }
+        }
+        text.push('\n');
+    }
+    text + "End TriggerBlock\n"
+}
+
+/// As Vector's programs write it: `Fri Nov 20 06:15:12.000 am 2026`.
+fn date(time: Duration) -> String {
+    let Moment {
+        year,
+        month,
+        day,
+        weekday,
+        hour,
+        minute,
+        second,
+    } = Moment::utc(time);
+    let weekday = ["Sun", "Mon", "Tue", "Wed", "Thu", "Fri", "Sat"][usize::from(weekday)];
+    let months = [
+        "Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec",
+    ];
+    let month = months[usize::from(month) - 1];
+    let half = if hour < 12 { "am" } else { "pm" };
+    let hour = (hour + 11) % 12 + 1;
+    format!("{weekday} {month} {day:02} {hour:02}:{minute:02}:{second:02}.000 {half} {year}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::CanFrame;
+
+    #[test]
+    fn a_frame_is_a_line() {
+        let frames = [
+            Stamped::new(
+                Duration::from_micros(1_763_619_312_000_250),
+                CanFrame::new(0x190, &[1, 0xAB]),
+            ),
+            Stamped::new(
+                Duration::from_micros(1_763_619_313_500_000),
+                CanFrame::new(0x80, &[]),
+            ),
+        ];
+        let text = to_asc(&frames);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "date Thu Nov 20 06:15:12.000 am 2025");
+        assert_eq!(lines[5], "   0.000250 1  190             Rx   d 2 01 AB");
+        assert_eq!(lines[6], "   1.500000 1  80              Rx   d 0");
+    }
+}

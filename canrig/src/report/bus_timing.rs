@@ -1,0 +1,232 @@
+//! How the bus kept time, read from the stamps of the recording.
+
+use std::time::Duration;
+
+use dbc::Database;
+
+use crate::bus_model::frame_bits;
+use crate::recording::Stamped;
+use crate::scenario_clock::{SYNC_COB_ID, ScenarioClock};
+use crate::signals::{self, SignalMissing};
+
+/// Stretches of time for which the load is told.
+const LOAD_STRETCHES: u32 = 200;
+
+/// The timing of one recording, from scenario time 0 to its end.
+#[derive(Clone, Debug, Default)]
+pub(super) struct BusTiming {
+    /// Time between two SYNCs.
+    pub(super) cycles: Vec<Duration>,
+    /// From a SYNC to the drive's answer.
+    pub(super) answers: Vec<Duration>,
+    /// From a SYNC to the controller's command.
+    pub(super) commands: Vec<Duration>,
+    /// Middle of each stretch in scenario time.
+    pub(super) load_seconds: Vec<f64>,
+    /// Share of the time in which a frame was on the bus.
+    pub(super) load_percent: Vec<f64>,
+}
+
+/// What a set of durations comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Spread {
+    pub(super) least: Duration,
+    pub(super) median: Duration,
+    pub(super) percentile_99: Duration,
+    pub(super) most: Duration,
+}
+
+impl Spread {
+    /// Of no durations there is none.
+    pub(super) fn of(durations: &[Duration]) -> Option<Self> {
+        let mut sorted = durations.to_vec();
+        sorted.sort_unstable();
+        let (least, most) = (*sorted.first()?, *sorted.last()?);
+        let rank = |percent: usize| sorted[(sorted.len() - 1) * percent / 100];
+        Some(Self {
+            least,
+            median: rank(50),
+            percentile_99: rank(99),
+            most,
+        })
+    }
+}
+
+impl BusTiming {
+    /// Reads the stamps.
+    ///
+    /// # Errors
+    /// The database lacks a message of the drive.
+    pub(super) fn of(
+        frames: &[Stamped],
+        duration_seconds: f64,
+        bitrate_kilobits_per_second: u32,
+        database: &Database,
+    ) -> Result<Self, SignalMissing> {
+        let answer = signals::find(database, signals::POSITION)?.raw_id();
+        let command = signals::find(database, signals::TARGET_CURRENT)?.raw_id();
+        let mut clock = ScenarioClock::new(database)?;
+        let mut timing = Self::default();
+        let mut load = Load::new(duration_seconds, bitrate_kilobits_per_second);
+        let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
+        for Stamped { time, frame } in frames {
+            let is_sync = clock.on_frame(*time, frame);
+            let Some(scenario_time) = clock.scenario_time(*time) else {
+                continue;
+            };
+            if scenario_time.as_secs_f64() >= duration_seconds {
+                break;
+            }
+            load.take(scenario_time, frame_bits(frame));
+            if is_sync && frame.standard_id() == Some(SYNC_COB_ID) {
+                let before = sync.replace(*time);
+                timing
+                    .cycles
+                    .extend(before.map(|before| time.saturating_sub(before)));
+                (is_answered, is_commanded) = (false, false);
+                continue;
+            }
+            let since = time.saturating_sub(sync.unwrap_or(*time));
+            if frame.raw_id() == answer && !std::mem::replace(&mut is_answered, true) {
+                timing.answers.push(since);
+            }
+            if frame.raw_id() == command && !std::mem::replace(&mut is_commanded, true) {
+                timing.commands.push(since);
+            }
+        }
+        (timing.load_seconds, timing.load_percent) = load.finish();
+        Ok(timing)
+    }
+}
+
+/// Counts the bits in each stretch of time.
+struct Load {
+    stretch: Duration,
+    bitrate_kilobits_per_second: f64,
+    bits: Vec<u64>,
+}
+
+impl Load {
+    fn new(duration_seconds: f64, bitrate_kilobits_per_second: u32) -> Self {
+        let stretch = Duration::from_secs_f64(duration_seconds) / LOAD_STRETCHES;
+        Self {
+            stretch: stretch.max(Duration::from_millis(10)),
+            bitrate_kilobits_per_second: f64::from(bitrate_kilobits_per_second),
+            bits: Vec::new(),
+        }
+    }
+
+    fn take(&mut self, time: Duration, bits: u32) {
+        let place = time.as_nanos() / self.stretch.as_nanos();
+        let Some(place) = usize::try_from(place)
+            .ok()
+            .filter(|place| *place <= LOAD_STRETCHES as usize)
+        else {
+            return;
+        };
+        if place >= self.bits.len() {
+            self.bits.resize(place + 1, 0);
+        }
+        self.bits[place] += u64::from(bits);
+    }
+
+    /// The last stretch is left out where others are: it may be cut.
+    fn finish(mut self) -> (Vec<f64>, Vec<f64>) {
+        if self.bits.len() > 1 {
+            self.bits.pop();
+        }
+        let seconds = self.stretch.as_secs_f64();
+        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
+        let middles = (0..self.bits.len())
+            .map(|place| (place as f64 + 0.5) * seconds)
+            .collect();
+        let capacity = self.bitrate_kilobits_per_second * 1e3 * seconds;
+        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
+        let percent = self
+            .bits
+            .iter()
+            .map(|bits| 100.0 * *bits as f64 / capacity)
+            .collect();
+        (middles, percent)
+    }
+}
+
+/// A histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
+pub(super) fn histogram(durations: &[Duration]) -> (Vec<f64>, Vec<f64>) {
+    const BINS: u32 = 60;
+    let Some(spread) = Spread::of(durations) else {
+        return (Vec::new(), Vec::new());
+    };
+    let micros = |duration: Duration| duration.as_secs_f64() * 1e6;
+    let (least, most) = (micros(spread.least), micros(spread.most));
+    // Whole microseconds, as the recording has them.
+    let width = libm::ceil((most - least + 1.0) / f64::from(BINS)).max(1.0);
+    let mut counts = vec![0u32; BINS as usize];
+    for duration in durations {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "from 0 to the number of bins"
+        )]
+        let bin = ((micros(*duration) - least) / width + 1e-6) as usize;
+        counts[bin.min(BINS as usize - 1)] += 1;
+    }
+    let used = counts
+        .iter()
+        .rposition(|count| *count > 0)
+        .map_or(0, |last| last + 1);
+    let mut corners = (vec![least - width / 2.0], vec![FLOOR]);
+    for (number, count) in (0..BINS).zip(&counts[..used]) {
+        let left = least + (f64::from(number) - 0.5) * width;
+        let height = if *count == 0 {
+            FLOOR
+        } else {
+            libm::log10(f64::from(*count))
+        };
+        corners.0.extend([left, left + width]);
+        corners.1.extend([height, height]);
+    }
+    let right = corners.0.last().copied().unwrap_or(least);
+    corners.0.push(right);
+    corners.1.push(FLOOR);
+    corners
+}
+
+/// Height of an empty bin: below that of a bin with one entry, whose logarithm is 0.
+const FLOOR: f64 = -0.3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_ranks() {
+        let durations: Vec<Duration> = (1..=101).rev().map(Duration::from_micros).collect();
+        let spread = Spread::of(&durations).unwrap();
+        let micros = [
+            spread.least,
+            spread.median,
+            spread.percentile_99,
+            spread.most,
+        ]
+        .map(|value| value.as_micros());
+        assert_eq!(micros, [1, 51, 100, 101]);
+        assert_eq!(Spread::of(&[]), None);
+    }
+
+    #[test]
+    fn a_histogram_counts_everything() {
+        let durations: Vec<Duration> = [1000, 1000, 1000, 1001, 1240]
+            .map(Duration::from_micros)
+            .to_vec();
+        let (edges, heights) = histogram(&durations);
+        assert_eq!(edges.len(), heights.len());
+        let total: f64 = heights[1..heights.len() - 1]
+            .chunks(2)
+            .filter(|bin| bin[0] > FLOOR)
+            .map(|bin| libm::pow(10.0, bin[0]))
+            .sum();
+        assert!((total - 5.0).abs() < 1e-9, "{total}");
+        assert!(edges.first().unwrap() < &1000.0 && edges.last().unwrap() > &1240.0);
+    }
+}

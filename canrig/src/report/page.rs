@@ -1,0 +1,64 @@
+//! What all HTML pages share: one file, no script, nothing loaded from elsewhere, light and dark.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::terminal;
+use crate::verdict::{Metric, Outcome};
+
+/// A page of this title.
+pub(super) fn page(title: &str, body: &Markup) -> String {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                // An icon of no bytes, so that browsers ask nobody for one.
+                link rel="icon" href="data:,";
+                title { (title) }
+                style { (PreEscaped(include_str!("style.css"))) }
+            }
+            body { main { (body) } }
+        }
+    };
+    page.into_string() + "\n"
+}
+
+/// The outcome as a badge.
+pub(super) fn badge(outcome: Outcome) -> Markup {
+    html! { span.outcome.(class(outcome)) { (outcome.word()) } }
+}
+
+/// The class of an outcome in the style sheet.
+pub(super) fn class(outcome: Outcome) -> &'static str {
+    match outcome {
+        Outcome::Pass => "pass",
+        Outcome::Fail => "fail",
+        Outcome::Inconclusive | Outcome::Incomplete => "unsure",
+    }
+}
+
+/// The cell that says whether a limit was met.
+pub(super) fn result(metric: &Metric, outcome: Outcome) -> Markup {
+    match (metric.passed, outcome) {
+        (None, _) => html! {},
+        (Some(_), Outcome::Inconclusive) => html! { span.unsure { "not judged" } },
+        (Some(true), _) => html! { span.pass { "pass" } },
+        (Some(false), _) => html! { span.fail { "FAIL" } },
+    }
+}
+
+/// The metrics as a table.
+pub(super) fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
+    html! {
+        div.wide { table {
+            thead { tr { th { "metric" } th.number { "measured" } th.number { "limit" } th { "result" } } }
+            tbody { @for metric in metrics { tr {
+                td { (metric.name.replace('_', " ")) }
+                td.number { (terminal::measured(metric)) }
+                td.number { (terminal::limit(metric)) }
+                td { (result(metric, outcome)) }
+            } } }
+        } }
+    }
+}

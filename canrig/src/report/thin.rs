@@ -1,0 +1,246 @@
+//! Leaves out the points of a curve that nobody can see, so that a page stays small however long the run was.
+
+use super::plot::{HEIGHT, WIDTH};
+
+/// Points that are joined, in whole units of the drawing.
+pub(super) type Polyline = Vec<(i32, i32)>;
+
+/// Width of a pixel column in units of the drawing.
+const COLUMN: i32 = 4;
+/// Side of a cell of a path in the plane.
+const CELL: i32 = 4;
+
+/// A curve over time: of each pixel column the first, the lowest, the highest and the last point. A point that is not
+/// finite interrupts it.
+pub(super) fn over_time(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
+    let mut lines = Vec::new();
+    let mut line = Polyline::new();
+    let mut column: Option<Column> = None;
+    for point in points {
+        let point = whole(point);
+        if let (Some(column), Some(point)) = (&mut column, point)
+            && column.takes(point)
+        {
+            continue;
+        }
+        if let Some(column) = column.take() {
+            column.end(&mut line);
+        }
+        match point {
+            Some(point) => column = Some(Column::new(point)),
+            None => end(&mut line, &mut lines),
+        }
+    }
+    if let Some(column) = column {
+        column.end(&mut line);
+    }
+    end(&mut line, &mut lines);
+    lines
+}
+
+/// A path in the plane. Where it passes a second time, it is not drawn again.
+pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
+    let mut lines = Vec::new();
+    let mut line = Polyline::new();
+    let mut passed = Passed::new();
+    let mut last = None;
+    for point in points {
+        let Some(point) = whole(point) else {
+            end(&mut line, &mut lines);
+            last = None;
+            continue;
+        };
+        if last.is_some_and(|last| cell(last) == cell(point)) {
+            continue;
+        }
+        let is_new = passed.is_first(point);
+        if is_new && line.is_empty() {
+            line.extend(last);
+        }
+        if is_new || !line.is_empty() {
+            line.push(point);
+        }
+        if !is_new {
+            end(&mut line, &mut lines);
+        }
+        last = Some(point);
+    }
+    end(&mut line, &mut lines);
+    lines
+}
+
+/// The points of one pixel column, each with its place in the order of time.
+struct Column {
+    number: i32,
+    count: u32,
+    first: (i32, i32),
+    last: (i32, i32),
+    lowest: (u32, (i32, i32)),
+    highest: (u32, (i32, i32)),
+}
+
+impl Column {
+    fn new(point: (i32, i32)) -> Self {
+        Self {
+            number: point.0 / COLUMN,
+            count: 1,
+            first: point,
+            last: point,
+            lowest: (0, point),
+            highest: (0, point),
+        }
+    }
+
+    /// Takes a point of this column; `false` when it is one of another.
+    fn takes(&mut self, point: (i32, i32)) -> bool {
+        if point.0 / COLUMN != self.number {
+            return false;
+        }
+        if point.1 < self.lowest.1.1 {
+            self.lowest = (self.count, point);
+        }
+        if point.1 > self.highest.1.1 {
+            self.highest = (self.count, point);
+        }
+        self.last = point;
+        self.count += 1;
+        true
+    }
+
+    fn end(self, line: &mut Polyline) {
+        let (mut early, mut late) = (self.lowest, self.highest);
+        if early.0 > late.0 {
+            (early, late) = (late, early);
+        }
+        for point in [self.first, early.1, late.1, self.last] {
+            push(line, point);
+        }
+    }
+}
+
+/// Appends a point, unless it is where the line is already; a straight level stretch needs its ends only.
+fn push(line: &mut Polyline, point: (i32, i32)) {
+    match line[..] {
+        [.., last] if last == point => {}
+        [.., before, last] if before.1 == last.1 && last.1 == point.1 && before.0 <= last.0 => {
+            line.pop();
+            line.push(point);
+        }
+        _ => line.push(point),
+    }
+}
+
+fn end(line: &mut Polyline, lines: &mut Vec<Polyline>) {
+    if !line.is_empty() {
+        lines.push(std::mem::take(line));
+    }
+}
+
+/// The nearest whole units; nothing for what is not finite.
+fn whole((x, y): (f64, f64)) -> Option<(i32, i32)> {
+    let rounded = |value: f64| {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "clamped to far less than i32"
+        )]
+        let value = libm::round(value.clamp(-1e6, 1e6)) as i32;
+        value
+    };
+    (x.is_finite() && y.is_finite()).then(|| (rounded(x), rounded(y)))
+}
+
+fn cell((x, y): (i32, i32)) -> (i32, i32) {
+    (x / CELL, y / CELL)
+}
+
+/// Which cells of the drawing a path has passed.
+struct Passed(Vec<bool>);
+
+impl Passed {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "constants of a few thousand"
+    )]
+    const COLUMNS: i32 = WIDTH as i32 / CELL + 1;
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "constants of a few thousand"
+    )]
+    const ROWS: i32 = HEIGHT as i32 / CELL + 1;
+
+    fn new() -> Self {
+        let cells = usize::try_from(Self::COLUMNS * Self::ROWS).unwrap_or(0);
+        Self(vec![false; cells])
+    }
+
+    fn is_first(&mut self, point: (i32, i32)) -> bool {
+        let (column, row) = cell(point);
+        let (column, row) = (
+            column.clamp(0, Self::COLUMNS - 1),
+            row.clamp(0, Self::ROWS - 1),
+        );
+        let place = usize::try_from(row * Self::COLUMNS + column).unwrap_or(0);
+        self.0
+            .get_mut(place)
+            .is_some_and(|is_passed| !std::mem::replace(is_passed, true))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_peak_of_one_sample_stays() {
+        let points = (0..100_000).map(|sample| {
+            let y = if sample == 50_123 { 900.0 } else { 500.0 };
+            (f64::from(sample) * WIDTH / 1e5, y)
+        });
+        let lines = over_time(points);
+        assert_eq!(lines.len(), 1);
+        assert!(lines[0].iter().any(|point| point.1 == 900), "{lines:?}");
+        assert!(lines[0].len() < 10, "{lines:?}");
+    }
+
+    #[test]
+    fn a_gap_stays() {
+        let nan = (f64::NAN, f64::NAN);
+        let points = [(0.0, 1.0), (100.0, 2.0), nan, (200.0, 3.0), nan, nan];
+        assert_eq!(
+            over_time(points.into_iter()),
+            [vec![(0, 1), (100, 2)], vec![(200, 3)]]
+        );
+    }
+
+    #[test]
+    fn a_loop_that_is_passed_often_is_drawn_once() {
+        let turn = |number: u32| f64::from(number % 1000) * std::f64::consts::TAU / 1000.0;
+        let circle = |number| {
+            (
+                1600.0 + 1000.0 * libm::cos(turn(number)),
+                500.0 + 400.0 * libm::sin(turn(number)),
+            )
+        };
+        let points = |turns: u32| {
+            path((0..turns * 1000).map(circle))
+                .iter()
+                .map(Vec::len)
+                .sum::<usize>()
+        };
+        assert!(points(1) > 500);
+        assert!(points(50) <= points(1) + 5, "{} {}", points(50), points(1));
+    }
+
+    proptest! {
+        #[test]
+        fn the_size_is_bounded(values in prop::collection::vec(prop_oneof![9 => -1e9..1e9f64, 1 => Just(f64::NAN)], 0..20_000)) {
+            let count = values.len() as f64;
+            let points = values.iter().enumerate().map(|(number, value)| (number as f64 * WIDTH / count, *value));
+            let lines = over_time(points);
+            let columns = usize::try_from(Passed::COLUMNS).unwrap() + 1;
+            let gaps = values.iter().filter(|value| value.is_nan()).count();
+            prop_assert!(lines.iter().map(Vec::len).sum::<usize>() <= 4 * (columns + gaps));
+        }
+    }
+}

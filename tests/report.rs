@@ -1,0 +1,125 @@
+//! The pages that a run leaves, and those made from run folders. What a browser shows of them is looked at in
+//! `tests/browser`.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::support::{canrig, only_run, output, scenario, short_scenario};
+
+/// The program with a command that makes no runs.
+fn tool(arguments: &[&str], paths: &[&Path]) -> (Option<i32>, String, String) {
+    let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    output(canrig.args(arguments).args(paths).env("NO_COLOR", "1"))
+}
+
+fn simulated(folder: &Path, name: &str) -> PathBuf {
+    let runs = folder.join(name);
+    assert_eq!(
+        output(canrig(&runs, "simulate").arg(scenario(name))).0,
+        Some(0)
+    );
+    only_run(&runs)
+}
+
+#[test]
+fn a_page_holds_the_whole_run_and_loads_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path(), "fan.toml");
+    let page = fs::read_to_string(run.join("report.html")).unwrap();
+    assert!(page.len() < 1_000_000, "{} bytes", page.len());
+    let parts = [
+        "Verdict",
+        "maximum deviation millimetres",
+        "Position",
+        "Hysteresis",
+        "Sliding variable",
+        "Parts of the law",
+        "Bus load",
+        "SYNC to SYNC",
+        "drive: operation enabled",
+        "[[disturbance.fan]]",
+        "canrig simulate",
+        "prefers-color-scheme: dark",
+    ];
+    for part in parts {
+        assert!(page.contains(part), "{part} is missing");
+    }
+    for loads in ["<script", "src=", "url(", "@import", "http://", "https://"] {
+        assert!(!page.contains(loads), "{loads}");
+    }
+    assert!(!page.contains("NaN") && !page.contains("inf\""));
+    // An axis and its curve for every plot, and every plot with a point at least.
+    assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
+    assert!(page.matches("<svg").count() >= 12);
+}
+
+#[test]
+fn a_page_made_again_is_the_same_to_the_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path(), "step.toml");
+    let place = run.join("report.html");
+    let first = fs::read(&place).unwrap();
+    for name in ["report.html", "signals.csv", "junit.xml"] {
+        fs::remove_file(run.join(name)).unwrap();
+    }
+    assert_eq!(tool(&["report"], &[&run]).0, Some(0));
+    assert!(fs::read(&place).unwrap() == first);
+}
+
+#[test]
+fn several_runs_are_compared_on_one_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let (step, fan) = (
+        simulated(folder.path(), "step.toml"),
+        simulated(folder.path(), "fan.toml"),
+    );
+    let place = folder.path().join("all.html");
+    let (code, _, stderr) = tool(
+        &["report", "--output", place.to_str().unwrap()],
+        &[&step, &fan],
+    );
+    assert_eq!(code, Some(0), "{stderr}");
+    let page = fs::read_to_string(place).unwrap();
+    assert!(page.contains("2 of 2 runs passed"), "{page}");
+    for run in [&step, &fan] {
+        let link = run.strip_prefix(folder.path()).unwrap().join("report.html");
+        assert!(
+            page.contains(&format!("href=\"{}\"", link.display())),
+            "{page}"
+        );
+    }
+    assert!(page.contains("settling time seconds"));
+}
+
+#[test]
+fn what_a_scenario_says_cannot_become_part_of_the_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = short_scenario(folder.path(), 1.0);
+    let text = fs::read_to_string(&path).unwrap();
+    let evil = text.replace("\"short\"", "\"</style><script>alert(1)</script>\"");
+    fs::write(&path, evil + "# </pre><img src=x>\n").unwrap();
+    let runs = folder.path().join("runs");
+    assert_eq!(output(canrig(&runs, "simulate").arg(&path)).0, Some(0));
+    let page = fs::read_to_string(only_run(&runs).join("report.html")).unwrap();
+    assert!(!page.contains("<script") && !page.contains("<img"));
+    assert_eq!(page.matches("</style>").count(), 1);
+}
+
+#[test]
+fn a_run_that_never_began_has_a_page_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path(), "step.toml");
+    fs::write(run.join("bus.log"), "").unwrap();
+    assert_eq!(tool(&["report"], &[&run]).0, Some(0));
+    let page = fs::read_to_string(run.join("report.html")).unwrap();
+    assert!(page.contains("The scenario never began"));
+}
+
+#[test]
+fn what_is_no_run_folder_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, _, stderr) = tool(&["report"], &[folder.path()]);
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(stderr.contains("bus.log"), "{stderr}");
+}
