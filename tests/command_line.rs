@@ -96,6 +96,50 @@ fn all_shipped_scenarios_are_valid() {
     assert!(stdout.lines().count() >= 8, "{stdout}");
 }
 
+/// Limits on real time are for idle machines; they stay out of what CI plays everywhere.
+#[test]
+fn limits_on_time_are_kept_apart() {
+    let has_timing = |path: &std::path::Path| {
+        let scenario = scenario::Scenario::load(path).unwrap();
+        !scenario.expect.timing.is_empty()
+    };
+    let scenarios_in = |folder: std::path::PathBuf| {
+        let paths = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path());
+        let is_toml = |path: &std::path::PathBuf| path.extension().is_some_and(|end| end == "toml");
+        paths.filter(is_toml).collect::<Vec<_>>()
+    };
+    let [apart, others] = ["realtime", "."].map(|name| scenarios_in(scenario(name)));
+    assert!(!apart.is_empty() && others.len() >= 8);
+    assert!(apart.iter().all(|path| has_timing(path)));
+    assert!(!others.iter().any(|path| has_timing(path)));
+}
+
+#[test]
+fn the_doctor_looks_at_everything_and_mends_what_is_amiss() {
+    let (code, stdout, stderr) =
+        output(std::process::Command::new(env!("CARGO_BIN_EXE_canrig")).arg("doctor"));
+    assert_eq!(code, Some(0), "{stderr}");
+    for what in [
+        "kernel CAN",
+        "private bus",
+        "real-time priority",
+        "locked memory",
+        "clock source",
+        "CPU governor",
+        "CPU isolation",
+        "viewer",
+    ] {
+        assert!(stdout.contains(what), "{what} is missing:\n{stdout}");
+    }
+    let amiss = stdout
+        .lines()
+        .filter(|line| line.starts_with("no "))
+        .count();
+    assert_eq!(stdout.matches("mend: ").count(), amiss, "{stdout}");
+}
+
 #[test]
 fn a_second_run_overwrites_nothing() {
     let folder = tempfile::tempdir().unwrap();

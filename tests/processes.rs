@@ -216,6 +216,17 @@ fn real_time_on_the_embedded_bus_is_recorded_whole() {
         assert!(run.join(name).exists(), "{name} is missing");
     }
     assert!(!stdout.contains("lost"), "{stdout}");
+    let verdict = fs::read_to_string(run.join("verdict.json")).unwrap();
+    let verdict: serde_json::Value = serde_json::from_str(&verdict).unwrap();
+    let timing = &verdict["timing"];
+    for name in ["sync_to_position", "position_to_command", "round_trip"] {
+        let median = timing[format!("{name}_microseconds")]["median"].as_f64();
+        assert!(median.is_some_and(|median| median > 0.0), "{timing}");
+    }
+    assert!(
+        timing["controller"]["ticks"].as_u64() > Some(1000),
+        "{timing}"
+    );
 }
 
 #[test]

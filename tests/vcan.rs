@@ -9,7 +9,7 @@
 mod support;
 
 use std::fs;
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use platform::probe::{self, Interface};
@@ -23,13 +23,18 @@ type Test = fn() -> Result<(), Failed>;
 fn main() -> ExitCode {
     let is_there =
         probe::kernel_can().is_ok() && matches!(probe::interface(INTERFACE), Ok(Interface::Up));
-    let tests: [(&str, Test); 3] = [
+    let tests: [(&str, Test); 5] = [
         (
             "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
             same_bytes,
         ),
         ("real_time_over_vcan_is_recorded_whole", real_time),
         ("a_foreign_frame_in_lockstep_is_told", foreign_frame),
+        (
+            "private_vcans_of_an_ordinary_user_never_meet_and_leave_nothing",
+            private_buses,
+        ),
+        ("auto_prefers_a_private_vcan", auto_is_private),
     ];
     let trials = tests.map(|(name, test)| Trial::test(name, test).with_ignored_flag(!is_there));
     // One bus for all: one test at a time.
@@ -112,5 +117,89 @@ fn foreign_frame() -> Result<(), Failed> {
         stderr.contains("is another program sending on this bus?"),
         "{stderr}"
     );
+    Ok(())
+}
+
+/// A folder of its own for an ordinary user, with the program and a scenario in it: root's checkout may be closed to
+/// others.
+struct Guest {
+    folder: tempfile::TempDir,
+}
+
+impl Guest {
+    fn new() -> Result<Self, Failed> {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir_in("/dev/shm")?;
+        fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o777))?;
+        fs::copy(env!("CARGO_BIN_EXE_canrig"), folder.path().join("canrig"))?;
+        support::short_scenario(folder.path(), 1.0);
+        Ok(Self { folder })
+    }
+
+    /// The program as an ordinary user, with its runs in the folder `name`.
+    fn canrig(&self, command: &str, name: &str) -> Command {
+        let program = self.folder.path().join("canrig");
+        let mut canrig = if rustix::process::geteuid().is_root() {
+            let mut setpriv = Command::new("setpriv");
+            setpriv.args(["--reuid", "65534", "--regid", "65534", "--clear-groups"]);
+            setpriv.arg(program);
+            setpriv
+        } else {
+            Command::new(program)
+        };
+        canrig.arg(command).arg("--output");
+        canrig.arg(self.folder.path().join(name));
+        canrig.arg(self.folder.path().join("short.toml"));
+        canrig
+    }
+
+    fn log(&self, name: &str) -> Result<Vec<u8>, Failed> {
+        Ok(fs::read(
+            only_run(&self.folder.path().join(name)).join("bus.log"),
+        )?)
+    }
+}
+
+/// Frames that have crossed the interface that everybody sees.
+fn frames_on_the_common_bus() -> Result<String, Failed> {
+    let path = format!("/sys/class/net/{INTERFACE}/statistics/tx_packets");
+    Ok(fs::read_to_string(path)?)
+}
+
+/// Processes with a namespace that is not ours.
+fn processes_elsewhere() -> Result<usize, Failed> {
+    let ours = fs::read_link("/proc/self/ns/net")?;
+    let processes = fs::read_dir("/proc")?.filter_map(|entry| Some(entry.ok()?.path()));
+    let theirs = processes.filter_map(|path| fs::read_link(path.join("ns/net")).ok());
+    Ok(theirs.filter(|theirs| *theirs != ours).count())
+}
+
+fn private_buses() -> Result<(), Failed> {
+    let guest = Guest::new()?;
+    let before = (frames_on_the_common_bus()?, processes_elsewhere()?);
+    let runs = ["one", "other"].map(|name| {
+        let mut canrig = guest.canrig("run", name);
+        canrig.args(["--bus", "private", "--require-vcan", "--clock", "lockstep"]);
+        canrig.spawn()
+    });
+    for run in runs {
+        assert_eq!(run?.wait()?.code(), Some(0));
+    }
+    let (code, stdout, stderr) = output(&mut guest.canrig("simulate", "simulated"));
+    assert_eq!(code, Some(0), "{stdout}\n{stderr}");
+    let simulated = guest.log("simulated")?;
+    assert!(guest.log("one")? == simulated && guest.log("other")? == simulated);
+    assert_eq!(
+        (frames_on_the_common_bus()?, processes_elsewhere()?),
+        before
+    );
+    Ok(())
+}
+
+fn auto_is_private() -> Result<(), Failed> {
+    let guest = Guest::new()?;
+    let (code, stdout, stderr) = output(guest.canrig("run", "auto").args(["--clock", "lockstep"]));
+    assert_eq!(code, Some(0), "{stdout}\n{stderr}");
+    assert!(stdout.contains("bus: private"), "{stdout}");
     Ok(())
 }

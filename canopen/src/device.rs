@@ -99,6 +99,18 @@ impl<A: Application> Device<A> {
         Ok(())
     }
 
+    /// True when a PDO with this identifier makes the device say nothing before its next SYNC or deadline, as it is
+    /// configured now: no RPDO listens to it, or only such as wait for the SYNC.
+    #[must_use]
+    pub fn takes_silently(&self, pdo_id: u16) -> bool {
+        let mut listening = self
+            .services
+            .rpdos
+            .iter()
+            .filter(|rpdo| rpdo.listens_to(pdo_id));
+        listening.all(|rpdo| rpdo.is_silent())
+    }
+
     fn objects(&mut self) -> Objects<'_, A> {
         Objects {
             services: &mut self.services,

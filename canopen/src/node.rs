@@ -23,6 +23,12 @@ pub trait Node {
     /// The identifiers that the node listens to; everything else may be withheld from it.
     fn filters(&self) -> Vec<Filter>;
 
+    /// A promise that lets lock-step deliver frames late: a frame that passes one of these makes the node neither queue
+    /// a frame nor want an earlier tick. Frames of which no such thing is known are not among them.
+    fn silent_filters(&self) -> Vec<Filter> {
+        Vec::new()
+    }
+
     /// Takes a frame that the bus delivered.
     fn on_frame(&mut self, now: Duration, frame: &CanFrame);
 

@@ -422,6 +422,11 @@ impl Rpdo {
         self.parameters.cob_id == Some(id) && self.mapping.length > 0
     }
 
+    /// True when nothing happens before a SYNC, whatever arrives: neither its data nor the end of a dead-line.
+    pub(crate) fn is_silent(&self) -> bool {
+        self.is_synchronous() && self.parameters.event_timer.is_none()
+    }
+
     /// Forgets what was received (Operational left, or new configuration).
     pub(crate) fn stop(&mut self) {
         self.waiting = None;

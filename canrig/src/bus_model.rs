@@ -13,7 +13,7 @@ const UNSTUFFED_TAIL_BITS: u32 = 1 + 2 + 7;
 /// Bits of a frame on the wire from start to end of frame, with the stuff bits that its payload causes.
 #[must_use]
 pub fn frame_bits(frame: &CanFrame) -> u32 {
-    let mut bits = BitCounter::default();
+    let mut bits = Bits::default();
     bits.push(0, 1);
     let id = frame.raw_id();
     let remote = u32::from(frame.is_remote());
@@ -35,52 +35,133 @@ pub fn frame_bits(frame: &CanFrame) -> u32 {
             bits.push(u32::from(*byte), 8);
         }
     }
-    bits.push_crc();
-    bits.count + UNSTUFFED_TAIL_BITS
+    bits.push(u32::from(crc(bits.bits)), 15);
+    bits.count + bits.stuff_bits() + UNSTUFFED_TAIL_BITS
 }
 
-/// Counts bits, computes the CRC and inserts a stuff bit after five equal bits.
+/// Bits that a frame takes from the bus: its own and the pause after it.
+#[must_use]
+pub fn occupied_bits(frame: &CanFrame) -> u32 {
+    frame_bits(frame) + INTERFRAME_BITS
+}
+
+/// The stuffed part of a frame before stuffing, at most 118 bits; the last one is the lowest.
 #[derive(Default)]
-struct BitCounter {
+struct Bits {
+    bits: u128,
     count: u32,
-    crc: u16,
-    last: u32,
-    run: u32,
 }
 
-impl BitCounter {
-    /// Appends the lowest `width` bits of `value`, most significant first.
+impl Bits {
     fn push(&mut self, value: u32, width: u32) {
-        for position in (0..width).rev() {
-            let bit = (value >> position) & 1;
-            let feedback = bit ^ u32::from(self.crc >> 14 & 1);
-            self.crc = (self.crc << 1) & 0x7FFF;
-            if feedback == 1 {
-                self.crc ^= 0x4599;
+        self.bits = self.bits << width | u128::from(value);
+        self.count += width;
+    }
+
+    /// After five equal bits comes one of the other kind, which counts for the next five.
+    fn stuff_bits(&self) -> u32 {
+        const TABLE: [[Stuffed; 256]; Stuffed::STATES] = Stuffed::table();
+        let bytes = self.bits.to_be_bytes();
+        let whole = (self.count / 8) as usize;
+        let mut stuffed = Stuffed { bits: 0, state: 0 };
+        // The first bits do not fill a byte.
+        for place in (0..self.count % 8).rev() {
+            let byte = bytes[bytes.len() - whole - 1];
+            stuffed = stuffed.and(Stuffed::after(stuffed.state, byte >> place & 1));
+        }
+        for byte in &bytes[bytes.len() - whole..] {
+            stuffed = stuffed.and(TABLE[usize::from(stuffed.state)][usize::from(*byte)]);
+        }
+        u32::from(stuffed.bits)
+    }
+}
+
+/// How many bits were stuffed, and what the next ones depend on: twice the number of equal bits so far, plus their kind.
+#[derive(Clone, Copy)]
+struct Stuffed {
+    bits: u8,
+    state: u8,
+}
+
+impl Stuffed {
+    /// No bit yet, or one to four equal bits of either kind.
+    const STATES: usize = 10;
+
+    const fn and(self, next: Self) -> Self {
+        Self {
+            bits: self.bits + next.bits,
+            state: next.state,
+        }
+    }
+
+    const fn after(state: u8, bit: u8) -> Self {
+        let (run, kind) = (state / 2, state % 2);
+        let run = if run > 0 && bit == kind { run + 1 } else { 1 };
+        if run == 5 {
+            Self {
+                bits: 1,
+                state: 2 + (1 - bit),
             }
-            self.stuff(bit);
-        }
-    }
-
-    fn push_crc(&mut self) {
-        let crc = u32::from(self.crc);
-        for position in (0..15).rev() {
-            self.stuff((crc >> position) & 1);
-        }
-    }
-
-    fn stuff(&mut self, bit: u32) {
-        self.count += 1;
-        if self.run > 0 && bit == self.last {
-            self.run += 1;
         } else {
-            (self.last, self.run) = (bit, 1);
-        }
-        if self.run == 5 {
-            self.count += 1;
-            (self.last, self.run) = (1 - bit, 1);
+            Self {
+                bits: 0,
+                state: 2 * run + bit,
+            }
         }
     }
+
+    /// For each state, what each byte does.
+    const fn table() -> [[Self; 256]; Self::STATES] {
+        let mut table = [[Self { bits: 0, state: 0 }; 256]; Self::STATES];
+        let mut state: u8 = 0;
+        while (state as usize) < Self::STATES {
+            let mut byte: u16 = 0;
+            while byte < 256 {
+                let mut stuffed = Self { bits: 0, state };
+                let mut place = 8;
+                while place > 0 {
+                    place -= 1;
+                    let is_set = byte >> place & 1 == 1;
+                    stuffed = stuffed.and(Self::after(stuffed.state, is_set as u8));
+                }
+                table[state as usize][byte as usize] = stuffed;
+                byte += 1;
+            }
+            state += 1;
+        }
+        table
+    }
+}
+
+/// The CRC of ISO 11898-1, 10.4.2.6, byte by byte; zeros in front leave it zero.
+fn crc(bits: u128) -> u16 {
+    const TABLE: [u16; 256] = crc_table();
+    let bytes = bits.to_be_bytes();
+    bytes.into_iter().fold(0, |crc, byte| {
+        let [_, high] = (crc >> 7).to_be_bytes();
+        (crc << 8 ^ TABLE[usize::from(high ^ byte)]) & 0x7FFF
+    })
+}
+
+/// What each byte adds to the CRC with the polynomial 0x4599.
+const fn crc_table() -> [u16; 256] {
+    let mut table = [0; 256];
+    let mut byte: u16 = 0;
+    while byte < 256 {
+        let mut crc = byte << 7;
+        let mut bit = 0;
+        while bit < 8 {
+            let feedback = crc & 0x4000 != 0;
+            crc = (crc << 1) & 0x7FFF;
+            if feedback {
+                crc ^= 0x4599;
+            }
+            bit += 1;
+        }
+        table[byte as usize] = crc;
+        byte += 1;
+    }
+    table
 }
 
 /// The bits that arbitration compares; the lowest value wins.
@@ -150,6 +231,23 @@ impl BusModel {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The lengths that can-utils computes, see the head of the file.
+    #[test]
+    fn frames_are_as_long_as_can_utils_says() {
+        let table = include_str!("../../tests/data/frame_lengths.csv");
+        let rows = table.lines().filter(|line| !line.starts_with('/'));
+        let mut checked = 0;
+        for row in rows {
+            let (frame, bits) = row.split_once(',').unwrap();
+            let line = format!("(0000000000.000000) can0 {frame}");
+            let stamped: crate::recording::Stamped = line.parse().unwrap();
+            let bits: u32 = bits.parse().unwrap();
+            assert_eq!(occupied_bits(&stamped.frame), bits, "{frame}");
+            checked += 1;
+        }
+        assert_eq!(checked, 512);
+    }
 
     #[test]
     fn an_empty_frame_without_stuffing_has_47_bits() {

@@ -21,6 +21,7 @@ Examples:
   canrig replay RUN                                    judge a recording again
   canrig compare RUN OTHER_RUN                         where do two runs diverge?
   canrig export RUN --format blf --output run.blf      for another program
+  canrig doctor                                        does this machine serve real time and CAN?
   canrig nodes --bus vcan0                             who is on the bus?
   canrig sdo read drive 0x6064                         one object of a node in a run that is going on
   canrig sdo write 0x10 \"Producer heartbeat time\" 50 --bus can0
@@ -55,6 +56,8 @@ pub enum Command {
     Export(ExportArgs),
     /// Check scenario files without playing them
     Check(CheckArgs),
+    /// Look at what of this machine serves a test bench, and how to mend what does not
+    Doctor(DoctorArgs),
     /// Print the JSON Schema of scenario files, for editors
     Schema,
     /// List the nodes on a bus: number, NMT state, device type, identity, and which EDS describes them
@@ -78,6 +81,12 @@ pub enum Command {
     /// One node of the bench as a process of its own; `run` starts these
     #[command(hide = true)]
     Node(NodeArgs),
+    /// The helper that makes a private bus; `run` starts it
+    #[command(hide = true)]
+    PrivateBus {
+        /// File descriptor of the channel to the bench
+        channel: i32,
+    },
 }
 
 /// Scenarios and what to do with their results.
@@ -106,7 +115,8 @@ pub struct RunArgs {
         reason = "clap shows the doc comment of a flattened field as help"
     )]
     pub play: PlayArgs,
-    /// The bus: `auto`, `embedded` (a socket private to you) or a CAN interface such as `vcan0`
+    /// The bus: `auto`, `private` (a vcan that only this run sees), `embedded` (a socket private to you) or a CAN
+    /// interface such as `vcan0`
     #[arg(long, value_name = "BUS", default_value = "auto")]
     pub bus: BusChoice,
     /// Which time the processes live in
@@ -250,6 +260,14 @@ fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Arguments of `doctor`.
+#[derive(Args, Debug)]
+pub struct DoctorArgs {
+    /// End with exit code 4 when something is amiss
+    #[arg(long)]
+    pub strict: bool,
+}
+
 /// Which time the processes live in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ClockChoice {
@@ -264,6 +282,8 @@ pub enum ClockChoice {
 pub enum BusChoice {
     /// The best that this machine permits.
     Auto,
+    /// A vcan in a namespace of the run's own.
+    Private,
     /// A socket in a folder of the user's own, served by canrig.
     Embedded,
     /// A CAN interface of the kernel.
@@ -276,11 +296,12 @@ impl FromStr for BusChoice {
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
             "auto" => Ok(Self::Auto),
+            "private" => Ok(Self::Private),
             "embedded" => Ok(Self::Embedded),
             name => match name.parse() {
                 Ok(BusAddress::Interface(interface)) => Ok(Self::Interface(interface)),
-                Ok(BusAddress::Embedded(_)) => {
-                    Err("canrig makes the embedded bus itself; say `embedded`".to_owned())
+                Ok(BusAddress::Embedded(_) | BusAddress::Private(_)) => {
+                    Err("canrig makes such a bus itself; say `embedded` or `private`".to_owned())
                 }
                 Err(error) => Err(error.to_string()),
             },

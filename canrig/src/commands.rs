@@ -7,12 +7,15 @@ use std::time::Duration;
 
 use dbc::Database;
 use platform::bus::BusAddress;
-use platform::scheduling;
+use platform::{private_bus, process, scheduling};
 use scenario::Scenario;
 
 use crate::capture::{Capture, Watch};
-use crate::cli::{CheckArgs, Cli, ClockChoice, Command, MonitorArgs, PlayArgs, RunArgs, SdoAction};
+use crate::cli::{
+    CheckArgs, Cli, ClockChoice, Command, DoctorArgs, MonitorArgs, PlayArgs, RunArgs, SdoAction,
+};
 use crate::console::{Progress, complain, say};
+use crate::doctor;
 use crate::exit::Exit;
 use crate::manual;
 use crate::nodes;
@@ -42,6 +45,7 @@ pub fn execute(cli: Cli) -> Exit {
             say(&scenario::schema::json_schema());
             Exit::Pass
         }
+        Command::Doctor(args) => doctor(&args),
         Command::Nodes(args) => {
             let listen = Duration::from_secs_f64(args.listen);
             told(tools::nodes::nodes(&args.bus.bus, &args.eds, listen))
@@ -51,6 +55,20 @@ pub fn execute(cli: Cli) -> Exit {
         Command::Completions { shell } => manual::completions(shell),
         Command::Man { folder } => manual::pages(&folder),
         Command::Node(args) => nodes::host(&args),
+        Command::PrivateBus { channel } => {
+            let served = process::inherited_channel(channel).and_then(private_bus::serve);
+            served.map_or(Exit::BenchFailed, |()| Exit::Pass)
+        }
+    }
+}
+
+fn doctor(args: &DoctorArgs) -> Exit {
+    let findings = doctor::examine();
+    say(&doctor::table(&findings));
+    if args.strict && findings.iter().any(|finding| finding.mend.is_some()) {
+        Exit::BenchFailed
+    } else {
+        Exit::Pass
     }
 }
 
@@ -148,9 +166,9 @@ fn run(args: &RunArgs) -> Exit {
     })
 }
 
-/// Tools find the only embedded bus by themselves; of several each has its address.
+/// Tools find the only embedded bus by themselves; of several, and of a private one, each has its address.
 fn tell_address(args: &PlayArgs, address: &BusAddress) {
-    if let BusAddress::Embedded(_) = address {
+    if matches!(address, BusAddress::Embedded(_) | BusAddress::Private(_)) {
         announce(args, &format!("bus address: {address}"));
     }
 }
@@ -168,10 +186,7 @@ fn simulate(args: &PlayArgs) -> Exit {
     announce(args, "bus: modelled · clock: lock-step, in one process");
     play(args, |scenario, _, capture| {
         let end = world::lockstep::simulate(scenario, &Database::sma_actuator(), capture)?;
-        Ok(World {
-            end,
-            frames_lost: 0,
-        })
+        Ok(World::in_virtual_time(end))
     })
 }
 

@@ -3,8 +3,10 @@
 use scenario::Scenario;
 use scenario::events::{JudgedStep, Window};
 use scenario::expect::Limit;
+use scenario::timing::TimingLimits;
 
 use crate::timeline::Timeline;
+use crate::timing::Timing;
 use crate::verdict::{Metric, Outcome, Verdict};
 
 /// Half the width of the settling band, by the height of the step (PAPER, "Definitions").
@@ -17,8 +19,79 @@ const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 const STEADY_STATE_SECONDS: f64 = 0.5;
 /// With more missed cycles than this, control metrics decide nothing.
 const MISSED_CYCLES_PERCENT_MAX: f64 = 1.0;
+/// From this load on, a cycle that carries more than the others does not end in its time.
+const BUSY_BUS_PERCENT: f64 = 70.0;
 /// Sample times are multiples of the period; this absorbs their rounding.
 const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
+
+/// The metric that decides before all others: on an overloaded bus nothing else means anything.
+const BUS_LOAD: &str = "bus_load_percent";
+
+/// Metrics that a busy host makes worse.
+const HOST_METRICS: [&str; 2] = ["missed_cycles_percent", "sync_interval_milliseconds_max"];
+
+/// Judges a run that broke off. Only what the traffic tells is reported; a bus that is loaded beyond its limit is a
+/// failed limit, with what came of it as the reason.
+#[must_use]
+pub fn judge_broken(timeline: &Timeline, scenario: &Scenario, error: &str) -> Verdict {
+    let run = Run { timeline, scenario };
+    let mut metrics = run.metrics();
+    metrics.retain(|metric| {
+        matches!(
+            metric.name,
+            BUS_LOAD | "sync_interval_milliseconds_max" | "missed_cycles_percent"
+        ) && metric.value.is_some()
+    });
+    let mut verdict = Verdict::incomplete(&scenario.name, scenario.seed, error);
+    if let Some(reason) = overload(&metrics) {
+        verdict.outcome = Outcome::Fail;
+        verdict.reason = Some(format!("{reason}; {error}"));
+    }
+    verdict.metrics = metrics;
+    verdict
+}
+
+/// Adds the timing of a run in real time and judges its limits. Where the timing is not trusted they are neither met nor
+/// missed, and the run cannot pass.
+pub fn judge_timing(verdict: &mut Verdict, timing: Timing, limits: &TimingLimits) {
+    let mut metrics = timing.metrics(limits);
+    let is_trusted = timing.distrust.is_empty();
+    if !is_trusted {
+        metrics.iter_mut().for_each(|metric| metric.passed = None);
+        // These are met by luck at worst, but missed by the machine.
+        let late = verdict
+            .metrics
+            .iter_mut()
+            .filter(|metric| HOST_METRICS.contains(&metric.name) && metric.passed == Some(false));
+        late.for_each(|metric| metric.passed = None);
+    }
+    verdict.metrics.extend(metrics);
+    if matches!(verdict.outcome, Outcome::Pass | Outcome::Fail) {
+        let limited = || {
+            verdict
+                .metrics
+                .iter()
+                .filter(|metric| metric.limit.is_some())
+        };
+        if limited().any(|metric| metric.passed == Some(false)) {
+            verdict.outcome = Outcome::Fail;
+        } else if limited().any(|metric| metric.passed.is_none()) {
+            verdict.outcome = Outcome::Inconclusive;
+            let reasons = timing.distrust.join("; ");
+            verdict.reason = Some(format!("the timing cannot be judged: {reasons}"));
+        }
+    }
+    verdict.timing = Some(timing);
+}
+
+/// What to say of a bus load beyond its limit.
+fn overload(metrics: &[Metric]) -> Option<String> {
+    let load = metrics.iter().find(|metric| metric.name == BUS_LOAD)?;
+    (load.passed == Some(false)).then(|| {
+        let percent = load.value.unwrap_or(f64::NAN);
+        format!("the bus is overloaded ({percent:.1} %), so frames come late")
+    })
+}
 
 /// Judges a run.
 #[must_use]
@@ -35,6 +108,7 @@ pub fn judge(timeline: &Timeline, scenario: &Scenario, frames_lost: u64) -> Verd
         reason,
         frames_lost,
         metrics,
+        timing: None,
     }
 }
 
@@ -44,6 +118,9 @@ fn outcome(
     metrics: &[Metric],
     lost: u64,
 ) -> (Outcome, Option<String>) {
+    if let Some(reason) = overload(metrics) {
+        return (Outcome::Fail, Some(reason));
+    }
     if lost > 0 {
         return (
             Outcome::Inconclusive,
@@ -68,9 +145,14 @@ fn outcome(
 pub fn too_many_missed(timeline: &Timeline) -> Option<String> {
     let missed = timeline.missed_cycles_percent();
     (missed > MISSED_CYCLES_PERCENT_MAX).then(|| {
+        let load = timeline.bus_load_percent;
+        let cause = if load > BUSY_BUS_PERCENT {
+            format!("the bus is nearly full (load {load:.1} %)")
+        } else {
+            "the machine was too busy for real time; try --clock lockstep".to_owned()
+        };
         format!(
-            "{missed:.1} % of the cycles were missed (limit {MISSED_CYCLES_PERCENT_MAX} %): the machine was too busy \
-             for real time; try --clock lockstep"
+            "{missed:.1} % of the cycles were missed (limit {MISSED_CYCLES_PERCENT_MAX} %): {cause}"
         )
     })
 }
@@ -86,7 +168,7 @@ impl Run<'_> {
     /// All metrics that the scenario gives a meaning to or a limit.
     fn metrics(&self) -> Vec<Metric> {
         let expect = &self.scenario.expect;
-        let all: [(&'static str, Value, Option<Limit>); 9] = [
+        let all: [(&'static str, Value, Option<Limit>); 11] = [
             (
                 "settling_time_seconds",
                 self.worst_step(settling_time),
@@ -131,6 +213,16 @@ impl Run<'_> {
                 "missed_cycles_percent",
                 Ok(self.timeline.missed_cycles_percent()),
                 expect.missed_cycles_percent,
+            ),
+            (
+                BUS_LOAD,
+                traffic(self.timeline.bus_load_percent),
+                expect.bus_load_percent,
+            ),
+            (
+                "sync_interval_milliseconds_max",
+                traffic(self.timeline.sync_interval_milliseconds_max),
+                expect.sync_interval_milliseconds_max,
             ),
         ];
         let all = all
@@ -316,6 +408,14 @@ fn mean(values: impl Iterator<Item = f64>) -> Value {
 fn checked(value: f64) -> Value {
     if value.is_nan() {
         Err("no set-point".to_owned())
+    } else {
+        Ok(value)
+    }
+}
+
+fn traffic(value: f64) -> Value {
+    if value.is_nan() {
+        Err("no two SYNCs in the recording".to_owned())
     } else {
         Ok(value)
     }

@@ -5,13 +5,16 @@ use controller::ControllerNode;
 use plant_emulator::PlantEmulator;
 use platform::bus::{self, Bus};
 use platform::process::inherited_channel;
+use platform::real_time::RunReport;
+use platform::scheduling::Scheduling;
 use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
 use scenario::{ControllerView, Scenario};
 
 use crate::cli::{NodeArgs, Role};
-use crate::console::complain;
+use crate::console::{complain, say};
 use crate::exit::Exit;
+use crate::timing::{NodeReport, Quantiles};
 use crate::world::WorldError;
 
 /// The rig with its drive and its disturbance module.
@@ -58,8 +61,22 @@ pub fn host(args: &NodeArgs) -> Exit {
     }
 }
 
+/// What the bench is told at the end.
+fn node_report(report: &RunReport, scheduling: &Scheduling) -> NodeReport {
+    NodeReport {
+        ticks: report.ticks,
+        overruns: report.overruns,
+        wake_up_lateness_microseconds: Quantiles::of(&report.lateness_nanoseconds, 1000),
+        frames_dropped: report.frames_dropped,
+        refused: scheduling.refusals().map(ToString::to_string).collect(),
+    }
+}
+
 fn run_node(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
     let stop = StopSignal::from_parent().map_err(|error| error.to_string())?;
+    let is_real_time = args.host.lockstep.is_none();
+    // Before the bus: who enters a private one loses the right to the priority, but not the priority.
+    let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
     let mut bus = match &args.host.bus {
         Some(address) => {
             Some(bus::open(address, &node.filters()).map_err(|error| error.to_string())?)
@@ -73,11 +90,14 @@ fn run_node(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
             lockstep::follow(node, channel, wire).map_err(|error| error.to_string())
         }
         (None, Some(bus)) => {
-            // What is refused here was told by the bench before the run.
-            let _ = scheduling::request();
-            real_time::run(node, bus, &stop)
-                .map(|_| ())
-                .map_err(|error| error.to_string())
+            let scheduling = Scheduling {
+                fifo: fifo.unwrap_or(Ok(())),
+                memory: scheduling::lock_memory(),
+            };
+            let report = real_time::run(node, bus, &stop).map_err(|error| error.to_string())?;
+            let report = node_report(&report, &scheduling);
+            say(&serde_json::to_string(&report).map_err(|error| error.to_string())?);
+            Ok(())
         }
         (None, None) => Err("a node needs --bus or --lockstep".to_owned()),
     }

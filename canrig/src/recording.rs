@@ -10,6 +10,8 @@ use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 
 /// Longest line of a log that is read.
 const LINE_LENGTH_MAX: u64 = 256;
+/// Enough for every line that is written.
+const LINE_CAPACITY: usize = 64;
 
 /// A frame and when its last bit passed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,9 +34,49 @@ impl Stamped {
 /// One line of `candump -L`, with the interface written as `can0` in every world.
 impl fmt::Display for Stamped {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (seconds, micros) = (self.time.as_secs(), self.time.subsec_micros());
-        write!(formatter, "({seconds:010}.{micros:06}) can0 {}", self.frame)
+        let mut line = Vec::with_capacity(LINE_CAPACITY);
+        push_line(&mut line, self);
+        formatter.write_str(&String::from_utf8_lossy(&line))
     }
+}
+
+/// Appends the frame as candump writes it. Recordings have many frames, hence without the machinery of `format!`.
+fn push_line(line: &mut Vec<u8>, stamped: &Stamped) {
+    line.push(b'(');
+    push_decimal(line, stamped.time.as_secs(), 10);
+    line.push(b'.');
+    push_decimal(line, u64::from(stamped.time.subsec_micros()), 6);
+    line.extend_from_slice(b") can0 ");
+    let Some(id) = stamped.frame.standard_id() else {
+        line.extend_from_slice(stamped.frame.to_string().as_bytes());
+        return;
+    };
+    let [high, low] = id.to_be_bytes();
+    line.push(HEXADECIMAL[usize::from(high & 0xF)]);
+    push_hexadecimal(line, low);
+    line.push(b'#');
+    for byte in stamped.frame.data() {
+        push_hexadecimal(line, *byte);
+    }
+}
+
+const HEXADECIMAL: &[u8; 16] = b"0123456789ABCDEF";
+
+fn push_hexadecimal(line: &mut Vec<u8>, byte: u8) {
+    line.push(HEXADECIMAL[usize::from(byte >> 4)]);
+    line.push(HEXADECIMAL[usize::from(byte & 0xF)]);
+}
+
+/// Appends a number with at least `width` digits.
+pub(crate) fn push_decimal(text: &mut Vec<u8>, mut number: u64, width: usize) {
+    let mut digits = [b'0'; 20];
+    let mut first = digits.len();
+    while number > 0 {
+        first -= 1;
+        digits[first] += u8::try_from(number % 10).unwrap_or(0);
+        number /= 10;
+    }
+    text.extend_from_slice(&digits[first.min(digits.len() - width)..]);
 }
 
 /// Why a line is no frame.
@@ -115,9 +157,13 @@ fn parse_frame(text: &str) -> Result<CanFrame, &'static str> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_log(mut output: impl Write, frames: &[Stamped]) -> io::Result<()> {
-    frames
-        .iter()
-        .try_for_each(|stamped| writeln!(output, "{stamped}"))
+    let mut line = Vec::with_capacity(LINE_CAPACITY);
+    frames.iter().try_for_each(|stamped| {
+        line.clear();
+        push_line(&mut line, stamped);
+        line.push(b'\n');
+        output.write_all(&line)
+    })
 }
 
 /// Reads a log of `candump -L`.

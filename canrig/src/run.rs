@@ -7,12 +7,13 @@ use scenario::{Scenario, ScenarioError};
 
 use crate::capture::{Capture, Watch};
 use crate::exit::Exit;
-use crate::judge::{self, judge};
+use crate::judge::{self, judge, judge_broken};
 use crate::report;
 use crate::run_folder::{RunFolder, WriteError, file};
 use crate::scenario_clock::ScenarioClock;
 use crate::signals::SignalMissing;
 use crate::timeline::{self, Timeline};
+use crate::timing::{Host, Timing};
 use crate::verdict::Verdict;
 use crate::world::{End, WorldError};
 
@@ -97,16 +98,21 @@ pub fn run(
     let ended = world(&folder, &mut capture);
     let frames = capture.finish()?;
     let timeline = timeline::decode(&frames, scenario, &database)?;
-    let verdict = match &ended {
-        Err(error) => {
-            Verdict::incomplete(&scenario.name, scenario.seed, &with_cause(error, &timeline))
-        }
+    let mut verdict = match &ended {
+        Err(error) => judge_broken(&timeline, scenario, &with_cause(error, &timeline)),
         Ok(World {
             end: End::Interrupted,
             ..
         }) => Verdict::incomplete(&scenario.name, scenario.seed, "interrupted by the user"),
         Ok(World { frames_lost, .. }) => judge(&timeline, scenario, *frames_lost),
     };
+    if let Ok(World {
+        host: Some(host), ..
+    }) = &ended
+    {
+        let timing = Timing::of(&frames, scenario, &database, host.clone())?;
+        judge::judge_timing(&mut verdict, timing, &scenario.expect.timing);
+    }
     let run = report::html::Run {
         text: &source.text,
         scenario,
@@ -141,6 +147,20 @@ pub struct World {
     pub end: End,
     /// Frames that the recorder lost.
     pub frames_lost: u64,
+    /// What the host knows of the timing; none in virtual time.
+    pub host: Option<Host>,
+}
+
+impl World {
+    /// A world without a clock, which loses nothing.
+    #[must_use]
+    pub fn in_virtual_time(end: End) -> Self {
+        Self {
+            end,
+            frames_lost: 0,
+            host: None,
+        }
+    }
 }
 
 fn write_reports(
@@ -149,9 +169,7 @@ fn write_reports(
     database: &Database,
 ) -> Result<(), RunError> {
     let (timeline, verdict) = (run.timeline, run.verdict);
-    let table =
-        report::csv::to_csv(timeline).map_err(|error| RunError::report(file::SIGNALS, &error))?;
-    folder.write(file::SIGNALS, &table)?;
+    folder.write(file::SIGNALS, &report::csv::to_csv(timeline))?;
     let junit = report::junit::to_xml(std::slice::from_ref(verdict));
     let junit = junit.map_err(|error| RunError::report(file::JUNIT, &error))?;
     folder.write(file::JUNIT, junit.as_bytes())?;

@@ -7,9 +7,10 @@ use canopen::CanFrame;
 use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 
+use crate::bus_model::occupied_bits;
 use crate::events::{Event, EventReader};
 use crate::recording::Stamped;
-use crate::scenario_clock::ScenarioClock;
+use crate::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use crate::signals::{self, COLUMN_MESSAGES, SignalMissing};
 
 /// One signal over all cycles.
@@ -37,6 +38,10 @@ pub struct Timeline {
     pub set_point_millimetres: Vec<f64>,
     /// All signals.
     pub columns: Vec<Column>,
+    /// Time in which frames occupied the bus by all time, from the first SYNC on; NaN without two SYNCs.
+    pub bus_load_percent: f64,
+    /// The longest time between two SYNCs; NaN without two SYNCs.
+    pub sync_interval_milliseconds_max: f64,
     /// What happened, in the order of time.
     pub events: Vec<Event>,
     position: usize,
@@ -122,6 +127,7 @@ struct Reader {
     period: Duration,
     end_cycle: u64,
     events: EventReader,
+    traffic: Traffic,
     signals: Vec<Tracked>,
     columns_of_id: BTreeMap<u32, Vec<usize>>,
     latest: Vec<f64>,
@@ -145,6 +151,7 @@ impl Reader {
             period,
             end_cycle: cycles(Duration::from_secs_f64(scenario.duration_seconds), period),
             events: EventReader::new(database),
+            traffic: Traffic::new(scenario),
             latest: vec![f64::NAN; signals.len()],
             columns: vec![Vec::new(); signals.len()],
             signals,
@@ -157,6 +164,7 @@ impl Reader {
         let is_sync = self.clock.on_frame(stamped.time, &stamped.frame);
         let time = self.clock.scenario_time(stamped.time);
         self.events.take(stamped, time);
+        self.traffic.take(stamped, time);
         match time {
             Some(time) if is_sync => self.begin_cycle(cycles(time, self.period)),
             _ => self.take_signals(&stamped.frame),
@@ -230,7 +238,65 @@ impl Reader {
             current: place(signals::CURRENT)?,
             columns,
             events: self.events.finish(scenario),
+            bus_load_percent: self.traffic.load_percent(),
+            sync_interval_milliseconds_max: self.traffic.sync_interval_milliseconds_max(),
         })
+    }
+}
+
+/// How busy the bus is, from the first SYNC to the end of the scenario.
+struct Traffic {
+    bitrate_kilobits_per_second: f64,
+    end: Duration,
+    first_sync: Option<Duration>,
+    latest_sync: Option<Duration>,
+    latest: Duration,
+    sync_interval_max: Option<Duration>,
+    bits: u64,
+}
+
+impl Traffic {
+    fn new(scenario: &Scenario) -> Self {
+        Self {
+            bitrate_kilobits_per_second: f64::from(scenario.bus.bitrate_kilobits_per_second),
+            end: Duration::from_secs_f64(scenario.duration_seconds),
+            first_sync: None,
+            latest_sync: None,
+            latest: Duration::ZERO,
+            sync_interval_max: None,
+            bits: 0,
+        }
+    }
+
+    fn take(&mut self, stamped: &Stamped, scenario_time: Option<Duration>) {
+        if scenario_time.is_some_and(|time| time >= self.end) {
+            return;
+        }
+        if self.first_sync.is_some() {
+            self.bits += u64::from(occupied_bits(&stamped.frame));
+        }
+        self.latest = stamped.time;
+        if stamped.frame.standard_id() == Some(SYNC_COB_ID) {
+            self.first_sync.get_or_insert(stamped.time);
+            if let Some(before) = self.latest_sync.replace(stamped.time) {
+                let interval = stamped.time.saturating_sub(before);
+                self.sync_interval_max = self.sync_interval_max.max(Some(interval));
+            }
+        }
+    }
+
+    fn load_percent(&self) -> f64 {
+        let Some(first) = self.first_sync else {
+            return f64::NAN;
+        };
+        #[expect(clippy::cast_precision_loss, reason = "bit counts stay far below 2^52")]
+        let milliseconds = self.bits as f64 / self.bitrate_kilobits_per_second;
+        100.0 * milliseconds / (1e3 * self.latest.saturating_sub(first).as_secs_f64())
+    }
+
+    fn sync_interval_milliseconds_max(&self) -> f64 {
+        self.sync_interval_max
+            .map_or(f64::NAN, |interval| 1e3 * interval.as_secs_f64())
     }
 }
 

@@ -4,6 +4,7 @@ use scenario::expect::Limit;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::Exit;
+use crate::timing::Timing;
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
@@ -111,6 +112,9 @@ pub struct Verdict {
     pub frames_lost: u64,
     /// All metrics that the run has or the scenario limits.
     pub metrics: Vec<Metric>,
+    /// How well the deadlines were kept; none in virtual time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub timing: Option<Timing>,
 }
 
 impl Verdict {
@@ -126,6 +130,7 @@ impl Verdict {
             reason: Some(reason.to_owned()),
             frames_lost: 0,
             metrics: Vec::new(),
+            timing: None,
         }
     }
 
@@ -169,6 +174,7 @@ struct StoredVerdict {
     #[serde(default)]
     frames_lost: u64,
     metrics: Vec<StoredMetric>,
+    timing: Option<Timing>,
 }
 
 #[derive(Deserialize)]
@@ -199,6 +205,7 @@ impl From<StoredVerdict> for Verdict {
             reason: stored.reason,
             frames_lost: stored.frames_lost,
             metrics: metrics.collect(),
+            timing: stored.timing,
         }
     }
 }

@@ -29,6 +29,11 @@ pub const DRIVE_NODE_ID: NodeId = NodeId::new(0x10).expect("16 is in 1 to 127");
 /// Node-ID of the disturbance module.
 pub const DISTURBANCE_NODE_ID: NodeId = NodeId::new(0x11).expect("17 is in 1 to 127");
 
+/// Node-ID of the manager, by the bench's convention.
+const MANAGER_NODE_ID: NodeId = NodeId::new(0x01).expect("1 is in 1 to 127");
+/// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
+const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
+
 /// Why there can be no emulator.
 #[derive(Debug, thiserror::Error)]
 pub enum InvalidEmulator {
@@ -105,6 +110,17 @@ impl Node for PlantEmulator {
         filters.sort_unstable_by_key(|filter| (filter.id, filter.mask));
         filters.dedup();
         filters
+    }
+
+    /// The PDOs of the manager and the own ones, as far as they wait for the SYNC or nobody here listens to them.
+    fn silent_filters(&self) -> Vec<Filter> {
+        let nodes = [MANAGER_NODE_ID, DRIVE_NODE_ID, DISTURBANCE_NODE_ID];
+        let is_silent =
+            |id: &u16| self.drive.takes_silently(*id) && self.disturbance.takes_silently(*id);
+        let ids = PDO_FUNCTIONS
+            .into_iter()
+            .flat_map(|function| nodes.map(|node| function + u16::from(node.get())));
+        ids.filter(is_silent).map(Filter::exact).collect()
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {

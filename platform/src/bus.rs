@@ -13,6 +13,7 @@ use rustix::io::Errno;
 
 use crate::clock::Clock;
 use crate::embedded_bus::EmbeddedBus;
+use crate::private_bus;
 use crate::probe;
 use crate::socketcan_bus::SocketCanBus;
 
@@ -42,13 +43,15 @@ pub trait Bus: Send {
     fn dropped(&self) -> u64;
 }
 
-/// Where a bus is: `can0`, `vcan0` (a SocketCAN interface) or `embedded:/path/to/socket`.
+/// Where a bus is: `can0`, `vcan0` (a SocketCAN interface), `embedded:/path/to/socket`, or `private:1234`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum BusAddress {
     /// A CAN network interface.
     Interface(String),
     /// The socket of an embedded bus, see [`crate::hub`].
     Embedded(PathBuf),
+    /// The private bus in the namespaces of this process, see [`crate::private_bus`].
+    Private(u32),
 }
 
 /// What is wrong with the text of an address.
@@ -70,6 +73,9 @@ impl FromStr for BusAddress {
                 Ok(Self::Embedded(path.into()))
             };
         }
+        if let Some(process) = text.strip_prefix("private:") {
+            return process.parse().map(Self::Private).map_err(|_| bad());
+        }
         // The kernel's `dev_valid_name`.
         let valid = (1..=15).contains(&text.len())
             && text != "."
@@ -84,11 +90,13 @@ impl fmt::Display for BusAddress {
         match self {
             Self::Interface(name) => formatter.write_str(name),
             Self::Embedded(path) => write!(formatter, "embedded:{}", path.display()),
+            Self::Private(process) => write!(formatter, "private:{process}"),
         }
     }
 }
 
-/// Opens the bus for one participant, who receives what one of `filters` accepts.
+/// Opens the bus for one participant, who receives what one of `filters` accepts. A private bus is for a process with a
+/// single thread, which enters its namespaces for good.
 ///
 /// # Errors
 /// Says what is missing and what to do about it.
@@ -96,6 +104,14 @@ pub fn open(address: &BusAddress, filters: &[Filter]) -> Result<Box<dyn Bus>, Bu
     Ok(match address {
         BusAddress::Interface(name) => Box::new(SocketCanBus::open(name, filters)?),
         BusAddress::Embedded(path) => Box::new(EmbeddedBus::open(path, filters)?),
+        BusAddress::Private(process) => {
+            private_bus::enter(*process).map_err(|source| BusError::System {
+                address: address.clone(),
+                action: "enter",
+                source,
+            })?;
+            Box::new(SocketCanBus::open(private_bus::INTERFACE, filters)?)
+        }
     })
 }
 

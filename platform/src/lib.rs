@@ -10,6 +10,7 @@ mod embedded_bus;
 pub mod hub;
 mod kernel_format;
 pub mod lockstep;
+pub mod private_bus;
 pub mod probe;
 pub mod process;
 pub mod real_time;

@@ -8,9 +8,12 @@
 //! - a deadline earlier than the next frame ticks first, at the deadline;
 //! - at equal times the frames come first, then the tick;
 //! - a deadline at `to` itself ticks in this step;
+//! - after `to` the node may go on by its own deadlines until a later time, which the coordinator has found safe; it
+//!   ends early with the instant in which it queues a frame that somebody may answer;
 //! - frames that the node queues carry the time at which it queued them;
 //! - the step ends early when the node has stopped or failed.
 
+mod audience;
 mod follow;
 mod local;
 mod protocol;
@@ -24,6 +27,7 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Filter, Progress};
 
+pub use audience::Audience;
 pub use follow::{FollowError, WIRE_PATIENCE, follow};
 pub use local::Local;
 pub use protocol::{FRAMES_MAX, ProtocolError};
@@ -37,6 +41,8 @@ pub struct Answer {
     pub frames: Vec<(Duration, CanFrame)>,
     /// When it wants its next tick; `None` when only a frame can wake it.
     pub next_deadline: Option<Duration>,
+    /// The time up to which it has gone.
+    pub reached: Duration,
     /// How far the node is.
     pub progress: Progress,
 }
@@ -52,12 +58,24 @@ pub trait Participant {
     /// The identifiers that the node listens to.
     fn filters(&self) -> &[Filter];
 
+    /// The frames that the node takes without saying anything, see [`canopen::Node::silent_filters`].
+    fn silent_filters(&self) -> &[Filter];
+
+    /// Tells the participant who listens to it; before the first step. Until then it takes every frame for answered.
+    fn meet(&mut self, audience: &Audience);
+
     /// When the node wants its next tick, as of the last answer; a new node wants one at once.
     fn next_deadline(&self) -> Option<Duration>;
 
     /// Starts the step up to and including `to` with the frames delivered on the way, in order of time, each not later
     /// than `to`. An error is told by [`Participant::finish`].
-    fn begin(&mut self, to: Duration, frames: &[(Duration, CanFrame)]);
+    fn begin(&mut self, to: Duration, frames: &[(Duration, CanFrame)]) {
+        self.begin_ahead(to, to, frames);
+    }
+
+    /// As [`Participant::begin`], and then on to `until`, as long as no frame is queued that somebody may answer. No
+    /// frame may be delivered later that is not after `until`, unless it answers one of the node's own.
+    fn begin_ahead(&mut self, to: Duration, until: Duration, frames: &[(Duration, CanFrame)]);
 
     /// Asks the node for its safe state at `at`, which is not before its current time.
     fn begin_stop(&mut self, at: Duration);

@@ -49,6 +49,11 @@ impl Recorder {
     /// # Errors
     /// As for opening the bus.
     pub fn on_interface(name: &str) -> Result<Self, BusError> {
+        Self::on_socket(name, open_socket(name)?)
+    }
+
+    /// As [`Recorder::on_interface`] with a socket that is open already.
+    pub(crate) fn on_socket(name: &str, socket: CanSocket) -> Result<Self, BusError> {
         let failed = |action| {
             move |source| BusError::System {
                 address: BusAddress::Interface(name.into()),
@@ -57,7 +62,6 @@ impl Recorder {
             }
         };
         let (mut ring, recorder) = ring();
-        let socket = open_socket(name)?;
         prepare(&socket).map_err(failed("record"))?;
         let stop = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)
             .map_err(|errno| failed("record")(errno.into()))?;

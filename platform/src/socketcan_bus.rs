@@ -37,7 +37,15 @@ impl SocketCanBus {
     /// # Errors
     /// Says what is missing and what to do about it.
     pub(crate) fn open(name: &str, filters: &[Filter]) -> Result<Self, BusError> {
-        let socket = open_socket(name)?;
+        Self::on_socket(name, open_socket(name)?, filters)
+    }
+
+    /// As [`SocketCanBus::open`] with a socket that is open already.
+    pub(crate) fn on_socket(
+        name: &str,
+        socket: CanSocket,
+        filters: &[Filter],
+    ) -> Result<Self, BusError> {
         let bus = Self {
             name: name.into(),
             socket,

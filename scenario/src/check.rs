@@ -330,7 +330,11 @@ fn plant(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
 /// Limits that can be met, on metrics that the scenario has.
 fn limits(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let mut problems = Vec::new();
-    for (name, limit) in scenario.expect.limits() {
+    let timing = scenario.expect.timing.limits();
+    let limits = scenario.expect.limits();
+    let limits = limits.map(|(name, limit)| (name.to_owned(), limit));
+    for (name, limit) in limits.chain(timing.map(|(path, limit)| (format!("timing.{path}"), limit)))
+    {
         let path = format!("expect.{name}");
         let (message, label) = match (limit.min, limit.max) {
             (None, None) => (
@@ -341,7 +345,7 @@ fn limits(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
                 format!("no value meets the limit `{name}`"),
                 format!("min {min} is above max {max}"),
             ),
-            _ => match missing_for(name, scenario) {
+            _ => match missing_for(&name, scenario) {
                 Some(missing) => (
                     format!("`{name}` cannot be judged"),
                     format!("needs {missing}"),

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::timing::TimingLimits;
+
 /// A two-sided limit; at least one side is given.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
@@ -47,6 +49,15 @@ pub struct Expect {
     /// Cycles without a position from the drive, by all cycles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub missed_cycles_percent: Option<Limit>,
+    /// Time in which frames occupy the bus, computed from their bits, by all time from the first SYNC on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bus_load_percent: Option<Limit>,
+    /// Longest time between two SYNCs: more than the period when the bus or the machine was late.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sync_interval_milliseconds_max: Option<Limit>,
+    /// Limits on real time. Scenarios that have them are kept apart from the others.
+    #[serde(skip_serializing_if = "TimingLimits::is_empty")]
+    pub timing: TimingLimits,
 }
 
 impl Limit {
@@ -79,6 +90,11 @@ impl Expect {
             ("current_amperes_rms", self.current_amperes_rms),
             ("position_millimetres_max", self.position_millimetres_max),
             ("missed_cycles_percent", self.missed_cycles_percent),
+            ("bus_load_percent", self.bus_load_percent),
+            (
+                "sync_interval_milliseconds_max",
+                self.sync_interval_milliseconds_max,
+            ),
         ];
         let given = |(name, limit): (_, Option<Limit>)| limit.map(|limit| (name, limit));
         limits.into_iter().filter_map(given)
@@ -96,7 +112,8 @@ mod tests {
             max: Some(1.0),
         };
         let schema = crate::schema::schema_of::<Expect>();
-        let names: Vec<&String> = schema["properties"].as_object().unwrap().keys().collect();
+        let names = schema["properties"].as_object().unwrap().keys();
+        let names: Vec<&String> = names.filter(|name| *name != "timing").collect();
         let text: String = names
             .iter()
             .map(|name| format!("{name} = {{ min = 0.0, max = 1.0 }}\n"))

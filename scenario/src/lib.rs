@@ -19,6 +19,7 @@ mod structure;
 mod table;
 #[cfg(test)]
 mod tests;
+pub mod timing;
 mod view;
 
 use std::time::Duration;

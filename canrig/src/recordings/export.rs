@@ -52,9 +52,5 @@ fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
 
 fn csv_table(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
     let timeline = recorded.timeline(&Database::sma_actuator())?;
-    let table = csv::to_csv(&timeline);
-    table.map_err(|error| RecordedError::Read {
-        path: recorded.path.clone(),
-        source: io::Error::other(error),
-    })
+    Ok(csv::to_csv(&timeline))
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use dbc::Database;
 use scenario::ScenarioError;
 
-use crate::judge::judge;
+use crate::judge::{judge, judge_timing};
 use crate::recording::{Log, read_cut_log};
 use crate::run::Source;
 use crate::run_folder::file;
@@ -126,6 +126,10 @@ impl Recorded {
         let lost = self.stored.as_ref().map_or(0, |stored| stored.frames_lost);
         let mut verdict = judge(timeline, &self.source.scenario, lost);
         let stored = self.stored.as_ref();
+        // What the nodes' loops reported is in the verdict only.
+        if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
+            judge_timing(&mut verdict, timing, &self.source.scenario.expect.timing);
+        }
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason.clone_from(&stored.reason);

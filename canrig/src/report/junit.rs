@@ -42,6 +42,7 @@ fn case(class: &str, metric: &Metric, outcome: Outcome) -> TestCase {
     let status = match (outcome, metric.passed) {
         (Outcome::Inconclusive, _) => problem(NonSuccessKind::Error, "inconclusive"),
         (_, Some(true)) => TestCaseStatus::success(),
+        (_, None) => problem(NonSuccessKind::Error, "not judged"),
         _ => problem(NonSuccessKind::Failure, &message(metric)),
     };
     named(metric.name, class, status)

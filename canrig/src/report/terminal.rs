@@ -4,6 +4,7 @@ use comfy_table::{Attribute, Cell, CellAlignment, Color, ContentArrangement, Tab
 
 use crate::run::Judged;
 use crate::run_folder::file;
+use crate::timing::Timing;
 use crate::verdict::{Metric, Outcome, Verdict};
 
 /// A verdict: its name, its table, its outcome and why.
@@ -20,6 +21,9 @@ fn named_table(verdict: &Verdict) -> String {
     let mut text = format!("\n{}\n", verdict.scenario);
     if !verdict.metrics.is_empty() {
         text += &format!("{}\n", table(verdict));
+    }
+    if let Some(timing) = &verdict.timing {
+        text += &format!("{}\n", timing_table(timing));
     }
     text + verdict.outcome.word()
 }
@@ -104,6 +108,34 @@ pub(super) fn empty_table<const N: usize>(header: [&str; N]) -> Table {
     table
 }
 
+/// Latencies and latenesses in microseconds, what was lost, and why not to trust it.
+fn timing_table(timing: &Timing) -> String {
+    let mut table = empty_table(["microseconds", "median", "p99", "p99.9", "max"]);
+    for (name, quantiles) in timing.rows() {
+        let values = [
+            quantiles.median,
+            quantiles.p99,
+            quantiles.p99_9,
+            quantiles.max,
+        ];
+        let values = values
+            .map(|value| Cell::new(format!("{value:.0}")).set_alignment(CellAlignment::Right));
+        table.add_row([Cell::new(name)].into_iter().chain(values));
+    }
+    let [controller, plant_emulator] = [&timing.controller, &timing.plant_emulator];
+    let mut text = format!(
+        "{table}\noverruns {} + {}, frames dropped {} + {} (controller + plant emulator)",
+        controller.overruns,
+        plant_emulator.overruns,
+        controller.frames_dropped,
+        plant_emulator.frames_dropped,
+    );
+    for reason in &timing.distrust {
+        text += &format!("\nnot trusted: {reason}");
+    }
+    text
+}
+
 pub(super) fn measured(metric: &Metric) -> String {
     match (metric.value, &metric.remark) {
         (Some(value), _) => significant(value),
@@ -138,6 +170,7 @@ pub(super) fn limit(metric: &Metric) -> String {
 
 fn result(metric: &Metric, outcome: Outcome) -> Cell {
     match (metric.passed, outcome) {
+        (None, _) if metric.limit.is_some() => Cell::new("not judged").fg(Color::Yellow),
         (None, _) => Cell::new(""),
         (Some(_), Outcome::Inconclusive) => Cell::new("not judged").fg(Color::Yellow),
         (Some(true), _) => Cell::new("pass").fg(Color::Green),

@@ -4,11 +4,12 @@ use std::fs::{self, File};
 use std::io;
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
-use std::process::ExitStatus;
+use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use platform::bus::BusAddress;
 use platform::process;
+use tokio::io::AsyncReadExt;
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::time::timeout;
 
@@ -32,8 +33,8 @@ pub(super) struct NodeProcess {
 }
 
 impl NodeProcess {
-    /// Starts this program again as the node `name`. What it prints goes into a log in the run's folder; `side_channel`
-    /// is handed on.
+    /// Starts this program again as the node `name`. What it complains of goes into a log in the run's folder; what it
+    /// prints is its report; `side_channel` is handed on.
     pub(super) fn spawn(
         name: &'static str,
         folder: &RunFolder,
@@ -55,9 +56,7 @@ impl NodeProcess {
             let number = process::inherit(&mut command, side_channel);
             command.arg("--lockstep").arg(number.to_string());
         }
-        command
-            .stdout(output.try_clone().map_err(fault)?)
-            .stderr(output);
+        command.stdout(Stdio::piped()).stderr(output);
         let mut child = Command::from(command)
             .kill_on_drop(true)
             .spawn()
@@ -82,16 +81,16 @@ impl NodeProcess {
         }
     }
 
-    /// Asks the node for its safe state and waits for its end.
+    /// Asks the node for its safe state and waits for its end; what the node reports of itself.
     ///
     /// # Errors
     /// It does not end in time, or ends badly.
-    pub(super) async fn stop(&mut self) -> Result<(), WorldError> {
+    pub(super) async fn stop(&mut self) -> Result<String, WorldError> {
         self.lifeline = None;
         match timeout(END_PATIENCE, self.child.wait()).await {
             Ok(Ok(status)) if status.success() => {
                 self.remove_empty_log();
-                Ok(())
+                Ok(self.report().await)
             }
             Ok(Ok(status)) => Err(self.failure(status)),
             Ok(Err(source)) => Err(WorldError::Spawn {
@@ -104,6 +103,16 @@ impl NodeProcess {
                 Err(WorldError::NoStop { name: self.name })
             }
         }
+    }
+
+    /// One line, so that it fits the pipe and the node never waited for its reader.
+    async fn report(&mut self) -> String {
+        let mut text = String::new();
+        if let Some(mut output) = self.child.stdout.take() {
+            // Without a report the timing is not trusted; nothing else depends on it.
+            let _ = output.read_to_string(&mut text).await;
+        }
+        text
     }
 
     fn failure(&self, status: ExitStatus) -> WorldError {

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use platform::bus::{self, BusAddress};
+use platform::private_bus::PrivateBus;
 use platform::probe;
 
 use super::WorldError;
@@ -18,12 +19,15 @@ pub enum RunBus {
     },
     /// A CAN interface of the kernel.
     Interface(String),
+    /// A vcan in namespaces that only this run sees.
+    Private,
 }
 
 impl fmt::Display for RunBus {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Embedded { why } => write!(formatter, "embedded ({why})"),
+            Self::Private => formatter.write_str("private (a vcan that only this run sees)"),
             Self::Interface(name) => write!(formatter, "{name} (the kernel's SocketCAN)"),
         }
     }
@@ -39,7 +43,15 @@ pub fn choose_bus(choice: &BusChoice, require_kernel: bool) -> Result<RunBus, Wo
         let address = BusAddress::Interface(name.clone());
         return Ok(bus::open(&address, &[]).map(|_| RunBus::Interface(name.clone()))?);
     }
+    if *choice == BusChoice::Private {
+        return Ok(PrivateBus::start().map(|_| RunBus::Private)?);
+    }
     let kernel = probe::kernel_can();
+    let is_private = *choice == BusChoice::Auto && kernel.is_ok();
+    // Made once to see whether it works: some systems grant the namespace and then deny its use.
+    if is_private && PrivateBus::start().is_ok() {
+        return Ok(RunBus::Private);
+    }
     if require_kernel {
         return Err(WorldError::NoKernelCan(match kernel {
             Err(reason) => reason.to_string(),
@@ -48,7 +60,7 @@ pub fn choose_bus(choice: &BusChoice, require_kernel: bool) -> Result<RunBus, Wo
     }
     let why = match (choice, kernel) {
         (BusChoice::Embedded, _) => "as asked for",
-        (_, Ok(())) => "private to this run; --bus vcan0 for the kernel's",
+        (_, Ok(())) => "a private CAN bus is not permitted here, see canrig doctor",
         (_, Err(_)) => "this kernel has no CAN",
     };
     Ok(RunBus::Embedded { why })

@@ -57,10 +57,9 @@ pub fn play(
     capture: &mut Capture<'_>,
     wire: Option<&mut dyn Bus>,
 ) -> Result<End, WorldError> {
-    let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second);
-    let plant_emulator = coordinator.join(roles.plant_emulator);
-    let bench = coordinator.join(roles.bench);
-    let controller = coordinator.join(roles.controller);
+    let participants = [roles.plant_emulator, roles.bench, roles.controller];
+    let [plant_emulator, bench, controller] = [0, 1, 2];
+    let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants);
     let mut taps = Taps { capture, wire };
     let end = Duration::from_secs_f64(scenario.duration_seconds);
     let end = run_until(&mut coordinator, &mut taps, end)?;

@@ -89,6 +89,9 @@ pub enum WorldError {
         /// For how long.
         silence: Duration,
     },
+    /// The private bus cannot be made.
+    #[error("no private bus: {0}")]
+    Private(#[from] platform::private_bus::PrivateBusError),
     /// The embedded bus cannot be made.
     #[error(transparent)]
     Hub(#[from] platform::hub::HubError),

@@ -3,6 +3,7 @@
 use dbc::Database;
 use platform::bus::{self, Bus, BusAddress};
 use platform::lockstep::{Local, LockstepError, Remote, channel};
+use platform::private_bus::PrivateBus;
 use scenario::Scenario;
 use tokio::runtime::Runtime;
 
@@ -39,11 +40,11 @@ impl Processes {
         }
     }
 
-    /// Stops both, the manager first; the first error of the two.
-    pub(super) async fn stop(&mut self) -> Result<(), WorldError> {
+    /// Stops both, the manager first; the reports of controller and emulator, or the first error of the two.
+    pub(super) async fn stop(&mut self) -> Result<[String; 2], WorldError> {
         let controller = self.controller.stop().await;
         let plant_emulator = self.plant_emulator.stop().await;
-        controller.and(plant_emulator)
+        Ok([controller?, plant_emulator?])
     }
 }
 
@@ -68,15 +69,19 @@ pub fn in_lockstep(
     capture: &mut Capture<'_>,
     bus: &RunBus,
 ) -> Result<World, WorldError> {
-    let address = match bus {
-        RunBus::Embedded { .. } => None,
-        RunBus::Interface(name) => Some(BusAddress::Interface(name.clone())),
-    };
     // The coordinator only sends; without filters nothing comes in.
-    let mut wire = address
-        .as_ref()
-        .map(|address| bus::open(address, &[]))
-        .transpose()?;
+    let (mut wire, address, _private) = match bus {
+        RunBus::Embedded { .. } => (None, None, None),
+        RunBus::Interface(name) => {
+            let address = BusAddress::Interface(name.clone());
+            (Some(bus::open(&address, &[])?), Some(address), None)
+        }
+        RunBus::Private => {
+            let mut private = PrivateBus::start()?;
+            let address = BusAddress::Private(private.process());
+            (Some(private.voice(&[])?), Some(address), Some(private))
+        }
+    };
     let runtime = runtime()?;
     let _entered = runtime.enter();
     let start = |name| {
@@ -112,10 +117,7 @@ pub fn in_lockstep(
     })();
     runtime.block_on(async {
         match played {
-            Ok(end) => processes.stop().await.map(|()| World {
-                end,
-                frames_lost: 0,
-            }),
+            Ok(end) => processes.stop().await.map(|_| World::in_virtual_time(end)),
             // How a process ended tells more than that it does not answer.
             Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
                 name,

@@ -2,11 +2,14 @@
 
 use std::time::Duration;
 
+use canopen::Filter;
 use dbc::Database;
-use platform::bus::{self, BusAddress};
+use platform::bus::{self, Bus, BusAddress, BusError};
 use platform::clock::Clock;
 use platform::hub::Hub;
+use platform::private_bus::PrivateBus;
 use platform::recorder::Recorder;
+use platform::scheduling;
 use platform::stop::StopSignal;
 use scenario::Scenario;
 
@@ -17,6 +20,7 @@ use crate::capture::Capture;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::run::World;
 use crate::run_folder::RunFolder;
+use crate::timing::{Host, NodeReport};
 
 /// How often the recorded frames are taken and written.
 const COLLECT_PERIOD: Duration = Duration::from_millis(20);
@@ -43,19 +47,19 @@ pub fn run(
         controller: NodeProcess::spawn(CONTROLLER, folder, Some(&line.address), None)?,
     };
     let mut bench = DisturbanceProducer::new(scenario, &Database::sma_actuator())?;
-    let mut voice = bus::open(&line.address, &canopen::Node::filters(&bench))?;
+    let mut voice = line.voice(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = StopSignal::manual().map_err(|source| WorldError::Spawn {
         name: BENCH,
         source,
     })?;
-    let end = std::thread::scope(|scope| {
+    let ended = std::thread::scope(|scope| {
         let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *voice, &stop));
         let end = runtime.block_on(async {
             let end = follow(scenario, &mut line, capture, &mut processes).await;
             // However the run went, nothing may stay heated or running.
             let stopped = processes.stop().await;
             match end {
-                Ok(end) => stopped.map(|()| end),
+                Ok(end) => stopped.map(|reports| (end, reports)),
                 Err(error) => Err(error),
             }
         });
@@ -65,8 +69,26 @@ pub fn run(
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench))
     });
+    let wall_clock_step = line.wall_clock_step();
     let frames_lost = line.close(capture)?;
-    end.map(|end| World { end, frames_lost })
+    ended.map(|(end, [controller, plant_emulator])| World {
+        end,
+        frames_lost,
+        host: Some(Host {
+            controller: report(CONTROLLER, &controller),
+            plant_emulator: report(PLANT_EMULATOR, &plant_emulator),
+            wall_clock_step,
+            load: scheduling::machine_load(),
+        }),
+    })
+}
+
+/// What a node said of itself at its end.
+fn report(name: &str, text: &str) -> NodeReport {
+    serde_json::from_str(text).unwrap_or_else(|_| NodeReport {
+        refused: vec![format!("the {name} gave no report of its timing")],
+        ..NodeReport::default()
+    })
 }
 
 /// Collects frames until the scenario is over, the user stops it, or something fails.
@@ -110,6 +132,7 @@ struct Line {
     address: BusAddress,
     recorder: Recorder,
     hub: Option<Hub>,
+    private: Option<PrivateBus>,
 }
 
 impl Line {
@@ -121,6 +144,7 @@ impl Line {
                     address: hub.address(),
                     recorder,
                     hub: Some(hub),
+                    private: None,
                 })
             }
             RunBus::Interface(name) => {
@@ -129,8 +153,35 @@ impl Line {
                     address: BusAddress::Interface(name.clone()),
                     recorder,
                     hub: None,
+                    private: None,
                 })
             }
+            RunBus::Private => {
+                let mut private = PrivateBus::start()?;
+                Ok(Self {
+                    address: BusAddress::Private(private.process()),
+                    recorder: private.recorder()?,
+                    hub: None,
+                    private: Some(private),
+                })
+            }
+        }
+    }
+
+    /// The bench's own place on the bus.
+    fn voice(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
+        match &mut self.private {
+            Some(private) => private.voice(filters),
+            None => bus::open(&self.address, filters),
+        }
+    }
+
+    /// By how much the clock of the stamps was stepped; the hub's is monotonic.
+    fn wall_clock_step(&self) -> Duration {
+        if self.hub.is_some() {
+            Duration::ZERO
+        } else {
+            self.recorder.wall_clock_step()
         }
     }
 

@@ -75,13 +75,14 @@ pub fn follow(
 ) -> Result<(), FollowError> {
     Follower {
         wire: wire.map(|bus| Wire::new(bus, node)),
-        stepper: Stepper::default(),
+        stepper: Stepper::new(node),
         channel,
         packet: Vec::with_capacity(PACKET_MAX),
         delivered: Vec::with_capacity(FRAMES_MAX),
         answer: Answer {
             frames: Vec::with_capacity(FRAMES_MAX),
             next_deadline: None,
+            reached: Duration::ZERO,
             progress: Progress::Running,
         },
     }
@@ -101,13 +102,18 @@ impl Follower<'_> {
     fn run(&mut self, node: &mut dyn Node) -> Result<(), FollowError> {
         let hello = Hello {
             filters: node.filters(),
+            silent_filters: node.silent_filters(),
             next_deadline: node.next_deadline(),
         };
         protocol::encode_hello(&mut self.packet, &hello)?;
         self.send()?;
         loop {
             self.receive()?;
-            let outcome = self.serve(node);
+            let outcome = match self.serve(node) {
+                Ok(Served::NothingToAnswer) => continue,
+                Ok(Served::Step) => Ok(()),
+                Err(error) => Err(error),
+            };
             if let Err(error) = &outcome {
                 self.answer.frames.clear();
                 self.answer.progress = Progress::Failed(error.to_string());
@@ -124,24 +130,30 @@ impl Follower<'_> {
     }
 
     /// Does what the packet asks and writes the answer.
-    fn serve(&mut self, node: &mut dyn Node) -> Result<(), FollowError> {
+    fn serve(&mut self, node: &mut dyn Node) -> Result<Served, FollowError> {
         let request = protocol::decode_request(&self.packet, &mut self.delivered)?;
         self.answer.frames.clear();
         let queued = &mut self.answer.frames;
         self.answer.progress = match request {
-            Request::Advance { to } => {
+            Request::Advance { to, until } => {
                 if let Some(wire) = &mut self.wire {
                     wire.replace_with_copies(&mut self.delivered)?;
                 }
-                self.stepper.advance(node, to, &self.delivered, queued)?
+                self.stepper
+                    .advance(node, (to, until), &self.delivered, queued)?
             }
             Request::Stop { at } => self.stepper.stop(node, at, queued)?,
+            Request::Audience(audience) => {
+                self.stepper.meet(audience);
+                return Ok(Served::NothingToAnswer);
+            }
         };
-        self.answer.next_deadline = node.next_deadline();
+        self.answer.next_deadline = self.stepper.next_deadline();
+        self.answer.reached = self.stepper.now();
         if let Some(wire) = &mut self.wire {
             wire.expect_own(&self.answer.frames);
         }
-        Ok(())
+        Ok(Served::Step)
     }
 
     fn send(&self) -> Result<(), FollowError> {
@@ -160,6 +172,14 @@ impl Follower<'_> {
             Err(errno) => Err(FollowError::Channel(errno.into())),
         }
     }
+}
+
+/// What a packet asked for.
+enum Served {
+    /// A step, which is answered.
+    Step,
+    /// Only to know something.
+    NothingToAnswer,
 }
 
 /// The real bus that carries the announced frames.

@@ -2,15 +2,16 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Node};
+use canopen::{CanFrame, Filter, Node, Progress};
 
 use super::step::{StepError, Stepper};
-use super::{Answer, LockstepError, Participant};
+use super::{Answer, Audience, LockstepError, Participant};
 
 /// A node in this process; the step happens in `begin`.
 pub struct Local<'a> {
     name: String,
     filters: Vec<Filter>,
+    silent_filters: Vec<Filter>,
     node: &'a mut dyn Node,
     stepper: Stepper,
     answer: Option<Result<Answer, StepError>>,
@@ -22,10 +23,20 @@ impl<'a> Local<'a> {
         Self {
             name: name.into(),
             filters: node.filters(),
+            silent_filters: node.silent_filters(),
+            stepper: Stepper::new(node),
             node,
-            stepper: Stepper::default(),
             answer: None,
         }
+    }
+
+    fn answer(&mut self, result: Result<Progress, StepError>, frames: Vec<(Duration, CanFrame)>) {
+        self.answer = Some(result.map(|progress| Answer {
+            frames,
+            next_deadline: self.stepper.next_deadline(),
+            reached: self.stepper.now(),
+            progress,
+        }));
     }
 }
 
@@ -39,27 +50,29 @@ impl Participant for Local<'_> {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        self.node.next_deadline()
+        self.stepper.next_deadline()
     }
 
-    fn begin(&mut self, to: Duration, frames: &[(Duration, CanFrame)]) {
+    fn silent_filters(&self) -> &[Filter] {
+        &self.silent_filters
+    }
+
+    fn meet(&mut self, audience: &Audience) {
+        self.stepper.meet(audience.clone());
+    }
+
+    fn begin_ahead(&mut self, to: Duration, until: Duration, frames: &[(Duration, CanFrame)]) {
         let mut queued = Vec::new();
-        let result = self.stepper.advance(self.node, to, frames, &mut queued);
-        self.answer = Some(result.map(|progress| Answer {
-            frames: queued,
-            next_deadline: self.node.next_deadline(),
-            progress,
-        }));
+        let result = self
+            .stepper
+            .advance(self.node, (to, until), frames, &mut queued);
+        self.answer(result, queued);
     }
 
     fn begin_stop(&mut self, at: Duration) {
         let mut queued = Vec::new();
         let result = self.stepper.stop(self.node, at, &mut queued);
-        self.answer = Some(result.map(|progress| Answer {
-            frames: queued,
-            next_deadline: self.node.next_deadline(),
-            progress,
-        }));
+        self.answer(result, queued);
     }
 
     fn finish(&mut self) -> Result<Answer, LockstepError> {

@@ -2,19 +2,20 @@
 //!
 //! | message | direction | layout |
 //! |---|---|---|
-//! | Hello | process → coordinator | 1, version `u8`, filter count `u16`, next deadline `u64`, filters (id `u32`, mask `u32`) |
-//! | Advance | coordinator → process | 2, 0, frame count `u16`, to `u64`, frames |
+//! | Hello | process → coordinator | 1, version `u8`, filter count `u16`, next deadline `u64`, filters, silent filters |
+//! | Advance | coordinator → process | 2, 0, frame count `u16`, to `u64`, until `u64`, frames |
 //! | Stop | coordinator → process | 3, 0, 0 `u16`, at `u64` |
-//! | Done | process → coordinator | 4, progress `u8`, frame count `u16`, next deadline `u64`, frames, failure text |
+//! | Done | process → coordinator | 4, progress `u8`, frame count `u16`, next deadline `u64`, reached `u64`, frames, failure text |
+//! | Audience | coordinator → process | 5, 0, filter count `u16`, 0 `u64`, filters heard, silent filters |
 //!
 //! Times are nanoseconds; a deadline of all ones is none. A frame is its time `u64`, identifier with the kernel's flags
-//! `u32`, length `u8` and 8 data bytes. Progress is 0 running, 1 stopped, 2 failed; only a failure has a text.
+//! `u32`, length `u8` and 8 data bytes, a filter its id `u32` and mask `u32`. Progress is 0 running, 1 stopped, 2 failed; only a failure has a text.
 
 use std::time::Duration;
 
 use canopen::{CanFrame, Filter, Progress};
 
-use super::Answer;
+use super::{Answer, Audience};
 
 /// Frames in one message, at most.
 pub const FRAMES_MAX: usize = 2048;
@@ -24,16 +25,19 @@ const TEXT_MAX: usize = 1024;
 /// Filters of a node, at most (the kernel's `CAN_RAW_FILTER_MAX`).
 const FILTERS_MAX: usize = 512;
 const HEADER_BYTES: usize = 12;
+const TIME_BYTES: usize = 8;
 const FRAME_BYTES: usize = 21;
 
 /// No message is longer.
-pub(super) const PACKET_MAX: usize = HEADER_BYTES + FRAMES_MAX * FRAME_BYTES + TEXT_MAX;
+pub(super) const PACKET_MAX: usize =
+    HEADER_BYTES + TIME_BYTES + FRAMES_MAX * FRAME_BYTES + TEXT_MAX;
 
-const VERSION: u8 = 1;
+const VERSION: u8 = 2;
 const HELLO: u8 = 1;
 const ADVANCE: u8 = 2;
 const STOP: u8 = 3;
 const DONE: u8 = 4;
+const AUDIENCE: u8 = 5;
 const NO_DEADLINE: u64 = u64::MAX;
 
 /// What is wrong with a message.
@@ -95,14 +99,16 @@ pub enum ProtocolError {
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Hello {
     pub(super) filters: Vec<Filter>,
+    pub(super) silent_filters: Vec<Filter>,
     pub(super) next_deadline: Option<Duration>,
 }
 
 /// What the coordinator asks of a process. Its frames are left in the caller's buffer.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Request {
-    Advance { to: Duration },
+    Advance { to: Duration, until: Duration },
     Stop { at: Duration },
+    Audience(Audience),
 }
 
 /// Writes a Hello over `packet`.
@@ -110,10 +116,8 @@ pub(super) fn encode_hello(packet: &mut Vec<u8>, hello: &Hello) -> Result<(), Pr
     let count = limited(hello.filters.len(), "filters", FILTERS_MAX)?;
     let deadline = deadline_nanoseconds(hello.next_deadline)?;
     write_header(packet, HELLO, VERSION, count, deadline);
-    for filter in &hello.filters {
-        packet.extend_from_slice(&filter.id.to_le_bytes());
-        packet.extend_from_slice(&filter.mask.to_le_bytes());
-    }
+    write_filters(packet, &hello.filters);
+    write_filters(packet, &hello.silent_filters);
     Ok(())
 }
 
@@ -127,29 +131,38 @@ pub(super) fn decode_hello(packet: &[u8]) -> Result<Hello, ProtocolError> {
     }
     let count = limited(usize::from(reader.u16()?), "filters", FILTERS_MAX)?;
     let next_deadline = reader.deadline()?;
-    let filters = (0..count)
-        .map(|_| {
-            Ok(Filter {
-                id: reader.u32()?,
-                mask: reader.u32()?,
-            })
-        })
-        .collect::<Result<_, ProtocolError>>()?;
-    reader.end()?;
+    let (filters, silent_filters) = reader.two_lists_of_filters(count)?;
     Ok(Hello {
         filters,
+        silent_filters,
         next_deadline,
     })
+}
+
+/// Writes an Audience over `packet`.
+pub(super) fn encode_audience(
+    packet: &mut Vec<u8>,
+    audience: &Audience,
+) -> Result<(), ProtocolError> {
+    let limit = 2 * FILTERS_MAX;
+    let count = limited(audience.heard.len(), "filters", limit)?;
+    limited(audience.silent.len(), "filters", limit)?;
+    write_header(packet, AUDIENCE, 0, count, 0);
+    write_filters(packet, &audience.heard);
+    write_filters(packet, &audience.silent);
+    Ok(())
 }
 
 /// Writes an Advance over `packet`.
 pub(super) fn encode_advance(
     packet: &mut Vec<u8>,
     to: Duration,
+    until: Duration,
     frames: &[(Duration, CanFrame)],
 ) -> Result<(), ProtocolError> {
     let count = limited(frames.len(), "frames", FRAMES_MAX)?;
     write_header(packet, ADVANCE, 0, count, nanoseconds(to)?);
+    packet.extend_from_slice(&nanoseconds(until)?.to_le_bytes());
     write_frames(packet, frames)
 }
 
@@ -159,7 +172,7 @@ pub(super) fn encode_stop(packet: &mut Vec<u8>, at: Duration) -> Result<(), Prot
     Ok(())
 }
 
-/// Reads an Advance or a Stop; `frames` is overwritten with the frames delivered.
+/// Reads an Advance, a Stop or an Audience; `frames` is overwritten with the frames delivered.
 pub(super) fn decode_request(
     packet: &[u8],
     frames: &mut Vec<(Duration, CanFrame)>,
@@ -172,14 +185,19 @@ pub(super) fn decode_request(
     frames.clear();
     let request = match kind {
         ADVANCE => {
+            let until = Duration::from_nanos(reader.u64()?);
             reader.frames(count, frames)?;
-            Request::Advance { to: time }
+            Request::Advance { to: time, until }
         }
         STOP => Request::Stop { at: time },
+        AUDIENCE => {
+            let (heard, silent) = reader.two_lists_of_filters(usize::from(count))?;
+            Request::Audience(Audience { heard, silent })
+        }
         _ => {
             return Err(ProtocolError::UnexpectedKind {
                 kind,
-                expected: "advance or stop",
+                expected: "advance, stop or audience",
             });
         }
     };
@@ -197,6 +215,7 @@ pub(super) fn encode_done(packet: &mut Vec<u8>, answer: &Answer) -> Result<(), P
     };
     let deadline = deadline_nanoseconds(answer.next_deadline)?;
     write_header(packet, DONE, progress, count, deadline);
+    packet.extend_from_slice(&nanoseconds(answer.reached)?.to_le_bytes());
     write_frames(packet, &answer.frames)?;
     packet.extend_from_slice(text.as_bytes());
     Ok(())
@@ -209,6 +228,7 @@ pub(super) fn decode_done(packet: &[u8]) -> Result<Answer, ProtocolError> {
     let progress = reader.u8()?;
     let count = reader.u16()?;
     let next_deadline = reader.deadline()?;
+    let reached = Duration::from_nanos(reader.u64()?);
     let mut frames = Vec::with_capacity(usize::from(count).min(FRAMES_MAX));
     reader.frames(count, &mut frames)?;
     let progress = match progress {
@@ -226,6 +246,7 @@ pub(super) fn decode_done(packet: &[u8]) -> Result<Answer, ProtocolError> {
     Ok(Answer {
         frames,
         next_deadline,
+        reached,
         progress,
     })
 }
@@ -237,6 +258,13 @@ fn write_header(packet: &mut Vec<u8>, kind: u8, second: u8, count: usize, time: 
     packet.push(second);
     packet.extend_from_slice(&count.to_le_bytes());
     packet.extend_from_slice(&time.to_le_bytes());
+}
+
+fn write_filters(packet: &mut Vec<u8>, filters: &[Filter]) {
+    for filter in filters {
+        packet.extend_from_slice(&filter.id.to_le_bytes());
+        packet.extend_from_slice(&filter.mask.to_le_bytes());
+    }
 }
 
 fn write_frames(
@@ -348,6 +376,28 @@ impl<'a> Reader<'a> {
             frames.push((at, frame));
         }
         Ok(())
+    }
+
+    fn filter(&mut self) -> Result<Filter, ProtocolError> {
+        Ok(Filter {
+            id: self.u32()?,
+            mask: self.u32()?,
+        })
+    }
+
+    /// The first `count` filters, and all that follow.
+    fn two_lists_of_filters(
+        &mut self,
+        count: usize,
+    ) -> Result<(Vec<Filter>, Vec<Filter>), ProtocolError> {
+        let first = (0..count)
+            .map(|_| self.filter())
+            .collect::<Result<_, _>>()?;
+        let mut second = Vec::new();
+        while !self.rest.is_empty() {
+            second.push(self.filter()?);
+        }
+        Ok((first, second))
     }
 
     fn rest(&mut self) -> &'a [u8] {

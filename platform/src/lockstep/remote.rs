@@ -10,7 +10,7 @@ use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType};
 
 use super::protocol::{self, PACKET_MAX, ProtocolError};
-use super::{Answer, LockstepError, Participant};
+use super::{Answer, Audience, LockstepError, Participant};
 
 /// How long a process may take to answer, in wall time.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(10);
@@ -35,6 +35,7 @@ pub struct Remote {
     channel: OwnedFd,
     patience: Duration,
     filters: Vec<Filter>,
+    silent_filters: Vec<Filter>,
     next_deadline: Option<Duration>,
     packet: Vec<u8>,
     begun: Option<Result<(), Failure>>,
@@ -69,6 +70,7 @@ impl Remote {
             channel,
             patience,
             filters: Vec::new(),
+            silent_filters: Vec::new(),
             next_deadline: None,
             packet: Vec::with_capacity(PACKET_MAX),
             begun: None,
@@ -79,6 +81,7 @@ impl Remote {
         let hello = protocol::decode_hello(&remote.packet)
             .map_err(|error| remote.error(Failure::Protocol(error)))?;
         remote.filters = hello.filters;
+        remote.silent_filters = hello.silent_filters;
         remote.next_deadline = hello.next_deadline;
         Ok(remote)
     }
@@ -137,8 +140,18 @@ impl Participant for Remote {
         self.next_deadline
     }
 
-    fn begin(&mut self, to: Duration, frames: &[(Duration, CanFrame)]) {
-        let encoded = protocol::encode_advance(&mut self.packet, to, frames);
+    fn silent_filters(&self) -> &[Filter] {
+        &self.silent_filters
+    }
+
+    /// Nothing is answered to it; a channel that fails now fails at the first step too.
+    fn meet(&mut self, audience: &Audience) {
+        let encoded = protocol::encode_audience(&mut self.packet, audience);
+        self.send(encoded);
+    }
+
+    fn begin_ahead(&mut self, to: Duration, until: Duration, frames: &[(Duration, CanFrame)]) {
+        let encoded = protocol::encode_advance(&mut self.packet, to, until, frames);
         self.send(encoded);
     }
 

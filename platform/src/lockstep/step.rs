@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Node, Progress};
 
+use super::Audience;
 use super::protocol::FRAMES_MAX;
 
 /// Ticks that a node may want at one instant before it counts as stuck.
@@ -46,17 +47,44 @@ pub enum StepError {
 }
 
 /// Steps a node and keeps its time.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Stepper {
     now: Duration,
+    /// The node's own, as of the latest event; it is asked for after each one only.
+    next_deadline: Option<Duration>,
+    audience: Audience,
 }
 
 impl Stepper {
-    /// Advances the node to `to`; what it queues is added to `queued`.
+    /// A new node at time zero.
+    pub(super) fn new(node: &dyn Node) -> Self {
+        Self {
+            now: Duration::ZERO,
+            next_deadline: node.next_deadline(),
+            audience: Audience::default(),
+        }
+    }
+
+    /// When the node wants its next tick.
+    pub(super) fn next_deadline(&self) -> Option<Duration> {
+        self.next_deadline
+    }
+
+    /// The node's time.
+    pub(super) fn now(&self) -> Duration {
+        self.now
+    }
+
+    /// Remembers who listens.
+    pub(super) fn meet(&mut self, audience: Audience) {
+        self.audience = audience;
+    }
+
+    /// Advances the node to `to`, then on to `until` if it may; what it queues is added to `queued`.
     pub(super) fn advance(
         &mut self,
         node: &mut dyn Node,
-        to: Duration,
+        (to, until): (Duration, Duration),
         frames: &[(Duration, CanFrame)],
         queued: &mut Vec<(Duration, CanFrame)>,
     ) -> Result<Progress, StepError> {
@@ -76,7 +104,7 @@ impl Stepper {
             }
             self.now = *at;
             node.on_frame(self.now, frame);
-            drain(node, self.now, queued)?;
+            self.drain(node, queued)?;
             let progress = node.progress();
             if progress != Progress::Running {
                 return Ok(progress);
@@ -84,6 +112,31 @@ impl Stepper {
         }
         let progress = self.tick_until(node, queued, |deadline| deadline <= to)?;
         self.now = to;
+        self.look_ahead(node, until, progress, queued)
+    }
+
+    /// Goes on by the node's own deadlines, one instant after the other.
+    fn look_ahead(
+        &mut self,
+        node: &mut dyn Node,
+        until: Duration,
+        mut progress: Progress,
+        queued: &mut Vec<(Duration, CanFrame)>,
+    ) -> Result<Progress, StepError> {
+        let mut checked = 0;
+        while progress == Progress::Running && self.now < until {
+            let fresh = &queued[checked..];
+            if fresh
+                .iter()
+                .any(|(_, frame)| self.audience.may_answer(frame))
+            {
+                break;
+            }
+            checked = queued.len();
+            let next = self.next_deadline.unwrap_or(until).clamp(self.now, until);
+            progress = self.tick_until(node, queued, |deadline| deadline <= next)?;
+            self.now = next;
+        }
         Ok(progress)
     }
 
@@ -97,7 +150,7 @@ impl Stepper {
         self.check_forwards(at)?;
         self.now = at;
         node.on_stop(at);
-        drain(node, at, queued)?;
+        self.drain(node, queued)?;
         Ok(node.progress())
     }
 
@@ -111,7 +164,7 @@ impl Stepper {
         let mut ticks_at_instant = 0;
         loop {
             let progress = node.progress();
-            let deadline = node.next_deadline().map(|deadline| deadline.max(self.now));
+            let deadline = self.next_deadline.map(|deadline| deadline.max(self.now));
             let Some(deadline) = deadline.filter(|deadline| due(*deadline)) else {
                 return Ok(progress);
             };
@@ -128,7 +181,7 @@ impl Stepper {
             }
             self.now = deadline;
             node.on_tick(self.now);
-            drain(node, self.now, queued)?;
+            self.drain(node, queued)?;
         }
     }
 
@@ -138,19 +191,20 @@ impl Stepper {
         }
         Ok(())
     }
-}
 
-/// Takes all that the node wants to send.
-fn drain(
-    node: &mut dyn Node,
-    now: Duration,
-    queued: &mut Vec<(Duration, CanFrame)>,
-) -> Result<(), StepError> {
-    while let Some(frame) = node.next_frame() {
-        if queued.len() == FRAMES_MAX {
-            return Err(StepError::TooManyFrames);
+    /// Ends an event: takes all that the node wants to send, and asks for its deadline.
+    fn drain(
+        &mut self,
+        node: &mut dyn Node,
+        queued: &mut Vec<(Duration, CanFrame)>,
+    ) -> Result<(), StepError> {
+        while let Some(frame) = node.next_frame() {
+            if queued.len() == FRAMES_MAX {
+                return Err(StepError::TooManyFrames);
+            }
+            queued.push((self.now, frame));
         }
-        queued.push((now, frame));
+        self.next_deadline = node.next_deadline();
+        Ok(())
     }
-    Ok(())
 }

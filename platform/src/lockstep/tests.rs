@@ -221,6 +221,7 @@ fn malformed_answers_are_errors() {
     let answer = Answer {
         frames: vec![(MS, ping(1))],
         next_deadline: None,
+        reached: MS,
         progress: Progress::Running,
     };
     encode_done(&mut done, &answer).unwrap();
@@ -241,10 +242,10 @@ fn malformed_answers_are_errors() {
     };
     assert_eq!(with(0, 9), "message kind 9 where done was due");
     assert_eq!(with(1, 7), "progress is 7");
-    assert_eq!(with(2, 2), "the message ends too early (33 bytes)");
+    assert_eq!(with(2, 2), "the message ends too early (41 bytes)");
     assert_eq!(with(2, 0), "the message has 21 bytes too many");
     assert_eq!(with(3, 0xFF), "65281 frames (limit 2048)");
-    assert_eq!(with(24, 9), "frame length is 9");
+    assert_eq!(with(32, 9), "frame length is 9");
 }
 
 #[test]
@@ -264,7 +265,7 @@ fn another_version_is_refused() {
     let (ours, theirs) = channel().unwrap();
     send(&theirs, &packet);
     let error = Remote::accept("plant", ours).err().unwrap().to_string();
-    assert!(error.contains("protocol version 77, ours is 1"), "{error}");
+    assert!(error.contains("protocol version 77, ours is 2"), "{error}");
 }
 
 #[test]
@@ -361,6 +362,7 @@ fn hello_packet() -> Vec<u8> {
     let mut packet = Vec::new();
     let hello = Hello {
         filters: vec![Filter::ALL],
+        silent_filters: vec![Filter::exact(0x210)],
         next_deadline: None,
     };
     encode_hello(&mut packet, &hello).unwrap();
@@ -421,4 +423,43 @@ fn own_frames_that_come_back_are_not_delivered() {
     remote.begin(MS, &[(MS, ping(9))]);
     remote.finish().unwrap();
     assert_eq!(talker.join().unwrap().unwrap(), [ping(9)]);
+}
+
+/// The echo sends 0x200 each millisecond; somebody may answer that or not.
+fn ahead(audience: Option<&Audience>, participant: &mut dyn Participant) -> Answer {
+    if let Some(audience) = audience {
+        participant.meet(audience);
+    }
+    participant.begin_ahead(MS / 2, ms(3), &[]);
+    participant.finish().unwrap()
+}
+
+#[test]
+fn a_node_goes_ahead_until_it_says_what_may_be_answered() {
+    let answered = Audience {
+        heard: vec![Filter::exact(0x200)],
+        silent: vec![],
+    };
+    let silent = Audience {
+        silent: answered.heard.clone(),
+        ..answered.clone()
+    };
+    let cases = [
+        // It speaks at 0 already, before the look-ahead begins.
+        (None, 1, MS / 2),
+        (Some(answered), 1, MS / 2),
+        (Some(silent), 4, ms(3)),
+    ];
+    for (audience, frames, reached) in cases {
+        let mut node = Echo::new(MS);
+        let local = ahead(audience.as_ref(), &mut Local::new("echo", &mut node));
+        assert_eq!((local.frames.len(), local.reached), (frames, reached));
+        let (mut remote, _echo) = remote_echo();
+        assert_eq!(ahead(audience.as_ref(), &mut remote), local);
+    }
+    let mut node = Echo::new(MS);
+    node.deadline = MS;
+    let answer = ahead(None, &mut Local::new("echo", &mut node));
+    assert_eq!((answer.frames.len(), answer.reached), (1, MS));
+    assert_eq!(answer.next_deadline, Some(ms(2)));
 }

@@ -1,0 +1,404 @@
+//! How well a run in real time kept its deadlines.
+//!
+//! Latencies are differences of the receive stamps of one recorder; wake-up lateness is what the nodes' loops counted.
+
+use std::time::Duration;
+
+use dbc::Database;
+use hdrhistogram::Histogram;
+use scenario::Scenario;
+use scenario::timing::{QuantileLimits, TimingLimits};
+use serde::{Deserialize, Serialize};
+
+use crate::recording::Stamped;
+use crate::scenario_clock::{SYNC_COB_ID, ScenarioClock};
+use crate::signals::{self, SignalMissing};
+use crate::verdict::Metric;
+
+/// Latencies above this count as this.
+const LATENCY_MICROSECONDS_MAX: u64 = 10_000_000;
+/// A wall clock that was stepped by more makes the stamps worthless.
+const CLOCK_STEP_MAX: Duration = Duration::from_millis(1);
+
+/// Median and tail of a distribution, in microseconds.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize)]
+pub struct Quantiles {
+    /// Half of the values are not above it.
+    pub median: f64,
+    /// 99 % of the values are not above it.
+    pub p99: f64,
+    /// 99.9 % of the values are not above it.
+    pub p99_9: f64,
+    /// The largest value.
+    pub max: f64,
+}
+
+impl Quantiles {
+    /// The quantiles of a histogram whose unit is so many in a microsecond.
+    #[must_use]
+    pub fn of(histogram: &Histogram<u64>, per_microsecond: u32) -> Self {
+        #[expect(clippy::cast_precision_loss, reason = "values stay far below 2^52")]
+        let at =
+            |quantile| histogram.value_at_quantile(quantile) as f64 / f64::from(per_microsecond);
+        Self {
+            median: at(0.5),
+            p99: at(0.99),
+            p99_9: at(0.999),
+            max: at(1.0),
+        }
+    }
+
+    fn worst(self, other: Self) -> Self {
+        Self {
+            median: self.median.max(other.median),
+            p99: self.p99.max(other.p99),
+            p99_9: self.p99_9.max(other.p99_9),
+            max: self.max.max(other.max),
+        }
+    }
+}
+
+/// What a node's loop counted, as its process reports it at its end.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+pub struct NodeReport {
+    /// Ticks of the node.
+    pub ticks: u64,
+    /// Deadlines that had passed before the tick before them was done.
+    pub overruns: u64,
+    /// How late the ticks were.
+    pub wake_up_lateness_microseconds: Quantiles,
+    /// Frames that were lost before the node could take them.
+    pub frames_dropped: u64,
+    /// What the system refused: priority, locked memory.
+    pub refused: Vec<String>,
+}
+
+/// What a world in real time knows besides the frames.
+#[derive(Clone, Debug, Default)]
+pub struct Host {
+    /// What the controller's loop counted.
+    pub controller: NodeReport,
+    /// What the emulator's loop counted.
+    pub plant_emulator: NodeReport,
+    /// By how much the wall clock was stepped in the run.
+    pub wall_clock_step: Duration,
+    /// Processes that wanted to run at the end, on average over a minute, and the processors there are.
+    pub load: Option<(f64, usize)>,
+}
+
+/// Timing of a run, as `verdict.json` holds it. Not part of a verdict in virtual time.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Timing {
+    /// What the controller's loop counted.
+    pub controller: NodeReport,
+    /// What the emulator's loop counted.
+    pub plant_emulator: NodeReport,
+    /// From the SYNC to the drive's position.
+    pub sync_to_position_microseconds: Quantiles,
+    /// From the drive's position to the command that follows from it.
+    pub position_to_command_microseconds: Quantiles,
+    /// From the SYNC to the command.
+    pub round_trip_microseconds: Quantiles,
+    /// Why these numbers say nothing about the software; empty when they do.
+    pub distrust: Vec<String>,
+}
+
+impl Timing {
+    /// The timing of a run from its recording and from what the host knows.
+    ///
+    /// # Errors
+    /// The database lacks a signal.
+    pub fn of(
+        frames: &[Stamped],
+        scenario: &Scenario,
+        database: &Database,
+        host: Host,
+    ) -> Result<Self, SignalMissing> {
+        let mut latencies = Latencies::new(database)?;
+        let end = Duration::from_secs_f64(scenario.duration_seconds);
+        for stamped in frames {
+            latencies.take(stamped, end);
+        }
+        Ok(Self {
+            distrust: distrust(&host),
+            sync_to_position_microseconds: Quantiles::of(&latencies.sync_to_position, 1),
+            position_to_command_microseconds: Quantiles::of(&latencies.position_to_command, 1),
+            round_trip_microseconds: Quantiles::of(&latencies.round_trip, 1),
+            controller: host.controller,
+            plant_emulator: host.plant_emulator,
+        })
+    }
+
+    /// The worse of the two loops.
+    fn wake_up_lateness(&self) -> Quantiles {
+        let [controller, plant_emulator] = [&self.controller, &self.plant_emulator];
+        controller
+            .wake_up_lateness_microseconds
+            .worst(plant_emulator.wake_up_lateness_microseconds)
+    }
+
+    /// The four distributions with their names, for people.
+    #[must_use]
+    pub fn rows(&self) -> [(&'static str, Quantiles); 5] {
+        [
+            (
+                "wake-up lateness, controller",
+                self.controller.wake_up_lateness_microseconds,
+            ),
+            (
+                "wake-up lateness, plant emulator",
+                self.plant_emulator.wake_up_lateness_microseconds,
+            ),
+            ("SYNC to position", self.sync_to_position_microseconds),
+            ("position to command", self.position_to_command_microseconds),
+            ("round trip", self.round_trip_microseconds),
+        ]
+    }
+
+    /// The limits that are given, held against their values.
+    #[must_use]
+    pub fn metrics(&self, limits: &TimingLimits) -> Vec<Metric> {
+        let mut metrics = Vec::new();
+        let mut judge = |names: [&'static str; 4], values: Quantiles, limits: QuantileLimits| {
+            let values = [values.median, values.p99, values.p99_9, values.max];
+            let limits = [limits.median, limits.p99, limits.p99_9, limits.max];
+            for ((name, value), limit) in names.into_iter().zip(values).zip(limits) {
+                if limit.is_some() {
+                    metrics.push(Metric::new(name, Ok(value), limit));
+                }
+            }
+        };
+        judge(
+            [
+                "wake_up_lateness_microseconds_median",
+                "wake_up_lateness_microseconds_p99",
+                "wake_up_lateness_microseconds_p99_9",
+                "wake_up_lateness_microseconds_max",
+            ],
+            self.wake_up_lateness(),
+            limits.wake_up_lateness_microseconds,
+        );
+        judge(
+            [
+                "sync_to_position_microseconds_median",
+                "sync_to_position_microseconds_p99",
+                "sync_to_position_microseconds_p99_9",
+                "sync_to_position_microseconds_max",
+            ],
+            self.sync_to_position_microseconds,
+            limits.sync_to_position_microseconds,
+        );
+        judge(
+            [
+                "position_to_command_microseconds_median",
+                "position_to_command_microseconds_p99",
+                "position_to_command_microseconds_p99_9",
+                "position_to_command_microseconds_max",
+            ],
+            self.position_to_command_microseconds,
+            limits.position_to_command_microseconds,
+        );
+        judge(
+            [
+                "round_trip_microseconds_median",
+                "round_trip_microseconds_p99",
+                "round_trip_microseconds_p99_9",
+                "round_trip_microseconds_max",
+            ],
+            self.round_trip_microseconds,
+            limits.round_trip_microseconds,
+        );
+        metrics
+    }
+}
+
+/// Why the timing of this host proves nothing.
+fn distrust(host: &Host) -> Vec<String> {
+    let mut reasons: Vec<String> = Vec::new();
+    for report in [&host.controller, &host.plant_emulator] {
+        for refusal in &report.refused {
+            if !reasons.contains(refusal) {
+                reasons.push(refusal.clone());
+            }
+        }
+    }
+    if host.wall_clock_step > CLOCK_STEP_MAX {
+        reasons.push(format!(
+            "the wall clock was stepped by {:.1} ms during the run",
+            1e3 * host.wall_clock_step.as_secs_f64()
+        ));
+    }
+    if let Some((load, processors)) = host.load {
+        #[expect(clippy::cast_precision_loss, reason = "a number of processors")]
+        let is_overloaded = load > processors as f64;
+        if is_overloaded {
+            reasons.push(format!(
+                "the machine is overloaded (load {load:.1} on {processors} processors)"
+            ));
+        }
+    }
+    reasons
+}
+
+/// Follows each cycle from its SYNC over the position to the command.
+struct Latencies {
+    clock: ScenarioClock,
+    position_id: u32,
+    command_id: u32,
+    sync: Option<Duration>,
+    position: Option<Duration>,
+    sync_to_position: Histogram<u64>,
+    position_to_command: Histogram<u64>,
+    round_trip: Histogram<u64>,
+}
+
+impl Latencies {
+    fn new(database: &Database) -> Result<Self, SignalMissing> {
+        let histogram = || {
+            Histogram::new_with_max(LATENCY_MICROSECONDS_MAX, 3)
+                .expect("constant bounds that the histogram takes")
+        };
+        Ok(Self {
+            clock: ScenarioClock::new(database)?,
+            position_id: signals::find(database, signals::POSITION)?.raw_id(),
+            command_id: signals::find(database, signals::TARGET_CURRENT)?.raw_id(),
+            sync: None,
+            position: None,
+            sync_to_position: histogram(),
+            position_to_command: histogram(),
+            round_trip: histogram(),
+        })
+    }
+
+    fn take(&mut self, stamped: &Stamped, end: Duration) {
+        self.clock.on_frame(stamped.time, &stamped.frame);
+        let scenario_time = self.clock.scenario_time(stamped.time);
+        if scenario_time.is_none_or(|time| time >= end) {
+            return;
+        }
+        let id = stamped.frame.raw_id();
+        if id == u32::from(SYNC_COB_ID) {
+            self.sync = Some(stamped.time);
+            self.position = None;
+        } else if id == self.position_id && self.position.is_none() {
+            self.position = self.sync.map(|_| stamped.time);
+            record(&mut self.sync_to_position, self.sync, stamped.time);
+        } else if id == self.command_id && self.position.is_some() {
+            record(&mut self.position_to_command, self.position, stamped.time);
+            record(&mut self.round_trip, self.sync.take(), stamped.time);
+            self.position = None;
+        }
+    }
+}
+
+fn record(histogram: &mut Histogram<u64>, from: Option<Duration>, to: Duration) {
+    if let Some(from) = from {
+        let micros = to.saturating_sub(from).as_micros();
+        histogram.saturating_record(u64::try_from(micros).unwrap_or(u64::MAX));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::CanFrame;
+
+    fn stamped(micros: u64, id: u16, data: &[u8]) -> Stamped {
+        Stamped::new(Duration::from_micros(micros), CanFrame::new(id, data))
+    }
+
+    #[test]
+    fn latencies_are_differences_of_stamps_within_a_cycle() {
+        let mut latencies = Latencies::new(&Database::sma_actuator()).unwrap();
+        let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
+        let end = Duration::from_secs(1);
+        for (micros, id) in [
+            (0, 0x190),
+            (1000, 0x080),
+            (1150, 0x190),
+            (1400, 0x210),
+            (2000, 0x080),
+            (2250, 0x190),
+            (2300, 0x190),
+            (3000, 0x080),
+            (3100, 0x210),
+        ] {
+            latencies.take(&stamped(micros, id, &enabled), end);
+        }
+        let quantiles = |histogram| Quantiles::of(histogram, 1);
+        assert_eq!(latencies.sync_to_position.len(), 2);
+        assert_eq!(quantiles(&latencies.sync_to_position).max, 250.0);
+        assert_eq!(quantiles(&latencies.position_to_command).median, 250.0);
+        assert_eq!(latencies.round_trip.len(), 1);
+        assert_eq!(quantiles(&latencies.round_trip).max, 400.0);
+    }
+
+    #[test]
+    fn a_stepped_clock_a_refusal_and_a_load_are_distrusted() {
+        let mut host = Host {
+            load: Some((1.5, 2)),
+            ..Host::default()
+        };
+        assert_eq!(distrust(&host), Vec::<String>::new());
+        host.wall_clock_step = Duration::from_millis(30);
+        host.load = Some((8.0, 2));
+        host.controller.refused = vec!["no priority".to_owned()];
+        host.plant_emulator.refused = host.controller.refused.clone();
+        let expected = [
+            "no priority",
+            "the wall clock was stepped by 30.0 ms during the run",
+            "the machine is overloaded (load 8.0 on 2 processors)",
+        ];
+        assert_eq!(distrust(&host), expected);
+    }
+
+    #[test]
+    fn limits_on_time_pass_only_where_the_timing_is_trusted() {
+        use crate::judge::judge_timing;
+        use crate::verdict::{Outcome, Verdict};
+        use scenario::expect::Limit;
+        let timing = |p99, distrust: &[&str]| Timing {
+            controller: NodeReport::default(),
+            plant_emulator: NodeReport::default(),
+            sync_to_position_microseconds: Quantiles::default(),
+            position_to_command_microseconds: Quantiles::default(),
+            round_trip_microseconds: Quantiles {
+                p99,
+                ..Quantiles::default()
+            },
+            distrust: distrust.iter().map(ToString::to_string).collect(),
+        };
+        let max = |max| {
+            let limit = Limit {
+                min: None,
+                max: Some(max),
+            };
+            Some(limit)
+        };
+        let mut limits = TimingLimits::default();
+        limits.round_trip_microseconds.p99 = max(800.0);
+        let outcome = |missed: f64, timing: Timing, limits: &TimingLimits| {
+            let mut verdict = Verdict::incomplete("hold", 1, "");
+            verdict.metrics = vec![Metric::new("missed_cycles_percent", Ok(missed), max(0.1))];
+            let passed = verdict.metrics[0].passed == Some(true);
+            verdict.outcome = if passed { Outcome::Pass } else { Outcome::Fail };
+            judge_timing(&mut verdict, timing, limits);
+            verdict.outcome
+        };
+        let refused = ["no priority"];
+        assert_eq!(outcome(0.0, timing(700.0, &[]), &limits), Outcome::Pass);
+        assert_eq!(outcome(0.0, timing(900.0, &[]), &limits), Outcome::Fail);
+        for p99 in [700.0, 900.0] {
+            let judged = outcome(0.0, timing(p99, &refused), &limits);
+            assert_eq!(judged, Outcome::Inconclusive);
+        }
+        assert_eq!(outcome(0.5, timing(700.0, &[]), &limits), Outcome::Fail);
+        // Without limits on time the timing is only reported.
+        let none = TimingLimits::default();
+        assert_eq!(outcome(0.0, timing(9e9, &refused), &none), Outcome::Pass);
+        assert_eq!(
+            outcome(0.5, timing(9e9, &refused), &none),
+            Outcome::Inconclusive
+        );
+    }
+}

@@ -1,0 +1,47 @@
+//! Who listens to a node, and whom it may make speak.
+
+use canopen::{CanFrame, Filter};
+
+/// What the other participants of a bus do with a node's frames.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Audience {
+    /// What somebody listens to.
+    pub heard: Vec<Filter>,
+    /// What all who listen to it take in silence ([`canopen::Node::silent_filters`]).
+    pub silent: Vec<Filter>,
+}
+
+impl Default for Audience {
+    /// Nothing is known of the others: any frame may be answered.
+    fn default() -> Self {
+        Self {
+            heard: vec![Filter::ALL, Filter::ERRORS],
+            silent: Vec::new(),
+        }
+    }
+}
+
+impl Audience {
+    /// True when somebody may queue a frame because of this one.
+    #[must_use]
+    pub fn may_answer(&self, frame: &CanFrame) -> bool {
+        let accepts = |filters: &[Filter]| filters.iter().any(|filter| filter.accepts(frame));
+        accepts(&self.heard) && !accepts(&self.silent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_is_heard_and_not_taken_in_silence_may_be_answered() {
+        let audience = Audience {
+            heard: vec![Filter::exact(0x080), Filter::exact(0x210)],
+            silent: vec![Filter::exact(0x210)],
+        };
+        let may_answer = |id| audience.may_answer(&CanFrame::new(id, &[]));
+        assert!(may_answer(0x080) && !may_answer(0x210) && !may_answer(0x290));
+        assert!(Audience::default().may_answer(&CanFrame::new(0x290, &[])));
+    }
+}

@@ -1,0 +1,315 @@
+//! A bus of one's own, without root: a vcan in a user and a network namespace that nobody else sees.
+//!
+//! A process may change its user namespace only while it has a single thread, so a helper does it: it makes the
+//! namespaces and the interface, opens the bench's sockets there and passes them on, then waits until the bench closes
+//! its channel. The nodes' processes enter the namespaces of the helper ([`enter`]). With the last process and socket
+//! the kernel takes namespaces and interface away.
+#![expect(unsafe_code, reason = "unshare")]
+
+use std::fs::{self, File};
+use std::io::{self, IoSlice, IoSliceMut};
+use std::mem::MaybeUninit;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::fs::MetadataExt;
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+use canopen::{CanFrame, Filter};
+use rustix::event::PollFlags;
+use rustix::net::{
+    AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer,
+    SendAncillaryMessage, SendFlags, SocketFlags, SocketType, recvmsg, sendmsg, socket_with,
+};
+use rustix::process::{getegid, geteuid};
+use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
+use socketcan::CanSocket;
+
+use crate::bus::{Bus, BusError, wait_ready};
+use crate::lockstep::channel;
+use crate::process;
+use crate::recorder::Recorder;
+use crate::socketcan_bus::SocketCanBus;
+
+/// Name of the interface in its namespace.
+pub const INTERFACE: &str = "vcan0";
+
+/// The hidden subcommand that runs [`serve`]; its argument is the channel's number.
+pub const HELPER: &str = "private-bus";
+
+/// How long the helper may take.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Sockets that the helper opens for the bench.
+const SOCKETS: usize = 2;
+
+/// Why there is no private bus.
+#[derive(Debug, thiserror::Error)]
+pub enum PrivateBusError {
+    /// The helper could not be started or heard.
+    #[error("the helper for a private bus failed: {0}")]
+    Helper(io::Error),
+    /// The system refuses a step; the helper's own words.
+    #[error("{0}")]
+    Refused(String),
+}
+
+/// A private bus while it lives.
+pub struct PrivateBus {
+    recorder: Option<CanSocket>,
+    voice: Option<CanSocket>,
+    helper: Child,
+    /// The helper ends when this is closed.
+    channel: Option<OwnedFd>,
+}
+
+impl PrivateBus {
+    /// Makes one. Call it on the thread that lives as long as the run.
+    ///
+    /// # Errors
+    /// Says what the system refuses.
+    pub fn start() -> Result<Self, PrivateBusError> {
+        let (ours, theirs) = channel().map_err(PrivateBusError::Helper)?;
+        let mut command = process::myself().map_err(PrivateBusError::Helper)?;
+        let number = process::inherit(&mut command, theirs);
+        let helper = command
+            .args([HELPER.to_owned(), number.to_string()])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .map_err(PrivateBusError::Helper)?;
+        drop(command);
+        let mut bus = Self {
+            recorder: None,
+            voice: None,
+            helper,
+            channel: None,
+        };
+        let (text, sockets) = receive(&ours).map_err(PrivateBusError::Helper)?;
+        bus.channel = Some(ours);
+        let mut sockets = sockets.into_iter().map(CanSocket::from);
+        (bus.recorder, bus.voice) = (sockets.next(), sockets.next());
+        if bus.voice.is_none() {
+            return Err(PrivateBusError::Refused(text));
+        }
+        Ok(bus)
+    }
+
+    /// The process whose namespaces the nodes [`enter`].
+    #[must_use]
+    pub fn process(&self) -> u32 {
+        self.helper.id()
+    }
+
+    /// The recorder of this bus; once.
+    ///
+    /// # Errors
+    /// When the system refuses it, or it was taken before.
+    pub fn recorder(&mut self) -> Result<Recorder, BusError> {
+        let socket = self.recorder.take().ok_or_else(taken)?;
+        Recorder::on_socket(INTERFACE, socket)
+    }
+
+    /// The bench's own place on this bus; once.
+    ///
+    /// # Errors
+    /// When the system refuses it, or it was taken before.
+    pub fn voice(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
+        let socket = self.voice.take().ok_or_else(taken)?;
+        Ok(Box::new(SocketCanBus::on_socket(
+            INTERFACE, socket, filters,
+        )?))
+    }
+}
+
+impl Drop for PrivateBus {
+    fn drop(&mut self) {
+        self.channel = None;
+        // One that does not end is ended by the kernel when this thread ends.
+        let _ = self.helper.wait();
+    }
+}
+
+fn taken() -> BusError {
+    BusError::NoInterface {
+        name: INTERFACE.to_owned(),
+    }
+}
+
+/// What the helper does; call it in a process with a single thread. Returns when the bench closes the channel.
+///
+/// # Errors
+/// The reason is sent to the bench.
+pub fn serve(channel: OwnedFd) -> io::Result<()> {
+    match make() {
+        Ok(sockets) => send(&channel, "", &sockets)?,
+        Err(refused) => {
+            send(&channel, &refused, &[])?;
+            return Err(io::Error::other(refused));
+        }
+    }
+    // Its end, since the bench sends nothing.
+    rustix::net::recv(&channel, &mut [0; 1], RecvFlags::empty())?;
+    Ok(())
+}
+
+/// Namespaces, interface and sockets; a sandbox may grant the first and then refuse their use, so a frame must cross.
+fn make() -> Result<Vec<CanSocket>, String> {
+    let said = |what: &'static str| move |error: io::Error| format!("{what}: {error}");
+    leave_namespaces().map_err(said(
+        "a user and network namespace was refused (permit it with: sudo sysctl kernel.unprivileged_userns_clone=1 user.max_user_namespaces=10000)",
+    ))?;
+    make_interface().map_err(said(
+        "a vcan cannot be made in a namespace of one's own (load it with: sudo modprobe vcan can-raw)",
+    ))?;
+    let fault = |error: BusError| error.to_string();
+    let open = || crate::socketcan_bus::open_socket(INTERFACE).map_err(fault);
+    let (mut one, mut other) = (probe(open()?)?, probe(open()?)?);
+    let frame = CanFrame::new(0x7FF, &[]);
+    one.send(&frame).map_err(fault)?;
+    if other.receive(PATIENCE).map_err(fault)? != Some(frame) {
+        return Err("a private vcan was made, but carries no frame".to_owned());
+    }
+    drop((one, other));
+    (0..SOCKETS).map(|_| open()).collect()
+}
+
+fn probe(socket: CanSocket) -> Result<SocketCanBus, String> {
+    SocketCanBus::on_socket(INTERFACE, socket, &[Filter::ALL]).map_err(|error| error.to_string())
+}
+
+/// Root needs no user namespace, in which it would lose its right to real-time priority.
+fn leave_namespaces() -> io::Result<()> {
+    let (user, group) = (geteuid().as_raw(), getegid().as_raw());
+    if user == 0 && unshare(libc::CLONE_NEWNET).is_ok() {
+        return Ok(());
+    }
+    unshare(libc::CLONE_NEWUSER | libc::CLONE_NEWNET)?;
+    fs::write("/proc/self/setgroups", "deny")?;
+    fs::write("/proc/self/uid_map", format!("{user} {user} 1"))?;
+    fs::write("/proc/self/gid_map", format!("{group} {group} 1"))
+}
+
+fn unshare(flags: libc::c_int) -> io::Result<()> {
+    // SAFETY: the call takes flags and changes what this process sees; no descriptor or memory of ours is concerned.
+    match unsafe { libc::unshare(flags) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
+    }
+}
+
+/// Asks the kernel (rtnetlink) for an interface of kind vcan that is up.
+fn make_interface() -> io::Result<()> {
+    let socket = socket_with(
+        AddressFamily::NETLINK,
+        SocketType::RAW,
+        SocketFlags::CLOEXEC,
+        None, // NETLINK_ROUTE is 0
+    )?;
+    rustix::net::send(&socket, &new_link_request(), SendFlags::empty())?;
+    let mut answer = [0; 256];
+    let (_, length) = rustix::net::recv(&socket, &mut answer[..], RecvFlags::empty())?;
+    // A header of 16 bytes, then the negative error number; 0 is an acknowledgement.
+    let error = answer[..length]
+        .get(16..20)
+        .and_then(|bytes| bytes.try_into().ok())
+        .map_or(-libc::EPROTO, i32::from_ne_bytes);
+    match error {
+        0 => Ok(()),
+        error => Err(io::Error::from_raw_os_error(-error)),
+    }
+}
+
+/// `RTM_NEWLINK` for an interface that is up, with its name and kind.
+fn new_link_request() -> Vec<u8> {
+    // NLM_F_REQUEST, NLM_F_ACK, NLM_F_EXCL, NLM_F_CREATE
+    const ACKNOWLEDGED_NEW: u16 = 0x001 | 0x004 | 0x200 | 0x400;
+    const IFF_UP: u32 = 1;
+    const INFO_KIND: u16 = 1;
+    let up = IFF_UP.to_ne_bytes();
+    let mut body = vec![0; 8]; // family, type and index are the kernel's to choose
+    body.extend_from_slice(&up); // flags
+    body.extend_from_slice(&up); // which of them count
+    push_attribute(&mut body, libc::IFLA_IFNAME, b"vcan0\0");
+    let mut kind = Vec::new();
+    push_attribute(&mut kind, INFO_KIND, b"vcan");
+    push_attribute(&mut body, libc::IFLA_LINKINFO, &kind);
+    let length = u32::try_from(16 + body.len()).expect("a short message");
+    let mut message = length.to_ne_bytes().to_vec();
+    message.extend_from_slice(&libc::RTM_NEWLINK.to_ne_bytes());
+    message.extend_from_slice(&ACKNOWLEDGED_NEW.to_ne_bytes());
+    message.extend_from_slice(&[0; 8]); // sequence number and port
+    message.extend_from_slice(&body);
+    message
+}
+
+/// Length, type and value, filled up to a multiple of four bytes.
+fn push_attribute(message: &mut Vec<u8>, kind: u16, value: &[u8]) {
+    let length = u16::try_from(4 + value.len()).expect("a short attribute");
+    message.extend_from_slice(&length.to_ne_bytes());
+    message.extend_from_slice(&kind.to_ne_bytes());
+    message.extend_from_slice(value);
+    message.resize(message.len().next_multiple_of(4), 0);
+}
+
+/// Enters the namespaces of a helper, for a node's process while it has a single thread. Ask for real-time priority
+/// before: a user namespace takes the right to it away.
+///
+/// # Errors
+/// When the helper is gone or the system refuses.
+pub fn enter(helper: u32) -> io::Result<()> {
+    let theirs = |kind: &str| File::open(format!("/proc/{helper}/ns/{kind}"));
+    let user = theirs("user")?;
+    let net = theirs("net")?;
+    if user.metadata()?.ino() != fs::metadata("/proc/self/ns/user")?.ino() {
+        move_into_link_name_space(user.as_fd(), Some(LinkNameSpaceType::User))?;
+    }
+    Ok(move_into_link_name_space(
+        net.as_fd(),
+        Some(LinkNameSpaceType::Network),
+    )?)
+}
+
+fn send(channel: &OwnedFd, text: &str, sockets: &[CanSocket]) -> io::Result<()> {
+    let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(SOCKETS))];
+    let mut control = SendAncillaryBuffer::new(&mut space);
+    let fds: Vec<_> = sockets.iter().map(AsFd::as_fd).collect();
+    if !fds.is_empty() && !control.push(SendAncillaryMessage::ScmRights(&fds)) {
+        return Err(io::Error::other("more sockets than room for them"));
+    }
+    // An empty packet would look like the end.
+    let text = format!("{text}\n");
+    sendmsg(
+        channel,
+        &[IoSlice::new(text.as_bytes())],
+        &mut control,
+        SendFlags::NOSIGNAL,
+    )?;
+    Ok(())
+}
+
+/// The helper's words, and the sockets.
+fn receive(channel: &OwnedFd) -> io::Result<(String, Vec<OwnedFd>)> {
+    if !wait_ready(channel.as_fd(), PollFlags::IN, PATIENCE)? {
+        return Err(io::Error::other("it gave no answer"));
+    }
+    let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(SOCKETS))];
+    let mut control = RecvAncillaryBuffer::new(&mut space);
+    let mut text = [0; 512];
+    let received = recvmsg(
+        channel,
+        &mut [IoSliceMut::new(&mut text)],
+        &mut control,
+        RecvFlags::CMSG_CLOEXEC,
+    )?;
+    if received.bytes == 0 {
+        return Err(io::Error::other("it ended without an answer"));
+    }
+    let mut sockets = Vec::new();
+    for message in control.drain() {
+        if let RecvAncillaryMessage::ScmRights(fds) = message {
+            sockets.extend(fds);
+        }
+    }
+    let text = String::from_utf8_lossy(&text[..received.bytes]);
+    Ok((text.trim().to_owned(), sockets))
+}

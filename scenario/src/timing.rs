@@ -1,0 +1,93 @@
+//! The `[expect.timing]` table: limits on real time, which are judged only where it can be trusted.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::expect::Limit;
+
+/// Limits on median and tail of a distribution.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct QuantileLimits {
+    /// Half of the values are not above it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub median: Option<Limit>,
+    /// 99 % of the values are not above it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub p99: Option<Limit>,
+    /// 99.9 % of the values are not above it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub p99_9: Option<Limit>,
+    /// The largest value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max: Option<Limit>,
+}
+
+/// Limits on the timing of a run in real time; virtual time has none. Where real-time priority was refused or the
+/// machine was overloaded the run is inconclusive.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TimingLimits {
+    /// How late the nodes' loops woke up; the worse of the two.
+    pub wake_up_lateness_microseconds: QuantileLimits,
+    /// From the SYNC to the drive's position.
+    pub sync_to_position_microseconds: QuantileLimits,
+    /// From the drive's position to the command that follows from it.
+    pub position_to_command_microseconds: QuantileLimits,
+    /// From the SYNC to the command.
+    pub round_trip_microseconds: QuantileLimits,
+}
+
+impl TimingLimits {
+    /// The limits that are given, each with its path below `[expect.timing]`.
+    pub fn limits(&self) -> impl Iterator<Item = (String, Limit)> + use<> {
+        let distributions = [
+            (
+                "wake_up_lateness_microseconds",
+                self.wake_up_lateness_microseconds,
+            ),
+            (
+                "sync_to_position_microseconds",
+                self.sync_to_position_microseconds,
+            ),
+            (
+                "position_to_command_microseconds",
+                self.position_to_command_microseconds,
+            ),
+            ("round_trip_microseconds", self.round_trip_microseconds),
+        ];
+        distributions.into_iter().flat_map(|(name, limits)| {
+            let limits = [
+                ("median", limits.median),
+                ("p99", limits.p99),
+                ("p99_9", limits.p99_9),
+                ("max", limits.max),
+            ];
+            let given = move |(quantile, limit): (&str, Option<Limit>)| {
+                limit.map(|limit| (format!("{name}.{quantile}"), limit))
+            };
+            limits.into_iter().filter_map(given)
+        })
+    }
+
+    /// True when no limit is given.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.limits().next().is_none()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_limits_that_are_given_are_listed_with_their_paths() {
+        let text = "round_trip_microseconds = { p99 = { max = 800.0 }, max = { max = 1000.0 } }";
+        let limits: TimingLimits = toml::from_str(text).unwrap();
+        let paths: Vec<String> = limits.limits().map(|(path, _)| path).collect();
+        let expected = ["round_trip_microseconds.p99", "round_trip_microseconds.max"];
+        assert_eq!(paths, expected);
+        assert!(TimingLimits::default().is_empty() && !limits.is_empty());
+    }
+}
