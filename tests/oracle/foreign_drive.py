@@ -4,6 +4,7 @@ import contextlib
 import logging
 import pathlib
 import struct
+import subprocess
 import tempfile
 
 import canopen
@@ -188,13 +189,36 @@ def other_product(given, bus, scenario):
         return ends(controller, "Product code (0x1018:02) is 0x00000007 instead of 0x00000001")
 
 
+def guests(given, bus, _scenario):
+    """canrig's tools find the drive, and read and write its objects, though it has no second SDO channel"""
+    def tool(*arguments):
+        command = [given.program, *arguments, "--bus", given.interface]
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        check(ended.returncode == 0, " ".join(command), ended.stderr)
+        return ended.stdout
+
+    drive = ForeignDrive(bus)
+    try:
+        drive.node.set_data(0x1017, 0, bytes(2))  # without a heartbeat it is found by its answers only
+        drive.boot()
+        listed = tool("nodes")
+        check("16 (0x10)" in listed and "no heartbeat" in listed and "drive.eds" in listed, "canrig nodes", listed)
+        read = tool("sdo", "read", "drive", "Manufacturer device name")
+        check('= "SMA wire drive"' in read, "canrig sdo read", read)
+        written = tool("sdo", "write", "16", "Target torque", "250")
+        check(written.startswith("0x6071:00  Target torque (INTEGER16) = 250  written"), "canrig sdo write", written)
+        check(drive.written[0x6071, 0] == struct.pack("<h", 250), "the value arrived", drive.written)
+    finally:
+        drive.leave(bus)
+
+
 def main():
     given = arguments(__doc__)
     logging.disable(logging.ERROR)
     with tempfile.TemporaryDirectory() as folder, network(given.interface) as bus:
         scenario = pathlib.Path(folder) / "foreign_drive.toml"
         scenario.write_text(SCENARIO)
-        for test in (brought_up, lost_heartbeat, lost_positions, emergency, refused_write, other_product):
+        for test in (brought_up, lost_heartbeat, lost_positions, emergency, refused_write, other_product, guests):
             message = test(given, bus, scenario)
             done(f"{test.__name__}: {test.__doc__}" + (f" -> \"{message}\"" if message else ""))
     print("python-canopen as foreign drive: all passed", flush=True)
