@@ -1,0 +1,23 @@
+//! Any frames at any times: the controller never panics, and when it is asked to stop it ends.
+#![no_main]
+
+use std::time::Duration;
+
+use canopen::{Node, Progress};
+use canrig_fuzz::{Journey, SCENARIO};
+use controller::ControllerNode;
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| {
+    let mut journey = Journey::new(
+        ControllerNode::new(&SCENARIO.controller_view()).expect("the controller is valid"),
+    );
+    journey.travel(bytes);
+    journey.node.on_stop(journey.now);
+    journey.pass(Duration::from_secs(1));
+    assert_ne!(
+        journey.node.progress(),
+        Progress::Running,
+        "it does not stop"
+    );
+});
