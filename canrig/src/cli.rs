@@ -149,7 +149,8 @@ pub struct CheckArgs {
 /// The bus that a tool joins.
 #[derive(Args, Debug)]
 pub struct ToolBusArgs {
-    /// The bus: `embedded` (that of your only running `canrig run`), `embedded:/path`, or a CAN interface such as `vcan0`
+    /// The bus: `embedded` (that of your only running `canrig run`), `embedded:/path` or `private:number` (a
+    /// run tells its own), or a CAN interface such as `vcan0`
     #[arg(long, value_name = "BUS", default_value_t = ToolBus::Running)]
     pub bus: ToolBus,
 }
