@@ -212,6 +212,7 @@ pub fn current_of(squared_current: f64) -> (f64, Saturation) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
     use scenario::controller;
 
     fn all_laws() -> [Controller; 4] {
@@ -263,5 +264,58 @@ mod tests {
         assert_eq!(limited_current(-1.0), 0.0);
         assert_eq!(limited_current(f64::INFINITY), 1.0);
         assert_eq!(limited_current(0.56789), 0.568);
+    }
+
+    /// Memory that is `Copy` owns nothing on the heap.
+    #[test]
+    fn memories_own_no_heap() {
+        fn own_no_heap<T: Copy>() {}
+        own_no_heap::<<SlidingMode as ControlLaw>::State>();
+        own_no_heap::<<SlidingModePaper as ControlLaw>::State>();
+        own_no_heap::<<Pid as ControlLaw>::State>();
+        own_no_heap::<<OpenLoop as ControlLaw>::State>();
+        own_no_heap::<Command>();
+    }
+
+    fn is_sound(command: &Command) -> bool {
+        let terms = &command.explanation;
+        (0.0..=CURRENT_AMPERES_MAX).contains(&command.current_amperes)
+            && terms.reference_position_metres.is_finite()
+            && terms.estimated_temperature_celsius.is_finite()
+            && (0.0..=1.0).contains(&terms.estimated_martensite_fraction)
+            && terms.estimated_velocity_metres_per_second.is_finite()
+            && terms.sliding_variable_metres_per_second_squared.is_finite()
+            && terms.equivalent_part_square_amperes.is_finite()
+            && terms.switching_part_square_amperes.is_finite()
+    }
+
+    fn any_position() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            8 => 0.0..0.06_f64,
+            1 => any::<f64>(),
+            1 => Just(f64::NAN),
+            1 => Just(f64::INFINITY),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn commands_are_sound_for_any_measurement(
+            positions in prop::collection::vec(any_position(), 1..300),
+            target in -0.1..0.1_f64,
+        ) {
+            for controller in all_laws() {
+                let mut law = Law::from_scenario(&controller).unwrap();
+                for (cycle, &position_metres) in positions.iter().enumerate() {
+                    let measurement = Measurement {
+                        scenario_time_seconds: f64::from(u16::try_from(cycle).unwrap()) * 1e-3,
+                        position_metres,
+                    };
+                    let set_point = SetPoint { position_metres: target, ..SetPoint::default() };
+                    let command = law.step(&measurement, &set_point, 1e-3);
+                    prop_assert!(is_sound(&command), "{command:?}");
+                }
+            }
+        }
     }
 }

@@ -12,5 +12,7 @@ pub mod pid;
 pub mod reference_filter;
 pub mod sliding_mode;
 pub mod sliding_mode_paper;
+#[cfg(test)]
+mod test_rig;
 
 pub use node::ControllerNode;

@@ -26,7 +26,7 @@ const AUTHORITY_MIN: f64 = 1e-3;
 const SLOPE_PER_KELVIN_MIN: f64 = 1e-9;
 
 /// Share of a branch's span, from either end, at which Eq. (2) is no longer solved for the temperature.
-const SHARE_MIN: f64 = 1e-6;
+const SHARE_MIN: f64 = 1e-3;
 
 /// The state of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -411,5 +411,134 @@ fn stopped(state: State) -> State {
         position_metres: 0.0,
         velocity_metres_per_second: state.velocity_metres_per_second.max(0.0),
         ..state
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model() -> NominalModel {
+        NominalModel::new(&Config::default())
+    }
+
+    fn warm() -> State {
+        State {
+            position_metres: 0.02,
+            velocity_metres_per_second: 0.05,
+            martensite_fraction: 0.93,
+            temperature_celsius: 54.0,
+            unknown_heating_kelvins_per_second: 0.0,
+        }
+    }
+
+    #[test]
+    fn constants_of_the_paper() {
+        assert!((model().austenite_stiffness - 16_362.0).abs() < 1.0);
+        assert!((model().start().temperature_celsius - 15.0847).abs() < 1e-4);
+        assert!((model().position_metres_max() - 0.06).abs() < 1e-12);
+    }
+
+    #[test]
+    fn slopes_are_the_derivatives_of_the_branch_curves() {
+        let model = model();
+        for branch in [Branch::Heating, Branch::Cooling] {
+            let state = warm();
+            let curve = model.curve_through(&state, branch);
+            let step = 1e-6;
+            let above = model.temperature_on(&curve, state.martensite_fraction + step);
+            let below = model.temperature_on(&curve, state.martensite_fraction - step);
+            let slope = model.slope(&state, branch).per_kelvin;
+            assert!(
+                (slope - 2.0 * step / (above - below)).abs() < 1e-6 * slope.abs(),
+                "{branch:?}"
+            );
+            let back = model.temperature_on(&curve, state.martensite_fraction);
+            assert!((back - state.temperature_celsius).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn slope_gradients_agree_with_differences() {
+        let model = model();
+        let step = 1e-6;
+        for branch in [Branch::Heating, Branch::Cooling] {
+            let slope_at = |fraction: f64, temperature: f64| {
+                let state = State {
+                    martensite_fraction: warm().martensite_fraction + fraction,
+                    temperature_celsius: warm().temperature_celsius + temperature,
+                    ..warm()
+                };
+                model.slope(&state, branch).per_kelvin
+            };
+            let slope = model.slope(&warm(), branch);
+            let by_fraction = (slope_at(step, 0.0) - slope_at(-step, 0.0)) / (2.0 * step);
+            let by_temperature = (slope_at(0.0, step) - slope_at(0.0, -step)) / (2.0 * step);
+            assert!((slope.by_fraction - by_fraction).abs() < 1e-8);
+            assert!((slope.by_temperature - by_temperature).abs() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn heating_from_the_start_stays_on_the_major_branch() {
+        let model = model();
+        let state = model.advance(&model.start(), 0.4, 2.0 * 64e-3);
+        let expected = model.heating_fraction(state.temperature_celsius);
+        assert!((state.martensite_fraction - expected).abs() < 1e-9);
+    }
+
+    #[test]
+    fn jerk_and_current_are_each_others_inverse() {
+        let model = model();
+        let state = warm();
+        let acceleration = model.acceleration(&state);
+        for squared_current in [0.0, 0.2, 0.5, 1.0] {
+            let jerk = model.jerk(&state, acceleration, squared_current);
+            let back = model.squared_current_for_jerk(&state, acceleration, jerk);
+            assert!((back - squared_current).abs() < 1e-9, "{squared_current}");
+        }
+    }
+
+    #[test]
+    fn jerk_is_the_derivative_of_the_acceleration() {
+        let model = model();
+        let before = warm();
+        let after = model.advance(&before, 0.8, 1e-6);
+        let difference = (model.acceleration(&after) - model.acceleration(&before)) / 1e-6;
+        let jerk = model.jerk(&before, model.acceleration(&before), 0.8);
+        assert!(
+            (jerk - difference).abs() < 1e-3 * jerk.abs(),
+            "{jerk} {difference}"
+        );
+    }
+
+    #[test]
+    fn holding_fraction_and_position_agree_and_hold() {
+        let model = model();
+        let state = State {
+            position_metres: 0.03,
+            martensite_fraction: model.holding_fraction(0.03),
+            ..State::default()
+        };
+        assert!(model.acceleration(&state).abs() < 1e-9);
+        let position = model.holding_position(state.martensite_fraction);
+        assert!((position - 0.03).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_load_falls_on_the_stop_and_stays() {
+        let model = model();
+        let mut state = State {
+            position_metres: 0.005,
+            martensite_fraction: 1.0,
+            temperature_celsius: 15.0,
+            ..State::default()
+        };
+        for _ in 0..1000 {
+            state = model.advance(&state, 0.0, 1e-3);
+            assert!(state.position_metres >= 0.0);
+        }
+        assert!(model.rests_on_stop(&state));
+        assert_eq!(state.velocity_metres_per_second, 0.0);
     }
 }

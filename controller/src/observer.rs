@@ -42,7 +42,7 @@ pub struct Observer {
 }
 
 /// The observer's memory: the model's state and its covariance.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Estimate for the instant at which the next command acts.
     pub model: ModelState,
@@ -167,4 +167,110 @@ fn correct_component(state: &mut State, component: usize, innovation: f64, devia
     model.martensite_fraction = (model.martensite_fraction + change[FRACTION]).clamp(0.0, 1.0);
     model.temperature_celsius += change[TEMPERATURE];
     model.unknown_heating_kelvins_per_second += change[HEATING];
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_rig::{PERIOD_SECONDS, sampled};
+    use scenario::controller::NominalModel as ModelConfig;
+
+    /// Runs plant and observer side by side under a current over time; gives plant and estimate at the end.
+    fn side_by_side(
+        plant: &NominalModel,
+        seconds: f64,
+        current: impl Fn(f64) -> f64,
+    ) -> (ModelState, ModelState) {
+        let model = NominalModel::new(&ModelConfig::default());
+        let observer = Observer::new(&Config::default(), model);
+        let mut state = observer.start();
+        let mut truth = plant.start();
+        let mut time = 0.0;
+        while time < seconds {
+            let squared_current = current(time) * current(time);
+            let position = sampled(truth.position_metres);
+            observer.step(&mut state, position, squared_current, PERIOD_SECONDS);
+            truth = plant.advance(&truth, squared_current, PERIOD_SECONDS);
+            time += PERIOD_SECONDS;
+        }
+        (truth, state.model)
+    }
+
+    fn nominal() -> NominalModel {
+        NominalModel::new(&ModelConfig::default())
+    }
+
+    #[test]
+    fn on_the_stop_the_model_runs_alone() {
+        let (truth, estimate) = side_by_side(&nominal(), 0.2, |_| 1.0);
+        assert_eq!(truth.position_metres, 0.0);
+        assert!((truth.temperature_celsius - estimate.temperature_celsius).abs() < 1e-9);
+        assert!((truth.martensite_fraction - estimate.martensite_fraction).abs() < 1e-12);
+    }
+
+    #[test]
+    fn temperature_and_fraction_follow_through_minor_loops() {
+        let current = |time: f64| {
+            if time < 1.0 {
+                0.6
+            } else {
+                0.56 + 0.08 * libm::sin(3.0 * time)
+            }
+        };
+        let (truth, estimate) = side_by_side(&nominal(), 8.0, current);
+        assert!((truth.temperature_celsius - estimate.temperature_celsius).abs() < 0.5);
+        assert!((truth.martensite_fraction - estimate.martensite_fraction).abs() < 2e-3);
+        assert!((truth.position_metres - estimate.position_metres).abs() < 6e-5);
+    }
+
+    #[test]
+    fn a_wire_that_transforms_later_is_recognised_once_the_load_lifts() {
+        let late = NominalModel::new(&ModelConfig {
+            austenite_start_celsius: 57.0,
+            austenite_finish_celsius: 97.0,
+            ..ModelConfig::default()
+        });
+        let (truth, estimate) = side_by_side(&late, 1.5, |_| 0.63);
+        assert!(truth.position_metres > 0.005);
+        assert!((truth.martensite_fraction - estimate.martensite_fraction).abs() < 2e-3);
+        assert!((truth.position_metres - estimate.position_metres).abs() < 6e-5);
+    }
+
+    #[test]
+    fn unknown_cooling_is_found() {
+        let windy = NominalModel::new(&ModelConfig {
+            convection_watts_per_square_metre_kelvin: 35.0,
+            ..ModelConfig::default()
+        });
+        let (truth, estimate) = side_by_side(&windy, 6.0, |_| 0.62);
+        let rate = nominal().temperature_rate(&estimate, 0.62 * 0.62);
+        assert!(truth.position_metres > 0.002);
+        assert!(estimate.unknown_heating_kelvins_per_second < -2.0);
+        // At rest the estimated heat balance closes.
+        assert!(rate.abs() < 0.5, "{rate}");
+    }
+
+    #[test]
+    fn meaningless_positions_leave_it_finite() {
+        let observer = Observer::new(&Config::default(), nominal());
+        let mut state = observer.start();
+        let positions = [f64::NAN, f64::INFINITY, -1e300, 1e300, 0.06, 0.0];
+        for position in positions.into_iter().cycle().take(3000) {
+            observer.step(&mut state, position, 1.0, PERIOD_SECONDS);
+            assert!(state.model.temperature_celsius.is_finite());
+            assert!(state.model.position_metres.is_finite());
+            assert!((0.0..=1.0).contains(&state.model.martensite_fraction));
+        }
+    }
+
+    #[test]
+    fn waiting_on_the_stop_does_not_raise_the_doubt() {
+        let observer = Observer::new(&Config::default(), nominal());
+        let mut state = observer.start();
+        for _ in 0..100_000 {
+            observer.step(&mut state, 0.0, 0.0, PERIOD_SECONDS);
+        }
+        let doubt = state.covariance[(TEMPERATURE, TEMPERATURE)];
+        assert!(doubt <= 9.0, "{doubt}");
+    }
 }

@@ -36,3 +36,30 @@ impl ControlLaw for OpenLoop {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::controller::CurrentStep;
+
+    #[test]
+    fn profile_is_played_by_time_and_limited() {
+        let step = |at_seconds, current_amperes| CurrentStep {
+            at_seconds,
+            current_amperes,
+        };
+        let law = OpenLoop::new(&Config {
+            step: vec![step(1.0, 0.62), step(2.0, 1.7)],
+            ramp: Vec::new(),
+        });
+        let current = |scenario_time_seconds| {
+            let measurement = Measurement {
+                scenario_time_seconds,
+                position_metres: f64::NAN,
+            };
+            law.step(&mut (), &measurement, &SetPoint::default(), 1e-3)
+                .current_amperes
+        };
+        assert_eq!([current(0.5), current(1.0), current(2.5)], [0.0, 0.62, 1.0]);
+    }
+}

@@ -7,6 +7,9 @@ use crate::law::{
     CURRENT_AMPERES_MAX, Command, ControlLaw, Explanation, Measurement, Saturation, limited_current,
 };
 
+/// Positions are taken to lie within this, so that results stay finite; beyond any rig.
+const POSITION_METRES_MAX: f64 = 1.0;
+
 /// The gains.
 #[derive(Clone, Debug)]
 pub struct Pid {
@@ -31,6 +34,12 @@ impl Pid {
         }
     }
 
+    /// `Kp (b r − y)`.
+    fn proportional(&self, state: &State, set_point: &SetPoint) -> f64 {
+        let weighted = self.config.set_point_weight * set_point.position_metres;
+        self.config.proportional_amperes_per_metre * (weighted - state.last_position_metres)
+    }
+
     /// First-order filter of the position; gives the filtered velocity.
     fn velocity(&self, state: &mut State, period_seconds: f64) -> f64 {
         let pole = self.config.derivative_filter_radians_per_second;
@@ -44,7 +53,7 @@ impl Pid {
     fn integrate(&self, state: &mut State, error: f64, command: f64, period_seconds: f64) {
         let winds_up =
             (command >= CURRENT_AMPERES_MAX && error > 0.0) || (command <= 0.0 && error < 0.0);
-        if !winds_up {
+        if !winds_up && error.is_finite() {
             state.integral_amperes +=
                 self.config.integral_amperes_per_metre_second * error * period_seconds;
         }
@@ -66,7 +75,9 @@ impl ControlLaw for Pid {
         period_seconds: f64,
     ) -> Command {
         if measurement.position_metres.is_finite() {
-            state.last_position_metres = measurement.position_metres;
+            state.last_position_metres = measurement
+                .position_metres
+                .clamp(-POSITION_METRES_MAX, POSITION_METRES_MAX);
         }
         if !state.started {
             state.filtered_position_metres = state.last_position_metres;
@@ -74,7 +85,7 @@ impl ControlLaw for Pid {
         }
         let velocity = self.velocity(state, period_seconds);
         let error = set_point.position_metres - state.last_position_metres;
-        let current = self.config.proportional_amperes_per_metre * error + state.integral_amperes
+        let current = self.proportional(state, set_point) + state.integral_amperes
             - self.config.derivative_ampere_seconds_per_metre * velocity;
         self.integrate(state, error, current, period_seconds);
         Command {
@@ -91,5 +102,80 @@ impl ControlLaw for Pid {
                 ..Explanation::default()
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_rig::{PERIOD_SECONDS, hold};
+
+    fn law(proportional: f64, integral: f64, derivative: f64) -> Pid {
+        Pid::new(&Config {
+            proportional_amperes_per_metre: proportional,
+            integral_amperes_per_metre_second: integral,
+            derivative_ampere_seconds_per_metre: derivative,
+            set_point_weight: 1.0,
+            derivative_filter_radians_per_second: 100.0,
+        })
+    }
+
+    fn measured(position_metres: f64) -> Measurement {
+        Measurement {
+            scenario_time_seconds: 0.0,
+            position_metres,
+        }
+    }
+
+    fn step(law: &Pid, state: &mut State, position: f64, target: f64) -> f64 {
+        law.step(state, &measured(position), &hold(target), PERIOD_SECONDS)
+            .current_amperes
+    }
+
+    #[test]
+    fn proportional_and_integral_parts() {
+        let law = law(20.0, 100.0, 0.0);
+        let mut state = law.start();
+        assert!((step(&law, &mut state, 0.01, 0.02) - 0.2).abs() < 1e-12);
+        for _ in 0..99 {
+            step(&law, &mut state, 0.01, 0.02);
+        }
+        assert!((step(&law, &mut state, 0.01, 0.02) - 0.3).abs() < 1e-3);
+    }
+
+    #[test]
+    fn derivative_acts_on_the_measurement_not_on_the_set_point() {
+        let law = law(0.0, 0.0, 1.0);
+        let mut state = law.start();
+        step(&law, &mut state, 0.02, 0.02);
+        assert_eq!(step(&law, &mut state, 0.02, 0.04), 0.0);
+        let current = step(&law, &mut state, 0.015, 0.04);
+        assert!(current > 0.4, "{current}");
+    }
+
+    #[test]
+    fn saturation_does_not_wind_up() {
+        let law = law(20.0, 100.0, 0.0);
+        let mut state = law.start();
+        for _ in 0..10_000 {
+            assert_eq!(step(&law, &mut state, 0.0, 0.055), 1.0);
+        }
+        assert!(state.integral_amperes <= 0.01, "{}", state.integral_amperes);
+        for _ in 0..10_000 {
+            assert_eq!(step(&law, &mut state, 0.055, 0.0), 0.0);
+        }
+        assert!(
+            state.integral_amperes >= -0.01,
+            "{}",
+            state.integral_amperes
+        );
+    }
+
+    #[test]
+    fn a_missing_sample_repeats_the_last() {
+        let law = law(20.0, 0.0, 0.0);
+        let mut state = law.start();
+        let before = step(&law, &mut state, 0.01, 0.02);
+        assert_eq!(step(&law, &mut state, f64::NAN, 0.02), before);
     }
 }

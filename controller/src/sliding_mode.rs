@@ -20,7 +20,7 @@ pub struct SlidingMode {
 }
 
 /// The law's memory.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     observer: observer::State,
     reference: reference_filter::State,
@@ -238,5 +238,143 @@ pub(crate) fn command(
             equivalent_part_square_amperes: equivalent_part,
             switching_part_square_amperes: squared_current - equivalent_part,
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_rig::{Row, hold, run, settling_and_overshoot};
+    use scenario::controller::{Controller, NominalModel as ModelConfig};
+
+    fn controller() -> Controller {
+        Controller {
+            sliding_mode: Some(Config::default()),
+            ..Controller::default()
+        }
+    }
+
+    fn step_run(plant: &ModelConfig) -> Vec<Row> {
+        run(&controller(), plant, 5.0, |time| {
+            hold(if time < 3.0 { 0.01 } else { 0.035 })
+        })
+    }
+
+    #[test]
+    fn on_the_surface_the_reference_jerk_is_wanted() {
+        let surface = Surface {
+            bandwidth: 40.0,
+            boundary_layer: 1.6,
+            switching_gain: 64.0,
+        };
+        let point = Point {
+            position_metres: 0.02,
+            velocity_metres_per_second: 0.1,
+            acceleration_metres_per_second_squared: 1.0,
+        };
+        let reference = Reference {
+            point,
+            jerk_metres_per_second_cubed: 7.0,
+        };
+        let wanted = surface.wanted_jerk(&point, &reference);
+        assert_eq!(
+            (wanted.sliding_variable, wanted.equivalent, wanted.switching),
+            (0.0, 7.0, 0.0)
+        );
+        let below = Point {
+            position_metres: 0.01,
+            ..point
+        };
+        let wanted = surface.wanted_jerk(&below, &reference);
+        assert!((wanted.sliding_variable + 16.0).abs() < 1e-12);
+        assert_eq!(wanted.switching, 64.0);
+    }
+
+    #[test]
+    fn step_from_a_warm_hold_meets_its_target() {
+        let rows = step_run(&ModelConfig::default());
+        let (settling, overshoot) = settling_and_overshoot(&rows, 3.0, 0.01, 0.035);
+        assert!((0.15..0.21).contains(&settling), "{settling}");
+        assert!(overshoot < 0.6, "{overshoot}");
+    }
+
+    #[test]
+    fn step_from_cold_meets_its_target() {
+        let rows = run(&controller(), &ModelConfig::default(), 2.0, |_| hold(0.025));
+        let (settling, overshoot) = settling_and_overshoot(&rows, 0.0, 0.0, 0.025);
+        assert!((0.35..0.5).contains(&settling), "{settling}");
+        assert!(overshoot < 1.0, "{overshoot}");
+        assert!(rows[100].command.explanation.saturation.on_stop);
+        assert_eq!(rows[100].command.current_amperes, 1.0);
+    }
+
+    #[test]
+    fn step_on_a_plant_that_the_model_does_not_know_stays_stable() {
+        let plant = ModelConfig {
+            conduction_watts_per_metre_kelvin: 0.235,
+            austenite_start_celsius: 56.0,
+            martensite_start_celsius: 64.0,
+            martensite_finish_celsius: 32.0,
+            austenite_modulus_pascals: 66e9,
+            load_kilograms: 0.038,
+            damping_newton_seconds_per_metre: 0.4,
+            ..ModelConfig::default()
+        };
+        let (settling, overshoot) = settling_and_overshoot(&step_run(&plant), 3.0, 0.01, 0.035);
+        assert!(settling < 0.3, "{settling}");
+        assert!(overshoot < 5.0, "{overshoot}");
+    }
+
+    #[test]
+    fn sine_is_followed_within_a_sensor_step() {
+        let omega = core::f64::consts::TAU / 5.0;
+        let sine = |time: f64| SetPoint {
+            position_metres: 0.025 + 0.01 * libm::sin(omega * time),
+            velocity_metres_per_second: 0.01 * omega * libm::cos(omega * time),
+            acceleration_metres_per_second_squared: -0.01 * omega * omega * libm::sin(omega * time),
+            jerk_metres_per_second_cubed: -0.01 * omega * omega * omega * libm::cos(omega * time),
+            has_exact_derivatives: true,
+        };
+        let rows = run(&controller(), &ModelConfig::default(), 10.0, sine);
+        let late = &rows[5000..];
+        let error = |row: &Row| row.position_metres - sine(row.time_seconds).position_metres;
+        let square = late.iter().map(|row| error(row) * error(row)).sum::<f64>();
+        let rms = libm::sqrt(square / 5000.0);
+        assert!(rms < 5e-5, "{rms}");
+    }
+
+    #[test]
+    fn infeasible_set_points_are_left_without_trace() {
+        let rows = run(
+            &controller(),
+            &ModelConfig::default(),
+            6.0,
+            |time| match time {
+                ..2.0 => hold(0.02),
+                ..4.0 => hold(0.5),
+                _ => hold(0.02),
+            },
+        );
+        let (settling, _) = settling_and_overshoot(&rows, 4.0, 0.05, 0.02);
+        assert!(settling < 1.0, "{settling}");
+        assert!(rows.iter().all(|row| row.temperature_celsius < 110.0));
+    }
+
+    #[test]
+    fn a_load_that_shall_stay_on_the_stop_gets_no_current() {
+        let rows = run(&controller(), &ModelConfig::default(), 0.5, |_| hold(0.0));
+        assert!(rows.iter().all(|row| row.command.current_amperes == 0.0));
+    }
+
+    #[test]
+    fn parts_add_up_to_the_command() {
+        for row in step_run(&ModelConfig::default()) {
+            let terms = row.command.explanation;
+            let sum = terms.equivalent_part_square_amperes + terms.switching_part_square_amperes;
+            let current = row.command.current_amperes;
+            assert!((current - libm::sqrt(sum.clamp(0.0, 1.0))).abs() <= 0.0005 + 1e-12);
+            assert_eq!(terms.saturation.at_upper_limit, sum > 1.0);
+            assert_eq!(terms.saturation.at_lower_limit, sum < 0.0);
+        }
     }
 }

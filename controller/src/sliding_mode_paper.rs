@@ -123,3 +123,24 @@ impl ControlLaw for SlidingModePaper {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_rig::{hold, run, settling_and_overshoot};
+    use scenario::controller::{Controller, NominalModel as ModelConfig};
+
+    #[test]
+    fn step_settles_slower_than_with_the_observer() {
+        let controller = Controller {
+            sliding_mode_paper: Some(Config::default()),
+            ..Controller::default()
+        };
+        let rows = run(&controller, &ModelConfig::default(), 8.0, |time| {
+            hold(if time < 5.0 { 0.01 } else { 0.035 })
+        });
+        let (settling, overshoot) = settling_and_overshoot(&rows, 5.0, 0.01, 0.035);
+        assert!((0.25..0.5).contains(&settling), "{settling}");
+        assert!(overshoot < 5.0, "{overshoot}");
+    }
+}

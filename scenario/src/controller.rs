@@ -108,7 +108,7 @@ impl Default for SlidingModePaper {
             bandwidth_radians_per_second: 40.0,
             boundary_layer_metres_per_second_squared: 1.6,
             switching_gain_metres_per_second_cubed: 64.0,
-            derivative_filter_radians_per_second: 100.0,
+            derivative_filter_radians_per_second: 300.0,
             reference_filter_radians_per_second: 20.0,
             nominal_model: NominalModel::default(),
         }
@@ -128,6 +128,9 @@ pub struct Pid {
     /// Derivative gain.
     #[schemars(range(min = 0.0, max = 100_000.0))]
     pub derivative_ampere_seconds_per_metre: f64,
+    /// Share of the set-point in the proportional part: 1 for the plain error, less against overshoot.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub set_point_weight: f64,
     /// Pole of the derivative's filter.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub derivative_filter_radians_per_second: f64,
@@ -139,6 +142,7 @@ impl Default for Pid {
             proportional_amperes_per_metre: 20.0,
             integral_amperes_per_metre_second: 20.0,
             derivative_ampere_seconds_per_metre: 0.5,
+            set_point_weight: 1.0,
             derivative_filter_radians_per_second: 100.0,
         }
     }

@@ -1,0 +1,79 @@
+//! A plant for the tests of the laws: a nominal model, seen through the rig's position sensor, one cycle late.
+
+use scenario::controller::{Controller, NominalModel as ModelConfig};
+use scenario::reference::SetPoint;
+
+use crate::law::{Command, Law, Measurement};
+use crate::nominal_model::NominalModel;
+
+/// Cycle of the rig.
+pub(crate) const PERIOD_SECONDS: f64 = 1e-3;
+
+/// One step of the rig's 10-bit converter over 60 mm.
+pub(crate) const SENSOR_STEP_METRES: f64 = 0.06 / 1024.0;
+
+/// A position as the rig's sensor gives it.
+pub(crate) fn sampled(position_metres: f64) -> f64 {
+    libm::round(position_metres / SENSOR_STEP_METRES) * SENSOR_STEP_METRES
+}
+
+/// A set-point without derivatives.
+pub(crate) fn hold(position_metres: f64) -> SetPoint {
+    SetPoint {
+        position_metres,
+        ..SetPoint::default()
+    }
+}
+
+/// One cycle as recorded.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Row {
+    pub(crate) time_seconds: f64,
+    pub(crate) position_metres: f64,
+    pub(crate) temperature_celsius: f64,
+    pub(crate) command: Command,
+}
+
+/// Runs a law on a plant of these parameters.
+pub(crate) fn run(
+    controller: &Controller,
+    plant: &ModelConfig,
+    seconds: f64,
+    set_point: impl Fn(f64) -> SetPoint,
+) -> Vec<Row> {
+    let mut law = Law::from_scenario(controller).unwrap();
+    let plant = NominalModel::new(plant);
+    let mut state = plant.start();
+    let mut current = 0.0;
+    let mut rows = Vec::new();
+    let mut time_seconds = 0.0;
+    while time_seconds < seconds {
+        let measurement = Measurement {
+            scenario_time_seconds: time_seconds,
+            position_metres: sampled(state.position_metres),
+        };
+        let command = law.step(&measurement, &set_point(time_seconds), PERIOD_SECONDS);
+        rows.push(Row {
+            time_seconds,
+            position_metres: measurement.position_metres,
+            temperature_celsius: state.temperature_celsius,
+            command,
+        });
+        state = plant.advance(&state, current * current, PERIOD_SECONDS);
+        current = command.current_amperes;
+        time_seconds += PERIOD_SECONDS;
+    }
+    rows
+}
+
+/// Settling time into ±5 % and overshoot in percent of a step.
+pub(crate) fn settling_and_overshoot(rows: &[Row], at: f64, from: f64, to: f64) -> (f64, f64) {
+    let height = to - from;
+    let after = || rows.iter().filter(|row| row.time_seconds >= at);
+    let outside = after().filter(|row| (row.position_metres - to).abs() > 0.05 * height.abs());
+    let settling = outside.fold(0.0, |_, row| row.time_seconds + PERIOD_SECONDS - at);
+    let overshoot = after().fold(0.0, |most: f64, row| {
+        most.max((row.position_metres - to) / height)
+    });
+    (settling, 100.0 * overshoot)
+}
