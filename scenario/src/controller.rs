@@ -137,13 +137,15 @@ pub struct Pid {
 }
 
 impl Default for Pid {
+    /// Least integral of time-weighted absolute error (ITAE) over `scenarios/pid_tuning.toml`, among the gains whose
+    /// overshoot stays below 10 % in each of its steps: random search with 3000 draws, then a random descent.
     fn default() -> Self {
         Self {
-            proportional_amperes_per_metre: 20.0,
-            integral_amperes_per_metre_second: 20.0,
-            derivative_ampere_seconds_per_metre: 0.5,
-            set_point_weight: 1.0,
-            derivative_filter_radians_per_second: 100.0,
+            proportional_amperes_per_metre: 22.8,
+            integral_amperes_per_metre_second: 37.9,
+            derivative_ampere_seconds_per_metre: 3.1,
+            set_point_weight: 0.77,
+            derivative_filter_radians_per_second: 300.0,
         }
     }
 }
