@@ -1,0 +1,54 @@
+//! How many instructions the drive's events take.
+
+use std::hint::black_box;
+
+use canopen::CanFrame;
+use canrig_benches::Bench;
+use gungraun::prelude::*;
+use gungraun::{Callgrind, EventKind};
+
+/// Fails above so many instructions, about a third more than were counted when the limit was set.
+fn limit(instructions: u64) -> LibraryBenchmarkConfig {
+    let mut callgrind = Callgrind::default();
+    callgrind.hard_limits([(EventKind::Ir, instructions)]);
+    let mut config = LibraryBenchmarkConfig::default();
+    config.tool(callgrind);
+    config
+}
+
+/// A drive one period after its latest SYNC: the next one brings physics, the sample and TPDOs.
+fn before_sync() -> Bench {
+    let mut bench = Bench::heated();
+    bench.wait();
+    bench
+}
+
+#[library_benchmark(config = limit(6000))]
+#[bench::operational(before_sync())]
+fn sync_to_tpdo(mut bench: Bench) -> (Bench, Option<CanFrame>) {
+    let answer = black_box(bench.sync());
+    (bench, answer)
+}
+
+#[library_benchmark(config = limit(8000))]
+#[bench::operational(Bench::heated())]
+fn rpdo_to_apply(mut bench: Bench) -> (Bench, Option<CanFrame>) {
+    // The command waits for the SYNC that makes it act.
+    bench.take(black_box(&CanFrame::new(0x210, &[15, 0, 0x2C, 0x01])));
+    let answer = black_box(bench.sync());
+    (bench, answer)
+}
+
+#[library_benchmark(config = limit(2900))]
+#[bench::operational(Bench::heated())]
+fn sdo_expedited_upload(mut bench: Bench) -> (Bench, Option<CanFrame>) {
+    let read = CanFrame::new(0x610, &[0x40, 0x00, 0x10, 0, 0, 0, 0, 0]);
+    let answer = black_box(bench.take(black_box(&read)));
+    (bench, answer)
+}
+
+library_benchmark_group!(
+    name = drive,
+    benchmarks = [sync_to_tpdo, rpdo_to_apply, sdo_expedited_upload]
+);
+main!(library_benchmark_groups = drive);

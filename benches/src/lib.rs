@@ -1,0 +1,73 @@
+//! A drive in Operation enabled, ready for one event.
+
+use std::time::Duration;
+
+use canopen::{CanFrame, Node};
+use plant_emulator::PlantEmulator;
+use scenario::Scenario;
+
+const SCENARIO: &str = "schema = 1\nname = \"bench\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+                        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+const PERIOD: Duration = Duration::from_millis(1);
+
+/// The rig with its drive, and the time of its latest event.
+pub struct Bench {
+    emulator: PlantEmulator,
+    now: Duration,
+    counter: u8,
+}
+
+impl Bench {
+    /// A drive that has been heating its wire for 100 cycles.
+    ///
+    /// # Panics
+    /// When the drive cannot be led there.
+    pub fn heated() -> Self {
+        let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+        let scenario = Scenario::parse(SCENARIO, "bench.toml", no_table).expect("it is valid");
+        let emulator = PlantEmulator::new(&scenario).expect("the plant is valid");
+        let mut bench = Self {
+            emulator,
+            now: Duration::ZERO,
+            counter: 0,
+        };
+        bench.emulator.on_tick(Duration::ZERO);
+        bench.take(&CanFrame::new(0x610, &[0x2F, 0x60, 0x60, 0, 10, 0, 0, 0]));
+        bench.take(&CanFrame::new(0x000, &[1, 0]));
+        for controlword in [6, 7, 15].into_iter().chain([15; 100]) {
+            bench.take(&CanFrame::new(0x210, &[controlword, 0, 0xF4, 0x01]));
+            bench.wait();
+            bench.sync();
+        }
+        assert!(
+            bench.emulator.inputs().current_amperes > 0.4,
+            "the drive is enabled"
+        );
+        bench
+    }
+
+    /// Lets a period pass, with the ticks that are due in it.
+    pub fn wait(&mut self) {
+        let end = self.now + PERIOD;
+        while let Some(deadline) = self.emulator.next_deadline().filter(|due| *due <= end) {
+            self.emulator.on_tick(deadline);
+            while self.emulator.next_frame().is_some() {}
+        }
+        self.now = end;
+    }
+
+    /// A SYNC; the drive's first TPDO.
+    pub fn sync(&mut self) -> Option<CanFrame> {
+        self.counter = self.counter % 240 + 1;
+        let sync = CanFrame::new(0x080, &[self.counter]);
+        self.take(&sync)
+    }
+
+    /// Delivers a frame; the first answer.
+    pub fn take(&mut self, frame: &CanFrame) -> Option<CanFrame> {
+        self.emulator.on_frame(self.now, frame);
+        let first = self.emulator.next_frame();
+        while self.emulator.next_frame().is_some() {}
+        first
+    }
+}
