@@ -211,9 +211,11 @@ impl<'a> Wire<'a> {
     }
 
     fn receive(&mut self, announced: CanFrame) -> Result<CanFrame, FollowError> {
-        let clock = Clock::start();
+        // Mostly the first frame is the right one, so no clock is needed.
+        let mut clock: Option<Clock> = None;
         loop {
-            let patience = WIRE_PATIENCE.saturating_sub(clock.now());
+            let waited = clock.map_or(Duration::ZERO, |clock| clock.now());
+            let patience = WIRE_PATIENCE.saturating_sub(waited);
             let Some(arrived) = self.bus.receive(patience)? else {
                 return Err(FollowError::NoFrame { announced });
             };
@@ -222,7 +224,10 @@ impl<'a> Wire<'a> {
             }
             if let Some(index) = self.own.iter().position(|own| *own == arrived) {
                 self.own.remove(index);
-            } else if !arrived.is_error() {
+                continue;
+            }
+            clock.get_or_insert_with(Clock::start);
+            if !arrived.is_error() {
                 return Err(FollowError::OtherFrame { announced, arrived });
             }
         }
