@@ -7,6 +7,7 @@
 
 mod allocation;
 mod command_line;
+mod identify;
 mod lockstep;
 mod processes;
 mod replay;

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use platform::bus::BusAddress;
 
+use crate::identify::start::Start;
 use crate::recordings::args::{CompareArgs, ExportArgs, ReplayArgs, ReportArgs};
 use crate::tools::ToolBus;
 use crate::tools::nodes::LISTEN_SECONDS;
@@ -16,6 +17,7 @@ Examples:
   canrig run scenarios/ --clock lockstep               every scenario, in virtual time
   canrig run scenarios/step.toml --bus vcan0           over the kernel's SocketCAN
   canrig simulate scenarios/step.toml                  the same in one process, as fast as it goes
+  canrig identify runs/identification-rich-*           the plant's parameters from a recording
   canrig check scenarios/                              are the files valid?
   canrig report runs/* --output overview.html          several runs on one page
   canrig replay RUN                                    judge a recording again
@@ -54,6 +56,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Write a recording in another program's format
     Export(ExportArgs),
+    /// Find the plant's parameters from recordings
+    Identify(IdentifyArgs),
     /// Check scenario files without playing them
     Check(CheckArgs),
     /// Look at what of this machine serves a test bench, and how to mend what does not
@@ -136,6 +140,58 @@ pub struct SimulateArgs {
         reason = "clap shows the doc comment of a flattened field as help"
     )]
     pub play: PlayArgs,
+}
+
+/// Arguments of `identify`.
+#[derive(Args, Debug)]
+pub struct IdentifyArgs {
+    /// Run folders, or logs of `candump -L` (then with --scenario); all of one plant
+    #[arg(required = true, value_name = "RUN")]
+    pub recordings: Vec<PathBuf>,
+    /// What to find: the paper's letters or the keys of the scenario's [plant], separated by commas
+    #[arg(long, value_name = "LIST", default_value = "C,h,As,Af,Ms,Mf")]
+    pub parameters: String,
+    /// Where to start: `section3` (the paper's a-priori values), `nominal`, or a file with a [plant] table
+    #[arg(long, value_name = "START", default_value = "section3")]
+    pub start: Start,
+    /// What the other parameters are: `nominal`, `scenario` (the recording's [plant]), or a file with a [plant] table
+    #[arg(long, value_name = "PLANT", default_value = "nominal")]
+    pub known: KnownChoice,
+    /// The scenario that was played, for logs; it gives cycle time and sensor
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// The DBC of the recordings, if not the rig's own
+    #[arg(long, value_name = "FILE")]
+    pub dbc: Option<PathBuf>,
+    /// Where the folder with the result is made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Print nothing but failures
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// What is taken as known of the plant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum KnownChoice {
+    /// The nominal plant.
+    Nominal,
+    /// The plant of the first recording's scenario.
+    Scenario,
+    /// The plant of a file.
+    File(PathBuf),
+}
+
+impl FromStr for KnownChoice {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "nominal" => Self::Nominal,
+            "scenario" => Self::Scenario,
+            path => Self::File(path.into()),
+        })
+    }
 }
 
 /// Arguments of `check`.

@@ -17,6 +17,7 @@ use crate::cli::{
 use crate::console::{Progress, complain, say};
 use crate::doctor;
 use crate::exit::Exit;
+use crate::identify;
 use crate::manual;
 use crate::nodes;
 use crate::recordings;
@@ -40,6 +41,7 @@ pub fn execute(cli: Cli) -> Exit {
         Command::Replay(args) => recordings::replay::replay(&args),
         Command::Compare(args) => recordings::compare::compare(&args),
         Command::Export(args) => recordings::export::export(&args),
+        Command::Identify(args) => identify::command::identify(&args),
         Command::Check(args) => check(&args),
         Command::Schema => {
             say(&scenario::schema::json_schema());

@@ -24,6 +24,40 @@ pub fn report_panic(info: &PanicHookInfo<'_>) {
     ));
 }
 
+/// A line that shows what a computation of unknown length does. It is drawn on a terminal only.
+pub struct Activity {
+    bar: ProgressBar,
+}
+
+impl Activity {
+    /// A line without text.
+    #[must_use]
+    pub fn new(is_shown: bool) -> Self {
+        let is_shown = is_shown && io::stderr().is_terminal();
+        let target = if is_shown {
+            ProgressDrawTarget::stderr()
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let bar = ProgressBar::with_draw_target(None, target);
+        let style = ProgressStyle::with_template("{spinner} {msg}");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+        Self { bar }
+    }
+
+    /// Says what is going on.
+    pub fn show(&self, text: &str) {
+        self.bar.tick();
+        self.bar.set_message(text.to_owned());
+    }
+}
+
+impl Drop for Activity {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
 /// A bar that shows how far a scenario is. It is drawn on a terminal only.
 pub struct Progress {
     bar: ProgressBar,

@@ -13,6 +13,7 @@ pub mod disturbance_node;
 pub mod doctor;
 pub mod events;
 pub mod exit;
+pub mod identify;
 pub mod judge;
 pub mod manual;
 pub mod nodes;

@@ -61,11 +61,8 @@ impl RunFolder {
     /// # Errors
     /// The folder or its files cannot be written.
     pub fn create(parent: &Path, source: &Source) -> Result<Self, WriteError> {
-        fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
         let Source { scenario, text, .. } = source;
-        let base = format!("{}-{}", slug(&scenario.name), hash(scenario.seed, text));
-        let path = create_numbered(parent, &base).map_err(WriteError::at(&parent.join(&base)))?;
-        let folder = Self { path };
+        let folder = Self::create_named(parent, &scenario.name, scenario.seed, text)?;
         let unfinished = "the run has not ended; if no process works on it any more, it broke off";
         folder.write_verdict(&Verdict::incomplete(
             &scenario.name,
@@ -77,18 +74,42 @@ impl RunFolder {
         Ok(folder)
     }
 
+    /// Makes the folder `<parent>/<name>-<hash>` with nothing in it, under the same rules.
+    ///
+    /// # Errors
+    /// The folder cannot be made.
+    pub fn create_named(
+        parent: &Path,
+        name: &str,
+        seed: u64,
+        text: &str,
+    ) -> Result<Self, WriteError> {
+        fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
+        let base = format!("{}-{}", slug(name), hash(seed, text));
+        let path = create_numbered(parent, &base).map_err(WriteError::at(&parent.join(&base)))?;
+        Ok(Self { path })
+    }
+
     /// The scenario's tables, so that the folder can be run and judged by itself.
     fn copy_tables(&self, source: &Source) -> Result<(), WriteError> {
         let parent = source.path.parent().unwrap_or(Path::new("."));
         for table in &source.scenario.reference.table {
-            let (from, to) = (parent.join(&table.file), self.path.join(&table.file));
-            let copied = to
-                .parent()
-                .map_or(Ok(()), fs::create_dir_all)
-                .and_then(|()| fs::copy(from, &to));
-            copied.map_err(WriteError::at(&to))?;
+            self.copy(&parent.join(&table.file), &table.file)?;
         }
         Ok(())
+    }
+
+    /// Copies a file to a place in the folder.
+    ///
+    /// # Errors
+    /// The file cannot be read or written.
+    pub fn copy(&self, from: &Path, place: &str) -> Result<(), WriteError> {
+        let to = self.path.join(place);
+        let copied = to
+            .parent()
+            .map_or(Ok(()), fs::create_dir_all)
+            .and_then(|()| fs::copy(from, &to));
+        copied.map(|_| ()).map_err(WriteError::at(&to))
     }
 
     /// The scenario's copy in the folder.

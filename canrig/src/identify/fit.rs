@@ -1,0 +1,257 @@
+//! The question put to the optimisers: how far is the simulated position from the measured one?
+
+use plant_emulator::sma::{self, Actuator, STEP_SECONDS_MAX};
+use scenario::plant::Plant;
+
+use super::parameter::{Inequality, Parameter, ordering};
+use super::sensor_model::SensorModel;
+use super::trace::Trace;
+
+/// Recordings, the parameters sought, and what is taken as known.
+pub struct Fit<'a> {
+    /// What was measured.
+    pub traces: &'a [Trace],
+    /// What is sought.
+    pub parameters: Vec<&'static Parameter>,
+    /// Everything else of the plant.
+    pub known: Plant,
+    accuracy: Accuracy,
+}
+
+/// How exactly the question is answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Accuracy {
+    /// Good for all but the end of a search: one integration step per position, differences to one side.
+    Coarse,
+    /// The emulator's integration step, differences to both sides.
+    Full,
+}
+
+/// Derivatives of all predicted positions by one parameter after the other.
+pub type Columns = Vec<Vec<f64>>;
+
+/// Step of a coarse integration: one per position. The motion's fastest rate is some 60 1/s.
+const COARSE_STEP_SECONDS: f64 = 10e-3;
+/// Differences to one side, by the parameter's range.
+const ONE_SIDED_DIFFERENCE: f64 = 1e-5;
+/// Differences to both sides, by the parameter's range: large enough that impacts on the stop, whose times have the
+/// integration's step, do not matter.
+const CENTRAL_DIFFERENCE: f64 = 3e-4;
+
+impl<'a> Fit<'a> {
+    /// The question, to be answered with the emulator's accuracy.
+    #[must_use]
+    pub fn new(traces: &'a [Trace], parameters: Vec<&'static Parameter>, known: Plant) -> Self {
+        let accuracy = Accuracy::Full;
+        Self {
+            traces,
+            parameters,
+            known,
+            accuracy,
+        }
+    }
+
+    /// The same question, answered several times faster and a little less exactly.
+    #[must_use]
+    pub fn coarse(&self) -> Self {
+        Self {
+            traces: self.traces,
+            parameters: self.parameters.clone(),
+            known: self.known.clone(),
+            accuracy: Accuracy::Coarse,
+        }
+    }
+
+    /// True for [`Fit::coarse`].
+    #[must_use]
+    pub fn is_coarse(&self) -> bool {
+        self.accuracy == Accuracy::Coarse
+    }
+
+    /// The known plant with these values of the parameters.
+    #[must_use]
+    pub fn plant(&self, values: &[f64]) -> Plant {
+        let mut plant = self.known.clone();
+        for (parameter, value) in self.parameters.iter().zip(values) {
+            parameter.set(&mut plant, *value);
+        }
+        plant
+    }
+
+    /// The values that the parameters have in a plant.
+    #[must_use]
+    pub fn values_of(&self, plant: &Plant) -> Vec<f64> {
+        self.parameters
+            .iter()
+            .map(|parameter| parameter.get(plant))
+            .collect()
+    }
+
+    /// The order of the transformation temperatures.
+    #[must_use]
+    pub fn ordering(&self) -> Vec<Inequality> {
+        ordering(&self.parameters, &self.known)
+    }
+
+    /// True inside the bounds and in order.
+    #[must_use]
+    pub fn admits(&self, values: &[f64]) -> bool {
+        let is_inside = |(parameter, value): (&&Parameter, &f64)| {
+            (parameter.lower..=parameter.upper).contains(value)
+        };
+        self.parameters.iter().zip(values).all(is_inside) && self.is_ordered(values)
+    }
+
+    /// True where the transformation temperatures are in order.
+    #[must_use]
+    pub fn is_ordered(&self, values: &[f64]) -> bool {
+        self.ordering().iter().all(|order| {
+            let sum: f64 = order
+                .coefficients
+                .iter()
+                .zip(values)
+                .map(|(a, x)| a * x)
+                .sum();
+            sum <= order.limit
+        })
+    }
+
+    /// How many positions are compared.
+    #[must_use]
+    pub fn sample_count(&self) -> usize {
+        self.traces
+            .iter()
+            .map(|trace| trace.positions_metres.len())
+            .sum()
+    }
+
+    /// Measured positions of all recordings, one after the other.
+    #[must_use]
+    pub fn measured_metres(&self) -> Vec<f64> {
+        self.traces
+            .iter()
+            .flat_map(|trace| trace.positions_metres.iter().copied())
+            .collect()
+    }
+
+    /// True positions at the times of the measured ones. `None` for a plant that makes no sense.
+    #[must_use]
+    pub fn simulated_metres(&self, values: &[f64]) -> Option<Vec<f64>> {
+        let plant = self.plant(values);
+        sma::check(&plant).ok()?;
+        Some(
+            self.traces
+                .iter()
+                .flat_map(|trace| self.simulate(&plant, trace))
+                .collect(),
+        )
+    }
+
+    fn step_seconds(&self) -> f64 {
+        match self.accuracy {
+            Accuracy::Coarse => COARSE_STEP_SECONDS,
+            Accuracy::Full => STEP_SECONDS_MAX,
+        }
+    }
+
+    fn simulate(&self, plant: &Plant, trace: &Trace) -> Vec<f64> {
+        let mut actuator = Actuator::new(plant).continued_with_step(self.step_seconds());
+        let mut positions = vec![0.0; trace.positions_metres.len()];
+        for stretch in &trace.stretches {
+            actuator.advance(stretch.duration_seconds, &stretch.inputs);
+            if let Some(sample) = stretch.sample {
+                positions[sample] = actuator.position_metres();
+            }
+        }
+        positions
+    }
+
+    /// What the sensor shows on average for these true positions.
+    #[must_use]
+    pub fn expected_metres(&self, true_metres: &[f64]) -> Vec<f64> {
+        let mut positions = true_metres.iter();
+        let expected = self.traces.iter().flat_map(|trace| {
+            let model = SensorModel::new(&trace.sensor);
+            let own = positions.by_ref().take(trace.positions_metres.len());
+            own.map(move |position| model.expected_metres(*position))
+                .collect::<Vec<_>>()
+        });
+        expected.collect()
+    }
+
+    /// Measured less expected positions. `None` for a plant that makes no sense.
+    #[must_use]
+    pub fn residual_metres(&self, values: &[f64]) -> Option<Vec<f64>> {
+        let expected = self.expected_metres(&self.simulated_metres(values)?);
+        let pairs = self.measured_metres().into_iter().zip(expected);
+        Some(
+            pairs
+                .map(|(measured, expected)| measured - expected)
+                .collect(),
+        )
+    }
+
+    /// Derivatives of the residual by differences, to the sides that the bounds and the order leave. The columns are
+    /// independent, so each has a thread.
+    #[must_use]
+    pub fn jacobian(&self, values: &[f64]) -> Option<Columns> {
+        self.jacobian_at(values, &self.residual_metres(values)?)
+    }
+
+    /// As [`Fit::jacobian`], where the residual is known already.
+    #[must_use]
+    pub fn jacobian_at(&self, values: &[f64], base: &[f64]) -> Option<Columns> {
+        std::thread::scope(|scope| {
+            let column = |index| scope.spawn(move || self.column(values, index, base));
+            let columns: Vec<_> = (0..values.len()).map(column).collect();
+            let columns = columns.into_iter().map(|thread| thread.join().ok()?);
+            columns.collect()
+        })
+    }
+
+    fn column(&self, values: &[f64], index: usize, base: &[f64]) -> Option<Vec<f64>> {
+        let range = self.parameters[index].range();
+        let moved = |by: f64| {
+            let mut moved = values.to_vec();
+            moved[index] += by;
+            moved
+        };
+        let step = match self.accuracy {
+            Accuracy::Coarse => ONE_SIDED_DIFFERENCE * range,
+            Accuracy::Full => CENTRAL_DIFFERENCE * range,
+        };
+        let (above, below) = (moved(step), moved(-step));
+        let (above, below, width) = match (self.admits(&above), self.admits(&below)) {
+            (true, true) if self.accuracy == Accuracy::Full => (
+                self.residual_metres(&above)?,
+                self.residual_metres(&below)?,
+                2.0 * step,
+            ),
+            (true, _) => (self.residual_metres(&above)?, base.to_vec(), step),
+            (false, _) => (base.to_vec(), self.residual_metres(&below)?, step),
+        };
+        let pairs = above.into_iter().zip(below);
+        Some(
+            pairs
+                .map(|(above, below)| (above - below) / width)
+                .collect(),
+        )
+    }
+}
+
+/// Root of the mean square.
+#[must_use]
+pub fn rms(values: &[f64]) -> f64 {
+    libm::sqrt(mean_square(values))
+}
+
+/// Mean square.
+#[must_use]
+pub fn mean_square(values: &[f64]) -> f64 {
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "sample counts stay far below 2^52"
+    )]
+    let count = values.len().max(1) as f64;
+    values.iter().map(|value| value * value).sum::<f64>() / count
+}

@@ -1,0 +1,353 @@
+//! The optimisers, all of the crate `basin`; nothing else names it.
+
+use std::cell::{Cell, RefCell};
+use std::convert::Infallible;
+
+use basin::{
+    BoxBounds, Constrained, ConstraintSet, CostFunction, DenseMatrix, Executor, Gradient, Jacobian,
+    LinearBlock, PointState, Residual, SelectedFirstOrderState, Slsqp, State,
+    TrustRegionReflective,
+};
+use nalgebra::{DMatrix, DVector};
+
+use super::fit::{Columns, Fit, mean_square};
+use super::parameter::Inequality;
+
+/// Rounds of sequential quadratic programming.
+const ROUNDS_MAX: u32 = 30;
+/// Iterations of one round; with more, BFGS has to find out what new coordinates know.
+const ITERATIONS_PER_ROUND: u64 = 3;
+/// A round that lowers the mean square by less than this part was the last: far less than one sample of thousands tells.
+const PROGRESS_MIN: f64 = 1e-6;
+/// Smallest singular value that scales a direction, by the largest: it bounds the steps along what the data hardly tell.
+const SCALE_MIN: f64 = 1e-8;
+/// Accuracy of a round, by its first cost.
+const ACCURACY: f64 = 1e-9;
+/// Smallest mean square that costs are divided by, m²: a nanometre.
+const MEAN_SQUARE_MIN: f64 = 1e-18;
+/// Iterations of the second optimiser.
+const CHECK_ITERATIONS_MAX: u64 = 60;
+
+/// Where an optimiser ended.
+#[derive(Clone, Debug)]
+pub struct Optimum {
+    /// The parameters' values.
+    pub values: Vec<f64>,
+    /// Mean square of the residual in m².
+    pub mean_square: f64,
+    /// Steps taken.
+    pub iterations: u64,
+    /// True when further steps would not have lowered the mean square.
+    pub has_converged: bool,
+}
+
+/// Told of every gradient: number of the iteration, RMS of the residual in metres.
+pub type Progress<'a> = &'a dyn Fn(u64, f64);
+
+/// Sequential quadratic programming (Kraft's SLSQP) with bounds and order, in rounds. Each round has coordinates of its
+/// own, in which the Gauss-Newton approximation of the Hessian is the identity, since BFGS alone is slow in the long
+/// valleys of this problem. Bounds and order are linear in any coordinates. `None` where the model has no derivative.
+#[must_use]
+pub fn sequential_quadratic_programming(
+    fit: &Fit<'_>,
+    start: &[f64],
+    progress: Progress<'_>,
+) -> Option<Optimum> {
+    let mut best = Optimum {
+        values: start.to_vec(),
+        mean_square: mean_square(&fit.residual_metres(start)?),
+        iterations: 0,
+        has_converged: false,
+    };
+    for _ in 0..ROUNDS_MAX {
+        let round = round(fit, &best, progress)?;
+        let gain = best.mean_square - round.mean_square;
+        let iterations = best.iterations + round.iterations;
+        let has_converged = gain <= PROGRESS_MIN * best.mean_square;
+        let better = if gain > 0.0 { round } else { best };
+        best = Optimum {
+            iterations,
+            has_converged,
+            ..better
+        };
+        if has_converged {
+            break;
+        }
+    }
+    Some(best)
+}
+
+fn round(fit: &Fit<'_>, from: &Optimum, progress: Progress<'_>) -> Option<Optimum> {
+    let coordinates = Coordinates::new(fit, from)?;
+    let constraints = ConstraintSet::new().with_linear_inequalities(coordinates.constraints(fit));
+    let problem = Round {
+        fit,
+        coordinates: &coordinates,
+        latest: RefCell::new(None),
+        progress,
+        iterations: Cell::new(from.iterations),
+    };
+    let result = Executor::new(
+        Constrained::new(problem, constraints),
+        Slsqp::new().with_absolute_accuracy_tolerance(ACCURACY),
+        SelectedFirstOrderState::new(vec![0.0; from.values.len()]),
+    )
+    .max_iter(ITERATIONS_PER_ROUND)
+    .run()
+    .ok()?;
+    let values = coordinates.values(fit, result.state.param());
+    Some(Optimum {
+        mean_square: mean_square(&fit.residual_metres(&values)?),
+        values,
+        iterations: result.state.iter(),
+        has_converged: false,
+    })
+}
+
+/// `values = origin + transform · place`.
+struct Coordinates {
+    origin: Vec<f64>,
+    transform: DMatrix<f64>,
+    /// Mean square of the residual at the origin, by which costs are divided.
+    scale: f64,
+}
+
+impl Coordinates {
+    fn new(fit: &Fit<'_>, from: &Optimum) -> Option<Self> {
+        let columns = fit.jacobian(&from.values)?;
+        let ranges: Vec<f64> = fit
+            .parameters
+            .iter()
+            .map(|parameter| parameter.range())
+            .collect();
+        let scale = from.mean_square.max(MEAN_SQUARE_MIN);
+        let mut jacobian = to_matrix(&columns);
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "sample counts stay far below 2^52"
+        )]
+        let root = libm::sqrt(scale * jacobian.nrows() as f64);
+        for (mut column, range) in jacobian.column_iter_mut().zip(&ranges) {
+            column *= range / root;
+        }
+        let decomposition = jacobian.svd(false, true);
+        let directions = decomposition.v_t?.transpose();
+        let largest = decomposition.singular_values.max();
+        if largest.is_nan() || largest <= 0.0 {
+            return None;
+        }
+        let transform = DMatrix::from_fn(ranges.len(), ranges.len(), |row, column| {
+            let singular = decomposition.singular_values[column].max(SCALE_MIN * largest);
+            ranges[row] * directions[(row, column)] / singular
+        });
+        Some(Self {
+            origin: from.values.clone(),
+            transform,
+            scale,
+        })
+    }
+
+    /// The parameters at a place; rounding never leads out of the bounds.
+    fn values(&self, fit: &Fit<'_>, place: &[f64]) -> Vec<f64> {
+        let moved = &self.transform * DVector::from_column_slice(place);
+        let values = self.origin.iter().zip(moved.iter()).zip(&fit.parameters);
+        values
+            .map(|((origin, by), parameter)| (origin + by).clamp(parameter.lower, parameter.upper))
+            .collect()
+    }
+
+    /// Bounds and order, `rows · place ≤ limits`.
+    fn constraints(&self, fit: &Fit<'_>) -> LinearBlock<DenseMatrix, Vec<f64>> {
+        let count = self.origin.len();
+        let mut inequalities = fit.ordering();
+        for (place, parameter) in fit.parameters.iter().enumerate() {
+            for (sign, limit) in [(1.0, parameter.upper), (-1.0, -parameter.lower)] {
+                let mut coefficients = vec![0.0; count];
+                coefficients[place] = sign;
+                inequalities.push(Inequality {
+                    coefficients,
+                    limit,
+                });
+            }
+        }
+        let (mut rows, mut limits) = (Vec::new(), Vec::new());
+        for inequality in &inequalities {
+            let coefficients = DVector::from_column_slice(&inequality.coefficients);
+            rows.extend((coefficients.transpose() * &self.transform).iter());
+            let origin = coefficients.dot(&DVector::from_column_slice(&self.origin));
+            limits.push(inequality.limit - origin);
+        }
+        LinearBlock::new(
+            DenseMatrix::from_row_slice(limits.len(), count, &rows),
+            limits,
+        )
+    }
+}
+
+/// Half the mean square over the coordinates of a round.
+struct Round<'a> {
+    fit: &'a Fit<'a>,
+    coordinates: &'a Coordinates,
+    /// The residual at the latest place, which the gradient needs again.
+    latest: RefCell<Option<(Vec<f64>, Vec<f64>)>>,
+    progress: Progress<'a>,
+    iterations: Cell<u64>,
+}
+
+impl CostFunction for Round<'_> {
+    type Param = Vec<f64>;
+    type Output = f64;
+    type Error = Infallible;
+
+    fn cost(&self, place: &Vec<f64>) -> Result<f64, Infallible> {
+        let values = self.coordinates.values(self.fit, place);
+        let Some(residual) = self.fit.residual_metres(&values) else {
+            return Ok(f64::INFINITY);
+        };
+        let cost = 0.5 * mean_square(&residual) / self.coordinates.scale;
+        *self.latest.borrow_mut() = Some((values, residual));
+        Ok(cost)
+    }
+}
+
+impl Gradient for Round<'_> {
+    type Gradient = Vec<f64>;
+
+    fn gradient(&self, place: &Vec<f64>) -> Result<Vec<f64>, Infallible> {
+        let values = self.coordinates.values(self.fit, place);
+        let invalid = vec![f64::NAN; place.len()];
+        let latest = self
+            .latest
+            .borrow_mut()
+            .take()
+            .filter(|(at, _)| *at == values);
+        let residual = latest
+            .map(|(_, residual)| residual)
+            .or_else(|| self.fit.residual_metres(&values));
+        let Some(residual) = residual else {
+            return Ok(invalid);
+        };
+        let Some(columns) = self.fit.jacobian_at(&values, &residual) else {
+            return Ok(invalid);
+        };
+        let mean = mean_square(&residual);
+        (self.progress)(self.iterations.get(), libm::sqrt(mean));
+        self.iterations.set(self.iterations.get() + 1);
+        let residual = DVector::from_vec(residual);
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "sample counts stay far below 2^52"
+        )]
+        let count = residual.len() as f64;
+        let slopes = to_matrix(&columns).tr_mul(&residual) / (count * self.coordinates.scale);
+        Ok(self
+            .coordinates
+            .transform
+            .tr_mul(&slopes)
+            .iter()
+            .copied()
+            .collect())
+    }
+}
+
+/// A second opinion: trust-region reflective least squares from the same start, on the same residual. It knows bounds
+/// only; where the order is broken there is no residual, and it steps less far.
+#[must_use]
+pub fn trust_region_reflective(fit: &Fit<'_>, start: &[f64]) -> Option<Optimum> {
+    let scale = libm::sqrt(mean_square(&fit.residual_metres(start)?).max(MEAN_SQUARE_MIN));
+    let problem = LeastSquares { fit, scale };
+    let count = start.len();
+    let bounds = ConstraintSet::new().with_bounds(BoxBounds::new(
+        Some(vec![0.0; count]),
+        Some(vec![1.0; count]),
+    ));
+    let result = Executor::new(
+        Constrained::new(problem, bounds),
+        TrustRegionReflective::new().with_relative_cost_change_tolerance(PROGRESS_MIN),
+        PointState::new(fractions(fit, start)),
+    )
+    .max_iter(CHECK_ITERATIONS_MAX)
+    .run()
+    .ok()?;
+    let values = at_fractions(fit, result.state.param());
+    Some(Optimum {
+        mean_square: mean_square(&fit.residual_metres(&values)?),
+        values,
+        iterations: result.state.iter(),
+        has_converged: result.state.iter() < CHECK_ITERATIONS_MAX,
+    })
+}
+
+/// The residual over the parameters as fractions of their ranges.
+struct LeastSquares<'a> {
+    fit: &'a Fit<'a>,
+    scale: f64,
+}
+
+impl Residual for LeastSquares<'_> {
+    type Param = Vec<f64>;
+    type Output = Vec<f64>;
+    type Error = Infallible;
+
+    fn residual(&self, place: &Vec<f64>) -> Result<Vec<f64>, Infallible> {
+        let values = at_fractions(self.fit, place);
+        let is_ordered = self.fit.is_ordered(&values);
+        let residual = is_ordered
+            .then(|| self.fit.residual_metres(&values))
+            .flatten();
+        let residual = residual.unwrap_or_else(|| vec![f64::NAN; self.fit.sample_count()]);
+        Ok(residual.iter().map(|metres| metres / self.scale).collect())
+    }
+}
+
+impl Jacobian for LeastSquares<'_> {
+    type Jacobian = DenseMatrix;
+
+    fn jacobian(&self, place: &Vec<f64>) -> Result<DenseMatrix, Infallible> {
+        let values = at_fractions(self.fit, place);
+        let columns = self.fit.jacobian(&values);
+        let columns =
+            columns.unwrap_or_else(|| vec![vec![f64::NAN; self.fit.sample_count()]; place.len()]);
+        let ranges: Vec<f64> = self
+            .fit
+            .parameters
+            .iter()
+            .map(|parameter| parameter.range() / self.scale)
+            .collect();
+        let rows = self.fit.sample_count();
+        let entries = (0..rows).flat_map(|row| {
+            columns
+                .iter()
+                .zip(&ranges)
+                .map(move |(column, range)| column[row] * range)
+        });
+        Ok(DenseMatrix::from_row_slice(
+            rows,
+            ranges.len(),
+            &entries.collect::<Vec<_>>(),
+        ))
+    }
+}
+
+fn fractions(fit: &Fit<'_>, values: &[f64]) -> Vec<f64> {
+    let pairs = fit.parameters.iter().zip(values);
+    pairs
+        .map(|(parameter, value)| (value - parameter.lower) / parameter.range())
+        .collect()
+}
+
+fn at_fractions(fit: &Fit<'_>, place: &[f64]) -> Vec<f64> {
+    let pairs = fit.parameters.iter().zip(place);
+    pairs
+        .map(|(parameter, place)| {
+            (parameter.lower + place * parameter.range()).clamp(parameter.lower, parameter.upper)
+        })
+        .collect()
+}
+
+/// Columns as a matrix.
+#[must_use]
+pub fn to_matrix(columns: &Columns) -> DMatrix<f64> {
+    let rows = columns.first().map_or(0, Vec::len);
+    DMatrix::from_fn(rows, columns.len(), |row, column| columns[column][row])
+}

@@ -1,0 +1,406 @@
+//! What an estimate is worth: standard errors, correlations, and what the data do not determine.
+
+use nalgebra::{DMatrix, DVector};
+use plant_emulator::sensor::PositionSensor;
+use scenario::plant::Sensor;
+use serde::Serialize;
+
+use super::fit::{Columns, Fit, rms};
+use super::optimiser::to_matrix;
+use super::sensor_model::SensorModel;
+use super::trace::Trace;
+
+/// Residuals within this time of each other are taken as dependent.
+const CORRELATION_SECONDS: f64 = 1.0;
+/// Emulated measurements from which the sensor's part in the errors follows.
+const REPLICAS: u32 = 16;
+/// A residual that is so many times what the sensor leaves is not the sensor's.
+const MISFIT_MAX: f64 = 1.3;
+/// Singular values below the largest times this count as zero.
+const RANK_TOLERANCE: f64 = 1e-12;
+
+/// One parameter's estimate.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// The estimate: the least squares, less the shift by the sensor where [`Statistics::is_corrected`].
+    pub value: f64,
+    /// Where the search ended.
+    pub least_squares: f64,
+    /// Root of the diagonal of `σ² (JᵀJ)⁻¹`: right if the residuals were independent.
+    pub standard_error_if_independent: f64,
+    /// Standard error that allows for residuals that depend on their neighbours (Newey and West) and for the sensor's
+    /// steps.
+    pub standard_error: f64,
+    /// By how much the sensor's steps and ends shift the least squares, according to the fitted model.
+    pub sensor_shift: f64,
+}
+
+/// What an estimate is worth.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Statistics {
+    /// One per parameter.
+    pub estimates: Vec<Estimate>,
+    /// Correlation of each pair of estimates, from `(JᵀJ)⁻¹`.
+    pub correlations: Vec<Vec<f64>>,
+    /// Singular values of the Jacobian in metres RMS: how much the position changes for a change of 100 %, from the best
+    /// determined combination of parameters to the worst.
+    pub singular_values_metres: Vec<f64>,
+    /// The combinations of parameters that belong to the singular values: relative changes, their squares sum to 1.
+    pub directions: Vec<Vec<f64>>,
+    /// True when the values are corrected by the sensor's shift: without noise it is no chance, and where the model
+    /// explains the data it is known.
+    pub is_corrected: bool,
+    /// RMS of the residual.
+    pub residual_metres_rms: f64,
+    /// RMS of the residual that the sensor alone would leave.
+    pub sensor_metres_rms: f64,
+}
+
+impl Statistics {
+    /// Of an estimate. `None` where the model has no derivative.
+    #[must_use]
+    pub fn new(fit: &Fit<'_>, values: &[f64]) -> Option<Self> {
+        let columns = fit.jacobian(values)?;
+        let residual = fit.residual_metres(values)?;
+        let true_metres = fit.simulated_metres(values)?;
+        let sizes: Vec<f64> = fit
+            .parameters
+            .iter()
+            .zip(values)
+            .map(|(p, value)| value.abs().max(0.01 * p.range()))
+            .collect();
+        let linear = Linear::new(&columns, sizes)?;
+        let residual_metres_rms = rms(&residual);
+        let independent = linear.covariance(degrees_of_freedom_scaled(&residual, values.len()));
+        let robust = linear.robust_covariance(fit, &residual);
+        let replicas = Replicas::new(fit, &true_metres, &linear);
+        let corrected: Vec<f64> = values
+            .iter()
+            .zip(&replicas.shift)
+            .map(|(value, shift)| value - shift)
+            .collect();
+        let is_explained = residual_metres_rms <= MISFIT_MAX * replicas.sensor_metres_rms;
+        let is_corrected = !is_noisy(fit) && is_explained && fit.admits(&corrected);
+        let estimates = values.iter().enumerate().map(|(place, value)| {
+            let spread = replicas.spread[place];
+            let variance = robust[(place, place)].max(independent[(place, place)]);
+            Estimate {
+                value: if is_corrected {
+                    corrected[place]
+                } else {
+                    *value
+                },
+                least_squares: *value,
+                standard_error_if_independent: libm::sqrt(independent[(place, place)]),
+                standard_error: libm::sqrt(variance.max(spread * spread)),
+                sensor_shift: replicas.shift[place],
+            }
+        });
+        Some(Self {
+            estimates: estimates.collect(),
+            correlations: correlations(&independent),
+            singular_values_metres: linear.singular_values_metres(),
+            directions: linear
+                .order()
+                .into_iter()
+                .map(|place| linear.direction(place))
+                .collect(),
+            is_corrected,
+            residual_metres_rms,
+            sensor_metres_rms: replicas.sensor_metres_rms,
+        })
+    }
+
+    /// The estimates' values.
+    #[must_use]
+    pub fn values(&self) -> Vec<f64> {
+        self.estimates
+            .iter()
+            .map(|estimate| estimate.value)
+            .collect()
+    }
+
+    /// How much larger the residual is than the sensor explains; well above 1 where the model is not the plant's.
+    #[must_use]
+    pub fn misfit(&self) -> f64 {
+        self.residual_metres_rms / self.sensor_metres_rms
+    }
+
+    /// True when the sensor explains the residual.
+    #[must_use]
+    pub fn explains(&self) -> bool {
+        self.misfit() <= MISFIT_MAX
+    }
+}
+
+/// `Σ r² / (samples − parameters)`.
+fn degrees_of_freedom_scaled(residual: &[f64], parameters: usize) -> f64 {
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "sample counts stay far below 2^52"
+    )]
+    let freedom = residual.len().saturating_sub(parameters).max(1) as f64;
+    residual.iter().map(|value| value * value).sum::<f64>() / freedom
+}
+
+/// The Jacobian, decomposed; parameters in units of their own size.
+struct Linear {
+    jacobian: DMatrix<f64>,
+    sizes: Vec<f64>,
+    singular_values: DVector<f64>,
+    /// Right singular vectors, one a column.
+    directions: DMatrix<f64>,
+    /// `(JᵀJ)⁻¹` in scaled parameters.
+    inverse: DMatrix<f64>,
+}
+
+impl Linear {
+    fn new(columns: &Columns, sizes: Vec<f64>) -> Option<Self> {
+        let mut jacobian = to_matrix(columns);
+        for (mut column, size) in jacobian.column_iter_mut().zip(&sizes) {
+            column *= *size;
+        }
+        let decomposition = jacobian.clone().svd(false, true);
+        let (singular_values, directions) = (
+            decomposition.singular_values,
+            decomposition.v_t?.transpose(),
+        );
+        let largest = singular_values.max();
+        if largest.is_nan() || largest <= 0.0 {
+            return None;
+        }
+        let weights = singular_values.map(|value| value.max(RANK_TOLERANCE * largest).powi(-2));
+        let inverse = &directions * DMatrix::from_diagonal(&weights) * directions.transpose();
+        Some(Self {
+            jacobian,
+            sizes,
+            singular_values,
+            directions,
+            inverse,
+        })
+    }
+
+    /// A matrix of scaled parameters in the parameters' own units.
+    fn unscaled(&self, scaled: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(scaled.nrows(), scaled.ncols(), |row, column| {
+            scaled[(row, column)] * self.sizes[row] * self.sizes[column]
+        })
+    }
+
+    fn covariance(&self, variance: f64) -> DMatrix<f64> {
+        self.unscaled(&(&self.inverse * variance))
+    }
+
+    /// `(JᵀJ)⁻¹ S (JᵀJ)⁻¹` with Newey and West's estimate of `S = cov(Jᵀr)`, whose weights fall linearly to zero.
+    fn robust_covariance(&self, fit: &Fit<'_>, residual: &[f64]) -> DMatrix<f64> {
+        let count = self.sizes.len();
+        let mut spread = DMatrix::zeros(count, count);
+        let mut first = 0;
+        for trace in fit.traces {
+            let rows = trace.positions_metres.len();
+            let scores = DMatrix::from_fn(rows, count, |row, column| {
+                self.jacobian[(first + row, column)] * residual[first + row]
+            });
+            spread += long_run_spread(&scores, lags(trace));
+            first += rows;
+        }
+        self.unscaled(&(&self.inverse * spread * &self.inverse))
+    }
+
+    /// The step to the least squares for a change of the measured positions: `−(JᵀJ)⁻¹ Jᵀ e`, `J` being the residual's.
+    fn shift(&self, error: &[f64]) -> Vec<f64> {
+        let shift = -(&self.inverse * self.jacobian.tr_mul(&DVector::from_column_slice(error)));
+        shift
+            .iter()
+            .zip(&self.sizes)
+            .map(|(shift, size)| shift * size)
+            .collect()
+    }
+
+    fn order(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.sizes.len()).collect();
+        order.sort_by(|left, right| {
+            self.singular_values[*right].total_cmp(&self.singular_values[*left])
+        });
+        order
+    }
+
+    fn singular_values_metres(&self) -> Vec<f64> {
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "sample counts stay far below 2^52"
+        )]
+        let root = libm::sqrt(self.jacobian.nrows() as f64);
+        self.order()
+            .into_iter()
+            .map(|place| self.singular_values[place] / root)
+            .collect()
+    }
+
+    /// A right singular vector, its largest component positive.
+    fn direction(&self, place: usize) -> Vec<f64> {
+        let direction: Vec<f64> = self.directions.column(place).iter().copied().collect();
+        let largest = direction
+            .iter()
+            .copied()
+            .reduce(|a, b| if b.abs() > a.abs() { b } else { a });
+        let sign = largest.unwrap_or(1.0).signum();
+        direction.iter().map(|component| component * sign).collect()
+    }
+}
+
+/// Samples within [`CORRELATION_SECONDS`].
+fn lags(trace: &Trace) -> usize {
+    let Some(first) = trace.times_seconds.first() else {
+        return 0;
+    };
+    trace
+        .times_seconds
+        .iter()
+        .take_while(|time| *time - first < CORRELATION_SECONDS)
+        .count()
+}
+
+fn long_run_spread(scores: &DMatrix<f64>, lags: usize) -> DMatrix<f64> {
+    let rows = scores.nrows();
+    let mut spread = scores.tr_mul(scores);
+    for lag in 1..=lags.min(rows.saturating_sub(1)) {
+        #[expect(clippy::cast_precision_loss, reason = "some hundred lags")]
+        let weight = 1.0 - lag as f64 / (lags as f64 + 1.0);
+        let product = scores
+            .rows(0, rows - lag)
+            .tr_mul(&scores.rows(lag, rows - lag));
+        spread += (&product + product.transpose()) * weight;
+    }
+    spread
+}
+
+fn correlations(covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    let count = covariance.nrows();
+    let deviation = |place: usize| libm::sqrt(covariance[(place, place)]);
+    let row = |row: usize| {
+        let entry =
+            |column: usize| covariance[(row, column)] / (deviation(row) * deviation(column));
+        (0..count).map(entry).collect()
+    };
+    (0..count).map(row).collect()
+}
+
+/// What the sensor does to the estimate: the fitted motion, measured by the emulated sensor many times.
+///
+/// Without noise the sensor's steps are no random error: the same motion gives the same readings, and the estimate is
+/// shifted. The shift follows from the fitted motion; how sure it is, from motions that are up to half a step higher or
+/// lower.
+struct Replicas {
+    shift: Vec<f64>,
+    spread: Vec<f64>,
+    sensor_metres_rms: f64,
+}
+
+impl Replicas {
+    fn new(fit: &Fit<'_>, true_metres: &[f64], linear: &Linear) -> Self {
+        let errors = |replica: u32| sensor_errors(fit, true_metres, replica);
+        let shifts: Vec<Vec<f64>> = (1..=REPLICAS)
+            .map(|replica| linear.shift(&errors(replica)))
+            .collect();
+        let exact = errors(0);
+        let mean = |place: usize| {
+            shifts.iter().map(|shift| shift[place]).sum::<f64>() / f64::from(REPLICAS)
+        };
+        let spread = |place: usize| {
+            let squares = shifts
+                .iter()
+                .map(|shift| (shift[place] - mean(place)).powi(2));
+            libm::sqrt(squares.sum::<f64>() / f64::from(REPLICAS - 1))
+        };
+        let places = 0..linear.sizes.len();
+        Self {
+            shift: if is_noisy(fit) {
+                places.clone().map(mean).collect()
+            } else {
+                linear.shift(&exact)
+            },
+            spread: places.map(spread).collect(),
+            sensor_metres_rms: rms(&exact),
+        }
+    }
+}
+
+fn is_noisy(fit: &Fit<'_>) -> bool {
+    fit.traces
+        .iter()
+        .any(|trace| trace.sensor.noise_millimetres_rms > 0.0)
+}
+
+/// RMS of the residual that the sensor alone would leave for this motion.
+#[must_use]
+pub fn sensor_metres_rms(fit: &Fit<'_>, true_metres: &[f64]) -> f64 {
+    rms(&sensor_errors(fit, true_metres, 0))
+}
+
+/// Measured less expected positions for one emulated measurement; replica 0 is exactly the fitted motion.
+fn sensor_errors(fit: &Fit<'_>, true_metres: &[f64], replica: u32) -> Vec<f64> {
+    let mut positions = true_metres.iter();
+    let errors = fit.traces.iter().flat_map(|trace| {
+        let own: Vec<f64> = positions
+            .by_ref()
+            .take(trace.positions_metres.len())
+            .copied()
+            .collect();
+        trace_errors(&trace.sensor, &own, trace.sensor_step_metres(), replica)
+    });
+    errors.collect()
+}
+
+fn trace_errors(sensor: &Sensor, true_metres: &[f64], step: f64, replica: u32) -> Vec<f64> {
+    let mut emulated = PositionSensor::new(sensor, u64::from(replica));
+    let model = SensorModel::new(sensor);
+    // Offsets of −1/2 to 1/2 step, evenly; on the stop there is no doubt where the load is.
+    let offset = if replica == 0 {
+        0.0
+    } else {
+        step * ((f64::from(replica) - 0.5) / f64::from(REPLICAS) - 0.5)
+    };
+    let error = |position: &f64| {
+        let position = if *position > step {
+            position + offset
+        } else {
+            *position
+        };
+        let counts = emulated.sample(position);
+        emulated.position_metres(counts) - model.expected_metres(position)
+    };
+    true_metres.iter().map(error).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn independent_scores_have_no_long_run() {
+        // Alternating signs: neighbours cancel, so that the long-run spread is far smaller than the sum of squares.
+        let scores = DMatrix::from_fn(1000, 1, |row, _| if row % 2 == 0 { 1.0 } else { -1.0 });
+        assert!(long_run_spread(&scores, 50)[(0, 0)] < 30.0);
+        // Equal neighbours add up: about `lags` times the sum of squares.
+        let scores = DMatrix::from_element(1000, 1, 1.0);
+        assert!(long_run_spread(&scores, 50)[(0, 0)] > 40_000.0);
+    }
+
+    #[test]
+    fn a_linear_problem_has_the_textbook_covariance() {
+        // y = a + b t at t = −1, 0, 1: var a = σ²/3, var b = σ²/2, uncorrelated.
+        let columns = vec![vec![1.0, 1.0, 1.0], vec![-1.0, 0.0, 1.0]];
+        let linear = Linear::new(&columns, vec![2.0, 0.5]).unwrap();
+        let covariance = linear.covariance(6.0);
+        assert!((covariance[(0, 0)] - 2.0).abs() < 1e-12);
+        assert!((covariance[(1, 1)] - 3.0).abs() < 1e-12);
+        assert!(correlations(&covariance)[0][1].abs() < 1e-12);
+        // The residual's Jacobian is minus the model's: here both have this sign, so the step is opposite.
+        let shift = linear.shift(&[1.0, 2.0, 3.0]);
+        assert!(
+            (shift[0] + 2.0).abs() < 1e-12 && (shift[1] + 1.0).abs() < 1e-12,
+            "{shift:?}"
+        );
+    }
+}

@@ -1,0 +1,392 @@
+//! Identification against emulated truths, as a user does it: record, identify, play again.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use canrig::identify::fit::Fit;
+use canrig::identify::parameter::{self, Parameter};
+use canrig::identify::report;
+use canrig::identify::search::{self, Detour, Found};
+use canrig::identify::start::{self, Start};
+use canrig::identify::trace::Trace;
+use dbc::Database;
+use scenario::plant::Plant;
+use tempfile::TempDir;
+
+use crate::support::{canrig, only_run, output, scenario};
+
+const SIX: &str = "C,h,As,Af,Ms,Mf";
+const NOISE_OF_ONE_STEP: &str = "\n[plant.sensor]\nnoise_millimetres_rms = 0.05859375\n";
+
+/// A scenario played, and the folder that it lies in.
+struct Recording {
+    /// Kept for its lifetime.
+    _folder: TempDir,
+    run: PathBuf,
+}
+
+impl Recording {
+    /// Plays a text in virtual time.
+    fn of(text: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scenario.toml");
+        fs::write(&path, text).unwrap();
+        let runs = folder.path().join("runs");
+        let (code, _, stderr) = output(canrig(&runs, "simulate").arg(&path));
+        assert!(matches!(code, Some(0 | 1)), "{stderr}");
+        Self {
+            run: only_run(&runs),
+            _folder: folder,
+        }
+    }
+
+    fn trace(&self) -> Trace {
+        Trace::load(&self.run, None, &Database::sma_actuator()).unwrap()
+    }
+}
+
+fn excitation_text() -> String {
+    fs::read_to_string(scenario("identify_excitation.toml")).unwrap()
+}
+
+/// The rich excitation of the nominal plant without noise.
+fn excitation() -> &'static Recording {
+    static RECORDING: OnceLock<Recording> = OnceLock::new();
+    RECORDING.get_or_init(|| Recording::of(&excitation_text()))
+}
+
+/// A current step to `amperes`: short, and with or without motion.
+fn step_text(amperes: f64, duration_seconds: f64) -> String {
+    format!(
+        "schema = 1\nname = \"step of current\"\nduration_seconds = {duration_seconds:.1}\n\n\
+         [[controller.open_loop.step]]\nat_seconds = 0.5\ncurrent_amperes = {amperes}\n"
+    )
+}
+
+fn fit<'a>(traces: &'a [Trace], parameters: &str) -> Fit<'a> {
+    Fit::new(
+        traces,
+        parameter::parse_list(parameters).unwrap(),
+        Plant::default(),
+    )
+}
+
+fn search_from(fit: &Fit<'_>, start: &Plant) -> Found {
+    search::search(fit, &fit.values_of(start), &|_, _| {}).unwrap()
+}
+
+/// Relative errors against a plant, by parameter.
+fn errors(fit: &Fit<'_>, values: &[f64], truth: &Plant) -> Vec<(&'static Parameter, f64)> {
+    let truth = fit.values_of(truth);
+    let errors = values
+        .iter()
+        .zip(truth)
+        .map(|(value, truth)| value / truth - 1.0);
+    fit.parameters.iter().copied().zip(errors).collect()
+}
+
+/// PAPER, "identification": C and the temperatures within 1 %.
+fn assert_on_target(fit: &Fit<'_>, values: &[f64], convection_tolerance: f64) {
+    for (parameter, error) in errors(fit, values, &Plant::default()) {
+        let tolerance = if parameter.symbol == "h" {
+            convection_tolerance
+        } else {
+            0.01
+        };
+        assert!(
+            error.abs() <= tolerance,
+            "{} is off by {:.2} %",
+            parameter.symbol,
+            100.0 * error
+        );
+    }
+}
+
+#[test]
+fn the_six_are_found_from_section_3_and_the_result_can_be_played() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, stdout, stderr) = output(canrig(folder.path(), "identify").arg(&excitation().run));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    assert!(stdout.contains("the model explains the data"), "{stdout}");
+    assert!(
+        stdout.contains("All 6 parameters are determined"),
+        "{stdout}"
+    );
+    let result = only_run(folder.path());
+    let plant = start::read_plant(&result.join("plant.toml")).unwrap();
+    let traces = [];
+    let fit = fit(&traces, SIX);
+    assert_on_target(&fit, &fit.values_of(&plant), 0.05);
+    let report = fs::read_to_string(result.join("report.md")).unwrap();
+    assert!(
+        report.contains("fit-1.svg") && report.contains("## Correlations"),
+        "{report}"
+    );
+    assert!(
+        fs::read_to_string(result.join("fit-1.svg"))
+            .unwrap()
+            .contains("</svg>")
+    );
+    let again = scenario::Scenario::load(&result.join("scenario.toml")).unwrap();
+    assert_eq!(again.plant, plant);
+}
+
+#[test]
+fn noise_of_one_step_leaves_the_six_on_target() {
+    let traces = [Recording::of(&(excitation_text() + NOISE_OF_ONE_STEP)).trace()];
+    let fit = fit(&traces, SIX).coarse();
+    let found = search_from(&fit, &Start::Section3.plant().unwrap());
+    assert_on_target(&fit, &found.statistics.values(), 0.08);
+    assert!(found.is_confirmed(&fit), "{:?}", found.disagreement());
+    assert!(
+        found.statistics.misfit() < 1.1,
+        "{}",
+        found.statistics.misfit()
+    );
+}
+
+/// Uniform in [0, 1), by Knuth's linear congruential generator.
+fn uniform(state: &mut u64) -> f64 {
+    *state = state
+        .wrapping_mul(6_364_136_223_846_793_005)
+        .wrapping_add(1_442_695_040_888_963_407);
+    (*state >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+#[test]
+fn all_of_20_random_starts_end_at_the_same_optimum() {
+    let traces = [excitation().trace()];
+    // Coarse integration is enough to tell where a search ends.
+    let fit = fit(&traces, SIX).coarse();
+    let mut state = 20;
+    let mut draw = || -> Vec<f64> {
+        let values = |state: &mut u64| {
+            fit.parameters
+                .iter()
+                .map(|p| p.lower + p.range() * uniform(state))
+                .collect()
+        };
+        std::iter::repeat_with(|| values(&mut state))
+            .find(|values: &Vec<f64>| fit.admits(values))
+            .unwrap()
+    };
+    let (mut converged, mut never_lifted, mut lines) = (0, 0, Vec::new());
+    for _ in 0..20 {
+        let start = draw();
+        let descent = search::descend(&fit, &start, &|_, _| {}).unwrap();
+        let values = &descent.optimum.values;
+        let is_found = errors(&fit, values, &Plant::default())
+            .iter()
+            .all(|(parameter, error)| {
+                error.abs() < if parameter.symbol == "h" { 0.05 } else { 0.01 }
+            });
+        converged += u32::from(is_found && descent.optimum.has_converged);
+        never_lifted += u32::from(matches!(descent.detour, Some((Detour::NeverLifts, _))));
+        lines.push(format!(
+            "{start:.3?} -> {values:.4?} after {} iterations",
+            descent.optimum.iterations
+        ));
+    }
+    assert_eq!(converged, 20, "{lines:#?}");
+    assert!((1..20).contains(&never_lifted), "{never_lifted}");
+}
+
+/// PAPER I1. Even from the truth itself the search walks along the valley.
+#[test]
+fn the_papers_ramp_alone_does_not_determine_the_six_and_the_report_says_so() {
+    let traces = [Recording::of(&fs::read_to_string(scenario("ramp.toml")).unwrap()).trace()];
+    let fit = fit(&traces, SIX).coarse();
+    let found = search_from(&fit, &Plant::default());
+    let [conduction, convection, ..] = found.statistics.estimates[..] else {
+        panic!()
+    };
+    assert!(
+        conduction.standard_error > 0.05 * conduction.value,
+        "{conduction:?}"
+    );
+    assert!(
+        convection.standard_error > convection.value,
+        "{convection:?}"
+    );
+    let singular_values = &found.statistics.singular_values_metres;
+    assert!(
+        singular_values[0] > 1e5 * singular_values[5],
+        "{singular_values:?}"
+    );
+    let summary = report::summary(&fit, &found);
+    assert!(summary.contains("NOT DETERMINED: C ="), "{summary}");
+    assert!(summary.contains("NOT DETERMINED: h ="), "{summary}");
+    assert!(
+        summary.contains("Strongly correlated") && summary.contains("Af and Ms"),
+        "{summary}"
+    );
+}
+
+#[test]
+fn a_ramp_still_determines_some_parameters_when_the_others_are_known() {
+    let traces = [Recording::of(&fs::read_to_string(scenario("ramp.toml")).unwrap()).trace()];
+    let fit = fit(&traces, "austenite_start_celsius,Af");
+    let found = search_from(&fit, &Start::Section3.plant().unwrap());
+    assert_on_target(&fit, &found.statistics.values(), 0.0);
+    assert!(found.is_confirmed(&fit));
+}
+
+#[test]
+fn a_truth_with_the_full_law_shows_as_a_model_error() {
+    let text = excitation_text() + "\n[plant.mechanics]\nstress_strain = \"full\"\n";
+    let traces = [Recording::of(&text).trace()];
+    let start = Start::Section3.plant().unwrap();
+    let wrong = fit(&traces, SIX).coarse();
+    let found = search_from(&wrong, &start);
+    assert!(
+        found.statistics.misfit() > 20.0,
+        "{}",
+        found.statistics.misfit()
+    );
+    assert!(!found.statistics.is_corrected);
+    let summary = report::summary(&wrong, &found);
+    assert!(
+        summary.contains("THE MODEL DOES NOT EXPLAIN THE DATA"),
+        "{summary}"
+    );
+    // With the right law the same recording gives the plant.
+    let known = traces[0].scenario.plant.clone();
+    let right = Fit::new(&traces, parameter::parse_list(SIX).unwrap(), known).coarse();
+    let found = search_from(&right, &start);
+    assert_on_target(&right, &found.statistics.values(), 0.05);
+    assert!(found.statistics.explains(), "{}", found.statistics.misfit());
+}
+
+/// With Sec. 3 values a ramp to 0.8 A never lifts the load (PAPER I1).
+#[test]
+fn a_start_that_never_lifts_is_told_and_replaced() {
+    let text = "schema = 1\nname = \"low ramp\"\nduration_seconds = 20.0\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 0.0\n\
+                until_seconds = 10.0\ncurrent_amperes = 0.8\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 10.0\nuntil_seconds = 20.0\n\
+                current_amperes = 0.0\n";
+    let traces = [Recording::of(text).trace()];
+    let fit = fit(&traces, "C,As,Af");
+    let start = Start::Section3.plant().unwrap();
+    assert!(!start::lifts(&fit, &fit.values_of(&start)));
+    let found = search_from(&fit, &start);
+    assert_eq!(found.descent.detour.as_ref().unwrap().0, Detour::NeverLifts);
+    assert!(report::summary(&fit, &found).contains("the load never lifts"));
+    assert!(found.statistics.explains(), "{:?}", found.statistics);
+}
+
+#[test]
+fn a_candump_log_serves_as_well_as_a_run_folder() {
+    let run = &excitation().run;
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("measured.log");
+    // Another interface, and the direction that candump writes behind the data.
+    let text = fs::read_to_string(run.join("bus.log")).unwrap();
+    fs::write(&log, text.replace(" can0 ", " vcan7 ")).unwrap();
+    let database = Database::sma_actuator();
+    let trace = Trace::load(&log, Some(&run.join("scenario.toml")), &database).unwrap();
+    let ours = excitation().trace();
+    assert_eq!(trace.stretches, ours.stretches);
+    assert_eq!(trace.positions_metres, ours.positions_metres);
+    let fault = Trace::load(&log, None, &database).unwrap_err().to_string();
+    assert!(fault.contains("--scenario"), "{fault}");
+}
+
+/// What `identify` says about a run folder, and that it ends in 3.
+fn complaint(run: &Path, arguments: &[&str]) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, _, stderr) = output(canrig(folder.path(), "identify").arg(run).args(arguments));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        fs::read_dir(folder.path()).unwrap().next().is_none(),
+        "a folder was made all the same"
+    );
+    stderr
+}
+
+#[test]
+fn a_recording_without_motion_is_refused() {
+    let recording = Recording::of(&step_text(0.2, 4.0));
+    let message = complaint(&recording.run, &[]);
+    assert!(
+        message.contains("the load moves by 0.00 mm at most") && message.contains("up to 0.200 A"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_recording_that_is_too_short_is_refused() {
+    let recording = Recording::of(&step_text(0.8, 2.0));
+    let message = complaint(&recording.run, &[]);
+    assert!(
+        message.contains("it is 2.00 s long, identification needs 3 s"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_recording_with_a_gap_is_refused() {
+    let recording = Recording::of(&step_text(0.8, 4.0));
+    let log = recording.run.join("bus.log");
+    let text = fs::read_to_string(&log).unwrap();
+    // The bus is silent between 2.0 s and 2.5 s of the recording's clock.
+    let is_kept =
+        |line: &&str| !(line.starts_with("(0000000002.0") || line.starts_with("(0000000002.1"));
+    let lines: Vec<&str> = text.lines().filter(is_kept).collect();
+    fs::write(&log, lines.join("\n") + "\n").unwrap();
+    let message = complaint(&recording.run, &[]);
+    assert!(
+        message.contains("it has a gap of 0.2") && message.contains("s at 1."),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_recording_with_the_wrong_dbc_is_refused() {
+    let recording = Recording::of(&step_text(0.8, 4.0));
+    let folder = tempfile::tempdir().unwrap();
+    let with = |name: &str, change: &dyn Fn(&str) -> String| {
+        let path = folder.path().join(name);
+        fs::write(&path, change(dbc::SMA_ACTUATOR)).unwrap();
+        complaint(&recording.run, &["--dbc", path.to_str().unwrap()])
+    };
+    // The drive's message under another identifier, with another name, with another scale.
+    let message = with("identifier.dbc", &|text| text.replace(" 400 ", " 401 "));
+    assert!(
+        message.contains("is drive_tpdo1 (0x191)") && message.contains("right DBC?"),
+        "{message}"
+    );
+    let message = with("name.dbc", &|text| {
+        text.replace("position_millimetres", "height")
+    });
+    assert!(
+        message.contains("no signal drive_tpdo1.position_millimetres"),
+        "{message}"
+    );
+    let scaled = "position_millimetres : 16|32@1- (0.01,0)";
+    let message = with("scale.dbc", &|text| {
+        text.replace("position_millimetres : 16|32@1- (0.001,0)", scaled)
+    });
+    assert!(
+        message.contains("the position is") && message.contains("outside -3 to 63 mm"),
+        "{message}"
+    );
+}
+
+#[test]
+fn wrong_arguments_end_in_2() {
+    let folder = tempfile::tempdir().unwrap();
+    let nowhere = folder.path().join("nowhere.toml");
+    for (arguments, expected) in [
+        (["--parameters", "C,Q"], "no plant parameter \"Q\""),
+        (["--start", nowhere.to_str().unwrap()], "gives no plant"),
+        (["--dbc", nowhere.to_str().unwrap()], "is no DBC"),
+    ] {
+        let (code, _, stderr) = output(
+            canrig(folder.path(), "identify")
+                .arg(&excitation().run)
+                .args(arguments),
+        );
+        assert_eq!(code, Some(2), "{stderr}");
+        assert!(stderr.contains(expected), "{stderr}");
+    }
+}
