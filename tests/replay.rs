@@ -220,3 +220,18 @@ fn completions_and_manual_know_every_command() {
         assert!(folder.path().join(page).exists(), "{page} is missing");
     }
 }
+
+#[test]
+fn a_run_in_real_time_gives_its_verdict_again_with_its_timing() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let short = short_scenario(folder.path(), 2.0);
+    let (of_run, ..) = output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(short));
+    let run = only_run(&runs);
+    let stored = fs::read_to_string(run.join("verdict.json")).unwrap();
+    assert!(stored.contains("wake_up_lateness"), "{stored}");
+    let (code, stdout, stderr) = tool(&["replay", "--json", text(&run)]);
+    assert_eq!((code, stdout), (of_run, stored), "{stderr}");
+    let page = fs::read_to_string(run.join("report.html")).unwrap();
+    assert!(page.contains("wake-up lateness, controller"));
+}

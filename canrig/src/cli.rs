@@ -13,28 +13,30 @@ use crate::tools::nodes::LISTEN_SECONDS;
 
 const EXAMPLES: &str = "\
 Examples:
-  canrig run scenarios/step.toml                       controller and plant as processes, judged
-  canrig run scenarios/ --clock lockstep               every scenario, in virtual time
-  canrig run scenarios/step.toml --bus vcan0           over the kernel's SocketCAN
-  canrig simulate scenarios/step.toml                  the same in one process, as fast as it goes
-  canrig identify runs/identification-rich-*           the plant's parameters from a recording
-  canrig check scenarios/                              are the files valid?
-  canrig report runs/* --output overview.html          several runs on one page
-  canrig replay RUN                                    judge a recording again
-  canrig compare RUN OTHER_RUN                         where do two runs diverge?
-  canrig export RUN --format blf --output run.blf      for another program
-  canrig doctor                                        does this machine serve real time and CAN?
-  canrig nodes --bus vcan0                             who is on the bus?
-  canrig sdo read drive 0x6064                         one object of a node in a run that is going on
-  canrig sdo write 0x10 \"Producer heartbeat time\" 50 --bus can0
-  canrig monitor --only drive --changes                live traffic, decoded
+  canrig run scenarios/step.toml             two processes on a bus, judged
+  canrig run scenarios/ --clock lockstep     every scenario, in virtual time
+  canrig run step.toml --bus vcan0           over the kernel's SocketCAN
+  canrig simulate scenarios/step.toml        in one process, at once
+  canrig identify RUN                        the plant from a recording
+  canrig check scenarios/                    are the files valid?
+  canrig report runs/* --output all.html     several runs on one page
+  canrig replay RUN                          judge a recording again
+  canrig compare RUN OTHER_RUN               where do two runs diverge?
+  canrig export RUN -f blf -o run.blf        for another program
+  canrig doctor                              is this machine fit for real time?
+  canrig nodes --bus vcan0                   who is on the bus?
+  canrig sdo read drive 0x6064               one object of a node in a run
+  canrig sdo write 0x10 1017 50 --bus can0   and change one
+  canrig monitor --only drive --changes      live traffic, decoded
 
-Exit codes: 0 pass · 1 a limit was not met · 2 usage · 3 scenario or recording invalid · 4 bus or process failed
-            5 inconclusive (timing not trustworthy) · 70 internal error · 130 interrupted";
+Exit codes:
+  0 pass · 1 a limit was not met, or runs diverge · 2 usage
+  3 scenario or recording invalid · 4 bus or process failed
+  5 inconclusive (timing not trustworthy) · 70 internal error · 130 interrupted";
 
 /// Proves a controller against a plant over a CAN bus, before the real drive is on the table.
 #[derive(Debug, Parser)]
-#[command(version, about, after_help = EXAMPLES, max_term_width = 100)]
+#[command(version, after_help = EXAMPLES, max_term_width = 100)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]

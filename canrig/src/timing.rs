@@ -129,6 +129,25 @@ impl Timing {
         })
     }
 
+    /// The timing of the same run, read from its recording again. What only the host knew is kept.
+    ///
+    /// # Errors
+    /// The database lacks a signal.
+    pub fn again(
+        self,
+        frames: &[Stamped],
+        scenario: &Scenario,
+        database: &Database,
+    ) -> Result<Self, SignalMissing> {
+        let measured = Self::of(frames, scenario, database, Host::default())?;
+        Ok(Self {
+            controller: self.controller,
+            plant_emulator: self.plant_emulator,
+            distrust: self.distrust,
+            ..measured
+        })
+    }
+
     /// The worse of the two loops.
     fn wake_up_lateness(&self) -> Quantiles {
         let [controller, plant_emulator] = [&self.controller, &self.plant_emulator];

@@ -38,8 +38,9 @@ pub struct CompareArgs {
     pub a: PathBuf,
     /// Another one
     pub b: PathBuf,
-    /// How far a signal, a metric, or all signals of a unit may differ, such as `position_millimetres=0.5`, `mm=0.5`,
-    /// `current_amperes=inf`
+    /// How far a signal, a metric, or all signals of a unit may differ: `position_millimetres=0.5`, `degC=2`, `A=0.1`;
+    /// `inf` for not judged. Without it: 0.25 mm, 1 degC, 0.02 for fractions and states; currents, velocities and the
+    /// parts of the law are shown only, since they swing
     #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
     pub tolerance: Vec<GivenTolerance>,
     /// How much earlier or later a value may come
@@ -76,6 +77,8 @@ pub enum Format {
     Asc,
     /// The frames as Vector's binary log (CANalyzer, python-can)
     Blf,
+    /// The signals as ASAM MDF 4.10 (asammdf, CANape)
+    Mf4,
 }
 
 /// A time from 0 to 10 s.

@@ -26,18 +26,23 @@ const SHARED_PERCENT_MIN: f64 = 99.0;
 /// The set-point follows from the scenario, so it differs only where the scenarios do.
 const SET_POINT_TOLERANCE: f64 = 1e-3;
 
-/// Tolerances by unit, what measurement and cycle time leave unknown, and by the signal's range in either run, for
-/// what grows with the motion.
-const UNIT_TOLERANCES: [(&str, f64, f64); 7] = [
+/// Tolerances by unit: what measurement and cycle time leave unknown. Signals of other units are shown and not judged:
+/// currents, velocities and the parts of the law swing round their means, each run with a phase of its own, and what
+/// comes of them is judged by temperature, position and metrics.
+const UNIT_TOLERANCES: [(&str, f64); 4] = [
     // Four steps of the 10-bit converter over 60 mm.
-    ("mm", 0.25, 0.0),
-    ("A", 0.02, 0.0),
-    ("degC", 1.0, 0.0),
-    ("g", 0.1, 0.0),
-    ("mm/s", 5.0, 0.05),
-    ("A^2", 0.02, 0.05),
-    ("m/s^2", 0.1, 0.05),
+    ("mm", 0.25),
+    ("degC", 1.0),
+    ("g", 0.1),
+    ("", PLAIN_TOLERANCE),
 ];
+/// Not judged either, since they follow the current.
+const SATURATION: &str = "saturation_";
+
+/// What the controller tells about itself comes with every tenth cycle only, so it may be that much later.
+const TOLD_BY_CONTROLLER: [&str; 2] = ["reference_", "estimated_"];
+const CONTROLLER_CYCLES: usize = 10;
+
 /// For numbers without a unit.
 const PLAIN_TOLERANCE: f64 = 0.02;
 
@@ -105,7 +110,9 @@ impl SignalDifference {
         match (self.largest, self.tolerance) {
             (Some(0.0), _) => 0.0,
             (Some(largest), Some(tolerance)) => largest / tolerance,
-            _ => 0.0,
+            // What is not judged comes after all that is, and before what is the same.
+            (Some(_), None) => f64::MIN_POSITIVE,
+            (None, _) => 0.0,
         }
     }
 }
@@ -205,7 +212,7 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> 
     let [a, b] = [&args.a, &args.b].map(|path| -> Result<_, RecordedError> {
         let recorded = Recorded::load(path, None)?;
         let timeline = recorded.timeline(&database)?;
-        let verdict = recorded.judge(&timeline);
+        let verdict = recorded.judge(&timeline, &database)?;
         Ok((recorded, timeline, verdict))
     });
     let ((a, a_line, a_verdict), (b, b_line, b_verdict)) = (a?, b?);
@@ -261,21 +268,20 @@ impl Tolerances<'_> {
     }
 
     /// The tolerance of a signal: the user's for it, the user's for its unit, or the default.
-    fn of_signal(&self, name: &str, unit: &str, range: f64) -> f64 {
+    fn of_signal(&self, name: &str, unit: &str) -> f64 {
         let of_unit = || {
-            Some(unit)
-                .filter(|unit| !unit.is_empty())
-                .and_then(|unit| self.given(unit))
+            let named = Some(unit).filter(|unit| !unit.is_empty());
+            named.and_then(|unit| self.given(unit))
         };
-        self.given(name).or_else(of_unit).unwrap_or_else(|| {
-            if name == SET_POINT {
-                return SET_POINT_TOLERANCE;
+        let default = || match name {
+            SET_POINT => SET_POINT_TOLERANCE,
+            name if name.starts_with(SATURATION) => f64::INFINITY,
+            _ => {
+                let known = UNIT_TOLERANCES.iter().find(|(known, _)| *known == unit);
+                known.map_or(f64::INFINITY, |(_, tolerance)| *tolerance)
             }
-            let default = UNIT_TOLERANCES.iter().find(|(known, ..)| *known == unit);
-            default.map_or(PLAIN_TOLERANCE, |(_, least, share)| {
-                f64::max(*least, share * range)
-            })
-        })
+        };
+        self.given(name).or_else(of_unit).unwrap_or_else(default)
     }
 
     fn of_metric(&self, name: &str, values: [Option<f64>; 2]) -> f64 {
@@ -355,8 +361,11 @@ impl Tolerances<'_> {
             .iter()
             .map(|(left, right)| (a[*left], b[*right]))
             .unzip();
-        let tolerance = self.of_signal(name, unit, span(&a).max(span(&b)));
-        let reach = shared.reach(self.time_seconds);
+        let tolerance = self.of_signal(name, unit);
+        let is_told = TOLD_BY_CONTROLLER
+            .iter()
+            .any(|start| name.starts_with(start));
+        let reach = shared.reach(self.time_seconds) + if is_told { CONTROLLER_CYCLES } else { 0 };
         let (one, other) = (outside(&a, &b, reach), outside(&b, &a, reach));
         let differences = one
             .iter()
@@ -534,15 +543,6 @@ fn running(values: &[f64], reach: usize, beats: impl Fn(f64, f64) -> bool) -> Ve
     best
 }
 
-/// Highest less lowest value.
-fn span(values: &[f64]) -> f64 {
-    let present = values.iter().copied().filter(|value| value.is_finite());
-    let (low, high) = present.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-        (f64::min(low, value), f64::max(high, value))
-    });
-    f64::max(high - low, 0.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -578,16 +578,12 @@ mod tests {
             given: &given,
             time_seconds: 0.0,
         };
-        assert_eq!(tolerances.of_signal("position_millimetres", "mm", 1e3), 2.0);
-        assert_eq!(
-            tolerances.of_signal("true_position_millimetres", "mm", 1e3),
-            0.5
-        );
-        assert_eq!(tolerances.of_signal("current_amperes", "A", 0.1), 0.02);
-        assert_eq!(
-            tolerances.of_signal("sliding_variable", "m/s^2", 1000.0),
-            50.0
-        );
+        let of_signal = |name, unit| tolerances.of_signal(name, unit);
+        assert_eq!(of_signal("position_millimetres", "mm"), 2.0);
+        assert_eq!(of_signal("true_position_millimetres", "mm"), 0.5);
+        assert_eq!(of_signal("martensite_fraction", ""), 0.02);
+        assert_eq!(of_signal("current_amperes", "A"), f64::INFINITY);
+        assert_eq!(of_signal("saturation_on_stop", ""), f64::INFINITY);
         assert_eq!(
             tolerances.of_metric("settling_time_seconds", [Some(0.1), None]),
             0.01

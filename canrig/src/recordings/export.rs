@@ -8,7 +8,8 @@ use super::args::{ExportArgs, Format};
 use super::{Recorded, RecordedError, refuse};
 use crate::console::complain;
 use crate::exit::Exit;
-use crate::report::{asc, blf, csv};
+use crate::report::{asc, blf, csv, mf4};
+use crate::scenario_clock::ScenarioClock;
 
 /// Writes the recording.
 #[must_use]
@@ -46,6 +47,7 @@ fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
         Format::Csv => csv_table(&recorded)?,
         Format::Asc => asc::to_asc(frames).into_bytes(),
         Format::Blf => blf::to_blf(frames),
+        Format::Mf4 => measurement(&recorded)?,
     };
     Ok((recorded, bytes))
 }
@@ -53,4 +55,16 @@ fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
 fn csv_table(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
     let timeline = recorded.timeline(&Database::sma_actuator())?;
     Ok(csv::to_csv(&timeline))
+}
+
+fn measurement(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
+    let database = Database::sma_actuator();
+    let timeline = recorded.timeline(&database)?;
+    let mut clock = ScenarioClock::new(&database)?;
+    for stamped in &recorded.log.frames {
+        if clock.on_frame(stamped.time, &stamped.frame) {
+            break;
+        }
+    }
+    Ok(mf4::to_mf4(&timeline, clock.zero().unwrap_or_default()))
 }

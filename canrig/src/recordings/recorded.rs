@@ -121,33 +121,47 @@ impl Recorded {
     }
 
     /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, for its own reason.
-    #[must_use]
-    pub fn judge(&self, timeline: &Timeline) -> Verdict {
-        let lost = self.stored.as_ref().map_or(0, |stored| stored.frames_lost);
-        let mut verdict = judge(timeline, &self.source.scenario, lost);
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub fn judge(
+        &self,
+        timeline: &Timeline,
+        database: &Database,
+    ) -> Result<Verdict, SignalMissing> {
+        let scenario = &self.source.scenario;
         let stored = self.stored.as_ref();
-        // What the nodes' loops reported is in the verdict only.
-        if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
-            judge_timing(&mut verdict, timing, &self.source.scenario.expect.timing);
-        }
+        let lost = stored.map_or(0, |stored| stored.frames_lost);
+        let mut verdict = judge(timeline, scenario, lost);
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason.clone_from(&stored.reason);
         }
         if self.is_folder && stored.is_none() {
+            let reason = format!("the run broke off before there was a {}", file::VERDICT);
             verdict.outcome = Outcome::Incomplete;
-            verdict.reason = Some(format!(
-                "the run broke off before there was a {}",
-                file::VERDICT
-            ));
+            verdict.reason = Some(reason);
         }
-        verdict
+        if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
+            let timing = timing.again(&self.log.frames, scenario, database)?;
+            judge_timing(&mut verdict, timing, &scenario.expect.timing);
+        }
+        Ok(verdict)
     }
 
     /// The verdict of the run itself, or what it would have been.
-    #[must_use]
-    pub fn verdict(&self, timeline: &Timeline) -> Verdict {
-        self.stored.clone().unwrap_or_else(|| self.judge(timeline))
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub fn verdict(
+        &self,
+        timeline: &Timeline,
+        database: &Database,
+    ) -> Result<Verdict, SignalMissing> {
+        match &self.stored {
+            Some(stored) => Ok(stored.clone()),
+            None => self.judge(timeline, database),
+        }
     }
 }
 

@@ -32,8 +32,9 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
             Source::load(limits).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
         recorded.source.scenario.expect = other.scenario.expect;
     }
-    let timeline = recorded.timeline(&Database::sma_actuator())?;
-    let verdict = recorded.judge(&timeline);
+    let database = Database::sma_actuator();
+    let timeline = recorded.timeline(&database)?;
+    let verdict = recorded.judge(&timeline, &database)?;
     Ok((recorded, verdict))
 }
 

@@ -66,7 +66,7 @@ fn read(path: &Path, database: &Database) -> Result<(Recorded, Timeline, Verdict
     }
     let recorded = Recorded::load(path, None)?;
     let timeline = recorded.timeline(database)?;
-    let verdict = recorded.verdict(&timeline);
+    let verdict = recorded.verdict(&timeline, database)?;
     Ok((recorded, timeline, verdict))
 }
 

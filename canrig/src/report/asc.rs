@@ -6,6 +6,9 @@ use std::time::Duration;
 use super::calendar::Moment;
 use crate::recording::Stamped;
 
+/// The identifier in a raw one, without its flags.
+const ID_BITS: u32 = 0x1FFF_FFFF;
+
 /// The log. Times count from the whole second of the first frame, which the header gives in UTC.
 #[must_use]
 pub fn to_asc(frames: &[Stamped]) -> String {
@@ -22,10 +25,8 @@ pub fn to_asc(frames: &[Stamped]) -> String {
             let _ = writeln!(text, "{seconds:4}.{micros:06} 1  ErrorFrame");
             continue;
         }
-        let id = match frame.standard_id() {
-            Some(id) => format!("{id:X}"),
-            None => format!("{:X}x", frame.raw_id() & 0x1FFF_FFFF),
-        };
+        let mark = if frame.is_extended() { "x" } else { "" };
+        let id = format!("{:X}{mark}", frame.raw_id() & ID_BITS);
         let _ = write!(text, "{seconds:4}.{micros:06} 1  {id:<15} Rx   ");
         if frame.is_remote() {
             text.push('r');

@@ -13,7 +13,7 @@ const CONTAINER_BYTES_MAX: usize = 128 * 1024;
 
 const LOG_CONTAINER: u32 = 10;
 const CAN_MESSAGE: u32 = 1;
-const CAN_ERROR: u32 = 2;
+const CAN_ERROR_EXT: u32 = 73;
 /// Time stamps in nanoseconds.
 const NANOSECONDS: u32 = 2;
 const CHANNEL: u16 = 1;
@@ -72,29 +72,26 @@ fn push_base(bytes: &mut Vec<u8>, header_bytes: u16, object_bytes: u32, kind: u3
 }
 
 fn push_frame(content: &mut Vec<u8>, Stamped { time, frame }: &Stamped, start: Duration) {
-    const OBJECT_BYTES: u32 = 48;
-    let kind = if frame.is_error() {
-        CAN_ERROR
+    let (kind, object_bytes) = if frame.is_error() {
+        (CAN_ERROR_EXT, 64)
     } else {
-        CAN_MESSAGE
+        (CAN_MESSAGE, 48)
     };
-    push_base(content, OBJECT_HEADER_BYTES, OBJECT_BYTES, kind);
+    push_base(content, OBJECT_HEADER_BYTES, object_bytes, kind);
     content.extend_from_slice(&NANOSECONDS.to_le_bytes());
     content.extend_from_slice(&[0; 4]);
     let nanos = u64::try_from(time.saturating_sub(start).as_nanos()).unwrap_or(u64::MAX);
     content.extend_from_slice(&nanos.to_le_bytes());
     content.extend_from_slice(&CHANNEL.to_le_bytes());
     if frame.is_error() {
-        // An error frame has a length only.
-        content.extend_from_slice(&[0; 14]);
+        // What a log of candump tells of an error has no place here.
+        content.extend_from_slice(&[0; 30]);
         return;
     }
     content.push(if frame.is_remote() { REMOTE } else { 0 });
     content.push(u8::try_from(frame.data().len()).unwrap_or(8));
-    let id = match frame.standard_id() {
-        Some(id) => u32::from(id),
-        None => frame.raw_id() & 0x1FFF_FFFF | EXTENDED_ID,
-    };
+    let mark = if frame.is_extended() { EXTENDED_ID } else { 0 };
+    let id = frame.raw_id() & 0x1FFF_FFFF | mark;
     content.extend_from_slice(&id.to_le_bytes());
     content.extend_from_slice(&frame.buffer());
 }

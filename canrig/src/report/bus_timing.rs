@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use dbc::Database;
 
-use crate::bus_model::frame_bits;
+use crate::bus_model::occupied_bits;
 use crate::recording::Stamped;
 use crate::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use crate::signals::{self, SignalMissing};
@@ -77,7 +77,7 @@ impl BusTiming {
             if scenario_time.as_secs_f64() >= duration_seconds {
                 break;
             }
-            load.take(scenario_time, frame_bits(frame));
+            load.take(scenario_time, occupied_bits(frame));
             if is_sync && frame.standard_id() == Some(SYNC_COB_ID) {
                 let before = sync.replace(*time);
                 timing

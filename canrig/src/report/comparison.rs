@@ -30,7 +30,10 @@ pub fn to_text(comparison: &Comparison) -> String {
             number(optional(signal.largest)),
             number(optional(signal.tolerance)),
             number(from(signal)),
-            result(signal.agrees()),
+            match signal.tolerance {
+                Some(_) => result(signal.agrees()),
+                None => Cell::new("not judged"),
+            },
         ]);
     }
     let mut metrics = terminal::empty_table(["metric", "A", "B", "tolerance", "result"]);
@@ -193,7 +196,7 @@ fn signals(signals: &[SignalDifference]) -> Markup {
             td.number { (optional(signal.tolerance)) }
             td.number { (signal.diverges_at_seconds.map_or(String::new(), |time| format!("{time:.3}"))) }
             td.number { (terminal::significant(signal.beyond_percent)) }
-            td { (word(signal.agrees())) }
+            td { @if signal.tolerance.is_some() { (word(signal.agrees())) } @else { span.soft { "not judged" } } }
         } } }
     } } }
 }

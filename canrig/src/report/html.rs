@@ -16,6 +16,7 @@ use crate::recording::Stamped;
 use crate::run_folder::file;
 use crate::signals::SignalMissing;
 use crate::timeline::Timeline;
+use crate::timing::Timing;
 use crate::verdict::Verdict;
 
 /// Events that are listed; a run with more of them has its own trouble, told by the first ones.
@@ -60,7 +61,7 @@ pub fn to_html(run: &Run<'_>, database: &Database) -> Result<String, SignalMissi
         @else { (page::metrics(&run.verdict.metrics, run.verdict.outcome)) }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
         @else { (plots(run)) }
-        (bus(&timing, scenario))
+        (bus(&timing, run))
         (events(&run.timeline.events))
         h2 { "Scenario" }
         details open { summary { (file::SCENARIO) } pre { (run.text) } }
@@ -350,7 +351,7 @@ fn hysteresis(timeline: &Timeline) -> Plot<'_> {
     plot
 }
 
-fn bus(timing: &BusTiming, scenario: &Scenario) -> Markup {
+fn bus(timing: &BusTiming, run: &Run<'_>) -> Markup {
     let mut load = Plot::over_time("Bus load", "%");
     load.extent = Extent::FromZero;
     load.draw(
@@ -378,7 +379,7 @@ fn bus(timing: &BusTiming, scenario: &Scenario) -> Markup {
     };
     html! {
         h2 { "Bus and timing" }
-        p.soft { "Scenario time 0 to " (scenario.duration_seconds) " s, by the stamps of the recorder." }
+        p.soft { "Scenario time 0 to " (run.scenario.duration_seconds) " s, by the stamps of the recorder." }
         div.wide { table {
             thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
             tbody { @for (name, durations) in &sets { @if let Some(spread) = Spread::of(durations) { tr {
@@ -386,10 +387,26 @@ fn bus(timing: &BusTiming, scenario: &Scenario) -> Markup {
                 @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (micros(value)) } }
             } } } }
         } }
+        @if let Some(timing) = &run.verdict.timing { (host(timing)) }
         div.plots.even {
             (load.render())
             @for ((name, _), bars) in sets.iter().zip(&bars) { (bars_plot(name, bars)) }
         }
+    }
+}
+
+/// What the nodes' loops counted, which the recording does not tell.
+fn host(timing: &Timing) -> Markup {
+    html! {
+        h3 { "As the nodes saw it" }
+        div.wide { table {
+            thead { tr { th { "in µs" } th.number { "median" } th.number { "99 %" } th.number { "99.9 %" } th.number { "most" } } }
+            tbody { @for (name, quantiles) in timing.rows() { tr {
+                td { (name) }
+                @for value in [quantiles.median, quantiles.p99, quantiles.p99_9, quantiles.max] { td.number { (format!("{value:.0}")) } }
+            } } }
+        } }
+        @for reason in &timing.distrust { p.unsure { "The timing is not trusted: " (reason) } }
     }
 }
 

@@ -8,6 +8,7 @@ pub mod comparison;
 pub mod csv;
 pub mod html;
 pub mod junit;
+pub mod mf4;
 pub mod overview;
 mod page;
 mod plot;
