@@ -6,7 +6,7 @@
 use nalgebra::{SMatrix, SVector};
 use scenario::controller::Observer as Config;
 
-use crate::nominal_model::{NominalModel, State as ModelState};
+use crate::nominal_model::{Branch, NominalModel, State as ModelState};
 
 const STATES: usize = 5;
 const POSITION: usize = 0;
@@ -19,11 +19,14 @@ const HEATING: usize = 4;
 /// white noise.
 const SENSOR_DEVIATION_STEPS: f64 = 0.5;
 
-/// How far from zero, in sensor steps, a position must be to prove that the load has left the stop.
+/// How far from zero, in sensor steps, positions must lie to show that the load has left the stop.
 const LIFTED_STEPS: f64 = 2.0;
 
-/// Standard deviation of the fraction at lift-off, once seen.
-const LIFT_OFF_FRACTION_DEVIATION: f64 = 5e-4;
+/// How many of them in a row; noise of one sensor step alone does this once in 10¹¹ cycles.
+const LIFTED_SAMPLES: u32 = 5;
+
+/// Standard deviation of the velocity when the load is found to have lifted, in m/s.
+const VELOCITY_DEVIATION_AT_LIFT_OFF: f64 = 0.05;
 
 /// Standard deviation of the unknown heating at the start in K/s.
 const HEATING_DEVIATION_AT_START: f64 = 1.0;
@@ -47,6 +50,7 @@ pub struct State {
     /// Estimate for the instant at which the next command acts.
     pub model: ModelState,
     covariance: Matrix,
+    samples_above_stop: u32,
 }
 
 impl Observer {
@@ -67,21 +71,23 @@ impl Observer {
         }
     }
 
-    /// The state before any current. Uncertain transformation temperatures are an uncertain temperature, and the
-    /// fraction follows along the branch.
+    /// The state before any current.
     #[must_use]
     pub fn start(&self) -> State {
         let model = self.model.start();
-        let slope = self
-            .model
-            .slope(&model, NominalModel::branch(0.0))
-            .per_kelvin;
-        let along_branch = Vector::from([0.0, 0.0, slope, 1.0, 0.0]) * self.temperature_uncertainty;
-        let heating = Vector::from([0.0, 0.0, 0.0, 0.0, HEATING_DEVIATION_AT_START]);
         State {
             model,
-            covariance: along_branch * along_branch.transpose() + heating * heating.transpose(),
+            covariance: self.branch_doubt(&model),
+            samples_above_stop: 0,
         }
+    }
+
+    /// Uncertain transformation temperatures are an uncertain temperature, and the fraction follows along the branch.
+    fn branch_doubt(&self, model: &ModelState) -> Matrix {
+        let slope = self.model.slope(model, Branch::Heating).per_kelvin;
+        let along_branch = Vector::from([0.0, 0.0, slope, 1.0, 0.0]) * self.temperature_uncertainty;
+        let heating = Vector::from([0.0, 0.0, 0.0, 0.0, HEATING_DEVIATION_AT_START]);
+        along_branch * along_branch.transpose() + heating * heating.transpose()
     }
 
     /// Corrects with the position sampled now, then predicts to the next cycle under the current that flows until then.
@@ -102,14 +108,42 @@ impl Observer {
     }
 
     fn correct(&self, state: &mut State, position_metres: f64) {
+        let above = position_metres > LIFTED_STEPS * self.sensor_step_metres;
+        let samples = if above {
+            state.samples_above_stop.saturating_add(1)
+        } else {
+            0
+        };
+        state.samples_above_stop = samples;
         if !self.model.rests_on_stop(&state.model) {
-            let deviation = self.sensor_step_metres * SENSOR_DEVIATION_STEPS;
             let innovation = position_metres - state.model.position_metres;
-            correct_component(state, POSITION, innovation, deviation);
-        } else if position_metres > LIFTED_STEPS * self.sensor_step_metres {
-            let innovation = self.model.holding_fraction(0.0) - state.model.martensite_fraction;
-            correct_component(state, FRACTION, innovation, LIFT_OFF_FRACTION_DEVIATION);
+            correct_component(state, POSITION, innovation, self.sensor_deviation());
+        } else if samples >= LIFTED_SAMPLES {
+            self.lift(state, position_metres);
         }
+    }
+
+    fn sensor_deviation(&self) -> f64 {
+        self.sensor_step_metres * SENSOR_DEVIATION_STEPS
+    }
+
+    /// The load has lifted although the model still rests: the fraction follows from the position by Eq. (12), the
+    /// temperature along the heating branch.
+    fn lift(&self, state: &mut State, position_metres: f64) {
+        let curve = self.model.curve_through(&state.model, Branch::Heating);
+        let martensite_fraction = self.model.holding_fraction(position_metres).clamp(0.0, 1.0);
+        state.model = ModelState {
+            position_metres,
+            velocity_metres_per_second: 0.0,
+            martensite_fraction,
+            temperature_celsius: self.model.temperature_on(&curve, martensite_fraction),
+            unknown_heating_kelvins_per_second: 0.0,
+        };
+        state.covariance = self.branch_doubt(&state.model);
+        let position_doubt = self.sensor_deviation();
+        state.covariance[(POSITION, POSITION)] = position_doubt * position_doubt;
+        state.covariance[(VELOCITY, VELOCITY)] =
+            VELOCITY_DEVIATION_AT_LIFT_OFF * VELOCITY_DEVIATION_AT_LIFT_OFF;
     }
 
     fn predict(&self, state: &mut State, squared_current: f64, seconds: f64) {
@@ -261,6 +295,57 @@ mod tests {
             assert!(state.model.position_metres.is_finite());
             assert!((0.0..=1.0).contains(&state.model.martensite_fraction));
         }
+    }
+
+    #[test]
+    fn noise_on_the_cold_stop_is_no_lift_off() {
+        let observer = Observer::new(&Config::default(), nominal());
+        let mut state = observer.start();
+        for cycle in 0..1000 {
+            let position = if cycle % 5 == 4 { 0.0 } else { 2e-4 };
+            observer.step(&mut state, position, 0.0, PERIOD_SECONDS);
+        }
+        assert!((state.model.temperature_celsius - 15.0847).abs() < 1e-3);
+        assert!(nominal().rests_on_stop(&state.model));
+    }
+
+    #[test]
+    fn a_load_already_up_at_the_start_is_found() {
+        let observer = Observer::new(&Config::default(), nominal());
+        let mut state = observer.start();
+        let model = nominal();
+        let mut truth = ModelState {
+            position_metres: 0.025,
+            martensite_fraction: model.holding_fraction(0.025),
+            temperature_celsius: 54.0,
+            ..ModelState::default()
+        };
+        let squared_current = model.squared_current(&truth, 0.0);
+        for _ in 0..500 {
+            observer.step(
+                &mut state,
+                sampled(truth.position_metres),
+                squared_current,
+                PERIOD_SECONDS,
+            );
+            truth = model.advance(&truth, squared_current, PERIOD_SECONDS);
+        }
+        assert!((state.model.position_metres - 0.025).abs() < 1e-4);
+        assert!((state.model.temperature_celsius - 54.0).abs() < 5.0);
+    }
+
+    #[test]
+    fn an_estimate_that_rests_far_too_hot_recovers() {
+        let observer = Observer::new(&Config::default(), nominal());
+        let mut state = observer.start();
+        state.model.temperature_celsius = 131.0;
+        state.model.martensite_fraction = 0.97;
+        state.covariance = Matrix::zeros();
+        for _ in 0..100 {
+            observer.step(&mut state, 0.03, 0.3, PERIOD_SECONDS);
+        }
+        assert!(!nominal().rests_on_stop(&state.model));
+        assert!((state.model.position_metres - 0.03).abs() < 1e-3);
     }
 
     #[test]

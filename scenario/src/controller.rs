@@ -70,9 +70,9 @@ impl Default for SlidingMode {
             bandwidth_radians_per_second: 40.0,
             boundary_layer_metres_per_second_squared: 1.6,
             switching_gain_metres_per_second_cubed: 64.0,
-            reference_filter_radians_per_second_max: 55.0,
-            reference_launch_jerk_metres_per_second_cubed: 450.0,
-            reference_landing_ratio: 2.5,
+            reference_filter_radians_per_second_max: 60.0,
+            reference_launch_jerk_metres_per_second_cubed: 250.0,
+            reference_landing_ratio: 3.0,
             observer: Observer::default(),
             nominal_model: NominalModel::default(),
         }
