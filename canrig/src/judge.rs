@@ -371,7 +371,7 @@ fn recovery(run: &Run<'_>, window: Window) -> Value {
         }
     });
     match last_outside {
-        None => Ok(0.0),
+        None => deviation(run, window).map(|_| 0.0),
         Some(time)
             if time + 1.5 * run.timeline.period_seconds
                 >= window.until_seconds.min(run.timeline.end_seconds()) =>
@@ -562,6 +562,20 @@ mod tests {
         let early = |time: f64| if time < 1.9 { 20.0 } else { 35.0 };
         check(fan, early, "maximum_deviation_millimetres", 0.0);
         check(fan, early, "recovery_time_seconds", 0.0);
+    }
+
+    #[test]
+    fn without_a_set_point_nothing_deviates_or_recovers() {
+        let text = "schema = 1\nname = \"open\"\nduration_seconds = 4.0\n[controller.open_loop]\n\
+                    [[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 5.0\n";
+        let open = Scenario::parse(text, "open.toml", |_| unreachable!("no table")).unwrap();
+        let verdict = verdict_of(&open, &frames(4000, |_| Some(10.0)), 0);
+        let judged: Vec<_> = verdict.metrics.iter().map(|metric| metric.name).collect();
+        assert!(!judged.contains(&"recovery_time_seconds"), "{judged:?}");
+        assert!(
+            !judged.contains(&"maximum_deviation_millimetres"),
+            "{judged:?}"
+        );
     }
 
     #[test]
