@@ -3,7 +3,8 @@
 use canopen::Node;
 use controller::ControllerNode;
 use plant_emulator::PlantEmulator;
-use platform::bus::{self, Bus};
+use platform::bus::{self, Bus, BusAddress};
+use platform::hub;
 use platform::process::inherited_channel;
 use platform::real_time::RunReport;
 use platform::scheduling::Scheduling;
@@ -73,6 +74,14 @@ fn node_report(report: &RunReport, scheduling: &Scheduling) -> NodeReport {
 }
 
 fn run_node(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
+    let ended = run_on_bus(node, args);
+    if let Some(BusAddress::Embedded(socket)) = &args.host.bus {
+        hub::remove_orphaned(socket);
+    }
+    ended
+}
+
+fn run_on_bus(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
     let stop = StopSignal::from_parent().map_err(|error| error.to_string())?;
     let is_real_time = args.host.lockstep.is_none();
     // Before the bus: who enters a private one loses the right to the priority, but not the priority.

@@ -37,6 +37,7 @@ use crate::recorder::{self, Recorder};
 use crate::scheduling::{self, Refused};
 
 use place::Place;
+pub use place::remove_orphaned;
 pub(crate) use place::remove_silent;
 use switch::Switch;
 

@@ -11,7 +11,7 @@ use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, SocketAddrUnix, SocketFlags, SocketType, bind, connect, listen, socket_with,
 };
-use rustix::process::{Pid, test_kill_process};
+use rustix::process::{Pid, getppid, test_kill_process};
 
 use super::{CLIENTS_MAX, HubError};
 use crate::clock::Clock;
@@ -150,10 +150,24 @@ fn remove_leftovers(parent: &Path) {
 
 /// Removes a hub's socket and directory when its process is gone: a hub that is about to listen has one.
 fn remove_leftover(socket: &Path) {
-    let process = process_of(socket);
-    if process.is_some_and(|process| test_kill_process(process) == Err(Errno::SRCH)) {
+    if owner(socket).is_some_and(|process| test_kill_process(process) == Err(Errno::SRCH)) {
         remove_silent(socket);
     }
+}
+
+/// For a node's process at its end: when the bench that started it was killed, its socket is removed. A node may reach
+/// its safe state before it notices that the bus has ended.
+pub fn remove_orphaned(socket: &Path) {
+    if owner(socket).is_some_and(|process| getppid() != Some(process)) {
+        remove_silent(socket);
+    }
+}
+
+/// The process whose hub's socket this is.
+fn owner(socket: &Path) -> Option<Pid> {
+    let directory = socket.parent()?.file_name()?.to_str()?;
+    let (process, _) = directory.strip_prefix(PREFIX)?.split_once('-')?;
+    Pid::from_raw(process.parse().ok()?)
 }
 
 /// Removes a hub's socket and directory when nobody listens there any more. For those who were its clients: a killed
