@@ -65,8 +65,8 @@ fn same_bytes() -> Result<(), Failed> {
     Ok(())
 }
 
-/// A busy machine may hold up a node until its partner gives up, and the program says so. What was on the bus until then
-/// is recorded whole all the same.
+/// A busy machine may hold up a node until its partner gives up, or the recorder until the kernel drops frames, and the
+/// program says so. What it does not say must not happen: a SYNC that is missing in the recording.
 fn real_time() -> Result<(), Failed> {
     let mut refusals = Vec::new();
     for _ in 0..3 {
@@ -75,21 +75,26 @@ fn real_time() -> Result<(), Failed> {
         let runs = folder.path().join("runs");
         let arguments = ["--bus", INTERFACE, "--require-vcan"];
         let (code, stdout, stderr) = output(canrig(&runs, "run").args(arguments).arg(short));
-        let is_too_busy = stderr.contains("too busy for real time");
-        if is_too_busy || matches!(code, Some(0 | 5)) {
+        let told = format!("{code:?}\n{stdout}\n{stderr}");
+        if told.contains("the recorder lost") {
+            return Ok(());
+        }
+        if matches!(code, Some(0 | 5)) || told.contains("too busy for real time") {
             let log = fs::read_to_string(only_run(&runs).join("bus.log"))?;
-            let counters: Vec<u8> = log
-                .lines()
-                .filter_map(|line| line.split_once(" 080#"))
+            let counters = log.lines().filter_map(|line| line.split_once(" 080#"));
+            let counters: Vec<u8> = counters
                 .map(|(_, counter)| u8::from_str_radix(counter, 16).unwrap())
                 .collect();
             // How many there are is the machine's business; none may be missing between two others.
-            assert!(counters.len() > 20, "{} SYNCs", counters.len());
-            let follows = |pair: &[u8]| pair[1] == pair[0] % 240 + 1;
-            assert!(counters.windows(2).all(follows), "{counters:?}");
+            assert!(counters.len() > 20, "{} SYNCs\n{told}", counters.len());
+            let gaps = counters
+                .windows(2)
+                .filter(|pair| pair[1] != pair[0] % 240 + 1)
+                .count();
+            assert_eq!(gaps, 0, "of {} SYNCs\n{told}", counters.len());
             return Ok(());
         }
-        refusals.push(format!("{code:?}\n{stdout}\n{stderr}"));
+        refusals.push(told);
     }
     Err(refusals.join("\n").into())
 }

@@ -39,6 +39,7 @@ impl Watch {
 #[derive(Debug)]
 pub struct Capture<'a> {
     frames: Vec<Stamped>,
+    lost: u64,
     written: usize,
     log: BusLog,
     clock: ScenarioClock,
@@ -51,6 +52,7 @@ impl<'a> Capture<'a> {
     pub fn new(log: BusLog, clock: ScenarioClock, watch: &'a Watch) -> Self {
         Self {
             frames: Vec::new(),
+            lost: 0,
             written: 0,
             log,
             clock,
@@ -105,12 +107,17 @@ impl<'a> Capture<'a> {
         self.log.flush()
     }
 
-    /// The frames, with everything in `bus.log`.
+    /// Notes frames that were on the bus and could not be taken.
+    pub fn lose(&mut self, frames: u64) {
+        self.lost += frames;
+    }
+
+    /// The frames, with everything in `bus.log`, and how many were lost.
     ///
     /// # Errors
     /// The disk does not take them.
-    pub fn finish(mut self) -> Result<Vec<Stamped>, WriteError> {
+    pub fn finish(mut self) -> Result<(Vec<Stamped>, u64), WriteError> {
         self.flush()?;
-        Ok(self.frames)
+        Ok((self.frames, self.lost))
     }
 }

@@ -122,10 +122,7 @@ fn outcome(
         return (Outcome::Fail, Some(reason));
     }
     if lost > 0 {
-        return (
-            Outcome::Inconclusive,
-            Some(format!("the recorder lost {lost} frames")),
-        );
+        return (Outcome::Inconclusive, Some(lost_frames(lost)));
     }
     if let Some(reason) = too_many_missed(timeline) {
         return (Outcome::Inconclusive, Some(reason));
@@ -138,6 +135,12 @@ fn outcome(
     }
     let failed = metrics.iter().any(|metric| metric.passed == Some(false));
     (if failed { Outcome::Fail } else { Outcome::Pass }, None)
+}
+
+/// What is said of frames that are missing in a recording.
+#[must_use]
+pub fn lost_frames(lost: u64) -> String {
+    format!("the recorder lost {lost} frames")
 }
 
 /// Says so when too many cycles were missed for anything to be decided.

@@ -96,15 +96,19 @@ pub fn run(
     let folder = RunFolder::create(parent, source)?;
     let mut capture = Capture::new(folder.bus_log()?, ScenarioClock::new(&database)?, watch);
     let ended = world(&folder, &mut capture);
-    let frames = capture.finish()?;
+    let (frames, frames_lost) = capture.finish()?;
     let timeline = timeline::decode(&frames, scenario, &database)?;
     let mut verdict = match &ended {
-        Err(error) => judge_broken(&timeline, scenario, &with_cause(error, &timeline)),
+        Err(error) => judge_broken(
+            &timeline,
+            scenario,
+            &with_cause(error, &timeline, frames_lost),
+        ),
         Ok(World {
             end: End::Interrupted,
             ..
         }) => Verdict::incomplete(&scenario.name, scenario.seed, "interrupted by the user"),
-        Ok(World { frames_lost, .. }) => judge(&timeline, scenario, *frames_lost),
+        Ok(_) => judge(&timeline, scenario, frames_lost),
     };
     if let Ok(World {
         host: Some(host), ..
@@ -136,17 +140,17 @@ pub fn run(
 }
 
 /// A busy machine looks like a broken node; where it was busy, that is said too.
-fn with_cause(error: &WorldError, timeline: &Timeline) -> String {
+fn with_cause(error: &WorldError, timeline: &Timeline, frames_lost: u64) -> String {
     let busy = judge::too_many_missed(timeline);
-    busy.map_or_else(|| error.to_string(), |busy| format!("{error}\n{busy}"))
+    let lost = (frames_lost > 0).then(|| judge::lost_frames(frames_lost));
+    let causes = busy.into_iter().chain(lost);
+    causes.fold(error.to_string(), |text, cause| format!("{text}\n{cause}"))
 }
 
 /// How a world ended.
 pub struct World {
     /// Whether it came to the scenario's end.
     pub end: End,
-    /// Frames that the recorder lost.
-    pub frames_lost: u64,
     /// What the host knows of the timing; none in virtual time.
     pub host: Option<Host>,
 }
@@ -155,11 +159,7 @@ impl World {
     /// A world without a clock, which loses nothing.
     #[must_use]
     pub fn in_virtual_time(end: End) -> Self {
-        Self {
-            end,
-            frames_lost: 0,
-            host: None,
-        }
+        Self { end, host: None }
     }
 }
 

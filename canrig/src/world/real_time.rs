@@ -70,10 +70,9 @@ pub fn run(
         end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench))
     });
     let wall_clock_step = line.wall_clock_step();
-    let frames_lost = line.close(capture)?;
+    line.close(capture)?;
     ended.map(|(end, [controller, plant_emulator])| World {
         end,
-        frames_lost,
         host: Some(Host {
             controller: report(CONTROLLER, &controller),
             plant_emulator: report(PLANT_EMULATOR, &plant_emulator),
@@ -197,11 +196,11 @@ impl Line {
         Ok(has_heard)
     }
 
-    /// Ends the bus and takes the last frames; the number of frames that were lost.
-    fn close(mut self, capture: &mut Capture<'_>) -> Result<u64, WorldError> {
+    /// Ends the bus and takes the last frames, and how many were lost.
+    fn close(mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
         self.recorder.stop();
         self.hub = None;
-        self.collect(capture)?;
-        Ok(self.recorder.lost())
+        capture.lose(self.recorder.lost());
+        self.collect(capture).map(|_| ())
     }
 }
