@@ -42,7 +42,7 @@ impl Recording {
     }
 
     fn trace(&self) -> Trace {
-        Trace::load(&self.run, None, &Database::sma_actuator()).unwrap()
+        Trace::load(&self.run, None, Database::sma_actuator()).unwrap()
     }
 }
 
@@ -283,11 +283,11 @@ fn a_candump_log_serves_as_well_as_a_run_folder() {
     let text = fs::read_to_string(run.join("bus.log")).unwrap();
     fs::write(&log, text.replace(" can0 ", " vcan7 ")).unwrap();
     let database = Database::sma_actuator();
-    let trace = Trace::load(&log, Some(&run.join("scenario.toml")), &database).unwrap();
+    let trace = Trace::load(&log, Some(&run.join("scenario.toml")), database).unwrap();
     let ours = excitation().trace();
     assert_eq!(trace.stretches, ours.stretches);
     assert_eq!(trace.positions_metres, ours.positions_metres);
-    let fault = Trace::load(&log, None, &database).unwrap_err().to_string();
+    let fault = Trace::load(&log, None, database).unwrap_err().to_string();
     assert!(fault.contains("--scenario"), "{fault}");
 }
 

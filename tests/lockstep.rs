@@ -78,7 +78,7 @@ fn the_recording_alone_gives_the_same_verdict() {
     let log = fs::File::open(run.join("bus.log")).unwrap();
     let frames = read_log(std::io::BufReader::new(log)).unwrap();
     let scenario = scenario::Scenario::load(&run.join("scenario.toml")).unwrap();
-    let timeline = decode(&frames, &scenario, &dbc::Database::sma_actuator()).unwrap();
+    let timeline = decode(&frames, &scenario, dbc::Database::sma_actuator()).unwrap();
     let verdict = judge(&timeline, &scenario, 0);
     assert_eq!(
         verdict.to_json(),
@@ -138,22 +138,33 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
         let source = Source::load(&scenario(name)).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let [ahead, asked] = ["ahead", "asked"].map(|name| folder.path().join(name));
-        run(&source, &ahead, &Watch::default(), |_, capture| {
-            simulate(&source.scenario, &database, capture).map(World::in_virtual_time)
-        })
+        run(
+            &source,
+            &ahead,
+            &Watch::default(),
+            Vec::new(),
+            |_, capture| simulate(&source.scenario, database, capture).map(World::in_virtual_time),
+        )
         .unwrap();
-        run(&source, &asked, &Watch::default(), |_, capture| {
-            let scenario = &source.scenario;
-            let mut plant_emulator = canrig::nodes::plant_emulator(scenario).unwrap();
-            let mut bench = DisturbanceProducer::new(scenario, &database).unwrap();
-            let mut controller = canrig::nodes::controller(&scenario.controller_view()).unwrap();
-            let roles = Roles {
-                plant_emulator: &mut Asked(Local::new("plant-emulator", &mut plant_emulator)),
-                bench: &mut Asked(Local::new("bench", &mut bench)),
-                controller: &mut Asked(Local::new("controller", &mut controller)),
-            };
-            play(scenario, roles, capture, None).map(World::in_virtual_time)
-        })
+        run(
+            &source,
+            &asked,
+            &Watch::default(),
+            Vec::new(),
+            |_, capture| {
+                let scenario = &source.scenario;
+                let mut plant_emulator = canrig::nodes::plant_emulator(scenario).unwrap();
+                let mut bench = DisturbanceProducer::new(scenario, database).unwrap();
+                let mut controller =
+                    canrig::nodes::controller(&scenario.controller_view()).unwrap();
+                let roles = Roles {
+                    plant_emulator: &mut Asked(Local::new("plant-emulator", &mut plant_emulator)),
+                    bench: &mut Asked(Local::new("bench", &mut bench)),
+                    controller: &mut Asked(Local::new("controller", &mut controller)),
+                };
+                play(scenario, roles, capture, None).map(World::in_virtual_time)
+            },
+        )
         .unwrap();
         assert!(
             contents(&only_run(&ahead)) == contents(&only_run(&asked)),
@@ -236,22 +247,28 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
     let mut runs = Vec::new();
     for sleeps in [false, true] {
         let parent = folder.path().join(format!("sleeps-{sleeps}"));
-        run(&source, &parent, &Watch::default(), |_, capture| {
-            let mut plant_emulator = canrig::nodes::plant_emulator(&source.scenario).unwrap();
-            let mut controller =
-                canrig::nodes::controller(&source.scenario.controller_view()).unwrap();
-            let mut bench =
-                canrig::disturbance_node::DisturbanceProducer::new(&source.scenario, &database)
-                    .unwrap();
-            let mut sleeper = Sleeper { sleeps, calls: 0 };
-            let roles = canrig::world::lockstep::Roles {
-                plant_emulator: &mut Local::new("plant-emulator", &mut plant_emulator),
-                bench: &mut Local::new("bench", &mut bench),
-                controller: &mut Local::new("controller", &mut controller),
-            };
-            canrig::world::lockstep::play(&source.scenario, roles, capture, Some(&mut sleeper))
-                .map(World::in_virtual_time)
-        })
+        run(
+            &source,
+            &parent,
+            &Watch::default(),
+            Vec::new(),
+            |_, capture| {
+                let mut plant_emulator = canrig::nodes::plant_emulator(&source.scenario).unwrap();
+                let mut controller =
+                    canrig::nodes::controller(&source.scenario.controller_view()).unwrap();
+                let mut bench =
+                    canrig::disturbance_node::DisturbanceProducer::new(&source.scenario, database)
+                        .unwrap();
+                let mut sleeper = Sleeper { sleeps, calls: 0 };
+                let roles = canrig::world::lockstep::Roles {
+                    plant_emulator: &mut Local::new("plant-emulator", &mut plant_emulator),
+                    bench: &mut Local::new("bench", &mut bench),
+                    controller: &mut Local::new("controller", &mut controller),
+                };
+                canrig::world::lockstep::play(&source.scenario, roles, capture, Some(&mut sleeper))
+                    .map(World::in_virtual_time)
+            },
+        )
         .unwrap();
         runs.push(contents(&only_run(&parent)));
     }
@@ -293,8 +310,9 @@ impl platform::bus::Bus for Sleeper {
 fn an_overloaded_bus_fails_on_its_load_and_shows_late_frames() {
     let folder = tempfile::tempdir().unwrap();
     let path = crate::support::short_scenario(folder.path(), 2.0);
-    let limits = "\n[bus]\nbitrate_kilobits_per_second = 125\n\n[expect]\nbus_load_percent = { max = 90.0 }\n";
-    let text = fs::read_to_string(&path).unwrap() + limits;
+    let slow = "[bus]\nbitrate_kilobits_per_second = 125\n";
+    let limits = "\n[expect]\nbus_load_percent = { max = 90.0 }\n";
+    let text = fs::read_to_string(&path).unwrap().replace("[bus]\n", slow) + limits;
     fs::write(&path, &text).unwrap();
     let runs = folder.path().join("runs");
     let (code, stdout, _) = output(canrig(&runs, "simulate").arg(&path));

@@ -1,4 +1,4 @@
-//! The integration tests, from pure to process level; one binary. Those on the kernel's CAN bus are in `vcan.rs`.
+//! The integration tests, from pure to process level; one binary. Those on the kernel's CAN bus are in `vcan/`.
 #![expect(
     clippy::unwrap_used,
     clippy::disallowed_methods,
@@ -7,14 +7,18 @@
 
 mod allocation;
 mod command_line;
+mod faults;
 mod identify;
 mod lockstep;
 mod processes;
 mod replay;
 mod report;
+mod reproduce;
 mod rooms;
 mod support;
 mod tools;
+#[cfg(feature = "rerun")]
+mod viewer;
 
 #[global_allocator]
 static ALLOCATOR: platform::counting_allocator::CountingAllocator =

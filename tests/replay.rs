@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::support::{canrig, only_run, output, scenario, short_scenario};
+use crate::support::{canrig, only_run, output, scenario, short_scenario, unhurried_scenario};
 
 /// The program with a command that makes no runs.
 fn tool(arguments: &[&str]) -> (Option<i32>, String, String) {
@@ -225,7 +225,7 @@ fn completions_and_manual_know_every_command() {
 fn a_run_in_real_time_gives_its_verdict_again_with_its_timing() {
     let folder = tempfile::tempdir().unwrap();
     let runs = folder.path().join("runs");
-    let short = short_scenario(folder.path(), 2.0);
+    let short = unhurried_scenario(folder.path(), 2.0);
     let (of_run, ..) = output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(short));
     let run = only_run(&runs);
     let stored = fs::read_to_string(run.join("verdict.json")).unwrap();

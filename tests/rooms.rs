@@ -7,20 +7,22 @@ use std::path::{Path, PathBuf};
 use crate::support::root;
 
 /// Which rooms a room may depend on.
-const MAY_DEPEND_ON: [(&str, &[&str]); 7] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 8] = [
     ("scenario", &[]),
     ("canopen", &[]),
     ("dbc", &["canopen"]),
+    ("faults", &["scenario", "dbc", "canopen"]),
     ("controller", &["scenario", "dbc", "canopen", "platform"]),
     (
         "plant-emulator",
-        &["scenario", "dbc", "canopen", "platform"],
+        &["scenario", "faults", "dbc", "canopen", "platform"],
     ),
     ("platform", &["canopen"]),
     (
         "canrig",
         &[
             "scenario",
+            "faults",
             "dbc",
             "canopen",
             "controller",

@@ -52,11 +52,21 @@ pub(crate) fn only_run(folder: &Path) -> PathBuf {
     runs[0].clone()
 }
 
-/// A short scenario written into `folder`: a small step from a warm hold.
+/// A short scenario written into `folder`: a warm hold.
 pub(crate) fn short_scenario(folder: &Path, duration_seconds: f64) -> PathBuf {
+    hold_scenario(folder, duration_seconds, 1.0)
+}
+
+/// A warm hold with so much time between SYNCs that its nodes do not lose each other on a slow or busy machine either.
+pub(crate) fn unhurried_scenario(folder: &Path, duration_seconds: f64) -> PathBuf {
+    hold_scenario(folder, duration_seconds, 100.0)
+}
+
+fn hold_scenario(folder: &Path, duration_seconds: f64, sync_period_milliseconds: f64) -> PathBuf {
     let path = folder.join("short.toml");
     let text = format!(
-        "schema = 1\nname = \"short\"\nduration_seconds = {duration_seconds:.1}\n\n[controller.sliding_mode]\n\n\
+        "schema = 1\nname = \"short\"\nduration_seconds = {duration_seconds:.1}\n\n\
+         [bus]\nsync_period_milliseconds = {sync_period_milliseconds:.1}\n\n[controller.sliding_mode]\n\n\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n"
     );
     fs::write(&path, text).unwrap();

@@ -10,7 +10,7 @@ use platform::hub::Hub;
 use platform::recorder::Recorder;
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::support::{canrig, output, scenario};
+use crate::support::{canrig, output, scenario, unhurried_scenario};
 
 /// How long something may take on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -45,7 +45,7 @@ impl Run {
         let runtime = folder.path().join("runtime");
         fs::create_dir(&runtime).unwrap();
         let canrig = canrig(&folder.path().join("runs"), "run")
-            .arg(scenario("step.toml"))
+            .arg(unhurried_scenario(folder.path(), 120.0))
             .args(["--bus", "embedded"])
             .env("XDG_RUNTIME_DIR", &runtime)
             .stdout(Stdio::piped())

@@ -3,18 +3,8 @@
 use std::hint::black_box;
 
 use canopen::CanFrame;
-use canrig_benches::Bench;
+use canrig_benches::{Bench, limit};
 use gungraun::prelude::*;
-use gungraun::{Callgrind, EventKind};
-
-/// Fails above so many instructions, about a third more than were counted when the limit was set.
-fn limit(instructions: u64) -> LibraryBenchmarkConfig {
-    let mut callgrind = Callgrind::default();
-    callgrind.hard_limits([(EventKind::Ir, instructions)]);
-    let mut config = LibraryBenchmarkConfig::default();
-    config.tool(callgrind);
-    config
-}
 
 /// A drive one period after its latest SYNC: the next one brings physics, the sample and TPDOs.
 fn before_sync() -> Bench {

@@ -1,14 +1,70 @@
-//! A drive in Operation enabled, ready for one event.
+//! What is counted: a drive in Operation enabled, ready for one event, and control laws ready for one cycle.
 
 use std::time::Duration;
 
 use canopen::{CanFrame, Node};
+use controller::law::{Command, Law, Measurement};
+use gungraun::{Callgrind, EventKind, LibraryBenchmarkConfig};
 use plant_emulator::PlantEmulator;
 use scenario::Scenario;
+use scenario::controller::Controller;
+use scenario::reference::SetPoint;
 
 const SCENARIO: &str = "schema = 1\nname = \"bench\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
                         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 const PERIOD: Duration = Duration::from_millis(1);
+
+/// Fails above so many instructions, about a third more than were counted when the limit was set.
+#[must_use]
+pub fn limit(instructions: u64) -> LibraryBenchmarkConfig {
+    let mut callgrind = Callgrind::default();
+    callgrind.hard_limits([(EventKind::Ir, instructions)]);
+    let mut config = LibraryBenchmarkConfig::default();
+    config.tool(callgrind);
+    config
+}
+
+/// What a law is told in one cycle.
+#[derive(Clone, Copy)]
+pub struct Cycle {
+    measurement: Measurement,
+    set_point: SetPoint,
+}
+
+impl Cycle {
+    fn new(number: u32, measured_metres: f64, wanted_metres: f64) -> Self {
+        Self {
+            measurement: Measurement {
+                scenario_time_seconds: f64::from(number) * PERIOD.as_secs_f64(),
+                position_metres: measured_metres,
+            },
+            set_point: SetPoint {
+                position_metres: wanted_metres,
+                ..SetPoint::default()
+            },
+        }
+    }
+
+    /// The law's answer.
+    pub fn step(&self, law: &mut Law) -> Command {
+        law.step(&self.measurement, &self.set_point, PERIOD.as_secs_f64())
+    }
+}
+
+/// A law that has held 25 mm for a second, and the cycle in which 26 mm are wanted.
+///
+/// # Panics
+/// When the table holds no law, or the law takes the load to rest on its stop.
+#[must_use]
+pub fn law_in_a_hold(controller: &Controller) -> (Law, Cycle) {
+    let mut law = Law::from_scenario(controller).expect("the table holds one law");
+    for number in 0..1000 {
+        let command = Cycle::new(number, 0.025, 0.025).step(&mut law);
+        let on_stop = command.explanation.saturation.on_stop;
+        assert!(number < 10 || !on_stop, "the load has lifted");
+    }
+    (law, Cycle::new(1000, 0.025, 0.026))
+}
 
 /// The rig with its drive, and the time of its latest event.
 pub struct Bench {

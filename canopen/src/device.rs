@@ -15,7 +15,7 @@ use crate::emcy::{EmergencyMessage, ErrorCode};
 use crate::frame::{CanFrame, Filter, REMOTE_FLAG};
 use crate::heartbeat::{self, HeartbeatProducer, Watch};
 use crate::nmt::{self, NmtCommand, NmtState, NodeId};
-use crate::node::{Node, Progress};
+use crate::node::{Node, Progress, earliest};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::pdo::Received;
 use crate::sdo_channels::SdoServers;
@@ -26,7 +26,7 @@ use crate::sync::{Reception, Sync};
 const ERROR_BEHAVIOUR: u16 = 0x1029;
 
 /// A node with an application.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Device<A> {
     services: Services,
     application: A,
@@ -518,10 +518,7 @@ impl<A: Application> Node for Device<A> {
         }
         let application = self.application.next_deadline();
         let sdo = self.sdo.next_deadline();
-        [self.services.next_deadline(), application, sdo]
-            .into_iter()
-            .flatten()
-            .min()
+        earliest([self.services.next_deadline(), application, sdo])
     }
 
     fn progress(&self) -> Progress {

@@ -37,6 +37,10 @@ impl ErrorCode {
     pub const THERMAL_OVERLOAD: Self = Self(0x2350);
     /// Excess temperature of the device.
     pub const EXCESS_TEMPERATURE: Self = Self(0x4210);
+    /// The device's own hardware.
+    pub const HARDWARE: Self = Self(0x5000);
+    /// A sensor of the device.
+    pub const SENSOR: Self = Self(0x7300);
     /// Communication: no SYNC within its time.
     pub const COMMUNICATION: Self = Self(0x8100);
     /// CAN overrun: objects lost.

@@ -44,42 +44,49 @@ impl CanFrame {
 
     /// The identifier with the kernel's flags.
     #[must_use]
+    #[inline]
     pub fn raw_id(&self) -> u32 {
         self.id
     }
 
     /// The 11-bit identifier of a data frame; `None` for extended, remote and error frames.
     #[must_use]
+    #[inline]
     pub fn standard_id(&self) -> Option<u16> {
         u16::try_from(self.id).ok().filter(|id| *id <= 0x7FF)
     }
 
     /// True for a remote frame.
     #[must_use]
+    #[inline]
     pub fn is_remote(&self) -> bool {
         self.id & REMOTE_FLAG != 0
     }
 
     /// True for a 29-bit identifier.
     #[must_use]
+    #[inline]
     pub fn is_extended(&self) -> bool {
         self.id & EXTENDED_FLAG != 0
     }
 
     /// True for the kernel's error message.
     #[must_use]
+    #[inline]
     pub fn is_error(&self) -> bool {
         self.id & ERROR_FLAG != 0
     }
 
     /// The payload (0 to 8 bytes).
     #[must_use]
+    #[inline]
     pub fn data(&self) -> &[u8] {
         &self.data[..usize::from(self.length)]
     }
 
     /// All 8 bytes of the payload's buffer; those beyond the length are as they came.
     #[must_use]
+    #[inline]
     pub fn buffer(&self) -> [u8; 8] {
         self.data
     }
@@ -143,11 +150,54 @@ impl Filter {
 
     /// True when the frame passes.
     #[must_use]
+    #[inline]
     pub fn accepts(&self, frame: &CanFrame) -> bool {
         if frame.is_error() {
             return self.mask & ERROR_FLAG != 0 && frame.raw_id() & self.mask & !ERROR_FLAG != 0;
         }
         self.mask & ERROR_FLAG == 0 && frame.raw_id() & self.mask == self.id & self.mask
+    }
+}
+
+/// Some filters, of which it is worked out for each 11-bit identifier whether a data frame passes one: for whoever asks
+/// at every frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FilterSet {
+    filters: Vec<Filter>,
+    /// One bit for each identifier.
+    standard: Box<[u64; Self::WORDS]>,
+}
+
+impl FilterSet {
+    const WORDS: usize = 0x800 / 64;
+
+    /// The filters.
+    #[must_use]
+    pub fn filters(&self) -> &[Filter] {
+        &self.filters
+    }
+
+    /// True when the frame passes one of the filters.
+    #[must_use]
+    #[inline]
+    pub fn accepts(&self, frame: &CanFrame) -> bool {
+        match frame.standard_id() {
+            Some(id) => self.standard[usize::from(id / 64)] >> (id % 64) & 1 == 1,
+            None => self.filters.iter().any(|filter| filter.accepts(frame)),
+        }
+    }
+}
+
+impl From<Vec<Filter>> for FilterSet {
+    fn from(filters: Vec<Filter>) -> Self {
+        let mut standard = Box::new([0; Self::WORDS]);
+        for id in 0..=0x7FF {
+            let frame = CanFrame::new(id, &[]);
+            if filters.iter().any(|filter| filter.accepts(&frame)) {
+                standard[usize::from(id / 64)] |= 1 << (id % 64);
+            }
+        }
+        Self { filters, standard }
     }
 }
 
@@ -181,5 +231,26 @@ mod tests {
         assert!(!Filter::ALL.accepts(&error));
         assert!(!Filter::ERRORS.accepts(&raw(0x40)));
         assert!(Filter::ALL.accepts(&raw(0x40)));
+    }
+
+    #[test]
+    fn a_set_accepts_what_one_of_its_filters_accepts() {
+        let heartbeats = Filter {
+            id: 0x700,
+            mask: EXTENDED_FLAG | REMOTE_FLAG | 0x780,
+        };
+        let filters = vec![Filter::exact(0x190), heartbeats, Filter::ERRORS];
+        let set = FilterSet::from(filters.clone());
+        let standard = 0..=0x7FF;
+        let others = [
+            0x190 | REMOTE_FLAG,
+            0x190 | EXTENDED_FLAG,
+            ERROR_FLAG | 0x40,
+        ];
+        for id in standard.chain(others) {
+            let expected = filters.iter().any(|filter| filter.accepts(&raw(id)));
+            assert_eq!(set.accepts(&raw(id)), expected, "{id:#x}");
+        }
+        assert_eq!(set.filters(), filters);
     }
 }

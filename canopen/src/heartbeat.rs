@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use crate::frame::CanFrame;
 use crate::nmt::{NmtState, NodeId};
+use crate::node::earliest;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 
 const CONSUMER_TIME: u16 = 0x1016;
@@ -201,7 +202,7 @@ impl HeartbeatConsumer {
     /// When the next node's time passes.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         let monitors = self.monitors.iter().flatten();
-        monitors.filter_map(|monitor| monitor.deadline).min()
+        earliest(monitors.map(|monitor| monitor.deadline))
     }
 }
 

@@ -25,8 +25,8 @@ pub mod sync;
 
 pub use application::{Application, CommunicationLoss};
 pub use device::Device;
-pub use frame::{CanFrame, Filter};
+pub use frame::{CanFrame, Filter, FilterSet};
 pub use nmt::{NmtCommand, NmtState, NodeId};
-pub use node::{Node, Progress};
+pub use node::{Node, Progress, earliest};
 pub use object_dictionary::{AbortCode, ObjectDictionary};
 pub use services::Services;

@@ -4,6 +4,21 @@ use std::time::Duration;
 
 use crate::frame::{CanFrame, Filter};
 
+/// The earliest of some deadlines; `None` when there is none.
+#[must_use]
+#[inline]
+pub fn earliest(deadlines: impl IntoIterator<Item = Option<Duration>>) -> Option<Duration> {
+    let mut earliest = None;
+    for deadline in deadlines {
+        // Asked after every event of every node, and most services have none: nothing else is compared.
+        let Some(deadline) = deadline else { continue };
+        if earliest.is_none_or(|earliest| deadline < earliest) {
+            earliest = Some(deadline);
+        }
+    }
+    earliest
+}
+
 /// How far a node is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Progress {
@@ -47,4 +62,17 @@ pub trait Node {
 
     /// How far the node is.
     fn progress(&self) -> Progress;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_earliest_of_none_is_none() {
+        let at = |millis| Some(Duration::from_millis(millis));
+        assert_eq!(earliest([]), None);
+        assert_eq!(earliest([None, None]), None);
+        assert_eq!(earliest([None, at(3), at(2), None, at(5)]), at(2));
+    }
 }

@@ -327,16 +327,26 @@ impl Entry {
 
 /// Little-endian bytes as an integer, sign-extended by type; 0 for types that are no integers.
 fn integer_from_le(data_type: DataType, bytes: &[u8]) -> i128 {
-    if matches!(data_type.size_bytes(), None | Some(0))
-        || matches!(data_type, DataType::Real32 | DataType::Real64)
-    {
+    if matches!(data_type.size_bytes(), None | Some(0)) || data_type.is_real() {
         return 0;
     }
-    let is_negative = data_type.is_signed() && bytes.last().is_some_and(|byte| byte & 0x80 != 0);
-    let mut buffer = if is_negative { [0xFF; 16] } else { [0; 16] };
-    let length = bytes.len().min(16);
-    buffer[..length].copy_from_slice(&bytes[..length]);
-    i128::from_le_bytes(buffer)
+    let is_signed = data_type.is_signed();
+    match *bytes {
+        // The widths that are read in every cycle.
+        [a] if is_signed => i128::from(a.cast_signed()),
+        [a] => i128::from(a),
+        [a, b] if is_signed => i128::from(i16::from_le_bytes([a, b])),
+        [a, b] => i128::from(u16::from_le_bytes([a, b])),
+        [a, b, c, d] if is_signed => i128::from(i32::from_le_bytes([a, b, c, d])),
+        [a, b, c, d] => i128::from(u32::from_le_bytes([a, b, c, d])),
+        _ => {
+            let is_negative = is_signed && bytes.last().is_some_and(|byte| byte & 0x80 != 0);
+            let mut buffer = if is_negative { [0xFF; 16] } else { [0; 16] };
+            let length = bytes.len().min(16);
+            buffer[..length].copy_from_slice(&bytes[..length]);
+            i128::from_le_bytes(buffer)
+        }
+    }
 }
 
 /// All objects of a node, sorted by index and sub-index.
@@ -405,11 +415,12 @@ impl ObjectDictionary {
     /// A numeric value of another length than the type's.
     pub fn store(&mut self, handle: Handle, bytes: &[u8]) -> Result<(), AbortCode> {
         let entry = &mut self.entries[handle.0];
-        if entry
-            .data_type
-            .size_bytes()
-            .is_some_and(|size| size != bytes.len())
-        {
+        // A numeric value has the length of its type, so this is the way of all of them.
+        if entry.value.len() == bytes.len() {
+            entry.value.copy_from_slice(bytes);
+            return Ok(());
+        }
+        if entry.data_type.size_bytes().is_some() {
             return Err(AbortCode::LENGTH_MISMATCH);
         }
         entry.value.clear();

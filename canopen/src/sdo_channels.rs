@@ -5,6 +5,7 @@ use std::time::Duration;
 use crate::cob_id::CobId;
 use crate::frame::CanFrame;
 use crate::nmt::NodeId;
+use crate::node::earliest;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo_server::{Access, SdoServer};
 
@@ -121,7 +122,7 @@ impl SdoServers {
 
     /// When the next client's time passes.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
-        self.servers().filter_map(SdoServer::next_deadline).min()
+        earliest(self.servers().map(SdoServer::next_deadline))
     }
 
     fn servers(&self) -> impl Iterator<Item = &SdoServer> {

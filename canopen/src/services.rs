@@ -7,6 +7,7 @@ use crate::emcy::{self, Emcy, ErrorCode};
 use crate::frame::CanFrame;
 use crate::heartbeat::{self, HeartbeatConsumer, HeartbeatProducer};
 use crate::nmt::{NmtCommand, NmtState, NodeId};
+use crate::node::earliest;
 use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
 use crate::pdo::{self, Direction, Place, Rpdo, Tpdo};
 use crate::sdo_channels;
@@ -297,20 +298,15 @@ impl Services {
     /// When a service has something to do next.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         let emcy = self.emcy.next_deadline();
-        let rpdos = self.rpdos.iter().filter_map(Rpdo::next_deadline);
-        let tpdos = self.tpdos.iter().filter_map(Tpdo::next_deadline);
-        [
+        earliest([
             self.heartbeat.next_deadline(),
             self.monitors.next_deadline(),
             self.sync.next_deadline(),
             self.sync_producer.next_deadline(),
             emcy.filter(|_| self.state.allows_sdo()),
-        ]
-        .into_iter()
-        .flatten()
-        .chain(rpdos)
-        .chain(tpdos)
-        .min()
+            earliest(self.rpdos.iter().map(Rpdo::next_deadline)),
+            earliest(self.tpdos.iter().map(Tpdo::next_deadline)),
+        ])
     }
 
     fn configure_pdo(&mut self, place: Place) {

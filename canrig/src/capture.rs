@@ -1,26 +1,32 @@
-//! Takes the frames of a running world: into memory for judging, into `bus.log` for everybody else.
+//! Takes the frames of a running world: into memory for judging and, of a run with a folder, into `bus.log` for
+//! everybody else.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use canopen::CanFrame;
-
+use crate::gauge::{Gauge, Reading};
 use crate::recording::Stamped;
 use crate::run_folder::{BusLog, WriteError};
-use crate::scenario_clock::ScenarioClock;
+use crate::tap::Tap;
+use dbc::scenario_clock::ScenarioClock;
 
 /// What the threads of a run tell each other.
 #[derive(Debug, Default)]
 pub struct Watch {
-    scenario_micros: AtomicU64,
+    reading: Mutex<Reading>,
     is_interrupted: AtomicBool,
 }
 
 impl Watch {
-    /// How far the scenario is; zero before it begins.
+    /// The state of the run.
     #[must_use]
-    pub fn scenario_time(&self) -> Duration {
-        Duration::from_micros(self.scenario_micros.load(Ordering::Relaxed))
+    pub fn reading(&self) -> Reading {
+        *self.reading.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn show(&self, reading: Reading) {
+        *self.reading.lock().unwrap_or_else(PoisonError::into_inner) = reading;
     }
 
     /// Asks the run to end.
@@ -41,33 +47,53 @@ pub struct Capture<'a> {
     frames: Vec<Stamped>,
     lost: u64,
     written: usize,
-    log: BusLog,
+    log: Option<BusLog>,
     clock: ScenarioClock,
+    gauge: Option<Gauge>,
     watch: &'a Watch,
+    taps: Vec<Tap>,
 }
 
 impl<'a> Capture<'a> {
-    /// An empty capture that writes to `log` and reports its progress to `watch`.
+    /// An empty capture of a run with a folder: writes to `log`, shows the run's state to `watch` and hands the frames on
+    /// to `taps`.
     #[must_use]
-    pub fn new(log: BusLog, clock: ScenarioClock, watch: &'a Watch) -> Self {
+    pub fn new(
+        log: BusLog,
+        gauge: Gauge,
+        clock: ScenarioClock,
+        watch: &'a Watch,
+        taps: Vec<Tap>,
+    ) -> Self {
+        Self {
+            log: Some(log),
+            gauge: Some(gauge),
+            taps,
+            ..Self::in_memory(clock, watch)
+        }
+    }
+
+    /// An empty capture that writes nowhere.
+    #[must_use]
+    pub fn in_memory(clock: ScenarioClock, watch: &'a Watch) -> Self {
         Self {
             frames: Vec::new(),
             lost: 0,
             written: 0,
-            log,
+            log: None,
+            gauge: None,
             clock,
             watch,
+            taps: Vec::new(),
         }
     }
 
     /// Takes the next frame of the bus.
-    pub fn take(&mut self, time: Duration, frame: CanFrame) {
-        let stamped = Stamped::new(time, frame);
-        self.clock.on_frame(stamped.time, &frame);
+    pub fn take(&mut self, stamped: Stamped) {
+        self.clock.on_frame(stamped.time, &stamped.frame);
         self.frames.push(stamped);
-        if let Some(time) = self.clock.scenario_time(stamped.time) {
-            let micros = u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
-            self.watch.scenario_micros.store(micros, Ordering::Relaxed);
+        for tap in &mut self.taps {
+            tap.take(stamped);
         }
     }
 
@@ -97,14 +123,22 @@ impl<'a> Capture<'a> {
         &self.frames
     }
 
-    /// Writes what is not yet in `bus.log`.
+    /// Writes what is not yet in `bus.log`, and shows how the run stands.
     ///
     /// # Errors
     /// The disk does not take it.
     pub fn flush(&mut self) -> Result<(), WriteError> {
-        self.log.append(&self.frames[self.written..])?;
+        let Some(log) = &mut self.log else {
+            return Ok(());
+        };
+        let new = &self.frames[self.written..];
+        let gauge = self.gauge.as_ref();
+        if let Some(reading) = gauge.and_then(|gauge| gauge.read(new, &self.clock)) {
+            self.watch.show(reading);
+        }
+        log.append(new)?;
         self.written = self.frames.len();
-        self.log.flush()
+        log.flush()
     }
 
     /// Notes frames that were on the bus and could not be taken.
@@ -112,7 +146,7 @@ impl<'a> Capture<'a> {
         self.lost += frames;
     }
 
-    /// The frames, with everything in `bus.log`, and how many were lost.
+    /// The frames, with everything in `bus.log` if there is one, and how many were lost.
     ///
     /// # Errors
     /// The disk does not take them.

@@ -10,17 +10,22 @@ use crate::identify::start::Start;
 use crate::recordings::args::{CompareArgs, ExportArgs, ReplayArgs, ReportArgs};
 use crate::tools::ToolBus;
 use crate::tools::nodes::LISTEN_SECONDS;
+use crate::viewer::ViewerArgs;
 
 const EXAMPLES: &str = "\
 Examples:
   canrig run scenarios/step.toml             two processes on a bus, judged
   canrig run scenarios/ --clock lockstep     every scenario, in virtual time
   canrig run step.toml --bus vcan0           over the kernel's SocketCAN
+  canrig run scenarios/step.toml --viewer    and watch it while it runs
   canrig simulate scenarios/step.toml        in one process, at once
   canrig identify RUN                        the plant from a recording
+  canrig reproduce                           every experiment of the paper, on one page
+  canrig torture scenarios/torture.toml      does anything break it?
   canrig check scenarios/                    are the files valid?
   canrig report runs/* --output all.html     several runs on one page
   canrig replay RUN                          judge a recording again
+  canrig replay RUN --viewer --speed 0.1     and watch it in slow motion
   canrig compare RUN OTHER_RUN               where do two runs diverge?
   canrig export RUN -f blf -o run.blf        for another program
   canrig doctor                              is this machine fit for real time?
@@ -60,6 +65,10 @@ pub enum Command {
     Export(ExportArgs),
     /// Find the plant's parameters from recordings
     Identify(IdentifyArgs),
+    /// Play every experiment of the paper and write one page with its figures and numbers
+    Reproduce(ReproduceArgs),
+    /// Play random mixes of faults in virtual time, and shrink what breaks an invariant to a minimal scenario
+    Torture(TortureArgs),
     /// Check scenario files without playing them
     Check(CheckArgs),
     /// Look at what of this machine serves a test bench, and how to mend what does not
@@ -110,6 +119,12 @@ pub struct PlayArgs {
     /// Print nothing but failures
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub viewer: ViewerArgs,
 }
 
 /// Arguments of `run`.
@@ -173,6 +188,23 @@ pub struct IdentifyArgs {
     pub quiet: bool,
 }
 
+/// Arguments of `reproduce`.
+#[derive(Args, Debug)]
+pub struct ReproduceArgs {
+    /// Where the folder with the page is made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Fewer plants, frequencies and settings: to see that everything works
+    #[arg(long)]
+    pub reduced: bool,
+    /// Print the numbers as JSON instead of a table
+    #[arg(long)]
+    pub json: bool,
+    /// Print nothing but failures
+    #[arg(long, short, conflicts_with = "json")]
+    pub quiet: bool,
+}
+
 /// What is taken as known of the plant.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum KnownChoice {
@@ -194,6 +226,25 @@ impl FromStr for KnownChoice {
             path => Self::File(path.into()),
         })
     }
+}
+
+/// Arguments of `torture`.
+#[derive(Args, Debug)]
+pub struct TortureArgs {
+    /// The scenario that the faults meet; its own faults and limits are left out
+    pub scenario: PathBuf,
+    /// How many mixes
+    #[arg(long, value_name = "COUNT", default_value_t = 1000)]
+    pub runs: usize,
+    /// What they are drawn from
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub seed: u64,
+    /// Where the folders of failing cases are made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
 }
 
 /// Arguments of `check`.

@@ -22,11 +22,15 @@ use crate::manual;
 use crate::nodes;
 use crate::recordings;
 use crate::report::terminal;
+use crate::reproduce;
 use crate::run::{self, Judged, Source, World};
 use crate::run_folder::RunFolder;
+use crate::tap::WhenFull;
 use crate::tools::{self, ToolError};
+use crate::torture;
 use crate::verdict::{Outcome, Verdict};
-use crate::world::{self, WorldError};
+use crate::viewer::Viewers;
+use crate::world::{self, RunBus, WorldError};
 
 /// Levels of folders that are searched for scenarios.
 const FOLDER_DEPTH_MAX: u32 = 8;
@@ -42,6 +46,8 @@ pub fn execute(cli: Cli) -> Exit {
         Command::Compare(args) => recordings::compare::compare(&args),
         Command::Export(args) => recordings::export::export(&args),
         Command::Identify(args) => identify::command::identify(&args),
+        Command::Reproduce(args) => reproduce::command::reproduce(&args),
+        Command::Torture(args) => torture::torture(&args),
         Command::Check(args) => check(&args),
         Command::Schema => {
             say(&scenario::schema::json_schema());
@@ -157,15 +163,40 @@ fn run(args: &RunArgs) -> Exit {
     {
         announce(&args.play, &format!("note: {refusal}"));
     }
-    play(&args.play, |scenario, folder, capture| {
-        if lockstep {
-            world::processes::in_lockstep(scenario, folder, capture, &bus)
-        } else {
-            world::real_time::run(scenario, folder, capture, &bus, &|address| {
-                tell_address(&args.play, address);
-            })
-        }
-    })
+    let when_full = if lockstep {
+        WhenFull::Wait
+    } else {
+        WhenFull::Drop
+    };
+    let admits = |scenario: &Scenario| admits(scenario, &bus, lockstep);
+    play(
+        &args.play,
+        when_full,
+        admits,
+        |scenario, folder, capture| {
+            if lockstep {
+                world::processes::in_lockstep(scenario, folder, capture, &bus)
+            } else {
+                world::real_time::run(scenario, folder, capture, &bus, &|address| {
+                    tell_address(&args.play, address);
+                })
+            }
+        },
+    )
+}
+
+/// Faults of the bus need the modelled one; no real bus delays or loses frames as it is told.
+fn admits(scenario: &Scenario, bus: &RunBus, is_lockstep: bool) -> Result<(), String> {
+    let is_modelled = is_lockstep && matches!(bus, RunBus::Embedded { .. });
+    if is_modelled || scenario.fault.bus.is_empty() {
+        return Ok(());
+    }
+    let windows = scenario.fault.windows();
+    let first = windows.iter().find(|fault| fault.place.group == "bus");
+    let kind = first.map_or("", |fault| fault.place.kind);
+    Err(format!(
+        "[[fault.bus.{kind}]] is possible on the modelled bus only: use `canrig simulate`, or `canrig run --clock lockstep --bus embedded`"
+    ))
 }
 
 /// Tools find the only embedded bus by themselves; of several, and of a private one, each has its address.
@@ -186,10 +217,15 @@ fn refused_priority() -> Option<String> {
 
 fn simulate(args: &PlayArgs) -> Exit {
     announce(args, "bus: modelled · clock: lock-step, in one process");
-    play(args, |scenario, _, capture| {
-        let end = world::lockstep::simulate(scenario, &Database::sma_actuator(), capture)?;
-        Ok(World::in_virtual_time(end))
-    })
+    play(
+        args,
+        WhenFull::Wait,
+        |_| Ok(()),
+        |scenario, _, capture| {
+            let end = world::lockstep::simulate(scenario, Database::sma_actuator(), capture)?;
+            Ok(World::in_virtual_time(end))
+        },
+    )
 }
 
 fn announce(args: &PlayArgs, text: &str) {
@@ -201,12 +237,15 @@ fn announce(args: &PlayArgs, text: &str) {
 /// Plays each scenario in a world and reports; the worst exit of all.
 fn play(
     args: &PlayArgs,
+    when_full: WhenFull,
+    admits: impl Fn(&Scenario) -> Result<(), String>,
     world: impl Fn(&Scenario, &RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
 ) -> Exit {
     let paths = match scenario_files(&args.scenarios) {
         Ok(paths) => paths,
         Err(error) => return usage(&error),
     };
+    let mut viewers = Viewers::open(&args.viewer);
     let mut worst = Exit::Pass;
     let mut verdicts = Vec::new();
     for path in &paths {
@@ -218,16 +257,25 @@ fn play(
                 continue;
             }
         };
+        if let Err(reason) = admits(&source.scenario) {
+            complain(&format!("canrig: {}: {reason}", path.display()));
+            worst = worst.max(Exit::ScenarioInvalid);
+            continue;
+        }
         let watch = Watch::default();
         let progress = Progress::new(source.scenario.duration_seconds, !args.json && !args.quiet);
-        let judged = run::run(&source, &args.output, &watch, |folder, capture| {
-            world::observed(&watch, &progress, || {
-                world(&source.scenario, folder, capture)
-            })
+        let (taps, shows) = viewers.show(&source.scenario, when_full);
+        let judged = run::run(&source, &args.output, &watch, taps, |folder, capture| {
+            world::observed(
+                || watch.interrupt(),
+                || progress.show(&watch.reading()),
+                || world(&source.scenario, folder, capture),
+            )
         });
         drop(progress);
         let exit = match judged {
             Ok(judged) => {
+                shows.end(&judged.verdict, &mut viewers);
                 report(args, path, &judged);
                 verdicts.push(judged.verdict);
                 judged.exit

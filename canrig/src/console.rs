@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::gauge::Reading;
+
 /// Prints a line on standard output.
 pub fn say(text: &str) {
     let _ = writeln!(io::stdout(), "{text}");
@@ -33,13 +35,7 @@ impl Activity {
     /// A line without text.
     #[must_use]
     pub fn new(is_shown: bool) -> Self {
-        let is_shown = is_shown && io::stderr().is_terminal();
-        let target = if is_shown {
-            ProgressDrawTarget::stderr()
-        } else {
-            ProgressDrawTarget::hidden()
-        };
-        let bar = ProgressBar::with_draw_target(None, target);
+        let bar = ProgressBar::with_draw_target(None, target(is_shown));
         let style = ProgressStyle::with_template("{spinner} {msg}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
         Self { bar }
@@ -58,7 +54,7 @@ impl Drop for Activity {
     }
 }
 
-/// A bar that shows how far a scenario is. It is drawn on a terminal only.
+/// A line that shows how far a scenario is and how the run stands. It is drawn on a terminal only.
 pub struct Progress {
     bar: ProgressBar,
 }
@@ -67,31 +63,38 @@ impl Progress {
     /// A bar at zero.
     #[must_use]
     pub fn new(duration_seconds: f64, is_shown: bool) -> Self {
-        let is_shown = is_shown && io::stderr().is_terminal();
-        let target = if is_shown {
-            ProgressDrawTarget::stderr()
-        } else {
-            ProgressDrawTarget::hidden()
-        };
         let bar = ProgressBar::with_draw_target(
             Some(micros(Duration::from_secs_f64(duration_seconds))),
-            target,
+            target(is_shown),
         );
-        let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}");
+        let style = ProgressStyle::with_template("{bar:20} {percent:>3} %  {msg}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
         Self { bar }
     }
 
-    /// Moves the bar to a scenario time.
-    pub fn show(&self, time: Duration) {
-        self.bar.set_position(micros(time));
-        let message = if time.is_zero() {
-            "starting".to_owned()
-        } else {
-            format!("{:.1} s", time.as_secs_f64())
-        };
-        self.bar.set_message(message);
+    /// Shows the state of the run.
+    pub fn show(&self, reading: &Reading) {
+        self.bar.set_position(micros(reading.time));
+        self.bar.set_message(state(reading));
     }
+}
+
+/// The state of a run in 48 columns, so that it fits beside the bar in 80; numbers stay in their places.
+fn state(reading: &Reading) -> String {
+    if reading.time.is_zero() {
+        return "starting".to_owned();
+    }
+    let mut text = format!("{:.1} s", reading.time.as_secs_f64());
+    if let Some(position) = reading.position_millimetres {
+        text += &format!("  {position:6.2} mm");
+    }
+    if let Some(error) = reading.error_millimetres {
+        text += &format!("  error {error:+6.2} mm");
+    }
+    if let Some(lateness) = reading.lateness {
+        text += &format!("  {:5} µs late", lateness.as_micros());
+    }
+    text
 }
 
 impl Drop for Progress {
@@ -100,6 +103,66 @@ impl Drop for Progress {
     }
 }
 
+/// A bar that shows how many of many runs are done. It is drawn on a terminal only.
+pub struct Count {
+    bar: ProgressBar,
+}
+
+impl Count {
+    /// A bar at zero; of an unknown number it counts only.
+    #[must_use]
+    pub fn new(total: Option<usize>, is_shown: bool) -> Self {
+        let bar = ProgressBar::with_draw_target(total.map(|total| total as u64), target(is_shown));
+        let style = ProgressStyle::with_template("{bar:40} {pos} of {len} runs  {eta} left");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Self { bar }
+    }
+
+    /// Moves the bar to a number of runs.
+    pub fn show(&self, done: usize) {
+        self.bar.set_position(done as u64);
+    }
+}
+
+impl Drop for Count {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// The terminal, or nowhere.
+fn target(is_shown: bool) -> ProgressDrawTarget {
+    if is_shown && io::stderr().is_terminal() {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
+    }
+}
+
 fn micros(time: Duration) -> u64 {
     u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_state_of_a_run_fits_beside_the_bar() {
+        let reading = Reading {
+            time: Duration::from_millis(9_140),
+            position_millimetres: Some(34.986),
+            error_millimetres: Some(0.014),
+            lateness: Some(Duration::from_micros(143)),
+        };
+        let text = state(&reading);
+        assert_eq!(text, "9.1 s   34.99 mm  error  +0.01 mm    143 µs late");
+        assert!(text.chars().count() <= 49, "{text}");
+        assert_eq!(state(&Reading::default()), "starting");
+        let open_loop = Reading {
+            error_millimetres: None,
+            ..reading
+        };
+        assert_eq!(state(&open_loop), "9.1 s   34.99 mm    143 µs late");
+    }
 }

@@ -11,10 +11,12 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Progress};
+use canopen::{CanFrame, Filter, FilterSet, Progress, earliest};
 use platform::lockstep::{Answer, Audience, LockstepError, Participant};
 
-use crate::bus_model::{BusModel, arbitration_key};
+use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
+use crate::bus_model::faults::{BusFaults, is_truth};
+use crate::bus_model::{BusModel, SUSPEND_BITS, arbitration_key, frame_bits};
 
 /// Frames that one participant may have waiting; more means that the bus cannot carry what it sends.
 const QUEUE_LIMIT: usize = 10_000;
@@ -24,11 +26,16 @@ const LOOK_AHEAD_MAX: Duration = Duration::from_millis(100);
 
 /// Where the winners of the arbitration go besides their addressees.
 pub trait Wire {
-    /// Takes a frame whose last bit passed at `time`.
+    /// Takes a frame whose last bit passed at `time` and which took so many bits from the bus.
     ///
     /// # Errors
     /// The wire cannot carry it.
-    fn put(&mut self, time: Duration, frame: &CanFrame) -> Result<(), CoordinatorError>;
+    fn put(
+        &mut self,
+        time: Duration,
+        frame: &CanFrame,
+        occupied_bits: u32,
+    ) -> Result<(), CoordinatorError>;
 }
 
 /// Why virtual time cannot go on.
@@ -68,6 +75,10 @@ type Timed = (Duration, CanFrame);
 
 struct Slot<'a> {
     participant: &'a mut dyn Participant,
+    /// What it listens to.
+    heard: FilterSet,
+    /// What of that it takes in silence.
+    silent: FilterSet,
     /// Whom its frames may make speak.
     audience: Audience,
     /// What has arrived and was not given to it yet, oldest first.
@@ -76,6 +87,8 @@ struct Slot<'a> {
     must_hear: bool,
     /// What it has queued, oldest first: a frame takes part in the arbitration from its time on.
     outbox: VecDeque<Timed>,
+    /// An error passive station may not send before.
+    suspended_until: Duration,
     /// When it wants its next tick.
     next_deadline: Option<Duration>,
     /// How far it has gone.
@@ -87,11 +100,14 @@ impl<'a> Slot<'a> {
     fn new(participant: &'a mut dyn Participant) -> Self {
         Self {
             next_deadline: participant.next_deadline(),
+            heard: participant.filters().to_vec().into(),
+            silent: participant.silent_filters().to_vec().into(),
             participant,
             audience: Audience::default(),
             inbox: Vec::new(),
             must_hear: false,
             outbox: VecDeque::new(),
+            suspended_until: Duration::ZERO,
             reached: Duration::ZERO,
             progress: Progress::Running,
         }
@@ -107,35 +123,47 @@ impl<'a> Slot<'a> {
         }
     }
 
-    fn accepts(&self, frame: &CanFrame) -> bool {
-        accepts(self.participant.filters(), frame)
+    /// The frame with which it takes part in the arbitration, and from when on.
+    fn head(&self) -> Option<(Duration, &CanFrame)> {
+        let (time, frame) = self.outbox.front()?;
+        Some(((*time).max(self.suspended_until), frame))
+    }
+
+    /// The earliest time at which it has something to send or may get it.
+    fn next_event(&self) -> Option<Duration> {
+        let waiting = self.head().map(|(time, _)| time);
+        earliest([waiting, self.may_speak_at()])
     }
 
     /// Takes a frame from the bus, if it is for this participant.
     fn hear(&mut self, time: Duration, frame: CanFrame) {
-        if self.progress == Progress::Running && self.accepts(&frame) {
+        if self.progress == Progress::Running && self.heard.accepts(&frame) {
             self.inbox.push((time, frame));
-            self.must_hear |= !accepts(self.participant.silent_filters(), &frame);
+            self.must_hear |= !self.silent.accepts(&frame);
         }
     }
 }
 
-fn accepts(filters: &[Filter], frame: &CanFrame) -> bool {
-    filters.iter().any(|filter| filter.accepts(frame))
-}
-
 struct InFlight {
     frame: CanFrame,
-    sender: usize,
+    /// None for a foreign node.
+    sender: Option<usize>,
+    start: Duration,
     end: Duration,
+    occupied_bits: u32,
+    /// An error ended it; its sender tries again.
+    is_disturbed: bool,
 }
 
 /// The participants, the bus between them and the time.
 pub struct Coordinator<'a> {
     slots: Vec<Slot<'a>>,
     bus: BusModel,
+    faults: Option<BusFaults>,
     in_flight: Option<InFlight>,
     now: Duration,
+    /// Nobody goes ahead beyond this time, at which somebody may be asked to stop.
+    horizon: Duration,
 }
 
 impl<'a> Coordinator<'a> {
@@ -154,9 +182,18 @@ impl<'a> Coordinator<'a> {
         Self {
             slots,
             bus: BusModel::new(bitrate_kilobits_per_second),
+            faults: None,
             in_flight: None,
             now: Duration::ZERO,
+            horizon: Duration::MAX,
         }
+    }
+
+    /// Lets things go wrong with the bus; the faults name the participants by the same index.
+    #[must_use]
+    pub fn with_faults(mut self, faults: Option<BusFaults>) -> Self {
+        self.faults = faults;
+        self
     }
 
     /// The virtual time.
@@ -173,20 +210,15 @@ impl<'a> Coordinator<'a> {
     pub fn step(&mut self, wire: &mut dyn Wire) -> Result<Option<Duration>, CoordinatorError> {
         if let Some(passed) = self.in_flight.take() {
             self.now = passed.end;
-            wire.put(self.now, &passed.frame)?;
-            for (index, slot) in self.slots.iter_mut().enumerate() {
-                if index != passed.sender {
-                    slot.hear(self.now, passed.frame);
-                }
-            }
+            self.pass(&passed, wire)?;
             return Ok(Some(self.now));
         }
-        let waiting = self.heads().map(|(time, ..)| time);
-        let speaking = self.slots.iter().filter_map(Slot::may_speak_at);
-        let Some(time) = waiting.chain(speaking).min() else {
+        let next = earliest(self.slots.iter().map(Slot::next_event));
+        let Some(time) = earliest([next, self.next_fault()]) else {
             return Ok(None);
         };
         self.now = self.now.max(time).max(self.bus.free_at());
+        self.recover(wire)?;
         for index in 0..self.slots.len() {
             let is_due = |time| time <= self.now;
             if self.slots[index].may_speak_at().is_some_and(is_due) {
@@ -195,6 +227,24 @@ impl<'a> Coordinator<'a> {
         }
         self.arbitrate();
         Ok(Some(self.now))
+    }
+
+    /// Lets nobody go ahead beyond a time.
+    pub fn set_horizon(&mut self, horizon: Duration) {
+        self.horizon = horizon;
+    }
+
+    /// Goes on until nobody is ahead any more, so that a participant may be asked to stop now: what it then says must not
+    /// reach others in their past.
+    ///
+    /// # Errors
+    /// As [`Coordinator::step`].
+    pub fn settle(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+        self.horizon = self.now;
+        while self.slots.iter().any(|slot| slot.reached > self.now) {
+            self.step(wire)?;
+        }
+        Ok(())
     }
 
     /// Asks a participant for its safe state.
@@ -216,7 +266,7 @@ impl<'a> Coordinator<'a> {
         let is_sending = self
             .in_flight
             .as_ref()
-            .is_some_and(|passed| passed.sender == index);
+            .is_some_and(|passed| passed.sender == Some(index));
         slot.progress == Progress::Stopped && slot.outbox.is_empty() && !is_sending
     }
 
@@ -224,24 +274,157 @@ impl<'a> Coordinator<'a> {
     fn heads(&self) -> impl Iterator<Item = (Duration, &CanFrame, usize)> {
         let slots = self.slots.iter().enumerate();
         slots.filter_map(|(index, slot)| {
-            let (time, frame) = slot.outbox.front()?;
-            Some((*time, frame, index))
+            let (time, frame) = slot.head()?;
+            Some((time, frame, index))
         })
     }
 
     /// The lowest identifier among the waiting heads goes on the bus.
     fn arbitrate(&mut self) {
         let waiting = self.heads().filter(|(time, ..)| *time <= self.now);
-        let Some((_, sender)) = waiting
+        let winner = waiting
             .map(|(_, frame, index)| (arbitration_key(frame), index))
-            .min()
-        else {
+            .min();
+        if let Some(faults) = &mut self.faults
+            && let Some(frame) = faults.foreign(self.now)
+            && winner.is_none_or(|(key, _)| arbitration_key(&frame) < key)
+        {
+            faults.take_foreign(self.now);
+            self.transmit(None, frame);
+        } else if let Some((_, sender)) = winner {
+            self.send(sender);
+        }
+    }
+
+    /// Puts a participant's next frame on the bus, where an error may end it.
+    fn send(&mut self, sender: usize) {
+        let Some((_, frame)) = self.slots[sender].outbox.front().copied() else {
             return;
         };
-        if let Some((_, frame)) = self.slots[sender].outbox.pop_front() {
-            let end = self.bus.transmit(self.now, &frame);
-            self.in_flight = Some(InFlight { frame, sender, end });
+        let disturbed = self.faults.as_mut().and_then(|faults| {
+            let bits = faults.disturbs(sender, self.now, &frame, frame_bits(&frame))?;
+            Some((bits, faults.states[sender].activity() == Activity::Passive))
+        });
+        let Some((bits, is_passive)) = disturbed else {
+            self.slots[sender].outbox.pop_front();
+            self.transmit(Some(sender), frame);
+            return;
+        };
+        let end = self.bus.disturb(self.now, bits, is_passive);
+        self.in_flight = Some(InFlight {
+            frame,
+            sender: Some(sender),
+            start: self.now,
+            end,
+            occupied_bits: 0,
+            is_disturbed: true,
+        });
+    }
+
+    fn transmit(&mut self, sender: Option<usize>, frame: CanFrame) {
+        let (end, occupied_bits) = self.bus.transmit(self.now, &frame);
+        self.in_flight = Some(InFlight {
+            frame,
+            sender,
+            start: self.now,
+            end,
+            occupied_bits,
+            is_disturbed: false,
+        });
+    }
+
+    /// The end of a transmission: who listens hears the frame, or all count the error.
+    fn pass(&mut self, passed: &InFlight, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+        if !passed.is_disturbed {
+            wire.put(self.now, &passed.frame, passed.occupied_bits)?;
         }
+        let Some(faults) = &mut self.faults else {
+            for (index, slot) in self.slots.iter_mut().enumerate() {
+                if Some(index) != passed.sender {
+                    slot.hear(self.now, passed.frame);
+                }
+            }
+            return Ok(());
+        };
+        if !passed.is_disturbed {
+            faults.observe(self.now, &passed.frame);
+            for (index, slot) in self.slots.iter_mut().enumerate() {
+                let is_off = faults.states[index].activity() == Activity::Off;
+                let is_for_it = Some(index) != passed.sender && !is_off;
+                let is_heard = is_for_it && slot.heard.accepts(&passed.frame);
+                if is_heard && !faults.misses(index, self.now, &passed.frame) {
+                    slot.hear(self.now, passed.frame);
+                }
+            }
+        }
+        self.count_errors(passed, wire)
+    }
+
+    /// Moves the error counters and tells who has changed.
+    fn count_errors(
+        &mut self,
+        passed: &InFlight,
+        wire: &mut dyn Wire,
+    ) -> Result<(), CoordinatorError> {
+        let (free_at, sequence) = (self.bus.free_at(), self.bus.bit_time(SEQUENCE_BITS));
+        let Some(faults) = &mut self.faults else {
+            return Ok(());
+        };
+        for (index, slot) in self.slots.iter_mut().enumerate() {
+            let number = faults.node_number(index);
+            let state = &mut faults.states[index];
+            let before = state.activity();
+            match (before, Some(index) == passed.sender, passed.is_disturbed) {
+                (Activity::Off, ..) => state.on_bus_used(passed.start, free_at, sequence),
+                (_, true, true) => state.on_transmit_error(free_at),
+                (_, false, true) => state.on_receive_error(),
+                (_, true, false) => state.on_transmitted(),
+                (_, false, false) => state.on_received(),
+            }
+            let after = state.activity();
+            if after == Activity::Off {
+                slot.outbox.retain(|(_, frame)| is_truth(frame));
+            } else if after == Activity::Passive && Some(index) == passed.sender {
+                slot.suspended_until = free_at + self.bus.bit_time(SUSPEND_BITS);
+            }
+            if after != before {
+                let message = state.message(number, false);
+                wire.put(self.now, &message, 0)?;
+                slot.hear(self.now, message);
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets stations come back from bus-off.
+    fn recover(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+        let sequence = self.bus.bit_time(SEQUENCE_BITS);
+        let Some(faults) = &mut self.faults else {
+            return Ok(());
+        };
+        for (index, slot) in self.slots.iter_mut().enumerate() {
+            let recovers_at = faults.states[index].recovers_at(sequence);
+            if recovers_at.is_some_and(|time| time <= self.now) {
+                faults.states[index].recover();
+                let number = faults.node_number(index);
+                let message = faults.states[index].message(number, true);
+                wire.put(self.now, &message, 0)?;
+                slot.hear(self.now, message);
+            }
+        }
+        Ok(())
+    }
+
+    /// When a fault next does something by itself.
+    fn next_fault(&self) -> Option<Duration> {
+        let faults = self.faults.as_ref()?;
+        let sequence = self.bus.bit_time(SEQUENCE_BITS);
+        let recoveries = faults
+            .states
+            .iter()
+            .map(|state| state.recovers_at(sequence));
+        let foreign = faults.next_foreign(self.now.max(self.bus.free_at()));
+        earliest(recoveries.chain([foreign]))
     }
 
     /// Gives a participant what has arrived for it and lets it go as far as nobody can reach it.
@@ -253,21 +436,26 @@ impl<'a> Coordinator<'a> {
     /// idle: when no frame waits that is for it or may be answered, whoever speaks next speaks at a known time, and
     /// what is said then arrives later.
     fn unreachable_until(&self, index: usize) -> Duration {
-        let mut others = self.slots.iter().enumerate().filter(|(at, _)| *at != index);
-        let may_reach = |(at, slot): (usize, &Slot<'_>)| {
-            slot.outbox.iter().any(|(_, frame)| {
-                slot.audience.may_answer(frame) || (at != index && self.slots[index].accepts(frame))
-            })
-        };
-        if self.slots.iter().enumerate().any(may_reach) {
-            return self.now;
+        let hearer = &self.slots[index];
+        let mut next = self.horizon.min(self.now + LOOK_AHEAD_MAX);
+        if let Some(faults) = &self.faults {
+            if faults.forbids_look_ahead() {
+                return self.now;
+            }
+            next = self.next_fault().map_or(next, |time| time.min(next));
         }
-        let horizon = self.now + LOOK_AHEAD_MAX;
-        others
-            .by_ref()
-            .filter_map(|(_, slot)| slot.may_speak_at())
-            .fold(horizon, Duration::min)
-            .max(self.now)
+        for (at, slot) in self.slots.iter().enumerate() {
+            let may_reach = |(_, frame): &Timed| {
+                slot.audience.may_answer(frame) || (at != index && hearer.heard.accepts(frame))
+            };
+            if slot.outbox.iter().any(may_reach) {
+                return self.now;
+            }
+            if at != index {
+                next = slot.may_speak_at().map_or(next, |time| time.min(next));
+            }
+        }
+        next.max(self.now)
     }
 
     fn advance(
@@ -291,7 +479,10 @@ impl<'a> Coordinator<'a> {
             reached,
             progress,
         } = slot.participant.finish()?;
-        slot.outbox.extend(frames);
+        match &mut self.faults {
+            None => slot.outbox.extend(frames),
+            Some(faults) => faults.queue(index, &frames, &mut slot.outbox),
+        }
         slot.next_deadline = next_deadline;
         slot.reached = reached;
         slot.progress = progress;
@@ -314,21 +505,18 @@ impl<'a> Coordinator<'a> {
 fn audience(slots: &[Slot<'_>], index: usize) -> Audience {
     let others = || {
         let others = slots.iter().enumerate().filter(|(at, _)| *at != index);
-        others.map(|(_, slot)| &*slot.participant)
+        others.map(|(_, slot)| slot)
     };
-    let heard = others()
-        .flat_map(|other| other.filters())
-        .copied()
-        .collect();
+    let heard = others().flat_map(|other| other.heard.filters());
     let is_silent = |filter: &&Filter| {
         let frame = CanFrame::from_raw(filter.id, 0, [0; 8]);
         frame.is_some_and(|frame| {
-            others().all(|other| {
-                !accepts(other.filters(), &frame) || accepts(other.silent_filters(), &frame)
-            })
+            others().all(|other| !other.heard.accepts(&frame) || other.silent.accepts(&frame))
         })
     };
-    let silent = others().flat_map(|other| other.silent_filters());
-    let silent = silent.filter(is_silent).copied().collect();
-    Audience { heard, silent }
+    let silent = others().flat_map(|other| other.silent.filters());
+    Audience {
+        heard: heard.copied().collect::<Vec<_>>().into(),
+        silent: silent.filter(is_silent).copied().collect::<Vec<_>>().into(),
+    }
 }

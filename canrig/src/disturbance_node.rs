@@ -1,24 +1,22 @@
-//! The bench's own voice on the bus: it commands the disturbance module 0x11 as the scenario says.
+//! The bench's own voice on the bus: it commands the disturbance module 0x11 as the scenario says, and gives the orders
+//! that are faults.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Node, Progress};
-use dbc::{Database, MessageBuilder, SignalHandle};
+use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
+use dbc::Database;
 use scenario::Scenario;
-use scenario::events::DisturbanceCommand;
 
-use crate::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use crate::signals::{self, SignalMissing};
+use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
-/// Sends the RPDO of the disturbance module at the scenario's times.
+/// Sends its frames at the scenario's times.
 pub struct DisturbanceProducer {
-    message: MessageBuilder,
-    convection_factor: SignalHandle,
-    added_load: SignalHandle,
     clock: ScenarioClock,
     drive: Filter,
-    commands: VecDeque<DisturbanceCommand>,
+    /// What it will say, each with its scenario time in seconds.
+    frames: VecDeque<(f64, CanFrame)>,
     frame: Option<CanFrame>,
     is_stopped: bool,
 }
@@ -29,19 +27,21 @@ impl DisturbanceProducer {
     /// # Errors
     /// The database lacks a signal.
     pub fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
-        let statusword = signals::find(database, signals::STATUSWORD)?;
+        let statusword = database.require(signals::STATUSWORD)?;
+        let mut frames = disturbances(scenario, database)?;
+        let orders = scenario.fault.node.nmt_stop.iter();
+        frames.extend(orders.map(|order| {
+            let node = NodeId::new(order.node.number());
+            (order.at_seconds, NmtCommand::Stop.frame(node))
+        }));
+        frames.sort_by(|left, right| left.0.total_cmp(&right.0));
         Ok(Self {
-            message: database
-                .builder(signals::DISTURBANCE_MESSAGE)
-                .ok_or_else(|| signals::missing(signals::DISTURBANCE_MESSAGE))?,
-            convection_factor: signals::find(database, signals::CONVECTION_FACTOR)?,
-            added_load: signals::find(database, signals::ADDED_LOAD)?,
             clock: ScenarioClock::new(database)?,
             drive: Filter {
                 id: statusword.raw_id(),
                 mask: Filter::exact(0).mask,
             },
-            commands: scenario.disturbance.commands().into(),
+            frames: frames.into(),
             frame: None,
             is_stopped: false,
         })
@@ -50,6 +50,25 @@ impl DisturbanceProducer {
     fn is_due(&self, now: Duration) -> bool {
         self.next_deadline().is_some_and(|deadline| deadline <= now)
     }
+}
+
+/// The RPDOs of the disturbance module.
+fn disturbances(
+    scenario: &Scenario,
+    database: &Database,
+) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
+    let convection_factor = database.require(signals::CONVECTION_FACTOR)?;
+    let added_load = database.require(signals::ADDED_LOAD)?;
+    let mut message = database
+        .builder(signals::DISTURBANCE_MESSAGE)
+        .ok_or_else(|| SignalMissing::new(signals::DISTURBANCE_MESSAGE))?;
+    let commands = scenario.disturbance.commands().into_iter();
+    let frames = commands.map(|command| {
+        message.set(&convection_factor, command.convection_factor);
+        message.set(&added_load, command.added_grams);
+        (command.at_seconds, message.frame())
+    });
+    Ok(frames.collect())
 }
 
 impl Node for DisturbanceProducer {
@@ -65,17 +84,12 @@ impl Node for DisturbanceProducer {
         if !self.is_due(now) {
             return;
         }
-        if let Some(command) = self.commands.pop_front() {
-            self.message
-                .set(&self.convection_factor, command.convection_factor);
-            self.message.set(&self.added_load, command.added_grams);
-            self.frame = Some(self.message.frame());
-        }
+        self.frame = self.frames.pop_front().map(|(_, frame)| frame);
     }
 
     fn on_stop(&mut self, _now: Duration) {
         self.is_stopped = true;
-        self.commands.clear();
+        self.frames.clear();
     }
 
     fn next_frame(&mut self) -> Option<CanFrame> {
@@ -83,9 +97,9 @@ impl Node for DisturbanceProducer {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        let command = self.commands.front()?;
+        let (at_seconds, _) = self.frames.front()?;
         let zero = self.clock.zero()?;
-        Some(zero + Duration::from_secs_f64(command.at_seconds))
+        Some(zero + Duration::from_secs_f64(*at_seconds))
     }
 
     fn progress(&self) -> Progress {

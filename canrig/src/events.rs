@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use dbc::{Database, Message, Signal, SignalHandle};
 use scenario::Scenario;
+use scenario::expect::Emergency;
 
+use crate::bus_model::error_state;
 use crate::recording::Stamped;
 
 /// How grave an event is.
@@ -30,6 +32,15 @@ pub struct Event {
     pub text: String,
 }
 
+/// An emergency that a node told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ToldEmergency {
+    /// Scenario time.
+    pub time_seconds: f64,
+    /// Who told which.
+    pub emergency: Emergency,
+}
+
 /// What of a message is worth an event.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
@@ -48,13 +59,17 @@ struct Source {
     kind: Kind,
     node: String,
     last: Option<f64>,
+    /// What explains an emergency further.
+    cause: Option<(SignalHandle, Signal)>,
 }
 
 /// Reads events from frames: every change of a state, every NMT command, every emergency.
 pub(crate) struct EventReader {
     sources: BTreeMap<u32, Source>,
     events: Vec<(Duration, Level, String)>,
+    emergencies: Vec<(Duration, Emergency)>,
     zero: Option<Duration>,
+    told_until_seconds: f64,
 }
 
 impl EventReader {
@@ -69,13 +84,22 @@ impl EventReader {
         Self {
             sources,
             events: Vec::new(),
+            emergencies: Vec::new(),
             zero: None,
+            told_until_seconds: f64::NEG_INFINITY,
         }
     }
 
     pub(crate) fn take(&mut self, stamped: &Stamped, scenario_time: Option<Duration>) {
         if let (None, Some(time)) = (self.zero, scenario_time) {
             self.zero = Some(stamped.time.saturating_sub(time));
+        }
+        if let Some((node, state)) = error_state::describe(&stamped.frame) {
+            let is_good = matches!(state, "error active" | "back from bus-off");
+            let level = if is_good { Level::Info } else { Level::Error };
+            let text = format!("{}: {state}", station(node));
+            self.events.push((stamped.time, level, text));
+            return;
         }
         let Some(source) = self.sources.get_mut(&stamped.frame.raw_id()) else {
             return;
@@ -95,27 +119,69 @@ impl EventReader {
             return;
         }
         let label = label.map_or_else(|| format!("{value}"), str::to_owned);
-        let (level, text) = describe(source.kind, &source.node, value, &label);
+        let (level, mut text) = describe(source.kind, &source.node, value, &label);
+        if source.kind == Kind::Emergency && value != 0.0 {
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "a signal of 16 bits"
+            )]
+            let code = value as u16;
+            let node = source.node.clone();
+            let emergency = Emergency { node, code };
+            self.emergencies.push((stamped.time, emergency));
+            let cause = source
+                .cause
+                .as_ref()
+                .and_then(|(signal, definition)| definition.label(signal.decode(&stamped.frame)?));
+            if let Some(cause) = cause {
+                text += &format!(": {cause}");
+            }
+        }
         self.events.push((stamped.time, level, text));
     }
 
-    /// All events in the order of time, with those of the scenario among them.
-    pub(crate) fn finish(self, scenario: &Scenario) -> Vec<Event> {
+    /// When the scenario began, on the recording's clock.
+    pub(crate) fn zero(&self) -> Option<Duration> {
+        self.zero
+    }
+
+    /// The emergencies in the order of time.
+    pub(crate) fn emergencies(&self) -> Vec<ToldEmergency> {
+        let zero = self.zero.unwrap_or_default().as_secs_f64();
+        let told = self.emergencies.iter();
+        told.map(|(time, emergency)| ToldEmergency {
+            time_seconds: time.as_secs_f64() - zero,
+            emergency: emergency.clone(),
+        })
+        .collect()
+    }
+
+    /// What happened since the last time, and what the scenario did before `until_seconds`, in the order of time. Before
+    /// scenario time 0 is known there is nothing, unless `until_seconds` is infinite.
+    pub(crate) fn take_until(&mut self, until_seconds: f64, scenario: &Scenario) -> Vec<Event> {
+        if self.zero.is_none() && until_seconds.is_finite() {
+            return Vec::new();
+        }
         let zero = self.zero.unwrap_or_default();
+        let from_seconds = std::mem::replace(&mut self.told_until_seconds, until_seconds);
         let mut events: Vec<Event> = Vec::new();
-        for (time, level, text) in self.events {
+        for (time, level, text) in self.events.drain(..) {
             events.push(Event {
                 time_seconds: time.as_secs_f64() - zero.as_secs_f64(),
                 level,
                 text,
             });
         }
+        let is_new = |time: f64| from_seconds <= time && time < until_seconds;
         for event in scenario.events() {
-            events.push(Event {
-                time_seconds: event.at_seconds,
-                level: Level::Warning,
-                text: event.text,
-            });
+            if is_new(event.at_seconds) {
+                events.push(Event {
+                    time_seconds: event.at_seconds,
+                    level: Level::Warning,
+                    text: event.text,
+                });
+            }
         }
         events.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
         events
@@ -145,8 +211,24 @@ fn source(database: &Database, message: &Message) -> Option<Source> {
             kind,
             node,
             last: None,
+            cause: cause(database, &message.name),
         })
     })
+}
+
+/// Whose CAN controller a node's number stands for.
+fn station(node: u8) -> &'static str {
+    match node {
+        0x01 => "controller",
+        0x10 => "drive",
+        _ => "bench",
+    }
+}
+
+/// The signal that explains an emergency further, where its values have names.
+fn cause(database: &Database, message: &str) -> Option<(SignalHandle, Signal)> {
+    let path = format!("{message}.manufacturer_error");
+    Some((database.signal(&path)?, database.definition(&path)?.clone()))
 }
 
 fn describe(kind: Kind, node: &str, value: f64, label: &str) -> (Level, String) {

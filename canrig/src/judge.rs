@@ -1,10 +1,14 @@
 //! From a timeline to a verdict. Nothing but the recording counts.
 
+mod reactions;
+
 use scenario::Scenario;
 use scenario::events::{JudgedStep, Window};
 use scenario::expect::Limit;
 use scenario::timing::TimingLimits;
 
+use crate::events::{Event, Level};
+use crate::harmonic::Harmonic;
 use crate::timeline::Timeline;
 use crate::timing::Timing;
 use crate::verdict::{Metric, Outcome, Verdict};
@@ -21,8 +25,13 @@ const STEADY_STATE_SECONDS: f64 = 0.5;
 const MISSED_CYCLES_PERCENT_MAX: f64 = 1.0;
 /// From this load on, a cycle that carries more than the others does not end in its time.
 const BUSY_BUS_PERCENT: f64 = 70.0;
+/// With faults the plant tells the truth every 10 ms at least.
+const FAULTY_END_SECONDS: f64 = 0.05;
 /// Sample times are multiples of the period; this absorbs their rounding.
 const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
+
+/// Losses that a verdict tells at most.
+const LOSSES_MAX: usize = 20;
 
 /// The metric that decides before all others: on an overloaded bus nothing else means anything.
 const BUS_LOAD: &str = "bus_load_percent";
@@ -108,8 +117,22 @@ pub fn judge(timeline: &Timeline, scenario: &Scenario, frames_lost: u64) -> Verd
         reason,
         frames_lost,
         metrics,
+        losses: losses(timeline, scenario),
         timing: None,
     }
+}
+
+/// The errors among the events, with their times, for people.
+fn losses(timeline: &Timeline, scenario: &Scenario) -> Vec<String> {
+    let end_seconds = timeline
+        .zero_seconds
+        .map_or(f64::INFINITY, |_| scenario.duration_seconds);
+    let is_error =
+        |event: &&Event| event.level == Level::Error && event.time_seconds <= end_seconds;
+    let errors = timeline.events.iter().filter(is_error).take(LOSSES_MAX);
+    errors
+        .map(|event| format!("{:.3} s {}", event.time_seconds, event.text))
+        .collect()
 }
 
 fn outcome(
@@ -124,17 +147,39 @@ fn outcome(
     if lost > 0 {
         return (Outcome::Inconclusive, Some(lost_frames(lost)));
     }
-    if let Some(reason) = too_many_missed(timeline) {
-        return (Outcome::Inconclusive, Some(reason));
-    }
-    let planned = scenario.duration_seconds;
-    let reached = timeline.end_seconds();
-    if reached + 1.5 * timeline.period_seconds < planned {
-        let reason = format!("the recording ends after {reached:.3} s of {planned} s");
-        return (Outcome::Incomplete, Some(reason));
+    if let Some(undecided) = undecided(timeline, scenario) {
+        return undecided;
     }
     let failed = metrics.iter().any(|metric| metric.passed == Some(false));
     (if failed { Outcome::Fail } else { Outcome::Pass }, None)
+}
+
+/// Says so when the recording is not good enough. In a scenario with faults, cycles are missed on purpose.
+fn undecided(timeline: &Timeline, scenario: &Scenario) -> Option<(Outcome, Option<String>)> {
+    let planned = scenario.duration_seconds;
+    let is_sound = scenario.fault.is_empty();
+    if let Some(reason) = too_many_missed(timeline).filter(|_| is_sound) {
+        return Some((Outcome::Inconclusive, Some(reason)));
+    }
+    if timeline.zero_seconds.is_none() && has_boot_fault(scenario) {
+        return None;
+    }
+    let (reached, tolerance) = if is_sound {
+        (timeline.end_seconds(), 1.5 * timeline.period_seconds)
+    } else {
+        (timeline.last_frame_seconds, FAULTY_END_SECONDS)
+    };
+    (timeline.zero_seconds.is_none() || reached + tolerance < planned).then(|| {
+        let reached = timeline.zero_seconds.map_or(0.0, |_| reached);
+        let reason = format!("the recording ends after {reached:.3} s of {planned} s");
+        (Outcome::Incomplete, Some(reason))
+    })
+}
+
+/// A fault with which the scenario need not begin.
+fn has_boot_fault(scenario: &Scenario) -> bool {
+    let windows = scenario.fault.windows();
+    windows.iter().any(|fault| fault.from_seconds.is_none())
 }
 
 /// What is said of frames that are missing in a recording.
@@ -171,7 +216,8 @@ impl Run<'_> {
     /// All metrics that the scenario gives a meaning to or a limit.
     fn metrics(&self) -> Vec<Metric> {
         let expect = &self.scenario.expect;
-        let all: [(&'static str, Value, Option<Limit>); 11] = [
+        let [gain, phase, offset] = self.sine_response();
+        let all: [(&'static str, Value, Option<Limit>); 14] = [
             (
                 "settling_time_seconds",
                 self.worst_step(settling_time),
@@ -191,6 +237,13 @@ impl Run<'_> {
                 "tracking_error_millimetres_rms",
                 self.tracking_error(),
                 expect.tracking_error_millimetres_rms,
+            ),
+            ("sine_gain", gain, expect.sine_gain),
+            ("sine_phase_degrees", phase, expect.sine_phase_degrees),
+            (
+                "sine_offset_millimetres",
+                offset,
+                expect.sine_offset_millimetres,
             ),
             (
                 "maximum_deviation_millimetres",
@@ -231,8 +284,8 @@ impl Run<'_> {
         let all = all
             .into_iter()
             .filter(|(_, value, limit)| value.is_ok() || limit.is_some());
-        all.map(|(name, value, limit)| Metric::new(name, value, limit))
-            .collect()
+        let all = all.map(|(name, value, limit)| Metric::new(name, value, limit));
+        all.chain(reactions::metrics(self)).collect()
     }
 
     /// The samples `(time, set-point, position)` in a stretch of time; cycles without a position are left out.
@@ -309,6 +362,35 @@ impl Run<'_> {
             .samples(window)
             .map(|(_, set_point, position)| (position - set_point).powi(2));
         mean(squares).map(f64::sqrt)
+    }
+
+    /// Gain, phase and offset of the position against the set-point of a sine.
+    fn sine_response(&self) -> [Value; 3] {
+        let response = self.sine_fits().map(|(wanted, measured)| {
+            let phase = measured.phase_degrees() - wanted.phase_degrees();
+            let turns = libm::floor((phase + 270.0) / 360.0);
+            [
+                measured.amplitude() / wanted.amplitude(),
+                phase - 360.0 * turns,
+                measured.mean - wanted.mean,
+            ]
+        });
+        match response {
+            Ok(values) => values.map(checked),
+            Err(reason) => [(); 3].map(|()| Err(reason.clone())),
+        }
+    }
+
+    /// Set-point and position over the judged periods of a sine.
+    fn sine_fits(&self) -> Result<(Harmonic, Harmonic), String> {
+        let sine = self.scenario.reference.sine.last();
+        let (window, sine) = (self.scenario.judged_sine().zip(sine))
+            .ok_or("no sine of at least four periods in the scenario")?;
+        let fit = |value: fn((f64, f64, f64)) -> f64| {
+            let samples = self.samples(window).map(|sample| (sample.0, value(sample)));
+            Harmonic::fit(samples, sine.period_seconds).ok_or_else(no_samples)
+        };
+        Ok((fit(|sample| sample.1)?, fit(|sample| sample.2)?))
     }
 
     fn position_max(&self) -> Value {
@@ -475,7 +557,7 @@ mod tests {
     }
 
     fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
-        let timeline = decode(frames, scenario, &Database::sma_actuator()).unwrap();
+        let timeline = decode(frames, scenario, Database::sma_actuator()).unwrap();
         judge(&timeline, scenario, lost)
     }
 
@@ -553,6 +635,34 @@ mod tests {
     }
 
     #[test]
+    fn a_sine_is_followed_with_gain_phase_and_offset() {
+        let text = "schema = 1\nname = \"sine\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.sine]]\n\
+                    from_seconds = 0.0\ncentre_millimetres = 25.0\namplitude_millimetres = 10.0\nperiod_seconds = 0.8\n";
+        let sine = Scenario::parse(text, "sine.toml", |_| unreachable!("no table")).unwrap();
+        let omega = std::f64::consts::TAU / 0.8;
+        let judged = |lag: f64| {
+            let position = |cycle| 24.0 + 7.0 * libm::sin(omega * f64::from(cycle) / 1e3 - lag);
+            verdict_of(&sine, &frames(4000, |cycle| Some(position(cycle))), 0)
+        };
+        for (lag, degrees) in [(0.5, -28.647_889), (4.0, -229.183_118), (-1.0, 57.295_780)] {
+            let verdict = judged(lag);
+            let expected = [
+                ("sine_gain", 0.7),
+                ("sine_phase_degrees", degrees),
+                ("sine_offset_millimetres", -1.0),
+            ];
+            for (name, expected) in expected {
+                let measured = value(&verdict, name).unwrap();
+                // The position on the bus has steps of 1 µm.
+                assert!(
+                    (measured - expected).abs() < 1e-3,
+                    "{name}: {measured}, expected {expected}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn a_disturbance_is_watched_until_3_s_after_its_end() {
         let fan =
             "[[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 2.5\nconvection_factor = 5.0";
@@ -587,6 +697,16 @@ mod tests {
         let verdict = verdict_of(&limited, &frames(4000, |_| Some(10.0)), 0);
         assert_eq!(verdict.outcome, Outcome::Fail);
         assert_eq!(verdict.metrics[0].remark.as_deref(), Some("never settled"));
+    }
+
+    #[test]
+    fn what_comes_after_the_end_is_no_part_of_the_last_cycle() {
+        let mut frames = frames(4000, |_| Some(35.0));
+        // The scenario begins at 1 ms and ends at 4.001 s; then a drive that stops may say anything.
+        let late = Duration::from_micros(4_001_200);
+        frames.push(Stamped::new(late, frames[0].frame));
+        let verdict = verdict_of(&scenario(""), &frames, 0);
+        assert_eq!(value(&verdict, "steady_state_error_millimetres"), Some(0.0));
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! The nodes of the shipped rig, built from a scenario.
 
+use ::faults::{Faulty, Kind, Plan};
 use canopen::Node;
 use controller::ControllerNode;
+use dbc::Database;
 use plant_emulator::PlantEmulator;
 use platform::bus::{self, Bus, BusAddress};
 use platform::hub;
@@ -10,6 +12,7 @@ use platform::real_time::RunReport;
 use platform::scheduling::Scheduling;
 use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
+use scenario::fault::Faults;
 use scenario::{ControllerView, Scenario};
 
 use crate::cli::{NodeArgs, Role};
@@ -40,14 +43,47 @@ pub fn controller(view: &ControllerView) -> Result<ControllerNode, WorldError> {
     })
 }
 
+/// The manager as it behaves in a scenario with faults, which it cannot see; `is_played_elsewhere` are those that happen
+/// to its process.
+///
+/// # Errors
+/// As [`controller`].
+pub fn faulty_controller(
+    view: &ControllerView,
+    faults: &Faults,
+    is_played_elsewhere: impl Fn(&Kind) -> bool,
+) -> Result<Box<dyn Node>, WorldError> {
+    let node = controller(view)?;
+    if faults.is_empty() {
+        return Ok(Box::new(node));
+    }
+    let plan = Plan::of(faults, scenario::fault::node::Node::Controller);
+    let view = view.clone();
+    let renew = move |node: &mut ControllerNode| {
+        // It could be set up once, so it can again.
+        if let Ok(new) = ControllerNode::new(&view) {
+            *node = new;
+        }
+    };
+    let plan = plan.without(is_played_elsewhere);
+    let faulty = Faulty::new(node, plan, Database::sma_actuator(), renew)?;
+    Ok(Box::new(faulty))
+}
+
+/// The controller's process: what happens to a process in real time is done to it from outside.
+fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, String> {
+    let view = ControllerView::load(&args.scenario).map_err(|error| error.to_string())?;
+    let scenario = Scenario::load(&args.scenario).map_err(|error| error.to_string())?;
+    let is_real_time = args.host.lockstep.is_none();
+    let is_of_process = |kind: &Kind| is_real_time && matches!(kind, Kind::Crash(_) | Kind::Hang);
+    faulty_controller(&view, &scenario.fault, is_of_process).map_err(|error| error.to_string())
+}
+
 /// Runs one node as this process: what the hidden subcommand `node` does.
 #[must_use]
 pub fn host(args: &NodeArgs) -> Exit {
     let hosted = match args.role {
-        Role::Controller => ControllerView::load(&args.scenario)
-            .map_err(|error| error.to_string())
-            .and_then(|view| controller(&view).map_err(|error| error.to_string()))
-            .and_then(|mut node| run_node(&mut node, args)),
+        Role::Controller => hosted_controller(args).and_then(|mut node| run_node(&mut *node, args)),
         Role::PlantEmulator => Scenario::load(&args.scenario)
             .map_err(|error| error.to_string())
             .and_then(|scenario| plant_emulator(&scenario).map_err(|error| error.to_string()))

@@ -8,10 +8,17 @@ use std::time::Duration;
 use canopen::CanFrame;
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 
+use crate::bus_model::occupied_bits;
+use crate::digits;
+
 /// Longest line of a log that is read.
 const LINE_LENGTH_MAX: u64 = 256;
+/// So much after the last good line is read in search of another one.
+const UNREADABLE_BYTES_MAX: usize = 1 << 20;
 /// Enough for every line that is written.
 const LINE_CAPACITY: usize = 64;
+/// Lines that are handed on together.
+const LINES_PER_WRITE: usize = 1024;
 
 /// A frame and when its last bit passed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,14 +27,25 @@ pub struct Stamped {
     pub time: Duration,
     /// The frame.
     pub frame: CanFrame,
+    /// Bits that it took from the bus. They follow from the frame, and are counted once.
+    pub occupied_bits: u32,
 }
 
 impl Stamped {
     /// A frame with its time cut to the log's resolution, so that a log read back judges the same.
     #[must_use]
     pub fn new(time: Duration, frame: CanFrame) -> Self {
-        let time = Duration::new(time.as_secs(), time.subsec_micros() * 1000);
-        Self { time, frame }
+        Self::counted(time, frame, occupied_bits(&frame))
+    }
+
+    /// As [`Stamped::new`], with the [`occupied_bits`] that whoever sent the frame has counted.
+    #[must_use]
+    pub fn counted(time: Duration, frame: CanFrame, occupied_bits: u32) -> Self {
+        Self {
+            time: Duration::new(time.as_secs(), time.subsec_micros() * 1000),
+            frame,
+            occupied_bits,
+        }
     }
 }
 
@@ -43,40 +61,24 @@ impl fmt::Display for Stamped {
 /// Appends the frame as candump writes it. Recordings have many frames, hence without the machinery of `format!`.
 fn push_line(line: &mut Vec<u8>, stamped: &Stamped) {
     line.push(b'(');
-    push_decimal(line, stamped.time.as_secs(), 10);
+    match stamped.time.as_secs() {
+        seconds @ 0..10_000_000_000 => line.extend_from_slice(&digits::fixed::<10>(seconds)),
+        seconds => digits::push(line, seconds, 10),
+    }
     line.push(b'.');
-    push_decimal(line, u64::from(stamped.time.subsec_micros()), 6);
+    line.extend_from_slice(&digits::fixed::<6>(stamped.time.subsec_micros().into()));
     line.extend_from_slice(b") can0 ");
     let Some(id) = stamped.frame.standard_id() else {
         line.extend_from_slice(stamped.frame.to_string().as_bytes());
         return;
     };
     let [high, low] = id.to_be_bytes();
-    line.push(HEXADECIMAL[usize::from(high & 0xF)]);
-    push_hexadecimal(line, low);
+    line.push(digits::HEXADECIMAL[usize::from(high)][1]);
+    line.extend_from_slice(&digits::HEXADECIMAL[usize::from(low)]);
     line.push(b'#');
     for byte in stamped.frame.data() {
-        push_hexadecimal(line, *byte);
+        line.extend_from_slice(&digits::HEXADECIMAL[usize::from(*byte)]);
     }
-}
-
-const HEXADECIMAL: &[u8; 16] = b"0123456789ABCDEF";
-
-fn push_hexadecimal(line: &mut Vec<u8>, byte: u8) {
-    line.push(HEXADECIMAL[usize::from(byte >> 4)]);
-    line.push(HEXADECIMAL[usize::from(byte & 0xF)]);
-}
-
-/// Appends a number with at least `width` digits.
-pub(crate) fn push_decimal(text: &mut Vec<u8>, mut number: u64, width: usize) {
-    let mut digits = [b'0'; 20];
-    let mut first = digits.len();
-    while number > 0 {
-        first -= 1;
-        digits[first] += u8::try_from(number % 10).unwrap_or(0);
-        number /= 10;
-    }
-    text.extend_from_slice(&digits[first.min(digits.len() - width)..]);
 }
 
 /// Why a line is no frame.
@@ -116,10 +118,7 @@ impl FromStr for Stamped {
             _ => return Err(fault("microseconds need six digits")),
         };
         let frame = parse_frame(frame).map_err(fault)?;
-        Ok(Self {
-            time: Duration::new(seconds, micros * 1000),
-            frame,
-        })
+        Ok(Self::new(Duration::new(seconds, micros * 1000), frame))
     }
 }
 
@@ -127,14 +126,18 @@ fn parse_frame(text: &str) -> Result<CanFrame, &'static str> {
     let (id, data) = text
         .split_once('#')
         .ok_or("no '#' between identifier and data")?;
-    let mut raw_id = u32::from_str_radix(id, 16).map_err(|_| "identifier is not hexadecimal")?;
+    let mut raw_id = hexadecimal(id).ok_or("identifier is not hexadecimal")?;
     match id.len() {
         3 if raw_id <= 0x7FF => {}
-        8 if raw_id & ERROR_FLAG != 0 => {}
+        // Of the flags, candump shows this one only.
+        8 if raw_id & ERROR_FLAG != 0 && raw_id <= ERROR_FLAG | 0x1FFF_FFFF => {}
         8 if raw_id <= 0x1FFF_FFFF => raw_id |= EXTENDED_FLAG,
         _ => return Err("identifier needs three or eight digits"),
     }
     if data.starts_with('R') {
+        if raw_id & ERROR_FLAG != 0 {
+            return Err("an error frame asks for nothing");
+        }
         return CanFrame::from_raw(raw_id | REMOTE_FLAG, 0, [0; 8]).ok_or("too long");
     }
     if data.starts_with('#') {
@@ -146,24 +149,34 @@ fn parse_frame(text: &str) -> Result<CanFrame, &'static str> {
     let mut bytes = [0; 8];
     for (place, byte) in bytes.iter_mut().enumerate().take(data.len() / 2) {
         let pair = &data[2 * place..2 * place + 2];
-        *byte = u8::from_str_radix(pair, 16).map_err(|_| "data are not hexadecimal")?;
+        let value = hexadecimal(pair).and_then(|value| u8::try_from(value).ok());
+        *byte = value.ok_or("data are not hexadecimal")?;
     }
     let length = u8::try_from(data.len() / 2).unwrap_or(8);
     CanFrame::from_raw(raw_id, length, bytes).ok_or("too long")
 }
 
-/// Writes frames as `candump -L` does.
+/// A number of digits only: no sign.
+fn hexadecimal(digits: &str) -> Option<u32> {
+    let is_plain = digits.bytes().all(|digit| digit.is_ascii_hexdigit());
+    is_plain.then(|| u32::from_str_radix(digits, 16).ok())?
+}
+
+/// Writes frames as `candump -L` does, many lines at a time.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write_log(mut output: impl Write, frames: &[Stamped]) -> io::Result<()> {
-    let mut line = Vec::with_capacity(LINE_CAPACITY);
-    frames.iter().try_for_each(|stamped| {
-        line.clear();
-        push_line(&mut line, stamped);
-        line.push(b'\n');
-        output.write_all(&line)
-    })
+    let mut lines = Vec::with_capacity(LINES_PER_WRITE.min(frames.len()) * LINE_CAPACITY);
+    for frames in frames.chunks(LINES_PER_WRITE) {
+        lines.clear();
+        for stamped in frames {
+            push_line(&mut lines, stamped);
+            lines.push(b'\n');
+        }
+        output.write_all(&lines)?;
+    }
+    Ok(())
 }
 
 /// Reads a log of `candump -L`.
@@ -202,16 +215,23 @@ pub struct Log {
 /// end is not taken, since a shorter frame looks whole.
 ///
 /// # Errors
-/// The file cannot be read, holds frames of two interfaces, or good lines follow a bad one: then it is damaged, or no
-/// log of `candump -L`.
+/// The file cannot be read, holds frames of two interfaces, or good lines follow soon after a bad one: then it is
+/// damaged, or no log of `candump -L`.
 pub fn read_cut_log(mut input: impl BufRead) -> io::Result<Log> {
     let mut log = Log::default();
     let mut interface = None;
+    let mut unreadable_bytes = 0;
     let mut line = Vec::new();
     for number in 1u64.. {
         line.clear();
         if io::Read::take(&mut input, LINE_LENGTH_MAX).read_until(b'\n', &mut line)? == 0 {
             break;
+        }
+        if log.broken.is_some() {
+            unreadable_bytes += line.len();
+            if unreadable_bytes > UNREADABLE_BYTES_MAX {
+                break;
+            }
         }
         match (whole_line(&line, &mut interface), &log.broken) {
             (Ok(None), _) => {}
@@ -277,6 +297,23 @@ mod tests {
         );
     }
 
+    #[test]
+    fn an_identifier_has_no_sign_and_no_flag_that_candump_does_not_show() {
+        for frame in [
+            "70145677#0102",
+            "+12#00",
+            "123#+1",
+            "-123#00",
+            "E0000001#00",
+            "20000004#R",
+        ] {
+            let line = format!("(0.000001) can0 {frame}");
+            assert!(line.parse::<Stamped>().is_err(), "{line}");
+        }
+        let error = "(0000000000.000001) can0 20000004#0001000000000000";
+        assert_eq!(error.parse::<Stamped>().unwrap().to_string(), error);
+    }
+
     const LOG: &str = "(0.000001) can0 123#\n(0.000002) can0 190#0102\n";
 
     #[test]
@@ -294,6 +331,10 @@ mod tests {
         }
         let zeros = [LOG.as_bytes(), &[0; 5000]].concat();
         let log = read_cut_log(&zeros[..]).unwrap();
+        assert_eq!((log.frames.len(), log.broken.is_some()), (2, true));
+        // What never ends is not read for ever.
+        let endless = io::Read::chain(LOG.as_bytes(), io::BufReader::new(io::repeat(0)));
+        let log = read_cut_log(endless).unwrap();
         assert_eq!((log.frames.len(), log.broken.is_some()), (2, true));
     }
 

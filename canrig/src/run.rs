@@ -1,21 +1,24 @@
 //! One scenario from file to verdict.
 
 use std::path::{Path, PathBuf};
+use std::thread;
 
 use dbc::Database;
 use scenario::{Scenario, ScenarioError};
 
 use crate::capture::{Capture, Watch};
 use crate::exit::Exit;
+use crate::gauge::Gauge;
 use crate::judge::{self, judge, judge_broken};
 use crate::report;
 use crate::run_folder::{RunFolder, WriteError, file};
-use crate::scenario_clock::ScenarioClock;
 use crate::signals::SignalMissing;
+use crate::tap::Tap;
 use crate::timeline::{self, Timeline};
 use crate::timing::{Host, Timing};
 use crate::verdict::Verdict;
 use crate::world::{End, WorldError};
+use dbc::scenario_clock::ScenarioClock;
 
 /// A scenario as it lies on the disk.
 pub struct Source {
@@ -80,8 +83,8 @@ impl RunError {
     }
 }
 
-/// Plays the scenario in a world, records and judges it. What was recorded before a failure of the world is kept, with
-/// a verdict that says "incomplete" and why.
+/// Plays the scenario in a world, records and judges it, and hands the frames on to the taps meanwhile. What was
+/// recorded before a failure of the world is kept, with a verdict that says "incomplete" and why.
 ///
 /// # Errors
 /// The files of the run cannot be written.
@@ -89,32 +92,24 @@ pub fn run(
     source: &Source,
     parent: &Path,
     watch: &Watch,
+    taps: Vec<Tap>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
 ) -> Result<Judged, RunError> {
     let database = Database::sma_actuator();
     let scenario = &source.scenario;
     let folder = RunFolder::create(parent, source)?;
-    let mut capture = Capture::new(folder.bus_log()?, ScenarioClock::new(&database)?, watch);
+    let gauge = Gauge::new(scenario, database)?;
+    let clock = ScenarioClock::new(database)?;
+    let mut capture = Capture::new(folder.bus_log()?, gauge, clock, watch, taps);
     let ended = world(&folder, &mut capture);
     let (frames, frames_lost) = capture.finish()?;
-    let timeline = timeline::decode(&frames, scenario, &database)?;
-    let mut verdict = match &ended {
-        Err(error) => judge_broken(
-            &timeline,
-            scenario,
-            &with_cause(error, &timeline, frames_lost),
-        ),
-        Ok(World {
-            end: End::Interrupted,
-            ..
-        }) => Verdict::incomplete(&scenario.name, scenario.seed, "interrupted by the user"),
-        Ok(_) => judge(&timeline, scenario, frames_lost),
-    };
+    let timeline = timeline::decode(&frames, scenario, database)?;
+    let mut verdict = verdict(&ended, &timeline, scenario, frames_lost);
     if let Ok(World {
         host: Some(host), ..
     }) = &ended
     {
-        let timing = Timing::of(&frames, scenario, &database, host.clone())?;
+        let timing = Timing::of(&frames, scenario, database, host.clone())?;
         judge::judge_timing(&mut verdict, timing, &scenario.expect.timing);
     }
     let run = report::html::Run {
@@ -124,7 +119,7 @@ pub fn run(
         timeline: &timeline,
         verdict: &verdict,
     };
-    write_reports(&folder, &run, &database)?;
+    write_reports(&folder, &run, database)?;
     let exit = match ended {
         Ok(World {
             end: End::Interrupted,
@@ -137,6 +132,27 @@ pub fn run(
         folder: folder.path().to_owned(),
         exit,
     })
+}
+
+/// What a run came to, however its world ended.
+#[must_use]
+pub fn verdict(
+    ended: &Result<World, WorldError>,
+    timeline: &Timeline,
+    scenario: &Scenario,
+    frames_lost: u64,
+) -> Verdict {
+    match ended {
+        Err(error) => {
+            let error = with_cause(error, timeline, frames_lost);
+            judge_broken(timeline, scenario, &error)
+        }
+        Ok(World {
+            end: End::Interrupted,
+            ..
+        }) => Verdict::incomplete(&scenario.name, scenario.seed, "interrupted by the user"),
+        Ok(_) => judge(timeline, scenario, frames_lost),
+    }
 }
 
 /// A busy machine looks like a broken node; where it was busy, that is said too.
@@ -163,25 +179,44 @@ impl World {
     }
 }
 
+/// Makes the files of a judged run, side by side: most of their time the disk works. The verdict comes last, since it
+/// says that the folder is complete.
 fn write_reports(
     folder: &RunFolder,
     run: &report::html::Run<'_>,
     database: &Database,
 ) -> Result<(), RunError> {
     let (timeline, verdict) = (run.timeline, run.verdict);
-    folder.write(file::SIGNALS, &report::csv::to_csv(timeline))?;
-    let junit = report::junit::to_xml(std::slice::from_ref(verdict));
-    let junit = junit.map_err(|error| RunError::report(file::JUNIT, &error))?;
-    folder.write(file::JUNIT, junit.as_bytes())?;
+    let signals = || Ok(folder.write(file::SIGNALS, &report::csv::to_csv(timeline))?);
+    let junit = || {
+        let junit = report::junit::to_xml(std::slice::from_ref(verdict));
+        let junit = junit.map_err(|error| RunError::report(file::JUNIT, &error))?;
+        Ok(folder.write(file::JUNIT, junit.as_bytes())?)
+    };
     #[cfg(feature = "rerun")]
-    report::rerun::write(
-        &folder.path().join(file::RERUN),
-        timeline,
-        verdict,
-        run.scenario,
-    )
-    .map_err(|error| RunError::report(file::RERUN, &error))?;
-    let page = report::html::to_html(run, database)?;
-    folder.write(file::REPORT, page.as_bytes())?;
+    let recording = || {
+        let path = folder.path().join(file::RERUN);
+        report::rerun::write(&path, run.frames, timeline, verdict, run.scenario, database)
+            .map_err(|error| RunError::report(file::RERUN, &error))
+    };
+    let page = || {
+        let page = report::html::to_html(run, database)?;
+        Ok(folder.write(file::REPORT, page.as_bytes())?)
+    };
+    let works: &[&(dyn Fn() -> Result<(), RunError> + Sync)] = &[
+        &signals,
+        &junit,
+        #[cfg(feature = "rerun")]
+        &recording,
+        &page,
+    ];
+    thread::scope(|scope| {
+        let threads: Vec<_> = works.iter().map(|work| scope.spawn(work)).collect();
+        threads.into_iter().try_for_each(|thread| {
+            thread
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        })
+    })?;
     Ok(folder.write_verdict(verdict)?)
 }

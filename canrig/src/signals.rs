@@ -1,9 +1,8 @@
 //! The signals of the DBC that the bench itself reads or writes, as `message.signal`.
 
-use dbc::{Database, SignalHandle};
+pub use dbc::SignalMissing;
+pub use dbc::scenario_clock::STATUSWORD;
 
-/// State bits of the drive's statusword.
-pub const STATUSWORD: &str = "drive_tpdo1.statusword_state";
 /// Position of the load as the drive measures it.
 pub const POSITION: &str = "drive_tpdo1.position_millimetres";
 /// Current through the wire as the drive measures it.
@@ -28,26 +27,3 @@ pub const COLUMN_MESSAGES: [&str; 8] = [
     "controller_tpdo4",
     "disturbance_rpdo1",
 ];
-
-/// The database lacks a signal that the bench needs.
-#[derive(Debug, thiserror::Error)]
-#[error("the DBC has no signal {path}")]
-pub struct SignalMissing {
-    path: String,
-}
-
-/// Finds a signal.
-///
-/// # Errors
-/// There is none of this name.
-pub fn find(database: &Database, path: &str) -> Result<SignalHandle, SignalMissing> {
-    database.signal(path).ok_or_else(|| missing(path))
-}
-
-/// The error for a signal that is not there.
-#[must_use]
-pub fn missing(path: &str) -> SignalMissing {
-    SignalMissing {
-        path: path.to_owned(),
-    }
-}

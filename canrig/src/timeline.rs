@@ -7,11 +7,12 @@ use canopen::CanFrame;
 use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 
-use crate::bus_model::occupied_bits;
-use crate::events::{Event, EventReader};
+use crate::events::{Event, EventReader, ToldEmergency};
+use crate::losses::LossReader;
 use crate::recording::Stamped;
-use crate::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use crate::signals::{self, COLUMN_MESSAGES, SignalMissing};
+use crate::truth::{Truth, TruthReader};
+use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
 /// One signal over all cycles.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +45,14 @@ pub struct Timeline {
     pub sync_interval_milliseconds_max: f64,
     /// What happened, in the order of time.
     pub events: Vec<Event>,
+    /// The emergencies that nodes told.
+    pub emergencies: Vec<ToldEmergency>,
+    /// What the emulated plant said of itself; empty without faults.
+    pub truth: Vec<Truth>,
+    /// When the scenario began, on the recording's clock; none if it never did.
+    pub zero_seconds: Option<f64>,
+    /// Scenario time of the last frame.
+    pub last_frame_seconds: f64,
     position: usize,
     current: usize,
 }
@@ -58,10 +67,11 @@ pub fn decode(
     database: &Database,
 ) -> Result<Timeline, SignalMissing> {
     let mut reader = Reader::new(scenario, database)?;
+    reader.reserve(frames.len());
     for stamped in frames {
         reader.take(stamped);
     }
-    reader.finish(scenario)
+    reader.take_rest(scenario)
 }
 
 impl Timeline {
@@ -122,51 +132,81 @@ struct Tracked {
 }
 
 /// What the frames say, cycle by cycle.
-struct Reader {
+pub(crate) struct Reader {
     clock: ScenarioClock,
     period: Duration,
+    end: Duration,
     end_cycle: u64,
     events: EventReader,
+    losses: LossReader,
+    truth: TruthReader,
+    last_frame: Duration,
     traffic: Traffic,
     signals: Vec<Tracked>,
-    columns_of_id: BTreeMap<u32, Vec<usize>>,
+    /// The signals of each message, with their columns.
+    signals_of_id: BTreeMap<u32, Vec<(usize, SignalHandle)>>,
     latest: Vec<f64>,
     cycle: Vec<u64>,
     columns: Vec<Vec<f64>>,
 }
 
 impl Reader {
-    fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
+    /// A reader that has heard nothing.
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub(crate) fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
         let signals = tracked_signals(database)?;
-        let mut columns_of_id: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        let mut signals_of_id: BTreeMap<u32, Vec<_>> = BTreeMap::new();
         for (column, signal) in signals.iter().enumerate() {
-            columns_of_id
+            signals_of_id
                 .entry(signal.handle.raw_id())
                 .or_default()
-                .push(column);
+                .push((column, signal.handle));
         }
         let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
+        let end = Duration::from_secs_f64(scenario.duration_seconds);
         Ok(Self {
             clock: ScenarioClock::new(database)?,
             period,
-            end_cycle: cycles(Duration::from_secs_f64(scenario.duration_seconds), period),
+            end,
+            end_cycle: cycles(end, period),
             events: EventReader::new(database),
+            losses: LossReader::new(scenario, database),
+            truth: TruthReader::new(database)?,
+            last_frame: Duration::ZERO,
             traffic: Traffic::new(scenario),
             latest: vec![f64::NAN; signals.len()],
             columns: vec![Vec::new(); signals.len()],
             signals,
-            columns_of_id,
+            signals_of_id,
             cycle: Vec::new(),
         })
     }
 
-    fn take(&mut self, stamped: &Stamped) {
+    /// Makes room for the rows of so many frames.
+    fn reserve(&mut self, frames: usize) {
+        let cycles = usize::try_from(self.end_cycle).unwrap_or(usize::MAX);
+        let rows = cycles.min(frames);
+        self.cycle.reserve(rows);
+        self.columns
+            .iter_mut()
+            .for_each(|column| column.reserve(rows));
+    }
+
+    /// Takes every frame of the bus in order.
+    pub(crate) fn take(&mut self, stamped: &Stamped) {
         let is_sync = self.clock.on_frame(stamped.time, &stamped.frame);
         let time = self.clock.scenario_time(stamped.time);
         self.events.take(stamped, time);
+        self.losses.take(stamped, time);
+        self.truth.take(stamped);
+        self.last_frame = stamped.time;
         self.traffic.take(stamped, time);
         match time {
             Some(time) if is_sync => self.begin_cycle(cycles(time, self.period)),
+            // How the nodes stop after the scenario's end is no part of its last cycle.
+            Some(time) if time >= self.end => {}
             _ => self.take_signals(&stamped.frame),
         }
     }
@@ -177,23 +217,22 @@ impl Reader {
             return;
         }
         self.cycle.push(number);
-        for ((column, latest), signal) in
-            self.columns.iter_mut().zip(&self.latest).zip(&self.signals)
-        {
-            column.push(if signal.is_measured {
-                f64::NAN
-            } else {
-                *latest
-            });
+        for (latest, signal) in self.latest.iter_mut().zip(&self.signals) {
+            if signal.is_measured {
+                *latest = f64::NAN;
+            }
+        }
+        for (column, latest) in self.columns.iter_mut().zip(&self.latest) {
+            column.push(*latest);
         }
     }
 
     fn take_signals(&mut self, frame: &CanFrame) {
-        let Some(columns) = self.columns_of_id.get(&frame.raw_id()) else {
+        let Some(signals) = self.signals_of_id.get(&frame.raw_id()) else {
             return;
         };
-        for &column in columns {
-            let Some(value) = self.signals[column].handle.decode(frame) else {
+        for &(column, handle) in signals {
+            let Some(value) = handle.decode(frame) else {
                 continue;
             };
             self.latest[column] = value;
@@ -203,45 +242,81 @@ impl Reader {
         }
     }
 
-    fn finish(self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+    /// The cycles that no later frame can change, and what happened until now; each is given once.
+    #[cfg(feature = "rerun")]
+    pub(crate) fn take_piece(&mut self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+        let closed = self.cycle.len().saturating_sub(1);
+        let mut piece = self.take_rows(closed, scenario)?;
+        piece.events = self.events.take_until(piece.end_seconds(), scenario);
+        Ok(piece)
+    }
+
+    /// Everything that was not given yet.
+    pub(crate) fn take_rest(&mut self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+        let mut rest = self.take_rows(self.cycle.len(), scenario)?;
+        rest.events = self.events.take_until(f64::INFINITY, scenario);
+        rest.events.extend(self.losses.take_all());
+        rest.events
+            .sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
+        rest.emergencies = self.events.emergencies();
+        rest.truth = self.truth.take_all(self.events.zero());
+        Ok(rest)
+    }
+
+    /// The first rows as a timeline of their own, without events.
+    fn take_rows(&mut self, rows: usize, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
         let period_seconds = self.period.as_secs_f64();
+        let cycle = take_front(&mut self.cycle, rows);
         #[expect(
             clippy::cast_precision_loss,
             reason = "cycle numbers stay far below 2^52"
         )]
-        let time_seconds: Vec<f64> = self
-            .cycle
+        let time_seconds: Vec<f64> = cycle
             .iter()
             .map(|cycle| *cycle as f64 * period_seconds)
             .collect();
-        let columns = self.signals.into_iter().zip(self.columns);
+        let columns = self.signals.iter().zip(&mut self.columns);
         let columns: Vec<Column> = columns
             .map(|(signal, values)| Column {
-                name: signal.name,
-                unit: signal.unit,
-                values,
+                name: signal.name.clone(),
+                unit: signal.unit.clone(),
+                values: take_front(values, rows),
             })
             .collect();
+        let zero = self.events.zero();
         let place = |path: &str| {
             let name = path.split_once('.').map_or(path, |(_, name)| name);
             columns
                 .iter()
                 .position(|column| column.name == name)
-                .ok_or_else(|| signals::missing(path))
+                .ok_or_else(|| SignalMissing::new(path))
         };
         Ok(Timeline {
             period_seconds,
             set_point_millimetres: set_points(scenario, &time_seconds),
-            cycle: self.cycle,
+            cycle,
             time_seconds,
             position: place(signals::POSITION)?,
             current: place(signals::CURRENT)?,
             columns,
-            events: self.events.finish(scenario),
+            events: Vec::new(),
+            emergencies: Vec::new(),
+            truth: Vec::new(),
+            zero_seconds: zero.map(|zero| zero.as_secs_f64()),
+            last_frame_seconds: self
+                .last_frame
+                .saturating_sub(zero.unwrap_or_default())
+                .as_secs_f64(),
             bus_load_percent: self.traffic.load_percent(),
             sync_interval_milliseconds_max: self.traffic.sync_interval_milliseconds_max(),
         })
     }
+}
+
+/// Takes the first values out, without moving them.
+fn take_front<T>(values: &mut Vec<T>, count: usize) -> Vec<T> {
+    let rest = values.split_off(count);
+    std::mem::replace(values, rest)
 }
 
 /// How busy the bus is, from the first SYNC to the end of the scenario.
@@ -273,7 +348,7 @@ impl Traffic {
             return;
         }
         if self.first_sync.is_some() {
-            self.bits += u64::from(occupied_bits(&stamped.frame));
+            self.bits += u64::from(stamped.occupied_bits);
         }
         self.latest = stamped.time;
         if stamped.frame.standard_id() == Some(SYNC_COB_ID) {
@@ -291,7 +366,12 @@ impl Traffic {
         };
         #[expect(clippy::cast_precision_loss, reason = "bit counts stay far below 2^52")]
         let milliseconds = self.bits as f64 / self.bitrate_kilobits_per_second;
-        100.0 * milliseconds / (1e3 * self.latest.saturating_sub(first).as_secs_f64())
+        let recorded = 1e3 * self.latest.saturating_sub(first).as_secs_f64();
+        if recorded > 0.0 {
+            100.0 * milliseconds / recorded
+        } else {
+            f64::NAN
+        }
     }
 
     fn sync_interval_milliseconds_max(&self) -> f64 {
@@ -305,9 +385,9 @@ fn tracked_signals(database: &Database) -> Result<Vec<Tracked>, SignalMissing> {
     for name in COLUMN_MESSAGES {
         let message = database
             .message(name)
-            .ok_or_else(|| signals::missing(name))?;
+            .ok_or_else(|| SignalMissing::new(name))?;
         for signal in &message.signals {
-            let handle = signals::find(database, &format!("{name}.{}", signal.name))?;
+            let handle = database.require(&format!("{name}.{}", signal.name))?;
             let is_measured = signals::POSITION.starts_with(name);
             tracked.push(Tracked {
                 handle,
@@ -322,8 +402,9 @@ fn tracked_signals(database: &Database) -> Result<Vec<Tracked>, SignalMissing> {
 
 /// The nearest whole number of periods.
 fn cycles(time: Duration, period: Duration) -> u64 {
-    let cycles = (time.as_nanos() + period.as_nanos() / 2) / period.as_nanos().max(1);
-    u64::try_from(cycles).unwrap_or(u64::MAX)
+    // 64 bits last for 584 years, and divide much faster than 128.
+    let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+    nanos(time).saturating_add(nanos(period) / 2) / nanos(period).max(1)
 }
 
 fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Vec<f64> {

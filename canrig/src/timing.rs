@@ -11,9 +11,9 @@ use scenario::timing::{QuantileLimits, TimingLimits};
 use serde::{Deserialize, Serialize};
 
 use crate::recording::Stamped;
-use crate::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use crate::signals::{self, SignalMissing};
 use crate::verdict::Metric;
+use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
 /// Latencies above this count as this.
 const LATENCY_MICROSECONDS_MAX: u64 = 10_000_000;
@@ -259,13 +259,9 @@ fn distrust(host: &Host) -> Vec<String> {
     reasons
 }
 
-/// Follows each cycle from its SYNC over the position to the command.
+/// The latencies of all cycles.
 struct Latencies {
-    clock: ScenarioClock,
-    position_id: u32,
-    command_id: u32,
-    sync: Option<Duration>,
-    position: Option<Duration>,
+    cycle: CycleReader,
     sync_to_position: Histogram<u64>,
     position_to_command: Histogram<u64>,
     round_trip: Histogram<u64>,
@@ -278,11 +274,7 @@ impl Latencies {
                 .expect("constant bounds that the histogram takes")
         };
         Ok(Self {
-            clock: ScenarioClock::new(database)?,
-            position_id: signals::find(database, signals::POSITION)?.raw_id(),
-            command_id: signals::find(database, signals::TARGET_CURRENT)?.raw_id(),
-            sync: None,
-            position: None,
+            cycle: CycleReader::new(database)?,
             sync_to_position: histogram(),
             position_to_command: histogram(),
             round_trip: histogram(),
@@ -290,31 +282,100 @@ impl Latencies {
     }
 
     fn take(&mut self, stamped: &Stamped, end: Duration) {
-        self.clock.on_frame(stamped.time, &stamped.frame);
-        let scenario_time = self.clock.scenario_time(stamped.time);
-        if scenario_time.is_none_or(|time| time >= end) {
-            return;
-        }
-        let id = stamped.frame.raw_id();
-        if id == u32::from(SYNC_COB_ID) {
-            self.sync = Some(stamped.time);
-            self.position = None;
-        } else if id == self.position_id && self.position.is_none() {
-            self.position = self.sync.map(|_| stamped.time);
-            record(&mut self.sync_to_position, self.sync, stamped.time);
-        } else if id == self.command_id && self.position.is_some() {
-            record(&mut self.position_to_command, self.position, stamped.time);
-            record(&mut self.round_trip, self.sync.take(), stamped.time);
-            self.position = None;
+        match self.cycle.take(stamped, end) {
+            Some(Stage::Position { after_sync }) => record(&mut self.sync_to_position, after_sync),
+            Some(Stage::Command {
+                after_position,
+                after_sync,
+            }) => {
+                record(&mut self.position_to_command, after_position);
+                record(&mut self.round_trip, after_sync);
+            }
+            Some(Stage::Sync { .. }) | None => {}
         }
     }
 }
 
-fn record(histogram: &mut Histogram<u64>, from: Option<Duration>, to: Duration) {
-    if let Some(from) = from {
-        let micros = to.saturating_sub(from).as_micros();
-        histogram.saturating_record(u64::try_from(micros).unwrap_or(u64::MAX));
+/// A step of a cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stage {
+    /// It began.
+    Sync {
+        /// When, in scenario time.
+        time: Duration,
+    },
+    /// The drive told its position.
+    Position {
+        /// Since the SYNC.
+        after_sync: Duration,
+    },
+    /// The controller sent the command that follows from it.
+    Command {
+        /// Since the position.
+        after_position: Duration,
+        /// Since the SYNC.
+        after_sync: Duration,
+    },
+}
+
+/// Follows each cycle from its SYNC over the position to the command.
+pub(crate) struct CycleReader {
+    clock: ScenarioClock,
+    position_id: u32,
+    command_id: u32,
+    sync: Option<Duration>,
+    position: Option<Duration>,
+}
+
+impl CycleReader {
+    /// A reader that has heard nothing.
+    ///
+    /// # Errors
+    /// The database lacks a signal.
+    pub(crate) fn new(database: &Database) -> Result<Self, SignalMissing> {
+        Ok(Self {
+            clock: ScenarioClock::new(database)?,
+            position_id: database.require(signals::POSITION)?.raw_id(),
+            command_id: database.require(signals::TARGET_CURRENT)?.raw_id(),
+            sync: None,
+            position: None,
+        })
     }
+
+    /// Takes every frame of the bus in order; what it is to its cycle, from scenario time 0 to `end`.
+    pub(crate) fn take(&mut self, stamped: &Stamped, end: Duration) -> Option<Stage> {
+        self.clock.on_frame(stamped.time, &stamped.frame);
+        let time = self.clock.scenario_time(stamped.time)?;
+        if time >= end {
+            return None;
+        }
+        let since = |before: Duration| stamped.time.saturating_sub(before);
+        let id = stamped.frame.raw_id();
+        if id == u32::from(SYNC_COB_ID) {
+            self.sync = Some(stamped.time);
+            self.position = None;
+            Some(Stage::Sync { time })
+        } else if id == self.position_id && self.position.is_none() {
+            let sync = self.sync?;
+            self.position = Some(stamped.time);
+            Some(Stage::Position {
+                after_sync: since(sync),
+            })
+        } else if id == self.command_id {
+            let position = self.position.take()?;
+            let sync = self.sync.take()?;
+            Some(Stage::Command {
+                after_position: since(position),
+                after_sync: since(sync),
+            })
+        } else {
+            None
+        }
+    }
+}
+
+fn record(histogram: &mut Histogram<u64>, latency: Duration) {
+    histogram.saturating_record(u64::try_from(latency.as_micros()).unwrap_or(u64::MAX));
 }
 
 #[cfg(test)]
@@ -328,7 +389,7 @@ mod tests {
 
     #[test]
     fn latencies_are_differences_of_stamps_within_a_cycle() {
-        let mut latencies = Latencies::new(&Database::sma_actuator()).unwrap();
+        let mut latencies = Latencies::new(Database::sma_actuator()).unwrap();
         let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
         let end = Duration::from_secs(1);
         for (micros, id) in [

@@ -112,6 +112,9 @@ pub struct Verdict {
     pub frames_lost: u64,
     /// All metrics that the run has or the scenario limits.
     pub metrics: Vec<Metric>,
+    /// Losses and emergencies of the run, the first of them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub losses: Vec<String>,
     /// How well the deadlines were kept; none in virtual time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub timing: Option<Timing>,
@@ -130,6 +133,7 @@ impl Verdict {
             reason: Some(reason.to_owned()),
             frames_lost: 0,
             metrics: Vec::new(),
+            losses: Vec::new(),
             timing: None,
         }
     }
@@ -174,6 +178,8 @@ struct StoredVerdict {
     #[serde(default)]
     frames_lost: u64,
     metrics: Vec<StoredMetric>,
+    #[serde(default)]
+    losses: Vec<String>,
     timing: Option<Timing>,
 }
 
@@ -205,6 +211,7 @@ impl From<StoredVerdict> for Verdict {
             reason: stored.reason,
             frames_lost: stored.frames_lost,
             metrics: metrics.collect(),
+            losses: stored.losses,
             timing: stored.timing,
         }
     }

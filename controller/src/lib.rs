@@ -1,5 +1,6 @@
 //! The controller: control laws with observer and nominal model, and the node that runs them on the bus.
 
+mod cause;
 mod drive;
 mod explanation;
 pub mod law;
@@ -9,6 +10,7 @@ pub mod nominal_model;
 pub mod observer;
 pub mod open_loop;
 pub mod pid;
+mod plausibility;
 pub mod reference_filter;
 pub mod sliding_mode;
 pub mod sliding_mode_paper;

@@ -16,10 +16,12 @@ use canopen::{
 use scenario::ControllerView;
 use scenario::reference::Trajectory;
 
+use crate::cause::Cause;
 use crate::drive::{Drive, Feedback};
 use crate::explanation::ExplanationObjects;
 use crate::law::{Law, LawError, Measurement};
 use crate::manager::{BringUp, Outcome};
+use crate::plausibility::Plausibility;
 
 /// Node-ID of the controller.
 pub const CONTROLLER: NodeId = NodeId::new(0x01).expect("1 is a node id");
@@ -135,6 +137,9 @@ impl ControllerNode {
             last_heard: Duration::ZERO,
             last_statusword: None,
             last_emergency: None,
+            plausibility: Plausibility::default(),
+            implausible: None,
+            current_amperes: 0.0,
             failure: None,
             statistics: Statistics::default(),
         };
@@ -250,6 +255,11 @@ struct Controller {
     last_heard: Duration,
     last_statusword: Option<u16>,
     last_emergency: Option<EmergencyMessage>,
+    plausibility: Plausibility,
+    /// Why the latest sample was no position.
+    implausible: Option<Cause>,
+    /// The last command.
+    current_amperes: f64,
     failure: Option<String>,
     statistics: Statistics,
 }
@@ -258,6 +268,7 @@ impl Controller {
     /// Sends RPDO1.
     fn command(&mut self, services: &mut Services, controlword: u16, current_amperes: f64) {
         self.controlword = controlword;
+        self.current_amperes = current_amperes;
         services.send(self.drive.encode(controlword, current_amperes));
     }
 
@@ -277,7 +288,7 @@ impl Controller {
         match outcome {
             Outcome::Busy => {}
             Outcome::Done => self.start(services),
-            Outcome::Failed(text) => self.fail(services, text),
+            Outcome::Failed(text) => self.fail(services, Cause::NoBringUp, text),
         }
     }
 
@@ -311,12 +322,13 @@ impl Controller {
         }
     }
 
-    /// Takes the energy away and remembers why.
-    fn fail(&mut self, services: &mut Services, text: String) {
+    /// Takes the energy away, says why on the bus and remembers it.
+    fn fail(&mut self, services: &mut Services, cause: Cause, text: String) {
         if matches!(self.phase, Phase::Stopping { .. } | Phase::Ended) {
             return;
         }
         self.failure = Some(text);
+        services.raise_error(cause.code(), cause.manufacturer());
         self.stop(services);
     }
 
@@ -369,6 +381,10 @@ impl Controller {
         cycle.overruns = overruns;
         self.statistics.sync_overruns += skipped;
         self.statistics.cycles += 1;
+        let cycles = f64::from(u32::try_from(skipped).unwrap_or(u32::MAX)) + 1.0;
+        let elapsed_seconds = cycles * self.sync_period.as_secs_f64();
+        self.plausibility
+            .advance(elapsed_seconds, self.current_amperes);
         if !cycle.has_position {
             cycle.missing += 1;
             self.statistics.missing_positions += 1;
@@ -383,12 +399,18 @@ impl Controller {
         cycle.has_position = false;
         self.phase = Phase::Running(cycle);
         if cycle.missing > MISSING_POSITIONS_MAX {
+            let cause = self.implausible.unwrap_or(Cause::NoPosition);
+            let what = if self.implausible.is_some() {
+                "no plausible position"
+            } else {
+                "no position"
+            };
             let text = format!(
-                "no position from the drive (node {DRIVE}, frame 0x{:03X}) in {} cycles (limit {MISSING_POSITIONS_MAX})",
+                "{what} from the drive (node {DRIVE}, frame 0x{:03X}) in {} cycles (limit {MISSING_POSITIONS_MAX})",
                 self.drive.feedback_id(),
                 cycle.missing
             );
-            self.fail(services, text);
+            self.fail(services, cause, text);
         }
     }
 
@@ -415,11 +437,26 @@ impl Controller {
             let state = state_words(feedback.statusword);
             let text =
                 format!("the drive (node {DRIVE}) left Operation enabled: statusword {state}");
-            self.fail(services, text);
+            self.fail(services, Cause::DriveNotEnabled, text);
             return;
         }
         if cycle.has_position {
             return;
+        }
+        match self.plausibility.check(feedback.position_metres) {
+            Ok(()) => self.implausible = None,
+            Err(cause @ Cause::PositionFrozen) => {
+                let millimetres = feedback.position_metres * 1e3;
+                let text = format!(
+                    "the position stands still at {millimetres:.1} mm although the wire is heated"
+                );
+                self.fail(services, cause, text);
+                return;
+            }
+            Err(cause) => {
+                self.implausible = Some(cause);
+                return;
+            }
         }
         (cycle.has_position, cycle.missing) = (true, 0);
         self.phase = Phase::Running(cycle);
@@ -502,7 +539,8 @@ impl Application for Controller {
                 next_question: now,
             };
         } else {
-            self.fail(services, "the controller was reset over the bus".to_owned());
+            let text = "the controller was reset over the bus".to_owned();
+            self.fail(services, Cause::OrderedAbout, text);
         }
     }
 
@@ -511,6 +549,7 @@ impl Application for Controller {
         if self.leads() && !may_lead {
             self.fail(
                 services,
+                Cause::OrderedAbout,
                 format!("the controller was ordered to NMT state {state:?} over the bus"),
             );
         }
@@ -578,6 +617,7 @@ impl Application for Controller {
             (Phase::Ready | Phase::Running(_), _) if state != NmtState::Operational => {
                 self.fail(
                     services,
+                    Cause::DriveNotOperational,
                     format!("the drive (node {DRIVE}) left NMT state Operational: it is {state:?}"),
                 );
             }
@@ -601,7 +641,7 @@ impl Application for Controller {
                 "the drive (node {DRIVE}) reports emergency 0x{:04X}, error register 0x{register:02X}",
                 code.0
             );
-            self.fail(services, text);
+            self.fail(services, Cause::DriveEmergency, text);
         }
     }
 
@@ -617,10 +657,11 @@ impl Application for Controller {
                         "heartbeat from the drive (node {DRIVE}) missing for {silent} ms (limit {limit} ms)"
                     )
                 };
-                self.fail(services, text);
+                self.fail(services, Cause::DriveNotOperational, text);
             }
             CommunicationLoss::BusOff => {
-                self.fail(services, "the CAN controller went bus-off".to_owned())
+                let text = "the CAN controller went bus-off".to_owned();
+                self.fail(services, Cause::DriveNotOperational, text);
             }
             _ => {}
         }
@@ -635,7 +676,7 @@ impl Application for Controller {
             | Phase::Enabling { until }
                 if now >= until =>
             {
-                self.fail(services, self.overdue());
+                self.fail(services, Cause::NoBringUp, self.overdue());
             }
             Phase::Searching {
                 until,

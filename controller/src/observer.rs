@@ -16,7 +16,9 @@ const TEMPERATURE: usize = 3;
 const HEATING: usize = 4;
 
 /// Standard deviation of the sensor in its steps: quantisation (0.29) and as much again for noise and for its being no
-/// white noise.
+/// white noise. To take a step for what it is, by a dead zone or by the likelihood of an interval, is no better: in a hold
+/// the position sways by 0.05 mm at 24 Hz as it is, by 0.13 mm at 10 Hz with a dead zone, and the interval only makes the
+/// current busier.
 const SENSOR_DEVIATION_STEPS: f64 = 0.5;
 
 /// How far from zero, in sensor steps, positions must lie to show that the load has left the stop.

@@ -52,6 +52,28 @@ pub struct Coding {
     pub offset: f64,
     /// Physical range; `None` when the file gives none (`[0|0]`).
     pub range: Option<Range>,
+    /// The factor as it is used; see [`Scale`].
+    pub(crate) scale: Scale,
+}
+
+/// How a factor is used. Dividing by the 1000 of a factor 0.001 gives the decimal number that a log would show, while
+/// multiplying by 0.001 is off in the last place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Scale {
+    Multiply(f64),
+    /// By the inverse of the factor, where that is a whole number.
+    Divide(f64),
+}
+
+impl Scale {
+    pub(crate) fn new(factor: f64) -> Self {
+        let divisor = (1.0 / factor).round();
+        if divisor.is_finite() && divisor != 0.0 && 1.0 / divisor == factor {
+            Self::Divide(divisor)
+        } else {
+            Self::Multiply(factor)
+        }
+    }
 }
 
 impl Coding {
@@ -110,12 +132,29 @@ impl Coding {
 
     /// The physical value in a payload; bytes beyond the signal do not matter.
     #[must_use]
+    #[inline]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "a 32-bit float has 32 bits"
+    )]
     pub fn decode(&self, payload: &[u8; 8]) -> f64 {
         let word = match self.byte_order {
             ByteOrder::LittleEndian => u64::from_le_bytes(*payload),
             ByteOrder::BigEndian => u64::from_be_bytes(*payload),
         };
-        self.physical((word & self.mask()) >> self.shift())
+        // To the top, so that shifting down again leaves nothing but the signal, with its sign.
+        let unused = 64 - usize::from(self.length_bits);
+        let top = word << (unused - self.shift());
+        let number = match self.kind {
+            Kind::Unsigned => (top >> unused) as f64,
+            Kind::Signed => (top.cast_signed() >> unused) as f64,
+            Kind::Float32 => f64::from(f32::from_bits((top >> unused) as u32)),
+            Kind::Float64 => f64::from_bits(top),
+        };
+        match self.scale {
+            Scale::Divide(divisor) => number / divisor + self.offset,
+            Scale::Multiply(factor) => number * factor + self.offset,
+        }
     }
 
     /// Writes the raw value nearest to a physical one, saturated at the range and at what the bits can hold.
@@ -135,11 +174,13 @@ impl Coding {
     }
 
     /// Bits from the first bit of the payload to behind the signal, in the signal's byte order.
+    #[inline]
     fn end_bit(&self) -> usize {
         self.first_bit() + usize::from(self.length_bits)
     }
 
     /// Place of the start bit, counted from the lowest bit of byte 0 or, big-endian, from its highest.
+    #[inline]
     fn first_bit(&self) -> usize {
         let start = usize::from(self.start_bit);
         match self.byte_order {
@@ -149,29 +190,11 @@ impl Coding {
     }
 
     /// Place of the lowest bit in the payload's 64 bits; [`Coding::check`] keeps it below 64.
+    #[inline]
     fn shift(&self) -> usize {
         match self.byte_order {
             ByteOrder::LittleEndian => self.first_bit(),
             ByteOrder::BigEndian => 64 - self.end_bit(),
-        }
-    }
-
-    /// Physical value of raw bits.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "a 32-bit float has 32 bits"
-    )]
-    fn physical(&self, raw: u64) -> f64 {
-        let unused = 64 - u32::from(self.length_bits);
-        let number = match self.kind {
-            Kind::Unsigned => raw as f64,
-            Kind::Signed => ((raw << unused).cast_signed() >> unused) as f64,
-            Kind::Float32 => f64::from(f32::from_bits(raw as u32)),
-            Kind::Float64 => f64::from_bits(raw),
-        };
-        match self.divisor() {
-            Some(divisor) => number / divisor + self.offset,
-            None => number * self.factor + self.offset,
         }
     }
 
@@ -185,9 +208,9 @@ impl Coding {
         let value = self
             .range
             .map_or(value, |range| value.clamp(range.minimum, range.maximum));
-        let number = match self.divisor() {
-            Some(divisor) => (value - self.offset) * divisor,
-            None => (value - self.offset) / self.factor,
+        let number = match self.scale {
+            Scale::Divide(divisor) => (value - self.offset) * divisor,
+            Scale::Multiply(factor) => (value - self.offset) / factor,
         };
         let length = u32::from(self.length_bits);
         match self.kind {
@@ -199,12 +222,5 @@ impl Coding {
             Kind::Float32 => u64::from((number as f32).to_bits()),
             Kind::Float64 => number.to_bits(),
         }
-    }
-
-    /// The inverse of a factor such as 0.001: dividing by 1000 gives the decimal number that a log would show, while
-    /// multiplying by 0.001 is off in the last place.
-    fn divisor(&self) -> Option<f64> {
-        let divisor = (1.0 / self.factor).round();
-        (divisor.is_finite() && divisor != 0.0 && 1.0 / divisor == self.factor).then_some(divisor)
     }
 }

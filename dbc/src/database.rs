@@ -1,12 +1,13 @@
 //! Messages and signals by name, from a DBC file.
 
 use std::collections::BTreeSet;
+use std::sync::LazyLock;
 
 use can_dbc::{Dbc, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType};
 use canopen::CanFrame;
 
-use crate::coding::{ByteOrder, Coding, Kind, Range};
-use crate::error::DbcError;
+use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
+use crate::error::{DbcError, SignalMissing};
 
 /// Pseudo-message in which Vector's tools keep signals that belong to no message.
 const UNUSED_SIGNALS: &str = "VECTOR__INDEPENDENT_SIG_MSG";
@@ -75,6 +76,7 @@ impl Signal {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SignalHandle {
     raw_id: u32,
+    payload_bytes: usize,
     coding: Coding,
 }
 
@@ -87,9 +89,9 @@ impl SignalHandle {
 
     /// The physical value; `None` for a frame with another identifier or too short for the signal.
     #[must_use]
+    #[inline]
     pub fn decode(&self, frame: &CanFrame) -> Option<f64> {
-        let is_there =
-            frame.raw_id() == self.raw_id && frame.data().len() >= self.coding.payload_bytes();
+        let is_there = frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes;
         is_there.then(|| self.coding.decode(&frame.buffer()))
     }
 
@@ -175,13 +177,16 @@ impl Database {
     /// Longest text that is parsed.
     pub const TEXT_BYTES_MAX: usize = 1 << 20;
 
-    /// The frames of the rig.
+    /// The frames of the rig, read once.
     ///
     /// # Panics
     /// Never: a test parses the file that is compiled in.
     #[must_use]
-    pub fn sma_actuator() -> Self {
-        Self::parse(crate::SMA_ACTUATOR).expect("the file is compiled in and tested")
+    pub fn sma_actuator() -> &'static Self {
+        static DATABASE: LazyLock<Database> = LazyLock::new(|| {
+            Database::parse(crate::SMA_ACTUATOR).expect("the file is compiled in and tested")
+        });
+        &DATABASE
     }
 
     /// Reads a DBC file. Overlapping signals, multiplexed signals, and payloads beyond 8 bytes are refused.
@@ -238,8 +243,17 @@ impl Database {
     pub fn signal(&self, path: &str) -> Option<SignalHandle> {
         self.find(path).map(|(message, signal)| SignalHandle {
             raw_id: message.raw_id,
+            payload_bytes: signal.coding.payload_bytes(),
             coding: signal.coding,
         })
+    }
+
+    /// As [`Database::signal`], for a signal that must be there.
+    ///
+    /// # Errors
+    /// It is not.
+    pub fn require(&self, path: &str) -> Result<SignalHandle, SignalMissing> {
+        self.signal(path).ok_or_else(|| SignalMissing::new(path))
     }
 
     /// Makes frames of the message of this name.
@@ -425,6 +439,7 @@ fn read_coding(
         },
         factor: signal.factor,
         offset: signal.offset,
+        scale: Scale::new(signal.factor),
         range: has_range.then_some(range),
     })
 }

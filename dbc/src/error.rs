@@ -2,6 +2,23 @@
 
 use thiserror::Error;
 
+/// A database lacks a signal or message that somebody needs.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("the DBC has no signal {path}")]
+pub struct SignalMissing {
+    path: String,
+}
+
+impl SignalMissing {
+    /// The error for what is not there.
+    #[must_use]
+    pub fn new(path: &str) -> Self {
+        Self {
+            path: path.to_owned(),
+        }
+    }
+}
+
 /// Why a DBC file was refused.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]

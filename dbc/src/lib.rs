@@ -16,12 +16,13 @@
 pub mod coding;
 pub mod database;
 pub mod error;
+pub mod scenario_clock;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
 pub use database::{
     Database, Decoded, DecodedSignal, Message, MessageBuilder, Signal, SignalHandle,
 };
-pub use error::DbcError;
+pub use error::{DbcError, SignalMissing};
 
 /// The frames of the rig (`sma_actuator.dbc`).
 pub const SMA_ACTUATOR: &str = include_str!("../sma_actuator.dbc");

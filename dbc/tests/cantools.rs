@@ -50,7 +50,7 @@ fn frame(text: &str) -> CanFrame {
 fn database(file: &str) -> Database {
     match file {
         "byte_orders.dbc" => Database::parse(BYTE_ORDERS).unwrap(),
-        _ => Database::sma_actuator(),
+        _ => Database::sma_actuator().clone(),
     }
 }
 

@@ -317,7 +317,11 @@ fn every_pdo_is_laid_out_as_its_default_mapping_says() {
 #[test]
 fn the_frames_are_those_of_the_nodes_and_no_others() {
     let database = Database::sma_actuator();
-    let mut expected = BTreeSet::from([(0x000, "nmt_command".to_owned(), 2)]);
+    // The truth is no node's: outside what CiA 301 predefines.
+    let mut expected = BTreeSet::from([
+        (0x000, "nmt_command".to_owned(), 2),
+        (0x6B0, "plant_truth".to_owned(), 8),
+    ]);
     let controller = node("controller").dictionary;
     assert_eq!(
         integer(&controller, 0x1005, 0) >> 30 & 1,
@@ -532,6 +536,7 @@ fn names_end_in_their_units() {
         ("_amperes", "A"),
         ("_celsius", "degC"),
         ("_grams", "g"),
+        ("_seconds", "s"),
     ];
     for message in Database::sma_actuator().messages() {
         for signal in &message.signals {

@@ -9,8 +9,8 @@ use proptest::prelude::*;
 /// All signals of the rig and of a file with big-endian, extended and 64-bit messages.
 fn signals() -> Vec<Signal> {
     let orders = Database::parse(include_str!("data/byte_orders.dbc")).unwrap();
-    let databases = [Database::sma_actuator(), orders];
-    let messages = databases.iter().flat_map(Database::messages);
+    let databases = [Database::sma_actuator(), &orders];
+    let messages = databases.into_iter().flat_map(Database::messages);
     messages
         .flat_map(|message| message.signals.clone())
         .collect()

@@ -15,7 +15,8 @@ use canopen::emcy::ErrorCode;
 use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
 use canopen::{
-    AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, ObjectDictionary, Services,
+    AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, NodeId, ObjectDictionary,
+    Services, earliest,
 };
 use scenario::Scenario;
 
@@ -23,6 +24,7 @@ use objects::Objects;
 pub use objects::Truth;
 
 use crate::amplifier::Amplifier;
+use crate::faults::RigFaults;
 use crate::objects::MissingObject;
 use crate::rig::Rig;
 use crate::sensor::PositionSensor;
@@ -36,7 +38,13 @@ pub const SYNC_TIMEOUT: Duration = Duration::from_millis(50);
 /// Utilisation of the I²t protection from which the statusword warns, and below which a trip may be reset.
 const WARNING_UTILISATION: f64 = 0.9;
 
+/// How far the current may be from what is commanded (assumed), and for how long, before the drive trusts its amplifier
+/// no more.
+const CURRENT_DEVIATION_AMPERES_MAX: f64 = 0.2;
+const CURRENT_DEVIATION_TIME_MAX: Duration = Duration::from_millis(100);
+
 const COMMUNICATION_CYCLE_PERIOD: u16 = 0x1006;
+const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
 
 /// The drive's application: what happens round its object dictionary.
 #[derive(Clone, Debug)]
@@ -48,12 +56,23 @@ pub struct Drive {
     protection: ThermalProtection,
     /// The actuator and what acts on it; its current is what the amplifier puts out.
     rig: Rig,
-    /// Longest time that the actuator is left behind: beyond the next SYNC, which brings it up to date itself.
+    /// What goes wrong with sensor, amplifier and actuator.
+    faults: RigFaults,
+    /// What the amplifier is told.
+    commanded_amperes: f64,
+    /// Since when the current is not what is commanded.
+    deviates_since: Option<Duration>,
+    /// How far the node's clock is ahead of the emulator's own, and how far behind.
+    clock_error: (Duration, Duration),
+    /// Longest time that the actuator is left behind. The next SYNC brings it up to date, so this is longer than a
+    /// SYNC may be late: else a busy machine, which delays SYNCs, would get more to do for it.
     idle_max: Duration,
     /// The option codes, to be read again when one may have been written.
     codes: Option<OptionCodes>,
     /// A limit cuts the target.
     is_limit_active: bool,
+    /// A manager that was not heard since the start must be by then: the heartbeat consumer begins with the first one.
+    manager: Option<(NodeId, Duration)>,
     /// When the latest SYNC came; supervised here while 0x1006 is 0.
     latest_sync: Duration,
     /// True while a SYNC period is configured, so that the SYNC consumer supervises it.
@@ -75,9 +94,14 @@ impl Drive {
             amplifier: Amplifier::new(&plant.amplifier, objects.rated_amperes(dictionary)),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
             rig: Rig::new(Actuator::new(plant)),
-            idle_max: scenario.bus.sync_period() * 3 / 2,
+            faults: RigFaults::new(scenario),
+            commanded_amperes: 0.0,
+            deviates_since: None,
+            clock_error: (Duration::ZERO, Duration::ZERO),
+            idle_max: SYNC_TIMEOUT.max(scenario.bus.sync_period() * 3 / 2),
             codes: None,
             is_limit_active: false,
+            manager: None,
             latest_sync: Duration::ZERO,
             has_sync_period: false,
             is_stop_asked: false,
@@ -118,6 +142,51 @@ impl Drive {
         self.act_on_plant(now, inputs);
     }
 
+    /// This drive anew, as after power-on, wired to the same rig.
+    pub(crate) fn renew(&mut self, fresh: &Self) {
+        let worn = std::mem::replace(self, fresh.clone());
+        (self.rig, self.faults, self.sensor) = (worn.rig, worn.faults, worn.sensor);
+        self.clock_error = worn.clock_error;
+        self.commanded_amperes = worn.commanded_amperes;
+    }
+
+    /// The rig.
+    pub(crate) fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// The faults of the rig.
+    pub(crate) fn faults_mut(&mut self) -> &mut RigFaults {
+        &mut self.faults
+    }
+
+    /// The next time at which a fault of the rig begins or ends.
+    pub(crate) fn next_fault(&self) -> Option<Duration> {
+        self.faults.next_change(self.rig.time())
+    }
+
+    /// How far the node's clock is ahead of the emulator's own, and how far behind.
+    pub(crate) fn set_clock_error(&mut self, ahead: Duration, behind: Duration) {
+        self.clock_error = (ahead, behind);
+    }
+
+    /// Takes the current away because the drive is dead.
+    pub(crate) fn cut_off(&mut self, now: Duration) {
+        self.set_current(now, 0.0);
+    }
+
+    /// Brings the rig to `now` although the node may be silent, and lets its faults begin and end.
+    pub(crate) fn follow(&mut self, now: Duration) {
+        self.set_current(now, self.commanded_amperes);
+        self.advance_to(now);
+    }
+
+    /// The emulator's own time, which the rig follows.
+    fn now(&self, services: &Services) -> Duration {
+        let (ahead, behind) = self.clock_error;
+        (services.now() + behind).saturating_sub(ahead)
+    }
+
     fn act_on_plant(&mut self, now: Duration, inputs: Inputs) {
         if inputs != *self.rig.inputs() {
             self.advance_to(now);
@@ -125,9 +194,12 @@ impl Drive {
         }
     }
 
-    fn set_current(&mut self, now: Duration, current_amperes: f64) {
+    /// Tells the amplifier what to put out.
+    fn set_current(&mut self, now: Duration, commanded_amperes: f64) {
+        self.commanded_amperes = commanded_amperes;
         let inputs = Inputs {
-            current_amperes,
+            current_amperes: self.faults.current_amperes(now, commanded_amperes),
+            condition: self.faults.condition(now),
             ..*self.rig.inputs()
         };
         self.act_on_plant(now, inputs);
@@ -143,9 +215,12 @@ impl Drive {
 
     /// Samples the sensors into the dictionary.
     fn sample(&mut self, services: &mut Services) {
-        self.advance_to(services.now());
+        let now = self.now(services);
+        self.advance_to(now);
         let truth = Truth::of(self.rig.actuator());
-        let counts = self.sensor.sample(truth.position_metres);
+        let sensor = &mut self.sensor;
+        let convert = |position| sensor.sample(position);
+        let counts = self.faults.sense(now, truth.position_metres, convert);
         let position = self.sensor.position_metres(counts);
         let permille = self.amplifier.permille(self.rig.inputs().current_amperes);
         let dictionary = services.dictionary_mut();
@@ -166,7 +241,8 @@ impl Drive {
         let (torque_max, current_max) = self.objects.limits_permille(dictionary);
         let (limited, is_cut) = cia402::limit_torque(target, torque_max, current_max);
         self.is_limit_active = is_cut || self.amplifier.clips(limited);
-        self.set_current(services.now(), self.amplifier.current_amperes(limited));
+        let current_amperes = self.amplifier.current_amperes(limited);
+        self.set_current(self.now(services), current_amperes);
     }
 
     fn may_heat(&self, services: &Services) -> bool {
@@ -179,7 +255,7 @@ impl Drive {
     /// Ends every call that may have changed the state: no current without permission, and the statusword of now.
     fn settle(&mut self, services: &mut Services) {
         if !self.may_heat(services) {
-            self.set_current(services.now(), 0.0);
+            self.set_current(self.now(services), 0.0);
             self.is_limit_active = false;
         }
         let mode = self.objects.mode(services.dictionary());
@@ -194,8 +270,25 @@ impl Drive {
             .set_status(services.dictionary_mut(), statusword, mode);
     }
 
+    /// A current that is not what is commanded, for some time, is a fault, over when it is again.
+    fn supervise_current(&mut self, services: &mut Services) {
+        let deviation = self.rig.inputs().current_amperes - self.commanded_amperes;
+        if deviation.abs() <= CURRENT_DEVIATION_AMPERES_MAX {
+            self.deviates_since = None;
+            services.clear_error(ErrorCode::HARDWARE);
+            return;
+        }
+        let now = self.now(services);
+        let since = *self.deviates_since.get_or_insert(now);
+        if now.saturating_sub(since) >= CURRENT_DEVIATION_TIME_MAX {
+            self.machine.on_fault();
+            services.raise_error(ErrorCode::HARDWARE, [0; 5]);
+        }
+    }
+
     /// I²t: a trip is a fault, over when the load is well below the limit.
     fn protect(&mut self, services: &mut Services) {
+        self.supervise_current(services);
         if self.protection.is_tripped() && self.machine.is_current_allowed() {
             self.machine.on_fault();
             services.raise_error(ErrorCode::THERMAL_OVERLOAD, [0; 5]);
@@ -212,14 +305,16 @@ impl Drive {
 
     fn obey(&mut self, controlword: u16, services: &Services) {
         let codes = self.codes(services);
-        let is_fault_present = self.protection.utilisation() >= WARNING_UTILISATION;
+        let is_fault_present =
+            self.protection.utilisation() >= WARNING_UTILISATION || self.deviates_since.is_some();
         self.machine
             .on_controlword(controlword, &codes, is_fault_present);
     }
 
     /// The end of the SYNC's supervision while 0x1006 gives no period to the SYNC consumer.
     fn sync_deadline(&self) -> Option<Duration> {
-        (self.rig.inputs().current_amperes > 0.0 && !self.has_sync_period)
+        // What is commanded counts: an amplifier that is stuck on does not obey any more.
+        (self.commanded_amperes > 0.0 && !self.has_sync_period)
             .then(|| self.latest_sync + SYNC_TIMEOUT)
     }
 
@@ -245,10 +340,20 @@ impl Application for Drive {
     }
 
     fn on_nmt_state(&mut self, services: &mut Services, state: NmtState) {
-        if state != NmtState::Operational {
+        self.manager = None;
+        if state == NmtState::Operational {
+            self.manager = expected_manager(services);
+        } else {
             self.machine.disable();
         }
         self.settle(services);
+    }
+
+    fn on_heartbeat(&mut self, services: &mut Services, node_id: NodeId, _state: NmtState) {
+        if expected_manager(services).is_some_and(|(manager, _)| manager == node_id) {
+            self.manager = None;
+            services.clear_error(ErrorCode::HEARTBEAT);
+        }
     }
 
     fn on_sync(&mut self, services: &mut Services, _sync: &Sync) {
@@ -316,13 +421,20 @@ impl Application for Drive {
     }
 
     fn on_tick(&mut self, services: &mut Services) {
-        self.advance_to(services.now());
+        self.follow(self.now(services));
         if self
             .sync_deadline()
             .is_some_and(|deadline| services.now() >= deadline)
         {
             services.raise_error(ErrorCode::COMMUNICATION, [0; 5]);
             self.on_communication_loss(services, CommunicationLoss::Sync);
+        }
+        if let Some((manager, deadline)) = self.manager
+            && services.now() >= deadline
+        {
+            self.manager = None;
+            services.raise_error(ErrorCode::HEARTBEAT, [manager.get(), 0, 0, 0, 0]);
+            self.on_communication_loss(services, CommunicationLoss::Heartbeat(manager));
         }
         let limits = self.objects.protection_limits(services.dictionary());
         self.protection.set_limits(limits);
@@ -331,11 +443,10 @@ impl Application for Drive {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        let physics = self.rig.time() + self.idle_max;
-        Some(
-            self.sync_deadline()
-                .map_or(physics, |sync| sync.min(physics)),
-        )
+        let (ahead, behind) = self.clock_error;
+        let physics = (self.rig.time() + self.idle_max + ahead).saturating_sub(behind);
+        let manager = self.manager.map(|(_, deadline)| deadline);
+        earliest([self.sync_deadline(), manager, Some(physics)])
     }
 
     fn on_stop(&mut self, services: &mut Services) {
@@ -343,4 +454,16 @@ impl Application for Drive {
         self.machine.disable();
         self.settle(services);
     }
+}
+
+/// The node whose heartbeat is watched first (0x1016:01), and until when it must be heard.
+fn expected_manager(services: &Services) -> Option<(NodeId, Duration)> {
+    let value = services.dictionary().unsigned(CONSUMER_HEARTBEAT_TIME, 1)?;
+    let [low, high, node_id, _] = value.to_le_bytes();
+    let milliseconds = u64::from(u16::from_le_bytes([low, high]));
+    let node_id = NodeId::new(node_id).filter(|_| milliseconds != 0)?;
+    Some((
+        node_id,
+        services.now() + Duration::from_millis(milliseconds),
+    ))
 }

@@ -6,23 +6,29 @@
 pub mod amplifier;
 pub mod disturbance;
 pub mod drive;
+mod faults;
 mod integrator;
 mod objects;
 mod rig;
 pub mod sensor;
 pub mod sma;
 pub mod thermal_protection;
+mod truth;
 
 use std::time::Duration;
 
+use ::faults::{Faulty, Plan};
 use canopen::eds::{self, EdsError};
 use canopen::services::InvalidPdo;
-use canopen::{Application, CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress};
+use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earliest};
 
+use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
 use drive::Drive;
 pub use objects::MissingObject;
+use scenario::fault::node::Output;
 use sma::{Actuator, Inputs, InvalidPlant};
+use truth::Truth;
 
 /// Node-ID of the drive.
 pub const DRIVE_NODE_ID: NodeId = NodeId::new(0x10).expect("16 is in 1 to 127");
@@ -31,6 +37,8 @@ pub const DISTURBANCE_NODE_ID: NodeId = NodeId::new(0x11).expect("17 is in 1 to 
 
 /// Node-ID of the manager, by the bench's convention.
 const MANAGER_NODE_ID: NodeId = NodeId::new(0x01).expect("1 is in 1 to 127");
+const IDENTITY: u16 = 0x1018;
+const PRODUCT_CODE: u8 = 2;
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
 const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
 
@@ -54,15 +62,125 @@ pub enum InvalidEmulator {
     /// A data sheet configures a PDO wrongly.
     #[error("{0}")]
     Pdo(#[from] InvalidPdo),
+    /// The DBC lacks what the emulator says.
+    #[error(transparent)]
+    Signal(#[from] SignalMissing),
 }
 
 /// The drive with the actuator it is wired to, and the disturbance module that acts on the same actuator.
 ///
-/// The actuator follows the emulator's own time; see [`drive`].
+/// The actuator follows the emulator's own time; see [`drive`]. In a scenario with faults the drive's node may fail; the
+/// actuator lives on and tells the truth about itself.
 #[derive(Debug)]
 pub struct PlantEmulator {
-    drive: Device<Drive>,
+    drive: DriveNode,
     disturbance: Device<DisturbanceModule>,
+}
+
+/// The drive as a node, in a scenario without faults and in one with them.
+#[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one, and it lives as long as the program"
+)]
+enum DriveNode {
+    Sound(Device<Drive>),
+    Faulty(Faulty<Device<Drive>>, Truth),
+}
+
+impl DriveNode {
+    fn new(scenario: &scenario::Scenario, sound: Device<Drive>) -> Result<Self, InvalidEmulator> {
+        if scenario.fault.is_empty() {
+            return Ok(Self::Sound(sound));
+        }
+        let database = Database::sma_actuator();
+        let plan = Plan::of(&scenario.fault, scenario::fault::node::Node::Drive);
+        let fresh = sound.clone();
+        let renew = move |device: &mut Device<Drive>| {
+            let mut drive = device.application().clone();
+            drive.renew(fresh.application());
+            device.clone_from(&fresh);
+            *device.application_mut() = drive;
+        };
+        let faulty = Faulty::new(sound, plan, database, renew)?;
+        Ok(Self::Faulty(faulty, Truth::new(database)?))
+    }
+
+    fn as_node(&self) -> &dyn Node {
+        match self {
+            Self::Sound(device) => device,
+            Self::Faulty(faulty, _) => faulty,
+        }
+    }
+
+    fn as_node_mut(&mut self) -> &mut dyn Node {
+        match self {
+            Self::Sound(device) => device,
+            Self::Faulty(faulty, _) => faulty,
+        }
+    }
+
+    fn device(&self) -> &Device<Drive> {
+        match self {
+            Self::Sound(device) => device,
+            Self::Faulty(faulty, _) => faulty.node(),
+        }
+    }
+
+    fn drive_mut(&mut self) -> &mut Drive {
+        match self {
+            Self::Sound(device) => device.application_mut(),
+            Self::Faulty(faulty, _) => faulty.node_mut().application_mut(),
+        }
+    }
+
+    /// After each event: the rig goes on, whatever the node does.
+    fn follow(&mut self, now: Duration) {
+        let Self::Faulty(faulty, truth) = self else {
+            return;
+        };
+        let (ahead, behind) = faulty.clock_error();
+        let (zero, dead_output) = (faulty.scenario_zero(), faulty.dead_output());
+        let drive = faulty.node_mut().application_mut();
+        drive.set_clock_error(ahead, behind);
+        if let Some(zero) = zero {
+            drive.faults_mut().begin(zero);
+        }
+        if dead_output == Some(Output::Zero) {
+            drive.cut_off(now);
+        }
+        drive.follow(now);
+        truth.observe(now, drive.rig());
+    }
+
+    /// Before each event: the node's clock, so that the rig knows its own.
+    fn set_clock(&mut self, now: Duration) {
+        if let Self::Faulty(faulty, _) = self {
+            let (ahead, behind) = faulty.clock_error_at(now);
+            let drive = faulty.node_mut().application_mut();
+            drive.set_clock_error(ahead, behind);
+        }
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        let node = self.as_node().next_deadline();
+        let Self::Faulty(faulty, truth) = self else {
+            return node;
+        };
+        let fault = faulty.node().application().next_fault();
+        [node, fault, Some(truth.next_deadline())]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        let frame = self.as_node_mut().next_frame();
+        match self {
+            Self::Faulty(_, truth) => frame.or_else(|| truth.next_frame()),
+            Self::Sound(_) => frame,
+        }
+    }
 }
 
 impl PlantEmulator {
@@ -72,51 +190,62 @@ impl PlantEmulator {
     /// A plant that makes no sense, or a data sheet that does not suit.
     pub fn new(scenario: &scenario::Scenario) -> Result<Self, InvalidEmulator> {
         sma::check(&scenario.plant)?;
-        let drive = device(DRIVE_NODE_ID, dbc::DRIVE_EDS, |dictionary| {
-            Drive::new(scenario, dictionary)
-        })?;
-        let disturbance = device(
-            DISTURBANCE_NODE_ID,
-            dbc::DISTURBANCE_EDS,
-            DisturbanceModule::new,
-        )?;
-        Ok(Self { drive, disturbance })
+        let wrong_id = scenario.fault.node.wrong_node_id.first();
+        let drive_id = wrong_id.and_then(|fault| NodeId::new(fault.node_id));
+        let drive_id = drive_id.unwrap_or(DRIVE_NODE_ID);
+        let mut objects = dictionary(drive_id, dbc::DRIVE_EDS)?;
+        if let Some(fault) = scenario.fault.node.wrong_identity.first() {
+            set_product_code(&mut objects, fault.product_code);
+        }
+        let drive = Drive::new(scenario, &objects)?;
+        let drive = Device::new(drive_id, objects, drive)?;
+        let objects = dictionary(DISTURBANCE_NODE_ID, dbc::DISTURBANCE_EDS)?;
+        let disturbance = DisturbanceModule::new(&objects)?;
+        let disturbance = Device::new(DISTURBANCE_NODE_ID, objects, disturbance)?;
+        Ok(Self {
+            drive: DriveNode::new(scenario, drive)?,
+            disturbance,
+        })
     }
 
     /// The actuator, as far as it has been brought up to date: to the latest SYNC or tick, or later.
     #[must_use]
     pub fn actuator(&self) -> &Actuator {
-        self.drive.application().actuator()
+        self.drive.device().application().actuator()
     }
 
     /// What acts on the actuator.
     #[must_use]
     pub fn inputs(&self) -> &Inputs {
-        self.drive.application().inputs()
+        self.drive.device().application().inputs()
     }
 
     /// Passes the disturbance module's outputs on to the actuator.
     fn disturb(&mut self, now: Duration) {
         let module = self.disturbance.application();
         let (factor, load) = (module.convection_factor(), module.added_load_kilograms());
-        self.drive.application_mut().disturb(now, factor, load);
+        self.drive.drive_mut().disturb(now, factor, load);
     }
 }
 
 impl Node for PlantEmulator {
     fn filters(&self) -> Vec<Filter> {
-        let mut filters = self.drive.filters();
+        let mut filters = self.drive.as_node().filters();
         filters.extend(self.disturbance.filters());
         filters.sort_unstable_by_key(|filter| (filter.id, filter.mask));
         filters.dedup();
         filters
     }
 
-    /// The PDOs of the manager and the own ones, as far as they wait for the SYNC or nobody here listens to them.
+    /// The PDOs of the manager and the own ones, as far as they wait for the SYNC or nobody here listens to them. With
+    /// faults any frame may make the emulator tell the truth.
     fn silent_filters(&self) -> Vec<Filter> {
+        let DriveNode::Sound(drive) = &self.drive else {
+            return Vec::new();
+        };
         let nodes = [MANAGER_NODE_ID, DRIVE_NODE_ID, DISTURBANCE_NODE_ID];
         let is_silent =
-            |id: &u16| self.drive.takes_silently(*id) && self.disturbance.takes_silently(*id);
+            |id: &u16| drive.takes_silently(*id) && self.disturbance.takes_silently(*id);
         let ids = PDO_FUNCTIONS
             .into_iter()
             .flat_map(|function| nodes.map(|node| function + u16::from(node.get())));
@@ -124,21 +253,27 @@ impl Node for PlantEmulator {
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+        self.drive.set_clock(now);
         self.disturbance.on_frame(now, frame);
         self.disturb(now);
-        self.drive.on_frame(now, frame);
+        self.drive.as_node_mut().on_frame(now, frame);
+        self.drive.follow(now);
     }
 
     fn on_tick(&mut self, now: Duration) {
+        self.drive.set_clock(now);
         self.disturbance.on_tick(now);
         self.disturb(now);
-        self.drive.on_tick(now);
+        self.drive.as_node_mut().on_tick(now);
+        self.drive.follow(now);
     }
 
     fn on_stop(&mut self, now: Duration) {
+        self.drive.set_clock(now);
         self.disturbance.on_stop(now);
         self.disturb(now);
-        self.drive.on_stop(now);
+        self.drive.as_node_mut().on_stop(now);
+        self.drive.follow(now);
     }
 
     fn next_frame(&mut self) -> Option<CanFrame> {
@@ -148,12 +283,12 @@ impl Node for PlantEmulator {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        let nodes = [self.drive.next_deadline(), self.disturbance.next_deadline()];
-        nodes.into_iter().flatten().min()
+        earliest([self.drive.next_deadline(), self.disturbance.next_deadline()])
     }
 
     fn progress(&self) -> Progress {
-        match (self.drive.progress(), self.disturbance.progress()) {
+        let drive = self.drive.as_node().progress();
+        match (drive, self.disturbance.progress()) {
             (Progress::Stopped, Progress::Stopped) => Progress::Stopped,
             (failed @ Progress::Failed(_), _) | (_, failed @ Progress::Failed(_)) => failed,
             _ => Progress::Running,
@@ -161,14 +296,18 @@ impl Node for PlantEmulator {
     }
 }
 
-/// A device with the dictionary of a data sheet.
-fn device<A: Application>(
-    node_id: NodeId,
-    text: &str,
-    application: impl FnOnce(&ObjectDictionary) -> Result<A, MissingObject>,
-) -> Result<Device<A>, InvalidEmulator> {
-    let eds =
-        eds::parse(text, node_id.get()).map_err(|error| InvalidEmulator::Eds { node_id, error })?;
-    let application = application(&eds.dictionary)?;
-    Ok(Device::new(node_id, eds.dictionary, application)?)
+/// The dictionary of a data sheet.
+fn dictionary(node_id: NodeId, text: &str) -> Result<ObjectDictionary, InvalidEmulator> {
+    let eds = eds::parse(text, node_id.get());
+    let eds = eds.map_err(|error| InvalidEmulator::Eds { node_id, error })?;
+    Ok(eds.dictionary)
+}
+
+/// Makes a dictionary that of another product.
+fn set_product_code(dictionary: &mut ObjectDictionary, product_code: u32) {
+    if let Ok(handle) = dictionary.find(IDENTITY, PRODUCT_CODE) {
+        let mut entry = dictionary.entry(handle).clone();
+        entry.default = product_code.to_le_bytes().to_vec();
+        dictionary.insert(entry);
+    }
 }

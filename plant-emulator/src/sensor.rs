@@ -1,7 +1,6 @@
 //! The position sensor: a potentiometer on the pulley, read by an analogue-to-digital converter.
 
-use rand_core::{Rng, SeedableRng};
-use rand_pcg::Pcg64Mcg;
+use faults::Stream;
 use scenario::plant;
 
 /// Largest resolution that the converter emulates.
@@ -17,6 +16,12 @@ impl Counts {
     pub fn value(self) -> u32 {
         self.0
     }
+
+    /// The number with the bits of a mask at 0.
+    #[must_use]
+    pub fn without(self, mask: u32) -> Self {
+        Self(self.0 & !mask)
+    }
 }
 
 /// The sensor.
@@ -28,7 +33,7 @@ pub struct PositionSensor {
     counts_max: u32,
     /// Standard deviation before the conversion; 0 draws no numbers.
     noise_metres_rms: f64,
-    generator: Pcg64Mcg,
+    stream: Stream,
 }
 
 impl PositionSensor {
@@ -41,7 +46,7 @@ impl PositionSensor {
             count_metres: config.span_millimetres * 1e-3 / f64::from(counts),
             counts_max: counts - 1,
             noise_metres_rms: config.noise_millimetres_rms * 1e-3,
-            generator: Pcg64Mcg::seed_from_u64(seed),
+            stream: Stream::new(seed),
         }
     }
 
@@ -49,7 +54,7 @@ impl PositionSensor {
     pub fn sample(&mut self, position_metres: f64) -> Counts {
         let mut position = position_metres;
         if self.noise_metres_rms > 0.0 {
-            position += self.noise_metres_rms * standard_normal(&mut self.generator);
+            position += self.noise_metres_rms * self.stream.normal();
         }
         let counts = libm::round(position / self.count_metres);
         #[expect(
@@ -66,18 +71,6 @@ impl PositionSensor {
     pub fn position_metres(&self, counts: Counts) -> f64 {
         f64::from(counts.0) * self.count_metres
     }
-}
-
-/// A number from the standard normal distribution, by Box and Muller.
-fn standard_normal(generator: &mut Pcg64Mcg) -> f64 {
-    let radius = libm::sqrt(-2.0 * libm::log(open_uniform(generator)));
-    radius * libm::cos(std::f64::consts::TAU * open_uniform(generator))
-}
-
-/// Uniform in (0, 1]: 53 bits, never 0.
-fn open_uniform(generator: &mut Pcg64Mcg) -> f64 {
-    const SCALE: f64 = 1.0 / (1_u64 << 53) as f64;
-    ((generator.next_u64() >> 11) + 1) as f64 * SCALE
 }
 
 #[cfg(test)]

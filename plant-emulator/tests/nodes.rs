@@ -160,6 +160,24 @@ fn lost_syncs_are_a_fault_with_an_emergency() {
 }
 
 #[test]
+fn a_late_sync_makes_nothing_due_before_its_timeout() {
+    let mut manager = Manager::enabled();
+    for node in [DRIVE, DISTURBANCE] {
+        manager.write(node, 0x1017, 0, &[0; 2]);
+    }
+    manager.lose_heartbeat();
+    manager.cycle(ENABLE_OPERATION, 300);
+    manager.sync();
+    let latest_sync = manager.now();
+    manager.tick();
+    let pause = manager.now() - latest_sync;
+    assert!(
+        pause >= plant_emulator::drive::SYNC_TIMEOUT,
+        "due after {pause:?}"
+    );
+}
+
+#[test]
 fn lost_syncs_are_noticed_without_a_configured_period() {
     let mut manager = Manager::new();
     manager.configure();
@@ -367,4 +385,25 @@ proptest! {
         manager.run_for(milliseconds(500));
         prop_assert_eq!(manager.current_amperes(), 0.0);
     }
+}
+
+/// The heartbeat consumer of CiA 301 begins with the first heartbeat; a manager that never sends one is not trusted longer.
+#[test]
+fn a_manager_that_was_never_heard_is_lost_too() {
+    let mut manager = Manager::new();
+    manager.run_for(milliseconds(2));
+    manager.write(DRIVE, 0x1016, 1, &0x0001_0064_u32.to_le_bytes());
+    manager.write(DRIVE, 0x1006, 0, &1000_u32.to_le_bytes());
+    manager.write(DRIVE, 0x6060, 0, &[10]);
+    manager.send(0, &[1, 0]);
+    for controlword in [0x06, 0x07, 0x0F] {
+        manager.cycle(controlword, 0);
+    }
+    let mut heated = 0;
+    for _ in 0..150 {
+        manager.cycle(ENABLE_OPERATION, 500);
+        heated += u32::from(manager.current_amperes() > 0.0);
+    }
+    assert!((80..=100).contains(&heated), "{heated} cycles");
+    assert_eq!(manager.current_amperes(), 0.0);
 }

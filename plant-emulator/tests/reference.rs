@@ -125,6 +125,6 @@ fn fan_pulse() {
         } else {
             1.0
         },
-        added_load_kilograms: 0.0,
+        ..Inputs::default()
     });
 }

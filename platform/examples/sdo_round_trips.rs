@@ -26,31 +26,37 @@ fn main() -> Result<(), Box<dyn Error>> {
     let end = Duration::from_secs(seconds.parse()?);
     let clock = Clock::start();
     let mut count = 0_u32;
-    while clock.now() < end {
-        upload(&mut client, &mut *bus, &clock)?;
+    let mut now = Duration::ZERO;
+    while now < end {
+        client.start_upload(now, DEVICE_TYPE, 0)?;
+        now = finish(&mut client, &mut *bus, &clock, now)?;
         count += 1;
     }
-    println!("{:.0}", f64::from(count) / clock.now().as_secs_f64());
+    println!("{:.0}", f64::from(count) / now.as_secs_f64());
     Ok(())
 }
 
-fn upload(
+/// Carries what was begun at `now` to its end; the time then.
+fn finish(
     client: &mut SdoClient,
     bus: &mut dyn Bus,
     clock: &Clock,
-) -> Result<Vec<u8>, Box<dyn Error>> {
-    client.start_upload(clock.now(), DEVICE_TYPE, 0)?;
+    mut now: Duration,
+) -> Result<Duration, Box<dyn Error>> {
     loop {
         while let Some(frame) = client.next_frame() {
             bus.send(&frame)?;
         }
         if let Some(result) = client.take_result() {
-            return Ok(result?);
+            result?;
+            return Ok(now);
         }
         let patience = client.next_deadline().unwrap_or_default();
-        match bus.receive(patience.saturating_sub(clock.now()))? {
-            Some(frame) => client.on_frame(clock.now(), &frame),
-            None => client.on_tick(clock.now()),
+        let frame = bus.receive(patience.saturating_sub(now))?;
+        now = clock.now();
+        match frame {
+            Some(frame) => client.on_frame(now, &frame),
+            None => client.on_tick(now),
         }
     }
 }

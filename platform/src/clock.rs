@@ -5,6 +5,9 @@ use std::time::Duration;
 use rustix::thread::{NanosleepRelativeResult, nanosleep};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
+/// Less than this is no step: the clocks drift, and the process may be held up between reading one and the other.
+const WALL_STEP_MIN: Duration = Duration::from_millis(10);
+
 /// Time since the clock was started, from `CLOCK_MONOTONIC`.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
@@ -40,6 +43,14 @@ impl Clock {
         wall.saturating_sub(self.wall_at_start)
     }
 
+    /// Where the wall clock was stepped, later wall-clock times go on from here as if it had always been as it is now.
+    pub(crate) fn follow_wall_steps(&mut self) {
+        let (now, wall) = (self.now(), wall());
+        if wall.abs_diff(self.wall_at_start + now) > WALL_STEP_MIN {
+            self.wall_at_start = wall.saturating_sub(now);
+        }
+    }
+
     /// By how much the wall clock went away from the monotonic clock since the start: more than a few milliseconds mean
     /// that it was stepped, and wall-clock receive stamps are not to be trusted.
     #[must_use]
@@ -56,7 +67,8 @@ impl Clock {
     }
 }
 
-fn monotonic() -> Duration {
+/// `CLOCK_MONOTONIC` itself. Where reading it is a system call, as in user-mode Linux, it costs as much as a frame.
+pub(crate) fn monotonic() -> Duration {
     duration(clock_gettime(ClockId::Monotonic))
 }
 
@@ -70,7 +82,7 @@ fn duration(time: Timespec) -> Duration {
 }
 
 /// Waits; longer when the system is busy, not shorter.
-pub(crate) fn sleep(time: Duration) {
+pub fn sleep(time: Duration) {
     let Ok(mut remaining) = Timespec::try_from(time) else {
         return;
     };

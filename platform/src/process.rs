@@ -13,7 +13,10 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use rustix::io::{Errno, FdFlags, fcntl_setfd};
 use rustix::net::SocketType;
 use rustix::net::sockopt::socket_type;
-use rustix::process::{Signal, getpid, getppid, set_parent_process_death_signal};
+use rustix::process::{
+    Pid, Resource, Rlimit, Signal, getpid, getppid, getrlimit, kill_process,
+    set_parent_process_death_signal, setrlimit,
+};
 
 /// A command that starts this program again, as a child that does not outlive us:
 /// - its standard input is a pipe from us, whose end tells it to stop ([`crate::stop::StopSignal::from_parent`]);
@@ -47,6 +50,38 @@ pub fn myself() -> io::Result<Command> {
     Ok(command)
 }
 
+/// Fewer files than a run needs may be open at once.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "only {permitted} files may be open at once, and {needed} are needed; permit them with: ulimit -n {needed}"
+)]
+pub struct TooFewFiles {
+    permitted: u64,
+    needed: u64,
+}
+
+/// Raises this process's limit of open files where it is below `needed`.
+///
+/// # Errors
+/// More are not permitted.
+pub fn permit_open_files(needed: u64) -> Result<(), TooFewFiles> {
+    let limit = getrlimit(Resource::Nofile);
+    let (Some(current), maximum) = (limit.current, limit.maximum) else {
+        return Ok(());
+    };
+    if current >= needed {
+        return Ok(());
+    }
+    let raised = Rlimit {
+        current: Some(needed),
+        maximum,
+    };
+    setrlimit(Resource::Nofile, raised).map_err(|_| TooFewFiles {
+        permitted: current,
+        needed,
+    })
+}
+
 /// Lets the child inherit `descriptor`; returns the number to tell it. The descriptor is closed here when `command` is
 /// dropped: drop it once the child is spawned, or its end of a side channel stays open after its death.
 pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
@@ -55,6 +90,20 @@ pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
     // SAFETY: the closure makes one system call and allocates nothing.
     unsafe { command.pre_exec(prepare) };
     number
+}
+
+/// Stops a child where it is (SIGSTOP), or lets it go on (SIGCONT).
+///
+/// # Errors
+/// There is no such child any more.
+pub fn freeze(number: u32, is_frozen: bool) -> io::Result<()> {
+    let signal = if is_frozen {
+        Signal::STOP
+    } else {
+        Signal::CONT
+    };
+    let child = i32::try_from(number).ok().and_then(Pid::from_raw);
+    kill_process(child.ok_or(Errno::SRCH)?, signal).map_err(io::Error::from)
 }
 
 /// Takes the side channel that the parent passed under `number`.

@@ -137,19 +137,20 @@ pub fn run(
         stop: true,
     };
     loop {
+        let now = cycle.clock.now();
         if ready.frames {
-            cycle.take_frames()?;
+            cycle.take_frames(now)?;
         }
         if ready.stop && stop.is_raised() {
-            cycle.ask_to_stop()?;
+            cycle.ask_to_stop(now)?;
         }
-        cycle.tick_when_due()?;
+        cycle.tick_when_due(now)?;
         match cycle.node.progress() {
             Progress::Running => {}
             Progress::Stopped => return Ok(cycle.into_report()),
             Progress::Failed(text) => return Err(RunError::Node(text)),
         }
-        cycle.check_stop_patience()?;
+        cycle.check_stop_patience(now)?;
         ready = wait(&mut timer, &cycle, stop)?;
     }
 }
@@ -201,27 +202,29 @@ struct Cycle<'a> {
 }
 
 impl Cycle<'_> {
-    fn take_frames(&mut self) -> Result<(), RunError> {
+    /// All of a batch were there when the loop woke up, at `now`.
+    fn take_frames(&mut self, now: Duration) -> Result<(), RunError> {
         for _ in 0..BATCH_FRAMES {
             let Some(frame) = self.bus.receive(Duration::ZERO)? else {
                 break;
             };
             self.report.frames_received += 1;
-            self.node.on_frame(self.clock.now(), &frame);
+            self.node.on_frame(now, &frame);
             self.send_queued()?;
         }
         Ok(())
     }
 
-    fn tick_when_due(&mut self) -> Result<(), RunError> {
-        let now = self.clock.now();
+    fn tick_when_due(&mut self, woken_at: Duration) -> Result<(), RunError> {
         let Some(deadline) = self
             .node
             .next_deadline()
-            .filter(|deadline| *deadline <= now)
+            .filter(|deadline| *deadline <= woken_at)
         else {
             return Ok(());
         };
+        // Frames came first, so the tick is later than the waking up.
+        let now = self.clock.now();
         let late = u64::try_from((now - deadline).as_nanos()).unwrap_or(u64::MAX);
         self.report.lateness_nanoseconds.saturating_record(late);
         self.report.ticks += 1;
@@ -247,16 +250,15 @@ impl Cycle<'_> {
         Ok(())
     }
 
-    fn ask_to_stop(&mut self) -> Result<(), RunError> {
-        let now = self.clock.now();
+    fn ask_to_stop(&mut self, now: Duration) -> Result<(), RunError> {
         self.stop_asked_at = Some(now);
         self.node.on_stop(now);
         self.send_queued()
     }
 
-    fn check_stop_patience(&self) -> Result<(), RunError> {
+    fn check_stop_patience(&self, now: Duration) -> Result<(), RunError> {
         match self.stop_asked_at {
-            Some(asked) if self.clock.now() >= asked + STOP_PATIENCE => Err(RunError::NotStopped),
+            Some(asked) if now >= asked + STOP_PATIENCE => Err(RunError::NotStopped),
             _ => Ok(()),
         }
     }

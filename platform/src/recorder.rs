@@ -26,6 +26,9 @@ pub const RING_FRAMES: usize = 65_536;
 /// Bytes asked for as the recorder's receive buffer in the kernel: some 5 000 frames.
 const RECEIVE_BUFFER_BYTES: usize = 4 << 20;
 
+/// So long without a frame, and the wall clock is looked at for a step.
+const STAMP_GAP: Duration = Duration::from_secs(1);
+
 /// A frame and when it was on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stamped {
@@ -197,6 +200,10 @@ fn prepare(socket: &CanSocket) -> std::io::Result<()> {
 
 /// Reads frames into the ring until told to stop, or the interface is gone.
 fn listen(socket: &CanSocket, stop: &OwnedFd, ring: &mut Ring) {
+    let mut stamps = Stamps {
+        clock: ring.clock,
+        latest: ring.clock.wall_epoch(),
+    };
     loop {
         let mut fds = [
             PollFd::from_borrowed_fd(socket.as_fd(), PollFlags::IN),
@@ -205,7 +212,7 @@ fn listen(socket: &CanSocket, stop: &OwnedFd, ring: &mut Ring) {
         // An interrupted wait leaves no events and is repeated.
         let waited = poll(&mut fds, None).is_ok();
         let told_to_stop = waited && !fds[1].revents().is_empty();
-        let alive = read_all(socket, ring);
+        let alive = read_all(socket, &mut stamps, ring);
         if told_to_stop || !alive {
             break;
         }
@@ -213,16 +220,35 @@ fn listen(socket: &CanSocket, stop: &OwnedFd, ring: &mut Ring) {
     ring.add_lost(kernel_drops(socket));
 }
 
+/// The kernel's stamps, which are wall-clock times, on the recorder's clock.
+struct Stamps {
+    clock: Clock,
+    latest: Duration,
+}
+
+impl Stamps {
+    /// Time since the epoch. Stamps that go back, or far ahead, tell of a stepped wall clock: time goes on all the same, or
+    /// a run would wait for its end for as long as the clock was set back.
+    fn time_of(&mut self, stamp: SystemTime) -> Duration {
+        let wall = stamp
+            .duration_since(SystemTime::UNIX_EPOCH)
+            .unwrap_or_default();
+        if wall < self.latest || wall > self.latest + STAMP_GAP {
+            self.clock.follow_wall_steps();
+        }
+        self.latest = wall;
+        self.clock.from_wall(wall)
+    }
+}
+
 /// Takes what the kernel holds; false when the interface is gone.
-fn read_all(socket: &CanSocket, ring: &mut Ring) -> bool {
+fn read_all(socket: &CanSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool {
     loop {
         match socket.read_frame_with_timestamp() {
             Ok((frame, stamp)) => {
-                let wall = stamp
-                    .duration_since(SystemTime::UNIX_EPOCH)
-                    .unwrap_or_default();
+                let time = stamps.time_of(stamp);
                 if let Some(frame) = from_socketcan(&frame) {
-                    ring.push(ring.clock.from_wall(wall), frame);
+                    ring.push(time, frame);
                 }
             }
             Err(error) => match error.kind() {

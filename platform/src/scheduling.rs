@@ -12,6 +12,9 @@ use rustix::mm::{MlockAllFlags, mlockall};
 /// Priority of a node's loop.
 pub const NODE_PRIORITY: u8 = 50;
 
+/// How far a thread that nobody waits for steps back.
+const NICENESS: i32 = 10;
+
 /// Stack that is touched before it is locked, in bytes; the loops need a fraction of it.
 const STACK_BYTES: usize = 128 * 1024;
 
@@ -97,6 +100,11 @@ pub fn lock_memory() -> Result<(), Refused> {
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT).map_err(|errno| Refused::Memory {
         source: errno.into(),
     })
+}
+
+/// Takes this thread, and what it starts, behind all others that want to run. Where that is refused nothing changes.
+pub fn step_back() {
+    let _ = rustix::process::nice(NICENESS);
 }
 
 /// Processes that wanted to run, on average over the last minute, and the processors there are; none where the system

@@ -1,8 +1,5 @@
 //! A bus of the kernel (SocketCAN): a virtual one, or real hardware.
 
-#[cfg(test)]
-mod vcan;
-
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;

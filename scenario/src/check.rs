@@ -6,6 +6,8 @@ use crate::Scenario;
 use crate::controller::{Controller, OpenLoop};
 use crate::document::Document;
 use crate::error::Problem;
+use crate::expect::Emergency;
+use crate::fault;
 use crate::reference::{Reference, Table};
 use crate::table;
 
@@ -41,11 +43,21 @@ pub(crate) fn control(document: &Document<'_>, control: &Control<'_>) -> Vec<Pro
     problems
 }
 
+/// The name goes into terminals, XML and file names.
+pub(crate) fn name(document: &Document<'_>, name: &str) -> Option<Problem> {
+    name.contains(char::is_control).then(|| {
+        let message = "`name` has a control character in it";
+        document.problem("name", message, "one line of plain text")
+    })
+}
+
 /// Checks disturbances, plant and limits.
 pub(crate) fn bench(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let mut problems = disturbances(document, scenario);
+    problems.extend(fault::check(document, scenario));
     problems.extend(plant(document, scenario));
     problems.extend(limits(document, scenario));
+    problems.extend(reactions(document, scenario));
     problems
 }
 
@@ -358,6 +370,44 @@ fn limits(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     problems
 }
 
+/// Reactions that can be demanded: there is a fault, and emergencies are named as the standard numbers them.
+fn reactions(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+    let expect = &scenario.expect;
+    let mut problems = Vec::new();
+    let demanded = [
+        (
+            "current_zero_within_milliseconds",
+            expect.current_zero_within_milliseconds.is_some(),
+        ),
+        (
+            "recovers_within_seconds",
+            expect.recovers_within_seconds.is_some(),
+        ),
+        ("safe_state", expect.safe_state.is_some()),
+        ("emcy", !expect.emcy.is_empty()),
+    ];
+    for (name, _) in demanded.into_iter().filter(|(_, is_given)| *is_given) {
+        if scenario.fault.is_empty() {
+            let message = format!("`{name}` cannot be judged");
+            let path = format!("expect.{name}");
+            problems.push(document.problem(&path, message, "needs a [[fault.…]]"));
+        }
+    }
+    for (index, text) in expect.emcy.iter().enumerate() {
+        if let Err(reason) = text.parse::<Emergency>() {
+            let message = format!("\"{text}\" names no emergency");
+            let path = format!("expect.emcy.{index}");
+            problems.push(document.problem(&path, message, reason));
+        }
+    }
+    if expect.recovers_within_seconds.is_some() && scenario.reference.is_empty() {
+        let message = "`recovers_within_seconds` cannot be judged";
+        let path = "expect.recovers_within_seconds";
+        problems.push(document.problem(path, message, "needs a [[reference.…]]"));
+    }
+    problems
+}
+
 /// What the scenario lacks for a metric.
 fn missing_for(metric: &str, scenario: &Scenario) -> Option<&'static str> {
     let disturbance = &scenario.disturbance;
@@ -369,6 +419,11 @@ fn missing_for(metric: &str, scenario: &Scenario) -> Option<&'static str> {
             if scenario.reference.is_empty() =>
         {
             Some("a [[reference.…]]")
+        }
+        "sine_gain" | "sine_phase_degrees" | "sine_offset_millimetres"
+            if scenario.judged_sine().is_none() =>
+        {
+            Some("a [[reference.sine]] of at least four periods")
         }
         "maximum_deviation_millimetres" | "recovery_time_seconds"
             if disturbance.fan.is_empty() && disturbance.load.is_empty() =>

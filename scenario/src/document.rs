@@ -85,6 +85,11 @@ impl<'text> Document<'text> {
         self.source.problem(self.span(path), message, label)
     }
 
+    /// True when there is something at a path.
+    pub(crate) fn has(&self, path: &str) -> bool {
+        self.value(path).is_some()
+    }
+
     fn value(&self, path: &str) -> Option<&DeValue<'text>> {
         let mut names = path.split('.');
         let mut value = self.root().get(names.next()?)?.get_ref();

@@ -124,7 +124,7 @@ impl Scenario {
         windows
     }
 
-    /// Steps and disturbances for plots, in the order of time.
+    /// Steps, disturbances and faults for plots, in the order of time.
     #[must_use]
     pub fn events(&self) -> Vec<Event> {
         let event = |at_seconds, text| Event { at_seconds, text };
@@ -147,7 +147,17 @@ impl Scenario {
                     .then(|| event(until_seconds, "fan off".to_owned()));
                 [Some(event(from_seconds, disturbance.text)), end]
             });
-        let mut events: Vec<_> = steps.chain(disturbances.flatten()).collect();
+        let faults = self.fault.windows().into_iter().flat_map(|fault| {
+            let is_instant = fault.from_seconds == fault.until_seconds;
+            let end = fault.until_seconds.filter(|_| !is_instant);
+            let end = end.map(|end| event(end, format!("{} over", fault.text)));
+            [
+                Some(event(fault.from_seconds.unwrap_or(0.0), fault.text)),
+                end,
+            ]
+        });
+        let events = steps.chain(disturbances.flatten()).chain(faults.flatten());
+        let mut events: Vec<_> = events.collect();
         events.sort_by(|left, right| left.at_seconds.total_cmp(&right.at_seconds));
         events
     }

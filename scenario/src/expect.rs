@@ -1,5 +1,7 @@
 //! The `[expect]` table: what passes. Every key is optional, every limit two-sided.
 
+use std::str::FromStr;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +36,15 @@ pub struct Expect {
     /// RMS of set-point less position: over the last three periods of a sine, else over the whole run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking_error_millimetres_rms: Option<Limit>,
+    /// Amplitude of the position by that of the set-point, at the frequency of a sine, over its last three periods.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sine_gain: Option<Limit>,
+    /// Phase of the position less that of the set-point, from -270 to 90, measured as `sine_gain`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sine_phase_degrees: Option<Limit>,
+    /// Mean of the position less that of the set-point, measured as `sine_gain`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sine_offset_millimetres: Option<Limit>,
     /// Largest deviation from the set-point from the start of a disturbance to 3 s after its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub maximum_deviation_millimetres: Option<Limit>,
@@ -55,6 +66,28 @@ pub struct Expect {
     /// Longest time between two SYNCs: more than the period when the bus or the machine was late.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sync_interval_milliseconds_max: Option<Limit>,
+    /// Temperature of the wire, highest over the run: the emulator's truth, which a real drive does not know.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub temperature_celsius: Option<Limit>,
+    /// From the start of the first fault until no current flows through the wire for 0.1 s at least.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub current_zero_within_milliseconds: Option<f64>,
+    /// From the end of the last fault until the deviation from the set-point stays within 0.25 mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 86_400.0))]
+    pub recovers_within_seconds: Option<f64>,
+    /// `true`: at the end no current flows, and the drive is not enabled or silent. `false`: current flows, or the drive is enabled still.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub safe_state: Option<bool>,
+    /// Emergencies that must be told, each as node and code: "drive 0x8130".
+    #[schemars(length(max = 100))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub emcy: Vec<String>,
+    /// Parts of texts that no event of the run may have, such as "emergency".
+    #[schemars(length(max = 100))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub no_event: Vec<String>,
     /// Limits on real time. Scenarios that have them are kept apart from the others.
     #[serde(skip_serializing_if = "TimingLimits::is_empty")]
     pub timing: TimingLimits,
@@ -82,6 +115,9 @@ impl Expect {
                 "tracking_error_millimetres_rms",
                 self.tracking_error_millimetres_rms,
             ),
+            ("sine_gain", self.sine_gain),
+            ("sine_phase_degrees", self.sine_phase_degrees),
+            ("sine_offset_millimetres", self.sine_offset_millimetres),
             (
                 "maximum_deviation_millimetres",
                 self.maximum_deviation_millimetres,
@@ -95,9 +131,38 @@ impl Expect {
                 "sync_interval_milliseconds_max",
                 self.sync_interval_milliseconds_max,
             ),
+            ("temperature_celsius", self.temperature_celsius),
         ];
         let given = |(name, limit): (_, Option<Limit>)| limit.map(|limit| (name, limit));
         limits.into_iter().filter_map(given)
+    }
+}
+
+/// An emergency of a node, written as "drive 0x8130".
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct Emergency {
+    /// The node's name in the DBC.
+    pub node: String,
+    /// The error code (CiA 301, table 26).
+    pub code: u16,
+}
+
+impl FromStr for Emergency {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (node, code) = text
+            .split_once(" 0x")
+            .ok_or("must be node and code, as in \"drive 0x8130\"")?;
+        if !["controller", "drive", "disturbance"].contains(&node) {
+            return Err("the node must be controller, drive or disturbance");
+        }
+        let code = u16::from_str_radix(code, 16);
+        let code = code.map_err(|_| "the code must have four hexadecimal digits")?;
+        Ok(Self {
+            node: node.to_owned(),
+            code,
+        })
     }
 }
 
@@ -113,7 +178,18 @@ mod tests {
         };
         let schema = crate::schema::schema_of::<Expect>();
         let names = schema["properties"].as_object().unwrap().keys();
-        let names: Vec<&String> = names.filter(|name| *name != "timing").collect();
+        let is_limit = |name: &&String| {
+            let no_limits = [
+                "current_zero_within_milliseconds",
+                "emcy",
+                "no_event",
+                "recovers_within_seconds",
+                "safe_state",
+                "timing",
+            ];
+            !no_limits.contains(&name.as_str())
+        };
+        let names: Vec<&String> = names.filter(is_limit).collect();
         let text: String = names
             .iter()
             .map(|name| format!("{name} = {{ min = 0.0, max = 1.0 }}\n"))

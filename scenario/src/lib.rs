@@ -10,6 +10,7 @@ mod document;
 mod error;
 pub mod events;
 pub mod expect;
+pub mod fault;
 mod load;
 pub mod plant;
 pub mod profile;
@@ -28,6 +29,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use error::{Problem, ScenarioError};
+pub use load::read_text;
 pub use view::ControllerView;
 
 /// One scenario file.
@@ -62,6 +64,9 @@ pub struct Scenario {
     /// What disturbs the plant.
     #[serde(default)]
     pub disturbance: disturbance::Disturbance,
+    /// What goes wrong on purpose; no node sees it, each only suffers it.
+    #[serde(default, skip_serializing_if = "fault::Faults::is_empty")]
+    pub fault: fault::Faults,
     /// The emulated plant; the controller never sees it.
     #[serde(default)]
     pub plant: plant::Plant,

@@ -60,6 +60,7 @@ impl Scenario {
             reference: &scenario.reference,
         };
         problems.extend(check::control(&document, &control));
+        problems.extend(check::name(&document, &scenario.name));
         problems.extend(check::bench(&document, &scenario));
         problems.extend(check::read_tables(
             &document,
@@ -117,7 +118,7 @@ fn load<T>(
     parse: impl FnOnce(&str, &str, &dyn Fn(&str) -> io::Result<String>) -> Result<T, ScenarioError>,
 ) -> Result<T, ScenarioError> {
     let name = path.display().to_string();
-    let text = read_bounded(path, SCENARIO_BYTES_MAX).map_err(|error| {
+    let text = read_text(path, SCENARIO_BYTES_MAX).map_err(|error| {
         let problem = Problem::of_file(
             &Source::new(&name, ""),
             format!("the file cannot be read: {error}"),
@@ -139,10 +140,14 @@ fn read_table(folder: &Path, table: &str) -> io::Result<String> {
     if !path.starts_with(folder.canonicalize()?) {
         return Err(io::Error::other("it lies outside the scenario's folder"));
     }
-    read_bounded(&path, TABLE_BYTES_MAX)
+    read_text(&path, TABLE_BYTES_MAX)
 }
 
-fn read_bounded(path: &Path, bytes_max: u64) -> io::Result<String> {
+/// Reads a file of text that somebody else may have written.
+///
+/// # Errors
+/// The file cannot be read, is no text, or is longer than `bytes_max`, as one without end is.
+pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
     let mut text = String::new();
     let read = File::open(path)?
         .take(bytes_max + 1)

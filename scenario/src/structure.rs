@@ -59,12 +59,17 @@ impl<'a> Checker<'a> {
                 self.number(path, span, number, schema);
             }
             (Some("string"), DeValue::String(text)) => self.string(path, span, text, schema),
+            (Some("boolean"), DeValue::Boolean(_)) => {}
             (None, DeValue::String(text)) => self.choice(path, span, text, schema),
             (expected, found) => {
-                let expected = expected_words(expected);
+                let expected = if schema["items"]["type"] == "string" {
+                    "an array of strings"
+                } else {
+                    expected_words(expected)
+                };
                 let message = format!("`{path}` must be {expected}");
                 self.report(span, message, format!("this is {}", found_words(found)));
-                if schema["items"].is_object() && found.is_table() {
+                if schema["items"]["$ref"].is_string() && found.is_table() {
                     self.help(format!("write it with double brackets: [[{path}]]"));
                 }
             }
@@ -244,6 +249,7 @@ fn expected_words(schema_type: Option<&str>) -> &'static str {
     match schema_type {
         Some("object") => "a table",
         Some("array") => "an array of tables",
+        Some("boolean") => "true or false",
         Some("number") => "a number",
         Some("integer") => "an integer",
         _ => "a string",

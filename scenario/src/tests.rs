@@ -205,6 +205,13 @@ fn every_kind_of_problem_has_its_place_and_its_words() {
             "must be 1",
         ),
         (
+            change("\"test\"", "\"te\\u001Bst\""),
+            2,
+            8,
+            "`name` has a control character in it",
+            "one line of plain text",
+        ),
+        (
             change("schema = 1", "schema = 1.5"),
             1,
             10,
@@ -568,13 +575,13 @@ fn files_and_tables_are_read_within_bounds() {
 #[test]
 fn the_controller_never_looks_at_the_plant() {
     let text = with(CLOSED)
-        + "[plant]\nnonsense = 1\n[expect]\nnonsense = 2\n[disturbance]\nnonsense = 3\n";
+        + "[plant]\nnonsense = 1\n[expect]\nnonsense = 2\n[disturbance]\nnonsense = 3\n[fault]\nnonsense = 4\n";
     assert_eq!(
         Scenario::parse(&text, "x.toml", no_tables)
             .unwrap_err()
             .problems()
             .len(),
-        3
+        4
     );
     let view = ControllerView::parse(&text, "x.toml", no_tables).unwrap();
     assert_eq!(view.bus.sync_period(), std::time::Duration::from_millis(1));

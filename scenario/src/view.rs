@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use crate::{Bus, Scenario, controller, reference};
 
-/// A scenario without the plant, its disturbances and its limits: a controller cannot use what it cannot see.
+/// A scenario without the plant, its disturbances and faults, and its limits: a controller cannot use what it cannot see.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct ControllerView {
@@ -29,8 +29,14 @@ pub struct ControllerView {
 }
 
 /// The keys that the controller's loader takes out of the document before it looks at anything.
-pub(crate) const HIDDEN_FROM_CONTROLLER: [&str; 5] =
-    ["description", "seed", "disturbance", "plant", "expect"];
+pub(crate) const HIDDEN_FROM_CONTROLLER: [&str; 6] = [
+    "description",
+    "seed",
+    "disturbance",
+    "fault",
+    "plant",
+    "expect",
+];
 
 impl Scenario {
     /// What the controller may know of this scenario.

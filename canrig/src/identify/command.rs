@@ -1,6 +1,5 @@
 //! `canrig identify`: from arguments to a folder with plant, scenario, report and pictures.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use dbc::Database;
@@ -102,7 +101,7 @@ fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
 
 fn load(args: &IdentifyArgs) -> Result<Vec<Trace>, Failure> {
     let database = match &args.dbc {
-        None => Database::sma_actuator(),
+        None => Database::sma_actuator().clone(),
         Some(path) => read_database(path)?,
     };
     if args.recordings.len() > RECORDINGS_MAX {
@@ -129,7 +128,8 @@ fn read_database(path: &Path) -> Result<Database, Failure> {
         message: format!("{} is no DBC: {reason}", path.display()),
         exit: Exit::Usage,
     };
-    let text = fs::read_to_string(path).map_err(|error| fault(error.to_string()))?;
+    let text = scenario::read_text(path, crate::FILE_BYTES_MAX)
+        .map_err(|error| fault(error.to_string()))?;
     Database::parse(&text).map_err(|error| fault(error.to_string()))
 }
 

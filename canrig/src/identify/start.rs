@@ -1,6 +1,5 @@
 //! Where the search starts.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -54,7 +53,8 @@ pub fn read_plant(path: &Path) -> Result<Plant, PlantFileError> {
         path: path.to_owned(),
         reason,
     };
-    let text = fs::read_to_string(path).map_err(|error| fault(error.to_string()))?;
+    let text = scenario::read_text(path, crate::FILE_BYTES_MAX)
+        .map_err(|error| fault(error.to_string()))?;
     let mut table: toml::Table = text
         .parse()
         .map_err(|error: toml::de::Error| fault(error.message().to_owned()))?;

@@ -11,9 +11,9 @@ use scenario::{Scenario, ScenarioError};
 
 use crate::recording::{self, Stamped};
 use crate::run_folder::file;
-use crate::scenario_clock::SYNC_COB_ID;
 use crate::signals::{self, SignalMissing};
 use crate::timeline::{self, Timeline};
+use dbc::scenario_clock::SYNC_COB_ID;
 
 /// Distance of the positions that are compared. The wire's time constant is 0.65 s; closer ones would add little.
 const GRID_SECONDS: f64 = 0.01;
@@ -334,7 +334,7 @@ impl<'a> Disturbances<'a> {
 
 /// Are these the frames of the rig?
 fn check_frames(frames: &[Stamped], database: &Database, timeline: &Timeline) -> Result<(), Fault> {
-    let position = signals::find(database, signals::POSITION)?;
+    let position = database.require(signals::POSITION)?;
     let message = signals::POSITION
         .split_once('.')
         .map_or("", |(message, _)| message);

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::compare::GivenTolerance;
+use crate::viewer::ViewerArgs;
 
 /// Arguments of `report`.
 #[derive(Args, Debug)]
@@ -29,6 +30,15 @@ pub struct ReplayArgs {
     /// Print the verdict as JSON, as verdict.json has it
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub viewer: ViewerArgs,
+    /// How fast the viewer shows it: 1 as it was, 0.1 in slow motion, inf at once
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed)]
+    pub speed: f64,
 }
 
 /// Arguments of `compare`.
@@ -79,6 +89,18 @@ pub enum Format {
     Blf,
     /// The signals as ASAM MDF 4.10 (asammdf, CANape)
     Mf4,
+    /// The signals as Apache Parquet (pandas, Polars, DuckDB)
+    Parquet,
+}
+
+/// A factor on time.
+fn speed(text: &str) -> Result<f64, String> {
+    let factor: f64 = text.parse().map_err(|_| "a number is expected, or inf")?;
+    if factor >= 1e-3 {
+        Ok(factor)
+    } else {
+        Err("0.001 is the slowest".to_owned())
+    }
 }
 
 /// A time from 0 to 10 s.

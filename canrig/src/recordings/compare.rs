@@ -211,8 +211,8 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> 
     let database = Database::sma_actuator();
     let [a, b] = [&args.a, &args.b].map(|path| -> Result<_, RecordedError> {
         let recorded = Recorded::load(path, None)?;
-        let timeline = recorded.timeline(&database)?;
-        let verdict = recorded.judge(&timeline, &database)?;
+        let timeline = recorded.timeline(database)?;
+        let verdict = recorded.judge(&timeline, database)?;
         Ok((recorded, timeline, verdict))
     });
     let ((a, a_line, a_verdict), (b, b_line, b_verdict)) = (a?, b?);

@@ -8,8 +8,8 @@ use super::args::{ExportArgs, Format};
 use super::{Recorded, RecordedError, refuse};
 use crate::console::complain;
 use crate::exit::Exit;
-use crate::report::{asc, blf, csv, mf4};
-use crate::scenario_clock::ScenarioClock;
+use crate::report::{asc, blf, csv, mf4, parquet};
+use dbc::scenario_clock::ScenarioClock;
 
 /// Writes the recording.
 #[must_use]
@@ -48,19 +48,20 @@ fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
         Format::Asc => asc::to_asc(frames).into_bytes(),
         Format::Blf => blf::to_blf(frames),
         Format::Mf4 => measurement(&recorded)?,
+        Format::Parquet => parquet::to_parquet(&recorded.timeline(Database::sma_actuator())?)?,
     };
     Ok((recorded, bytes))
 }
 
 fn csv_table(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
-    let timeline = recorded.timeline(&Database::sma_actuator())?;
+    let timeline = recorded.timeline(Database::sma_actuator())?;
     Ok(csv::to_csv(&timeline))
 }
 
 fn measurement(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
     let database = Database::sma_actuator();
-    let timeline = recorded.timeline(&database)?;
-    let mut clock = ScenarioClock::new(&database)?;
+    let timeline = recorded.timeline(database)?;
+    let mut clock = ScenarioClock::new(database)?;
     for stamped in &recorded.log.frames {
         if clock.on_frame(stamped.time, &stamped.frame) {
             break;

@@ -49,6 +49,9 @@ pub enum RecordedError {
     /// The DBC lacks a signal.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
+    /// The Parquet library refuses.
+    #[error("no Parquet file can be made: {0}")]
+    Parquet(#[from] parquet::errors::ParquetError),
 }
 
 /// A recording: a run folder, or a log of `candump -L` and the scenario that was played.

@@ -1,6 +1,9 @@
 //! `canrig replay`: a recording judged again.
 
+use std::time::Duration;
+
 use dbc::Database;
+use platform::clock::{Clock, sleep};
 
 use super::args::ReplayArgs;
 use super::{Recorded, RecordedError, refuse};
@@ -8,7 +11,12 @@ use crate::console::{complain, say};
 use crate::exit::Exit;
 use crate::report::terminal;
 use crate::run::Source;
+use crate::tap::WhenFull;
 use crate::verdict::Verdict;
+use crate::viewer::Viewers;
+
+/// Frames go to a viewer no earlier than this before their time.
+const AHEAD_MAX: Duration = Duration::from_millis(10);
 
 /// Judges a recording again; the exit code is that of the verdict.
 #[must_use]
@@ -16,6 +24,7 @@ pub fn replay(args: &ReplayArgs) -> Exit {
     match judged(args) {
         Err(error) => refuse(error),
         Ok((recorded, verdict)) => {
+            show(args, &recorded, &verdict);
             tell(args, &recorded, &verdict);
             verdict.outcome.exit()
         }
@@ -33,9 +42,34 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
         recorded.source.scenario.expect = other.scenario.expect;
     }
     let database = Database::sma_actuator();
-    let timeline = recorded.timeline(&database)?;
-    let verdict = recorded.judge(&timeline, &database)?;
+    let timeline = recorded.timeline(database)?;
+    let verdict = recorded.judge(&timeline, database)?;
     Ok((recorded, verdict))
+}
+
+/// Plays the recording into the viewers, as fast as was asked for.
+fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
+    let mut viewers = Viewers::open(&args.viewer);
+    if viewers.is_empty() {
+        return;
+    }
+    let (mut taps, shows) = viewers.show(&recorded.source.scenario, WhenFull::Wait);
+    let frames = &recorded.log.frames;
+    let begin = frames.first().map_or(Duration::ZERO, |first| first.time);
+    let clock = Clock::start();
+    for stamped in frames {
+        let since = stamped.time.saturating_sub(begin);
+        let due = Duration::try_from_secs_f64(since.as_secs_f64() / args.speed);
+        let ahead = due.unwrap_or(Duration::MAX).saturating_sub(clock.now());
+        if ahead >= AHEAD_MAX {
+            sleep(ahead);
+        }
+        for tap in &mut taps {
+            tap.take(*stamped);
+        }
+    }
+    drop(taps);
+    shows.end(verdict, &mut viewers);
 }
 
 fn tell(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {

@@ -20,7 +20,7 @@ pub fn report(args: &ReportArgs) -> Exit {
     let database = Database::sma_actuator();
     let mut runs = Vec::new();
     for path in &args.runs {
-        match read(path, &database) {
+        match read(path, database) {
             Ok(run) => runs.push(run),
             Err(error) => return refuse(error),
         }
@@ -37,7 +37,7 @@ pub fn report(args: &ReportArgs) -> Exit {
             Some(output) if runs.len() == 1 => output.clone(),
             _ => recorded.path.join(file::REPORT),
         };
-        html::to_html(&page, &database).map(|text| (place, text))
+        html::to_html(&page, database).map(|text| (place, text))
     });
     for page in pages {
         let written = match page {

@@ -71,7 +71,7 @@ fn push_base(bytes: &mut Vec<u8>, header_bytes: u16, object_bytes: u32, kind: u3
     bytes.extend_from_slice(&kind.to_le_bytes());
 }
 
-fn push_frame(content: &mut Vec<u8>, Stamped { time, frame }: &Stamped, start: Duration) {
+fn push_frame(content: &mut Vec<u8>, Stamped { time, frame, .. }: &Stamped, start: Duration) {
     let (kind, object_bytes) = if frame.is_error() {
         (CAN_ERROR_EXT, 64)
     } else {

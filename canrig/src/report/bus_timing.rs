@@ -4,10 +4,9 @@ use std::time::Duration;
 
 use dbc::Database;
 
-use crate::bus_model::occupied_bits;
 use crate::recording::Stamped;
-use crate::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use crate::signals::{self, SignalMissing};
+use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
 /// Stretches of time for which the load is told.
 const LOAD_STRETCHES: u32 = 200;
@@ -63,13 +62,14 @@ impl BusTiming {
         bitrate_kilobits_per_second: u32,
         database: &Database,
     ) -> Result<Self, SignalMissing> {
-        let answer = signals::find(database, signals::POSITION)?.raw_id();
-        let command = signals::find(database, signals::TARGET_CURRENT)?.raw_id();
+        let answer = database.require(signals::POSITION)?.raw_id();
+        let command = database.require(signals::TARGET_CURRENT)?.raw_id();
         let mut clock = ScenarioClock::new(database)?;
         let mut timing = Self::default();
         let mut load = Load::new(duration_seconds, bitrate_kilobits_per_second);
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
-        for Stamped { time, frame } in frames {
+        for stamped in frames {
+            let Stamped { time, frame, .. } = stamped;
             let is_sync = clock.on_frame(*time, frame);
             let Some(scenario_time) = clock.scenario_time(*time) else {
                 continue;
@@ -77,7 +77,7 @@ impl BusTiming {
             if scenario_time.as_secs_f64() >= duration_seconds {
                 break;
             }
-            load.take(scenario_time, occupied_bits(frame));
+            load.take(scenario_time, stamped.occupied_bits);
             if is_sync && frame.standard_id() == Some(SYNC_COB_ID) {
                 let before = sync.replace(*time);
                 timing

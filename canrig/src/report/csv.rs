@@ -1,6 +1,6 @@
 //! `signals.csv`: one row a cycle.
 
-use crate::recording::push_decimal;
+use crate::digits;
 use crate::timeline::Timeline;
 
 /// Decimals of a number: one more than the finest signal has.
@@ -19,22 +19,45 @@ pub fn to_csv(timeline: &Timeline) -> Vec<u8> {
         table.extend_from_slice(column.name.as_bytes());
     }
     table.push(b'\n');
+    let own = [&timeline.time_seconds, &timeline.set_point_millimetres];
+    let columns = timeline.columns.iter().map(|column| &column.values);
+    let columns: Vec<&[f64]> = own
+        .into_iter()
+        .chain(columns)
+        .map(|values| &values[..])
+        .collect();
+    let mut before = vec![0; columns.len() + 1];
     for (row, cycle) in timeline.cycle.iter().enumerate() {
-        push_decimal(&mut table, *cycle, 1);
-        for values in [&timeline.time_seconds, &timeline.set_point_millimetres] {
-            push_cell(&mut table, values[row]);
-        }
-        for column in &timeline.columns {
-            push_cell(&mut table, column.values[row]);
-        }
+        digits::push(&mut table, *cycle, 1);
+        push_row(&mut table, &columns, row, &mut before);
         table.push(b'\n');
     }
     table
 }
 
-fn push_cell(table: &mut Vec<u8>, value: f64) {
-    table.push(b',');
-    push_number(table, value);
+/// Appends the cells of a row. Most values are those of the row `before`, which tells where each of its cells begins and
+/// where the last one ends: stretches of such values are copied as text.
+fn push_row(table: &mut Vec<u8>, columns: &[&[f64]], row: usize, before: &mut [usize]) {
+    // The text of the values that are to be copied.
+    let mut held = 0..0;
+    for (place, values) in columns.iter().enumerate() {
+        let old = before[place]..before[place + 1];
+        if row > 0 && values[row].to_bits() == values[row - 1].to_bits() {
+            before[place] = table.len() + held.len();
+            if held.is_empty() {
+                held = old;
+            } else {
+                held.end = old.end;
+            }
+            continue;
+        }
+        table.extend_from_within(std::mem::take(&mut held));
+        before[place] = table.len();
+        table.push(b',');
+        push_number(table, values[row]);
+    }
+    table.extend_from_within(held);
+    before[columns.len()] = table.len();
 }
 
 /// A fixed number of decimals without trailing zeros; nothing where there is no value.
@@ -58,13 +81,13 @@ fn push_number(table: &mut Vec<u8>, value: f64) {
         table.push(b'-');
     }
     let scale = u64::from(SCALE);
-    push_decimal(table, scaled / scale, 1);
-    if !scaled.is_multiple_of(scale) {
+    digits::push(table, scaled / scale, 1);
+    let decimals = scaled % scale;
+    if decimals > 0 {
         table.push(b'.');
-        push_decimal(table, scaled % scale, DECIMALS);
-        while table.last() == Some(&b'0') {
-            table.pop();
-        }
+        digits::push(table, decimals, DECIMALS);
+        let zeros = table.iter().rev().take_while(|digit| **digit == b'0');
+        table.truncate(table.len() - zeros.count());
     }
 }
 
@@ -110,6 +133,23 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn rows_that_hold_values_read_as_others(table in prop::collection::vec(prop::array::uniform4(0..3u8), 0..20)) {
+            // Few values, so that neighbours are often equal; one of them is none.
+            let value = |number: u8| [f64::NAN, -1.5, 1000.0][usize::from(number)];
+            let columns: Vec<Vec<f64>> = (0..4).map(|place| table.iter().map(|row| value(row[place])).collect()).collect();
+            let columns: Vec<&[f64]> = columns.iter().map(|values| &values[..]).collect();
+            let (mut text, mut before) = (b"head".to_vec(), [0; 5]);
+            let mut expected = "head".to_owned();
+            for (index, row) in table.iter().enumerate() {
+                push_row(&mut text, &columns, index, &mut before);
+                text.push(b'\n');
+                let cells = row.map(|place| format!(",{}", number(value(place))));
+                expected += &(cells.concat() + "\n");
+            }
+            prop_assert_eq!(String::from_utf8(text).unwrap(), expected);
+        }
+
         #[test]
         fn a_number_reads_back_to_half_of_the_last_decimal(value in -1e6..1e6_f64) {
             let read: f64 = number(value).parse().unwrap();

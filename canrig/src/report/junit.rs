@@ -35,7 +35,11 @@ fn run_case(class: &str, verdict: &Verdict) -> TestCase {
         Outcome::Pass | Outcome::Fail => TestCaseStatus::success(),
         Outcome::Inconclusive | Outcome::Incomplete => problem(NonSuccessKind::Error, &reason),
     };
-    named("run", class, status)
+    let mut case = named("run", class, status);
+    if !verdict.losses.is_empty() {
+        case.set_system_out(verdict.losses.join("\n"));
+    }
+    case
 }
 
 fn case(class: &str, metric: &Metric, outcome: Outcome) -> TestCase {

@@ -11,7 +11,9 @@ pub mod junit;
 pub mod mf4;
 pub mod overview;
 mod page;
-mod plot;
+pub mod parquet;
+pub mod plot;
+pub mod reproduction;
 #[cfg(feature = "rerun")]
 pub mod rerun;
 pub mod terminal;

@@ -2,6 +2,7 @@
 
 use comfy_table::{Attribute, Cell, CellAlignment, Color, ContentArrangement, Table, presets};
 
+use crate::reproduce::command::Finding;
 use crate::run::Judged;
 use crate::run_folder::file;
 use crate::timing::Timing;
@@ -21,6 +22,9 @@ fn named_table(verdict: &Verdict) -> String {
     let mut text = format!("\n{}\n", verdict.scenario);
     if !verdict.metrics.is_empty() {
         text += &format!("{}\n", table(verdict));
+    }
+    for loss in &verdict.losses {
+        text += &format!("{loss}\n");
     }
     if let Some(timing) = &verdict.timing {
         text += &format!("{}\n", timing_table(timing));
@@ -79,6 +83,38 @@ pub fn summary(verdicts: &[Verdict]) -> String {
         ]);
     }
     format!("\n{table}")
+}
+
+/// The numbers of a reproduction that the paper or a target speaks of.
+#[must_use]
+pub fn reproduction(findings: &[Finding]) -> String {
+    let header = [
+        "experiment",
+        "quantity",
+        "of",
+        "paper",
+        "target",
+        "measured",
+        "result",
+    ];
+    let mut table = empty_table(header);
+    for finding in findings {
+        let numbers = finding.evaluation.numbers.iter();
+        for number in numbers.filter(|number| number.is_compared()) {
+            table.add_row([
+                Cell::new(finding.experiment.id),
+                Cell::new(number.name()),
+                Cell::new(&number.of),
+                Cell::new(number.paper.unwrap_or_default()),
+                Cell::new(limit(&number.metric)),
+                Cell::new(measured(&number.metric)).set_alignment(CellAlignment::Right),
+                result(&number.metric, Outcome::Pass),
+            ]);
+        }
+    }
+    let holds = findings.iter().all(Finding::holds);
+    let outcome = if holds { Outcome::Pass } else { Outcome::Fail };
+    format!("{table}\n{}", outcome.word())
 }
 
 /// The table of one run's metrics beside their limits.
@@ -145,7 +181,8 @@ pub(super) fn measured(metric: &Metric) -> String {
 }
 
 /// Four significant digits, without an exponent.
-pub(super) fn significant(value: f64) -> String {
+#[must_use]
+pub fn significant(value: f64) -> String {
     let decimals = match value.abs() {
         v if v >= 1000.0 => 0,
         v if v >= 100.0 => 1,

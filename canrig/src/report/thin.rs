@@ -138,12 +138,15 @@ fn end(line: &mut Polyline, lines: &mut Vec<Polyline>) {
 
 /// The nearest whole units; nothing for what is not finite.
 fn whole((x, y): (f64, f64)) -> Option<(i32, i32)> {
+    /// The largest number below a half: a half itself would take the number below it over the edge.
+    const HALF: f64 = 0.5 - f64::EPSILON / 4.0;
     let rounded = |value: f64| {
+        let value = value.clamp(-1e6, 1e6);
         #[expect(
             clippy::cast_possible_truncation,
-            reason = "clamped to far less than i32"
+            reason = "clamped to far less than i32, and cut on purpose"
         )]
-        let value = libm::round(value.clamp(-1e6, 1e6)) as i32;
+        let value = (value + HALF.copysign(value)) as i32;
         value
     };
     (x.is_finite() && y.is_finite()).then(|| (rounded(x), rounded(y)))
@@ -232,7 +235,29 @@ mod tests {
         assert!(points(50) <= points(1) + 5, "{} {}", points(50), points(1));
     }
 
+    #[test]
+    fn whole_units_are_the_nearest() {
+        let below_half = 0.5 - f64::EPSILON / 4.0;
+        for (value, nearest) in [
+            (0.0, 0),
+            (below_half, 0),
+            (-below_half, 0),
+            (0.5, 1),
+            (-0.5, -1),
+            (2.5, 3),
+            (-1e9, -1_000_000),
+        ] {
+            assert_eq!(whole((value, value)), Some((nearest, nearest)), "{value}");
+        }
+        assert_eq!(whole((f64::NAN, 0.0)), None);
+    }
+
     proptest! {
+        #[test]
+        fn rounding_is_that_of_libm(value in -1e6..1e6f64) {
+            prop_assert_eq!(f64::from(whole((value, 0.0)).unwrap().0), libm::round(value) + 0.0);
+        }
+
         #[test]
         fn the_size_is_bounded(values in prop::collection::vec(prop_oneof![9 => -1e9..1e9f64, 1 => Just(f64::NAN)], 0..20_000)) {
             let count = values.len() as f64;

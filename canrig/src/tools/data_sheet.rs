@@ -1,6 +1,5 @@
 //! The data sheets that the tools know: those of the rig, and those that the user names.
 
-use std::fs;
 use std::path::Path;
 
 use canopen::object_dictionary::Entry;
@@ -82,10 +81,11 @@ impl DataSheet {
     /// # Errors
     /// The file cannot be read or is no EDS.
     pub fn load(path: &Path, node_id: u8) -> Result<Self, ToolError> {
-        let text = fs::read_to_string(path).map_err(|source| ToolError::File {
-            path: path.to_owned(),
-            source,
-        })?;
+        let text =
+            scenario::read_text(path, crate::FILE_BYTES_MAX).map_err(|source| ToolError::File {
+                path: path.to_owned(),
+                source,
+            })?;
         let eds = eds::parse(&text, node_id).map_err(|error| ToolError::Eds {
             path: path.to_owned(),
             error: Box::new(error),

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::fs;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -260,11 +259,13 @@ fn sdo_words(channel: &Channel<'_>, payload: [u8; 8]) -> String {
 /// The bus does not work, or the DBC is wrong.
 pub fn monitor(bus: &ToolBus, options: Options) -> Result<(), ToolError> {
     let database = match &options.dbc {
-        None => Database::sma_actuator(),
+        None => Database::sma_actuator().clone(),
         Some(path) => {
-            let text = fs::read_to_string(path).map_err(|source| ToolError::File {
-                path: path.clone(),
-                source,
+            let text = scenario::read_text(path, crate::FILE_BYTES_MAX).map_err(|source| {
+                ToolError::File {
+                    path: path.clone(),
+                    source,
+                }
             })?;
             Database::parse(&text).map_err(|error| ToolError::Dbc {
                 path: path.clone(),
@@ -339,7 +340,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn decoder(options: Options) -> Decoder {
-        Decoder::new(Database::sma_actuator(), of_the_rig(), options)
+        Decoder::new(Database::sma_actuator().clone(), of_the_rig(), options)
     }
 
     /// The line without its time.

@@ -305,7 +305,7 @@ mod tests {
         let database = Database::sma_actuator();
         let shown = |index, bytes: &[u8]| {
             let entry = entry(index, 0);
-            (show(Some(&entry), bytes), meaning(&database, &entry, bytes))
+            (show(Some(&entry), bytes), meaning(database, &entry, bytes))
         };
         let (value, meaning) = shown(0x6064, &10_000_i32.to_le_bytes());
         assert_eq!(
@@ -355,7 +355,7 @@ mod tests {
             let _ = parse(entry, &text);
             let _ = parse_bytes(&text);
             let _ = show(Some(entry), &bytes);
-            let _ = meaning(&Database::sma_actuator(), entry, &bytes);
+            let _ = meaning(Database::sma_actuator(), entry, &bytes);
         }
     }
 }

@@ -30,6 +30,8 @@ pub(super) struct NodeProcess {
     /// The node stops when this pipe ends, so it stops too when this process is killed.
     lifeline: Option<ChildStdin>,
     log: PathBuf,
+    /// A fault of the scenario has killed it.
+    is_struck: bool,
 }
 
 impl NodeProcess {
@@ -67,11 +69,35 @@ impl NodeProcess {
             child,
             lifeline,
             log,
+            is_struck: false,
         })
     }
 
-    /// Waits for the process to end before it was asked to; the error that tells of it.
+    /// Kills the process as a fault of the scenario.
+    pub(super) async fn strike(&mut self) -> Result<(), WorldError> {
+        self.is_struck = true;
+        let killed = self.child.kill().await;
+        killed.map_err(|source| WorldError::Spawn {
+            name: self.name,
+            source,
+        })
+    }
+
+    /// Stops the process where it is as a fault of the scenario, or lets it go on.
+    pub(super) fn freeze(&self, is_frozen: bool) -> Result<(), WorldError> {
+        let number = self.child.id().unwrap_or_default();
+        process::freeze(number, is_frozen).map_err(|source| WorldError::Spawn {
+            name: self.name,
+            source,
+        })
+    }
+
+    /// Waits for the process to end before it was asked to; the error that tells of it. One that was killed on purpose has
+    /// not.
     pub(super) async fn early_end(&mut self) -> WorldError {
+        if self.is_struck {
+            return std::future::pending().await;
+        }
         match self.child.wait().await {
             Ok(status) => self.failure(status),
             Err(source) => WorldError::Spawn {
@@ -87,6 +113,11 @@ impl NodeProcess {
     /// It does not end in time, or ends badly.
     pub(super) async fn stop(&mut self) -> Result<String, WorldError> {
         self.lifeline = None;
+        if self.is_struck {
+            return Ok(String::new());
+        }
+        // Should it be frozen still; one that has ended already is told below.
+        let _ = self.freeze(false);
         match timeout(END_PATIENCE, self.child.wait()).await {
             Ok(Ok(status)) if status.success() => {
                 self.remove_empty_log();

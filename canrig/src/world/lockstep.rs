@@ -7,12 +7,15 @@ use dbc::Database;
 use platform::bus::Bus;
 use platform::lockstep::{Local, Participant};
 use scenario::Scenario;
+use scenario::fault::bus::Station;
 
 use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, START_PATIENCE, STOP_PATIENCE, WorldError};
+use crate::bus_model::faults::BusFaults;
 use crate::capture::Capture;
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
 use crate::nodes;
+use crate::recording::Stamped;
 
 /// Events between two looks at the disk and at the user's wish to stop.
 const EVENTS_PER_FLUSH: u32 = 4096;
@@ -38,11 +41,12 @@ pub fn simulate(
 ) -> Result<End, WorldError> {
     let mut plant_emulator = nodes::plant_emulator(scenario)?;
     let mut bench = DisturbanceProducer::new(scenario, database)?;
-    let mut controller = nodes::controller(&scenario.controller_view())?;
+    let view = scenario.controller_view();
+    let mut controller = nodes::faulty_controller(&view, &scenario.fault, |_| false)?;
     let roles = Roles {
         plant_emulator: &mut Local::new(PLANT_EMULATOR, &mut plant_emulator),
         bench: &mut Local::new(BENCH, &mut bench),
-        controller: &mut Local::new(CONTROLLER, &mut controller),
+        controller: &mut Local::new(CONTROLLER, &mut *controller),
     };
     play(scenario, roles, capture, None)
 }
@@ -59,10 +63,15 @@ pub fn play(
 ) -> Result<End, WorldError> {
     let participants = [roles.plant_emulator, roles.bench, roles.controller];
     let [plant_emulator, bench, controller] = [0, 1, 2];
-    let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants);
+    let stations = vec![Station::Drive, Station::Bench, Station::Controller];
+    let faults = BusFaults::new(scenario, Database::sma_actuator(), stations)?;
+    let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants)
+        .with_faults(faults);
     let mut taps = Taps { capture, wire };
     let end = Duration::from_secs_f64(scenario.duration_seconds);
-    let end = run_until(&mut coordinator, &mut taps, end)?;
+    let is_faulty = !scenario.fault.is_empty();
+    let end = run_until(&mut coordinator, &mut taps, end, is_faulty)?;
+    coordinator.settle(&mut taps)?;
     // The manager goes first: it takes the current away and stops the others while they still listen.
     for (index, name) in [
         (controller, CONTROLLER),
@@ -72,7 +81,12 @@ pub fn play(
         coordinator.stop(index)?;
         let give_up = coordinator.now() + STOP_PATIENCE;
         while !coordinator.is_stopped(index) {
-            if coordinator.step(&mut taps)?.is_none_or(|now| now > give_up) {
+            let is_late = coordinator.step(&mut taps)?.is_none_or(|now| now > give_up);
+            // What a fault keeps from ending is left as it is.
+            if is_late && is_faulty {
+                break;
+            }
+            if is_late {
                 return Err(WorldError::NoStop { name });
             }
         }
@@ -84,11 +98,16 @@ fn run_until(
     coordinator: &mut Coordinator<'_>,
     taps: &mut Taps<'_, '_, '_>,
     end: Duration,
+    is_faulty: bool,
 ) -> Result<End, WorldError> {
+    coordinator.set_horizon(START_PATIENCE);
     for event in 0u32.. {
         let now = coordinator.step(taps)?.ok_or(WorldError::NoStart)?;
         match taps.capture.scenario_time_at(now) {
             Some(time) if time >= end => break,
+            Some(time) => coordinator.set_horizon(now - time + end),
+            // A fault that keeps the scenario from beginning is seen to its end.
+            None if now > START_PATIENCE && is_faulty => break,
             None if now > START_PATIENCE => return Err(WorldError::NoStart),
             _ => {}
         }
@@ -109,8 +128,14 @@ struct Taps<'a, 'b, 'c> {
 }
 
 impl Wire for Taps<'_, '_, '_> {
-    fn put(&mut self, time: Duration, frame: &CanFrame) -> Result<(), CoordinatorError> {
-        self.capture.take(time, *frame);
+    fn put(
+        &mut self,
+        time: Duration,
+        frame: &CanFrame,
+        occupied_bits: u32,
+    ) -> Result<(), CoordinatorError> {
+        self.capture
+            .take(Stamped::counted(time, *frame, occupied_bits));
         match &mut self.wire {
             Some(wire) => wire.send(frame).map_err(|source| CoordinatorError::Wire {
                 frame: *frame,

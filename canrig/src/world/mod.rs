@@ -6,6 +6,7 @@ pub mod lockstep;
 mod observer;
 pub mod processes;
 pub mod real_time;
+mod strikes;
 
 pub use choice::{RunBus, choose_bus};
 pub use observer::observed;

@@ -6,18 +6,21 @@ use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 
-use crate::capture::Watch;
-use crate::console::{Progress, complain};
+use crate::console::complain;
 
 /// How often the progress bar moves.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
 
-/// Does `work` while another thread shows its progress, and passes Ctrl-C and SIGTERM on as a wish to stop.
-pub fn observed<T>(watch: &Watch, progress: &Progress, work: impl FnOnce() -> T) -> T {
+/// Does `work` while another thread calls `show` for its progress, and `interrupt` at Ctrl-C and SIGTERM.
+pub fn observed<T>(
+    interrupt: impl Fn() + Sync,
+    show: impl Fn() + Sync,
+    work: impl FnOnce() -> T,
+) -> T {
     let (working, ended) = oneshot::channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            if let Err(error) = observe(watch, progress, ended) {
+            if let Err(error) = observe(&interrupt, &show, ended) {
                 complain(&format!("canrig: Ctrl-C cannot be handled: {error}"));
             }
         });
@@ -27,20 +30,24 @@ pub fn observed<T>(watch: &Watch, progress: &Progress, work: impl FnOnce() -> T)
     })
 }
 
-fn observe(watch: &Watch, progress: &Progress, mut ended: oneshot::Receiver<()>) -> io::Result<()> {
+fn observe(
+    interrupt: &impl Fn(),
+    show: &impl Fn(),
+    mut ended: oneshot::Receiver<()>,
+) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()?;
     runtime.block_on(async {
-        let mut interrupt = signal(SignalKind::interrupt())?;
-        let mut terminate = signal(SignalKind::terminate())?;
+        let mut interrupted = signal(SignalKind::interrupt())?;
+        let mut terminated = signal(SignalKind::terminate())?;
         let mut ticks = tokio::time::interval(PROGRESS_PERIOD);
         loop {
             tokio::select! {
                 _ = &mut ended => return Ok(()),
-                _ = interrupt.recv() => watch.interrupt(),
-                _ = terminate.recv() => watch.interrupt(),
-                _ = ticks.tick() => progress.show(watch.scenario_time()),
+                _ = interrupted.recv() => interrupt(),
+                _ = terminated.recv() => interrupt(),
+                _ = ticks.tick() => show(),
             }
         }
     })

@@ -102,7 +102,7 @@ pub fn in_lockstep(
             Remote::accept(PLANT_EMULATOR, plant_channel).map_err(CoordinatorError::from)?;
         let mut controller =
             Remote::accept(CONTROLLER, controller_channel).map_err(CoordinatorError::from)?;
-        let mut bench = DisturbanceProducer::new(scenario, &Database::sma_actuator())?;
+        let mut bench = DisturbanceProducer::new(scenario, Database::sma_actuator())?;
         let roles = Roles {
             plant_emulator: &mut plant_emulator,
             bench: &mut Local::new(BENCH, &mut bench),
@@ -116,13 +116,16 @@ pub fn in_lockstep(
         )
     })();
     runtime.block_on(async {
-        match played {
-            Ok(end) => processes.stop().await.map(|_| World::in_virtual_time(end)),
+        let error = match played {
+            Ok(end) => return processes.stop().await.map(|_| World::in_virtual_time(end)),
             // How a process ended tells more than that it does not answer.
             Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
                 name,
-            }))) => Err(processes.named(&name).early_end().await),
-            Err(error) => Err(error),
-        }
+            }))) => processes.named(&name).early_end().await,
+            Err(error) => error,
+        };
+        // Whoever is left is gone before the error is told, which is the first one.
+        let _ = processes.stop().await;
+        Err(error)
     })
 }

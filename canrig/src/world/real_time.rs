@@ -15,9 +15,11 @@ use scenario::Scenario;
 
 use super::child::NodeProcess;
 use super::processes::{Processes, runtime};
+use super::strikes::{Strike, Strikes};
 use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, RunBus, START_PATIENCE, WorldError};
 use crate::capture::Capture;
 use crate::disturbance_node::DisturbanceProducer;
+use crate::recording::Stamped;
 use crate::run::World;
 use crate::run_folder::RunFolder;
 use crate::timing::{Host, NodeReport};
@@ -46,7 +48,7 @@ pub fn run(
         plant_emulator: NodeProcess::spawn(PLANT_EMULATOR, folder, Some(&line.address), None)?,
         controller: NodeProcess::spawn(CONTROLLER, folder, Some(&line.address), None)?,
     };
-    let mut bench = DisturbanceProducer::new(scenario, &Database::sma_actuator())?;
+    let mut bench = DisturbanceProducer::new(scenario, Database::sma_actuator())?;
     let mut voice = line.voice(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = StopSignal::manual().map_err(|source| WorldError::Spawn {
         name: BENCH,
@@ -55,7 +57,7 @@ pub fn run(
     let ended = std::thread::scope(|scope| {
         let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *voice, &stop));
         let end = runtime.block_on(async {
-            let end = follow(scenario, &mut line, capture, &mut processes).await;
+            let end = follow(scenario, folder, &mut line, capture, &mut processes).await;
             // However the run went, nothing may stay heated or running.
             let stopped = processes.stop().await;
             match end {
@@ -93,6 +95,7 @@ fn report(name: &str, text: &str) -> NodeReport {
 /// Collects frames until the scenario is over, the user stops it, or something fails.
 async fn follow(
     scenario: &Scenario,
+    folder: &RunFolder,
     line: &mut Line,
     capture: &mut Capture<'_>,
     processes: &mut Processes,
@@ -100,6 +103,7 @@ async fn follow(
     let duration = Duration::from_secs_f64(scenario.duration_seconds);
     let clock = Clock::start();
     let mut last_heard = Duration::ZERO;
+    let mut strikes = Strikes::new(scenario);
     let mut ticks = tokio::time::interval(COLLECT_PERIOD);
     loop {
         tokio::select! {
@@ -113,12 +117,28 @@ async fn follow(
         if capture.is_interrupted() {
             return Ok(End::Interrupted);
         }
+        while let Some(strike) = capture.scenario_time().and_then(|time| strikes.due(time)) {
+            let controller = &mut processes.controller;
+            match strike {
+                Strike::Kill => controller.strike().await?,
+                Strike::Freeze => controller.freeze(true)?,
+                Strike::Thaw => controller.freeze(false)?,
+                Strike::Start => {
+                    *controller =
+                        NodeProcess::spawn(CONTROLLER, folder, Some(&line.address), None)?;
+                }
+            }
+        }
         match capture.scenario_time() {
             Some(time) if time >= duration => return Ok(End::Completed),
             Some(_) if now - last_heard > SILENCE_MAX => {
                 return Err(WorldError::Silent {
                     silence: SILENCE_MAX,
                 });
+            }
+            // A fault that keeps the scenario from beginning is seen to its end.
+            None if now > START_PATIENCE && !scenario.fault.is_empty() => {
+                return Ok(End::Completed);
             }
             None if now > START_PATIENCE => return Err(WorldError::NoStart),
             _ => {}
@@ -189,7 +209,7 @@ impl Line {
         let epoch = self.recorder.wall_epoch();
         let mut has_heard = false;
         while let Some(stamped) = self.recorder.next() {
-            capture.take(epoch + stamped.time, stamped.frame);
+            capture.take(Stamped::new(epoch + stamped.time, stamped.frame));
             has_heard = true;
         }
         capture.flush()?;

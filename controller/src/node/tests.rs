@@ -19,6 +19,8 @@ struct TestDrive {
     refuses: Option<(u16, AbortCode)>,
     /// Applied at each SYNC.
     torque_permille: i128,
+    /// In micrometres.
+    position_error: i128,
 }
 
 impl TestDrive {
@@ -41,7 +43,7 @@ impl TestDrive {
             .set_integer(0x6041, 0, i128::from(statusword))
             .unwrap();
         dictionary
-            .set_integer(0x6064, 0, self.torque_permille * 40)
+            .set_integer(0x6064, 0, self.torque_permille * 2 + self.position_error)
             .unwrap();
     }
 }
@@ -690,4 +692,40 @@ proptest! {
         bus.settle();
         prop_assert!(bus.ending() != Progress::Running);
     }
+}
+
+/// What the controller's EMCYs say: code and number of the cause.
+fn told(bus: &Bus) -> Vec<(u16, u8)> {
+    let emergencies = bus.frames(0x081, Duration::ZERO);
+    let content = |frame: &CanFrame| {
+        let data = frame.data();
+        (u16::from_le_bytes([data[0], data[1]]), data[4])
+    };
+    emergencies.iter().map(content).collect()
+}
+
+#[test]
+fn an_implausible_position_ends_the_run_and_the_bus_is_told_why() {
+    let mut bus = Bus::new(CLOSED_LOOP);
+    bus.run_until_running();
+    bus.run_for(50 * MILLISECOND);
+    bus.drive().application_mut().position_error = 30_000;
+    bus.run_for(40 * MILLISECOND);
+    assert!(matches!(bus.controller.progress(), Progress::Failed(_)));
+    assert_eq!(told(&bus), [(0x7300, 3)]);
+    assert!(!bus.drive().application().is_heating());
+}
+
+#[test]
+fn a_single_spike_costs_a_cycle_only() {
+    let mut bus = Bus::new(CLOSED_LOOP);
+    bus.run_until_running();
+    bus.run_for(50 * MILLISECOND);
+    bus.drive().application_mut().position_error = 30_000;
+    bus.run_for(MILLISECOND);
+    bus.drive().application_mut().position_error = 0;
+    bus.run_for(50 * MILLISECOND);
+    assert_eq!(bus.controller.progress(), Progress::Running);
+    assert_eq!(bus.controller.statistics().missing_positions, 1);
+    assert_eq!(told(&bus), []);
 }

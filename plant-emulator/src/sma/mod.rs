@@ -10,6 +10,7 @@ pub use phase::Branch;
 use phase::Transformation;
 pub use validity::{InvalidPlant, check};
 use wire::Mechanics;
+pub use wire::stress_pascals;
 
 use crate::integrator::runge_kutta_4;
 
@@ -28,6 +29,56 @@ pub struct Inputs {
     pub convection_factor: f64,
     /// Added to the load; the sum never falls below zero.
     pub added_load_kilograms: f64,
+    /// What is wrong with wire and mechanics.
+    pub condition: Condition,
+}
+
+/// What is wrong with wire and mechanics; by default nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Condition {
+    /// Multiplies `R`.
+    pub resistance_factor: f64,
+    /// Multiplies `Δ`.
+    pub recoverable_strain_factor: f64,
+    /// The wire carries nothing.
+    pub is_wire_broken: bool,
+    /// The load stays where it is.
+    pub is_pulley_jammed: bool,
+    /// No load hangs on the pulley.
+    pub is_load_dropped: bool,
+}
+
+impl Default for Condition {
+    fn default() -> Self {
+        Self {
+            resistance_factor: 1.0,
+            recoverable_strain_factor: 1.0,
+            is_wire_broken: false,
+            is_pulley_jammed: false,
+            is_load_dropped: false,
+        }
+    }
+}
+
+impl Inputs {
+    /// The current that would heat a sound wire as much.
+    fn heating_amperes(&self) -> f64 {
+        let factor = self.condition.resistance_factor;
+        if factor == 1.0 {
+            self.current_amperes
+        } else {
+            self.current_amperes * libm::sqrt(factor)
+        }
+    }
+
+    /// What is added to the load, or takes all of it away.
+    fn added_load_kilograms(&self) -> f64 {
+        if self.condition.is_load_dropped {
+            f64::NEG_INFINITY
+        } else {
+            self.added_load_kilograms
+        }
+    }
 }
 
 impl Default for Inputs {
@@ -37,6 +88,7 @@ impl Default for Inputs {
             current_amperes: 0.0,
             convection_factor: 1.0,
             added_load_kilograms: 0.0,
+            condition: Condition::default(),
         }
     }
 }
@@ -135,7 +187,7 @@ impl Actuator {
     fn rate_kelvin_per_second(&self, state: &State, inputs: &Inputs) -> f64 {
         self.heat.rate_kelvin_per_second(
             state.temperature_celsius,
-            inputs.current_amperes,
+            inputs.heating_amperes(),
             inputs.convection_factor,
         )
     }
@@ -151,10 +203,11 @@ impl Actuator {
             runge_kutta_4(state, duration_seconds, |time, state| {
                 self.derivative(state, &inputs(time))
             });
-        let is_stopped = position < 0.0;
+        let is_beyond = position < 0.0;
+        let is_stopped = is_beyond || inputs(0.0).condition.is_pulley_jammed;
         State {
             temperature_celsius,
-            position_metres: if is_stopped { 0.0 } else { position },
+            position_metres: if is_beyond { 0.0 } else { position },
             velocity_metres_per_second: if is_stopped { 0.0 } else { velocity },
         }
     }
@@ -167,15 +220,22 @@ impl Actuator {
     ) -> [f64; 3] {
         let rate = self.heat.rate_kelvin_per_second(
             temperature,
-            inputs.current_amperes,
+            inputs.heating_amperes(),
             inputs.convection_factor,
         );
         let fraction = self.phase.martensite_fraction(temperature);
-        let tension = self.mechanics.tension_newtons(fraction, position);
+        let tension = if inputs.condition.is_wire_broken {
+            0.0
+        } else {
+            let strain_factor = inputs.condition.recoverable_strain_factor;
+            self.mechanics
+                .tension_newtons(fraction, position, strain_factor)
+        };
         let acceleration =
             self.mechanics
-                .acceleration(tension, velocity, inputs.added_load_kilograms);
-        if wire::is_resting(position, velocity, acceleration) {
+                .acceleration(tension, velocity, inputs.added_load_kilograms());
+        let is_jammed = inputs.condition.is_pulley_jammed;
+        if is_jammed || wire::is_resting(position, velocity, acceleration) {
             [rate, 0.0, 0.0]
         } else {
             [rate, velocity, acceleration]
@@ -207,11 +267,11 @@ impl Actuator {
         self.state.velocity_metres_per_second
     }
 
-    /// `T2`, tension of the wire; never negative.
+    /// `T2`, tension of a sound wire; never negative.
     #[must_use]
     pub fn tension_newtons(&self) -> f64 {
         self.mechanics
-            .tension_newtons(self.martensite_fraction(), self.state.position_metres)
+            .tension_newtons(self.martensite_fraction(), self.state.position_metres, 1.0)
     }
 
     /// The branch of the hysteresis that the wire is on.
@@ -224,6 +284,6 @@ impl Actuator {
     #[must_use]
     pub fn equilibrium_celsius(&self, inputs: &Inputs) -> f64 {
         self.heat
-            .equilibrium_celsius(inputs.current_amperes, inputs.convection_factor)
+            .equilibrium_celsius(inputs.heating_amperes(), inputs.convection_factor)
     }
 }

@@ -9,6 +9,8 @@ const GRAVITY: f64 = 9.806_65;
 #[derive(Clone, Debug)]
 pub(super) struct Mechanics {
     law: StressStrain,
+    /// `Awire`, m².
+    section_square_metres: f64,
     /// `EA · Awire`, N.
     austenite_stiffness: f64,
     /// `EM · Awire`, N.
@@ -37,6 +39,7 @@ impl Mechanics {
         let outer = config.outer_pulley_radius_metres;
         Self {
             law: config.stress_strain,
+            section_square_metres: section,
             austenite_stiffness: config.austenite_modulus_pascals * section,
             martensite_stiffness: config.martensite_modulus_pascals * section,
             yield_strain: config.martensite_yield_strain,
@@ -49,16 +52,28 @@ impl Mechanics {
         }
     }
 
-    /// `ε = (Δ − x/n) / l0`.
-    fn strain(&self, position_metres: f64) -> f64 {
-        (self.recoverable_elongation - position_metres * self.inverse_transmission)
+    /// `ε = (Δ − x/n) / l0`; a worn wire has less of `Δ`.
+    fn strain(&self, position_metres: f64, strain_factor: f64) -> f64 {
+        (self.recoverable_elongation * strain_factor - position_metres * self.inverse_transmission)
             * self.inverse_austenite_length
     }
 
     /// `T2 = Awire σ` in N. Eq. (9) leaves `σ = (1 − ξ) EA ε`; the full law, Eq. (3)-(5), adds the martensite's
     /// `ξ EM min(ε, ε_my)`. A wire cannot push (PAPER E6).
-    pub(super) fn tension_newtons(&self, martensite_fraction: f64, position_metres: f64) -> f64 {
-        let strain = self.strain(position_metres).max(0.0);
+    pub(super) fn tension_newtons(
+        &self,
+        martensite_fraction: f64,
+        position_metres: f64,
+        strain_factor: f64,
+    ) -> f64 {
+        self.tension_at(
+            martensite_fraction,
+            self.strain(position_metres, strain_factor),
+        )
+    }
+
+    fn tension_at(&self, martensite_fraction: f64, strain: f64) -> f64 {
+        let strain = strain.max(0.0);
         let austenite = (1.0 - martensite_fraction) * self.austenite_stiffness * strain;
         match self.law {
             StressStrain::AusteniteOnly => austenite,
@@ -67,6 +82,11 @@ impl Mechanics {
                 austenite + martensite_fraction * self.martensite_stiffness * elastic
             }
         }
+    }
+
+    /// `σ` in Pa.
+    fn stress_pascals(&self, martensite_fraction: f64, strain: f64) -> f64 {
+        self.tension_at(martensite_fraction, strain) / self.section_square_metres
     }
 
     /// Fastest rate of Eq. (7), with the load taken off and the wire as stiff as it gets: the natural frequency
@@ -95,6 +115,12 @@ impl Mechanics {
     }
 }
 
+/// The stress `σ` in Pa at a strain `ε`, Eq. (3)-(5), or what Eq. (9) leaves of it.
+#[must_use]
+pub fn stress_pascals(config: &plant::Mechanics, martensite_fraction: f64, strain: f64) -> f64 {
+    Mechanics::new(config).stress_pascals(martensite_fraction, strain)
+}
+
 /// True while the load rests on its stop at `x = 0` (PAPER E6).
 pub(super) fn is_resting(position_metres: f64, velocity: f64, acceleration: f64) -> bool {
     position_metres <= 0.0 && velocity <= 0.0 && acceleration <= 0.0
@@ -116,7 +142,7 @@ mod tests {
     fn stiffness_is_that_of_equation_9() {
         let mechanics = mechanics(StressStrain::AusteniteOnly);
         for fraction in [0.0, 0.25, 0.9] {
-            let pulled = mechanics.tension_newtons(fraction, 0.0);
+            let pulled = mechanics.tension_newtons(fraction, 0.0, 1.0);
             let stiffness = pulled / mechanics.recoverable_elongation;
             assert!((stiffness - 16_362.46 * (1.0 - fraction)).abs() < 0.01);
         }
@@ -129,7 +155,7 @@ mod tests {
         let section = std::f64::consts::PI * 1e-8;
         let (ea, em, yield_strain, fraction) = (75e9, 28e9, 0.0025, 0.4);
         for position in [0.0, 0.03, 0.055, 0.0575, 0.0599] {
-            let stress = mechanics.tension_newtons(fraction, position) / section;
+            let stress = mechanics.tension_newtons(fraction, position, 1.0) / section;
             let strain = (0.006 - position / 10.0) / 0.144;
             let expected = if strain <= yield_strain {
                 stress / (fraction * em + (1.0 - fraction) * ea)
@@ -143,7 +169,7 @@ mod tests {
     #[test]
     fn a_slack_wire_does_not_push() {
         for law in [StressStrain::AusteniteOnly, StressStrain::Full] {
-            assert_eq!(mechanics(law).tension_newtons(0.3, 0.061), 0.0);
+            assert_eq!(mechanics(law).tension_newtons(0.3, 0.061, 1.0), 0.0);
         }
     }
 

@@ -127,15 +127,7 @@ fn is_mine(directory: &Path) -> bool {
 
 /// Whether the process in the directory's name lives; connecting would disturb its hub.
 fn is_served(socket: &Path) -> bool {
-    let process = process_of(socket);
-    process.is_some_and(|process| test_kill_process(process).is_ok()) && socket.exists()
-}
-
-/// The process in the name of a socket's directory.
-fn process_of(socket: &Path) -> Option<Pid> {
-    let name = socket.parent()?.file_name()?.to_str()?;
-    let (process, _) = name.strip_prefix(PREFIX)?.split_once('-')?;
-    Pid::from_raw(process.parse().ok()?)
+    owner(socket).is_some_and(|process| test_kill_process(process).is_ok()) && socket.exists()
 }
 
 /// Removes what killed hubs left in `parent`.
@@ -163,7 +155,7 @@ pub fn remove_orphaned(socket: &Path) {
     }
 }
 
-/// The process whose hub's socket this is.
+/// The process whose hub's socket this is, by the name of its directory.
 fn owner(socket: &Path) -> Option<Pid> {
     let directory = socket.parent()?.file_name()?.to_str()?;
     let (process, _) = directory.strip_prefix(PREFIX)?.split_once('-')?;

@@ -1,22 +1,22 @@
 //! Who listens to a node, and whom it may make speak.
 
-use canopen::{CanFrame, Filter};
+use canopen::{CanFrame, Filter, FilterSet};
 
 /// What the other participants of a bus do with a node's frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Audience {
     /// What somebody listens to.
-    pub heard: Vec<Filter>,
+    pub heard: FilterSet,
     /// What all who listen to it take in silence ([`canopen::Node::silent_filters`]).
-    pub silent: Vec<Filter>,
+    pub silent: FilterSet,
 }
 
 impl Default for Audience {
     /// Nothing is known of the others: any frame may be answered.
     fn default() -> Self {
         Self {
-            heard: vec![Filter::ALL, Filter::ERRORS],
-            silent: Vec::new(),
+            heard: vec![Filter::ALL, Filter::ERRORS].into(),
+            silent: Vec::new().into(),
         }
     }
 }
@@ -25,8 +25,7 @@ impl Audience {
     /// True when somebody may queue a frame because of this one.
     #[must_use]
     pub fn may_answer(&self, frame: &CanFrame) -> bool {
-        let accepts = |filters: &[Filter]| filters.iter().any(|filter| filter.accepts(frame));
-        accepts(&self.heard) && !accepts(&self.silent)
+        self.heard.accepts(frame) && !self.silent.accepts(frame)
     }
 }
 
@@ -37,8 +36,8 @@ mod tests {
     #[test]
     fn only_what_is_heard_and_not_taken_in_silence_may_be_answered() {
         let audience = Audience {
-            heard: vec![Filter::exact(0x080), Filter::exact(0x210)],
-            silent: vec![Filter::exact(0x210)],
+            heard: vec![Filter::exact(0x080), Filter::exact(0x210)].into(),
+            silent: vec![Filter::exact(0x210)].into(),
         };
         let may_answer = |id| audience.may_answer(&CanFrame::new(id, &[]));
         assert!(may_answer(0x080) && !may_answer(0x210) && !may_answer(0x290));

@@ -145,11 +145,11 @@ pub(super) fn encode_audience(
     audience: &Audience,
 ) -> Result<(), ProtocolError> {
     let limit = 2 * FILTERS_MAX;
-    let count = limited(audience.heard.len(), "filters", limit)?;
-    limited(audience.silent.len(), "filters", limit)?;
+    let count = limited(audience.heard.filters().len(), "filters", limit)?;
+    limited(audience.silent.filters().len(), "filters", limit)?;
     write_header(packet, AUDIENCE, 0, count, 0);
-    write_filters(packet, &audience.heard);
-    write_filters(packet, &audience.silent);
+    write_filters(packet, audience.heard.filters());
+    write_filters(packet, audience.silent.filters());
     Ok(())
 }
 
@@ -192,7 +192,10 @@ pub(super) fn decode_request(
         STOP => Request::Stop { at: time },
         AUDIENCE => {
             let (heard, silent) = reader.two_lists_of_filters(usize::from(count))?;
-            Request::Audience(Audience { heard, silent })
+            Request::Audience(Audience {
+                heard: heard.into(),
+                silent: silent.into(),
+            })
         }
         _ => {
             return Err(ProtocolError::UnexpectedKind {

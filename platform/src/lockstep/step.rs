@@ -52,6 +52,8 @@ pub(super) struct Stepper {
     now: Duration,
     /// The node's own, as of the latest event; it is asked for after each one only.
     next_deadline: Option<Duration>,
+    /// How far the node is, as of the latest event.
+    progress: Progress,
     audience: Audience,
 }
 
@@ -61,6 +63,7 @@ impl Stepper {
         Self {
             now: Duration::ZERO,
             next_deadline: node.next_deadline(),
+            progress: node.progress(),
             audience: Audience::default(),
         }
     }
@@ -98,21 +101,21 @@ impl Stepper {
                     to,
                 });
             }
-            let progress = self.tick_until(node, queued, |deadline| deadline < *at)?;
-            if progress != Progress::Running {
-                return Ok(progress);
+            self.tick_until(node, queued, |deadline| deadline < *at)?;
+            if !self.is_running() {
+                return Ok(self.progress.clone());
             }
             self.now = *at;
             node.on_frame(self.now, frame);
-            self.drain(node, queued)?;
-            let progress = node.progress();
-            if progress != Progress::Running {
-                return Ok(progress);
+            self.end_event(node, queued)?;
+            if !self.is_running() {
+                return Ok(self.progress.clone());
             }
         }
-        let progress = self.tick_until(node, queued, |deadline| deadline <= to)?;
+        self.tick_until(node, queued, |deadline| deadline <= to)?;
         self.now = to;
-        self.look_ahead(node, until, progress, queued)
+        self.look_ahead(node, until, queued)?;
+        Ok(self.progress.clone())
     }
 
     /// Goes on by the node's own deadlines, one instant after the other.
@@ -120,11 +123,10 @@ impl Stepper {
         &mut self,
         node: &mut dyn Node,
         until: Duration,
-        mut progress: Progress,
         queued: &mut Vec<(Duration, CanFrame)>,
-    ) -> Result<Progress, StepError> {
+    ) -> Result<(), StepError> {
         let mut checked = 0;
-        while progress == Progress::Running && self.now < until {
+        while self.is_running() && self.now < until {
             let fresh = &queued[checked..];
             if fresh
                 .iter()
@@ -134,10 +136,10 @@ impl Stepper {
             }
             checked = queued.len();
             let next = self.next_deadline.unwrap_or(until).clamp(self.now, until);
-            progress = self.tick_until(node, queued, |deadline| deadline <= next)?;
+            self.tick_until(node, queued, |deadline| deadline <= next)?;
             self.now = next;
         }
-        Ok(progress)
+        Ok(())
     }
 
     /// Asks the node for its safe state.
@@ -150,8 +152,8 @@ impl Stepper {
         self.check_forwards(at)?;
         self.now = at;
         node.on_stop(at);
-        self.drain(node, queued)?;
-        Ok(node.progress())
+        self.end_event(node, queued)?;
+        Ok(self.progress.clone())
     }
 
     /// Ticks the node at each deadline that is `due`. A deadline in the past is met now: time never goes back.
@@ -160,17 +162,13 @@ impl Stepper {
         node: &mut dyn Node,
         queued: &mut Vec<(Duration, CanFrame)>,
         due: impl Fn(Duration) -> bool,
-    ) -> Result<Progress, StepError> {
+    ) -> Result<(), StepError> {
         let mut ticks_at_instant = 0;
-        loop {
-            let progress = node.progress();
+        while self.is_running() {
             let deadline = self.next_deadline.map(|deadline| deadline.max(self.now));
             let Some(deadline) = deadline.filter(|deadline| due(*deadline)) else {
-                return Ok(progress);
+                break;
             };
-            if progress != Progress::Running {
-                return Ok(progress);
-            }
             ticks_at_instant = if deadline == self.now {
                 ticks_at_instant + 1
             } else {
@@ -181,8 +179,13 @@ impl Stepper {
             }
             self.now = deadline;
             node.on_tick(self.now);
-            self.drain(node, queued)?;
+            self.end_event(node, queued)?;
         }
+        Ok(())
+    }
+
+    fn is_running(&self) -> bool {
+        self.progress == Progress::Running
     }
 
     fn check_forwards(&self, to: Duration) -> Result<(), StepError> {
@@ -192,8 +195,8 @@ impl Stepper {
         Ok(())
     }
 
-    /// Ends an event: takes all that the node wants to send, and asks for its deadline.
-    fn drain(
+    /// Ends an event: takes all that the node wants to send, and asks for its deadline and how far it is.
+    fn end_event(
         &mut self,
         node: &mut dyn Node,
         queued: &mut Vec<(Duration, CanFrame)>,
@@ -205,6 +208,7 @@ impl Stepper {
             queued.push((self.now, frame));
         }
         self.next_deadline = node.next_deadline();
+        self.progress = node.progress();
         Ok(())
     }
 }

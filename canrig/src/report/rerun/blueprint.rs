@@ -17,12 +17,29 @@ use rerun::external::re_sdk_types::blueprint::components::{
 use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 
-use super::{APPLICATION, RUN_TIME, hysteresis};
+use scenario::Scenario;
+
+use super::times::RUN_TIME;
+use super::{APPLICATION, groups, hysteresis, rig};
 
 type Result<T> = std::result::Result<T, RecordingStreamError>;
 
-/// Sends the layout ahead of the recording's data.
-pub(super) fn send(recording: &RecordingStream, groups: &BTreeSet<&str>) -> Result<()> {
+/// What the viewer does with the time at first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Play {
+    /// It stands still.
+    Paused,
+    /// It follows the run.
+    Following,
+}
+
+/// Sends the layout.
+pub(super) fn send(
+    recording: &RecordingStream,
+    scenario: &Scenario,
+    groups: &BTreeSet<&str>,
+    play: Play,
+) -> Result<()> {
     let (stream, messages) = RecordingStreamBuilder::new(APPLICATION)
         .enabled(true)
         .recording_id("canrig layout")
@@ -32,6 +49,8 @@ pub(super) fn send(recording: &RecordingStream, groups: &BTreeSet<&str>) -> Resu
     stream.set_time_sequence("blueprint", 0);
     let mut layout = Layout {
         stream: &stream,
+        scenario,
+        play,
         places: 0,
     };
     layout.build(groups)?;
@@ -60,44 +79,51 @@ struct Place {
 
 struct Layout<'a> {
     stream: &'a RecordingStream,
+    scenario: &'a Scenario,
+    play: Play,
     places: u8,
 }
 
 impl Layout<'_> {
     fn build(&mut self, groups: &BTreeSet<&str>) -> Result<()> {
         let has = |group| groups.contains(group);
-        let mut left = Vec::new();
-        left.push(self.plot("Position (mm)", "position", 2.2)?);
+        let mut left = vec![self.plot("Position (mm)", "position", 2.2)?];
         if has("error") {
             left.push(self.plot("Error (mm)", "error", 1.2)?);
         }
         left.push(self.plot("Current (A)", "current", 1.2)?);
-        if has("disturbance") {
-            left.push(self.plot("Disturbance", "disturbance", 0.8)?);
+        if has(groups::DISTURBANCE) {
+            left.push(self.plot("Disturbance", groups::DISTURBANCE, 0.8)?);
         }
-        let events = self.event_log("events", 1.0)?;
-        let verdict = self.view("TextDocument", "Verdict", "verdict", 1.0)?;
-        left.push(self.container(ContainerKind::Horizontal, vec![events, verdict], 1.6)?);
+        if has(groups::SLIDING_VARIABLE) {
+            let title = "Sliding variable (m/s²)";
+            let variable = self.plot(title, groups::SLIDING_VARIABLE, 1.0)?;
+            let law = self.plot("Parts of the law (A²)", groups::LAW, 1.0)?;
+            left.push(self.container(ContainerKind::Tabs, vec![variable, law], 1.0)?);
+        }
 
-        let mut right = Vec::new();
+        let mut middle = Vec::new();
         if has("temperature") {
-            right.push(self.plot("Wire temperature (°C)", "temperature", 1.0)?);
+            middle.push(self.plot("Wire temperature (°C)", "temperature", 1.0)?);
         }
         if has("martensite_fraction") {
-            right.push(self.plot("Martensite fraction", "martensite_fraction", 1.0)?);
+            middle.push(self.plot("Martensite fraction", "martensite_fraction", 1.0)?);
         }
-        if has("hysteresis") {
-            right.push(self.hysteresis(1.7)?);
+        if has(groups::HYSTERESIS) {
+            middle.push(self.hysteresis(1.7)?);
         }
-        if has("sliding_variable") {
-            let variable = self.plot("Sliding variable (m/s²)", "sliding_variable", 1.0)?;
-            let law = self.plot("Parts of the law (A²)", "law", 1.0)?;
-            right.push(self.container(ContainerKind::Tabs, vec![variable, law], 1.2)?);
-        }
+        let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
+        let load = self.plot("Bus load (%)", "bus", 0.8)?;
+        let rig = self.rig(2.0)?;
+        let events = self.event_log("events", 1.1)?;
+        let verdict = self.view("TextDocument", "Verdict", "verdict", 1.4)?;
+
         let mut columns = vec![self.container(ContainerKind::Vertical, left, 3.0)?];
-        if !right.is_empty() {
-            columns.push(self.container(ContainerKind::Vertical, right, 2.0)?);
+        if !middle.is_empty() {
+            columns.push(self.container(ContainerKind::Vertical, middle, 2.2)?);
         }
+        let right = vec![rig, timing, load, events, verdict];
+        columns.push(self.container(ContainerKind::Vertical, right, 2.2)?);
         let root = self.container(ContainerKind::Horizontal, columns, 1.0)?;
         self.viewport(&root)
     }
@@ -132,19 +158,29 @@ impl Layout<'_> {
     }
 
     fn hysteresis(&mut self, share: f32) -> Result<Place> {
-        let place = self.view(
-            "2D",
-            "Martensite fraction over temperature",
-            "hysteresis",
-            share,
-        )?;
-        let bounds = Range2D {
-            x_range: Range1D([-0.12 * hysteresis::WIDTH, 1.08 * hysteresis::WIDTH]),
-            y_range: Range1D([-0.08 * hysteresis::HEIGHT, 1.16 * hysteresis::HEIGHT]),
-        };
+        let title = "Martensite fraction over temperature";
+        let across = [-0.12 * hysteresis::WIDTH, 1.08 * hysteresis::WIDTH];
+        let down = [-0.08 * hysteresis::HEIGHT, 1.16 * hysteresis::HEIGHT];
+        self.drawing(title, groups::HYSTERESIS, [across, down], share)
+    }
+
+    fn rig(&mut self, share: f32) -> Result<Place> {
+        self.drawing("Rig", "rig", rig::bounds(self.scenario), share)
+    }
+
+    /// A drawing in the plane, from the least to the largest coordinate, across and down.
+    fn drawing(
+        &mut self,
+        title: &str,
+        group: &str,
+        bounds: [[f64; 2]; 2],
+        share: f32,
+    ) -> Result<Place> {
+        let place = self.view("2D", title, group, share)?;
+        let [x_range, y_range] = bounds.map(Range1D);
         self.log(
             &format!("{}/VisualBounds2D", place.path),
-            &VisualBounds2D::new(bounds),
+            &VisualBounds2D::new(Range2D { x_range, y_range }),
         )?;
         Ok(place)
     }
@@ -195,7 +231,10 @@ impl Layout<'_> {
         let time_panel = TimePanelBlueprint::new()
             .with_state(PanelState::Collapsed)
             .with_timeline(TimelineName(RUN_TIME.into()))
-            .with_play_state(PlayState::Paused);
+            .with_play_state(match self.play {
+                Play::Paused => PlayState::Paused,
+                Play::Following => PlayState::Following,
+            });
         self.log("time_panel", &time_panel)
     }
 

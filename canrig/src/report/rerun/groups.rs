@@ -1,5 +1,9 @@
 //! Which signals are drawn together, and how.
 
+use std::collections::BTreeSet;
+
+use scenario::Scenario;
+
 /// How a signal is drawn.
 #[derive(Clone, Copy)]
 pub(super) struct Style {
@@ -14,12 +18,20 @@ pub(super) struct Style {
 
 /// The group of signals that no view shows.
 pub(super) const OTHER: &str = "other";
+/// The group of what the stamps say of each cycle.
+pub(super) const TIMING: &str = "timing";
+/// The groups that only some runs have.
+pub(super) const DISTURBANCE: &str = "disturbance";
+pub(super) const SLIDING_VARIABLE: &str = "sliding_variable";
+pub(super) const LAW: &str = "law";
+/// The loop of fraction over temperature.
+pub(super) const HYSTERESIS: &str = "hysteresis";
 
 // Colours that people with any colour vision tell apart (Okabe and Ito), light enough for a dark viewer.
-const ORANGE: [u8; 3] = [230, 159, 0];
-const SKY: [u8; 3] = [86, 180, 233];
-const GREEN: [u8; 3] = [0, 158, 115];
-const PINK: [u8; 3] = [204, 121, 167];
+pub(super) const ORANGE: [u8; 3] = [230, 159, 0];
+pub(super) const SKY: [u8; 3] = [86, 180, 233];
+pub(super) const GREEN: [u8; 3] = [0, 158, 115];
+pub(super) const PINK: [u8; 3] = [204, 121, 167];
 const YELLOW: [u8; 3] = [240, 228, 66];
 pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
@@ -53,28 +65,25 @@ const STYLES: [(&str, Style); 18] = [
     ),
     (
         "sliding_variable",
-        if_used("sliding_variable", "sliding variable", SKY),
+        if_used(SLIDING_VARIABLE, "sliding variable", SKY),
     ),
-    (
-        "equivalent_part_",
-        if_used("law", "equivalent part", ORANGE),
-    ),
-    ("switching_part_", if_used("law", "switching part", SKY)),
+    ("equivalent_part_", if_used(LAW, "equivalent part", ORANGE)),
+    ("switching_part_", if_used(LAW, "switching part", SKY)),
     (
         "scenario_convection_factor",
-        if_used("disturbance", "convection factor, scenario", GREY),
+        if_used(DISTURBANCE, "convection factor, scenario", GREY),
     ),
     (
         "convection_factor",
-        if_used("disturbance", "convection factor, bus", YELLOW),
+        if_used(DISTURBANCE, "convection factor, bus", YELLOW),
     ),
     (
         "scenario_added_load_",
-        if_used("disturbance", "added load (g), scenario", GREY),
+        if_used(DISTURBANCE, "added load (g), scenario", GREY),
     ),
     (
         "added_load_",
-        if_used("disturbance", "added load (g), bus", ORANGE),
+        if_used(DISTURBANCE, "added load (g), bus", ORANGE),
     ),
 ];
 
@@ -98,9 +107,26 @@ const fn if_used(group: &'static str, label: &'static str, colour: [u8; 3]) -> S
 }
 
 /// The style of a signal; those that no view shows are in the group [`OTHER`].
-pub(super) fn style(name: &str, values: &[f64]) -> Style {
-    let is_used = || values.iter().any(|value| value.abs() > 0.0);
+pub(super) fn style(name: &str, is_used: bool) -> Style {
     let known = STYLES.iter().find(|(start, _)| name.starts_with(start));
-    let drawn = known.filter(|(_, style)| style.is_drawn_when_zero || is_used());
+    let drawn = known.filter(|(_, style)| style.is_drawn_when_zero || is_used);
     drawn.map_or(always(OTHER, "", GREY), |(_, style)| *style)
+}
+
+/// Whether a node sends a signal in earnest.
+pub(super) fn is_used(values: &[f64]) -> bool {
+    values.iter().any(|value| value.abs() > 0.0)
+}
+
+/// The groups that a run will have, before anything was heard of it.
+pub(super) fn expected(scenario: &Scenario) -> BTreeSet<&'static str> {
+    let mut groups = BTreeSet::from(["error", "temperature", "martensite_fraction", HYSTERESIS]);
+    if !scenario.disturbance.commands().is_empty() {
+        groups.insert(DISTURBANCE);
+    }
+    let law = &scenario.controller;
+    if law.sliding_mode.is_some() || law.sliding_mode_paper.is_some() {
+        groups.insert(SLIDING_VARIABLE);
+    }
+    groups
 }

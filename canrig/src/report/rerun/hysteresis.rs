@@ -5,7 +5,8 @@
 
 use rerun::{LineStrips2D, Points2D, Radius, RecordingStream, RecordingStreamError};
 
-use super::{groups, times};
+use super::groups;
+use super::times::{self, Moment};
 use crate::timeline::Timeline;
 
 /// The signals (temperature, fraction): the truth where there is an emulator, else the observer's.
@@ -21,49 +22,151 @@ pub(super) const WIDTH: f64 = 160.0;
 pub(super) const HEIGHT: f64 = 100.0;
 /// A point of the path nearer to the one before than this cannot be seen.
 const STEP: f64 = 0.25;
+/// Points that are kept of a path; of a longer one every other is left out.
+const POINTS_MAX: usize = 20_000;
+/// How often the path of a run that goes on is drawn anew.
+const PATH_PERIOD_SECONDS: f64 = 0.5;
 /// Grid lines are at multiples of the first of these that needs no more than so many steps.
 const GRID_CELSIUS: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0];
 const GRID_FRACTION: [f64; 5] = [0.01, 0.02, 0.05, 0.1, 0.2];
 const GRID_STEPS_MAX: u32 = 6;
 
-/// Draws it; `false` when the recording has not both signals.
-pub(super) fn log(
+/// A point of the path.
+#[derive(Clone, Copy)]
+struct Point {
+    moment: Moment,
+    celsius: f64,
+    fraction: f64,
+}
+
+/// The path so far, and the frame that holds it.
+#[derive(Default)]
+pub(super) struct Hysteresis {
+    celsius: Span,
+    fraction: Span,
+    frame: Option<Frame>,
+    points: Vec<Point>,
+    is_path_old: bool,
+    drawn_at_seconds: f64,
+}
+
+impl Hysteresis {
+    /// Whether anything is drawn.
+    pub(super) fn is_there(&self) -> bool {
+        self.frame.is_some()
+    }
+
+    /// Draws what a piece of the run adds.
+    pub(super) fn log(
+        &mut self,
+        stream: &RecordingStream,
+        timeline: &Timeline,
+    ) -> Result<(), RecordingStreamError> {
+        let Some((temperature, fraction)) = signals(timeline) else {
+            return Ok(());
+        };
+        let rows = (0..timeline.cycle.len()).map(|row| Point {
+            moment: if row == 0 && self.points.is_empty() {
+                times::first_moment(timeline, row)
+            } else {
+                times::moment(timeline, row)
+            },
+            celsius: temperature[row],
+            fraction: fraction[row],
+        });
+        let rows = rows.filter(|point| point.celsius.is_finite() && point.fraction.is_finite());
+        let rows: Vec<Point> = rows.collect();
+        let is_new_frame = self.widen(&rows);
+        let Some(frame) = &self.frame else {
+            return Ok(());
+        };
+        if is_new_frame {
+            frame.log(stream)?;
+        }
+        // In another frame everything is in another place.
+        let first = if is_new_frame { 0 } else { self.points.len() };
+        let mut last = self.points.last().map(|point| frame.place(point));
+        for point in rows {
+            let here = frame.place(&point);
+            if last.is_none_or(|last| distance(here, last) >= STEP) {
+                self.points.push(point);
+                last = Some(here);
+            }
+        }
+        log_now(stream, frame, &self.points[first..])?;
+        self.is_path_old |= first < self.points.len();
+        let now_seconds = timeline.end_seconds();
+        if now_seconds - self.drawn_at_seconds >= PATH_PERIOD_SECONDS {
+            self.drawn_at_seconds = now_seconds;
+            self.log_path(stream)?;
+        }
+        Ok(())
+    }
+
+    /// Takes the values into the axes; `true` when the frame is another now.
+    fn widen(&mut self, points: &[Point]) -> bool {
+        for point in points {
+            self.celsius.take(point.celsius);
+            self.fraction.take(point.fraction);
+        }
+        let celsius = Axis::new(&self.celsius, &GRID_CELSIUS);
+        let fraction = Axis::new(&self.fraction, &GRID_FRACTION);
+        let frame = celsius
+            .zip(fraction)
+            .map(|(celsius, fraction)| Frame { celsius, fraction });
+        let is_new = frame != self.frame;
+        self.frame = frame;
+        is_new
+    }
+
+    /// Draws the whole path, which stands still while the point moves along it, unless it is drawn.
+    pub(super) fn log_path(
+        &mut self,
+        stream: &RecordingStream,
+    ) -> Result<(), RecordingStreamError> {
+        let Some(frame) = self.frame.as_ref().filter(|_| self.is_path_old) else {
+            return Ok(());
+        };
+        self.is_path_old = false;
+        let path: Vec<[f32; 2]> = self.points.iter().map(|point| frame.place(point)).collect();
+        let strip = LineStrips2D::new([path])
+            .with_colors([groups::GREEN])
+            .with_radii([Radius::new_ui_points(1.0)]);
+        if self.points.len() > POINTS_MAX {
+            let mut number = 0;
+            self.points.retain(|_| {
+                number += 1;
+                number % 2 == 0
+            });
+        }
+        stream.log_static("hysteresis/path", &strip)
+    }
+}
+
+/// The point that moves with the time.
+fn log_now(
     stream: &RecordingStream,
-    timeline: &Timeline,
-) -> Result<bool, RecordingStreamError> {
-    let Some((temperature, fraction)) = signals(timeline) else {
-        return Ok(false);
-    };
-    let rows: Vec<usize> = (0..timeline.cycle.len())
-        .filter(|&row| temperature[row].is_finite() && fraction[row].is_finite())
-        .collect();
-    let axis =
-        |values: &[f64], steps: &[f64]| Axis::new(rows.iter().map(|&row| values[row]), steps);
-    let (Some(celsius), Some(fractions)) = (
-        axis(temperature, &GRID_CELSIUS),
-        axis(fraction, &GRID_FRACTION),
-    ) else {
-        return Ok(false);
-    };
-    let frame = Frame {
-        celsius,
-        fraction: fractions,
-    };
-    let seen = thinned(&rows, |row| frame.place(temperature[row], fraction[row]));
-    frame.log(stream)?;
-    let path: Vec<[f32; 2]> = seen.iter().map(|(_, place)| *place).collect();
-    let strip = LineStrips2D::new([path.clone()])
-        .with_colors([[0, 158, 115]])
-        .with_radii([Radius::new_ui_points(1.0)]);
-    stream.log_static("hysteresis/path", &strip)?;
+    frame: &Frame,
+    points: &[Point],
+) -> Result<(), RecordingStreamError> {
+    if points.is_empty() {
+        return Ok(());
+    }
+    let times = times::columns(points.iter().map(|point| point.moment));
+    let places = Points2D::new(points.iter().map(|point| frame.place(point)));
+    stream.send_columns("hysteresis/now", times, places.columns_of_unit_batches()?)
+}
+
+/// How the point looks.
+pub(super) fn log_style(stream: &RecordingStream) -> Result<(), RecordingStreamError> {
     let look = Points2D::update_fields()
-        .with_colors([[230, 159, 0]])
+        .with_colors([groups::ORANGE])
         .with_radii([Radius::new_ui_points(5.0)]);
-    stream.log_static("hysteresis/now", &look)?;
-    let rows: Vec<usize> = seen.iter().map(|(row, _)| *row).collect();
-    let points = Points2D::new(path).columns_of_unit_batches()?;
-    stream.send_columns("hysteresis/now", times(timeline, &rows), points)?;
-    Ok(true)
+    stream.log_static("hysteresis/now", &look)
+}
+
+fn distance(a: [f32; 2], b: [f32; 2]) -> f64 {
+    f64::from(a[0] - b[0]).hypot(f64::from(a[1] - b[1]))
 }
 
 fn signals(timeline: &Timeline) -> Option<(&[f64], &[f64])> {
@@ -78,22 +181,30 @@ fn signals(timeline: &Timeline) -> Option<(&[f64], &[f64])> {
     })
 }
 
-/// The rows whose places can be told apart, with their places.
-fn thinned(rows: &[usize], place: impl Fn(usize) -> [f32; 2]) -> Vec<(usize, [f32; 2])> {
-    let mut seen: Vec<(usize, [f32; 2])> = Vec::new();
-    for &row in rows {
-        let here = place(row);
-        let is_new = seen.last().is_none_or(|(_, last)| {
-            f64::from(here[0] - last[0]).hypot(f64::from(here[1] - last[1])) >= STEP
-        });
-        if is_new {
-            seen.push((row, here));
+/// From the least to the largest value so far.
+struct Span {
+    low: f64,
+    high: f64,
+}
+
+impl Default for Span {
+    fn default() -> Self {
+        Self {
+            low: f64::INFINITY,
+            high: f64::NEG_INFINITY,
         }
     }
-    seen
+}
+
+impl Span {
+    fn take(&mut self, value: f64) {
+        self.low = self.low.min(value);
+        self.high = self.high.max(value);
+    }
 }
 
 /// One axis of the frame: whole grid lines around all values.
+#[derive(PartialEq)]
 struct Axis {
     low: f64,
     step: f64,
@@ -102,9 +213,8 @@ struct Axis {
 
 impl Axis {
     /// `None` when there are no values.
-    fn new(values: impl Iterator<Item = f64> + Clone, steps: &[f64]) -> Option<Self> {
-        let low = values.clone().fold(f64::INFINITY, f64::min);
-        let high = values.fold(f64::NEG_INFINITY, f64::max);
+    fn new(span: &Span, steps: &[f64]) -> Option<Self> {
+        let &Span { low, high } = span;
         let axes = steps.iter().map(|&step| {
             let first = (low / step).floor();
             // A value on a line does not need the next one.
@@ -136,6 +246,7 @@ impl Axis {
 }
 
 /// From °C and fraction to the drawing.
+#[derive(PartialEq)]
 struct Frame {
     celsius: Axis,
     fraction: Axis,
@@ -148,8 +259,9 @@ impl Frame {
         [(right * WIDTH) as f32, ((1.0 - up) * HEIGHT) as f32]
     }
 
-    fn place(&self, celsius: f64, fraction: f64) -> [f32; 2] {
-        Self::at(self.celsius.part(celsius), self.fraction.part(fraction))
+    fn place(&self, point: &Point) -> [f32; 2] {
+        let right = self.celsius.part(point.celsius);
+        Self::at(right, self.fraction.part(point.fraction))
     }
 
     fn log(&self, stream: &RecordingStream) -> Result<(), RecordingStreamError> {
@@ -187,7 +299,9 @@ mod tests {
     #[test]
     fn an_axis_has_few_lines_around_all_values() {
         let axis = |values: &[f64]| {
-            let axis = Axis::new(values.iter().copied(), &GRID_CELSIUS)?;
+            let mut span = Span::default();
+            values.iter().for_each(|value| span.take(*value));
+            let axis = Axis::new(&span, &GRID_CELSIUS)?;
             Some((axis.low, axis.step, axis.steps))
         };
         assert_eq!(axis(&[20.0, 57.0]), Some((20.0, 10.0, 4)));

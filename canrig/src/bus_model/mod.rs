@@ -1,5 +1,8 @@
 //! A CAN bus in virtual time: how long a frame takes and who may send next (ISO 11898-1, 10.4 to 10.8).
 
+pub mod error_state;
+pub mod faults;
+
 use std::time::Duration;
 
 use canopen::CanFrame;
@@ -7,71 +10,101 @@ use canopen::CanFrame;
 /// Recessive bits between two frames (intermission).
 const INTERFRAME_BITS: u32 = 3;
 
+/// The checksum, stuffed like what stands before it.
+const CRC_BITS: u32 = 15;
+
 /// CRC delimiter, acknowledge slot and delimiter, end of frame: never stuffed.
 const UNSTUFFED_TAIL_BITS: u32 = 1 + 2 + 7;
+
+/// An active error flag and those of the others, which it makes see an error six bits later.
+const ACTIVE_FLAGS_BITS: u32 = 6 + 6;
+/// A transmitter's passive error flag, which nobody else sees.
+const PASSIVE_FLAG_BITS: u32 = 6;
+/// Recessive bits after error flags.
+const ERROR_DELIMITER_BITS: u32 = 8;
+/// An error passive station waits so long after its own frame.
+pub const SUSPEND_BITS: u32 = 8;
 
 /// Bits of a frame on the wire from start to end of frame, with the stuff bits that its payload causes.
 #[must_use]
 pub fn frame_bits(frame: &CanFrame) -> u32 {
-    let mut bits = Bits::default();
-    bits.push(0, 1);
     let id = frame.raw_id();
-    let remote = u32::from(frame.is_remote());
-    if frame.is_extended() {
-        bits.push((id >> 18) & 0x7FF, 11);
-        bits.push(0b11, 2);
-        bits.push(id & 0x3_FFFF, 18);
-        bits.push(remote, 1);
-        bits.push(0, 2);
-    } else {
-        bits.push(id & 0x7FF, 11);
-        bits.push(remote, 1);
-        bits.push(0, 2);
-    }
-    let data = frame.data();
-    bits.push(u32::try_from(data.len()).unwrap_or(8), 4);
-    if !frame.is_remote() {
-        for byte in data {
-            bits.push(u32::from(*byte), 8);
+    let length = u32::try_from(frame.data().len()).unwrap_or(8);
+    // Remote frame or not, two reserved bits, and the length, behind the start of frame and the identifier.
+    let control = u128::from(frame.is_remote()) << 6 | u128::from(length);
+    let mut bits = if frame.is_extended() {
+        let (base, extension) = ((id >> 18) & 0x7FF, id & 0x3_FFFF);
+        let identifier = u128::from(base) << 20 | 0b11 << 18 | u128::from(extension);
+        Bits {
+            bits: identifier << 7 | control,
+            count: 1 + 11 + 2 + 18 + 7,
         }
+    } else {
+        Bits {
+            bits: u128::from(id & 0x7FF) << 7 | control,
+            count: 1 + 11 + 7,
+        }
+    };
+    if !frame.is_remote() {
+        let data = u64::from_be_bytes(frame.buffer());
+        bits.push(u128::from(data) >> (64 - 8 * length), 8 * length);
     }
-    bits.push(u32::from(crc(bits.bits)), 15);
-    bits.count + bits.stuff_bits() + UNSTUFFED_TAIL_BITS
+    bits.count + CRC_BITS + bits.stuff_bits(bits.crc()) + UNSTUFFED_TAIL_BITS
 }
 
 /// Bits that a frame takes from the bus: its own and the pause after it.
 #[must_use]
 pub fn occupied_bits(frame: &CanFrame) -> u32 {
+    // A driver's message about the bus is no frame of it.
+    if frame.is_error() {
+        return 0;
+    }
     frame_bits(frame) + INTERFRAME_BITS
 }
 
 /// The stuffed part of a frame before stuffing, at most 118 bits; the last one is the lowest.
-#[derive(Default)]
 struct Bits {
     bits: u128,
     count: u32,
 }
 
 impl Bits {
-    fn push(&mut self, value: u32, width: u32) {
-        self.bits = self.bits << width | u128::from(value);
+    fn push(&mut self, value: u128, width: u32) {
+        self.bits = self.bits << width | value;
         self.count += width;
     }
 
-    /// After five equal bits comes one of the other kind, which counts for the next five.
-    fn stuff_bits(&self) -> u32 {
-        const TABLE: [[Stuffed; 256]; Stuffed::STATES] = Stuffed::table();
+    /// The CRC of ISO 11898-1, 10.4.2.6, byte by byte; zeros in front leave it zero.
+    fn crc(&self) -> u16 {
+        const TABLE: [u16; 256] = crc_table();
         let bytes = self.bits.to_be_bytes();
-        let whole = (self.count / 8) as usize;
-        let mut stuffed = Stuffed { bits: 0, state: 0 };
-        // The first bits do not fill a byte.
-        for place in (0..self.count % 8).rev() {
-            let byte = bytes[bytes.len() - whole - 1];
-            stuffed = stuffed.and(Stuffed::after(stuffed.state, byte >> place & 1));
-        }
-        for byte in &bytes[bytes.len() - whole..] {
-            stuffed = stuffed.and(TABLE[usize::from(stuffed.state)][usize::from(*byte)]);
-        }
+        let first = 16 - self.count.div_ceil(8) as usize;
+        bytes[first..].iter().fold(0, |crc, byte| {
+            let [_, high] = (crc >> 7).to_be_bytes();
+            (crc << 8 ^ TABLE[usize::from(high ^ byte)]) & 0x7FFF
+        })
+    }
+
+    /// Bits stuffed into these and the CRC behind them: after five equal bits comes one of the other kind, which counts
+    /// for the next five.
+    fn stuff_bits(&self, crc: u16) -> u32 {
+        const TABLE: [[Stuffed; 256]; Stuffed::STATES] = Stuffed::table();
+        // Bits that alternate and end unlike the start of frame fill the first byte: they change nothing.
+        const ALTERNATING: u128 = u128::from_ne_bytes([0b0101_0101; 16]);
+        let count = self.count + CRC_BITS;
+        let bytes = (ALTERNATING << count | self.bits << CRC_BITS).to_be_bytes();
+        let (before, last) = bytes.split_at(14);
+        // The CRC joins at the end, so that the processor counts what stands before it meanwhile.
+        let [crc_high, crc_low] = crc.to_be_bytes();
+        let last = [last[0] | crc_high, last[1] | crc_low];
+        let start = Stuffed { bits: 0, state: 0 };
+        let stuffed = before
+            .iter()
+            .skip(16 - count.div_ceil(8) as usize)
+            .chain(&last)
+            .fold(start, |stuffed, byte| {
+                stuffed.and(TABLE[usize::from(stuffed.state)][usize::from(*byte)])
+            });
         u32::from(stuffed.bits)
     }
 }
@@ -133,16 +166,6 @@ impl Stuffed {
     }
 }
 
-/// The CRC of ISO 11898-1, 10.4.2.6, byte by byte; zeros in front leave it zero.
-fn crc(bits: u128) -> u16 {
-    const TABLE: [u16; 256] = crc_table();
-    let bytes = bits.to_be_bytes();
-    bytes.into_iter().fold(0, |crc, byte| {
-        let [_, high] = (crc >> 7).to_be_bytes();
-        (crc << 8 ^ TABLE[usize::from(high ^ byte)]) & 0x7FFF
-    })
-}
-
 /// What each byte adds to the CRC with the polynomial 0x4599.
 const fn crc_table() -> [u16; 256] {
     let mut table = [0; 256];
@@ -181,7 +204,6 @@ pub fn arbitration_key(frame: &CanFrame) -> u32 {
 pub struct BusModel {
     nanoseconds_per_bit: f64,
     free_at: Duration,
-    busy: Duration,
 }
 
 impl BusModel {
@@ -192,7 +214,6 @@ impl BusModel {
         Self {
             nanoseconds_per_bit,
             free_at: Duration::ZERO,
-            busy: Duration::ZERO,
         }
     }
 
@@ -202,22 +223,30 @@ impl BusModel {
         self.free_at
     }
 
-    /// Puts a frame on the idle bus and returns when its last bit has passed.
-    pub fn transmit(&mut self, start: Duration, frame: &CanFrame) -> Duration {
-        let bits = frame_bits(frame);
-        let end = start + self.bit_time(bits);
-        self.free_at = start + self.bit_time(bits + INTERFRAME_BITS);
-        self.busy += self.free_at - start;
-        end
+    /// Puts a frame on the idle bus. Returns when its last bit has passed, and how many bits it takes, as
+    /// [`occupied_bits`].
+    pub fn transmit(&mut self, start: Duration, frame: &CanFrame) -> (Duration, u32) {
+        let occupied = occupied_bits(frame);
+        let end = start + self.bit_time(occupied - INTERFRAME_BITS);
+        self.free_at = start + self.bit_time(occupied);
+        (end, occupied)
     }
 
-    /// How long frames have occupied the bus.
+    /// A transmission that is disturbed after some bits: error flags and delimiter follow. Returns when they have passed.
+    pub fn disturb(&mut self, start: Duration, bits: u32, is_passive: bool) -> Duration {
+        let flags = if is_passive {
+            PASSIVE_FLAG_BITS
+        } else {
+            ACTIVE_FLAGS_BITS
+        };
+        let occupied = bits + flags + ERROR_DELIMITER_BITS;
+        self.free_at = start + self.bit_time(occupied + INTERFRAME_BITS);
+        start + self.bit_time(occupied)
+    }
+
+    /// How long a number of bits takes.
     #[must_use]
-    pub fn busy(&self) -> Duration {
-        self.busy
-    }
-
-    fn bit_time(&self, bits: u32) -> Duration {
+    pub fn bit_time(&self, bits: u32) -> Duration {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -235,7 +264,7 @@ mod tests {
     /// The lengths that can-utils computes, see the head of the file.
     #[test]
     fn frames_are_as_long_as_can_utils_says() {
-        let table = include_str!("../../tests/data/frame_lengths.csv");
+        let table = include_str!("../../../tests/data/frame_lengths.csv");
         let rows = table.lines().filter(|line| !line.starts_with('/'));
         let mut checked = 0;
         for row in rows {

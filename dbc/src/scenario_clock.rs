@@ -2,16 +2,17 @@
 
 use std::time::Duration;
 
+use crate::{Database, SignalHandle, SignalMissing};
 use canopen::CanFrame;
-use dbc::{Database, SignalHandle};
-
-use crate::signals::{self, SignalMissing};
 
 /// COB-ID of the SYNC (CiA 301, default of 0x1005).
 pub const SYNC_COB_ID: u16 = 0x080;
 
 /// The drive's state in which current flows, as the DBC's value table has it.
 const OPERATION_ENABLED: &str = "operation enabled";
+
+/// State bits of the drive's statusword.
+pub const STATUSWORD: &str = "drive_tpdo1.statusword_state";
 
 /// Watches the bus for scenario time 0: the first SYNC after the drive reported Operation Enabled.
 #[derive(Clone, Debug)]
@@ -28,8 +29,8 @@ impl ScenarioClock {
     /// # Errors
     /// The database has no statusword of the drive.
     pub fn new(database: &Database) -> Result<Self, SignalMissing> {
-        let statusword = signals::find(database, signals::STATUSWORD)?;
-        let definition = database.definition(signals::STATUSWORD);
+        let statusword = database.require(STATUSWORD)?;
+        let definition = database.definition(STATUSWORD);
         let labels = definition.into_iter().flat_map(|signal| &signal.labels);
         let enabled_values = labels
             .filter(|(_, label)| label == OPERATION_ENABLED)

@@ -1,0 +1,84 @@
+//! How many instructions one cycle of each control law takes, its explanation included.
+
+use std::hint::black_box;
+
+use canrig_benches::{Cycle, law_in_a_hold, limit};
+use controller::law::{Command, Law};
+use gungraun::prelude::*;
+use scenario::controller::{Controller, CurrentRamp, OpenLoop, Pid, SlidingMode, SlidingModePaper};
+
+fn sliding_mode() -> (Law, Cycle) {
+    law_in_a_hold(&Controller {
+        sliding_mode: Some(SlidingMode::default()),
+        ..Controller::default()
+    })
+}
+
+fn sliding_mode_paper() -> (Law, Cycle) {
+    law_in_a_hold(&Controller {
+        sliding_mode_paper: Some(SlidingModePaper::default()),
+        ..Controller::default()
+    })
+}
+
+fn pid() -> (Law, Cycle) {
+    law_in_a_hold(&Controller {
+        pid: Some(Pid::default()),
+        ..Controller::default()
+    })
+}
+
+fn open_loop() -> (Law, Cycle) {
+    let ramp = CurrentRamp {
+        from_seconds: 0.0,
+        until_seconds: 10.0,
+        current_amperes: 1.0,
+    };
+    law_in_a_hold(&Controller {
+        open_loop: Some(OpenLoop {
+            ramp: vec![ramp],
+            ..OpenLoop::default()
+        }),
+        ..Controller::default()
+    })
+}
+
+fn cycle((mut law, cycle): (Law, Cycle)) -> (Law, Command) {
+    let command = black_box(cycle).step(&mut law);
+    (law, command)
+}
+
+#[library_benchmark(config = limit(4200))]
+#[bench::hold(sliding_mode())]
+fn sliding_mode_cycle(start: (Law, Cycle)) -> (Law, Command) {
+    cycle(start)
+}
+
+#[library_benchmark(config = limit(1500))]
+#[bench::hold(sliding_mode_paper())]
+fn sliding_mode_paper_cycle(start: (Law, Cycle)) -> (Law, Command) {
+    cycle(start)
+}
+
+#[library_benchmark(config = limit(350))]
+#[bench::hold(pid())]
+fn pid_cycle(start: (Law, Cycle)) -> (Law, Command) {
+    cycle(start)
+}
+
+#[library_benchmark(config = limit(260))]
+#[bench::hold(open_loop())]
+fn open_loop_cycle(start: (Law, Cycle)) -> (Law, Command) {
+    cycle(start)
+}
+
+library_benchmark_group!(
+    name = laws,
+    benchmarks = [
+        sliding_mode_cycle,
+        sliding_mode_paper_cycle,
+        pid_cycle,
+        open_loop_cycle
+    ]
+);
+main!(library_benchmark_groups = laws);

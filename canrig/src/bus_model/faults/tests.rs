@@ -1,0 +1,124 @@
+//! The gateway and the receiver, without a bus.
+
+use super::*;
+
+/// The faults of these tables for one drive, with scenario time begun at 0.
+fn faults(tables: &str) -> BusFaults {
+    let text = format!(
+        "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
+    );
+    let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+    let database = Database::sma_actuator();
+    let faults = BusFaults::new(&scenario, database, vec![Station::Drive]).unwrap();
+    let mut faults = faults.unwrap();
+    faults.observe(
+        Duration::ZERO,
+        &CanFrame::new(0x190, &[0x37, 2, 0, 0, 0, 0, 0, 0]),
+    );
+    faults.observe(Duration::ZERO, &CanFrame::new(0x080, &[1]));
+    faults
+}
+
+fn milliseconds(milliseconds: u64) -> Duration {
+    Duration::from_millis(milliseconds)
+}
+
+/// What leaves the gateway when 0x190 and 0x290 are sent at 1, 2, 3 … ms: times in milliseconds and identifiers.
+fn sent(faults: &mut BusFaults, cycles: u64) -> Vec<(u128, u16)> {
+    let mut outbox = VecDeque::new();
+    for cycle in 1..=cycles {
+        let frames = [0x190, 0x290].map(|id| (milliseconds(cycle), CanFrame::new(id, &[1, 2, 3])));
+        faults.queue(0, &frames, &mut outbox);
+    }
+    let sent = outbox.iter();
+    sent.map(|(time, frame)| (time.as_millis(), frame.standard_id().unwrap()))
+        .collect()
+}
+
+#[test]
+fn a_delayed_frame_comes_later_and_the_others_in_their_time() {
+    let mut faults = faults(
+        "[[fault.bus.delay]]\nfrom_seconds = 0.002\nuntil_seconds = 0.003\nsender = \"drive\"\n\
+         identifier = 0x190\ndelay_milliseconds = 5.0\n",
+    );
+    let expected = [
+        (1, 0x190),
+        (1, 0x290),
+        (2, 0x290),
+        (3, 0x190),
+        (3, 0x290),
+        (7, 0x190),
+    ];
+    assert_eq!(sent(&mut faults, 3), expected);
+}
+
+#[test]
+fn a_doubled_frame_comes_twice_and_an_overtaken_one_after_the_next() {
+    let window =
+        "from_seconds = 0.002\nuntil_seconds = 0.003\nsender = \"drive\"\nidentifier = 0x190\n";
+    let doubled = sent(
+        &mut faults(&format!("[[fault.bus.duplicate]]\n{window}")),
+        2,
+    );
+    assert_eq!(
+        doubled,
+        [(1, 0x190), (1, 0x290), (2, 0x190), (2, 0x190), (2, 0x290)]
+    );
+    let overtaken = sent(&mut faults(&format!("[[fault.bus.reorder]]\n{window}")), 2);
+    assert_eq!(overtaken, [(1, 0x190), (1, 0x290), (2, 0x290), (2, 0x190)]);
+}
+
+#[test]
+fn a_corrupted_frame_differs_in_as_many_bits_as_asked_for() {
+    let mut faults = faults(
+        "[[fault.bus.corrupt]]\nfrom_seconds = 0.0\nsender = \"drive\"\ninverted_bits = 1\n",
+    );
+    let frame = CanFrame::new(0x190, &[0; 8]);
+    for cycle in 0..100 {
+        let mut outbox = VecDeque::new();
+        faults.queue(0, &[(milliseconds(cycle), frame)], &mut outbox);
+        let ones: u32 = outbox[0]
+            .1
+            .data()
+            .iter()
+            .map(|byte| byte.count_ones())
+            .sum();
+        assert_eq!((ones, outbox[0].1.raw_id()), (1, 0x190));
+    }
+}
+
+#[test]
+fn a_receiver_misses_bursts_of_what_is_meant() {
+    let mut faults = faults(
+        "[[fault.bus.lose]]\nfrom_seconds = 0.0\nreceiver = \"drive\"\nidentifier = 0x210\n\
+         probability = 0.05\nburst_frames = 4\n",
+    );
+    let mut misses = |id| faults.misses(0, milliseconds(1), &CanFrame::new(id, &[]));
+    assert!((0..100).all(|_| !misses(0x080)));
+    let missed: Vec<bool> = (0..2000).map(|_| misses(0x210)).collect();
+    let count = missed.iter().filter(|missed| **missed).count();
+    // A burst of 4 begins after 20 frames on average: 4 of 23.
+    assert!((250..450).contains(&count), "{count}");
+    let runs = missed.split(|missed| !missed).filter(|run| !run.is_empty());
+    assert!(runs.into_iter().all(|run| run.len() % 4 == 0));
+}
+
+#[test]
+fn a_foreign_node_keeps_its_rate_and_a_babbling_one_never_pauses() {
+    let mut load = faults(
+        "[[fault.bus.load]]\nfrom_seconds = 0.001\nuntil_seconds = 0.004\nidentifier = 0x555\nperiod_milliseconds = 1.0\n",
+    );
+    let mut times = Vec::new();
+    while let Some(next) = load.next_foreign(Duration::ZERO) {
+        assert_eq!(load.foreign(next).unwrap().standard_id(), Some(0x555));
+        load.take_foreign(next);
+        times.push(next.as_millis());
+    }
+    assert_eq!(times, [1, 2, 3]);
+    let babble = faults(
+        "[[fault.bus.babble]]\nfrom_seconds = 0.001\nuntil_seconds = 0.004\nidentifier = 1\n",
+    );
+    assert_eq!(babble.next_foreign(Duration::ZERO), Some(milliseconds(1)));
+    assert_eq!(babble.next_foreign(milliseconds(2)), Some(milliseconds(2)));
+    assert_eq!(babble.next_foreign(milliseconds(4)), None);
+}

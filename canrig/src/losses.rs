@@ -1,0 +1,107 @@
+//! What fell silent: SYNC, the drive's position, heartbeats. Told from the recording alone.
+
+use std::time::Duration;
+
+use dbc::Database;
+use scenario::Scenario;
+
+use crate::events::{Event, Level};
+use crate::recording::Stamped;
+
+/// Periods without a cyclic frame that count as a loss, as for the controller.
+const PERIODS_MAX: u32 = 20;
+/// Time without a heartbeat that counts as a loss, as for the nodes (0x1016).
+const HEARTBEAT_TIME: Duration = Duration::from_millis(100);
+
+/// Messages that are watched, and what they are for people.
+const CYCLIC: [(&str, &str); 2] = [
+    ("sync", "SYNC from the controller"),
+    ("drive_tpdo1", "position from the drive"),
+];
+const HEARTBEATS: [(&str, &str); 3] = [
+    ("controller_heartbeat", "heartbeat from the controller"),
+    ("drive_heartbeat", "heartbeat from the drive"),
+    (
+        "disturbance_heartbeat",
+        "heartbeat from the disturbance module",
+    ),
+];
+
+/// One message that must keep coming.
+struct Watched {
+    raw_id: u32,
+    what: &'static str,
+    limit: Duration,
+    /// In scenario time.
+    last: Option<Duration>,
+}
+
+/// Watches from the start of the scenario to its end.
+pub(crate) struct LossReader {
+    watched: Vec<Watched>,
+    end: Duration,
+    latest: Duration,
+    events: Vec<Event>,
+}
+
+impl LossReader {
+    pub(crate) fn new(scenario: &Scenario, database: &Database) -> Self {
+        let cyclic = PERIODS_MAX * scenario.bus.sync_period();
+        let cyclic = CYCLIC.map(|(name, what)| (name, what, cyclic));
+        let heartbeats = HEARTBEATS.map(|(name, what)| (name, what, HEARTBEAT_TIME));
+        let watched = cyclic.into_iter().chain(heartbeats);
+        let watched = watched.filter_map(|(name, what, limit)| {
+            Some(Watched {
+                raw_id: database.message(name)?.raw_id,
+                what,
+                limit,
+                last: None,
+            })
+        });
+        Self {
+            watched: watched.collect(),
+            end: Duration::from_secs_f64(scenario.duration_seconds),
+            latest: Duration::ZERO,
+            events: Vec::new(),
+        }
+    }
+
+    pub(crate) fn take(&mut self, stamped: &Stamped, scenario_time: Option<Duration>) {
+        let Some(time) = scenario_time.filter(|time| *time <= self.end) else {
+            return;
+        };
+        self.latest = time;
+        let raw_id = stamped.frame.raw_id();
+        for watched in self.watched.iter_mut().filter(|one| one.raw_id == raw_id) {
+            let last = watched.last.replace(time).unwrap_or_default();
+            let silent = time.saturating_sub(last);
+            if silent > watched.limit {
+                let what = watched.what;
+                let text = format!("loss: no {what} for {} ms", silent.as_millis());
+                self.events.push(event(last, Level::Error, text));
+                let text = format!("{what} is back");
+                self.events.push(event(time, Level::Info, text));
+            }
+        }
+    }
+
+    /// All losses, those that last among them.
+    pub(crate) fn take_all(&mut self) -> Vec<Event> {
+        for watched in &self.watched {
+            let Some(last) = watched.last else { continue };
+            if self.latest.saturating_sub(last) > watched.limit {
+                let text = format!("loss: no {} from here on", watched.what);
+                self.events.push(event(last, Level::Error, text));
+            }
+        }
+        std::mem::take(&mut self.events)
+    }
+}
+
+fn event(time: Duration, level: Level, text: String) -> Event {
+    Event {
+        time_seconds: time.as_secs_f64(),
+        level,
+        text,
+    }
+}

@@ -1,0 +1,318 @@
+//! Logs a run, as a whole or piece by piece.
+
+use std::collections::BTreeSet;
+
+use rerun::{
+    AnyValues, RecordingStream, RecordingStreamError, Scalars, SeriesLines, TextDocument, TextLog,
+    TextLogLevel, TimeColumn,
+};
+use scenario::Scenario;
+use scenario::events::DisturbanceCommand;
+
+use super::blueprint::{self, Play};
+use super::bus::{self, BusReader};
+use super::groups::{self, Style};
+use super::hysteresis::{self, Hysteresis};
+use super::rig::Rig;
+use super::times;
+use crate::events::{Event, Level};
+use crate::judge::SETTLING_BAND;
+use crate::report::terminal;
+use crate::timeline::Timeline;
+use crate::verdict::{Outcome, Verdict};
+
+/// A run on its way to a file or a viewer.
+pub(crate) struct Recording<'a> {
+    stream: RecordingStream,
+    scenario: &'a Scenario,
+    hysteresis: Hysteresis,
+    rig: Rig,
+    /// Signals that were sent in earnest so far.
+    used: BTreeSet<String>,
+    /// Paths that have their names and colours.
+    styled: BTreeSet<String>,
+    groups: BTreeSet<&'static str>,
+    /// Time of the last row or event.
+    end_seconds: f64,
+}
+
+impl<'a> Recording<'a> {
+    /// A recording with nothing in it but what never changes.
+    pub(crate) fn begin(
+        stream: RecordingStream,
+        scenario: &'a Scenario,
+    ) -> Result<Self, RecordingStreamError> {
+        stream.set_log_time_enabled(false);
+        bus::log_styles(&stream)?;
+        hysteresis::log_style(&stream)?;
+        let rig = Rig::draw(&stream, scenario)?;
+        Ok(Self {
+            stream,
+            scenario,
+            rig,
+            hysteresis: Hysteresis::default(),
+            used: BTreeSet::new(),
+            styled: BTreeSet::new(),
+            groups: BTreeSet::new(),
+            end_seconds: 0.0,
+        })
+    }
+
+    /// Where it goes.
+    pub(crate) fn stream(&self) -> &RecordingStream {
+        &self.stream
+    }
+
+    /// Sends the layout of a run that has just begun, with all that may come.
+    pub(crate) fn expect_all(&self) -> Result<(), RecordingStreamError> {
+        let groups = groups::expected(self.scenario);
+        blueprint::send(&self.stream, self.scenario, &groups, Play::Following)
+    }
+
+    /// Logs a piece of the run.
+    pub(crate) fn log(
+        &mut self,
+        timeline: &Timeline,
+        bus: &mut BusReader,
+    ) -> Result<(), RecordingStreamError> {
+        self.log_signals(timeline)?;
+        self.hysteresis.log(&self.stream, timeline)?;
+        self.rig.log(&self.stream, timeline)?;
+        self.log_settling_bands(timeline)?;
+        self.log_events(timeline.period_seconds, &timeline.events)?;
+        let last_event = timeline
+            .events
+            .last()
+            .map_or(0.0, |event| event.time_seconds);
+        let end_seconds = timeline.end_seconds().max(last_event);
+        self.end_seconds = self.end_seconds.max(end_seconds);
+        bus.log(&self.stream)
+    }
+
+    /// Sends the layout of what there is.
+    pub(crate) fn finish(mut self) -> Result<RecordingStream, RecordingStreamError> {
+        if self.hysteresis.is_there() {
+            self.groups.insert(groups::HYSTERESIS);
+        }
+        blueprint::send(&self.stream, self.scenario, &self.groups, Play::Paused)?;
+        Ok(self.stream)
+    }
+
+    /// The end: the verdict as a page, as the last event, and as the recording's properties.
+    pub(crate) fn log_verdict(&mut self, verdict: &Verdict) -> Result<(), RecordingStreamError> {
+        self.hysteresis.log_path(&self.stream)?;
+        let page = TextDocument::from_markdown(page(verdict));
+        self.stream.log_static("verdict", &page)?;
+        let event = Event {
+            time_seconds: self.end_seconds,
+            level: match verdict.outcome {
+                Outcome::Pass => Level::Info,
+                Outcome::Fail => Level::Error,
+                _ => Level::Warning,
+            },
+            text: format!("verdict: {}", verdict.outcome.word()),
+        };
+        let period_seconds = self.scenario.bus.sync_period_milliseconds / 1e3;
+        self.log_events(period_seconds, &[event])?;
+        let text = |text: &str| rerun::components::Text(text.into());
+        let properties = AnyValues::default()
+            .with_component::<rerun::components::Text>("outcome", [text(verdict.outcome.word())])
+            .with_component::<rerun::components::Text>("seed", [text(&verdict.seed.to_string())])
+            .with_component::<rerun::components::Text>("canrig_version", [text(verdict.version)]);
+        self.stream.send_property("run", &properties)
+    }
+
+    /// Set-point, error, disturbances and all signals of the bus.
+    fn log_signals(&mut self, timeline: &Timeline) -> Result<(), RecordingStreamError> {
+        let samples = timeline
+            .set_point_millimetres
+            .iter()
+            .zip(timeline.position());
+        let error: Vec<f64> = samples
+            .map(|(set_point, position)| set_point - position)
+            .collect();
+        let scenario = self.scenario;
+        let factors = asked(scenario, timeline, 1.0, |command| command.convection_factor);
+        let grams = asked(scenario, timeline, 0.0, |command| command.added_grams);
+        let own = [
+            ("set_point_millimetres", &timeline.set_point_millimetres),
+            ("error_millimetres", &error),
+            ("scenario_convection_factor", &factors),
+            ("scenario_added_load_grams", &grams),
+        ];
+        let columns = timeline
+            .columns
+            .iter()
+            .map(|column| (column.name.as_str(), &column.values));
+        // Most signals have the same rows, so the times are made once.
+        let mut times = (Vec::new(), times::at_rows(timeline, &[]));
+        for (name, values) in own.into_iter().chain(columns) {
+            let style = self.style(name, values);
+            let rows = rows(style.group, values);
+            if rows.is_empty() {
+                continue;
+            }
+            if rows != times.0 {
+                times = (rows.clone(), times::at_rows(timeline, &rows));
+            }
+            let values = rows.iter().map(|&row| values[row]);
+            self.log_signal(name, style, values, times.1.clone())?;
+        }
+        Ok(())
+    }
+
+    fn style(&mut self, name: &str, values: &[f64]) -> Style {
+        if !self.used.contains(name) && groups::is_used(values) {
+            self.used.insert(name.to_owned());
+        }
+        groups::style(name, self.used.contains(name))
+    }
+
+    /// One signal as an entity of its group.
+    fn log_signal(
+        &mut self,
+        name: &str,
+        style: Style,
+        values: impl Iterator<Item = f64>,
+        times: [TimeColumn; 2],
+    ) -> Result<(), RecordingStreamError> {
+        let path = format!("{}/{name}", style.group);
+        self.groups.insert(style.group);
+        if !self.styled.contains(&path) {
+            self.stream
+                .log_static(path.as_str(), &line(style.label, style.colour))?;
+            self.styled.insert(path.clone());
+        }
+        let scalars = Scalars::new(values).columns_of_unit_batches()?;
+        self.stream.send_columns(path, times, scalars)
+    }
+
+    /// The band that each judged step must settle in, as far as the piece goes.
+    fn log_settling_bands(&mut self, timeline: &Timeline) -> Result<(), RecordingStreamError> {
+        let Some(begin) = timeline.time_seconds.first() else {
+            return Ok(());
+        };
+        for (number, step) in self.scenario.judged_steps().iter().enumerate() {
+            let from = step.window.from_seconds.max(*begin);
+            let until = step.window.until_seconds.min(timeline.end_seconds());
+            if from >= until {
+                continue;
+            }
+            let band = SETTLING_BAND * (step.to_millimetres - step.from_millimetres).abs();
+            let ends = [from, until];
+            let moments = ends.map(|time| times::moment_at(time, timeline.period_seconds));
+            let times = times::columns(moments.into_iter());
+            for (side, edge) in [("upper", band), ("lower", -band)] {
+                let number = number + 1;
+                let path = format!("position/settling_band/step_{number}/{side}_millimetres");
+                if !self.styled.contains(&path) {
+                    let look = line("settling band", groups::GREY).with_widths([1.0]);
+                    self.stream.log_static(path.as_str(), &look)?;
+                    self.styled.insert(path.clone());
+                }
+                let scalars =
+                    Scalars::new([step.to_millimetres + edge; 2]).columns_of_unit_batches()?;
+                self.stream.send_columns(path, times.clone(), scalars)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What happened.
+    fn log_events(
+        &self,
+        period_seconds: f64,
+        events: &[Event],
+    ) -> Result<(), RecordingStreamError> {
+        if events.is_empty() {
+            return Ok(());
+        }
+        let moments = events
+            .iter()
+            .map(|event| times::moment_at(event.time_seconds, period_seconds));
+        let texts = events.iter().map(|event| event.text.as_str());
+        let rows = TextLog::update_fields()
+            .with_many_text(texts)
+            .with_many_level(events.iter().map(level))
+            .columns_of_unit_batches()?;
+        self.stream
+            .send_columns("events", times::columns(moments), rows)
+    }
+}
+
+/// The verdict as Markdown.
+fn page(verdict: &Verdict) -> String {
+    let mut text = format!("**{}: {}**\n", verdict.scenario, verdict.outcome.word());
+    if let Some(reason) = &verdict.reason {
+        text += &format!("\n{reason}\n");
+    }
+    text += "\n| metric | measured | limit | |\n|---|---|---|---|\n";
+    for metric in &verdict.metrics {
+        let passed = match metric.passed {
+            Some(true) => "pass",
+            Some(false) => "**FAIL**",
+            None => "",
+        };
+        text += &format!(
+            "| {} | {} | {} | {passed} |\n",
+            metric.name.replace('_', " "),
+            terminal::measured(metric),
+            terminal::limit(metric),
+        );
+    }
+    text
+}
+
+/// What the scenario asks of the disturbance node, per row; NaN where it never asks.
+fn asked(
+    scenario: &Scenario,
+    timeline: &Timeline,
+    before: f64,
+    output: fn(&DisturbanceCommand) -> f64,
+) -> Vec<f64> {
+    let commands = scenario.disturbance.commands();
+    if commands.iter().all(|command| output(command) == before) {
+        return vec![f64::NAN; timeline.cycle.len()];
+    }
+    let at = |time: &f64| {
+        let begun = commands
+            .iter()
+            .rev()
+            .find(|command| command.at_seconds <= *time);
+        begun.map_or(before, output)
+    };
+    timeline.time_seconds.iter().map(at).collect()
+}
+
+/// The rows to write of a signal. Those without a value are left out.
+///
+/// A drawn signal has all others: the viewer draws no more than the extremes of what falls on one pixel, and would hold
+/// an extreme until the next row.
+pub(super) fn rows(group: &str, values: &[f64]) -> Vec<usize> {
+    let mut rows: Vec<usize> = (0..values.len())
+        .filter(|&row| !values[row].is_nan())
+        .collect();
+    if group == groups::OTHER {
+        let last = rows.last().copied();
+        rows.dedup_by(|row, before| values[*row] == values[*before]);
+        rows.extend(last.filter(|last| rows.last() != Some(last)));
+    }
+    rows
+}
+
+/// How a signal is drawn: held between its rows.
+pub(super) fn line(label: &str, colour: [u8; 3]) -> SeriesLines {
+    SeriesLines::new()
+        .with_names([label])
+        .with_colors([colour])
+        .with_interpolation_mode(rerun::components::InterpolationMode::StepAfter)
+}
+
+fn level(event: &Event) -> TextLogLevel {
+    match event.level {
+        Level::Info => TextLogLevel::INFO,
+        Level::Warning => TextLogLevel::WARN,
+        Level::Error => TextLogLevel::ERROR,
+    }
+    .into()
+}

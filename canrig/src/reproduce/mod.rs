@@ -1,0 +1,15 @@
+//! `canrig reproduce`: every experiment of the paper, and what a user asks beyond it.
+//!
+//! `bases` are shipped scenario files; `families` make many scenarios of one; `experiment` says what one is, and
+//! `response`, `robustness`, `sensitivity` and `material` are the experiments themselves: which runs, and what to make of
+//! their recordings. `command` plays them all at once and hands the `number`s and figures to `report/reproduction`.
+
+mod bases;
+pub mod command;
+pub mod experiment;
+pub mod families;
+mod material;
+pub mod number;
+mod response;
+mod robustness;
+mod sensitivity;

@@ -1,0 +1,135 @@
+//! The command.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use dbc::Database;
+use faults::Stream;
+
+use super::draw;
+use super::invariants::{Violation, violation};
+use super::shrink::{Case, of_fault};
+use crate::campaign::Campaign;
+use crate::capture::Watch;
+use crate::cli::TortureArgs;
+use crate::console::{complain, say};
+use crate::exit::Exit;
+use crate::run::{self, Source, World};
+use crate::world;
+
+/// Failing cases that are shrunk; more of them have the same cause more often than not.
+const SHRUNK_MAX: usize = 5;
+
+/// Draws, plays, and tells what broke.
+#[must_use]
+pub fn torture(args: &TortureArgs) -> Exit {
+    let source = match Source::load(&args.scenario) {
+        Ok(source) => source,
+        Err(error) => {
+            complain(&format!("{:?}", miette::Report::new(error)));
+            return Exit::ScenarioInvalid;
+        }
+    };
+    let duration_seconds = source.scenario.duration_seconds;
+    let case = |index: usize| {
+        let mut stream = Stream::named(args.seed, &format!("torture.{index}"));
+        let faults = draw::mix(&mut stream, duration_seconds);
+        Case::new(&source.text, faults, stream.bits())
+    };
+    // The first one tells whether the scenario is fit for this at all.
+    if let Err(reason) = case(0).and_then(|case| case.scenario()) {
+        complain(&format!("canrig: {}: {reason}", args.scenario.display()));
+        return Exit::ScenarioInvalid;
+    }
+    let scenarios = (0..args.runs).map_while(|index| case(index).ok()?.scenario().ok());
+    let results = Campaign::on_all_cores(!args.quiet).play(scenarios, violation);
+    let Ok(results) = results else {
+        return Exit::Interrupted;
+    };
+    let played = results.len();
+    let broken = results
+        .into_iter()
+        .enumerate()
+        .filter_map(|(index, result)| {
+            let violation = result.unwrap_or_else(|fault| Some(of_fault(&fault)));
+            Some((index, violation?))
+        });
+    let broken: Vec<(usize, Violation)> = broken.collect();
+    let shown = shrink_all(args, &broken, case);
+    say(&summary(args, played, &broken));
+    if played < args.runs {
+        complain(&format!(
+            "canrig: run {played} could not be drawn as a valid scenario"
+        ));
+        return Exit::Internal;
+    }
+    match shown {
+        Err(reason) => {
+            complain(&format!("canrig: {reason}"));
+            Exit::BenchFailed
+        }
+        Ok(()) if broken.is_empty() => Exit::Pass,
+        Ok(()) => Exit::VerdictFailed,
+    }
+}
+
+/// Shrinks the first failing case of each invariant, then further ones.
+fn shrink_all(
+    args: &TortureArgs,
+    broken: &[(usize, Violation)],
+    case: impl Fn(usize) -> Result<Case, String>,
+) -> Result<(), String> {
+    let mut first_of: BTreeMap<&str, usize> = BTreeMap::new();
+    for (place, (_, violation)) in broken.iter().enumerate() {
+        first_of.entry(violation.invariant).or_insert(place);
+    }
+    for place in first_of.into_values().take(SHRUNK_MAX) {
+        let (index, violation) = &broken[place];
+        say(&format!(
+            "run {index}: {}: {}",
+            violation.invariant, violation.text
+        ));
+        let shrunk = case(*index)?.shrunk(violation.invariant);
+        let folder = keep(&shrunk, &args.output)?;
+        say(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
+    }
+    Ok(())
+}
+
+/// Plays the case once more into a run folder, whose scenario reproduces its log.
+fn keep(case: &Case, output: &Path) -> Result<std::path::PathBuf, String> {
+    let source = Source {
+        path: "torture.toml".into(),
+        text: case.text(),
+        scenario: case.scenario()?,
+    };
+    let (watch, taps) = (Watch::default(), Vec::new());
+    let judged = run::run(&source, output, &watch, taps, |_, capture| {
+        let database = Database::sma_actuator();
+        let end = world::lockstep::simulate(&source.scenario, database, capture)?;
+        Ok(World::in_virtual_time(end))
+    });
+    judged
+        .map(|judged| judged.folder)
+        .map_err(|error| error.to_string())
+}
+
+fn summary(args: &TortureArgs, played: usize, broken: &[(usize, Violation)]) -> String {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for (_, violation) in broken {
+        *counts.entry(violation.invariant).or_default() += 1;
+    }
+    let mut text = format!("{played} runs with seed {}: ", args.seed);
+    if counts.is_empty() {
+        return text + "all invariants held";
+    }
+    let counts = counts
+        .iter()
+        .map(|(invariant, count)| format!("{invariant} {count}"));
+    text += &format!(
+        "broken {} times ({})",
+        broken.len(),
+        counts.collect::<Vec<_>>().join(", ")
+    );
+    text
+}

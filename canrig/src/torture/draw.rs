@@ -1,0 +1,229 @@
+//! Draws faults. What is drawn covers all kinds, with parameters from harmless to severe (chosen, not measured).
+
+use faults::Stream;
+use toml::{Table, Value};
+
+/// Faults in one mix at most.
+const FAULTS_MAX: u64 = 4;
+
+/// Kinds that last, by group.
+const LASTING: [(&str, &str); 26] = [
+    ("bus", "lose"),
+    ("bus", "delay"),
+    ("bus", "duplicate"),
+    ("bus", "reorder"),
+    ("bus", "corrupt"),
+    ("bus", "bit_error"),
+    ("bus", "babble"),
+    ("bus", "load"),
+    ("node", "crash"),
+    ("node", "hang"),
+    ("node", "slow_cycle"),
+    ("node", "clock_drift"),
+    ("node", "lost_heartbeat"),
+    ("sensor", "offset"),
+    ("sensor", "drift"),
+    ("sensor", "noise"),
+    ("sensor", "spikes"),
+    ("sensor", "lost_bits"),
+    ("sensor", "stuck"),
+    ("amplifier", "saturated"),
+    ("amplifier", "stuck_on"),
+    ("amplifier", "dead"),
+    ("plant", "ageing"),
+    ("plant", "broken_wire"),
+    ("plant", "jammed_pulley"),
+    ("plant", "dropped_load"),
+];
+
+/// Kinds that happen at an instant.
+const INSTANT: [(&str, &str); 2] = [("node", "restart"), ("node", "nmt_stop")];
+
+/// Identifiers that matter: SYNC, TPDO1, RPDO1, heartbeats.
+const IDENTIFIERS: [i64; 5] = [0x080, 0x190, 0x210, 0x701, 0x710];
+const STATIONS: [&str; 3] = ["controller", "drive", "bench"];
+
+/// A mix of faults for a run of some length: the `[fault]` table.
+pub(super) fn mix(stream: &mut Stream, duration_seconds: f64) -> Table {
+    let mut faults = Table::new();
+    for _ in 0..1 + stream.below(FAULTS_MAX) {
+        let kinds = LASTING.iter().map(|kind| (kind, true));
+        let kinds: Vec<_> = kinds
+            .chain(INSTANT.iter().map(|kind| (kind, false)))
+            .collect();
+        let (&(group, kind), is_lasting) = *pick(stream, &kinds);
+        let mut fault = parameters(stream, group, kind);
+        let from = tenth_milliseconds(stream.uniform() * 0.8 * duration_seconds);
+        if is_lasting {
+            fault.insert("from_seconds".to_owned(), from.into());
+            if kind == "ageing" || stream.happens(0.8) {
+                // Short faults are as likely as long ones.
+                let length = 1e-3 * libm::pow(duration_seconds * 1e3, stream.uniform());
+                let until = tenth_milliseconds(from + length.max(1e-3));
+                fault.insert("until_seconds".to_owned(), until.into());
+            }
+        } else {
+            fault.insert("at_seconds".to_owned(), from.into());
+        }
+        push(&mut faults, group, kind, fault);
+    }
+    faults
+}
+
+fn push(faults: &mut Table, group: &str, kind: &str, fault: Table) {
+    let group = faults
+        .entry(group)
+        .or_insert_with(|| Value::Table(Table::new()));
+    if let Some(kinds) = group.as_table_mut() {
+        let all = kinds
+            .entry(kind)
+            .or_insert_with(|| Value::Array(Vec::new()));
+        if let Some(all) = all.as_array_mut() {
+            all.push(Value::Table(fault));
+        }
+    }
+}
+
+/// What a kind has besides its time.
+fn parameters(stream: &mut Stream, group: &str, kind: &str) -> Table {
+    let mut table = Table::new();
+    let mut set = |key: &str, value: Value| {
+        table.insert(key.to_owned(), value);
+    };
+    match kind {
+        "lose" => {
+            set("receiver", (*pick(stream, &STATIONS)).into());
+            hits(stream, &mut set);
+        }
+        "delay" => {
+            set("sender", (*pick(stream, &STATIONS)).into());
+            set("delay_milliseconds", between(stream, 0.1, 20.0));
+            hits(stream, &mut set);
+        }
+        "duplicate" | "reorder" => {
+            set("sender", (*pick(stream, &STATIONS)).into());
+            hits(stream, &mut set);
+        }
+        "corrupt" => {
+            set("sender", (*pick(stream, &STATIONS)).into());
+            set("inverted_bits", whole(stream, 1, 8));
+            hits(stream, &mut set);
+        }
+        "bit_error" => {
+            if stream.happens(0.5) {
+                set("sender", (*pick(stream, &STATIONS)).into());
+            }
+            hits(stream, &mut set);
+        }
+        // Below the identifier with which the plant tells the truth: nobody may forge that.
+        "babble" => set("identifier", whole(stream, 1, 0x6AF)),
+        "load" => {
+            set("identifier", whole(stream, 0x181, 0x6AF));
+            set("period_milliseconds", between(stream, 0.2, 5.0));
+        }
+        "slow_cycle" => set("delay_milliseconds", between(stream, 0.1, 20.0)),
+        "clock_drift" => set("parts_per_million", between(stream, -5000.0, 5000.0)),
+        "offset" => set("offset_millimetres", between(stream, -60.0, 60.0)),
+        "drift" => set("rate_millimetres_per_second", between(stream, -50.0, 50.0)),
+        "noise" => set("noise_millimetres_rms", between(stream, 0.01, 5.0)),
+        "spikes" => {
+            set("height_millimetres", between(stream, 0.5, 60.0));
+            set("probability", between(stream, 0.01, 1.0));
+        }
+        "lost_bits" => set("mask", whole(stream, 1, 1023)),
+        "saturated" => set("current_amperes_max", between(stream, 0.01, 1.0)),
+        "stuck_on" => set("current_amperes", between(stream, 0.01, 1.0)),
+        "ageing" => {
+            set("resistance_factor", between(stream, 0.5, 1.0));
+            set("recoverable_strain_factor", between(stream, 0.5, 1.0));
+        }
+        _ => {}
+    }
+    if group == "node" {
+        set("node", (*pick(stream, &STATIONS[..2])).into());
+    }
+    if kind == "crash" && stream.happens(0.3) {
+        set("output", "hold".into());
+    }
+    table
+}
+
+/// Which frames are hit, how often, how many in a row.
+fn hits(stream: &mut Stream, set: &mut impl FnMut(&str, Value)) {
+    if stream.happens(0.7) {
+        set("identifier", (*pick(stream, &IDENTIFIERS)).into());
+    }
+    set("probability", between(stream, 0.01, 1.0));
+    set("burst_frames", whole(stream, 1, 60));
+}
+
+fn pick<'a, T>(stream: &mut Stream, choices: &'a [T]) -> &'a T {
+    let place = usize::try_from(stream.below(choices.len() as u64)).unwrap_or_default();
+    &choices[place]
+}
+
+fn between(stream: &mut Stream, lowest: f64, highest: f64) -> Value {
+    Value::Float(lowest + (highest - lowest) * stream.uniform())
+}
+
+fn whole(stream: &mut Stream, lowest: u32, highest: u32) -> Value {
+    let drawn = stream.below(u64::from(highest - lowest) + 1);
+    Value::Integer(i64::from(lowest) + i64::try_from(drawn).unwrap_or_default())
+}
+
+fn tenth_milliseconds(seconds: f64) -> f64 {
+    libm::round(seconds * 1e4) / 1e4
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::torture::Case;
+
+    const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+
+    /// What is about the boot is left to the catalogue.
+    const BOOT: usize = 3;
+
+    #[test]
+    fn every_mix_is_valid_and_all_kinds_are_drawn() {
+        let mut drawn = BTreeSet::new();
+        for seed in 0..1000 {
+            let faults = mix(&mut Stream::new(seed), 2.0);
+            let case = Case::new(BASE, faults, seed).unwrap();
+            let scenario = case
+                .scenario()
+                .unwrap_or_else(|problems| panic!("{problems}"));
+            let windows = scenario.fault.windows();
+            assert!((1..=4).contains(&windows.len()));
+            drawn.extend(
+                windows
+                    .iter()
+                    .map(|window| (window.place.group, window.place.kind)),
+            );
+        }
+        assert_eq!(drawn.len(), LASTING.len() + INSTANT.len());
+        let schema: serde_json::Value =
+            serde_json::from_str(&scenario::schema::json_schema()).unwrap();
+        let groups = ["Bus", "Node", "Sensor", "Amplifier", "Plant"];
+        let kinds = groups.map(|group| {
+            let group = &schema["definitions"][format!("{group}Faults")];
+            group["properties"].as_object().unwrap().len()
+        });
+        assert_eq!(
+            kinds.iter().sum::<usize>(),
+            drawn.len() + BOOT,
+            "a kind is not drawn"
+        );
+    }
+
+    #[test]
+    fn a_seed_gives_one_mix() {
+        let draw = |seed| mix(&mut Stream::new(seed), 2.0);
+        assert_eq!(draw(1), draw(1));
+        assert_ne!(draw(1), draw(2));
+    }
+}

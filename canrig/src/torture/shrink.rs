@@ -1,0 +1,267 @@
+//! Makes a failing scenario as small as it can be while it still breaks the same invariant.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use scenario::Scenario;
+use toml::{Table, Value};
+
+use super::invariants::{Violation, violation};
+use crate::campaign::{Campaign, Fault};
+
+/// Plays that shrinking may cost.
+const PLAYS_MAX: usize = 400;
+
+/// A scenario as its text has it, so that what is written is what was played.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    document: Table,
+}
+
+impl Case {
+    /// The base scenario with other faults and without limits.
+    ///
+    /// # Errors
+    /// The text is no TOML, or the scenario has tables in other files.
+    pub fn new(base: &str, faults: Table, seed: u64) -> Result<Self, String> {
+        let mut document: Table = base.parse().map_err(|error| format!("{error}"))?;
+        document.remove("expect");
+        document.insert("fault".to_owned(), Value::Table(faults));
+        let seed = i64::try_from(seed % (1 << 53)).unwrap_or_default();
+        document.insert("seed".to_owned(), seed.into());
+        Ok(Self { document })
+    }
+
+    /// The scenario's text.
+    #[must_use]
+    pub fn text(&self) -> String {
+        self.document.to_string()
+    }
+
+    /// The scenario.
+    ///
+    /// # Errors
+    /// What the loader finds wrong; tables in other files are not read.
+    pub fn scenario(&self) -> Result<Scenario, String> {
+        let no_tables = |_: &str| {
+            let text = "torture takes scenarios without [[reference.table]] only";
+            Err(std::io::Error::other(text))
+        };
+        Scenario::parse(&self.text(), "torture", no_tables)
+            .map_err(|error| format!("{:?}", miette::Report::new(error)))
+    }
+
+    /// The invariant that it breaks, a panic among them.
+    #[must_use]
+    pub fn violation(&self) -> Option<Violation> {
+        let scenario = self.scenario().ok()?;
+        let campaign = Campaign {
+            threads: 1,
+            is_shown: false,
+        };
+        let played = catch_unwind(AssertUnwindSafe(|| {
+            campaign.play(std::iter::once(scenario), violation)
+        }));
+        match played.ok()?.ok()?.pop()? {
+            Ok(violation) => violation,
+            Err(fault) => Some(of_fault(&fault)),
+        }
+    }
+
+    /// The smallest case that breaks the same invariant: without faults that it does not need, shorter, with round
+    /// numbers.
+    #[must_use]
+    pub fn shrunk(&self, invariant: &'static str) -> Self {
+        let mut budget = PLAYS_MAX;
+        let mut smallest = self.clone();
+        loop {
+            let mut has_shrunk = false;
+            for candidate in smallest.smaller() {
+                if budget == 0 {
+                    return smallest;
+                }
+                budget -= 1;
+                let is_same = |violation: Violation| violation.invariant == invariant;
+                if candidate.violation().is_some_and(is_same) {
+                    smallest = candidate;
+                    has_shrunk = true;
+                    break;
+                }
+            }
+            if !has_shrunk {
+                return smallest;
+            }
+        }
+    }
+
+    /// What is a little smaller, the greatest steps first.
+    fn smaller(&self) -> Vec<Self> {
+        let mut candidates = Vec::new();
+        for path in self.faults() {
+            candidates.push(self.without(&path));
+        }
+        candidates.extend(self.shorter());
+        for path in self.faults() {
+            candidates.extend(self.simpler(&path));
+        }
+        candidates
+    }
+
+    /// Where the faults stand: group, kind, index.
+    fn faults(&self) -> Vec<(String, String, usize)> {
+        let groups = self.document.get("fault").and_then(Value::as_table);
+        let mut paths = Vec::new();
+        for (group, kinds) in groups.into_iter().flatten() {
+            for (kind, all) in kinds.as_table().into_iter().flatten() {
+                let count = all.as_array().map_or(0, Vec::len);
+                paths.extend((0..count).map(|index| (group.clone(), kind.clone(), index)));
+            }
+        }
+        paths
+    }
+
+    fn all_of(&mut self, (group, kind, _): &(String, String, usize)) -> Option<&mut Vec<Value>> {
+        let kinds = self.document.get_mut("fault")?.get_mut(group)?;
+        kinds.get_mut(kind)?.as_array_mut()
+    }
+
+    fn without(&self, path: &(String, String, usize)) -> Self {
+        let mut smaller = self.clone();
+        if let Some(all) = smaller.all_of(path) {
+            all.remove(path.2);
+        }
+        smaller.drop_empty();
+        smaller
+    }
+
+    /// Leaves out groups and kinds that have no fault any more.
+    fn drop_empty(&mut self) {
+        let groups = self.document.get_mut("fault").and_then(Value::as_table_mut);
+        let Some(groups) = groups else { return };
+        let is_empty = |value: &Value| match value {
+            Value::Array(all) => all.is_empty(),
+            Value::Table(kinds) => kinds.is_empty(),
+            _ => false,
+        };
+        for kinds in groups
+            .iter_mut()
+            .filter_map(|(_, kinds)| kinds.as_table_mut())
+        {
+            kinds.retain(|_, all| !is_empty(all));
+        }
+        groups.retain(|_, kinds| !is_empty(kinds));
+    }
+
+    /// A run that ends earlier.
+    fn shorter(&self) -> Vec<Self> {
+        let duration = self.document.get("duration_seconds");
+        let Some(duration) = duration.and_then(Value::as_float) else {
+            return Vec::new();
+        };
+        let shorter = [0.5, 0.8, 0.9].map(|factor| libm::ceil(duration * factor * 10.0) / 10.0);
+        let shorter = shorter.into_iter().filter(|shorter| *shorter < duration);
+        shorter
+            .map(|shorter| {
+                let mut smaller = self.clone();
+                let document = &mut smaller.document;
+                document.insert("duration_seconds".to_owned(), shorter.into());
+                smaller
+            })
+            .collect()
+    }
+
+    /// The same with one parameter left out or rounded.
+    fn simpler(&self, path: &(String, String, usize)) -> Vec<Self> {
+        let mut at = self.clone();
+        let fault = at.all_of(path).and_then(|all| all.get(path.2).cloned());
+        let Some(Value::Table(fault)) = fault else {
+            return Vec::new();
+        };
+        let with = |change: &dyn Fn(&mut Table)| {
+            let mut smaller = self.clone();
+            let all = smaller.all_of(path);
+            if let Some(Value::Table(fault)) = all.and_then(|all| all.get_mut(path.2)) {
+                change(fault);
+            }
+            smaller
+        };
+        let mut candidates = Vec::new();
+        for (key, value) in &fault {
+            candidates.push(with(&|fault| {
+                fault.remove(key);
+            }));
+            for rounder in rounder(value) {
+                candidates.push(with(&|fault| {
+                    fault.insert(key.clone(), rounder.clone());
+                }));
+            }
+        }
+        candidates
+    }
+}
+
+/// Numbers with fewer digits; nothing where there are none to lose.
+fn rounder(value: &Value) -> Vec<Value> {
+    let Some(number) = value.as_float() else {
+        return Vec::new();
+    };
+    let rounded = [1.0, 10.0, 100.0, 1000.0].map(|scale| libm::round(number * scale) / scale);
+    let digits = |number: f64| format!("{number}").len();
+    let rounder = rounded
+        .into_iter()
+        .filter(|rounded| digits(*rounded) < digits(number));
+    rounder.map(Value::Float).collect()
+}
+
+/// A run that the program itself could not bring to a verdict.
+pub(super) fn of_fault(fault: &Fault) -> Violation {
+    Violation {
+        invariant: "panic",
+        text: fault.reason.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 3.0\n[controller.pid]\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[expect]\n\
+        position_millimetres_max = { max = 0.0 }\n";
+
+    /// Breaks the temperature's limit with the first two only; the others are beside the point.
+    const FAULTS: &str = "[[plant.ageing]]\nfrom_seconds = 0.1234\nuntil_seconds = 0.3217\n\
+        resistance_factor = 1.8731\n\
+        [[amplifier.stuck_on]]\nfrom_seconds = 0.2\ncurrent_amperes = 0.9876\n\
+        [[sensor.noise]]\nfrom_seconds = 0.5\nnoise_millimetres_rms = 0.01\n\
+        [[bus.load]]\nfrom_seconds = 0.5\nidentifier = 0x555\nperiod_milliseconds = 2.0\n";
+
+    #[test]
+    fn what_is_not_needed_is_left_out_and_the_rest_still_fails() {
+        let case = Case::new(BASE, FAULTS.parse().unwrap(), 7).unwrap();
+        assert_eq!(case.violation().unwrap().invariant, "temperature");
+        let shrunk = case.shrunk("temperature");
+        assert_eq!(shrunk.violation().unwrap().invariant, "temperature");
+        let scenario = shrunk.scenario().unwrap();
+        let windows = scenario.fault.windows();
+        let kinds: Vec<_> = windows.iter().map(|window| window.place.kind).collect();
+        assert_eq!(kinds, ["stuck_on", "ageing"], "{}", shrunk.text());
+        assert!(scenario.duration_seconds < 3.0, "{}", shrunk.text());
+        assert!(!shrunk.text().contains("[]"), "{}", shrunk.text());
+        // Nothing smaller fails: it is a fixed point.
+        assert_eq!(shrunk.shrunk("temperature"), shrunk);
+    }
+
+    #[test]
+    fn a_scenario_with_tables_in_files_is_refused() {
+        let base = BASE.replace(
+            "[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0",
+            "[[reference.table]]\nfrom_seconds = 0.0\nfile = \"x.csv\"",
+        );
+        let case = Case::new(&base, Table::new(), 7).unwrap();
+        let reason = case.scenario().unwrap_err();
+        assert!(
+            reason.contains("without [[reference.table]] only"),
+            "{reason}"
+        );
+    }
+}

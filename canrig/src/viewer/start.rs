@@ -1,0 +1,68 @@
+//! Opens a viewer as a program of its own.
+
+use std::io;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use platform::clock::{Clock, sleep};
+use platform::scheduling;
+
+use super::{INSTALL, ViewerAddress};
+
+/// The viewer's own port.
+const PORT: u16 = 9876;
+/// How long the viewer may take until it listens.
+const START_PATIENCE: Duration = Duration::from_secs(30);
+/// How often it is looked whether it does.
+const LOOK_PERIOD: Duration = Duration::from_millis(100);
+
+/// The viewer that is open on its own port, or a new one.
+pub(super) fn open() -> Result<ViewerAddress, String> {
+    let address = ViewerAddress::loopback(PORT);
+    if address.answers().is_ok() {
+        return Ok(address);
+    }
+    let mut viewer = start(&address).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => {
+            format!("there is no program `rerun`; install the viewer with: {INSTALL}")
+        }
+        _ => format!("`rerun` cannot be started: {error}"),
+    })?;
+    let clock = Clock::start();
+    while address.answers().is_err() {
+        if let Ok(Some(status)) = viewer.try_wait() {
+            return Err(format!(
+                "`rerun` ended at once ({status}); run it by itself to see why"
+            ));
+        }
+        if clock.now() > START_PATIENCE {
+            let seconds = START_PATIENCE.as_secs();
+            return Err(format!(
+                "`rerun` does not listen on {address} after {seconds} s"
+            ));
+        }
+        sleep(LOOK_PERIOD);
+    }
+    Ok(address)
+}
+
+/// Starts the viewer on loopback only. It stays when the run ends, and steps back where processors are scarce.
+fn start(address: &ViewerAddress) -> io::Result<Child> {
+    let mut command = Command::new("rerun");
+    command
+        .args(["--bind", "127.0.0.1", "--port", &address.port().to_string()])
+        .args(["--expect-data-soon", "--hide-welcome-screen"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        // Ctrl-C is for the run.
+        .process_group(0);
+    let starter = std::thread::spawn(move || {
+        scheduling::step_back();
+        command.spawn()
+    });
+    starter
+        .join()
+        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}

@@ -1,0 +1,375 @@
+//! A node that fails as planned.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::time::Duration;
+
+use canopen::{CanFrame, Filter, Node, Progress};
+use dbc::scenario_clock::ScenarioClock;
+use dbc::{Database, SignalMissing};
+use scenario::fault::node::Output;
+
+use crate::plan::{Kind, Plan};
+
+/// Frames that a hanging node's CAN controller and driver keep for it (assumed).
+const RECEIVE_FRAMES_MAX: usize = 32;
+
+const NANOSECONDS_PER_SECOND: f64 = 1e9;
+
+/// Whether the node works at all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Condition {
+    Working,
+    Hanging,
+    Dead(Output),
+}
+
+/// Makes a node as it is after power-on.
+type Renew<N> = Box<dyn FnMut(&mut N) + Send>;
+
+/// A node in a scenario with faults. It never fails as a whole: a node that gives up has gone to its safe state, and
+/// the run goes on to show that it stays there.
+pub struct Faulty<N> {
+    node: N,
+    renew: Renew<N>,
+    plan: Plan,
+    scenario: ScenarioClock,
+    now: Duration,
+    /// The latest time up to which the plan was followed.
+    followed: Option<Duration>,
+    condition: Condition,
+    clock: NodeClock,
+    inbox: Vec<CanFrame>,
+    outbox: VecDeque<(Duration, CanFrame)>,
+    is_stop_asked: bool,
+}
+
+impl<N: fmt::Debug> fmt::Debug for Faulty<N> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut text = formatter.debug_struct("Faulty");
+        text.field("node", &self.node).field("plan", &self.plan);
+        text.finish_non_exhaustive()
+    }
+}
+
+impl<N: Node> Faulty<N> {
+    /// A node before its power-on, and what makes it new again.
+    ///
+    /// # Errors
+    /// The database has no statusword of a drive, from which scenario time follows.
+    pub fn new(
+        node: N,
+        plan: Plan,
+        database: &Database,
+        renew: impl FnMut(&mut N) + Send + 'static,
+    ) -> Result<Self, SignalMissing> {
+        Ok(Self {
+            node,
+            renew: Box::new(renew),
+            scenario: ScenarioClock::new(database)?,
+            now: Duration::ZERO,
+            followed: None,
+            condition: if plan.late_boot > Duration::ZERO {
+                Condition::Dead(Output::Zero)
+            } else {
+                Condition::Working
+            },
+            plan,
+            clock: NodeClock::default(),
+            inbox: Vec::new(),
+            outbox: VecDeque::new(),
+            is_stop_asked: false,
+        })
+    }
+
+    /// The node itself.
+    #[must_use]
+    pub fn node(&self) -> &N {
+        &self.node
+    }
+
+    /// The node itself.
+    #[must_use]
+    pub fn node_mut(&mut self) -> &mut N {
+        &mut self.node
+    }
+
+    /// When the scenario began.
+    #[must_use]
+    pub fn scenario_zero(&self) -> Option<Duration> {
+        self.scenario.zero()
+    }
+
+    /// What a dead node leaves its output at; none while it lives.
+    #[must_use]
+    pub fn dead_output(&self) -> Option<Output> {
+        match self.condition {
+            Condition::Dead(output) => Some(output),
+            _ => None,
+        }
+    }
+
+    /// How far the node's clock is ahead of the true time, and how far behind.
+    #[must_use]
+    pub fn clock_error(&self) -> (Duration, Duration) {
+        self.clock_error_at(self.now)
+    }
+
+    /// The clock's error at a time, if nothing begins or ends before it.
+    #[must_use]
+    pub fn clock_error_at(&self, now: Duration) -> (Duration, Duration) {
+        let node = self.clock.node_time(now);
+        (node.saturating_sub(now), now.saturating_sub(node))
+    }
+
+    /// Follows the plan to `now`.
+    fn follow(&mut self, now: Duration) {
+        self.now = now;
+        let before = self.scenario_time(self.followed);
+        let time = self.scenario_time(Some(now));
+        self.followed = Some(now);
+        self.clock.set_rate(now, self.drift_at(time));
+        let has_restarted = self.plan.faults.iter().any(|fault| {
+            let is_new = before.is_none_or(|before| before < fault.from);
+            fault.kind == Kind::Restart && is_new && time.is_some_and(|time| time >= fault.from)
+        });
+        let condition = self.condition_at(now, time);
+        let was = std::mem::replace(&mut self.condition, condition);
+        match (was, condition) {
+            (Condition::Dead(_), Condition::Dead(_)) => {}
+            (_, Condition::Dead(_)) => self.forget(),
+            (Condition::Dead(_), _) => (self.renew)(&mut self.node),
+            (Condition::Hanging, Condition::Working) => self.wake_up(),
+            _ if has_restarted => {
+                self.forget();
+                (self.renew)(&mut self.node);
+            }
+            _ => {}
+        }
+    }
+
+    /// What it had to say and had not heard yet goes with it.
+    fn forget(&mut self) {
+        self.outbox.clear();
+        self.inbox.clear();
+    }
+
+    /// Goes on after a hang: hears what was kept for it.
+    fn wake_up(&mut self) {
+        let time = self.clock.node_time(self.now);
+        for frame in std::mem::take(&mut self.inbox) {
+            self.node.on_frame(time, &frame);
+            self.collect();
+        }
+    }
+
+    fn scenario_time(&self, now: Option<Duration>) -> Option<Duration> {
+        now?.checked_sub(self.scenario.zero()?)
+    }
+
+    fn active(&self, time: Option<Duration>) -> impl Iterator<Item = Kind> {
+        let faults = self.plan.faults.iter();
+        let acts = move |fault: &&crate::Planned| time.is_some_and(|time| fault.acts_at(time));
+        faults.filter(acts).map(|fault| fault.kind)
+    }
+
+    fn condition_at(&self, now: Duration, time: Option<Duration>) -> Condition {
+        if now < self.plan.late_boot {
+            return Condition::Dead(Output::Zero);
+        }
+        let dead = self.active(time).find_map(|kind| match kind {
+            Kind::Crash(output) => Some(Condition::Dead(output)),
+            _ => None,
+        });
+        let is_hanging = || self.active(time).any(|kind| kind == Kind::Hang);
+        match dead {
+            Some(dead) => dead,
+            None if is_hanging() => Condition::Hanging,
+            None => Condition::Working,
+        }
+    }
+
+    fn drift_at(&self, time: Option<Duration>) -> f64 {
+        let rates = self.active(time).map(|kind| match kind {
+            Kind::Drift(rate) => rate,
+            _ => 0.0,
+        });
+        rates.sum()
+    }
+
+    /// The next time at which something of the plan begins or ends.
+    fn next_change(&self) -> Option<Duration> {
+        let followed = self.followed.unwrap_or_default();
+        let boot = Some(self.plan.late_boot).filter(|boot| *boot > followed);
+        let zero = self.scenario.zero();
+        let changes = self
+            .plan
+            .faults
+            .iter()
+            .flat_map(|fault| [fault.from, fault.until]);
+        let changes = changes.filter_map(|change| zero?.checked_add(change));
+        changes
+            .filter(|change| *change > followed)
+            .chain(boot)
+            .min()
+    }
+
+    /// Takes what the node wants to send.
+    fn collect(&mut self) {
+        let time = self.scenario_time(Some(self.now));
+        let slow = self.active(time).map(|kind| match kind {
+            Kind::Slow(delay) => delay,
+            _ => Duration::ZERO,
+        });
+        let delay: Duration = slow.sum();
+        let loses_heartbeat = self.active(time).any(|kind| kind == Kind::LostHeartbeat);
+        let heartbeat = 0x700 + u16::from(self.plan.number);
+        while let Some(frame) = self.node.next_frame() {
+            if loses_heartbeat && frame.standard_id() == Some(heartbeat) {
+                continue;
+            }
+            self.scenario.on_frame(self.now, &frame);
+            self.outbox.push_back((self.now + delay, frame));
+        }
+    }
+
+    fn tick(&mut self) {
+        let time = self.clock.node_time(self.now);
+        let is_due = |deadline| deadline <= time;
+        if self.condition == Condition::Working && self.node.next_deadline().is_some_and(is_due) {
+            self.node.on_tick(time);
+            self.collect();
+        }
+    }
+}
+
+impl<N: Node> Node for Faulty<N> {
+    fn filters(&self) -> Vec<Filter> {
+        let mut filters = self.node.filters();
+        // Scenario time follows from SYNC and statusword.
+        filters.push(Filter::exact(0x080));
+        filters.push(Filter::exact(0x190));
+        filters.sort_unstable_by_key(|filter| (filter.id, filter.mask));
+        filters.dedup();
+        filters
+    }
+
+    fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+        self.follow(now);
+        self.scenario.on_frame(now, frame);
+        match self.condition {
+            Condition::Dead(_) => {}
+            Condition::Hanging => {
+                if self.inbox.len() < RECEIVE_FRAMES_MAX {
+                    self.inbox.push(*frame);
+                }
+            }
+            Condition::Working => {
+                self.node.on_frame(self.clock.node_time(now), frame);
+                self.collect();
+            }
+        }
+        // The frame may have begun the scenario.
+        self.follow(now);
+    }
+
+    fn on_tick(&mut self, now: Duration) {
+        self.follow(now);
+        self.tick();
+        self.follow(now);
+    }
+
+    fn on_stop(&mut self, now: Duration) {
+        self.follow(now);
+        self.is_stop_asked = true;
+        if self.condition == Condition::Working {
+            self.node.on_stop(self.clock.node_time(now));
+            self.collect();
+        }
+    }
+
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        let (_, frame) = self
+            .outbox
+            .pop_front_if(|(leaves, _)| *leaves <= self.now)?;
+        Some(frame)
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        let own = match self.condition {
+            Condition::Working => self.node.next_deadline(),
+            _ => None,
+        };
+        let own = own.map(|deadline| self.clock.true_time(deadline));
+        let leaves = self.outbox.front().map(|(leaves, _)| *leaves);
+        [own, leaves, self.next_change()]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    fn progress(&self) -> Progress {
+        let is_over = match (self.condition, self.node.progress()) {
+            (Condition::Working, Progress::Running) => false,
+            _ => self.is_stop_asked,
+        };
+        if is_over && self.outbox.is_empty() {
+            Progress::Stopped
+        } else {
+            Progress::Running
+        }
+    }
+}
+
+/// A clock that may run fast or slow.
+#[derive(Clone, Copy, Debug, Default)]
+struct NodeClock {
+    /// Where the rate last changed: true time and the node's.
+    anchor: (Duration, Duration),
+    rate: f64,
+}
+
+impl NodeClock {
+    fn set_rate(&mut self, now: Duration, rate: f64) {
+        if rate != self.rate {
+            self.anchor = (now, self.node_time(now));
+            self.rate = rate;
+        }
+    }
+
+    fn node_time(&self, now: Duration) -> Duration {
+        let (true_anchor, node_anchor) = self.anchor;
+        let elapsed = now.saturating_sub(true_anchor);
+        node_anchor + scaled(elapsed, 1.0 + self.rate)
+    }
+
+    /// The first true time at which the node's clock has reached a time.
+    fn true_time(&self, node_time: Duration) -> Duration {
+        let (true_anchor, node_anchor) = self.anchor;
+        let elapsed = node_time.saturating_sub(node_anchor);
+        let mut time = true_anchor + scaled(elapsed, 1.0 / (1.0 + self.rate));
+        // Rounding may leave it just short.
+        while self.node_time(time) < node_time {
+            time += Duration::from_nanos(1);
+        }
+        time
+    }
+}
+
+/// A time by a factor; exact for the factor 1.
+fn scaled(time: Duration, factor: f64) -> Duration {
+    if factor == 1.0 {
+        return time;
+    }
+    let seconds = time.as_secs_f64() * factor;
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "never negative, and a run lasts far below 2^63 ns"
+    )]
+    let nanoseconds = libm::round(seconds * NANOSECONDS_PER_SECOND) as u64;
+    Duration::from_nanos(nanoseconds)
+}
+
+#[cfg(test)]
+mod tests;

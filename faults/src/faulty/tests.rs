@@ -1,0 +1,163 @@
+//! A faulty node, seen from the bus.
+
+use canopen::CanFrame;
+use scenario::fault::node::Output;
+
+use super::*;
+use crate::plan::Planned;
+
+/// Sends a heartbeat every 10 ms, and answers every frame 0x300 at once.
+#[derive(Debug, Default)]
+struct Ticker {
+    next: Duration,
+    ticks: u64,
+    queue: Vec<CanFrame>,
+}
+
+impl Node for Ticker {
+    fn filters(&self) -> Vec<Filter> {
+        vec![Filter::exact(0x300)]
+    }
+
+    fn on_frame(&mut self, _now: Duration, frame: &CanFrame) {
+        if frame.standard_id() == Some(0x300) {
+            self.queue.push(CanFrame::new(0x301, frame.data()));
+        }
+    }
+
+    fn on_tick(&mut self, now: Duration) {
+        if now >= self.next {
+            self.ticks += 1;
+            self.next = now + Duration::from_millis(10);
+            self.queue.push(CanFrame::new(0x710, &[5]));
+        }
+    }
+
+    fn on_stop(&mut self, _now: Duration) {}
+
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        (!self.queue.is_empty()).then(|| self.queue.remove(0))
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        Some(self.next)
+    }
+
+    fn progress(&self) -> Progress {
+        Progress::Running
+    }
+}
+
+fn milliseconds(milliseconds: u64) -> Duration {
+    Duration::from_millis(milliseconds)
+}
+
+/// A node with one fault from 50 ms to 100 ms; the scenario begins at 0.
+fn faulty(kind: Kind) -> Faulty<Ticker> {
+    let plan = Plan {
+        number: 0x10,
+        late_boot: Duration::ZERO,
+        faults: vec![Planned {
+            from: milliseconds(50),
+            until: milliseconds(100),
+            kind,
+        }],
+    };
+    let mut node = Faulty::new(
+        Ticker::default(),
+        plan,
+        Database::sma_actuator(),
+        |ticker| *ticker = Ticker::default(),
+    )
+    .unwrap();
+    node.on_frame(
+        Duration::ZERO,
+        &CanFrame::new(0x190, &[0x37, 2, 0, 0, 0, 0, 0, 0]),
+    );
+    node.on_frame(Duration::ZERO, &CanFrame::new(0x080, &[1]));
+    assert_eq!(node.scenario_zero(), Some(Duration::ZERO));
+    node
+}
+
+/// Runs the node by its deadlines with a frame 0x300 every 20 ms; what it sent, with times in milliseconds.
+fn run(node: &mut Faulty<Ticker>, until: u64) -> Vec<(u64, u16)> {
+    let mut sent = Vec::new();
+    let mut asked = milliseconds(15);
+    loop {
+        let deadline = node.next_deadline().unwrap_or(Duration::MAX).max(node.now);
+        let now = deadline.min(asked);
+        if now > milliseconds(until) {
+            return sent;
+        }
+        if now == asked {
+            node.on_frame(now, &CanFrame::new(0x300, &[]));
+            asked += milliseconds(20);
+        } else {
+            node.on_tick(now);
+        }
+        while let Some(frame) = node.next_frame() {
+            let time = u64::try_from(now.as_millis()).unwrap();
+            sent.push((time, frame.standard_id().unwrap()));
+        }
+    }
+}
+
+fn times(sent: &[(u64, u16)], id: u16) -> Vec<u64> {
+    sent.iter()
+        .filter(|(_, of)| *of == id)
+        .map(|(time, _)| *time)
+        .collect()
+}
+
+#[test]
+fn a_dead_node_is_silent_and_boots_anew() {
+    let mut node = faulty(Kind::Crash(Output::Hold));
+    let sent = run(&mut node, 130);
+    assert_eq!(times(&sent, 0x710), [0, 10, 20, 30, 40, 100, 110, 120, 130]);
+    assert_eq!(times(&sent, 0x301), [15, 35, 115]);
+    assert_eq!(node.node().ticks, 4, "its memory is new");
+}
+
+#[test]
+fn a_hanging_node_goes_on_with_what_was_kept_for_it() {
+    let mut node = faulty(Kind::Hang);
+    let sent = run(&mut node, 130);
+    assert_eq!(times(&sent, 0x710), [0, 10, 20, 30, 40, 100, 110, 120, 130]);
+    assert_eq!(times(&sent, 0x301), [15, 35, 100, 100, 100, 115]);
+    assert_eq!(node.node().ticks, 9, "its memory stays");
+}
+
+#[test]
+fn a_slow_node_answers_late_and_a_heartbeat_is_lost_alone() {
+    let sent = run(&mut faulty(Kind::Slow(milliseconds(3))), 130);
+    assert_eq!(times(&sent, 0x301), [15, 35, 58, 78, 98, 115]);
+    let sent = run(&mut faulty(Kind::LostHeartbeat), 130);
+    assert_eq!(times(&sent, 0x710), [0, 10, 20, 30, 40, 100, 110, 120, 130]);
+    assert_eq!(times(&sent, 0x301), [15, 35, 55, 75, 95, 115]);
+}
+
+#[test]
+fn a_fast_clock_ticks_more_often() {
+    let mut node = faulty(Kind::Drift(0.25));
+    let sent = run(&mut node, 110);
+    assert_eq!(
+        times(&sent, 0x710),
+        [0, 10, 20, 30, 40, 50, 58, 66, 74, 82, 90, 98, 107]
+    );
+    let (ahead, behind) = node.clock_error();
+    assert_eq!(behind, Duration::ZERO);
+    assert!(ahead.abs_diff(Duration::from_micros(12_500)) < Duration::from_micros(1));
+}
+
+#[test]
+fn a_late_node_is_silent_until_it_boots() {
+    let plan = Plan {
+        number: 0x10,
+        late_boot: milliseconds(35),
+        faults: Vec::new(),
+    };
+    let database = Database::sma_actuator();
+    let mut node = Faulty::new(Ticker::default(), plan, database, |_| {}).unwrap();
+    let sent = run(&mut node, 60);
+    assert_eq!(times(&sent, 0x710), [35, 45, 55]);
+}

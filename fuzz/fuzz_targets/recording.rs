@@ -1,0 +1,35 @@
+//! Any frames at any times as the recording of a run: decoded and judged, and the verdict survives being written.
+#![no_main]
+
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use canrig::judge::judge;
+use canrig::recording::Stamped;
+use canrig::timeline;
+use canrig::verdict::Verdict;
+use canrig_fuzz::steps;
+use dbc::Database;
+use libfuzzer_sys::fuzz_target;
+use scenario::Scenario;
+
+static SCENARIO: LazyLock<Scenario> = LazyLock::new(|| {
+    let text = include_str!("../../scenarios/fan.toml");
+    let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+    Scenario::parse(text, "fan.toml", no_table).expect("the scenario is valid")
+});
+
+fuzz_target!(|bytes: &[u8]| {
+    let mut now = Duration::ZERO;
+    let frames: Vec<Stamped> = steps(bytes)
+        .map(|step| {
+            now += step.pause;
+            Stamped::new(now, step.frame)
+        })
+        .collect();
+    let timeline = timeline::decode(&frames, &SCENARIO, Database::sma_actuator())
+        .expect("the rig's own database");
+    let verdict = judge(&timeline, &SCENARIO, 0);
+    let read = Verdict::from_json(&verdict.to_json()).expect("our own verdict is valid");
+    assert_eq!(read.to_json(), verdict.to_json());
+});

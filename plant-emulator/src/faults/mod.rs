@@ -1,0 +1,100 @@
+//! Faults of sensor, amplifier, wire and mechanics, as the scenario's `[fault]` says.
+//!
+//! They act on the rig itself, whatever becomes of the drive's node, and begin with scenario time.
+
+mod amplifier;
+mod plant;
+mod sensor;
+
+use std::time::Duration;
+
+use scenario::Scenario;
+use scenario::fault::FaultWindow;
+
+use crate::sensor::Counts;
+use crate::sma::Condition;
+pub(crate) use sensor::SensorFaults;
+
+/// What goes wrong with the rig.
+#[derive(Clone, Debug)]
+pub(crate) struct RigFaults {
+    faults: scenario::fault::Faults,
+    sensor: SensorFaults,
+    /// Scenario times at which something begins or ends, in order.
+    changes: Vec<Duration>,
+    /// When the scenario began.
+    zero: Option<Duration>,
+}
+
+impl RigFaults {
+    /// The faults of a scenario, which have not begun.
+    pub(crate) fn new(scenario: &Scenario) -> Self {
+        let faults = &scenario.fault;
+        let is_of_rig =
+            |window: &FaultWindow| matches!(window.place.group, "sensor" | "amplifier" | "plant");
+        let windows = faults.windows();
+        let windows = windows.iter().filter(|window| is_of_rig(window));
+        let times = windows.flat_map(|window| [window.from_seconds, window.until_seconds]);
+        let mut changes: Vec<_> = times.flatten().map(Duration::from_secs_f64).collect();
+        changes.sort_unstable();
+        changes.dedup();
+        Self {
+            faults: faults.clone(),
+            sensor: SensorFaults::new(&faults.sensor, scenario.seed),
+            changes,
+            zero: None,
+        }
+    }
+
+    /// Scenario time begins.
+    pub(crate) fn begin(&mut self, zero: Duration) {
+        self.zero = Some(zero);
+    }
+
+    /// The next change after `now`.
+    pub(crate) fn next_change(&self, now: Duration) -> Option<Duration> {
+        let zero = self.zero?;
+        let changes = self.changes.iter().map(|change| zero + *change);
+        changes.into_iter().find(|change| *change > now)
+    }
+
+    /// What the sensor's converter puts out in place of what it should: `convert` is the sound converter.
+    pub(crate) fn sense(
+        &mut self,
+        now: Duration,
+        position_metres: f64,
+        convert: impl FnOnce(f64) -> Counts,
+    ) -> Counts {
+        let Some(time_seconds) = self.time_seconds(now) else {
+            return convert(position_metres);
+        };
+        self.sensor.sense(time_seconds, position_metres, convert)
+    }
+
+    /// The current that flows in place of what is commanded.
+    pub(crate) fn current_amperes(&self, now: Duration, commanded_amperes: f64) -> f64 {
+        let Some(time_seconds) = self.time_seconds(now) else {
+            return commanded_amperes;
+        };
+        if plant::is_wire_broken(&self.faults.plant, time_seconds) {
+            return 0.0;
+        }
+        amplifier::current_amperes(&self.faults.amplifier, time_seconds, commanded_amperes)
+    }
+
+    /// The state of wire and mechanics.
+    pub(crate) fn condition(&self, now: Duration) -> Condition {
+        self.time_seconds(now)
+            .map_or_else(Condition::default, |time| {
+                plant::condition(&self.faults.plant, time)
+            })
+    }
+
+    /// Scenario time; none before it begins and where nothing will go wrong.
+    fn time_seconds(&self, now: Duration) -> Option<f64> {
+        if self.changes.is_empty() {
+            return None;
+        }
+        Some(now.checked_sub(self.zero?)?.as_secs_f64())
+    }
+}

@@ -1,0 +1,74 @@
+//! What the emulated actuator says of itself in scenarios with faults, whatever became of the drive: the current that
+//! really flows, and how hot the wire was.
+
+use std::time::Duration;
+
+use canopen::CanFrame;
+use dbc::{Database, MessageBuilder, SignalHandle, SignalMissing};
+
+use crate::rig::Rig;
+
+/// Time between two messages.
+const PERIOD: Duration = Duration::from_millis(10);
+
+const MESSAGE: &str = "plant_truth";
+
+/// The producer of `plant_truth`.
+#[derive(Clone, Debug)]
+pub(crate) struct Truth {
+    message: MessageBuilder,
+    current: SignalHandle,
+    peak_temperature: SignalHandle,
+    time: SignalHandle,
+    peak_celsius: f64,
+    is_heated: bool,
+    next: Duration,
+    waiting: Vec<CanFrame>,
+}
+
+impl Truth {
+    pub(crate) fn new(database: &Database) -> Result<Self, SignalMissing> {
+        let signal = |name: &str| database.require(&format!("{MESSAGE}.{name}"));
+        Ok(Self {
+            message: database
+                .builder(MESSAGE)
+                .ok_or_else(|| SignalMissing::new(MESSAGE))?,
+            current: signal("plant_current_amperes")?,
+            peak_temperature: signal("plant_peak_temperature_celsius")?,
+            time: signal("plant_time_seconds")?,
+            peak_celsius: f64::NEG_INFINITY,
+            is_heated: false,
+            next: PERIOD,
+            waiting: Vec::new(),
+        })
+    }
+
+    /// Looks at the rig after something happened to it. The temperature is monotonic while the inputs are constant, so
+    /// its peaks lie where it is looked at.
+    pub(crate) fn observe(&mut self, now: Duration, rig: &Rig) {
+        let temperature = rig.actuator().temperature_celsius();
+        self.peak_celsius = self.peak_celsius.max(temperature);
+        let current_amperes = rig.inputs().current_amperes;
+        let is_heated = current_amperes > 0.0;
+        if is_heated == self.is_heated && now < self.next {
+            return;
+        }
+        if now >= self.next {
+            self.next = now + PERIOD;
+        }
+        self.is_heated = is_heated;
+        self.message.set(&self.current, current_amperes);
+        self.message.set(&self.peak_temperature, self.peak_celsius);
+        self.message.set(&self.time, now.as_secs_f64());
+        self.waiting.push(self.message.frame());
+        self.peak_celsius = temperature;
+    }
+
+    pub(crate) fn next_frame(&mut self) -> Option<CanFrame> {
+        (!self.waiting.is_empty()).then(|| self.waiting.remove(0))
+    }
+
+    pub(crate) fn next_deadline(&self) -> Duration {
+        self.next
+    }
+}

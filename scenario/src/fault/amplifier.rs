@@ -1,0 +1,26 @@
+//! Faults of the current amplifier.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::faults;
+
+faults! {
+    /// Faults of the current amplifier. Where several act at a time, the dead one wins, then the one stuck on.
+    AmplifierFaults {
+        /// The amplifier gives no more than some current.
+        saturated: Saturated {
+            /// The most that it gives.
+            #[schemars(range(min = 0.0, max = 1.0))]
+            current_amperes_max: f64,
+        }
+        /// A current flows whatever is commanded.
+        stuck_on: StuckOn {
+            /// The current.
+            #[schemars(range(min = 0.0, max = 1.0))]
+            current_amperes: f64,
+        }
+        /// No current flows whatever is commanded.
+        dead: Dead {}
+    }
+}

@@ -1,0 +1,201 @@
+//! Faults on purpose: the catalogue, what each fault comes to under each law, and the same bytes in every world.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::fs;
+use std::path::PathBuf;
+
+use canrig::campaign::{Campaign, Played};
+use canrig::verdict::Outcome;
+use scenario::Scenario;
+
+use crate::support::{
+    canrig, only_run, output, root, scenario, short_scenario, unhurried_scenario,
+};
+
+/// The files of the catalogue, in order.
+fn catalogue() -> Vec<PathBuf> {
+    let entries = fs::read_dir(scenario("faults")).unwrap();
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+fn name(path: &std::path::Path) -> String {
+    path.file_stem().unwrap().to_string_lossy().into_owned()
+}
+
+fn campaign() -> Campaign {
+    Campaign::on_all_cores(false)
+}
+
+/// `every_shipped_scenario_passes` judges these too; here their expectations are held to be about faults.
+#[test]
+fn every_case_of_the_catalogue_demands_a_reaction() {
+    let catalogue = catalogue();
+    assert!(catalogue.len() >= 25, "{} cases", catalogue.len());
+    for path in &catalogue {
+        let scenario = Scenario::load(path).unwrap();
+        let expect = &scenario.expect;
+        assert!(
+            !scenario.fault.is_empty(),
+            "{} has no fault",
+            path.display()
+        );
+        assert!(
+            expect.safe_state.is_some() && expect.temperature_celsius.is_some(),
+            "{} demands nothing",
+            path.display()
+        );
+    }
+}
+
+/// Without its faults no case of the catalogue passes that expects something to happen: the expectations can fail.
+#[test]
+fn a_reaction_that_does_not_come_fails() {
+    let is_safe_wanted = |scenario: &Scenario| scenario.expect.safe_state == Some(true);
+    let scenarios = catalogue().into_iter().filter_map(|path| {
+        let mut scenario = Scenario::load(&path).unwrap();
+        let harmless = "[[fault.sensor.offset]]\nfrom_seconds = 2.0\noffset_millimetres = 0.0\n";
+        let text = format!(
+            "schema = 1\nname = \"t\"\nduration_seconds = 3.0\n[controller.pid]\n[[reference.hold]]\n\
+             at_seconds = 0.0\nposition_millimetres = 1.0\n{harmless}"
+        );
+        let without = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+        scenario.fault = without.fault;
+        is_safe_wanted(&scenario).then_some(scenario)
+    });
+    let scenarios: Vec<Scenario> = scenarios.collect();
+    assert!(scenarios.len() >= 10);
+    let outcomes = campaign().play(scenarios.into_iter(), |played| {
+        (played.scenario.name.clone(), played.verdict.outcome)
+    });
+    for (name, outcome) in outcomes.unwrap().into_iter().map(Result::unwrap) {
+        assert_eq!(outcome, Outcome::Fail, "{name}");
+    }
+}
+
+/// What a run came to, in one cell each: time to current 0, time to recovery, highest temperature.
+fn cells(played: &Played<'_>) -> String {
+    let metric = |name: &str| {
+        let metrics = played.verdict.metrics.iter();
+        metrics.into_iter().find(|metric| metric.name == name)
+    };
+    let value = |name: &str| metric(name).and_then(|metric| metric.value);
+    let cell = |value: Option<f64>, decimals: usize| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
+    };
+    let is_safe = value("safe_state") == Some(1.0);
+    format!(
+        "{:>6} {:>5} {:>5.0} {}",
+        cell(value("current_zero_within_milliseconds"), 0),
+        cell(value("recovers_within_seconds"), 2),
+        value("temperature_celsius").unwrap(),
+        if is_safe { "safe" } else { "on  " },
+    )
+}
+
+const LAWS: [&str; 3] = ["sliding_mode", "sliding_mode_paper", "pid"];
+
+/// The table law × fault, which a reviewer reads in a minute. `UPDATE_SNAPSHOTS=1` writes it anew.
+#[test]
+fn each_law_meets_each_fault_as_in_the_table() {
+    let mut scenarios = Vec::new();
+    for path in catalogue() {
+        let text = fs::read_to_string(&path).unwrap();
+        for law in LAWS {
+            let text = text.replace("[controller.sliding_mode]", &format!("[controller.{law}]"));
+            let scenario = Scenario::parse(&text, law, |_| unreachable!("no table")).unwrap();
+            scenarios.push((name(&path), law, scenario));
+        }
+    }
+    let names: Vec<_> = scenarios
+        .iter()
+        .map(|(name, law, _)| (name.clone(), *law))
+        .collect();
+    let played = campaign().play(scenarios.into_iter().map(|(.., scenario)| scenario), cells);
+    let mut rows: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for ((name, _), cells) in names.into_iter().zip(played.unwrap()) {
+        rows.entry(name).or_default().push(cells.unwrap());
+    }
+    let mut table = String::from(
+        "Law by fault: milliseconds from the fault to current 0 (- flows on), seconds from its end to recovery\n\
+         (- none), highest wire temperature in celsius, state at the end. Made by tests/faults.rs.\n\n",
+    );
+    let mut line = |name: &str, cells: &[String]| {
+        let line = format!("{name:26} | {}", cells.join(" | "));
+        writeln!(table, "{}", line.trim_end()).unwrap();
+    };
+    line("", &LAWS.map(|law| format!("{law:23}")));
+    for (name, cells) in rows {
+        line(&name, &cells);
+    }
+    let path = root().join("tests/data/faults.txt");
+    if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
+        fs::write(&path, &table).unwrap();
+    }
+    let committed = fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        committed == table,
+        "now it is (UPDATE_SNAPSHOTS=1 writes it):\n{table}"
+    );
+}
+
+#[test]
+fn faults_leave_the_same_bytes_in_one_process_and_in_three() {
+    for case in ["drive_hangs", "controller_reboots", "sensor_spikes"] {
+        let path = scenario(&format!("faults/{case}.toml"));
+        let runs = [
+            &["simulate"][..],
+            &["run", "--clock", "lockstep", "--bus", "embedded"],
+        ];
+        let logs = runs.map(|arguments| {
+            let folder = tempfile::tempdir().unwrap();
+            let mut canrig = canrig(folder.path(), arguments[0]);
+            let (code, stdout, stderr) = output(canrig.args(&arguments[1..]).arg(&path));
+            assert_eq!(code, Some(0), "{case}\n{stdout}\n{stderr}");
+            let run = only_run(folder.path());
+            ["bus.log", "signals.csv", "verdict.json"].map(|name| fs::read(run.join(name)).unwrap())
+        });
+        assert!(logs[0] == logs[1], "{case}");
+    }
+}
+
+/// In real time the controller's process is killed; the run goes on and shows that the drive takes the current away.
+#[test]
+fn a_crash_in_real_time_is_a_kill() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = unhurried_scenario(folder.path(), 3.0);
+    let fault = "[[fault.node.crash]]\nfrom_seconds = 1.5\nnode = \"controller\"\n\
+                 [expect]\nsafe_state = true\nemcy = [\"drive 0x8100\"]\n";
+    fs::write(&path, fs::read_to_string(&path).unwrap() + fault).unwrap();
+    let runs = folder.path().join("runs");
+    let (_, stdout, stderr) = output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(&path));
+    let verdict = fs::read_to_string(only_run(&runs).join("verdict.json")).unwrap();
+    let verdict: serde_json::Value = serde_json::from_str(&verdict).unwrap();
+    let passed = |name: &str| {
+        let metrics = verdict["metrics"].as_array().unwrap().iter();
+        let mut found = metrics.filter(|metric| metric["name"] == name);
+        found.next().unwrap()["passed"].clone()
+    };
+    assert_eq!(passed("safe_state"), true, "{stdout}\n{stderr}");
+    assert_eq!(passed("emcy"), true, "{stdout}\n{stderr}");
+}
+
+#[test]
+fn a_fault_that_a_world_cannot_play_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = short_scenario(folder.path(), 1.0);
+    let fault = "[[fault.bus.lose]]\nfrom_seconds = 0.5\nreceiver = \"drive\"\n";
+    fs::write(&path, fs::read_to_string(&path).unwrap() + fault).unwrap();
+    let (code, _, stderr) = output(
+        canrig(&folder.path().join("runs"), "run")
+            .args(["--bus", "embedded"])
+            .arg(&path),
+    );
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        stderr.contains("[[fault.bus.lose]] is possible on the modelled bus only"),
+        "{stderr}"
+    );
+}

@@ -1,0 +1,111 @@
+//! Tests on the kernel's own CAN bus, each in a process and a network namespace of its own, so they need no interface
+//! to be set up, never meet, and leave nothing. Where the kernel has no CAN, or does not permit namespaces, they are
+//! reported as ignored, by name, never as passed; `./run` gives a machine one that has both.
+#![expect(
+    clippy::unwrap_used,
+    clippy::disallowed_methods,
+    clippy::print_stderr,
+    reason = "tests fail by panicking, wait for processes, and say what they did not do"
+)]
+
+mod bench;
+mod bus;
+#[path = "../../platform/src/test_nodes.rs"]
+mod echo;
+#[expect(dead_code, reason = "some of it is for the other tests")]
+#[path = "../support.rs"]
+mod support;
+
+use std::process::{Command, ExitCode};
+
+use libtest_mimic::{Arguments, Failed, Trial};
+use platform::counting_allocator::CountingAllocator;
+use platform::probe;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// The virtual interface that each test finds.
+const INTERFACE: &str = "vcan0";
+/// Set in the process that runs one test inside its namespace.
+const INSIDE: &str = "CANRIG_TEST_INSIDE_NAMESPACE";
+
+type Test = fn() -> Result<(), Failed>;
+
+fn main() -> ExitCode {
+    let why_not = cannot_run().err();
+    if let Some(why_not) = &why_not {
+        eprintln!("tests on vcan are ignored: {why_not}");
+    }
+    let of_bus = bus::TESTS.map(|(name, test)| {
+        isolated(name, move || {
+            test();
+            Ok(())
+        })
+    });
+    let of_bench = bench::TESTS.map(|(name, test)| isolated(name, test));
+    let of_private_bus = bench::PRIVATE_BUS_TESTS.map(|(name, test)| Trial::test(name, test));
+    let trials = of_bus.into_iter().chain(of_bench).chain(of_private_bus);
+    let trials = trials.map(|trial| trial.with_ignored_flag(why_not.is_some()));
+    // Real-time runs side by side would only wait for each other.
+    let arguments = Arguments {
+        test_threads: Some(1),
+        ..Arguments::from_args()
+    };
+    libtest_mimic::run(&arguments, trials.collect()).exit_code()
+}
+
+/// Nothing where the tests can run, else the reason.
+fn cannot_run() -> Result<(), String> {
+    if inside() {
+        return Ok(());
+    }
+    probe::kernel_can().map_err(|error| error.to_string())?;
+    let made = in_namespace("ip").args(make_interface()).output();
+    match made {
+        Ok(made) if made.status.success() => Ok(()),
+        Ok(made) => Err(String::from_utf8_lossy(&made.stderr).into_owned()),
+        Err(error) => Err(format!("unshare (util-linux): {error}")),
+    }
+}
+
+fn inside() -> bool {
+    std::env::var_os(INSIDE).is_some()
+}
+
+fn make_interface() -> [&'static str; 5] {
+    ["link", "add", INTERFACE, "type", "vcan"]
+}
+
+/// A program in a network namespace of its own; an ordinary user needs a user namespace to make one.
+fn in_namespace(program: &str) -> Command {
+    let mut unshare = Command::new("unshare");
+    if !rustix::process::geteuid().is_root() {
+        unshare.arg("--map-root-user");
+    }
+    unshare.args(["--net", program]);
+    unshare
+}
+
+/// The test in a process of its own, which this program is once more.
+fn isolated(
+    name: &'static str,
+    test: impl FnOnce() -> Result<(), Failed> + Send + 'static,
+) -> Trial {
+    Trial::test(name, move || {
+        if inside() {
+            bus::ip(&make_interface());
+            bus::ip(&["link", "set", INTERFACE, "up"]);
+            return test();
+        }
+        let this = std::env::current_exe()?;
+        let mut test = in_namespace(&this.to_string_lossy());
+        let test = test.env(INSIDE, "1").args(["--exact", name]).output()?;
+        if test.status.success() {
+            return Ok(());
+        }
+        let [stdout, stderr] =
+            [test.stdout, test.stderr].map(|told| String::from_utf8_lossy(&told).into_owned());
+        Err(format!("{stdout}\n{stderr}").into())
+    })
+}

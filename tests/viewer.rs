@@ -1,0 +1,173 @@
+//! What the Rerun viewer gets: the same file of the same run, and nothing that a run would wait for.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{BufReader, Read};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use rerun::external::re_log_encoding::Decoder;
+use rerun::log::{Chunk, LogMsg};
+
+use crate::support::{canrig, only_run, output, scenario, short_scenario};
+
+/// Everything of a recording but the random numbers of its chunks and rows, and which chunks there are.
+fn decoded(run: &Path) -> BTreeMap<String, Vec<String>> {
+    let file = BufReader::new(File::open(run.join("run.rrd")).unwrap());
+    let mut entities: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for message in Decoder::<LogMsg>::decode_eager(file).unwrap() {
+        let LogMsg::ArrowMsg(_, message) = message.unwrap() else {
+            continue;
+        };
+        let chunk = Chunk::from_arrow_msg(&message).unwrap();
+        let times = chunk.timelines().values();
+        let times: Vec<_> = times
+            .map(|times| {
+                (
+                    times.timeline().name().to_string(),
+                    times.times_raw().to_vec(),
+                )
+            })
+            .collect();
+        let columns = chunk.components().values();
+        let columns: Vec<String> = columns.map(|column| format!("{column:?}")).collect();
+        entities
+            .entry(chunk.entity_path().to_string())
+            .or_default()
+            .push(format!("{times:?} {columns:?}"));
+    }
+    entities.values_mut().for_each(|chunks| chunks.sort());
+    entities
+}
+
+fn played(folder: &Path, arguments: &[&str], scenario: &Path) -> PathBuf {
+    let mut command = canrig(folder, arguments[0]);
+    let (code, stdout, stderr) = output(command.args(&arguments[1..]).arg(scenario));
+    assert_eq!(code, Some(0), "{stdout}\n{stderr}");
+    only_run(folder)
+}
+
+#[test]
+fn two_runs_are_equal_recordings_once_decoded_in_one_process_or_three() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = short_scenario(folder.path(), 1.0);
+    let lockstep = ["run", "--bus", "embedded", "--clock", "lockstep"];
+    let run =
+        |name: &str, arguments| decoded(&played(&folder.path().join(name), arguments, &short));
+    let first = run("first", &["simulate"]);
+    assert!(first.len() > 30, "{:?}", first.keys());
+    assert_eq!(run("second", &["simulate"]), first);
+    assert_eq!(run("processes", &lockstep), first);
+    let other = played(
+        &folder.path().join("other"),
+        &["simulate"],
+        &scenario("fan.toml"),
+    );
+    assert_ne!(decoded(&other), first, "the comparison sees differences");
+}
+
+/// Something at a viewer's address that is no good viewer.
+enum Viewer {
+    /// Nobody listens.
+    Absent,
+    /// The system accepts connections for it, and it takes nothing, as one that was stopped.
+    Paused(TcpListener),
+    /// It takes what comes for a moment, and is gone.
+    Killed(std::thread::JoinHandle<()>),
+}
+
+impl Viewer {
+    fn named(name: &str) -> (Self, String) {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port().to_string();
+        let viewer = match name {
+            "paused" => Self::Paused(listener),
+            "killed" => Self::Killed(std::thread::spawn(move || {
+                // The first connection is the question whether somebody is there.
+                for _ in 0..2 {
+                    let (mut connection, _) = listener.accept().unwrap();
+                    connection
+                        .set_read_timeout(Some(Duration::from_millis(50)))
+                        .unwrap();
+                    let _ = connection.read(&mut [0; 4096]);
+                }
+            })),
+            _ => Self::Absent,
+        };
+        (viewer, port)
+    }
+
+    fn end(self) {
+        match self {
+            Self::Killed(thread) => thread.join().unwrap(),
+            Self::Paused(listener) => drop(listener),
+            Self::Absent => {}
+        }
+    }
+}
+
+/// What a viewer must not change.
+fn result(run: &Path) -> [Vec<u8>; 3] {
+    ["bus.log", "signals.csv", "verdict.json"].map(|name| fs::read(run.join(name)).unwrap())
+}
+
+#[test]
+fn an_absent_paused_or_killed_viewer_changes_no_byte_and_holds_up_no_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let step = scenario("step.toml");
+    let run = |name: &str, arguments: &[&str]| {
+        let run = played(&folder.path().join(name), arguments, &step);
+        assert!(run.join("run.rrd").exists());
+        result(&run)
+    };
+    let alone = run("alone", &["simulate"]);
+    for name in ["absent", "paused", "killed"] {
+        let (viewer, port) = Viewer::named(name);
+        let begun = Instant::now();
+        assert!(
+            run(name, &["simulate", "--rerun-connect", &port]) == alone,
+            "a viewer that is {name} changes the run"
+        );
+        // Far more than the patience of ring and end together, far less than for ever.
+        assert!(begun.elapsed() < Duration::from_secs(60), "{name}");
+        viewer.end();
+    }
+}
+
+#[test]
+fn in_real_time_a_paused_viewer_costs_no_frame_and_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = short_scenario(folder.path(), 2.0);
+    let (viewer, port) = Viewer::named("paused");
+    let runs = folder.path().join("runs");
+    let mut command = canrig(&runs, "run");
+    let command = command.args(["--bus", "embedded", "--rerun-connect", &port]);
+    let (code, stdout, stderr) = output(command.arg(short));
+    // On a busy machine the timing may decide nothing; then the program says so.
+    assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
+    assert!(!stdout.contains("lost"), "{stdout}");
+    assert!(stderr.contains("missed the end of the run"), "{stderr}");
+    assert!(only_run(&runs).join("run.rrd").exists());
+    viewer.end();
+}
+
+#[test]
+fn a_viewer_that_is_not_installed_is_told_how_to_get() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = short_scenario(folder.path(), 1.0);
+    let mut command = canrig(&folder.path().join("runs"), "simulate");
+    let (code, _, stderr) = output(
+        command
+            .arg("--viewer")
+            .arg(short)
+            .env("PATH", folder.path()),
+    );
+    assert_eq!(code, Some(0), "{stderr}");
+    // Where a viewer is open already, it is used.
+    let is_open = std::net::TcpStream::connect("127.0.0.1:9876").is_ok();
+    assert!(
+        is_open || stderr.contains("pip install rerun-sdk"),
+        "{stderr}"
+    );
+}
