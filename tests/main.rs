@@ -7,6 +7,7 @@
 
 mod allocation;
 mod command_line;
+mod external;
 mod faults;
 mod identify;
 mod lockstep;

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use platform::bus::BusAddress;
 
+use crate::external::ExternalNode;
 use crate::identify::start::Start;
 use crate::recordings::args::{CompareArgs, ExportArgs, ReplayArgs, ReportArgs};
 use crate::tools::ToolBus;
@@ -17,6 +18,8 @@ Examples:
   canrig run scenarios/step.toml             two processes on a bus, judged
   canrig run scenarios/ --clock lockstep     every scenario, in virtual time
   canrig run step.toml --bus vcan0           over the kernel's SocketCAN
+  canrig run step.toml --bus can0 --external drive
+                                             with a real drive
   canrig run scenarios/step.toml --viewer    and watch it while it runs
   canrig simulate scenarios/step.toml        in one process, at once
   canrig identify RUN                        the plant from a recording
@@ -37,7 +40,8 @@ Examples:
 Exit codes:
   0 pass · 1 a limit was not met, or runs diverge · 2 usage
   3 scenario or recording invalid · 4 bus or process failed
-  5 inconclusive (timing not trustworthy) · 70 internal error · 130 interrupted";
+  5 inconclusive (timing not trustworthy, or a limit on what nobody tells)
+  70 internal error · 130 interrupted";
 
 /// Proves a controller against a plant over a CAN bus, before the real drive is on the table.
 #[derive(Debug, Parser)]
@@ -143,6 +147,10 @@ pub struct RunArgs {
     /// Which time the processes live in
     #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
     pub clock: ClockChoice,
+    /// Nodes that canrig does not start but expects on the bus, such as a real drive. Limits on what then nobody tells are
+    /// not judged, and end a run that fails no other in exit code 5
+    #[arg(long, value_enum, value_name = "NODE", value_delimiter = ',')]
+    pub external: Vec<ExternalNode>,
     /// Fail unless the bus is the kernel's own, so that a CI job cannot skip it silently
     #[arg(long)]
     pub require_vcan: bool,

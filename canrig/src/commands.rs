@@ -17,6 +17,7 @@ use crate::cli::{
 use crate::console::{Progress, complain, say};
 use crate::doctor;
 use crate::exit::Exit;
+use crate::external::External;
 use crate::identify;
 use crate::manual;
 use crate::nodes;
@@ -146,6 +147,15 @@ fn check(args: &CheckArgs) -> Exit {
 }
 
 fn run(args: &RunArgs) -> Exit {
+    let external = match External::new(&args.external) {
+        Ok(external) => external,
+        Err(reason) => return usage(reason),
+    };
+    if args.clock == ClockChoice::Lockstep && !external.is_empty() {
+        return usage(
+            "--external needs --clock real-time: a node of somebody else's keeps its own time",
+        );
+    }
     let bus = match world::choose_bus(&args.bus, args.require_vcan) {
         Ok(bus) => bus,
         Err(error) => {
@@ -158,6 +168,12 @@ fn run(args: &RunArgs) -> Exit {
         ClockChoice::Lockstep => ("lock-step", true),
     };
     announce(&args.play, &format!("bus: {bus} · clock: {clock}"));
+    if !external.is_empty() {
+        announce(
+            &args.play,
+            &format!("external: {external} (expected on the bus)"),
+        );
+    }
     if args.clock == ClockChoice::RealTime
         && let Some(refusal) = refused_priority()
     {
@@ -168,16 +184,19 @@ fn run(args: &RunArgs) -> Exit {
     } else {
         WhenFull::Drop
     };
-    let admits = |scenario: &Scenario| admits(scenario, &bus, lockstep);
+    let admits = |scenario: &Scenario| {
+        admits(scenario, &bus, lockstep).and_then(|()| external.admits(scenario))
+    };
     play(
         &args.play,
+        &external,
         when_full,
         admits,
         |scenario, folder, capture| {
             if lockstep {
                 world::processes::in_lockstep(scenario, folder, capture, &bus)
             } else {
-                world::real_time::run(scenario, folder, capture, &bus, &|address| {
+                world::real_time::run(scenario, folder, capture, &bus, &external, &|address| {
                     tell_address(&args.play, address);
                 })
             }
@@ -219,6 +238,7 @@ fn simulate(args: &PlayArgs) -> Exit {
     announce(args, "bus: modelled · clock: lock-step, in one process");
     play(
         args,
+        &External::default(),
         WhenFull::Wait,
         |_| Ok(()),
         |scenario, _, capture| {
@@ -237,6 +257,7 @@ fn announce(args: &PlayArgs, text: &str) {
 /// Plays each scenario in a world and reports; the worst exit of all.
 fn play(
     args: &PlayArgs,
+    external: &External,
     when_full: WhenFull,
     admits: impl Fn(&Scenario) -> Result<(), String>,
     world: impl Fn(&Scenario, &RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
@@ -250,7 +271,10 @@ fn play(
     let mut verdicts = Vec::new();
     for path in &paths {
         let source = match Source::load(path) {
-            Ok(source) => source,
+            Ok(source) => Source {
+                external: external.clone(),
+                ..source
+            },
             Err(error) => {
                 complain(&format!("{:?}", miette::Report::new(error)));
                 worst = worst.max(Exit::ScenarioInvalid);
@@ -264,7 +288,7 @@ fn play(
         }
         let watch = Watch::default();
         let progress = Progress::new(source.scenario.duration_seconds, !args.json && !args.quiet);
-        let (taps, shows) = viewers.show(&source.scenario, when_full);
+        let (taps, shows) = viewers.show(&source, when_full);
         let judged = run::run(&source, &args.output, &watch, taps, |folder, capture| {
             world::observed(
                 || watch.interrupt(),

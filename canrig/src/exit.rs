@@ -7,7 +7,7 @@ use std::process::ExitCode;
 pub enum Exit {
     /// Everything passed.
     Pass,
-    /// The timing was not trustworthy, so nothing was decided.
+    /// The timing was not trustworthy, or a limit is on what nobody on the bus tells.
     Inconclusive,
     /// A limit was not met.
     VerdictFailed,

@@ -8,6 +8,7 @@ use scenario::expect::Limit;
 use scenario::timing::TimingLimits;
 
 use crate::events::{Event, Level};
+use crate::external::External;
 use crate::harmonic::Harmonic;
 use crate::timeline::Timeline;
 use crate::timing::Timing;
@@ -63,9 +64,9 @@ pub fn judge_broken(timeline: &Timeline, scenario: &Scenario, error: &str) -> Ve
 /// Adds the timing of a run in real time and judges its limits. Where the timing is not trusted they are neither met nor
 /// missed, and the run cannot pass.
 pub fn judge_timing(verdict: &mut Verdict, timing: Timing, limits: &TimingLimits) {
+    let untold = not_judged(&verdict.metrics);
     let mut metrics = timing.metrics(limits);
-    let is_trusted = timing.distrust.is_empty();
-    if !is_trusted {
+    if !timing.distrust.is_empty() {
         metrics.iter_mut().for_each(|metric| metric.passed = None);
         // These are met by luck at worst, but missed by the machine.
         let late = verdict
@@ -75,19 +76,27 @@ pub fn judge_timing(verdict: &mut Verdict, timing: Timing, limits: &TimingLimits
         late.for_each(|metric| metric.passed = None);
     }
     verdict.metrics.extend(metrics);
-    if matches!(verdict.outcome, Outcome::Pass | Outcome::Fail) {
-        let limited = || {
-            verdict
-                .metrics
-                .iter()
-                .filter(|metric| metric.limit.is_some())
-        };
-        if limited().any(|metric| metric.passed == Some(false)) {
-            verdict.outcome = Outcome::Fail;
-        } else if limited().any(|metric| metric.passed.is_none()) {
+    let is_open = match verdict.outcome {
+        Outcome::Pass | Outcome::Fail => true,
+        // Only for what nobody tells; what the timing adds may fail still.
+        Outcome::Inconclusive => untold.is_some() && verdict.reason == untold,
+        Outcome::Incomplete => false,
+    };
+    if is_open {
+        let limited = verdict
+            .metrics
+            .iter()
+            .filter(|metric| metric.limit.is_some());
+        let results: Vec<Option<bool>> = limited.map(|metric| metric.passed).collect();
+        if results.contains(&Some(false)) {
+            (verdict.outcome, verdict.reason) = (Outcome::Fail, None);
+        } else if results.contains(&None) {
+            let distrust = timing.distrust.join("; ");
+            let late = (not_judged(&verdict.metrics) != untold)
+                .then(|| format!("the timing cannot be judged: {distrust}"));
+            let reasons: Vec<String> = untold.into_iter().chain(late).collect();
             verdict.outcome = Outcome::Inconclusive;
-            let reasons = timing.distrust.join("; ");
-            verdict.reason = Some(format!("the timing cannot be judged: {reasons}"));
+            verdict.reason = Some(reasons.join("; "));
         }
     }
     verdict.timing = Some(timing);
@@ -113,6 +122,7 @@ pub fn judge(timeline: &Timeline, scenario: &Scenario, frames_lost: u64) -> Verd
         scenario: scenario.name.clone(),
         version: env!("CARGO_PKG_VERSION"),
         seed: scenario.seed,
+        external: External::default(),
         outcome,
         reason,
         frames_lost,
@@ -150,8 +160,21 @@ fn outcome(
     if let Some(undecided) = undecided(timeline, scenario) {
         return undecided;
     }
-    let failed = metrics.iter().any(|metric| metric.passed == Some(false));
-    (if failed { Outcome::Fail } else { Outcome::Pass }, None)
+    if metrics.iter().any(|metric| metric.passed == Some(false)) {
+        return (Outcome::Fail, None);
+    }
+    match not_judged(metrics) {
+        None => (Outcome::Pass, None),
+        reason => (Outcome::Inconclusive, reason),
+    }
+}
+
+/// Says so when a limit is on something that nobody on the bus tells: such a run does not pass.
+fn not_judged(metrics: &[Metric]) -> Option<String> {
+    let undecided = |metric: &&Metric| metric.limit.is_some() && metric.passed.is_none();
+    let names = metrics.iter().filter(undecided).map(|metric| metric.name);
+    let names: Vec<&str> = names.collect();
+    (!names.is_empty()).then(|| format!("not judged: {}", names.join(", ")))
 }
 
 /// Says so when the recording is not good enough. In a scenario with faults, cycles are missed on purpose.
@@ -204,6 +227,10 @@ pub fn too_many_missed(timeline: &Timeline) -> Option<String> {
         )
     })
 }
+
+/// Metrics of what the fan and load module does.
+const DISTURBANCE_METRICS: [&str; 2] = ["maximum_deviation_millimetres", "recovery_time_seconds"];
+const NO_FAN: &str = "not available: no fan on the bus";
 
 struct Run<'a> {
     timeline: &'a Timeline,
@@ -284,8 +311,15 @@ impl Run<'_> {
         let all = all
             .into_iter()
             .filter(|(_, value, limit)| value.is_ok() || limit.is_some());
-        let all = all.map(|(name, value, limit)| Metric::new(name, value, limit));
+        let all = all.map(|(name, value, limit)| self.metric(name, value, limit));
         all.chain(reactions::metrics(self)).collect()
+    }
+
+    fn metric(&self, name: &'static str, value: Value, limit: Option<Limit>) -> Metric {
+        if DISTURBANCE_METRICS.contains(&name) && value.is_ok() && !self.timeline.has_fan {
+            return Metric::not_judged(name, NO_FAN.to_owned(), limit);
+        }
+        Metric::new(name, value, limit)
     }
 
     /// The samples `(time, set-point, position)` in a stretch of time; cycles without a position are left out.
@@ -544,7 +578,10 @@ mod tests {
             message.set(&signal("drive_tpdo1.current_amperes"), 0.5);
             message.frame()
         };
-        let mut frames = vec![Stamped::new(Duration::ZERO, feedback(0.0))];
+        let fan = [CanFrame::new(0x711, &[0]), CanFrame::new(0x211, &[0; 8])];
+        let mut frames: Vec<Stamped> = [feedback(0.0), fan[0], fan[1]]
+            .map(|frame| Stamped::new(Duration::ZERO, frame))
+            .into();
         for cycle in 0..cycles {
             let start = Duration::from_millis(u64::from(cycle) + 1);
             frames.push(Stamped::new(start, CanFrame::new(0x080, &[1])));
@@ -675,6 +712,25 @@ mod tests {
         let early = |time: f64| if time < 1.9 { 20.0 } else { 35.0 };
         check(fan, early, "maximum_deviation_millimetres", 0.0);
         check(fan, early, "recovery_time_seconds", 0.0);
+    }
+
+    #[test]
+    fn what_nobody_tells_is_not_judged_and_does_not_pass() {
+        let fan = "[[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 2.5\nconvection_factor = 5.0\n";
+        let limits = "[expect]\nrecovery_time_seconds = { max = 1.0 }\ntemperature_celsius = { max = 90.0 }\n";
+        let step = |time: f64| step_response(1.1)(time);
+        let mut frames = frames(4000, |cycle| Some(step(f64::from(cycle) / 1e3)));
+        // Without the module's heartbeat its commands reach nobody.
+        frames.retain(|stamped| stamped.frame.standard_id() != Some(0x711));
+        let judged = |limits: &str| verdict_of(&scenario(&format!("{fan}{limits}")), &frames, 0);
+        let verdict = judged(limits);
+        assert_eq!(verdict.outcome, Outcome::Inconclusive);
+        let reason = "not judged: recovery_time_seconds, temperature_celsius";
+        assert_eq!(verdict.reason.as_deref(), Some(reason));
+        assert_eq!(value(&verdict, "maximum_deviation_millimetres"), None);
+        let failing = format!("{limits}settling_time_seconds = {{ max = 0.01 }}\n");
+        assert_eq!(judged(&failing).outcome, Outcome::Fail);
+        assert_eq!(judged("").outcome, Outcome::Pass, "nothing is demanded");
     }
 
     #[test]

@@ -15,6 +15,7 @@ pub mod disturbance_node;
 pub mod doctor;
 pub mod events;
 pub mod exit;
+pub mod external;
 pub mod gauge;
 pub mod harmonic;
 pub mod identify;

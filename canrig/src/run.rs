@@ -8,6 +8,7 @@ use scenario::{Scenario, ScenarioError};
 
 use crate::capture::{Capture, Watch};
 use crate::exit::Exit;
+use crate::external::External;
 use crate::gauge::Gauge;
 use crate::judge::{self, judge, judge_broken};
 use crate::report;
@@ -28,6 +29,8 @@ pub struct Source {
     pub text: String,
     /// Its meaning.
     pub scenario: Scenario,
+    /// Which nodes are not canrig's when it is played.
+    pub external: External,
 }
 
 impl Source {
@@ -41,6 +44,7 @@ impl Source {
             path: path.to_owned(),
             text,
             scenario,
+            external: External::default(),
         })
     }
 }
@@ -95,7 +99,7 @@ pub fn run(
     taps: Vec<Tap>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
 ) -> Result<Judged, RunError> {
-    let database = Database::sma_actuator();
+    let database = source.external.database();
     let scenario = &source.scenario;
     let folder = RunFolder::create(parent, source)?;
     let gauge = Gauge::new(scenario, database)?;
@@ -105,6 +109,7 @@ pub fn run(
     let (frames, frames_lost) = capture.finish()?;
     let timeline = timeline::decode(&frames, scenario, database)?;
     let mut verdict = verdict(&ended, &timeline, scenario, frames_lost);
+    verdict.external = source.external.clone();
     if let Ok(World {
         host: Some(host), ..
     }) = &ended

@@ -9,6 +9,8 @@ pub const POSITION: &str = "drive_tpdo1.position_millimetres";
 pub const CURRENT: &str = "drive_tpdo1.current_amperes";
 /// Current that the controller asks for.
 pub const TARGET_CURRENT: &str = "drive_rpdo1.target_current_amperes";
+/// State of the disturbance node, in its heartbeat.
+pub const FAN_STATE: &str = "disturbance_heartbeat.nmt_state";
 /// Commands to the disturbance node.
 pub const DISTURBANCE_MESSAGE: &str = "disturbance_rpdo1";
 /// Factor on the convection coefficient, to the disturbance node.

@@ -49,6 +49,8 @@ pub struct Timeline {
     pub emergencies: Vec<ToldEmergency>,
     /// What the emulated plant said of itself; empty without faults.
     pub truth: Vec<Truth>,
+    /// Whether the fan and load module was there and got its commands.
+    pub has_fan: bool,
     /// When the scenario began, on the recording's clock; none if it never did.
     pub zero_seconds: Option<f64>,
     /// Scenario time of the last frame.
@@ -140,6 +142,7 @@ pub(crate) struct Reader {
     events: EventReader,
     losses: LossReader,
     truth: TruthReader,
+    fan: FanReader,
     last_frame: Duration,
     traffic: Traffic,
     signals: Vec<Tracked>,
@@ -174,6 +177,7 @@ impl Reader {
             events: EventReader::new(database),
             losses: LossReader::new(scenario, database),
             truth: TruthReader::new(database)?,
+            fan: FanReader::new(database)?,
             last_frame: Duration::ZERO,
             traffic: Traffic::new(scenario),
             latest: vec![f64::NAN; signals.len()],
@@ -201,6 +205,7 @@ impl Reader {
         self.events.take(stamped, time);
         self.losses.take(stamped, time);
         self.truth.take(stamped);
+        self.fan.take(&stamped.frame);
         self.last_frame = stamped.time;
         self.traffic.take(stamped, time);
         match time {
@@ -302,6 +307,7 @@ impl Reader {
             events: Vec::new(),
             emergencies: Vec::new(),
             truth: Vec::new(),
+            has_fan: self.fan.is_heard && self.fan.is_commanded,
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             last_frame_seconds: self
                 .last_frame
@@ -317,6 +323,30 @@ impl Reader {
 fn take_front<T>(values: &mut Vec<T>, count: usize) -> Vec<T> {
     let rest = values.split_off(count);
     std::mem::replace(values, rest)
+}
+
+/// Whether the scenario's disturbances reach anybody.
+struct FanReader {
+    heartbeat_id: u32,
+    command_id: u32,
+    is_heard: bool,
+    is_commanded: bool,
+}
+
+impl FanReader {
+    fn new(database: &Database) -> Result<Self, SignalMissing> {
+        Ok(Self {
+            heartbeat_id: database.require(signals::FAN_STATE)?.raw_id(),
+            command_id: database.require(signals::CONVECTION_FACTOR)?.raw_id(),
+            is_heard: false,
+            is_commanded: false,
+        })
+    }
+
+    fn take(&mut self, frame: &CanFrame) {
+        self.is_heard |= frame.raw_id() == self.heartbeat_id;
+        self.is_commanded |= frame.raw_id() == self.command_id;
+    }
 }
 
 /// How busy the bus is, from the first SYNC to the end of the scenario.

@@ -17,6 +17,7 @@ use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
 /// Latencies above this count as this.
 const LATENCY_MICROSECONDS_MAX: u64 = 10_000_000;
+const NO_LOOP: &str = "not available: all nodes are external";
 /// A wall clock that was stepped by more makes the stamps worthless.
 const CLOCK_STEP_MAX: Duration = Duration::from_millis(1);
 
@@ -76,10 +77,10 @@ pub struct NodeReport {
 /// What a world in real time knows besides the frames.
 #[derive(Clone, Debug, Default)]
 pub struct Host {
-    /// What the controller's loop counted.
-    pub controller: NodeReport,
-    /// What the emulator's loop counted.
-    pub plant_emulator: NodeReport,
+    /// What the controller's loop counted; none of one that is external.
+    pub controller: Option<NodeReport>,
+    /// What the emulator's loop counted; none beside an external drive.
+    pub plant_emulator: Option<NodeReport>,
     /// By how much the wall clock was stepped in the run.
     pub wall_clock_step: Duration,
     /// Processes that wanted to run at the end, on average over a minute, and the processors there are.
@@ -89,10 +90,12 @@ pub struct Host {
 /// Timing of a run, as `verdict.json` holds it. Not part of a verdict in virtual time.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Timing {
-    /// What the controller's loop counted.
-    pub controller: NodeReport,
-    /// What the emulator's loop counted.
-    pub plant_emulator: NodeReport,
+    /// What the controller's loop counted; none of one that is external.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub controller: Option<NodeReport>,
+    /// What the emulator's loop counted; none beside an external drive.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plant_emulator: Option<NodeReport>,
     /// From the SYNC to the drive's position.
     pub sync_to_position_microseconds: Quantiles,
     /// From the drive's position to the command that follows from it.
@@ -148,45 +151,70 @@ impl Timing {
         })
     }
 
-    /// The worse of the two loops.
-    fn wake_up_lateness(&self) -> Quantiles {
-        let [controller, plant_emulator] = [&self.controller, &self.plant_emulator];
-        controller
-            .wake_up_lateness_microseconds
-            .worst(plant_emulator.wake_up_lateness_microseconds)
+    /// The loops that canrig ran, with their names.
+    fn loops(&self) -> impl Iterator<Item = (&'static str, &NodeReport)> {
+        let loops = [
+            ("controller", &self.controller),
+            ("plant emulator", &self.plant_emulator),
+        ];
+        loops
+            .into_iter()
+            .filter_map(|(name, report)| Some((name, report.as_ref()?)))
     }
 
-    /// The four distributions with their names, for people.
+    /// The worse of the loops; none where all nodes are external.
+    fn wake_up_lateness(&self) -> Option<Quantiles> {
+        self.loops()
+            .map(|(_, report)| report.wake_up_lateness_microseconds)
+            .reduce(Quantiles::worst)
+    }
+
+    /// The distributions with their names, for people.
     #[must_use]
-    pub fn rows(&self) -> [(&'static str, Quantiles); 5] {
-        [
-            (
-                "wake-up lateness, controller",
-                self.controller.wake_up_lateness_microseconds,
-            ),
-            (
-                "wake-up lateness, plant emulator",
-                self.plant_emulator.wake_up_lateness_microseconds,
-            ),
+    pub fn rows(&self) -> Vec<(String, Quantiles)> {
+        let lateness = self.loops().map(|(name, report)| {
+            let quantiles = report.wake_up_lateness_microseconds;
+            (format!("wake-up lateness, {name}"), quantiles)
+        });
+        let latencies = [
             ("SYNC to position", self.sync_to_position_microseconds),
             ("position to command", self.position_to_command_microseconds),
             ("round trip", self.round_trip_microseconds),
-        ]
+        ];
+        let latencies = latencies.map(|(name, quantiles)| (name.to_owned(), quantiles));
+        lateness.chain(latencies).collect()
+    }
+
+    /// What each loop lost, for people.
+    #[must_use]
+    pub fn losses(&self) -> String {
+        let losses = self.loops().map(|(name, report)| {
+            let (overruns, dropped) = (report.overruns, report.frames_dropped);
+            format!("{name}: {overruns} overruns, {dropped} frames dropped")
+        });
+        losses.collect::<Vec<_>>().join("; ")
     }
 
     /// The limits that are given, held against their values.
     #[must_use]
     pub fn metrics(&self, limits: &TimingLimits) -> Vec<Metric> {
         let mut metrics = Vec::new();
-        let mut judge = |names: [&'static str; 4], values: Quantiles, limits: QuantileLimits| {
-            let values = [values.median, values.p99, values.p99_9, values.max];
-            let limits = [limits.median, limits.p99, limits.p99_9, limits.max];
-            for ((name, value), limit) in names.into_iter().zip(values).zip(limits) {
-                if limit.is_some() {
-                    metrics.push(Metric::new(name, Ok(value), limit));
+        let mut judge =
+            |names: [&'static str; 4], values: Option<Quantiles>, limits: QuantileLimits| {
+                let limits = [limits.median, limits.p99, limits.p99_9, limits.max];
+                for (place, (name, limit)) in names.into_iter().zip(limits).enumerate() {
+                    if limit.is_none() {
+                        continue;
+                    }
+                    metrics.push(match values {
+                        Some(values) => {
+                            let values = [values.median, values.p99, values.p99_9, values.max];
+                            Metric::new(name, Ok(values[place]), limit)
+                        }
+                        None => Metric::not_judged(name, NO_LOOP.to_owned(), limit),
+                    });
                 }
-            }
-        };
+            };
         judge(
             [
                 "wake_up_lateness_microseconds_median",
@@ -204,7 +232,7 @@ impl Timing {
                 "sync_to_position_microseconds_p99_9",
                 "sync_to_position_microseconds_max",
             ],
-            self.sync_to_position_microseconds,
+            Some(self.sync_to_position_microseconds),
             limits.sync_to_position_microseconds,
         );
         judge(
@@ -214,7 +242,7 @@ impl Timing {
                 "position_to_command_microseconds_p99_9",
                 "position_to_command_microseconds_max",
             ],
-            self.position_to_command_microseconds,
+            Some(self.position_to_command_microseconds),
             limits.position_to_command_microseconds,
         );
         judge(
@@ -224,7 +252,7 @@ impl Timing {
                 "round_trip_microseconds_p99_9",
                 "round_trip_microseconds_max",
             ],
-            self.round_trip_microseconds,
+            Some(self.round_trip_microseconds),
             limits.round_trip_microseconds,
         );
         metrics
@@ -234,7 +262,10 @@ impl Timing {
 /// Why the timing of this host proves nothing.
 fn distrust(host: &Host) -> Vec<String> {
     let mut reasons: Vec<String> = Vec::new();
-    for report in [&host.controller, &host.plant_emulator] {
+    for report in [&host.controller, &host.plant_emulator]
+        .into_iter()
+        .flatten()
+    {
         for refusal in &report.refused {
             if !reasons.contains(refusal) {
                 reasons.push(refusal.clone());
@@ -422,8 +453,11 @@ mod tests {
         assert_eq!(distrust(&host), Vec::<String>::new());
         host.wall_clock_step = Duration::from_millis(30);
         host.load = Some((8.0, 2));
-        host.controller.refused = vec!["no priority".to_owned()];
-        host.plant_emulator.refused = host.controller.refused.clone();
+        let refused = NodeReport {
+            refused: vec!["no priority".to_owned()],
+            ..NodeReport::default()
+        };
+        (host.controller, host.plant_emulator) = (Some(refused.clone()), Some(refused));
         let expected = [
             "no priority",
             "the wall clock was stepped by 30.0 ms during the run",
@@ -438,8 +472,8 @@ mod tests {
         use crate::verdict::{Outcome, Verdict};
         use scenario::expect::Limit;
         let timing = |p99, distrust: &[&str]| Timing {
-            controller: NodeReport::default(),
-            plant_emulator: NodeReport::default(),
+            controller: Some(NodeReport::default()),
+            plant_emulator: Some(NodeReport::default()),
             sync_to_position_microseconds: Quantiles::default(),
             position_to_command_microseconds: Quantiles::default(),
             round_trip_microseconds: Quantiles {
@@ -473,6 +507,22 @@ mod tests {
             assert_eq!(judged, Outcome::Inconclusive);
         }
         assert_eq!(outcome(0.5, timing(700.0, &[]), &limits), Outcome::Fail);
+        // What nobody tells does not pass, and does not hide what fails.
+        let untold = |p99| {
+            let mut verdict = Verdict::incomplete("hold", 1, "");
+            let name = "temperature_celsius";
+            verdict.metrics = vec![Metric::not_judged(
+                name,
+                "not available".to_owned(),
+                max(90.0),
+            )];
+            verdict.outcome = Outcome::Inconclusive;
+            verdict.reason = Some(format!("not judged: {name}"));
+            judge_timing(&mut verdict, timing(p99, &[]), &limits);
+            verdict.outcome
+        };
+        assert_eq!(untold(700.0), Outcome::Inconclusive);
+        assert_eq!(untold(900.0), Outcome::Fail);
         // Without limits on time the timing is only reported.
         let none = TimingLimits::default();
         assert_eq!(outcome(0.0, timing(9e9, &refused), &none), Outcome::Pass);

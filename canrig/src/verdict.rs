@@ -4,6 +4,7 @@ use scenario::expect::Limit;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::Exit;
+use crate::external::External;
 use crate::timing::Timing;
 
 /// How a run ended.
@@ -79,6 +80,18 @@ impl Metric {
             passed,
         }
     }
+
+    /// A metric that this bus does not tell: its limit is neither met nor missed.
+    #[must_use]
+    pub fn not_judged(name: &'static str, reason: String, limit: Option<Limit>) -> Self {
+        Self {
+            name,
+            value: None,
+            remark: Some(reason),
+            limit,
+            passed: None,
+        }
+    }
 }
 
 fn meets(value: f64, limit: Limit) -> bool {
@@ -102,6 +115,9 @@ pub struct Verdict {
     pub version: &'static str,
     /// The scenario's seed.
     pub seed: u64,
+    /// The nodes that were not canrig's.
+    #[serde(skip_serializing_if = "External::is_empty")]
+    pub external: External,
     /// How the run ended.
     pub outcome: Outcome,
     /// Why, where the metrics do not tell.
@@ -129,6 +145,7 @@ impl Verdict {
             scenario: scenario.to_owned(),
             version: env!("CARGO_PKG_VERSION"),
             seed,
+            external: External::default(),
             outcome: Outcome::Incomplete,
             reason: Some(reason.to_owned()),
             frames_lost: 0,
@@ -173,6 +190,8 @@ struct StoredVerdict {
     scenario: String,
     version: String,
     seed: u64,
+    #[serde(default)]
+    external: External,
     outcome: Outcome,
     reason: Option<String>,
     #[serde(default)]
@@ -207,6 +226,7 @@ impl From<StoredVerdict> for Verdict {
             scenario: stored.scenario,
             version: stored.version.leak(),
             seed: stored.seed,
+            external: stored.external,
             outcome: stored.outcome,
             reason: stored.reason,
             frames_lost: stored.frames_lost,
@@ -220,11 +240,13 @@ impl From<StoredVerdict> for Verdict {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::external::ExternalNode;
 
     #[test]
     fn a_stored_verdict_reads_back_whole() {
         let mut verdict = Verdict::incomplete("step \"1\"", 7, "killed");
         verdict.frames_lost = 3;
+        verdict.external = External::new(&[ExternalNode::Drive]).unwrap();
         let limit = Some(Limit {
             min: Some(0.1),
             max: None,
@@ -232,6 +254,7 @@ mod tests {
         verdict.metrics = vec![
             Metric::new("settling_time_seconds", Ok(0.2), limit),
             Metric::new("overshoot_percent", Err("no step".to_owned()), None),
+            Metric::not_judged("temperature_celsius", "not available".to_owned(), limit),
         ];
         assert_eq!(Verdict::from_json(&verdict.to_json()).unwrap(), verdict);
         assert!(Verdict::from_json("{}").is_err());

@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 
 use can_dbc::{Dbc, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType};
 use canopen::CanFrame;
+use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
 use crate::error::{DbcError, SignalMissing};
@@ -17,6 +18,9 @@ const LONG_NAME: &str = "SystemSignalLongSymbol";
 const OBJECT: &str = "CanopenObject";
 /// Attribute with the cycle time of a message.
 const CYCLE_TIME: &str = "GenMsgCycleTime";
+
+/// The kernel's three flags together, which no frame has.
+const NO_FRAME: u32 = EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG;
 
 /// All messages of a DBC file, by identifier.
 #[derive(Clone, Debug, PartialEq)]
@@ -209,6 +213,19 @@ impl Database {
         messages.sort_by_key(|message| message.raw_id);
         refuse_duplicates(&messages)?;
         Ok(Self { messages })
+    }
+
+    /// The same, but no frame carries these messages: their signals stay known and never have a value.
+    #[must_use]
+    pub fn with_silent(&self, names: &[&str]) -> Self {
+        let mut messages = self.messages.clone();
+        for message in &mut messages {
+            if names.contains(&message.name.as_str()) {
+                message.raw_id |= NO_FRAME;
+            }
+        }
+        messages.sort_by_key(|message| message.raw_id);
+        Self { messages }
     }
 
     /// All messages, by identifier.
@@ -455,8 +472,6 @@ fn number(value: NumericValue) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use canopen::frame::{EXTENDED_FLAG, REMOTE_FLAG};
-
     use super::*;
 
     /// A file with these messages and, behind them, these lines.

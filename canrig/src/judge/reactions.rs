@@ -23,9 +23,12 @@ pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
     let expect = &run.scenario.expect;
     let mut metrics = Vec::new();
     if expect.temperature_celsius.is_some() || !run.scenario.fault.is_empty() {
-        let temperature = temperature_max(run.timeline);
+        let name = "temperature_celsius";
         let limit = expect.temperature_celsius;
-        metrics.push(Metric::new("temperature_celsius", temperature, limit));
+        metrics.push(match temperature_max(run.timeline) {
+            Ok(temperature) => Metric::new(name, Ok(temperature), limit),
+            Err(_) => untold(name, limit),
+        });
     }
     if !expect.no_event.is_empty() {
         let unwanted = unwanted_events(run);
@@ -41,6 +44,12 @@ pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
     metrics
 }
 
+/// What only the emulated plant tells, where there is none.
+fn untold(name: &'static str, limit: Option<Limit>) -> Metric {
+    let reason = "not available: only the emulated plant tells it".to_owned();
+    Metric::not_judged(name, reason, limit)
+}
+
 fn of_faults(run: &Run<'_>) -> Vec<Metric> {
     let expect = &run.scenario.expect;
     let mut metrics = Vec::new();
@@ -48,7 +57,11 @@ fn of_faults(run: &Run<'_>) -> Vec<Metric> {
         min: None,
         max: Some(max),
     };
-    metrics.push(Metric::new(
+    let of_truth = |name, value: Value, limit| match run.timeline.truth.is_empty() {
+        false => Metric::new(name, value, limit),
+        true => untold(name, limit),
+    };
+    metrics.push(of_truth(
         "current_zero_within_milliseconds",
         current_zero(run).map(|seconds| seconds * 1e3),
         expect.current_zero_within_milliseconds.map(within),
@@ -62,11 +75,7 @@ fn of_faults(run: &Run<'_>) -> Vec<Metric> {
     }
     let state = if is_safe_at_end(run) { 1.0 } else { 0.0 };
     let wanted = expect.safe_state.map(|safe| if safe { 1.0 } else { 0.0 });
-    metrics.push(Metric::new(
-        "safe_state",
-        Ok(state),
-        wanted.and_then(exactly),
-    ));
+    metrics.push(of_truth("safe_state", Ok(state), wanted.and_then(exactly)));
     if !expect.emcy.is_empty() {
         let missing = missing_emergencies(run);
         let value = match missing.as_slice() {

@@ -7,7 +7,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::str::FromStr;
 
-use dbc::Database;
 use serde::Serialize;
 
 use super::args::CompareArgs;
@@ -208,11 +207,10 @@ impl CompareError {
 type Page<'a> = Option<(&'a Path, String)>;
 
 fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> {
-    let database = Database::sma_actuator();
     let [a, b] = [&args.a, &args.b].map(|path| -> Result<_, RecordedError> {
         let recorded = Recorded::load(path, None)?;
-        let timeline = recorded.timeline(database)?;
-        let verdict = recorded.judge(&timeline, database)?;
+        let timeline = recorded.timeline()?;
+        let verdict = recorded.judge(&timeline)?;
         Ok((recorded, timeline, verdict))
     });
     let ((a, a_line, a_verdict), (b, b_line, b_verdict)) = (a?, b?);

@@ -2,8 +2,6 @@
 
 use std::io::{self, Write};
 
-use dbc::Database;
-
 use super::args::{ExportArgs, Format};
 use super::{Recorded, RecordedError, refuse};
 use crate::console::complain;
@@ -48,20 +46,19 @@ fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
         Format::Asc => asc::to_asc(frames).into_bytes(),
         Format::Blf => blf::to_blf(frames),
         Format::Mf4 => measurement(&recorded)?,
-        Format::Parquet => parquet::to_parquet(&recorded.timeline(Database::sma_actuator())?)?,
+        Format::Parquet => parquet::to_parquet(&recorded.timeline()?)?,
     };
     Ok((recorded, bytes))
 }
 
 fn csv_table(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
-    let timeline = recorded.timeline(Database::sma_actuator())?;
+    let timeline = recorded.timeline()?;
     Ok(csv::to_csv(&timeline))
 }
 
 fn measurement(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
-    let database = Database::sma_actuator();
-    let timeline = recorded.timeline(database)?;
-    let mut clock = ScenarioClock::new(database)?;
+    let timeline = recorded.timeline()?;
+    let mut clock = ScenarioClock::new(recorded.database())?;
     for stamped in &recorded.log.frames {
         if clock.on_frame(stamped.time, &stamped.frame) {
             break;

@@ -102,40 +102,48 @@ impl Recorded {
                 broken: log.broken,
             });
         }
+        let mut source =
+            Source::load(scenario).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
+        let stored = match played {
+            None => read_verdict(&folder.join(file::VERDICT))?,
+            Some(_) => None,
+        };
+        if let Some(stored) = &stored {
+            source.external = stored.external.clone();
+        }
         Ok(Self {
             path: path.to_owned(),
-            source: Source::load(scenario)
-                .map_err(|error| RecordedError::Scenario(Box::new(error)))?,
+            source,
             log,
-            stored: match played {
-                None => read_verdict(&folder.join(file::VERDICT))?,
-                Some(_) => None,
-            },
+            stored,
             is_folder,
         })
+    }
+
+    /// What the frames mean.
+    #[must_use]
+    pub fn database(&self) -> &'static Database {
+        self.source.external.database()
     }
 
     /// The recording, decoded.
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn timeline(&self, database: &Database) -> Result<Timeline, SignalMissing> {
-        timeline::decode(&self.log.frames, &self.source.scenario, database)
+    pub fn timeline(&self) -> Result<Timeline, SignalMissing> {
+        timeline::decode(&self.log.frames, &self.source.scenario, self.database())
     }
 
     /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, for its own reason.
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn judge(
-        &self,
-        timeline: &Timeline,
-        database: &Database,
-    ) -> Result<Verdict, SignalMissing> {
+    pub fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
         let scenario = &self.source.scenario;
         let stored = self.stored.as_ref();
         let lost = stored.map_or(0, |stored| stored.frames_lost);
         let mut verdict = judge(timeline, scenario, lost);
+        verdict.external = self.source.external.clone();
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason.clone_from(&stored.reason);
@@ -146,7 +154,7 @@ impl Recorded {
             verdict.reason = Some(reason);
         }
         if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
-            let timing = timing.again(&self.log.frames, scenario, database)?;
+            let timing = timing.again(&self.log.frames, scenario, self.database())?;
             judge_timing(&mut verdict, timing, &scenario.expect.timing);
         }
         Ok(verdict)
@@ -156,14 +164,10 @@ impl Recorded {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn verdict(
-        &self,
-        timeline: &Timeline,
-        database: &Database,
-    ) -> Result<Verdict, SignalMissing> {
+    pub fn verdict(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
         match &self.stored {
             Some(stored) => Ok(stored.clone()),
-            None => self.judge(timeline, database),
+            None => self.judge(timeline),
         }
     }
 }

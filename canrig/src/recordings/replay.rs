@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use dbc::Database;
 use platform::clock::{Clock, sleep};
 
 use super::args::ReplayArgs;
@@ -41,9 +40,8 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
             Source::load(limits).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
         recorded.source.scenario.expect = other.scenario.expect;
     }
-    let database = Database::sma_actuator();
-    let timeline = recorded.timeline(database)?;
-    let verdict = recorded.judge(&timeline, database)?;
+    let timeline = recorded.timeline()?;
+    let verdict = recorded.judge(&timeline)?;
     Ok((recorded, verdict))
 }
 
@@ -53,7 +51,7 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     if viewers.is_empty() {
         return;
     }
-    let (mut taps, shows) = viewers.show(&recorded.source.scenario, WhenFull::Wait);
+    let (mut taps, shows) = viewers.show(&recorded.source, WhenFull::Wait);
     let frames = &recorded.log.frames;
     let begin = frames.first().map_or(Duration::ZERO, |first| first.time);
     let clock = Clock::start();

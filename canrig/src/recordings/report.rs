@@ -3,8 +3,6 @@
 use std::fs;
 use std::path::Path;
 
-use dbc::Database;
-
 use super::args::ReportArgs;
 use super::{Recorded, RecordedError, refuse};
 use crate::console::{complain, say};
@@ -17,10 +15,9 @@ use crate::verdict::Verdict;
 /// Makes the page of each run, and one of all of them where `--output` says where.
 #[must_use]
 pub fn report(args: &ReportArgs) -> Exit {
-    let database = Database::sma_actuator();
     let mut runs = Vec::new();
     for path in &args.runs {
-        match read(path, database) {
+        match read(path) {
             Ok(run) => runs.push(run),
             Err(error) => return refuse(error),
         }
@@ -37,7 +34,7 @@ pub fn report(args: &ReportArgs) -> Exit {
             Some(output) if runs.len() == 1 => output.clone(),
             _ => recorded.path.join(file::REPORT),
         };
-        html::to_html(&page, database).map(|text| (place, text))
+        html::to_html(&page, recorded.database()).map(|text| (place, text))
     });
     for page in pages {
         let written = match page {
@@ -56,7 +53,7 @@ pub fn report(args: &ReportArgs) -> Exit {
     }
 }
 
-fn read(path: &Path, database: &Database) -> Result<(Recorded, Timeline, Verdict), RecordedError> {
+fn read(path: &Path) -> Result<(Recorded, Timeline, Verdict), RecordedError> {
     if !path.is_dir() {
         let source = std::io::ErrorKind::NotADirectory.into();
         return Err(RecordedError::Read {
@@ -65,8 +62,8 @@ fn read(path: &Path, database: &Database) -> Result<(Recorded, Timeline, Verdict
         });
     }
     let recorded = Recorded::load(path, None)?;
-    let timeline = recorded.timeline(database)?;
-    let verdict = recorded.verdict(&timeline, database)?;
+    let timeline = recorded.timeline()?;
+    let verdict = recorded.verdict(&timeline)?;
     Ok((recorded, timeline, verdict))
 }
 

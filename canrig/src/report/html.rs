@@ -11,6 +11,7 @@ use super::bus_timing::{BusTiming, Spread, histogram};
 use super::page;
 use super::plot::{Colour, Extent, Patch, Plot, Shape};
 use crate::events::{Event, Level};
+use crate::external::ExternalNode;
 use crate::judge::SETTLING_BAND;
 use crate::recording::Stamped;
 use crate::run_folder::file;
@@ -94,6 +95,10 @@ fn head(run: &Run<'_>) -> Markup {
             div { dt { "frames" } dd { (run.frames.len()) } }
             div { dt { "seed" } dd { (verdict.seed) } }
             div { dt { "canrig" } dd { (verdict.version) } }
+            @if !verdict.external.is_empty() { div { dt { "external" } dd { (verdict.external) } } }
+        }
+        @if verdict.external.has(ExternalNode::Drive) {
+            p.soft { "Wire temperature, martensite fraction and true position are not available: the drive is external, and only the emulator knows them." }
         }
     }
 }

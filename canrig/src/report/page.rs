@@ -41,6 +41,7 @@ pub(super) fn class(outcome: Outcome) -> &'static str {
 /// The cell that says whether a limit was met.
 pub(super) fn result(metric: &Metric, outcome: Outcome) -> Markup {
     match (metric.passed, outcome) {
+        (None, _) if metric.limit.is_some() => html! { span.unsure { "not judged" } },
         (None, _) => html! {},
         (Some(_), Outcome::Inconclusive) => html! { span.unsure { "not judged" } },
         (Some(true), _) => html! { span.pass { "pass" } },

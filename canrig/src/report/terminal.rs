@@ -158,14 +158,7 @@ fn timing_table(timing: &Timing) -> String {
             .map(|value| Cell::new(format!("{value:.0}")).set_alignment(CellAlignment::Right));
         table.add_row([Cell::new(name)].into_iter().chain(values));
     }
-    let [controller, plant_emulator] = [&timing.controller, &timing.plant_emulator];
-    let mut text = format!(
-        "{table}\noverruns {} + {}, frames dropped {} + {} (controller + plant emulator)",
-        controller.overruns,
-        plant_emulator.overruns,
-        controller.frames_dropped,
-        plant_emulator.frames_dropped,
-    );
+    let mut text = format!("{table}\n{}", timing.losses());
     for reason in &timing.distrust {
         text += &format!("\nnot trusted: {reason}");
     }

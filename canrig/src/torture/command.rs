@@ -14,6 +14,7 @@ use crate::capture::Watch;
 use crate::cli::TortureArgs;
 use crate::console::{complain, say};
 use crate::exit::Exit;
+use crate::external::External;
 use crate::run::{self, Source, World};
 use crate::world;
 
@@ -102,6 +103,7 @@ fn keep(case: &Case, output: &Path) -> Result<std::path::PathBuf, String> {
         path: "torture.toml".into(),
         text: case.text(),
         scenario: case.scenario()?,
+        external: External::default(),
     };
     let (watch, taps) = (Watch::default(), Vec::new());
     let judged = run::run(&source, output, &watch, taps, |_, capture| {

@@ -14,6 +14,7 @@ use scenario::Scenario;
 use super::{Show, ViewerAddress};
 use crate::recording::Stamped;
 use crate::report::rerun::{APPLICATION, BusReader, Recording};
+use crate::run::Source;
 use crate::signals::SignalMissing;
 use crate::tap::{Tap, WhenFull};
 use crate::timeline::Reader;
@@ -41,17 +42,18 @@ impl Show {
     /// Begins to show a run; its frames go into the tap.
     pub(super) fn start(
         address: &ViewerAddress,
-        scenario: &Scenario,
+        source: &Source,
         when_full: WhenFull,
     ) -> (Tap, Self) {
         let (tap, frames, dropped) = Tap::new(when_full);
         let (verdict, judged) = mpsc::channel();
         let (end, ended) = mpsc::channel();
-        let (url, scenario) = (address.url(), scenario.clone());
+        let (url, scenario) = (address.url(), source.scenario.clone());
+        let database = source.external.database();
         std::thread::spawn(move || {
             scheduling::step_back();
             let shown = connect(&url, &scenario.name).and_then(|stream| {
-                let shown = follow(stream.clone(), &scenario, frames, &judged);
+                let shown = follow(stream.clone(), &scenario, database, frames, &judged);
                 // What it is dropped for would have to be sent first, to somebody who takes nothing.
                 if shown.is_err() {
                     std::mem::forget(stream);
@@ -89,10 +91,10 @@ fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
 fn follow(
     stream: RecordingStream,
     scenario: &Scenario,
+    database: &Database,
     mut frames: Consumer<Stamped>,
     judged: &Receiver<Verdict>,
 ) -> Result<(), LiveError> {
-    let database = Database::sma_actuator();
     let mut reader = Reader::new(scenario, database)?;
     let mut bus = BusReader::new(scenario, database)?;
     let mut recording = Recording::begin(stream, scenario)?;

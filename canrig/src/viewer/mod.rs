@@ -19,9 +19,8 @@ pub use args::ViewerArgs;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use scenario::Scenario;
-
 use crate::console::complain;
+use crate::run::Source;
 use crate::tap::{Dropped, Tap, WhenFull};
 use crate::verdict::Verdict;
 
@@ -71,9 +70,9 @@ impl Viewers {
     /// Begins to show a run in each viewer: where its frames go, and how to end.
     #[must_use]
     #[cfg(feature = "rerun")]
-    pub fn show(&self, scenario: &Scenario, when_full: WhenFull) -> (Vec<Tap>, Shows) {
+    pub fn show(&self, source: &Source, when_full: WhenFull) -> (Vec<Tap>, Shows) {
         let started = self.addresses.iter();
-        let started = started.map(|address| Show::start(address, scenario, when_full));
+        let started = started.map(|address| Show::start(address, source, when_full));
         let (taps, shows) = started.unzip();
         (taps, Shows(shows))
     }
@@ -81,7 +80,7 @@ impl Viewers {
     /// Without the SDK there are no viewers.
     #[must_use]
     #[cfg(not(feature = "rerun"))]
-    pub fn show(&self, _scenario: &Scenario, _when_full: WhenFull) -> (Vec<Tap>, Shows) {
+    pub fn show(&self, _source: &Source, _when_full: WhenFull) -> (Vec<Tap>, Shows) {
         (Vec::new(), Shows::default())
     }
 }

@@ -16,35 +16,49 @@ use crate::disturbance_node::DisturbanceProducer;
 use crate::run::World;
 use crate::run_folder::RunFolder;
 
-/// The two nodes that are processes of their own.
+/// The nodes that are processes of their own; none where somebody else's is on the bus.
 pub(super) struct Processes {
-    pub(super) plant_emulator: NodeProcess,
-    pub(super) controller: NodeProcess,
+    pub(super) plant_emulator: Option<NodeProcess>,
+    pub(super) controller: Option<NodeProcess>,
 }
 
 impl Processes {
-    /// The process of a participant.
-    fn named(&mut self, name: &str) -> &mut NodeProcess {
-        if name == CONTROLLER {
-            &mut self.controller
-        } else {
-            &mut self.plant_emulator
-        }
-    }
-
     /// Waits until one of them ends before its time; the error that tells of it.
     pub(super) async fn early_end(&mut self) -> WorldError {
         tokio::select! {
-            error = self.controller.early_end() => error,
-            error = self.plant_emulator.early_end() => error,
+            error = early_end(&mut self.controller) => error,
+            error = early_end(&mut self.plant_emulator) => error,
         }
     }
 
+    /// Waits for the end of a participant's process.
+    async fn early_end_of(&mut self, name: &str) -> WorldError {
+        let process = match name {
+            CONTROLLER => &mut self.controller,
+            _ => &mut self.plant_emulator,
+        };
+        early_end(process).await
+    }
+
     /// Stops both, the manager first; the reports of controller and emulator, or the first error of the two.
-    pub(super) async fn stop(&mut self) -> Result<[String; 2], WorldError> {
-        let controller = self.controller.stop().await;
-        let plant_emulator = self.plant_emulator.stop().await;
+    pub(super) async fn stop(&mut self) -> Result<[Option<String>; 2], WorldError> {
+        let controller = stop(&mut self.controller).await;
+        let plant_emulator = stop(&mut self.plant_emulator).await;
         Ok([controller?, plant_emulator?])
+    }
+}
+
+async fn early_end(process: &mut Option<NodeProcess>) -> WorldError {
+    match process {
+        Some(process) => process.early_end().await,
+        None => std::future::pending().await,
+    }
+}
+
+async fn stop(process: &mut Option<NodeProcess>) -> Result<Option<String>, WorldError> {
+    match process {
+        Some(process) => process.stop().await.map(Some),
+        None => Ok(None),
     }
 }
 
@@ -94,8 +108,8 @@ pub fn in_lockstep(
     let (plant_emulator, plant_channel) = start(PLANT_EMULATOR)?;
     let (controller, controller_channel) = start(CONTROLLER)?;
     let mut processes = Processes {
-        plant_emulator,
-        controller,
+        plant_emulator: Some(plant_emulator),
+        controller: Some(controller),
     };
     let played = (|| -> Result<End, WorldError> {
         let mut plant_emulator =
@@ -121,7 +135,7 @@ pub fn in_lockstep(
             // How a process ended tells more than that it does not answer.
             Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
                 name,
-            }))) => processes.named(&name).early_end().await,
+            }))) => processes.early_end_of(&name).await,
             Err(error) => error,
         };
         // Whoever is left is gone before the error is told, which is the first one.

@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use canopen::Filter;
-use dbc::Database;
 use platform::bus::{self, Bus, BusAddress, BusError};
 use platform::clock::Clock;
 use platform::hub::Hub;
@@ -12,6 +11,7 @@ use platform::recorder::Recorder;
 use platform::scheduling;
 use platform::stop::StopSignal;
 use scenario::Scenario;
+use scenario::disturbance::Disturbance;
 
 use super::child::NodeProcess;
 use super::processes::{Processes, runtime};
@@ -19,6 +19,7 @@ use super::strikes::{Strike, Strikes};
 use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, RunBus, START_PATIENCE, WorldError};
 use crate::capture::Capture;
 use crate::disturbance_node::DisturbanceProducer;
+use crate::external::{External, ExternalNode};
 use crate::recording::Stamped;
 use crate::run::World;
 use crate::run_folder::RunFolder;
@@ -29,7 +30,8 @@ const COLLECT_PERIOD: Duration = Duration::from_millis(20);
 /// A bus without a frame for so long has lost its manager.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
 
-/// Plays the scenario in real time, with controller and plant as processes; `tell` gets the bus's address once it is there.
+/// Plays the scenario in real time, with controller and plant as processes unless they are external; `tell` gets the bus's
+/// address once it is there.
 ///
 /// # Errors
 /// A process or the bus failed, or the recording cannot be written.
@@ -38,17 +40,29 @@ pub fn run(
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
+    external: &External,
     tell: &dyn Fn(&BusAddress),
 ) -> Result<World, WorldError> {
     let runtime = runtime()?;
     let _entered = runtime.enter();
     let mut line = Line::open(bus)?;
     tell(&line.address);
-    let mut processes = Processes {
-        plant_emulator: NodeProcess::spawn(PLANT_EMULATOR, folder, Some(&line.address), None)?,
-        controller: NodeProcess::spawn(CONTROLLER, folder, Some(&line.address), None)?,
+    let start = |name, node| {
+        let is_ours = !external.has(node);
+        is_ours
+            .then(|| NodeProcess::spawn(name, folder, Some(&line.address), None))
+            .transpose()
     };
-    let mut bench = DisturbanceProducer::new(scenario, Database::sma_actuator())?;
+    let mut processes = Processes {
+        plant_emulator: start(PLANT_EMULATOR, ExternalNode::Drive)?,
+        controller: start(CONTROLLER, ExternalNode::Controller)?,
+    };
+    let mut orders = scenario.clone();
+    if !external.has_fan() {
+        // On a bus without the module its identifier may be somebody else's.
+        orders.disturbance = Disturbance::default();
+    }
+    let mut bench = DisturbanceProducer::new(&orders, external.database())?;
     let mut voice = line.voice(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = StopSignal::manual().map_err(|source| WorldError::Spawn {
         name: BENCH,
@@ -76,8 +90,8 @@ pub fn run(
     ended.map(|(end, [controller, plant_emulator])| World {
         end,
         host: Some(Host {
-            controller: report(CONTROLLER, &controller),
-            plant_emulator: report(PLANT_EMULATOR, &plant_emulator),
+            controller: controller.map(|text| report(CONTROLLER, &text)),
+            plant_emulator: plant_emulator.map(|text| report(PLANT_EMULATOR, &text)),
             wall_clock_step,
             load: scheduling::machine_load(),
         }),
@@ -118,7 +132,10 @@ async fn follow(
             return Ok(End::Interrupted);
         }
         while let Some(strike) = capture.scenario_time().and_then(|time| strikes.due(time)) {
-            let controller = &mut processes.controller;
+            // Faults of an external controller are refused before the run.
+            let Some(controller) = &mut processes.controller else {
+                break;
+            };
             match strike {
                 Strike::Kill => controller.strike().await?,
                 Strike::Freeze => controller.freeze(true)?,

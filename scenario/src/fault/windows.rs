@@ -31,6 +31,8 @@ pub struct FaultWindow {
     pub from_seconds: Option<f64>,
     /// Ends; with the run if absent. What happens at an instant ends at that instant.
     pub until_seconds: Option<f64>,
+    /// The node that fails; none where a part of the rig or the bus does.
+    pub node: Option<Node>,
     /// What happens, for people.
     pub text: String,
 }
@@ -46,6 +48,7 @@ impl FaultWindow {
             place: Place { group, kind, index },
             from_seconds: None,
             until_seconds: None,
+            node: whose,
             text,
         }
     }

@@ -1,0 +1,179 @@
+//! Nodes of a run that canrig does not start but expects on the bus: a real drive, a foreign controller.
+
+use std::fmt;
+use std::sync::LazyLock;
+
+use clap::ValueEnum;
+use dbc::Database;
+use scenario::Scenario;
+use scenario::fault::FaultWindow;
+use scenario::fault::node::Node;
+use serde::{Deserialize, Serialize};
+
+/// What only the emulated plant tells; a real drive knows none of it, and may use the identifiers for something else.
+const TRUTH_MESSAGES: [&str; 2] = ["drive_tpdo2", "plant_truth"];
+
+/// A node that may be somebody else's.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum ExternalNode {
+    /// The drive, and with it the actuator: the emulator is not started
+    Drive,
+    /// The controller
+    Controller,
+    /// The fan and load module; needs `drive` too, since a real fan blows at no emulated wire
+    Fan,
+}
+
+impl ExternalNode {
+    /// Its name in messages.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Drive => "drive",
+            Self::Controller => "controller",
+            Self::Fan => "fan",
+        }
+    }
+}
+
+/// The nodes of a run that are somebody else's, sorted.
+#[derive(Clone, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct External(Vec<ExternalNode>);
+
+impl External {
+    /// These nodes.
+    ///
+    /// # Errors
+    /// Why they cannot be external together.
+    pub fn new(nodes: &[ExternalNode]) -> Result<Self, &'static str> {
+        let mut nodes = nodes.to_vec();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let external = Self(nodes);
+        if external.has(ExternalNode::Fan) && !external.has(ExternalNode::Drive) {
+            return Err(
+                "--external fan needs --external drive: a real fan blows at no emulated wire",
+            );
+        }
+        Ok(external)
+    }
+
+    /// Whether a node is somebody else's.
+    #[must_use]
+    pub fn has(&self, node: ExternalNode) -> bool {
+        self.0.contains(&node)
+    }
+
+    /// True when canrig starts all nodes.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Whether somebody plays the fan and load module: the emulator, or a real one.
+    #[must_use]
+    pub fn has_fan(&self) -> bool {
+        !self.has(ExternalNode::Drive) || self.has(ExternalNode::Fan)
+    }
+
+    /// What the frames of the bus mean. Beside a drive that is not the emulator nobody tells the truth.
+    #[must_use]
+    pub fn database(&self) -> &'static Database {
+        static WITHOUT_TRUTH: LazyLock<Database> =
+            LazyLock::new(|| Database::sma_actuator().with_silent(&TRUTH_MESSAGES));
+        if self.has(ExternalNode::Drive) {
+            &WITHOUT_TRUTH
+        } else {
+            Database::sma_actuator()
+        }
+    }
+
+    /// Says so when a fault of the scenario happens to a node that obeys nobody here.
+    ///
+    /// # Errors
+    /// Which fault, and why not.
+    pub fn admits(&self, scenario: &Scenario) -> Result<(), String> {
+        let windows = scenario.fault.windows();
+        // The order is given over the bus, to whoever is there.
+        let mut happening = windows
+            .iter()
+            .filter(|fault| fault.place.kind != "nmt_stop");
+        match happening.find(|fault| self.has(whose(fault))) {
+            None => Ok(()),
+            Some(fault) => Err(format!(
+                "[[fault.{}.{}]] cannot be played: the {} is external, so nothing fails there on purpose",
+                fault.place.group,
+                fault.place.kind,
+                whose(fault).name()
+            )),
+        }
+    }
+}
+
+/// Where a fault happens: sensor, amplifier, wire and mechanics are the emulated drive's.
+fn whose(fault: &FaultWindow) -> ExternalNode {
+    match fault.node {
+        Some(Node::Controller) => ExternalNode::Controller,
+        _ => ExternalNode::Drive,
+    }
+}
+
+/// `drive, fan`
+impl fmt::Display for External {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names: Vec<&str> = self.0.iter().map(|node| node.name()).collect();
+        formatter.write_str(&names.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEAD: &str = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
+
+    fn admits(nodes: &[ExternalNode], fault: &str) -> Result<(), String> {
+        let text = format!("{HEAD}{fault}");
+        let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+        External::new(nodes).unwrap().admits(&scenario)
+    }
+
+    #[test]
+    fn a_fan_is_external_only_beside_an_external_drive() {
+        use ExternalNode::{Drive, Fan};
+        assert!(External::new(&[Fan]).is_err());
+        let external = External::new(&[Fan, Drive, Fan]).unwrap();
+        assert_eq!(external.to_string(), "drive, fan");
+    }
+
+    #[test]
+    fn no_fault_happens_to_a_node_that_is_external() {
+        use ExternalNode::{Controller, Drive};
+        let stuck = "[[fault.sensor.stuck]]\nfrom_seconds = 1.0\n";
+        let crash = |node| format!("[[fault.node.crash]]\nfrom_seconds = 1.0\nnode = \"{node}\"\n");
+        let stop = "[[fault.node.nmt_stop]]\nat_seconds = 1.0\nnode = \"drive\"\n";
+        let refused = admits(&[Drive], stuck).unwrap_err();
+        assert!(refused.starts_with("[[fault.sensor.stuck]] cannot be played: the drive"));
+        assert!(admits(&[Drive], &crash("drive")).is_err());
+        assert!(admits(&[Controller], &crash("controller")).is_err());
+        assert!(admits(&[Controller], &crash("drive")).is_ok());
+        assert!(admits(&[Drive], &crash("controller")).is_ok());
+        assert!(admits(&[Drive], stop).is_ok());
+        assert!(admits(&[Controller], stuck).is_ok());
+    }
+
+    #[test]
+    fn beside_an_external_drive_nobody_tells_the_truth() {
+        let frame = canopen::CanFrame::new(0x290, &[1, 2, 3, 4, 5, 6, 7, 8]);
+        let path = "drive_tpdo2.wire_temperature_celsius";
+        let decode = |external: &External| {
+            let signal = external.database().require(path).unwrap();
+            signal.decode(&frame)
+        };
+        assert!(decode(&External::default()).is_some());
+        let drive = External::new(&[ExternalNode::Drive]).unwrap();
+        assert_eq!(decode(&drive), None);
+        assert!(drive.database().decode(&frame).is_none());
+    }
+}
