@@ -55,10 +55,8 @@ impl Clock {
     /// that it was stepped, and wall-clock receive stamps are not to be trusted.
     #[must_use]
     pub fn wall_clock_step(&self) -> Duration {
-        let monotonic = self.now();
-        wall()
-            .saturating_sub(self.wall_at_start)
-            .abs_diff(monotonic)
+        let expected = self.wall_at_start + self.now();
+        wall().abs_diff(expected)
     }
 
     /// This clock's `time` on `CLOCK_MONOTONIC`, for absolute timers.

@@ -10,6 +10,9 @@ use thiserror::Error;
 /// More problems than these are counted, not shown.
 const PROBLEMS_SHOWN_MAX: usize = 50;
 
+/// A text with a longer line is not shown: nobody could see the place in it, and the renderer cannot underline that far.
+const LINE_BYTES_SHOWN_MAX: usize = 1000;
+
 /// Everything that is wrong with one scenario file.
 #[derive(Debug, Diagnostic)]
 pub struct ScenarioError {
@@ -66,8 +69,9 @@ pub struct Problem {
     label: String,
     #[help]
     help: Option<String>,
-    #[label("{label}")]
     span: Option<SourceSpan>,
+    #[label("{label}")]
+    underlined: Option<SourceSpan>,
     #[source_code]
     source_text: Arc<NamedSource<String>>,
 }
@@ -80,7 +84,8 @@ impl Problem {
             label: String::new(),
             help: None,
             span: None,
-            source_text: source.0.clone(),
+            underlined: None,
+            source_text: source.text.clone(),
         }
     }
 
@@ -106,11 +111,17 @@ impl Problem {
 
 /// A named text that problems point into; clones share the text.
 #[derive(Clone, Debug)]
-pub(crate) struct Source(Arc<NamedSource<String>>);
+pub(crate) struct Source {
+    text: Arc<NamedSource<String>>,
+    is_shown: bool,
+}
 
 impl Source {
     pub(crate) fn new(name: &str, text: &str) -> Self {
-        Self(Arc::new(NamedSource::new(name, text.to_owned())))
+        Self {
+            text: Arc::new(NamedSource::new(name, text.to_owned())),
+            is_shown: text.lines().all(|line| line.len() <= LINE_BYTES_SHOWN_MAX),
+        }
     }
 
     /// A problem at a place of this text: `message` says what, `label` stands at the place.
@@ -120,12 +131,21 @@ impl Source {
         message: impl Into<String>,
         label: impl Into<String>,
     ) -> Problem {
-        Problem {
+        let span = SourceSpan::from(span);
+        let mut problem = Problem {
             message: message.into(),
             label: label.into(),
             help: None,
-            span: Some(span.into()),
-            source_text: self.0.clone(),
+            span: Some(span),
+            underlined: self.is_shown.then_some(span),
+            source_text: self.text.clone(),
+        };
+        if !self.is_shown
+            && let Some((line, column)) = problem.line_and_column()
+        {
+            let label = &problem.label;
+            problem.message += &format!(" (line {line}, column {column}: {label})");
         }
+        problem
     }
 }

@@ -621,6 +621,16 @@ fn deep_nesting_is_an_error_not_a_stack_overflow() {
 }
 
 #[test]
+fn a_place_in_an_endless_line_is_told_instead_of_underlined() {
+    let text = with(&format!("x = {}", "[".repeat(100_000)));
+    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let rendered = render(&error);
+    assert!(rendered.len() < 5000, "{rendered}");
+    assert!(rendered.contains("column 85"), "{rendered}");
+    assert!(error.problems()[0].line_and_column().is_some());
+}
+
+#[test]
 fn all_shipped_scenarios_load_and_name_their_schema() {
     assert!(shipped().len() >= 8);
     for path in shipped() {

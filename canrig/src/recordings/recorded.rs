@@ -1,6 +1,6 @@
 //! A recording read back from the disk.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
@@ -199,22 +199,14 @@ fn has_scenario(log: &Path) -> bool {
 
 /// The verdict of a run; none when there is no file. One that is no verdict was cut, so it counts as none too.
 fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
-    let failed = |source| RecordedError::Read {
-        path: path.to_owned(),
-        source,
-    };
-    match fs::metadata(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(failed(error)),
-        Ok(metadata) if metadata.len() > VERDICT_BYTES_MAX => {
-            let reason = format!(
-                "it has {} bytes, more than {VERDICT_BYTES_MAX}",
-                metadata.len()
-            );
-            return Err(failed(io::Error::new(io::ErrorKind::InvalidData, reason)));
-        }
-        Ok(_) => {}
+    match scenario::read_text(path, VERDICT_BYTES_MAX) {
+        Ok(text) => Ok(Verdict::from_json(&text).ok()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        // Not text, so not a verdict either.
+        Err(error) if error.kind() == io::ErrorKind::InvalidData => Ok(None),
+        Err(source) => Err(RecordedError::Read {
+            path: path.to_owned(),
+            source,
+        }),
     }
-    let text = fs::read(path).map_err(failed)?;
-    Ok(Verdict::from_json(&String::from_utf8_lossy(&text)).ok())
 }

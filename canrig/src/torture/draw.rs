@@ -39,6 +39,10 @@ const LASTING: [(&str, &str); 26] = [
 /// Kinds that happen at an instant.
 const INSTANT: [(&str, &str); 2] = [("node", "restart"), ("node", "nmt_stop")];
 
+/// Kinds that are about the boot, and how often a mix has one: many such runs never begin.
+const BOOT: [&str; 3] = ["late_boot", "wrong_identity", "wrong_node_id"];
+const BOOT_PROBABILITY: f64 = 0.1;
+
 /// Identifiers that matter: SYNC, TPDO1, RPDO1, heartbeats.
 const IDENTIFIERS: [i64; 5] = [0x080, 0x190, 0x210, 0x701, 0x710];
 const STATIONS: [&str; 3] = ["controller", "drive", "bench"];
@@ -66,6 +70,11 @@ pub(super) fn mix(stream: &mut Stream, duration_seconds: f64) -> Table {
             fault.insert("at_seconds".to_owned(), from.into());
         }
         push(&mut faults, group, kind, fault);
+    }
+    if stream.happens(BOOT_PROBABILITY) {
+        let kind = *pick(stream, &BOOT);
+        let fault = boot(stream, kind);
+        push(&mut faults, "node", kind, fault);
     }
     faults
 }
@@ -148,6 +157,26 @@ fn parameters(stream: &mut Stream, group: &str, kind: &str) -> Table {
     table
 }
 
+/// A fault of the boot.
+fn boot(stream: &mut Stream, kind: &str) -> Table {
+    let mut table = Table::new();
+    match kind {
+        "late_boot" => {
+            let node = *pick(stream, &STATIONS[..2]);
+            table.insert("node".to_owned(), node.into());
+            table.insert("delay_seconds".to_owned(), between(stream, 0.0, 12.0));
+        }
+        "wrong_identity" => {
+            table.insert("product_code".to_owned(), whole(stream, 0, u32::MAX));
+        }
+        // Not the controller's own.
+        _ => {
+            table.insert("node_id".to_owned(), whole(stream, 2, 127));
+        }
+    }
+    table
+}
+
 /// Which frames are hit, how often, how many in a row.
 fn hits(stream: &mut Stream, set: &mut impl FnMut(&str, Value)) {
     if stream.happens(0.7) {
@@ -185,9 +214,6 @@ mod tests {
     const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
-    /// What is about the boot is left to the catalogue.
-    const BOOT: usize = 3;
-
     #[test]
     fn every_mix_is_valid_and_all_kinds_are_drawn() {
         let mut drawn = BTreeSet::new();
@@ -198,14 +224,14 @@ mod tests {
                 .scenario()
                 .unwrap_or_else(|problems| panic!("{problems}"));
             let windows = scenario.fault.windows();
-            assert!((1..=4).contains(&windows.len()));
+            assert!((1..=5).contains(&windows.len()));
             drawn.extend(
                 windows
                     .iter()
                     .map(|window| (window.place.group, window.place.kind)),
             );
         }
-        assert_eq!(drawn.len(), LASTING.len() + INSTANT.len());
+        assert_eq!(drawn.len(), LASTING.len() + INSTANT.len() + BOOT.len());
         let schema: serde_json::Value =
             serde_json::from_str(&scenario::schema::json_schema()).unwrap();
         let groups = ["Bus", "Node", "Sensor", "Amplifier", "Plant"];
@@ -215,7 +241,7 @@ mod tests {
         });
         assert_eq!(
             kinds.iter().sum::<usize>(),
-            drawn.len() + BOOT,
+            drawn.len(),
             "a kind is not drawn"
         );
     }

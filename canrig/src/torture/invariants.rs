@@ -45,6 +45,7 @@ pub fn violation(played: &Played<'_>) -> Option<Violation> {
     verdict_reached(played)
         .or_else(|| truth_told(played))
         .or_else(|| not_too_hot(played))
+        .or_else(|| no_current_before_the_start(played))
         .or_else(|| {
             let is_sync = |frame: &CanFrame| frame.standard_id() == Some(SYNC_COB_ID);
             no_current_without(("sync", "SYNC"), is_sync, SYNC_SECONDS_MAX, played)
@@ -85,6 +86,19 @@ fn not_too_hot(played: &Played<'_>) -> Option<Violation> {
     violated(
         "temperature",
         format!("the wire has {celsius:.1} °C at {time:.4} s (limit {TEMPERATURE_CELSIUS_MAX} °C)"),
+    )
+}
+
+/// Before scenario time 0 nobody commands a current; a run that a fault of the boot prevents never comes to it.
+fn no_current_before_the_start(played: &Played<'_>) -> Option<Violation> {
+    let timeline = played.timeline;
+    let is_before = |truth: &&Truth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
+    let heated = |truth: &&Truth| truth.current_amperes > 0.0;
+    let truth = timeline.truth.iter().filter(is_before).find(heated)?;
+    let (amperes, time) = (truth.current_amperes, truth.time_seconds);
+    violated(
+        "start",
+        format!("{amperes:.3} A flow at {time:.4} s, before the start"),
     )
 }
 

@@ -122,7 +122,8 @@ faults! {
         }
         /// A bit is disturbed on the wire: error flag, retransmission, error counters up to error passive and bus-off (ISO
         /// 11898-1). `bus.log` shows the frame when it has passed, and an error message of the bench's for each change of
-        /// a station's state.
+        /// a station's state. The bus load counts frames that passed, as on a real interface: what was disturbed only
+        /// makes them late.
         bit_error: BitError {
             /// Only while this station sends.
             #[serde(default, skip_serializing_if = "Option::is_none")]
