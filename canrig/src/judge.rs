@@ -1,6 +1,8 @@
 //! From a timeline to a verdict. Nothing but the recording counts.
 
 mod reactions;
+mod sequences;
+mod signals;
 
 use scenario::Scenario;
 use scenario::events::{JudgedStep, Window};
@@ -48,7 +50,7 @@ pub fn judge_broken(timeline: &Timeline, scenario: &Scenario, error: &str) -> Ve
     let mut metrics = run.metrics();
     metrics.retain(|metric| {
         matches!(
-            metric.name,
+            metric.name.as_str(),
             BUS_LOAD | "sync_interval_milliseconds_max" | "missed_cycles_percent"
         ) && metric.value.is_some()
     });
@@ -69,10 +71,9 @@ pub fn judge_timing(verdict: &mut Verdict, timing: Timing, limits: &TimingLimits
     if !timing.distrust.is_empty() {
         metrics.iter_mut().for_each(|metric| metric.passed = None);
         // These are met by luck at worst, but missed by the machine.
-        let late = verdict
-            .metrics
-            .iter_mut()
-            .filter(|metric| HOST_METRICS.contains(&metric.name) && metric.passed == Some(false));
+        let late = verdict.metrics.iter_mut().filter(|metric| {
+            HOST_METRICS.contains(&metric.name.as_str()) && metric.passed == Some(false)
+        });
         late.for_each(|metric| metric.passed = None);
     }
     verdict.metrics.extend(metrics);
@@ -172,7 +173,10 @@ fn outcome(
 /// Says so when a limit is on something that nobody on the bus tells: such a run does not pass.
 fn not_judged(metrics: &[Metric]) -> Option<String> {
     let undecided = |metric: &&Metric| metric.limit.is_some() && metric.passed.is_none();
-    let names = metrics.iter().filter(undecided).map(|metric| metric.name);
+    let names = metrics
+        .iter()
+        .filter(undecided)
+        .map(|metric| metric.name.as_str());
     let names: Vec<&str> = names.collect();
     (!names.is_empty()).then(|| format!("not judged: {}", names.join(", ")))
 }
@@ -312,7 +316,10 @@ impl Run<'_> {
             .into_iter()
             .filter(|(_, value, limit)| value.is_ok() || limit.is_some());
         let all = all.map(|(name, value, limit)| self.metric(name, value, limit));
-        all.chain(reactions::metrics(self)).collect()
+        all.chain(reactions::metrics(self))
+            .chain(signals::metrics(self))
+            .chain(sequences::metrics(self))
+            .collect()
     }
 
     fn metric(&self, name: &'static str, value: Value, limit: Option<Limit>) -> Metric {
@@ -739,7 +746,11 @@ mod tests {
                     [[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 5.0\n";
         let open = Scenario::parse(text, "open.toml", |_| unreachable!("no table")).unwrap();
         let verdict = verdict_of(&open, &frames(4000, |_| Some(10.0)), 0);
-        let judged: Vec<_> = verdict.metrics.iter().map(|metric| metric.name).collect();
+        let judged: Vec<_> = verdict
+            .metrics
+            .iter()
+            .map(|metric| metric.name.as_str())
+            .collect();
         assert!(!judged.contains(&"recovery_time_seconds"), "{judged:?}");
         assert!(
             !judged.contains(&"maximum_deviation_millimetres"),

@@ -13,6 +13,7 @@ use crate::gauge::Gauge;
 use crate::judge::{self, judge, judge_broken};
 use crate::report;
 use crate::run_folder::{RunFolder, WriteError, file};
+use crate::signal_names::SignalNames;
 use crate::signals::SignalMissing;
 use crate::tap::Tap;
 use crate::timeline::{self, Timeline};
@@ -39,7 +40,9 @@ impl Source {
     /// # Errors
     /// The file cannot be read or is no valid scenario.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        let (scenario, text) = Scenario::load_with_text(path)?;
+        let (scenario, text) = Scenario::load_with_text(path, |scenario| {
+            SignalNames::of_the_rig().objections(scenario)
+        })?;
         Ok(Self {
             path: path.to_owned(),
             text,

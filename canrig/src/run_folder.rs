@@ -4,6 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use scenario::Scenario;
 use sha2::{Digest, Sha256};
 
 use crate::recording::{self, Stamped};
@@ -88,11 +89,19 @@ impl RunFolder {
         Ok(Self { path })
     }
 
-    /// The scenario's tables, so that the folder can be run and judged by itself.
+    /// The scenario's tables and courses, so that the folder can be run and judged by itself.
     fn copy_tables(&self, source: &Source) -> Result<(), WriteError> {
         let parent = source.path.parent().unwrap_or(Path::new("."));
-        for table in &source.scenario.reference.table {
-            self.copy(&parent.join(&table.file), &table.file)?;
+        let Scenario {
+            reference, expect, ..
+        } = &source.scenario;
+        let tables = reference.table.iter().map(|table| &table.file);
+        let courses = expect
+            .signal
+            .iter()
+            .filter_map(|check| check.follows.as_ref());
+        for file in tables.chain(courses.map(|course| &course.file)) {
+            self.copy(&parent.join(file), file)?;
         }
         Ok(())
     }

@@ -18,6 +18,9 @@ pub const CONVECTION_FACTOR: &str = "disturbance_rpdo1.convection_factor";
 /// Mass added to the load, to the disturbance node.
 pub const ADDED_LOAD: &str = "disturbance_rpdo1.added_load_grams";
 
+/// The messages that only the emulated plant sends.
+pub const EMULATED_MESSAGES: [&str; 2] = ["drive_tpdo2", "plant_truth"];
+
 /// The messages whose signals become columns, in this order.
 pub const COLUMN_MESSAGES: [&str; 8] = [
     "drive_tpdo1",

@@ -11,6 +11,7 @@ use crate::events::{Event, EventReader, ToldEmergency};
 use crate::losses::LossReader;
 use crate::recording::Stamped;
 use crate::signals::{self, COLUMN_MESSAGES, SignalMissing};
+use crate::traces::{Trace, TraceReader};
 use crate::truth::{Truth, TruthReader};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
@@ -51,6 +52,8 @@ pub struct Timeline {
     pub truth: Vec<Truth>,
     /// Whether the fan and load module was there and got its commands.
     pub has_fan: bool,
+    /// The signals that the scenario's checks name.
+    pub traces: Vec<Trace>,
     /// When the scenario began, on the recording's clock; none if it never did.
     pub zero_seconds: Option<f64>,
     /// Scenario time of the last frame.
@@ -143,6 +146,7 @@ pub(crate) struct Reader {
     losses: LossReader,
     truth: TruthReader,
     fan: FanReader,
+    traces: TraceReader,
     last_frame: Duration,
     traffic: Traffic,
     signals: Vec<Tracked>,
@@ -178,6 +182,7 @@ impl Reader {
             losses: LossReader::new(scenario, database),
             truth: TruthReader::new(database)?,
             fan: FanReader::new(database)?,
+            traces: TraceReader::new(scenario, database),
             last_frame: Duration::ZERO,
             traffic: Traffic::new(scenario),
             latest: vec![f64::NAN; signals.len()],
@@ -214,6 +219,13 @@ impl Reader {
             Some(time) if time >= self.end => {}
             _ => self.take_signals(&stamped.frame),
         }
+        self.traces.take(stamped, time, self.cycle_seconds());
+    }
+
+    /// When the latest cycle began.
+    fn cycle_seconds(&self) -> Option<f64> {
+        let latest = self.cycle.last()?;
+        Some(start_seconds(*latest, self.period.as_secs_f64()))
     }
 
     fn begin_cycle(&mut self, number: u64) {
@@ -265,6 +277,7 @@ impl Reader {
             .sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
         rest.emergencies = self.events.emergencies();
         rest.truth = self.truth.take_all(self.events.zero());
+        rest.traces = self.traces.take_all();
         Ok(rest)
     }
 
@@ -272,13 +285,9 @@ impl Reader {
     fn take_rows(&mut self, rows: usize, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
         let period_seconds = self.period.as_secs_f64();
         let cycle = take_front(&mut self.cycle, rows);
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "cycle numbers stay far below 2^52"
-        )]
         let time_seconds: Vec<f64> = cycle
             .iter()
-            .map(|cycle| *cycle as f64 * period_seconds)
+            .map(|cycle| start_seconds(*cycle, period_seconds))
             .collect();
         let columns = self.signals.iter().zip(&mut self.columns);
         let columns: Vec<Column> = columns
@@ -308,6 +317,7 @@ impl Reader {
             emergencies: Vec::new(),
             truth: Vec::new(),
             has_fan: self.fan.is_heard && self.fan.is_commanded,
+            traces: Vec::new(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             last_frame_seconds: self
                 .last_frame
@@ -428,6 +438,15 @@ fn tracked_signals(database: &Database) -> Result<Vec<Tracked>, SignalMissing> {
         }
     }
     Ok(tracked)
+}
+
+/// Scenario time at which a cycle begins.
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "cycle numbers stay far below 2^52"
+)]
+fn start_seconds(cycle: u64, period_seconds: f64) -> f64 {
+    cycle as f64 * period_seconds
 }
 
 /// The nearest whole number of periods.

@@ -48,10 +48,13 @@ impl Outcome {
 /// One metric.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Metric {
-    /// Its key in `[expect]`; the unit is in the name.
-    pub name: &'static str,
+    /// Its key in `[expect]`, or what a check demands; the unit is in the name.
+    pub name: String,
     /// The measured value; none where the run does not have it (no step, never settled).
     pub value: Option<f64>,
+    /// When it was so, in scenario time; for checks of signals only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub at_seconds: Option<f64>,
     /// Why there is no value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub remark: Option<String>,
@@ -66,15 +69,16 @@ pub struct Metric {
 impl Metric {
     /// Holds a value against its limit. Without a value a limit is not met.
     #[must_use]
-    pub fn new(name: &'static str, value: Result<f64, String>, limit: Option<Limit>) -> Self {
+    pub fn new(name: impl Into<String>, value: Result<f64, String>, limit: Option<Limit>) -> Self {
         let passed = limit.map(|limit| value.as_ref().is_ok_and(|value| meets(*value, limit)));
         let (value, remark) = match value {
             Ok(value) => (Some(rounded(value)), None),
             Err(remark) => (None, Some(remark)),
         };
         Self {
-            name,
+            name: name.into(),
             value,
+            at_seconds: None,
             remark,
             limit,
             passed,
@@ -83,14 +87,33 @@ impl Metric {
 
     /// A metric that this bus does not tell: its limit is neither met nor missed.
     #[must_use]
-    pub fn not_judged(name: &'static str, reason: String, limit: Option<Limit>) -> Self {
+    pub fn not_judged(name: impl Into<String>, reason: String, limit: Option<Limit>) -> Self {
         Self {
-            name,
+            name: name.into(),
             value: None,
+            at_seconds: None,
             remark: Some(reason),
             limit,
             passed: None,
         }
+    }
+
+    /// The same metric with the time at which it was so.
+    #[must_use]
+    pub fn at(self, seconds: Option<f64>) -> Self {
+        Self {
+            at_seconds: seconds.map(rounded),
+            ..self
+        }
+    }
+}
+
+/// What a metric is called, for people: a key as words, the name of a check as it is.
+#[must_use]
+pub fn title(name: &str) -> String {
+    match name.contains(' ') {
+        true => name.to_owned(),
+        false => name.replace('_', " "),
     }
 }
 
@@ -100,7 +123,7 @@ fn meets(value: f64, limit: Limit) -> bool {
 }
 
 /// Six decimals: more than any metric is known to, and the same text on every machine.
-fn rounded(value: f64) -> f64 {
+pub(crate) fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }
 
@@ -206,6 +229,7 @@ struct StoredVerdict {
 struct StoredMetric {
     name: String,
     value: Option<f64>,
+    at_seconds: Option<f64>,
     remark: Option<String>,
     limit: Option<Limit>,
     passed: Option<bool>,
@@ -213,10 +237,10 @@ struct StoredMetric {
 
 impl From<StoredVerdict> for Verdict {
     fn from(stored: StoredVerdict) -> Self {
-        // Names are few and small; those that are read live as long as the program, like those that it knows.
         let metrics = stored.metrics.into_iter().map(|metric| Metric {
-            name: metric.name.leak(),
+            name: metric.name,
             value: metric.value,
+            at_seconds: metric.at_seconds,
             remark: metric.remark,
             limit: metric.limit,
             passed: metric.passed,
@@ -253,7 +277,7 @@ mod tests {
         });
         verdict.metrics = vec![
             Metric::new("settling_time_seconds", Ok(0.2), limit),
-            Metric::new("overshoot_percent", Err("no step".to_owned()), None),
+            Metric::new("overshoot_percent", Err("no step".to_owned()), None).at(Some(1.5)),
             Metric::not_judged("temperature_celsius", "not available".to_owned(), limit),
         ];
         assert_eq!(Verdict::from_json(&verdict.to_json()).unwrap(), verdict);

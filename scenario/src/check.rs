@@ -1,15 +1,21 @@
 //! Checks what the schema cannot say: what only makes sense together.
 
+mod signals;
+#[cfg(test)]
+mod tests;
+
 use std::io;
 
 use crate::Scenario;
 use crate::controller::{Controller, OpenLoop};
 use crate::document::Document;
 use crate::error::Problem;
-use crate::expect::Emergency;
+use crate::expect::{Emergency, Limit};
 use crate::fault;
 use crate::reference::{Reference, Table};
 use crate::table;
+
+pub(crate) use signals::read_courses;
 
 /// End of the travel.
 const TRAVEL_MILLIMETRES: f64 = 60.0;
@@ -58,6 +64,7 @@ pub(crate) fn bench(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem
     problems.extend(plant(document, scenario));
     problems.extend(limits(document, scenario));
     problems.extend(reactions(document, scenario));
+    problems.extend(signals::check(document, scenario));
     problems
 }
 
@@ -271,24 +278,31 @@ pub(crate) fn read_tables(
     let mut problems = Vec::new();
     for (index, entry) in tables.iter_mut().enumerate() {
         let path = format!("reference.table.{index}.file");
-        if !table::is_inside_folder(&entry.file) {
-            let message = "a table must lie in the scenario's folder";
-            problems.push(document.problem(&path, message, "no absolute path, no `..`"));
-            continue;
-        }
-        match read_table(&entry.file) {
-            Err(error) => problems.push(document.problem(
-                &path,
-                "the table cannot be read",
-                error.to_string(),
-            )),
-            Ok(text) => match table::parse(&entry.file, &text) {
-                Ok(rows) => entry.rows = rows,
-                Err(problem) => problems.push(problem),
-            },
+        let rows = read_beside(document, &path, &entry.file, &mut read_table)
+            .and_then(|text| table::parse(&entry.file, &text));
+        match rows {
+            Ok(rows) => entry.rows = rows,
+            Err(problem) => problems.push(problem),
         }
     }
     problems
+}
+
+/// The text of a table that the scenario names at a path.
+fn read_beside(
+    document: &Document<'_>,
+    path: &str,
+    file: &str,
+    read_table: &mut impl FnMut(&str) -> io::Result<String>,
+) -> Result<String, Problem> {
+    if !table::is_inside_folder(file) {
+        let message = "a table must lie in the scenario's folder";
+        return Err(document.problem(path, message, "no absolute path, no `..`"));
+    }
+    read_table(file).map_err(|error| {
+        let message = "the table cannot be read";
+        document.problem(path, message, error.to_string())
+    })
 }
 
 fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
@@ -348,26 +362,29 @@ fn limits(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     for (name, limit) in limits.chain(timing.map(|(path, limit)| (format!("timing.{path}"), limit)))
     {
         let path = format!("expect.{name}");
-        let (message, label) = match (limit.min, limit.max) {
-            (None, None) => (
-                format!("the limit `{name}` is empty"),
-                "give min, max or both".to_owned(),
-            ),
-            (Some(min), Some(max)) if min > max => (
-                format!("no value meets the limit `{name}`"),
-                format!("min {min} is above max {max}"),
-            ),
-            _ => match missing_for(&name, scenario) {
-                Some(missing) => (
-                    format!("`{name}` cannot be judged"),
-                    format!("needs {missing}"),
-                ),
-                None => continue,
-            },
-        };
-        problems.push(document.problem(&path, message, label));
+        problems.extend(limit_problem(document, &path, &name, limit).or_else(|| {
+            let missing = missing_for(&name, scenario)?;
+            let message = format!("`{name}` cannot be judged");
+            Some(document.problem(&path, message, format!("needs {missing}")))
+        }));
     }
     problems
+}
+
+/// A limit that no value or every value meets.
+fn limit_problem(document: &Document<'_>, path: &str, name: &str, limit: Limit) -> Option<Problem> {
+    let (message, label) = match (limit.min, limit.max) {
+        (None, None) => (
+            format!("the limit `{name}` is empty"),
+            "give min, max or both".to_owned(),
+        ),
+        (Some(min), Some(max)) if min > max => (
+            format!("no value meets the limit `{name}`"),
+            format!("min {min} is above max {max}"),
+        ),
+        _ => return None,
+    };
+    Some(document.problem(path, message, label))
 }
 
 /// Reactions that can be demanded: there is a fault, and emergencies are named as the standard numbers them.

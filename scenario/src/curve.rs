@@ -119,7 +119,7 @@ fn sine(centre: f64, amplitude: f64, omega: f64, elapsed_seconds: f64) -> Sample
 }
 
 /// Straight lines through the rows, constant before the first and from the last on.
-fn interpolate(rows: &[(f64, f64)], time: f64) -> Sample {
+pub(crate) fn interpolate(rows: &[(f64, f64)], time: f64) -> Sample {
     let next = rows.partition_point(|row| row.0 <= time);
     match (next.checked_sub(1).map(|last| rows[last]), rows.get(next)) {
         (Some((from, start)), Some(&(until, end))) => {

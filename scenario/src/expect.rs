@@ -1,11 +1,18 @@
 //! The `[expect]` table: what passes. Every key is optional, every limit two-sided.
 
+mod sequence;
+mod signal;
+
+use std::fmt;
 use std::str::FromStr;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::timing::TimingLimits;
+
+pub use sequence::{Expected, Sequence};
+pub use signal::{Course, Demand, SignalCheck};
 
 /// A two-sided limit; at least one side is given.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -88,6 +95,14 @@ pub struct Expect {
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub no_event: Vec<String>,
+    /// What signals must do, each in its window of time.
+    #[schemars(length(max = 1000))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub signal: Vec<SignalCheck>,
+    /// Events that must follow each other.
+    #[schemars(length(max = 100))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sequence: Vec<Sequence>,
     /// Limits on real time. Scenarios that have them are kept apart from the others.
     #[serde(skip_serializing_if = "TimingLimits::is_empty")]
     pub timing: TimingLimits,
@@ -98,6 +113,17 @@ impl Limit {
     #[must_use]
     pub fn admits(&self, value: f64) -> bool {
         self.min.is_none_or(|min| value >= min) && self.max.is_none_or(|max| value <= max)
+    }
+}
+
+impl fmt::Display for Limit {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.min, self.max) {
+            (Some(min), Some(max)) => write!(formatter, "{min} to {max}"),
+            (Some(min), None) => write!(formatter, "at least {min}"),
+            (None, Some(max)) => write!(formatter, "at most {max}"),
+            (None, None) => formatter.write_str("anything"),
+        }
     }
 }
 
@@ -135,6 +161,27 @@ impl Expect {
         ];
         let given = |(name, limit): (_, Option<Limit>)| limit.map(|limit| (name, limit));
         limits.into_iter().filter_map(given)
+    }
+}
+
+impl Expect {
+    /// The signals that checks and sequences name, each with the path of its name in the file.
+    pub fn named_signals(&self) -> impl Iterator<Item = (String, &str)> {
+        let checks = self.signal.iter().enumerate();
+        let checks = checks
+            .map(|(index, check)| (format!("expect.signal.{index}.name"), check.name.as_str()));
+        let events = self
+            .sequence
+            .iter()
+            .enumerate()
+            .flat_map(|(index, sequence)| {
+                let events = sequence.event.iter().enumerate();
+                events.filter_map(move |(place, event)| {
+                    let path = format!("expect.sequence.{index}.event.{place}.signal");
+                    Some((path, event.signal.as_deref()?))
+                })
+            });
+        checks.chain(events)
     }
 }
 
@@ -185,6 +232,8 @@ mod tests {
                 "no_event",
                 "recovers_within_seconds",
                 "safe_state",
+                "sequence",
+                "signal",
                 "timing",
             ];
             !no_limits.contains(&name.as_str())

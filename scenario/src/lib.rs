@@ -12,6 +12,7 @@ pub mod events;
 pub mod expect;
 pub mod fault;
 mod load;
+mod nearest;
 pub mod plant;
 pub mod profile;
 pub mod reference;
@@ -29,7 +30,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use error::{Problem, ScenarioError};
-pub use load::read_text;
+pub use load::{Objection, read_text};
+pub use nearest::nearest;
 pub use view::ControllerView;
 
 /// One scenario file.

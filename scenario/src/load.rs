@@ -20,6 +20,29 @@ const SCENARIO_BYTES_MAX: u64 = 1 << 20;
 /// Longest table.
 const TABLE_BYTES_MAX: u64 = 64 << 20;
 
+/// Something wrong that only the caller can know, such as a signal that the bus does not have.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Objection {
+    /// Where, as in `expect.signal.0.name`.
+    pub path: String,
+    /// What is wrong.
+    pub message: String,
+    /// What stands at the place.
+    pub label: String,
+    /// What to do.
+    pub help: Option<String>,
+}
+
+impl Objection {
+    fn problem(self, document: &Document<'_>) -> Problem {
+        let problem = document.problem(&self.path, self.message, self.label);
+        match self.help {
+            Some(help) => problem.with_help(help),
+            None => problem,
+        }
+    }
+}
+
 impl Scenario {
     /// Reads a scenario file and the tables that it names.
     ///
@@ -31,13 +54,17 @@ impl Scenario {
         })
     }
 
-    /// As [`Scenario::load`], with the very text that was read.
+    /// As [`Scenario::load`], with the very text that was read. `objections` tells what else is wrong.
     ///
     /// # Errors
-    /// As [`Scenario::load`].
-    pub fn load_with_text(path: &Path) -> Result<(Self, String), ScenarioError> {
+    /// As [`Scenario::load`], and every objection.
+    pub fn load_with_text(
+        path: &Path,
+        objections: impl FnOnce(&Self) -> Vec<Objection>,
+    ) -> Result<(Self, String), ScenarioError> {
         load(path, |text, name, read_table| {
-            Self::parse(text, name, read_table).map(|scenario| (scenario, text.to_owned()))
+            Self::parse_with(text, name, read_table, objections)
+                .map(|scenario| (scenario, text.to_owned()))
         })
     }
 
@@ -50,6 +77,15 @@ impl Scenario {
         text: &str,
         file_name: &str,
         read_table: impl FnMut(&str) -> io::Result<String>,
+    ) -> Result<Self, ScenarioError> {
+        Self::parse_with(text, file_name, read_table, |_| Vec::new())
+    }
+
+    fn parse_with(
+        text: &str,
+        file_name: &str,
+        mut read_table: impl FnMut(&str) -> io::Result<String>,
+        objections: impl FnOnce(&Self) -> Vec<Objection>,
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
@@ -65,8 +101,16 @@ impl Scenario {
         problems.extend(check::read_tables(
             &document,
             &mut scenario.reference.table,
-            read_table,
+            &mut read_table,
         ));
+        problems.extend(check::read_courses(
+            &document,
+            &mut scenario.expect.signal,
+            scenario.duration_seconds,
+            &mut read_table,
+        ));
+        let objections = objections(&scenario).into_iter();
+        problems.extend(objections.map(|objection| objection.problem(&document)));
         none_of(problems, scenario).map_err(fail)
     }
 }

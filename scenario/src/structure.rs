@@ -8,9 +8,7 @@ use toml::de::{DeArray, DeTable, DeValue};
 
 use crate::document::Document;
 use crate::error::{Problem, Source};
-
-/// A name is near enough to be suggested from this similarity (Jaro-Winkler) on.
-const SIMILARITY_MIN: f64 = 0.8;
+use crate::nearest::nearest;
 
 /// Everything in the document that the schema does not admit.
 pub(crate) fn check(document: &Document<'_>, schema: &Value) -> Vec<Problem> {
@@ -118,11 +116,7 @@ impl<'a> Checker<'a> {
         name: &str,
         known: &Map<String, Value>,
     ) -> Option<String> {
-        let similarity = |known: &&String| strsim::jaro_winkler(name, known);
-        let nearest = known
-            .keys()
-            .max_by(|left, right| similarity(left).total_cmp(&similarity(right)));
-        let meant = nearest.filter(|name| similarity(name) >= SIMILARITY_MIN);
+        let meant = nearest(name, known.keys().map(String::as_str));
         let label = match meant {
             Some(meant) => format!("did you mean `{meant}`?"),
             None => "not a key of the format".to_owned(),
@@ -130,7 +124,7 @@ impl<'a> Checker<'a> {
         self.report(span, format!("unknown key `{name}` in {place}"), label);
         let names: Vec<&str> = known.keys().map(String::as_str).collect();
         self.help(format!("known here: {}", names.join(", ")));
-        meant.cloned()
+        meant.map(str::to_owned)
     }
 
     fn array(&mut self, path: &str, span: Range<usize>, array: &DeArray<'_>, schema: &'a Value) {

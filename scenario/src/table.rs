@@ -1,15 +1,21 @@
-//! The CSV tables of set-points: two columns of numbers under a fixed header.
+//! CSV tables: the set-points, two columns under a fixed header, and the recorded courses of signals, one column of many.
 
-use std::ops::Range;
+use std::ops::RangeInclusive;
 use std::path::{Component, Path};
 
 use crate::error::{Problem, Source};
+use crate::nearest::nearest;
 
-/// The only header.
+/// The only header of a set-point.
 const HEADER: [&str; 2] = ["time_seconds", "position_millimetres"];
 const ROWS_MAX: usize = 1_000_000;
+/// Columns that are listed when the one that is wanted is none of them.
+const COLUMNS_LISTED_MAX: usize = 50;
 /// The wire's travel.
-const POSITION_MILLIMETRES: Range<f64> = 0.0..60.0;
+const POSITION_MILLIMETRES: RangeInclusive<f64> = 0.0..=60.0;
+
+/// Rows `(time_seconds, value)`.
+type Rows = Vec<(f64, f64)>;
 
 /// True when the path stays inside the folder that it is relative to.
 pub(crate) fn is_inside_folder(path: &str) -> bool {
@@ -18,78 +24,133 @@ pub(crate) fn is_inside_folder(path: &str) -> bool {
     !path.is_empty() && components.all(stays)
 }
 
-/// Reads the rows `(time_seconds, position_millimetres)`; times increase.
+/// Reads the rows of a set-point, `(time_seconds, position_millimetres)`; times increase.
 ///
 /// The first problem ends the reading: a table that is wrong is mostly wrong in every row.
-pub(crate) fn parse(name: &str, text: &str) -> Result<Vec<(f64, f64)>, Problem> {
-    let reader = Reader {
-        source: &Source::new(name, text),
-        text,
-    };
-    let mut lines = text.lines().enumerate();
-    let header = lines.next().map_or("", |(_, line)| line);
-    let columns = header
-        .trim_start_matches('\u{feff}')
-        .split(',')
-        .map(str::trim);
-    if !columns.eq(HEADER) {
+pub(crate) fn parse(name: &str, text: &str) -> Result<Rows, Problem> {
+    let reader = Reader::new(name, text);
+    if reader.columns() != HEADER {
         let label = format!("expected `{}`", HEADER.join(","));
-        return Err(reader.problem(header, 1, "has the wrong header", label));
+        return Err(reader.problem(reader.header, 1, "has the wrong header", label));
     }
-    let mut rows: Vec<(f64, f64)> = Vec::new();
-    for (index, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
-        if rows.len() == ROWS_MAX {
-            let label = format!("at most {ROWS_MAX} rows are admitted");
-            return Err(reader.problem(line, index + 1, "is too long", label));
-        }
-        rows.push(reader.row(index + 1, line, rows.last())?);
+    reader.rows(&Columns {
+        names: HEADER,
+        places: [0, 1],
+        count: 2,
+        range: Some(POSITION_MILLIMETRES),
+    })
+}
+
+/// Reads one column of a table beside its `time_seconds`, as [`parse`]; rows without a value are left out.
+pub(crate) fn parse_column(name: &str, text: &str, column: &str) -> Result<Rows, Problem> {
+    let reader = Reader::new(name, text);
+    let known = reader.columns();
+    let names = [HEADER[0], column];
+    let mut places = [0; 2];
+    for (place, name) in places.iter_mut().zip(names) {
+        let Some(found) = known.iter().position(|known| *known == name) else {
+            let label = match nearest(name, known.iter().copied()) {
+                Some(meant) => format!("did you mean `{meant}`?"),
+                None => format!("`{name}` is missing"),
+            };
+            let what = format!("has no column `{name}`");
+            let listed = &known[..known.len().min(COLUMNS_LISTED_MAX)];
+            let problem = reader.problem(reader.header, 1, &what, label);
+            return Err(problem.with_help(format!("columns of the table: {}", listed.join(", "))));
+        };
+        *place = found;
     }
-    if rows.is_empty() {
-        return Err(reader.problem(header, 1, "has no rows", "rows are missing below"));
-    }
-    Ok(rows)
+    reader.rows(&Columns {
+        names,
+        places,
+        count: known.len(),
+        range: None,
+    })
+}
+
+/// What is read of each row.
+struct Columns<'a> {
+    names: [&'a str; 2],
+    places: [usize; 2],
+    /// Of all columns.
+    count: usize,
+    /// What the value may be; without a range it may be missing too.
+    range: Option<RangeInclusive<f64>>,
 }
 
 struct Reader<'text> {
-    source: &'text Source,
+    source: Source,
     text: &'text str,
+    header: &'text str,
 }
 
 impl<'text> Reader<'text> {
+    fn new(name: &str, text: &'text str) -> Self {
+        Self {
+            source: Source::new(name, text),
+            text,
+            header: text.lines().next().unwrap_or_default(),
+        }
+    }
+
+    fn columns(&self) -> Vec<&'text str> {
+        let header = self.header.trim_start_matches('\u{feff}');
+        header.split(',').map(str::trim).collect()
+    }
+
+    /// The rows below the header.
+    fn rows(&self, columns: &Columns<'_>) -> Result<Rows, Problem> {
+        let mut rows = Rows::new();
+        let lines = self.text.lines().enumerate().skip(1);
+        for (index, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
+            if rows.len() == ROWS_MAX {
+                let label = format!("at most {ROWS_MAX} rows are admitted");
+                return Err(self.problem(line, index + 1, "is too long", label));
+            }
+            rows.extend(self.row(columns, index + 1, line, rows.last())?);
+        }
+        if rows.is_empty() {
+            return Err(self.problem(self.header, 1, "has no rows", "rows are missing below"));
+        }
+        Ok(rows)
+    }
+
     fn row(
         &self,
+        columns: &Columns<'_>,
         number: usize,
         line: &'text str,
         last: Option<&(f64, f64)>,
-    ) -> Result<(f64, f64), Problem> {
-        let mut fields = line.split(',');
-        let (Some(time), Some(position), None) = (fields.next(), fields.next(), fields.next())
-        else {
-            let count = line.split(',').count();
-            let label = format!("{count} instead of 2 columns");
-            return Err(self.problem(
-                line,
-                number,
-                "has a row with the wrong number of columns",
-                label,
-            ));
-        };
-        let time_seconds = self.number(number, HEADER[0], time)?;
-        let position_millimetres = self.number(number, HEADER[1], position)?;
+    ) -> Result<Option<(f64, f64)>, Problem> {
+        let count = line.split(',').count();
+        if count != columns.count {
+            let label = format!("{count} instead of {} columns", columns.count);
+            let what = "has a row with the wrong number of columns";
+            return Err(self.problem(line, number, what, label));
+        }
+        let [time, value] = columns
+            .places
+            .map(|place| line.split(',').nth(place).unwrap_or_default());
+        if columns.range.is_none() && value.trim().is_empty() {
+            return Ok(None);
+        }
+        let [time_name, value_name] = columns.names;
+        let time_seconds = self.number(number, time_name, time)?;
+        let found = self.number(number, value_name, value)?;
         let earliest = last.map_or(0.0, |row| row.0);
         if time_seconds < 0.0 || last.is_some_and(|row| time_seconds <= row.0) {
-            let what = format!("has times out of order in column {}", HEADER[0]);
+            let what = format!("has times out of order in column {time_name}");
             let label = format!("must be after {earliest} s");
             return Err(self.problem(time, number, &what, label));
         }
-        if !(POSITION_MILLIMETRES.start..=POSITION_MILLIMETRES.end).contains(&position_millimetres)
+        if let Some(range) = &columns.range
+            && !range.contains(&found)
         {
-            let Range { start, end } = POSITION_MILLIMETRES;
-            let what = format!("leaves the travel in column {}", HEADER[1]);
-            let label = format!("must be from {start} to {end}");
-            return Err(self.problem(position, number, &what, label));
+            let what = format!("leaves the travel in column {value_name}");
+            let label = format!("must be from {} to {}", range.start(), range.end());
+            return Err(self.problem(value, number, &what, label));
         }
-        Ok((time_seconds, position_millimetres))
+        Ok(Some((time_seconds, found)))
     }
 
     fn number(&self, row: usize, column: &str, field: &'text str) -> Result<f64, Problem> {

@@ -45,7 +45,7 @@ pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
 }
 
 /// What only the emulated plant tells, where there is none.
-fn untold(name: &'static str, limit: Option<Limit>) -> Metric {
+pub(super) fn untold(name: impl Into<String>, limit: Option<Limit>) -> Metric {
     let reason = "not available: only the emulated plant tells it".to_owned();
     Metric::not_judged(name, reason, limit)
 }

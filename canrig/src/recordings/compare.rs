@@ -3,7 +3,7 @@
 //! A value differs by its distance from the range of the other run's values a little before and after. So a value that
 //! only comes a moment earlier or later does not differ.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::str::FromStr;
 
@@ -120,7 +120,7 @@ impl SignalDifference {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MetricDifference {
     /// The metric.
-    pub name: &'static str,
+    pub name: String,
     /// Its value in the first run.
     pub a: Option<f64>,
     /// Its value in the second run.
@@ -284,7 +284,7 @@ impl Tolerances<'_> {
 
     fn of_metric(&self, name: &str, values: [Option<f64>; 2]) -> f64 {
         self.given(name).unwrap_or_else(|| {
-            let words: Vec<&str> = name.split('_').collect();
+            let words: Vec<&str> = name.split(['_', ' ']).collect();
             let unit = METRIC_TOLERANCES
                 .iter()
                 .find(|(unit, _)| words.contains(unit));
@@ -399,12 +399,12 @@ impl Tolerances<'_> {
     }
 
     fn metrics(&self, a: &Verdict, b: &Verdict) -> Vec<MetricDifference> {
-        let all: BTreeMap<&'static str, ()> = [a, b]
+        let all: BTreeSet<&str> = [a, b]
             .into_iter()
             .flat_map(|verdict| &verdict.metrics)
-            .map(|metric| (metric.name, ()))
+            .map(|metric| metric.name.as_str())
             .collect();
-        let differences = all.into_keys().map(|name| {
+        let differences = all.into_iter().map(|name| {
             let values = [a, b].map(|verdict| value(&verdict.metrics, name));
             let tolerance = self.of_metric(name, values);
             let agrees = match values {
@@ -414,7 +414,7 @@ impl Tolerances<'_> {
             };
             let [a, b] = values;
             MetricDifference {
-                name,
+                name: name.to_owned(),
                 a,
                 b,
                 tolerance,

@@ -8,6 +8,7 @@ use super::plot::{Colour, Patch, Plot, Shape};
 use super::terminal;
 use crate::recordings::compare::{Comparison, MetricDifference, SignalDifference};
 use crate::timeline::Timeline;
+use crate::verdict::title;
 
 /// Signals that the terminal shows; the page shows all.
 const ROWS_MAX: usize = 8;
@@ -39,7 +40,7 @@ pub fn to_text(comparison: &Comparison) -> String {
     let mut metrics = terminal::empty_table(["metric", "A", "B", "tolerance", "result"]);
     for metric in &comparison.metrics {
         metrics.add_row([
-            Cell::new(metric.name.replace('_', " ")),
+            Cell::new(title(&metric.name)),
             number(optional(metric.a)),
             number(optional(metric.b)),
             number(terminal::significant(metric.tolerance)),
@@ -173,7 +174,7 @@ fn metrics(metrics: &[MetricDifference]) -> Markup {
     html! { div.wide { table {
         thead { tr { th { "metric" } th.number { "A" } th.number { "B" } th.number { "tolerance" } th { "result" } } }
         tbody { @for metric in metrics { tr {
-            td { (metric.name.replace('_', " ")) }
+            td { (title(&metric.name)) }
             td.number { (optional(metric.a)) }
             td.number { (optional(metric.b)) }
             td.number { (terminal::significant(metric.tolerance)) }

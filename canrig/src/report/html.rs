@@ -8,8 +8,8 @@ use scenario::Scenario;
 use scenario::events::JudgedStep;
 
 use super::bus_timing::{BusTiming, Spread, histogram};
-use super::page;
 use super::plot::{Colour, Extent, Patch, Plot, Shape};
+use super::{checks, page};
 use crate::events::{Event, Level};
 use crate::external::ExternalNode;
 use crate::judge::SETTLING_BAND;
@@ -62,6 +62,7 @@ pub fn to_html(run: &Run<'_>, database: &Database) -> Result<String, SignalMissi
         @else { (page::metrics(&run.verdict.metrics, run.verdict.outcome)) }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
         @else { (plots(run)) }
+        (checks::section(scenario, run.timeline))
         (bus(&timing, run))
         (events(&run.timeline.events))
         h2 { "Scenario" }

@@ -49,7 +49,7 @@ fn case(class: &str, metric: &Metric, outcome: Outcome) -> TestCase {
         (_, None) => problem(NonSuccessKind::Error, "not judged"),
         _ => problem(NonSuccessKind::Failure, &message(metric)),
     };
-    named(metric.name, class, status)
+    named(&metric.name, class, status)
 }
 
 fn named(name: &str, class: &str, status: TestCaseStatus) -> TestCase {
@@ -70,13 +70,19 @@ fn message(metric: &Metric) -> String {
         (None, Some(remark)) => remark.clone(),
         (None, None) => "not measured".to_owned(),
     };
+    let when = metric.at_seconds.map(|time| format!(" at {time} s"));
+    let when = when.unwrap_or_default();
     let limit = metric.limit.unwrap_or_default();
     let sides = [("min", limit.min), ("max", limit.max)];
     let sides: Vec<String> = sides
         .iter()
         .filter_map(|(side, value)| value.map(|value| format!("{side} {value}")))
         .collect();
-    format!("{}: {measured}, limit {}", metric.name, sides.join(", "))
+    format!(
+        "{}: {measured}{when}, limit {}",
+        metric.name,
+        sides.join(", ")
+    )
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ pub mod asc;
 pub mod blf;
 mod bus_timing;
 mod calendar;
+mod checks;
 pub mod comparison;
 pub mod csv;
 pub mod html;

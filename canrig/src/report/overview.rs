@@ -8,7 +8,7 @@ use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
 use crate::timeline::Timeline;
-use crate::verdict::Verdict;
+use crate::verdict::{Verdict, title};
 
 /// Runs whose positions are laid over each other in one plot; with more nobody can tell them apart.
 const RUNS_IN_A_PLOT: usize = 7;
@@ -47,15 +47,15 @@ fn table(runs: &[Run<'_>]) -> Markup {
     let mut names: Vec<&str> = Vec::new();
     let mut seen = BTreeSet::new();
     for metric in runs.iter().flat_map(|run| &run.verdict.metrics) {
-        if seen.insert(metric.name) {
-            names.push(metric.name);
+        if seen.insert(metric.name.as_str()) {
+            names.push(metric.name.as_str());
         }
     }
     html! {
         div.wide { table {
             thead { tr {
                 th { "run" } th { "result" }
-                @for name in &names { th.number { (name.replace('_', " ")) } }
+                @for name in &names { th.number { (title(name)) } }
             } }
             tbody { @for run in runs { tr {
                 td.name { @match &run.page { Some(page) => a href=(page) { (run.name) }, None => (run.name) } }

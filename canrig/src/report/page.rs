@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::terminal;
-use crate::verdict::{Metric, Outcome};
+use crate::verdict::{self, Metric, Outcome};
 
 /// A page of this title.
 pub(super) fn page(title: &str, body: &Markup) -> String {
@@ -55,7 +55,7 @@ pub(super) fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
         div.wide { table {
             thead { tr { th { "metric" } th.number { "measured" } th.number { "limit" } th { "result" } } }
             tbody { @for metric in metrics { tr {
-                td { (metric.name.replace('_', " ")) }
+                td { (verdict::title(&metric.name)) }
                 td.number { (terminal::measured(metric)) }
                 td.number { (terminal::limit(metric)) }
                 td { (result(metric, outcome)) }

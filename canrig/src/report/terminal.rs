@@ -6,7 +6,7 @@ use crate::reproduce::command::Finding;
 use crate::run::Judged;
 use crate::run_folder::file;
 use crate::timing::Timing;
-use crate::verdict::{Metric, Outcome, Verdict};
+use crate::verdict::{Metric, Outcome, Verdict, title};
 
 /// A verdict: its name, its table, its outcome and why.
 #[must_use]
@@ -123,7 +123,7 @@ pub fn table(verdict: &Verdict) -> String {
     let mut table = empty_table(["metric", "measured", "limit", "result"]);
     for metric in &verdict.metrics {
         table.add_row([
-            Cell::new(metric.name.replace('_', " ")),
+            Cell::new(title(&metric.name)),
             Cell::new(measured(metric)).set_alignment(CellAlignment::Right),
             Cell::new(limit(metric)),
             result(metric, verdict.outcome),
@@ -166,10 +166,14 @@ fn timing_table(timing: &Timing) -> String {
 }
 
 pub(super) fn measured(metric: &Metric) -> String {
-    match (metric.value, &metric.remark) {
+    let measured = match (metric.value, &metric.remark) {
         (Some(value), _) => significant(value),
         (None, Some(remark)) => remark.clone(),
         (None, None) => "–".to_owned(),
+    };
+    match metric.at_seconds {
+        Some(time) => format!("{measured} at {time:.3} s"),
+        None => measured,
     }
 }
 

@@ -3,7 +3,7 @@
 use scenario::expect::Limit;
 use serde::Serialize;
 
-use crate::verdict::{Metric, Outcome, Verdict};
+use crate::verdict::{Metric, Outcome, Verdict, title};
 
 /// One number of the reproduction.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -67,7 +67,7 @@ impl Number {
     /// What was measured, for people; the unit is in the name.
     #[must_use]
     pub fn name(&self) -> String {
-        self.metric.name.replace('_', " ")
+        title(&self.metric.name)
     }
 
     /// True where the paper or a target speaks of it.

@@ -19,7 +19,7 @@ use crate::events::{Event, Level};
 use crate::judge::SETTLING_BAND;
 use crate::report::terminal;
 use crate::timeline::Timeline;
-use crate::verdict::{Outcome, Verdict};
+use crate::verdict::{Outcome, Verdict, title};
 
 /// A run on its way to a file or a viewer.
 pub(crate) struct Recording<'a> {
@@ -255,7 +255,7 @@ fn page(verdict: &Verdict) -> String {
         };
         text += &format!(
             "| {} | {} | {} | {passed} |\n",
-            metric.name.replace('_', " "),
+            title(&metric.name),
             terminal::measured(metric),
             terminal::limit(metric),
         );

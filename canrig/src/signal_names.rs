@@ -1,0 +1,235 @@
+//! The signals of the bus by all their names: `message.signal`, `signal`, and the object behind it, as the EDS calls it.
+
+use std::sync::LazyLock;
+
+use dbc::Database;
+use scenario::{Objection, Scenario, nearest};
+
+use crate::tools::data_sheet::{self, DataSheet};
+
+/// Signals that a message about an ambiguous name lists.
+const CANDIDATES_MAX: usize = 10;
+
+/// A name stands for no signal, or for several.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    /// Nothing is called so.
+    #[error("no signal is called `{name}`")]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// What was probably meant.
+        nearest: Option<String>,
+    },
+    /// More than one signal is called so.
+    #[error("`{name}` is the name of {} signals", paths.len())]
+    Ambiguous {
+        /// What was asked for.
+        name: String,
+        /// The signals, as `message.signal`.
+        paths: Vec<String>,
+    },
+    /// An object that no PDO carries.
+    #[error("the object `{name}` is in no PDO, so no recording has it")]
+    NotOnBus {
+        /// What was asked for.
+        name: String,
+    },
+}
+
+/// A name and the signal that it stands for, as `message.signal`.
+struct Alias {
+    name: String,
+    path: String,
+}
+
+/// All names of all signals.
+pub struct SignalNames {
+    aliases: Vec<Alias>,
+    /// Objects of the data sheets, whether on the bus or not.
+    objects: Vec<String>,
+}
+
+impl SignalNames {
+    /// The names on the rig's bus, collected once.
+    #[must_use]
+    pub fn of_the_rig() -> &'static Self {
+        static NAMES: LazyLock<SignalNames> =
+            LazyLock::new(|| SignalNames::new(Database::sma_actuator(), &data_sheet::of_the_rig()));
+        &NAMES
+    }
+
+    /// The names of a database's signals, with those of the objects behind them.
+    #[must_use]
+    pub fn new(database: &Database, sheets: &[DataSheet]) -> Self {
+        let mut aliases = Vec::new();
+        for message in database.messages() {
+            let node = message.name.split('_').next().unwrap_or_default();
+            let sheet = sheets.iter().find(|sheet| sheet.node_name == node);
+            for signal in &message.signals {
+                let path = format!("{}.{}", message.name, signal.name);
+                let mut names = vec![path.clone(), signal.name.clone()];
+                if let Some(object) = sheet.and_then(|sheet| object_name(sheet, &signal.object)) {
+                    names.push(format!("{node}.{object}"));
+                    names.push(object);
+                }
+                let alias = |name| Alias {
+                    name,
+                    path: path.clone(),
+                };
+                aliases.extend(names.into_iter().map(alias));
+            }
+        }
+        let entries = |sheet: &DataSheet| {
+            let names = sheet.dictionary.entries().iter();
+            let names = names.map(|entry| entry.name.clone());
+            let node = sheet.node_name.clone();
+            let full = names.clone().map(move |name| format!("{node}.{name}"));
+            names.chain(full).collect::<Vec<_>>()
+        };
+        Self {
+            aliases,
+            objects: sheets.iter().flat_map(entries).collect(),
+        }
+    }
+
+    /// The signal that a name stands for, as `message.signal`; case does not matter.
+    ///
+    /// # Errors
+    /// There is none, or several.
+    pub fn find(&self, name: &str) -> Result<&str, NameError> {
+        let is_meant = |alias: &&Alias| alias.name.eq_ignore_ascii_case(name);
+        let found = self.aliases.iter().filter(is_meant);
+        let paths: Vec<&str> = found.map(|alias| alias.path.as_str()).collect();
+        let name = name.to_owned();
+        match paths.as_slice() {
+            [path] => Ok(path),
+            [] if self
+                .objects
+                .iter()
+                .any(|object| object.eq_ignore_ascii_case(&name)) =>
+            {
+                Err(NameError::NotOnBus { name })
+            }
+            [] => {
+                let known = self.aliases.iter().map(|alias| alias.name.as_str());
+                let nearest = nearest(&name, known).map(str::to_owned);
+                Err(NameError::Unknown { name, nearest })
+            }
+            _ => {
+                let paths = paths.into_iter().map(str::to_owned).collect();
+                Err(NameError::Ambiguous { name, paths })
+            }
+        }
+    }
+
+    /// What is wrong with the names of signals in a scenario.
+    #[must_use]
+    pub fn objections(&self, scenario: &Scenario) -> Vec<Objection> {
+        let named = scenario.expect.named_signals();
+        let wrong = named.filter_map(|(path, name)| {
+            let error = self.find(name).err()?;
+            Some(objection(path, &error))
+        });
+        wrong.collect()
+    }
+}
+
+/// The name of an object given as `0x6064:00`.
+fn object_name(sheet: &DataSheet, object: &str) -> Option<String> {
+    if object.is_empty() {
+        return None;
+    }
+    let (index, sub_index) = sheet.find(object).ok()?;
+    Some(sheet.entry(index, sub_index)?.name.clone())
+}
+
+fn objection(path: String, error: &NameError) -> Objection {
+    let (label, help) = match error {
+        NameError::Unknown { nearest, .. } => (
+            match nearest {
+                Some(nearest) => format!("did you mean `{nearest}`?"),
+                None => "not on the bus".to_owned(),
+            },
+            "the signals are in dbc/sma_actuator.dbc, the objects behind them in dbc/*.eds"
+                .to_owned(),
+        ),
+        NameError::Ambiguous { paths, .. } => {
+            let more = match paths.len() > CANDIDATES_MAX {
+                true => ", …",
+                false => "",
+            };
+            let listed = &paths[..paths.len().min(CANDIDATES_MAX)];
+            let help = format!("it may be {}{more}", listed.join(", "));
+            ("which one?".to_owned(), help)
+        }
+        NameError::NotOnBus { .. } => (
+            "not on the bus".to_owned(),
+            "only what a PDO, an EMCY or a heartbeat carries can be judged".to_owned(),
+        ),
+    };
+    Objection {
+        path,
+        message: error.to_string(),
+        label,
+        help: Some(help),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(name: &str, expected: Result<&str, &str>) {
+        let found = SignalNames::of_the_rig().find(name);
+        let found = found.map_err(|error| error.to_string());
+        assert_eq!(found.as_deref(), expected.map_err(str::to_owned).as_deref());
+    }
+
+    #[test]
+    fn a_signal_is_found_by_each_of_its_names() {
+        let position = Ok("drive_tpdo1.position_millimetres");
+        check("drive_tpdo1.position_millimetres", position);
+        check("position_millimetres", position);
+        check("Position actual value", position);
+        check("drive.position actual value", position);
+        let target = Ok("drive_rpdo1.target_current_amperes");
+        check("Target torque", target);
+        check(
+            "sliding_variable_metres_per_second_squared",
+            Ok("controller_tpdo3.sliding_variable_metres_per_second_squared"),
+        );
+        check(
+            "Convection factor",
+            Ok("disturbance_rpdo1.convection_factor"),
+        );
+    }
+
+    #[test]
+    fn a_name_of_no_signal_or_of_several_is_refused() {
+        check(
+            "positon_millimetres",
+            Err("no signal is called `positon_millimetres`"),
+        );
+        check("error_code", Err("`error_code` is the name of 3 signals"));
+        check("Statusword", Err("`Statusword` is the name of 8 signals"));
+        let nowhere = "the object `Motor rated current` is in no PDO, so no recording has it";
+        check("Motor rated current", Err(nowhere));
+    }
+
+    #[test]
+    fn the_nearest_name_is_suggested() {
+        let suggested = |name: &str| match SignalNames::of_the_rig().find(name) {
+            Err(NameError::Unknown { nearest, .. }) => nearest,
+            other => panic!("{other:?}"),
+        };
+        let near = suggested("drive_tpdo1.positon_millimetres");
+        assert_eq!(near.as_deref(), Some("drive_tpdo1.position_millimetres"));
+        assert_eq!(
+            suggested("Position actual valve").as_deref(),
+            Some("Position actual value")
+        );
+        assert_eq!(suggested("§"), None);
+    }
+}

@@ -1,0 +1,223 @@
+//! Checks on signals and sequences: what can be judged, within the run, each once.
+
+use std::collections::BTreeSet;
+use std::io;
+
+use super::{limit_problem, read_beside};
+use crate::Scenario;
+use crate::document::Document;
+use crate::error::Problem;
+use crate::expect::{Demand, Emergency, Expected, Sequence, SignalCheck};
+use crate::table;
+
+/// A window may end so much after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
+const END_SECONDS: f64 = 0.1;
+
+/// Everything that is wrong with the checks on signals and the sequences.
+pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+    let duration_seconds = scenario.duration_seconds;
+    let mut problems = Vec::new();
+    let mut rows = BTreeSet::new();
+    for (index, check) in scenario.expect.signal.iter().enumerate() {
+        let path = format!("expect.signal.{index}");
+        let window = (check.from_seconds, check.until_seconds);
+        problems.extend(window_problem(document, &path, window, duration_seconds));
+        problems.extend(demands(document, &path, check, &mut rows));
+    }
+    for (index, sequence) in scenario.expect.sequence.iter().enumerate() {
+        let path = format!("expect.sequence.{index}");
+        let window = (Some(sequence.from_seconds), sequence.until_seconds);
+        problems.extend(window_problem(document, &path, window, duration_seconds));
+        problems.extend(events(document, &path, sequence));
+        if !rows.insert(sequence.name.clone()) {
+            let message = format!("there are two sequences \"{}\"", sequence.name);
+            let name = format!("{path}.name");
+            problems.push(document.problem(&name, message, "another name is needed"));
+        }
+        if sequence.name.contains(char::is_control) {
+            let message = "`name` has a control character in it";
+            let name = format!("{path}.name");
+            problems.push(document.problem(&name, message, "one line of plain text"));
+        }
+    }
+    problems
+}
+
+/// A window that ends after it begins, within the run.
+fn window_problem(
+    document: &Document<'_>,
+    path: &str,
+    (from, until): (Option<f64>, Option<f64>),
+    duration_seconds: f64,
+) -> Option<Problem> {
+    let from_seconds = from.unwrap_or(0.0);
+    let (key, message, label) = if from_seconds >= duration_seconds {
+        let label = format!("the run ends at {duration_seconds} s");
+        (
+            "from_seconds",
+            "the window is after the end of the run",
+            label,
+        )
+    } else if until.is_some_and(|until| until <= from_seconds) {
+        let label = format!("must be after {from_seconds} s");
+        ("until_seconds", "the window ends before it begins", label)
+    } else if until.is_some_and(|until| until > duration_seconds) {
+        let label = format!("the run ends at {duration_seconds} s");
+        ("until_seconds", "the window ends after the run", label)
+    } else {
+        return None;
+    };
+    Some(document.problem(&format!("{path}.{key}"), message, label))
+}
+
+/// At least one demand, limits that can be met, and no row of the verdict twice.
+fn demands(
+    document: &Document<'_>,
+    path: &str,
+    check: &SignalCheck,
+    rows: &mut BTreeSet<String>,
+) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    if check.demands().next().is_none() {
+        let message = format!("nothing is demanded of `{}`", check.name);
+        let problem = document.problem(path, message, "a demand is missing");
+        let help = "add stays, reaches, rate_per_second or follows";
+        problems.push(problem.with_help(help));
+    }
+    for demand in check.demands() {
+        let place = format!("{path}.{}", demand.key());
+        if let Demand::Stays(limit) | Demand::Reaches(limit) | Demand::RatePerSecond(limit) = demand
+        {
+            problems.extend(limit_problem(document, &place, demand.key(), limit));
+        }
+        if !rows.insert(check.row_name(&demand)) {
+            let message = format!("`{}` of `{}` is demanded twice", demand.key(), check.name);
+            let problem = document.problem(&place, message, "in the same window as before");
+            problems.push(problem.with_help("give both sides in one limit: { min = …, max = … }"));
+        }
+    }
+    problems
+}
+
+/// Events that can be recognised, each with its time.
+fn events(document: &Document<'_>, path: &str, sequence: &Sequence) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    if sequence.event.is_empty() {
+        let message = "a sequence without an event shows nothing";
+        problems.push(document.problem(path, message, "an event is missing"));
+    }
+    for (place, event) in sequence.event.iter().enumerate() {
+        let path = format!("{path}.event.{place}");
+        problems.extend(event_problem(document, &path, event));
+        if place > 0 && event.within_milliseconds.is_none() {
+            let message = format!("event {} of a sequence has no time", place + 1);
+            let label = "`within_milliseconds` is missing";
+            problems.push(document.problem(&path, message, label));
+        }
+        if let Some(limit) = event.reaches {
+            let path = format!("{path}.reaches");
+            problems.extend(limit_problem(document, &path, "reaches", limit));
+        }
+    }
+    problems
+}
+
+fn event_problem(document: &Document<'_>, path: &str, event: &Expected) -> Option<Problem> {
+    let kinds = [&event.emcy, &event.text, &event.signal];
+    let given = kinds.iter().filter(|kind| kind.is_some()).count();
+    if given != 1 {
+        let message = "an event of a sequence is one of `emcy`, `text` and `signal`";
+        let label = match given {
+            0 => "none is given",
+            _ => "more than one is given",
+        };
+        return Some(document.problem(path, message, label));
+    }
+    match event {
+        Expected {
+            signal: Some(_),
+            reaches: None,
+            ..
+        } => {
+            let message = "a signal alone is no event";
+            Some(document.problem(path, message, "`reaches` is missing"))
+        }
+        Expected {
+            signal: None,
+            reaches,
+            for_milliseconds,
+            ..
+        } if reaches.is_some() || for_milliseconds.is_some() => {
+            let key = match reaches {
+                Some(_) => "reaches",
+                None => "for_milliseconds",
+            };
+            let message = format!("`{key}` is for events of a signal");
+            let path = format!("{path}.{key}");
+            Some(document.problem(&path, message, "`signal` is missing"))
+        }
+        Expected {
+            emcy: Some(text), ..
+        } => {
+            let reason = text.parse::<Emergency>().err()?;
+            let message = format!("\"{text}\" names no emergency");
+            Some(document.problem(&format!("{path}.emcy"), message, reason))
+        }
+        _ => None,
+    }
+}
+
+/// Reads the courses that signals must follow.
+pub(crate) fn read_courses(
+    document: &Document<'_>,
+    checks: &mut [SignalCheck],
+    duration_seconds: f64,
+    mut read_table: impl FnMut(&str) -> io::Result<String>,
+) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    for (index, check) in checks.iter_mut().enumerate() {
+        let path = format!("expect.signal.{index}");
+        let Some(course) = &mut check.follows else {
+            continue;
+        };
+        let file = format!("{path}.follows.file");
+        let column = course.column_for(&check.name).to_owned();
+        let rows = read_beside(document, &file, &course.file, &mut read_table)
+            .and_then(|text| table::parse_column(&course.file, &text, &column));
+        match rows {
+            Ok(rows) => course.rows = rows,
+            Err(problem) => {
+                problems.push(problem);
+                continue;
+            }
+        }
+        problems.extend(uncovered(document, &path, check, duration_seconds));
+    }
+    problems
+}
+
+/// A window that the course does not cover would be judged in part only, or not at all.
+fn uncovered(
+    document: &Document<'_>,
+    path: &str,
+    check: &SignalCheck,
+    duration_seconds: f64,
+) -> Option<Problem> {
+    let course = check.follows.as_ref()?;
+    let (span, window) = (
+        course.span()?,
+        check.window(&Demand::Follows(course), duration_seconds),
+    );
+    let (key, message) = if window.from_seconds < span.from_seconds {
+        ("from_seconds", "the window begins before the course")
+    } else if window.until_seconds > span.until_seconds + END_SECONDS {
+        ("until_seconds", "the window ends after the course")
+    } else if window.from_seconds >= window.until_seconds {
+        ("follows.file", "the course lies outside the window")
+    } else {
+        return None;
+    };
+    let (first, last) = (course.rows.first()?.0, course.rows.last()?.0);
+    let label = format!("the course lasts from {first} to {last} s");
+    Some(document.problem(&format!("{path}.{key}"), message, label))
+}

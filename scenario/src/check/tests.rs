@@ -1,0 +1,279 @@
+//! `[[expect.signal]]` and `[[expect.sequence]]` as the loader takes them: what is wrong, where, and what is read.
+
+use std::io;
+
+use proptest::prelude::*;
+
+use crate::{Objection, Scenario, ScenarioError};
+
+const GOLDEN: &str = "cycle,time_seconds,current_amperes\n0,0.5,1.0\n1,1.0,\n2,1.5,2.0\n";
+
+/// A scenario of 4 s with something more; `[[expect.signal]]` begins in line 8.
+fn parse(more: &str) -> Result<Scenario, ScenarioError> {
+    let text = format!(
+        "schema = 1\nname = \"t\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.hold]]\n\
+         at_seconds = 0.0\nposition_millimetres = 10.0\n{more}"
+    );
+    Scenario::parse(&text, "t.toml", |name| match name {
+        "golden.csv" => Ok(GOLDEN.to_owned()),
+        _ => Err(io::Error::other("no such file")),
+    })
+}
+
+/// One problem, with its place and its words; those that stand at the place are in the `Debug` text.
+#[track_caller]
+fn check(more: &str, line: usize, column: usize, message: &str, label: &str) {
+    let error = parse(more).expect_err(message);
+    let [problem] = error.problems() else {
+        panic!("{:?}", error.problems());
+    };
+    assert_eq!(problem.to_string(), message);
+    assert_eq!(problem.line_and_column(), Some((line, column)), "{message}");
+    let shown = format!("{problem:?}");
+    assert!(shown.contains(label), "expected {label}: {shown}");
+}
+
+fn signal(keys: &str) -> String {
+    format!("[[expect.signal]]\nname = \"current_amperes\"\n{keys}\n")
+}
+
+fn sequence(events: &str) -> String {
+    format!("[[expect.sequence]]\nname = \"s\"\nevent = [{events}]\n")
+}
+
+#[test]
+fn a_check_demands_something_that_can_be_met() {
+    check(
+        &signal(""),
+        8,
+        1,
+        "nothing is demanded of `current_amperes`",
+        "a demand is missing",
+    );
+    check(
+        &signal("stays = {}"),
+        10,
+        9,
+        "the limit `stays` is empty",
+        "give min, max or both",
+    );
+    check(
+        &signal("rate_per_second = { min = 2, max = 1 }"),
+        10,
+        19,
+        "no value meets the limit `rate_per_second`",
+        "min 2 is above max 1",
+    );
+    check(
+        &(signal("stays = { min = 0 }") + &signal("stays = { max = 1 }")),
+        13,
+        9,
+        "`stays` of `current_amperes` is demanded twice",
+        "in the same window as before",
+    );
+}
+
+#[test]
+fn a_window_lies_within_the_run() {
+    check(
+        &signal("from_seconds = 4\nstays = { max = 1 }"),
+        10,
+        16,
+        "the window is after the end of the run",
+        "the run ends at 4 s",
+    );
+    check(
+        &signal("from_seconds = 2\nuntil_seconds = 2\nstays = { max = 1 }"),
+        11,
+        17,
+        "the window ends before it begins",
+        "must be after 2 s",
+    );
+    check(
+        &signal("until_seconds = 4.5\nreaches = { max = 1 }"),
+        10,
+        17,
+        "the window ends after the run",
+        "the run ends at 4 s",
+    );
+    check(
+        "[[expect.sequence]]\nname = \"s\"\nfrom_seconds = 9\nevent = [{ text = \"x\" }]\n",
+        10,
+        16,
+        "the window is after the end of the run",
+        "the run ends at 4 s",
+    );
+}
+
+#[test]
+fn a_course_is_read_and_covers_its_window() {
+    let follows = "follows = { file = \"golden.csv\", tolerance = 0.1 }";
+    let scenario = parse(&signal(follows)).unwrap();
+    let course = scenario.expect.signal[0].follows.as_ref().unwrap();
+    assert_eq!(course.rows, [(0.5, 1.0), (1.5, 2.0)]);
+    check(
+        &signal(&format!("from_seconds = 0.2\n{follows}")),
+        10,
+        16,
+        "the window begins before the course",
+        "the course lasts from 0.5 to 1.5 s",
+    );
+    check(
+        &signal(&format!("until_seconds = 3\n{follows}")),
+        10,
+        17,
+        "the window ends after the course",
+        "the course lasts from 0.5 to 1.5 s",
+    );
+    check(
+        &signal(&format!("until_seconds = 0.4\n{follows}")),
+        11,
+        20,
+        "the course lies outside the window",
+        "the course lasts from 0.5 to 1.5 s",
+    );
+    check(
+        &signal("follows = { file = \"other.csv\", tolerance = 0.1 }"),
+        10,
+        20,
+        "the table cannot be read",
+        "no such file",
+    );
+    check(
+        &signal("follows = { file = \"../golden.csv\", tolerance = 0.1 }"),
+        10,
+        20,
+        "a table must lie in the scenario's folder",
+        "no absolute path, no `..`",
+    );
+    check(
+        &signal("follows = { file = \"golden.csv\", tolerance = -1 }"),
+        10,
+        46,
+        "`expect.signal.follows.tolerance` = -1 is out of range",
+        "must be from 0 to 1000000000000",
+    );
+    let column = "follows = { file = \"golden.csv\", column = \"curent_amperes\", tolerance = 1 }";
+    let error = parse(&signal(column)).unwrap_err();
+    let [problem] = error.problems() else {
+        panic!("{error:?}")
+    };
+    assert_eq!(problem.file_name(), "golden.csv");
+    assert_eq!(
+        problem.to_string(),
+        "the table has no column `curent_amperes`, line 1"
+    );
+    assert!(format!("{problem:?}").contains("did you mean `current_amperes`?"));
+}
+
+#[test]
+fn an_event_of_a_sequence_is_one_thing_and_has_a_time() {
+    check(
+        &sequence(""),
+        8,
+        1,
+        "a sequence without an event shows nothing",
+        "an event is missing",
+    );
+    check(
+        &sequence("{ within_milliseconds = 5 }"),
+        10,
+        10,
+        "an event of a sequence is one of `emcy`, `text` and `signal`",
+        "none is given",
+    );
+    check(
+        &sequence("{ emcy = \"drive 0x8130\", text = \"loss\" }"),
+        10,
+        10,
+        "an event of a sequence is one of `emcy`, `text` and `signal`",
+        "more than one is given",
+    );
+    check(
+        &sequence("{ emcy = \"drive 8130\" }"),
+        10,
+        19,
+        "\"drive 8130\" names no emergency",
+        "must be node and code",
+    );
+    check(
+        &sequence("{ signal = \"current_amperes\" }"),
+        10,
+        10,
+        "a signal alone is no event",
+        "`reaches` is missing",
+    );
+    check(
+        &sequence("{ text = \"loss\", for_milliseconds = 3 }"),
+        10,
+        46,
+        "`for_milliseconds` is for events of a signal",
+        "`signal` is missing",
+    );
+    check(
+        &sequence("{ text = \"loss\" }, { text = \"back\" }"),
+        10,
+        29,
+        "event 2 of a sequence has no time",
+        "`within_milliseconds` is missing",
+    );
+    let twice = sequence("{ text = \"loss\" }");
+    check(
+        &(twice.clone() + &twice),
+        12,
+        8,
+        "there are two sequences \"s\"",
+        "another name is needed",
+    );
+}
+
+#[test]
+fn a_misspelt_key_deep_in_a_sequence_is_underlined() {
+    check(
+        &sequence("{ text = \"loss\", witin_milliseconds = 3 }"),
+        10,
+        27,
+        "unknown key `witin_milliseconds` in [[expect.sequence.event]]",
+        "did you mean `within_milliseconds`?",
+    );
+}
+
+#[test]
+fn an_objection_is_underlined_beside_the_other_problems() {
+    let folder = std::env::temp_dir().join(format!("canrig-objection-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("s.toml");
+    let text = "schema = 1\nname = \"t\"\nduration_seconds = 0\n[controller.open_loop]\n";
+    std::fs::write(&path, format!("{text}{}", signal("stays = { max = 1 }"))).unwrap();
+    let loaded = Scenario::load_with_text(&path, |scenario| {
+        let named = scenario.expect.named_signals();
+        let objection = |(path, name): (String, &str)| Objection {
+            path,
+            message: format!("what is {name}?"),
+            label: "here".to_owned(),
+            help: Some("ask".to_owned()),
+        };
+        named.map(objection).collect()
+    });
+    std::fs::remove_dir_all(&folder).unwrap();
+    let error = loaded.unwrap_err();
+    let told: Vec<_> = error
+        .problems()
+        .iter()
+        .map(|problem| (problem.to_string(), problem.line_and_column().unwrap()))
+        .collect();
+    let expected = [
+        ("`duration_seconds` = 0 is out of range".to_owned(), (3, 20)),
+        ("what is current_amperes?".to_owned(), (6, 8)),
+        ("the window is after the end of the run".to_owned(), (5, 1)),
+    ];
+    assert!(expected.iter().all(|one| told.contains(one)), "{told:?}");
+}
+
+proptest! {
+    #[test]
+    fn arbitrary_courses_never_panic(rows in "([0-9.,eE+-]|\\n|nan|time_seconds|a){0,80}") {
+        let _ = crate::table::parse_column("x.csv", &rows, "a");
+        let _ = crate::table::parse_column("x.csv", &format!("a,time_seconds\n{rows}"), "a");
+    }
+}

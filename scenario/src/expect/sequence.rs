@@ -1,0 +1,114 @@
+//! `[[expect.sequence]]`: events that must follow each other in time.
+
+use std::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::Limit;
+use crate::events::Window;
+
+/// Events that must come one after the other, each soon enough after the one before.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sequence {
+    /// What the sequence is about, in a few words.
+    #[schemars(length(min = 1, max = 200))]
+    pub name: String,
+    /// Earlier events do not count, and the first one's time counts from here; the start of the scenario if absent.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 86_400.0))]
+    pub from_seconds: f64,
+    /// Later events do not count; the end of the run if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 86_400.0))]
+    pub until_seconds: Option<f64>,
+    /// The events, in their order.
+    #[schemars(length(min = 1, max = 100))]
+    pub event: Vec<Expected>,
+}
+
+/// One event of a sequence: exactly one of `emcy`, `text` and `signal`.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Expected {
+    /// An emergency, as node and code: "drive 0x8130".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(length(min = 1, max = 200))]
+    pub emcy: Option<String>,
+    /// Part of the text of an event in the report, such as "loss: no SYNC".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(length(min = 1, max = 200))]
+    pub text: Option<String>,
+    /// A signal, named as in `[[expect.signal]]`, that gets within `reaches`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(length(min = 1, max = 200))]
+    pub signal: Option<String>,
+    /// Where the signal must get.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reaches: Option<Limit>,
+    /// How long the signal must stay there for its arrival to count; one sample is enough if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub for_milliseconds: Option<f64>,
+    /// Longest time after the event before; the first event may go without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub within_milliseconds: Option<f64>,
+}
+
+impl Sequence {
+    /// The stretch of a run of so many seconds in which events count.
+    #[must_use]
+    pub fn window(&self, duration_seconds: f64) -> Window {
+        Window {
+            from_seconds: self.from_seconds,
+            until_seconds: self.until_seconds.unwrap_or(duration_seconds),
+        }
+    }
+
+    /// The name of an event's row in the verdict.
+    #[must_use]
+    pub fn row_name(&self, place: usize) -> String {
+        let (name, number) = (&self.name, place + 1);
+        let event = &self.event[place];
+        format!("{name}, {number}: {event} within milliseconds")
+    }
+}
+
+impl fmt::Display for Expected {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.emcy, &self.text, &self.signal) {
+            (Some(emcy), ..) => write!(formatter, "EMCY {emcy}"),
+            (_, Some(text), _) => write!(formatter, "\"{text}\""),
+            (_, _, Some(signal)) => {
+                let limit = self.reaches.unwrap_or_default();
+                write!(formatter, "{signal} {limit}")?;
+                match self.for_milliseconds {
+                    Some(milliseconds) => write!(formatter, " for {milliseconds} ms"),
+                    None => Ok(()),
+                }
+            }
+            (None, None, None) => formatter.write_str("nothing"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_named_by_place_and_event() {
+        let text = "name = \"loss\"\nevent = [{ text = \"no SYNC\" }, { emcy = \"drive 0x8130\" },\n\
+                    { signal = \"current_amperes\", reaches = { max = 0 }, for_milliseconds = 20 }]";
+        let sequence: Sequence = toml::from_str(text).unwrap();
+        let names: Vec<String> = (0..3).map(|place| sequence.row_name(place)).collect();
+        let expected = [
+            "loss, 1: \"no SYNC\" within milliseconds",
+            "loss, 2: EMCY drive 0x8130 within milliseconds",
+            "loss, 3: current_amperes at most 0 for 20 ms within milliseconds",
+        ];
+        assert_eq!(names, expected);
+    }
+}

@@ -1,0 +1,135 @@
+//! Checks on any signal, as a user meets them: refused when wrong, judged alike in every world, never silently passed.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::support::{canrig, only_run, output};
+
+const PLAYED: &str = "schema = 1\nname = \"checked\"\nseed = 7\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+    [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
+    [[fault.node.crash]]\nfrom_seconds = 0.6\nnode = \"controller\"\n\n";
+
+/// One check of each kind, and events in their order; all are met.
+const MET: &str = "[[expect.signal]]\nname = \"Current actual value\"\nuntil_seconds = 0.6\nstays = { min = 0.0, max = 1.0 }\n\
+    rate_per_second = { max = 1000.0 }\n\n\
+    [[expect.signal]]\nname = \"drive_tpdo1.position_millimetres\"\nreaches = { min = 9.9 }\n\n\
+    [[expect.signal]]\nname = \"position_millimetres\"\nfollows = { file = \"golden.csv\", tolerance = 0.001 }\n\n\
+    [[expect.sequence]]\nname = \"frame loss\"\nfrom_seconds = 0.5\nevent = [\n\
+    { text = \"loss: no SYNC\" },\n\
+    { emcy = \"drive 0x8130\", within_milliseconds = 120.0 },\n\
+    { signal = \"plant_current_amperes\", reaches = { max = 0.0 }, for_milliseconds = 50.0, within_milliseconds = 60.0 },\n]\n";
+
+fn write(folder: &Path, checks: &str, course: Option<&Path>) -> PathBuf {
+    let path = folder.join("checked.toml");
+    fs::write(&path, format!("{PLAYED}{checks}")).unwrap();
+    if let Some(course) = course {
+        fs::copy(course, folder.join("golden.csv")).unwrap();
+    }
+    path
+}
+
+/// A run without checks, up to the crash: what a later one is held against.
+fn golden(folder: &Path) -> PathBuf {
+    let runs = folder.join("golden");
+    let path = write(folder, "", None);
+    output(canrig(&runs, "simulate").arg(path));
+    let signals = only_run(&runs).join("signals.csv");
+    let table = fs::read_to_string(&signals).unwrap();
+    let until_crash: Vec<&str> = table.lines().take(590).collect();
+    fs::write(&signals, until_crash.join("\n")).unwrap();
+    signals
+}
+
+#[test]
+fn checks_are_judged_alike_in_one_process_in_three_and_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let signals = golden(folder.path());
+    let path = write(folder.path(), MET, Some(&signals));
+    let verdict = |runs: &str, command: &str, arguments: &[&str]| {
+        let runs = folder.path().join(runs);
+        let (code, stdout, stderr) = output(canrig(&runs, command).args(arguments).arg(&path));
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+        let run = only_run(&runs);
+        (fs::read_to_string(run.join("verdict.json")).unwrap(), run)
+    };
+    let (simulated, run) = verdict("one", "simulate", &[]);
+    let lockstep = ["--clock", "lockstep", "--bus", "embedded"];
+    assert_eq!(verdict("three", "run", &lockstep).0, simulated);
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (_, replayed, stderr) = output(replay.args(["replay", "--json"]).arg(&run));
+    assert_eq!(replayed, simulated, "{stderr}");
+    for row in [
+        "Current actual value stays until 0.6 s",
+        "drive_tpdo1.position_millimetres reaches at least 9.9 within seconds",
+        "position_millimetres follows golden.csv",
+        "frame loss, 3: plant_current_amperes at most 0 for 50 ms within milliseconds",
+    ] {
+        assert!(simulated.contains(row), "{row}: {simulated}");
+        let junit = fs::read_to_string(run.join("junit.xml")).unwrap();
+        assert!(junit.contains(row), "{row}: {junit}");
+        let page = fs::read_to_string(run.join("report.html")).unwrap();
+        assert!(page.contains(row), "{row}");
+    }
+    assert!(simulated.contains("\"at_seconds\""), "{simulated}");
+}
+
+/// Each check in a version that cannot be met, and what is said of it.
+#[test]
+fn every_check_can_fail_and_says_when() {
+    let folder = tempfile::tempdir().unwrap();
+    let course = folder.path().join("course.csv");
+    fs::write(
+        &course,
+        "time_seconds,position_millimetres\n0.1,50.0\n0.5,50.0\n",
+    )
+    .unwrap();
+    let signal = |name: &str, demand: &str| {
+        format!("[[expect.signal]]\nname = \"{name}\"\nuntil_seconds = 0.5\n{demand}\n\n")
+    };
+    let checks = [
+        signal("current_amperes", "stays = { max = 0.1 }"),
+        signal("current_amperes", "reaches = { min = 5.0 }"),
+        signal("current_amperes", "rate_per_second = { max = 0.0 }"),
+        signal("position_millimetres", "from_seconds = 0.1\nfollows = { file = \"golden.csv\", tolerance = 1.0 }"),
+        signal("convection_factor", "stays = { max = 1.0 }"),
+        signal("drive_emergency.error_code", "stays = { max = 0.0 }"),
+        "[[expect.signal]]\nname = \"target_current_amperes\"\nstays = { max = 1.0 }\n\n".to_owned(),
+        "[[expect.sequence]]\nname = \"no loss\"\nuntil_seconds = 0.5\nevent = [{ text = \"loss\" }]\n".to_owned(),
+    ];
+    let path = write(folder.path(), &checks.concat(), Some(&course));
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+    assert_eq!(code, Some(1), "{stderr}");
+    let failed = stdout.lines().filter(|line| line.contains("FAIL ")).count();
+    assert_eq!(failed, checks.len(), "{stdout}");
+    for text in [
+        "1.000 at 0.0",
+        "not reached, only 1 at 0.",
+        "disturbance_rpdo1.convection_factor never was on the bus",
+        "no sample; the first comes at 0.6",
+        "silent from 0.599 to 1.000 s",
+        "did not come after 0.000 s",
+    ] {
+        assert!(stdout.contains(text), "{text}: {stdout}");
+    }
+}
+
+#[test]
+fn a_wrong_name_is_told_before_any_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let check = "[[expect.signal]]\nname = \"drive_tpdo1.curent_amperes\"\nstays = { max = 1.0 }\n";
+    let path = write(folder.path(), check, None);
+    let mut checking = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (code, _, stderr) = output(checking.arg("check").arg(&path).env("NO_COLOR", "1"));
+    assert_eq!(code, Some(3));
+    for text in [
+        "no signal is called `drive_tpdo1.curent_amperes`",
+        "did you mean `drive_tpdo1.current_amperes`?",
+    ] {
+        assert!(stderr.contains(text), "{text}: {stderr}");
+    }
+    let runs = folder.path().join("runs");
+    let (code, ..) = output(canrig(&runs, "simulate").arg(&path));
+    assert_eq!((code, runs.exists()), (Some(3), false));
+}
