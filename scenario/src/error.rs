@@ -25,7 +25,7 @@ pub struct ScenarioError {
 impl ScenarioError {
     pub(crate) fn new(file_name: &str, mut problems: Vec<Problem>) -> Self {
         let problems_total = problems.len();
-        problems.sort_by_key(|problem| problem.span.map(|span| span.offset()));
+        problems.sort_by_key(|problem| problem.offset);
         problems.truncate(PROBLEMS_SHOWN_MAX);
         Self {
             file_name: file_name.to_owned(),
@@ -69,7 +69,8 @@ pub struct Problem {
     label: String,
     #[help]
     help: Option<String>,
-    span: Option<SourceSpan>,
+    /// Where it is, also in a text that is not shown.
+    offset: Option<usize>,
     #[label("{label}")]
     underlined: Option<SourceSpan>,
     #[source_code]
@@ -83,7 +84,7 @@ impl Problem {
             message,
             label: String::new(),
             help: None,
-            span: None,
+            offset: None,
             underlined: None,
             source_text: source.text.clone(),
         }
@@ -98,7 +99,7 @@ impl Problem {
     /// Line and column of the underlined place, counted from 1 in characters; `None` when the file could not be read.
     #[must_use]
     pub fn line_and_column(&self) -> Option<(usize, usize)> {
-        let before = self.source_text.inner().get(..self.span?.offset())?;
+        let before = self.source_text.inner().get(..self.offset?)?;
         let line = before.rsplit('\n').next().unwrap_or(before);
         Some((before.matches('\n').count() + 1, line.chars().count() + 1))
     }
@@ -136,7 +137,7 @@ impl Source {
             message: message.into(),
             label: label.into(),
             help: None,
-            span: Some(span),
+            offset: Some(span.offset()),
             underlined: self.is_shown.then_some(span),
             source_text: self.text.clone(),
         };
