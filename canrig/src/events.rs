@@ -7,8 +7,11 @@ use dbc::{Database, Message, Signal, SignalHandle};
 use scenario::Scenario;
 use scenario::expect::Emergency;
 
-use crate::bus_model::error_state;
+use crate::error_frames::{self, ErrorMessage};
 use crate::recording::Stamped;
+
+/// An error of the bus that was silent for so long begins anew.
+const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
 
 /// How grave an event is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,6 +71,8 @@ pub(crate) struct EventReader {
     sources: BTreeMap<u32, Source>,
     events: Vec<(Duration, Level, String)>,
     emergencies: Vec<(Duration, Emergency)>,
+    /// When each was last told.
+    bus_errors: BTreeMap<String, Duration>,
     zero: Option<Duration>,
     told_until_seconds: f64,
 }
@@ -85,6 +90,7 @@ impl EventReader {
             sources,
             events: Vec::new(),
             emergencies: Vec::new(),
+            bus_errors: BTreeMap::new(),
             zero: None,
             told_until_seconds: f64::NEG_INFINITY,
         }
@@ -94,11 +100,8 @@ impl EventReader {
         if let (None, Some(time)) = (self.zero, scenario_time) {
             self.zero = Some(stamped.time.saturating_sub(time));
         }
-        if let Some((node, state)) = error_state::describe(&stamped.frame) {
-            let is_good = matches!(state, "error active" | "back from bus-off");
-            let level = if is_good { Level::Info } else { Level::Error };
-            let text = format!("{}: {state}", station(node));
-            self.events.push((stamped.time, level, text));
+        if let Some(message) = error_frames::read(&stamped.frame) {
+            self.take_error(stamped.time, message);
             return;
         }
         let Some(source) = self.sources.get_mut(&stamped.frame.raw_id()) else {
@@ -139,6 +142,24 @@ impl EventReader {
             }
         }
         self.events.push((stamped.time, level, text));
+    }
+
+    /// What a CAN driver tells. What it may tell with each frame is told when it begins.
+    fn take_error(&mut self, time: Duration, message: ErrorMessage) {
+        let ErrorMessage {
+            node,
+            text,
+            is_good,
+            is_state,
+        } = message;
+        let text = format!("{}: {text}", station(node));
+        let before = self.bus_errors.insert(text.clone(), time);
+        let goes_on = before.is_some_and(|before| time < before + BUS_ERROR_PAUSE);
+        if goes_on && !is_state {
+            return;
+        }
+        let level = if is_good { Level::Info } else { Level::Error };
+        self.events.push((time, level, text));
     }
 
     /// When the scenario began, on the recording's clock.

@@ -13,6 +13,7 @@ pub mod coordinator;
 mod digits;
 pub mod disturbance_node;
 pub mod doctor;
+pub mod error_frames;
 pub mod events;
 pub mod exit;
 pub mod external;

@@ -9,13 +9,17 @@ use crate::support::{self, canrig, only_run, output, scenario};
 use crate::{INTERFACE, Test};
 
 /// Each with the interface for itself.
-pub(crate) const TESTS: [(&str, Test); 3] = [
+pub(crate) const TESTS: [(&str, Test); 4] = [
     (
         "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
         same_bytes,
     ),
     ("real_time_over_vcan_is_recorded_whole", real_time),
     ("a_foreign_frame_in_lockstep_is_told", foreign_frame),
+    (
+        "errors_that_a_driver_tells_are_events_and_judged",
+        bus_errors,
+    ),
 ];
 
 /// These make buses themselves, where everybody else is.
@@ -106,6 +110,45 @@ fn foreign_frame() -> Result<(), Failed> {
         stderr.contains("is another program sending on this bus?"),
         "{stderr}"
     );
+    Ok(())
+}
+
+/// A vcan has no errors of its own, but passes on the messages with which a driver tells of some.
+fn bus_errors() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    let scenario = support::unhurried_scenario(folder.path(), 3.0);
+    let mut text = fs::read_to_string(&scenario)?;
+    text += "[expect]\nno_event = [\"no acknowledgement\"]\n";
+    fs::write(&scenario, text)?;
+    let runs = folder.path().join("runs");
+    let mut canrig = canrig(&runs, "run");
+    let run = canrig.args(["--bus", INTERFACE]).arg(&scenario);
+    let run = run
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::piped())
+        .spawn()?;
+    let address = platform::bus::BusAddress::Interface(INTERFACE.to_owned());
+    let mut bus = platform::bus::open(&address, &[])?;
+    // The scenario begins within the first second.
+    std::thread::sleep(std::time::Duration::from_millis(1500));
+    // Twice nobody acknowledged, then the warning level of sending.
+    let told = [(0x020, 0), (0x020, 0), (0x004, 0x08)];
+    for (class, controller) in told {
+        let data = [0, controller, 0, 0, 0, 0, 0, 0];
+        let message = canopen::CanFrame::from_raw(canopen::frame::ERROR_FLAG | class, 8, data);
+        bus.send(&message.ok_or("a frame")?)?;
+    }
+    let ended = run.wait_with_output()?;
+    let (stdout, stderr) = (
+        String::from_utf8(ended.stdout)?,
+        String::from_utf8(ended.stderr)?,
+    );
+    assert_eq!(ended.status.code(), Some(1), "{stdout}\n{stderr}");
+    let verdict = fs::read_to_string(only_run(&runs).join("verdict.json"))?;
+    for told_once in [" s bench: no acknowledgement", " s bench: error warning"] {
+        let count = verdict.matches(told_once).count();
+        assert_eq!(count, 1, "{told_once}: {verdict}");
+    }
     Ok(())
 }
 

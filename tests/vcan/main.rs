@@ -12,7 +12,6 @@ mod bench;
 mod bus;
 #[path = "../../platform/src/test_nodes.rs"]
 mod echo;
-#[expect(dead_code, reason = "some of it is for the other tests")]
 #[path = "../support.rs"]
 mod support;
 

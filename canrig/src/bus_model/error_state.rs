@@ -5,6 +5,10 @@ use std::time::Duration;
 use canopen::CanFrame;
 use canopen::frame::ERROR_FLAG;
 
+use crate::error_frames::{
+    BACK_TO_ACTIVE, BUS_OFF, CONTROLLER, RECEIVE_PASSIVE, RESTARTED, TRANSMIT_PASSIVE,
+};
+
 /// What a transmitter's error adds to its counter, and a receiver's to its.
 const TRANSMIT_ERROR: u16 = 8;
 const RECEIVE_ERROR: u16 = 1;
@@ -103,12 +107,6 @@ impl ErrorState {
     /// data[5] the node's number, the counters in data[6] and data[7].
     #[must_use]
     pub fn message(&self, node: u8, has_recovered: bool) -> CanFrame {
-        const CONTROLLER: u32 = 0x004;
-        const BUS_OFF: u32 = 0x040;
-        const RESTARTED: u32 = 0x100;
-        const RECEIVE_PASSIVE: u8 = 0x10;
-        const TRANSMIT_PASSIVE: u8 = 0x20;
-        const BACK_TO_ACTIVE: u8 = 0x40;
         let (class, controller) = match self.activity() {
             Activity::Off => (BUS_OFF, 0),
             Activity::Active if has_recovered => (RESTARTED, 0),
@@ -128,28 +126,10 @@ fn idle_sequences(from: Duration, until: Duration, sequence: Duration) -> u32 {
     u32::try_from(sequences).unwrap_or(u32::MAX / 2)
 }
 
-/// What an error message says, for people: the node's number and its new state.
-#[must_use]
-pub fn describe(message: &CanFrame) -> Option<(u8, &'static str)> {
-    const BUS_OFF: u32 = 0x040;
-    const RESTARTED: u32 = 0x100;
-    if !message.is_error() {
-        return None;
-    }
-    let [_, controller, .., node, _, _] = message.buffer();
-    let state = match (message.raw_id(), controller) {
-        (id, _) if id & BUS_OFF != 0 => "bus-off",
-        (id, _) if id & RESTARTED != 0 => "back from bus-off",
-        (_, 0x40) => "error active",
-        (_, 0x10 | 0x20) => "error passive",
-        _ => return None,
-    };
-    Some((node, state))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error_frames;
 
     #[test]
     fn sixteen_errors_make_passive_and_thirty_two_bus_off() {
@@ -204,21 +184,22 @@ mod tests {
     fn messages_say_who_is_in_which_state() {
         let mut state = ErrorState::default();
         (0..16).for_each(|_| state.on_transmit_error(Duration::ZERO));
-        assert_eq!(
-            describe(&state.message(16, false)),
-            Some((16, "error passive"))
-        );
+        let described = |message: CanFrame| {
+            let message = error_frames::read(&message).unwrap();
+            (message.node, message.text)
+        };
+        let told = |text: &str| (16, text.to_owned());
+        assert_eq!(described(state.message(16, false)), told("error passive"));
         assert_eq!(
             state.message(16, false).to_string(),
             "20000004#0020000000108000"
         );
         (0..16).for_each(|_| state.on_transmit_error(Duration::ZERO));
-        assert_eq!(describe(&state.message(16, false)), Some((16, "bus-off")));
+        assert_eq!(described(state.message(16, false)), told("bus-off"));
         state.recover();
         assert_eq!(
-            describe(&state.message(16, true)),
-            Some((16, "back from bus-off"))
+            described(state.message(16, true)),
+            told("back from bus-off")
         );
-        assert_eq!(describe(&CanFrame::new(0x10, &[0; 8])), None);
     }
 }

@@ -16,6 +16,7 @@ use super::data_sheet::{DataSheet, of_the_rig};
 use super::nodes::state_name;
 use super::{ToolBus, ToolError, open, value};
 use crate::console::complain;
+use crate::error_frames;
 
 /// How long a quiet bus is waited for before Ctrl-C and the duration are looked at.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -168,6 +169,9 @@ impl Decoder {
 
     /// What the bytes mean.
     fn content(&self, frame: &CanFrame) -> String {
+        if let Some(message) = error_frames::read(frame) {
+            return message.text;
+        }
         let channel = frame.standard_id().and_then(|id| self.channel(id));
         if let (Some(channel), Ok(payload)) = (channel, frame.data().try_into()) {
             return sdo_words(&channel, payload);
