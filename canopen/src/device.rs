@@ -15,7 +15,7 @@ use crate::emcy::{EmergencyMessage, ErrorCode};
 use crate::frame::{CanFrame, Filter, REMOTE_FLAG};
 use crate::heartbeat::{self, HeartbeatProducer, Watch};
 use crate::nmt::{self, NmtCommand, NmtState, NodeId};
-use crate::node::{Node, Progress, earliest};
+use crate::node::{Node, Progress, earlier};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::pdo::Received;
 use crate::sdo_channels::SdoServers;
@@ -518,7 +518,7 @@ impl<A: Application> Node for Device<A> {
         }
         let application = self.application.next_deadline();
         let sdo = self.sdo.next_deadline();
-        earliest([self.services.next_deadline(), application, sdo])
+        earlier(self.services.next_deadline(), earlier(application, sdo))
     }
 
     fn progress(&self) -> Progress {

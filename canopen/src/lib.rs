@@ -27,6 +27,6 @@ pub use application::{Application, CommunicationLoss};
 pub use device::Device;
 pub use frame::{CanFrame, Filter, FilterSet};
 pub use nmt::{NmtCommand, NmtState, NodeId};
-pub use node::{Node, Progress, earliest};
+pub use node::{Node, Progress, earlier, earliest};
 pub use object_dictionary::{AbortCode, ObjectDictionary};
 pub use services::Services;

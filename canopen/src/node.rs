@@ -8,15 +8,18 @@ use crate::frame::{CanFrame, Filter};
 #[must_use]
 #[inline]
 pub fn earliest(deadlines: impl IntoIterator<Item = Option<Duration>>) -> Option<Duration> {
-    let mut earliest = None;
-    for deadline in deadlines {
-        // Asked after every event of every node, and most services have none: nothing else is compared.
-        let Some(deadline) = deadline else { continue };
-        if earliest.is_none_or(|earliest| deadline < earliest) {
-            earliest = Some(deadline);
-        }
+    deadlines.into_iter().fold(None, earlier)
+}
+
+/// The earlier of two deadlines; `None` when there is none.
+#[must_use]
+#[inline]
+pub fn earlier(left: Option<Duration>, right: Option<Duration>) -> Option<Duration> {
+    // Asked after every event of every node, and most services have none: nothing else is compared.
+    match (left, right) {
+        (Some(left), Some(right)) => Some(left.min(right)),
+        (deadline, None) | (None, deadline) => deadline,
     }
-    earliest
 }
 
 /// How far a node is.

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use crate::cob_id::CobId;
 use crate::frame::CanFrame;
+use crate::node::earlier;
 use crate::object_dictionary::{AbortCode, Access, Handle, ObjectDictionary};
 use crate::sync::Sync;
 
@@ -648,7 +649,7 @@ impl Tpdo {
         }
         let requested = self.is_requested.then_some(self.next_allowed);
         let elapsed = self.event_deadline.map(|due| due.max(self.next_allowed));
-        requested.into_iter().chain(elapsed).min()
+        earlier(requested, elapsed)
     }
 
     fn is_active(&self) -> bool {

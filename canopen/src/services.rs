@@ -7,7 +7,7 @@ use crate::emcy::{self, Emcy, ErrorCode};
 use crate::frame::CanFrame;
 use crate::heartbeat::{self, HeartbeatConsumer, HeartbeatProducer};
 use crate::nmt::{NmtCommand, NmtState, NodeId};
-use crate::node::earliest;
+use crate::node::{earlier, earliest};
 use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
 use crate::pdo::{self, Direction, Place, Rpdo, Tpdo};
 use crate::sdo_channels;
@@ -298,15 +298,21 @@ impl Services {
     /// When a service has something to do next.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         let emcy = self.emcy.next_deadline();
-        earliest([
+        let emcy = emcy.filter(|_| self.state.allows_sdo());
+        let heartbeats = earlier(
             self.heartbeat.next_deadline(),
             self.monitors.next_deadline(),
+        );
+        let syncs = earlier(
             self.sync.next_deadline(),
             self.sync_producer.next_deadline(),
-            emcy.filter(|_| self.state.allows_sdo()),
-            earliest(self.rpdos.iter().map(Rpdo::next_deadline)),
-            earliest(self.tpdos.iter().map(Tpdo::next_deadline)),
-        ])
+        );
+        let rpdos = earliest(self.rpdos.iter().map(Rpdo::next_deadline));
+        let tpdos = earliest(self.tpdos.iter().map(Tpdo::next_deadline));
+        earlier(
+            earlier(heartbeats, syncs),
+            earlier(emcy, earlier(rpdos, tpdos)),
+        )
     }
 
     fn configure_pdo(&mut self, place: Place) {

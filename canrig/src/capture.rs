@@ -88,6 +88,11 @@ impl<'a> Capture<'a> {
         }
     }
 
+    /// Makes room for so many frames, since frames that have to move as they become more are copied again and again.
+    pub fn expect(&mut self, frames: usize) {
+        self.frames.reserve(frames);
+    }
+
     /// Takes the next frame of the bus.
     pub fn take(&mut self, stamped: Stamped) {
         self.clock.on_frame(stamped.time, &stamped.frame);

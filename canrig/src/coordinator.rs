@@ -11,7 +11,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, FilterSet, Progress, earliest};
+use canopen::{CanFrame, Filter, FilterSet, Progress, earlier, earliest};
 use platform::lockstep::{Answer, Audience, LockstepError, Participant};
 
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
@@ -132,7 +132,7 @@ impl<'a> Slot<'a> {
     /// The earliest time at which it has something to send or may get it.
     fn next_event(&self) -> Option<Duration> {
         let waiting = self.head().map(|(time, _)| time);
-        earliest([waiting, self.may_speak_at()])
+        earlier(waiting, self.may_speak_at())
     }
 
     /// Takes a frame from the bus, if it is for this participant.
@@ -214,7 +214,7 @@ impl<'a> Coordinator<'a> {
             return Ok(Some(self.now));
         }
         let next = earliest(self.slots.iter().map(Slot::next_event));
-        let Some(time) = earliest([next, self.next_fault()]) else {
+        let Some(time) = earlier(next, self.next_fault()) else {
             return Ok(None);
         };
         self.now = self.now.max(time).max(self.bus.free_at());

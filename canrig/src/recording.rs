@@ -76,9 +76,12 @@ fn push_line(line: &mut Vec<u8>, stamped: &Stamped) {
     line.push(digits::HEXADECIMAL[usize::from(high)][1]);
     line.extend_from_slice(&digits::HEXADECIMAL[usize::from(low)]);
     line.push(b'#');
-    for byte in stamped.frame.data() {
-        line.extend_from_slice(&digits::HEXADECIMAL[usize::from(*byte)]);
+    let data = stamped.frame.data();
+    let mut pairs = [[0; 2]; 8];
+    for (pair, byte) in pairs.iter_mut().zip(data) {
+        *pair = digits::HEXADECIMAL[usize::from(*byte)];
     }
+    line.extend_from_slice(pairs[..data.len()].as_flattened());
 }
 
 /// Why a line is no frame.

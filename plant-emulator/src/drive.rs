@@ -16,7 +16,7 @@ use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
 use canopen::{
     AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, NodeId, ObjectDictionary,
-    Services, earliest,
+    Services, earlier,
 };
 use scenario::Scenario;
 
@@ -446,7 +446,7 @@ impl Application for Drive {
         let (ahead, behind) = self.clock_error;
         let physics = (self.rig.time() + self.idle_max + ahead).saturating_sub(behind);
         let manager = self.manager.map(|(_, deadline)| deadline);
-        earliest([self.sync_deadline(), manager, Some(physics)])
+        earlier(self.sync_deadline(), earlier(manager, Some(physics)))
     }
 
     fn on_stop(&mut self, services: &mut Services) {

@@ -20,7 +20,7 @@ use std::time::Duration;
 use ::faults::{Faulty, Plan};
 use canopen::eds::{self, EdsError};
 use canopen::services::InvalidPdo;
-use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earliest};
+use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earlier};
 
 use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
@@ -283,7 +283,7 @@ impl Node for PlantEmulator {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        earliest([self.drive.next_deadline(), self.disturbance.next_deadline()])
+        earlier(self.drive.next_deadline(), self.disturbance.next_deadline())
     }
 
     fn progress(&self) -> Progress {

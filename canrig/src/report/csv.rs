@@ -9,6 +9,10 @@ const DECIMALS: usize = 7;
 const SCALE: u32 = 10_000_000;
 /// Whole numbers below this are exact.
 const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
+/// Digits of the largest of them.
+const DIGITS: usize = 16;
+/// Room for a cell: more than one has on the average, since most hold few digits.
+const CELL_CAPACITY: usize = 6;
 
 /// The table as bytes. Names and numbers hold neither comma nor quote, so nothing needs quoting.
 #[must_use]
@@ -27,6 +31,8 @@ pub fn to_csv(timeline: &Timeline) -> Vec<u8> {
         .map(|values| &values[..])
         .collect();
     let mut before = vec![0; columns.len() + 1];
+    // A table that grows is copied again and again.
+    table.reserve(timeline.cycle.len() * columns.len() * CELL_CAPACITY);
     for (row, cycle) in timeline.cycle.iter().enumerate() {
         digits::push(&mut table, *cycle, 1);
         push_row(&mut table, &columns, row, &mut before);
@@ -80,14 +86,13 @@ fn push_number(table: &mut Vec<u8>, value: f64) {
     if value.is_sign_negative() && scaled > 0 {
         table.push(b'-');
     }
-    let scale = u64::from(SCALE);
-    digits::push(table, scaled / scale, 1);
-    let decimals = scaled % scale;
-    if decimals > 0 {
+    let digits = digits::fixed::<DIGITS>(scaled);
+    let (whole, decimals) = digits.split_at(DIGITS - DECIMALS);
+    let zeros = whole.iter().take_while(|digit| **digit == b'0').count();
+    table.extend_from_slice(&whole[zeros.min(whole.len() - 1)..]);
+    if let Some(last) = decimals.iter().rposition(|digit| *digit != b'0') {
         table.push(b'.');
-        digits::push(table, decimals, DECIMALS);
-        let zeros = table.iter().rev().take_while(|digit| **digit == b'0');
-        table.truncate(table.len() - zeros.count());
+        table.extend_from_slice(&decimals[..=last]);
     }
 }
 

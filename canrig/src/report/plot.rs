@@ -249,10 +249,19 @@ impl View {
 
     /// A point in the drawing's units.
     fn place(&self, x: f64, y: f64) -> (f64, f64) {
-        (
-            self.along(x) / 100.0 * WIDTH,
-            (1.0 - self.up(y) / 100.0) * HEIGHT,
-        )
+        self.scale().place(x, y)
+    }
+
+    /// What makes points of the drawing of values: worked out once for all points of a curve, since to divide takes long.
+    fn scale(&self) -> Scale {
+        let right = WIDTH / (self.x.1 - self.x.0);
+        let down = HEIGHT / (self.y.0 - self.y.1);
+        Scale {
+            x: self.x.0,
+            y: self.y.1,
+            right,
+            down,
+        }
     }
 
     fn grid(&self, x_ticks: &[(f64, String)], y_ticks: &[(f64, String)]) -> String {
@@ -284,7 +293,8 @@ impl View {
 
     fn curve(&self, curve: &Curve<'_>) -> String {
         let (x, y) = curve.within(Some(self.x));
-        let points = x.iter().zip(y).map(|(x, y)| self.place(*x, *y));
+        let scale = self.scale();
+        let points = x.iter().zip(y).map(|(x, y)| scale.place(*x, *y));
         let lines = match curve.shape {
             Shape::Path => thin::path(points),
             _ => thin::over_time(points),
@@ -299,6 +309,20 @@ impl View {
             r#"<path class="{class}{more}" d="{}"/>"#,
             path_data(&lines, close)
         )
+    }
+}
+
+/// From values to the drawing's units, by way of the upper left corner.
+struct Scale {
+    x: f64,
+    y: f64,
+    right: f64,
+    down: f64,
+}
+
+impl Scale {
+    fn place(&self, x: f64, y: f64) -> (f64, f64) {
+        ((x - self.x) * self.right, (y - self.y) * self.down)
     }
 }
 

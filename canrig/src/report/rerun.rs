@@ -1,11 +1,12 @@
 //! What the Rerun viewer shows of a run: `run.rrd`, and the same in pieces while a run goes on, with a layout of its own.
 //!
-//! A signal that is drawn has a row in every cycle, one that is not only where its value changes. Nothing in the file
-//! comes from this machine's clock, so two equal runs are equal files once decoded (only the SDK's random numbers of
-//! rows differ).
+//! A signal has a row in every cycle; one that seldom changes, or that is not drawn, only where its value changes.
+//! Nothing in the file comes from this machine's clock, so two equal runs are equal files once decoded (only the SDK's
+//! random numbers of rows differ).
 
 mod blueprint;
 mod bus;
+mod file;
 mod groups;
 mod hysteresis;
 mod recording;
@@ -19,6 +20,7 @@ use std::io;
 use std::path::Path;
 
 use dbc::Database;
+use rerun::external::re_log_encoding::EncodeError;
 use rerun::{RecordingStreamBuilder, RecordingStreamError};
 use scenario::Scenario;
 use sha2::{Digest, Sha256};
@@ -29,7 +31,8 @@ use crate::timeline::Timeline;
 use crate::verdict::Verdict;
 
 pub(crate) use bus::BusReader;
-pub(crate) use recording::Recording;
+use file::RecordingFile;
+pub(crate) use recording::{Known, Recording};
 
 /// The viewer keeps one layout per application.
 pub(crate) const APPLICATION: &str = "canrig";
@@ -46,9 +49,9 @@ pub enum RerunError {
     /// The DBC lacks a signal.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
-    /// The SDK did not hand everything to the disk.
-    #[error("the end of the recording is not on the disk")]
-    NotFlushed,
+    /// The recording cannot be put into the file.
+    #[error(transparent)]
+    Encoding(#[from] EncodeError),
 }
 
 /// Writes the recording as a whole: a reader sees none or a complete one.
@@ -66,21 +69,20 @@ pub fn write(
     let mut bus = BusReader::new(scenario, database)?;
     frames.iter().for_each(|stamped| bus.take(stamped));
     let partial = path.with_added_extension("partial");
+    let file = RecordingFile::create(&partial)?;
     let stream = RecordingStreamBuilder::new(APPLICATION)
         .enabled(true) // whatever the environment variable RERUN says
         .recording_id(recording_id(timeline, verdict))
         .send_properties(true) // recording_id() has switched it off
         .recording_name(&scenario.name)
         .recording_started(0_i64)
-        .save(&partial)?;
-    let mut recording = Recording::begin(stream, scenario)?;
+        .buffered()?;
+    stream.set_sink(Box::new(file.clone()));
+    let mut recording = Recording::begin(stream, scenario, Known::Whole)?;
     recording.log(timeline, &mut bus)?;
     recording.log_verdict(verdict)?;
-    let stream = recording.finish()?;
-    stream
-        .flush_blocking()
-        .map_err(|_| RerunError::NotFlushed)?;
-    drop(stream); // writes the footer
+    drop(recording.finish()?); // hands everything to the file
+    file.finish()?;
     Ok(fs::rename(partial, path)?)
 }
 

@@ -13,7 +13,7 @@ use scenario::Scenario;
 
 use super::{Show, ViewerAddress};
 use crate::recording::Stamped;
-use crate::report::rerun::{APPLICATION, BusReader, Recording};
+use crate::report::rerun::{APPLICATION, BusReader, Known, Recording};
 use crate::run::Source;
 use crate::signals::SignalMissing;
 use crate::tap::{Tap, WhenFull};
@@ -97,7 +97,7 @@ fn follow(
 ) -> Result<(), LiveError> {
     let mut reader = Reader::new(scenario, database)?;
     let mut bus = BusReader::new(scenario, database)?;
-    let mut recording = Recording::begin(stream, scenario)?;
+    let mut recording = Recording::begin(stream, scenario, Known::SoFar)?;
     recording.expect_all()?;
     loop {
         let is_last = frames.is_abandoned() && frames.slots() <= PIECE_FRAMES_MAX;

@@ -17,6 +17,10 @@ use crate::disturbance_node::DisturbanceProducer;
 use crate::nodes;
 use crate::recording::Stamped;
 
+/// Frames of one cycle, those included that come more seldom.
+const FRAMES_PER_CYCLE: f64 = 5.0;
+/// Frames for which there is room from the beginning; a longer run gets more as it goes on.
+const FRAMES_EXPECTED_MAX: f64 = 1e6;
 /// Events between two looks at the disk and at the user's wish to stop.
 const EVENTS_PER_FLUSH: u32 = 4096;
 
@@ -67,6 +71,7 @@ pub fn play(
     let faults = BusFaults::new(scenario, Database::sma_actuator(), stations)?;
     let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants)
         .with_faults(faults);
+    capture.expect(frames_expected(scenario));
     let mut taps = Taps { capture, wire };
     let end = Duration::from_secs_f64(scenario.duration_seconds);
     let is_faulty = !scenario.fault.is_empty();
@@ -92,6 +97,16 @@ pub fn play(
         }
     }
     Ok(end)
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a positive number below a million"
+)]
+fn frames_expected(scenario: &Scenario) -> usize {
+    let cycles = 1e3 * scenario.duration_seconds / scenario.bus.sync_period_milliseconds;
+    (cycles * FRAMES_PER_CYCLE).min(FRAMES_EXPECTED_MAX) as usize
 }
 
 fn run_until(

@@ -55,6 +55,8 @@ pub(super) fn send(
     };
     layout.build(groups)?;
     let messages = messages.take();
+    // What keeps them in memory keeps the stream too, with its threads, unless it is told that it is done.
+    stream.disconnect();
     let id = messages.iter().find_map(|message| match message {
         LogMsg::SetStoreInfo(info) => Some(info.info.store_id.clone()),
         _ => None,

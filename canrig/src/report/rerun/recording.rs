@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use rerun::{
     AnyValues, RecordingStream, RecordingStreamError, Scalars, SeriesLines, TextDocument, TextLog,
     TextLogLevel, TimeColumn,
+    components::{AggregationPolicy, InterpolationMode, Text},
 };
 use scenario::Scenario;
 use scenario::events::DisturbanceCommand;
@@ -21,10 +22,23 @@ use crate::report::terminal;
 use crate::timeline::Timeline;
 use crate::verdict::{Outcome, Verdict, title};
 
+/// A signal that changes in fewer than one of so many rows has rows only where it changes.
+const CHANGES_SELDOM: usize = 4;
+
+/// How much of a run is known when its signals are logged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Known {
+    /// Everything: it is logged at once.
+    Whole,
+    /// What has happened so far: more pieces follow.
+    SoFar,
+}
+
 /// A run on its way to a file or a viewer.
 pub(crate) struct Recording<'a> {
     stream: RecordingStream,
     scenario: &'a Scenario,
+    known: Known,
     hysteresis: Hysteresis,
     rig: Rig,
     /// Signals that were sent in earnest so far.
@@ -41,6 +55,7 @@ impl<'a> Recording<'a> {
     pub(crate) fn begin(
         stream: RecordingStream,
         scenario: &'a Scenario,
+        known: Known,
     ) -> Result<Self, RecordingStreamError> {
         stream.set_log_time_enabled(false);
         bus::log_styles(&stream)?;
@@ -49,6 +64,7 @@ impl<'a> Recording<'a> {
         Ok(Self {
             stream,
             scenario,
+            known,
             rig,
             hysteresis: Hysteresis::default(),
             used: BTreeSet::new(),
@@ -114,11 +130,11 @@ impl<'a> Recording<'a> {
         };
         let period_seconds = self.scenario.bus.sync_period_milliseconds / 1e3;
         self.log_events(period_seconds, &[event])?;
-        let text = |text: &str| rerun::components::Text(text.into());
+        let text = |text: &str| Text(text.into());
         let properties = AnyValues::default()
-            .with_component::<rerun::components::Text>("outcome", [text(verdict.outcome.word())])
-            .with_component::<rerun::components::Text>("seed", [text(&verdict.seed.to_string())])
-            .with_component::<rerun::components::Text>("canrig_version", [text(verdict.version)]);
+            .with_component::<Text>("outcome", [text(verdict.outcome.word())])
+            .with_component::<Text>("seed", [text(&verdict.seed.to_string())])
+            .with_component::<Text>("canrig_version", [text(verdict.version)]);
         self.stream.send_property("run", &properties)
     }
 
@@ -148,15 +164,15 @@ impl<'a> Recording<'a> {
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in own.into_iter().chain(columns) {
             let style = self.style(name, values);
-            let rows = rows(style.group, values);
-            if rows.is_empty() {
+            let rows = Rows::of(values, style.group, self.known);
+            let numbers = rows.numbers();
+            if numbers.is_empty() {
                 continue;
             }
-            if rows != times.0 {
-                times = (rows.clone(), times::at_rows(timeline, &rows));
+            if numbers != times.0 {
+                times = (numbers.to_vec(), times::at_rows(timeline, numbers));
             }
-            let values = rows.iter().map(|&row| values[row]);
-            self.log_signal(name, style, values, times.1.clone())?;
+            self.log_signal(name, style, &rows, values, times.1.clone())?;
         }
         Ok(())
     }
@@ -173,16 +189,22 @@ impl<'a> Recording<'a> {
         &mut self,
         name: &str,
         style: Style,
-        values: impl Iterator<Item = f64>,
+        rows: &Rows,
+        values: &[f64],
         times: [TimeColumn; 2],
     ) -> Result<(), RecordingStreamError> {
         let path = format!("{}/{name}", style.group);
         self.groups.insert(style.group);
         if !self.styled.contains(&path) {
-            self.stream
-                .log_static(path.as_str(), &line(style.label, style.colour))?;
+            let look = rows.drawn(if style.group == groups::OTHER {
+                held()
+            } else {
+                line(style.label, style.colour)
+            });
+            self.stream.log_static(path.as_str(), &look)?;
             self.styled.insert(path.clone());
         }
+        let values = rows.numbers().iter().map(|&row| values[row]);
         let scalars = Scalars::new(values).columns_of_unit_batches()?;
         self.stream.send_columns(path, times, scalars)
     }
@@ -285,27 +307,58 @@ fn asked(
 }
 
 /// The rows to write of a signal. Those without a value are left out.
-///
-/// A drawn signal has all others: the viewer draws no more than the extremes of what falls on one pixel, and would hold
-/// an extreme until the next row.
-pub(super) fn rows(group: &str, values: &[f64]) -> Vec<usize> {
-    let mut rows: Vec<usize> = (0..values.len())
-        .filter(|&row| !values[row].is_nan())
-        .collect();
-    if group == groups::OTHER {
-        let last = rows.last().copied();
-        rows.dedup_by(|row, before| values[*row] == values[*before]);
-        rows.extend(last.filter(|last| rows.last() != Some(last)));
-    }
-    rows
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Rows {
+    /// All others.
+    All(Vec<usize>),
+    /// Those in which it changes, and the last.
+    Changes(Vec<usize>),
 }
 
-/// How a signal is drawn: held between its rows.
+impl Rows {
+    pub(super) fn of(values: &[f64], group: &str, known: Known) -> Self {
+        let with_value = || (0..values.len()).filter(|&row| !values[row].is_nan());
+        let mut changes: Vec<usize> = Vec::new();
+        let mut last = None;
+        for row in with_value() {
+            if last.is_none_or(|last: usize| values[last] != values[row]) {
+                changes.push(row);
+            }
+            last = Some(row);
+        }
+        let changes_seldom = known == Known::Whole && changes.len() * CHANGES_SELDOM < values.len();
+        if group == groups::OTHER || changes_seldom {
+            changes.extend(last.filter(|last| changes.last() != Some(last)));
+            Self::Changes(changes)
+        } else {
+            Self::All(with_value().collect())
+        }
+    }
+
+    fn numbers(&self) -> &[usize] {
+        match self {
+            Self::All(rows) | Self::Changes(rows) => rows,
+        }
+    }
+
+    /// Where many rows fall on one pixel, the viewer draws their extremes and holds the largest until the next row. So
+    /// what waits long for its next row must be drawn as it is.
+    fn drawn(&self, look: SeriesLines) -> SeriesLines {
+        match self {
+            Self::All(_) => look,
+            Self::Changes(_) => look.with_aggregation_policy(AggregationPolicy::Off),
+        }
+    }
+}
+
+/// How a signal is drawn.
 pub(super) fn line(label: &str, colour: [u8; 3]) -> SeriesLines {
-    SeriesLines::new()
-        .with_names([label])
-        .with_colors([colour])
-        .with_interpolation_mode(rerun::components::InterpolationMode::StepAfter)
+    held().with_names([label]).with_colors([colour])
+}
+
+/// A signal holds between its rows.
+fn held() -> SeriesLines {
+    SeriesLines::new().with_interpolation_mode(InterpolationMode::StepAfter)
 }
 
 fn level(event: &Event) -> TextLogLevel {

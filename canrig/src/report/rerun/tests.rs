@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
-use rerun::Scalars;
 use rerun::external::re_log_encoding::Decoder;
 use rerun::log::{Chunk, LogMsg};
+use rerun::{Scalars, SeriesLines};
 
 use super::groups::Style;
-use super::recording::rows;
+use super::recording::Rows;
 use super::times::{CYCLE, RUN_TIME};
 use super::*;
 use crate::judge::judge;
@@ -164,25 +164,57 @@ fn every_value_of_the_timeline_is_in_the_file() {
         }
     }
     assert!(compared > 3 * 299, "{compared}");
-    let set_point = &series["/position/set_point_millimetres"];
-    assert_eq!(set_point.len(), 300);
-    assert_eq!(set_point[99], (99_000_000, 99, 10.0));
-    assert_eq!(set_point[100], (100_000_000, 100, 35.0));
+    assert_eq!(
+        series["/position/set_point_millimetres"],
+        [
+            (0, 0, 10.0),
+            (100_000_000, 100, 35.0),
+            (299_000_000, 299, 35.0)
+        ]
+    );
 }
 
 #[test]
-fn a_drawn_signal_has_a_row_in_every_cycle_and_the_others_where_they_change() {
+fn a_signal_that_seldom_changes_or_is_not_drawn_has_rows_where_it_changes_and_the_others_in_every_cycle()
+ {
     let nan = f64::NAN;
     let values = [nan, 1.0, 1.0, nan, 1.0, 2.0, 2.0, 2.0];
-    assert_eq!(rows("position", &values), [1, 2, 4, 5, 6, 7]);
-    assert_eq!(rows(groups::OTHER, &values), [1, 5, 7]);
-    assert_eq!(rows(groups::OTHER, &[nan, nan]), [0; 0]);
-    assert_eq!(rows(groups::OTHER, &[3.0]), [0]);
+    let drawn = |values: &[f64]| Rows::of(values, "position", Known::Whole);
+    assert_eq!(drawn(&values), Rows::All(vec![1, 2, 4, 5, 6, 7]));
+    assert_eq!(
+        drawn(&[values, [2.0; 8]].concat()),
+        Rows::Changes(vec![1, 5, 15])
+    );
+    assert_eq!(drawn(&[nan; 9]), Rows::Changes(Vec::new()));
+    // Of a run that goes on it is not known what it will do.
+    let so_far = Rows::of(&[1.0; 9], "position", Known::SoFar);
+    assert_eq!(so_far, Rows::All((0..9).collect()));
+    let other = |values: &[f64]| Rows::of(values, groups::OTHER, Known::SoFar);
+    assert_eq!(other(&values), Rows::Changes(vec![1, 5, 7]));
+    assert_eq!(other(&[nan, nan]), Rows::Changes(Vec::new()));
+    assert_eq!(other(&[3.0]), Rows::Changes(vec![0]));
+}
+
+#[test]
+fn the_viewer_draws_every_row_of_a_signal_that_has_few() {
     let (_folder, path, _) = written();
     let series = scalars(&path);
-    // The drive was silent in one cycle.
-    assert_eq!(series["/position/position_millimetres"].len(), 299);
+    let policy = SeriesLines::descriptor_aggregation_policy().component;
+    let chunks = chunks(&path);
+    let is_drawn_whole = |path: &str| {
+        let styles = chunks.iter().filter(|chunk| chunk.is_static());
+        let mut styles = styles.filter(|chunk| chunk.entity_path().to_string() == path);
+        styles.any(|style| style.components().contains_component(policy))
+    };
+    // The drive was silent in the cycle of a change.
+    let position = &series["/position/position_millimetres"];
+    assert_eq!(position.len(), 44);
+    assert_eq!(position[10].1, i64::try_from(SILENT).unwrap() + 1);
+    assert!(is_drawn_whole("/position/position_millimetres"));
     assert_eq!(series["/other/statusword_state"].len(), 2);
+    assert!(is_drawn_whole("/other/statusword_state"));
+    assert_eq!(series["/temperature/wire_temperature_celsius"].len(), 300);
+    assert!(!is_drawn_whole("/temperature/wire_temperature_celsius"));
 }
 
 #[test]
