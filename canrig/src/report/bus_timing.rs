@@ -38,10 +38,10 @@ pub(super) struct Spread {
 impl Spread {
     /// Of no durations there is none.
     pub(super) fn of(durations: &[Duration]) -> Option<Self> {
-        let (least, most) = (*durations.iter().min()?, *durations.iter().max()?);
-        let mut ranked = durations.to_vec();
-        let last = ranked.len() - 1;
-        let mut rank = |percent| *ranked.select_nth_unstable(last * percent / 100).1;
+        let mut sorted = durations.to_vec();
+        sorted.sort_unstable();
+        let (least, most) = (*sorted.first()?, *sorted.last()?);
+        let rank = |percent: usize| sorted[(sorted.len() - 1) * percent / 100];
         Some(Self {
             least,
             median: rank(50),
@@ -52,17 +52,6 @@ impl Spread {
 }
 
 impl BusTiming {
-    /// No timing yet. A cycle has at least its SYNC, the answer and the command.
-    fn with_room_for(frames: &[Stamped]) -> Self {
-        let room = || Vec::with_capacity(frames.len() / 3);
-        Self {
-            cycles: room(),
-            answers: room(),
-            commands: room(),
-            ..Self::default()
-        }
-    }
-
     /// Reads the stamps.
     ///
     /// # Errors
@@ -76,7 +65,7 @@ impl BusTiming {
         let answer = database.require(signals::POSITION)?.raw_id();
         let command = database.require(signals::TARGET_CURRENT)?.raw_id();
         let mut clock = ScenarioClock::new(database)?;
-        let mut timing = Self::with_room_for(frames);
+        let mut timing = Self::default();
         let mut load = Load::new(duration_seconds, bitrate_kilobits_per_second);
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
         for stamped in frames {

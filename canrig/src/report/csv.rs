@@ -9,8 +9,6 @@ const DECIMALS: usize = 7;
 const SCALE: u32 = 10_000_000;
 /// Whole numbers below this are exact.
 const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
-/// Digits of the largest of them.
-const DIGITS: usize = 16;
 /// Room for a cell: more than one has on the average, since most hold few digits.
 const CELL_CAPACITY: usize = 6;
 
@@ -86,13 +84,14 @@ fn push_number(table: &mut Vec<u8>, value: f64) {
     if value.is_sign_negative() && scaled > 0 {
         table.push(b'-');
     }
-    let digits = digits::fixed::<DIGITS>(scaled);
-    let (whole, decimals) = digits.split_at(DIGITS - DECIMALS);
-    let zeros = whole.iter().take_while(|digit| **digit == b'0').count();
-    table.extend_from_slice(&whole[zeros.min(whole.len() - 1)..]);
-    if let Some(last) = decimals.iter().rposition(|digit| *digit != b'0') {
+    let scale = u64::from(SCALE);
+    digits::push(table, scaled / scale, 1);
+    let decimals = scaled % scale;
+    if decimals > 0 {
         table.push(b'.');
-        table.extend_from_slice(&decimals[..=last]);
+        digits::push(table, decimals, DECIMALS);
+        let zeros = table.iter().rev().take_while(|digit| **digit == b'0');
+        table.truncate(table.len() - zeros.count());
     }
 }
 
