@@ -4,8 +4,14 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
 
 use crate::support::{canrig, only_run, output, scenario};
+
+/// How long something may take on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A warm hold that no busy machine bends, with a limit on the wire's temperature and one on a disturbance.
 fn scenario_text() -> String {
@@ -26,14 +32,34 @@ struct Run {
     runs: PathBuf,
 }
 
+/// A rig file for the emulator as the drive, whose load may rise so far.
+fn rig_file(folder: &Path, position_max: f64) -> PathBuf {
+    let path = folder.join("emulated.toml");
+    let text = format!(
+        "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = 50.0\n[limits]\ncurrent_amperes = 1.0\n\
+         position_millimetres = {{ min = -1.0, max = {position_max:.1} }}\nspeed_millimetres_per_second = 1e4\n\
+         [timeouts]\ndrive_lost_milliseconds = 1000\ncontroller_lost_milliseconds = 1000\n"
+    );
+    fs::write(&path, text).unwrap();
+    path
+}
+
 impl Run {
     fn expecting(folder: &Path, external: &str) -> Self {
+        Self::with(folder, &["--external", external])
+    }
+
+    fn with(folder: &Path, arguments: &[&str]) -> Self {
+        Self::of(&scenario_text(), folder, arguments)
+    }
+
+    fn of(text: &str, folder: &Path, arguments: &[&str]) -> Self {
         let scenario = folder.join("swapped.toml");
-        fs::write(&scenario, scenario_text()).unwrap();
+        fs::write(&scenario, text).unwrap();
         let runs = folder.join("runs");
         let mut canrig = canrig(&runs, "run");
         canrig.arg(&scenario);
-        canrig.args(["--bus", "embedded", "--external", external]);
+        canrig.args(["--bus", "embedded"]).args(arguments);
         let mut canrig = canrig
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -55,13 +81,8 @@ impl Run {
         }
     }
 
-    /// Starts one of our nodes by hand; it stops when its standard input ends.
     fn start(&self, role: &str) -> Child {
-        let mut node = Command::new(env!("CARGO_BIN_EXE_canrig"));
-        node.args(["node", role, "--bus", &self.address, "--scenario"]);
-        node.arg(&self.scenario);
-        let node = node.stdin(Stdio::piped()).stdout(Stdio::null());
-        node.stderr(Stdio::null()).spawn().unwrap()
+        start(&self.address, role, &self.scenario)
     }
 
     /// Exit code, and what was printed.
@@ -72,6 +93,15 @@ impl Run {
         text += &String::from_utf8(ended.stderr).unwrap();
         (ended.status.code(), text, only_run(&self.runs))
     }
+}
+
+/// Starts one of our nodes by hand; it stops when its standard input ends.
+fn start(address: &str, role: &str, scenario: &Path) -> Child {
+    let mut node = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    node.args(["node", role, "--bus", address, "--scenario"]);
+    let node = node.arg(scenario).stdin(Stdio::piped());
+    let node = node.stdout(Stdio::null()).stderr(Stdio::null());
+    node.spawn().unwrap()
 }
 
 fn stop(mut node: Child) {
@@ -194,4 +224,114 @@ fn what_cannot_be_external_is_refused() {
         code == Some(3) && text.contains("[[fault.sensor.stuck]] cannot be played"),
         "{code:?} {text}"
     );
+}
+
+#[test]
+fn a_rig_file_gives_the_cycle_and_goes_with_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    // At such a cycle the law overshoots by far.
+    let rig = rig_file(folder.path(), 70.0);
+    let run = Run::with(folder.path(), &["--rig", rig.to_str().unwrap()]);
+    let drive = run.start("plant-emulator");
+    let (code, text, run) = run.end();
+    stop(drive);
+    assert_eq!(code, Some(5), "{text}");
+    assert!(text.contains("only the emulated plant tells it"), "{text}");
+    assert_eq!(verdict(&run)["external"], serde_json::json!(["drive"]));
+    // 3 s at the 50 ms of the rig file, where the scenario has 100 ms.
+    let rows = values(&run, "position_millimetres");
+    assert!((55..=60).contains(&rows), "{rows}");
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (code, text, stderr) = output(replay.arg("replay").arg(&run));
+    assert_eq!(code, Some(5), "{text}{stderr}");
+    assert!(
+        text.contains("the same verdict as that of the run"),
+        "{text}"
+    );
+}
+
+#[test]
+fn canrig_stops_a_drive_that_a_foreign_controller_leads_beyond_a_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = rig_file(folder.path(), 8.0);
+    let arguments = ["--rig", rig.to_str().unwrap(), "--external", "controller"];
+    let low = scenario_text().replace("position_millimetres = 10.0", "position_millimetres = 5.0");
+    let run = Run::of(&low, folder.path(), &arguments);
+    let drive = run.start("plant-emulator");
+    // It knows of no rig file and heads for 10 mm, at a cycle of its own.
+    let elsewhere = folder.path().join("elsewhere.toml");
+    fs::write(&elsewhere, scenario_text()).unwrap();
+    let controller = start(&run.address, "controller", &elsewhere);
+    let (code, text, run) = run.end();
+    stop(drive);
+    stop(controller);
+    assert_eq!(code, Some(4), "{text}");
+    let told = "canrig stopped the drive: limit of the rig: the position is";
+    assert!(text.contains(told), "{text}");
+    let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    let (_, after) = log.split_once(" 000#0210\n").expect("NMT stop");
+    let is_heated = |line: &str| line.contains(" 190#37") && !line.ends_with("0000");
+    assert!(
+        !after.lines().any(is_heated),
+        "the current flows on:\n{after}"
+    );
+}
+
+#[test]
+fn ctrl_c_stops_a_drive_that_a_foreign_controller_leads() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = rig_file(folder.path(), 70.0);
+    let arguments = ["--rig", rig.to_str().unwrap(), "--external", "controller"];
+    let run = Run::with(folder.path(), &arguments);
+    let drive = run.start("plant-emulator");
+    let controller = start(&run.address, "controller", &run.scenario);
+    let log = || fs::read_to_string(only_run(&run.runs).join("bus.log")).unwrap_or_default();
+    let end = Instant::now() + PATIENCE;
+    while !log().contains(" 210#0F00") {
+        assert!(Instant::now() < end, "the drive is never led");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let canrig = Pid::from_raw(run.canrig.id().cast_signed()).unwrap();
+    kill_process(canrig, Signal::INT).unwrap();
+    let (code, text, run) = run.end();
+    stop(drive);
+    stop(controller);
+    assert_eq!(code, Some(130), "{text}");
+    let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    assert!(log.contains(" 000#0210"), "no NMT stop:\n{log}");
+}
+
+#[test]
+fn rig_files_are_checked_like_scenarios() {
+    let folder = tempfile::tempdir().unwrap();
+    let check = |path: &Path| {
+        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        output(canrig.arg("check").arg(path).env("NO_COLOR", "1"))
+    };
+    let path = rig_file(folder.path(), 45.0);
+    let (code, text, _) = check(&path);
+    assert!(
+        code == Some(0) && text.contains("valid (rig: emulated)"),
+        "{text}"
+    );
+    let text = fs::read_to_string(&path).unwrap() + "[drive]\nnode = 3\n";
+    fs::write(&path, text).unwrap();
+    let (code, _, stderr) = check(&path);
+    assert_eq!(code, Some(3));
+    assert!(
+        stderr.contains("unknown key `node` in [drive]") && stderr.contains("node = 3"),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn a_set_point_that_the_rig_may_not_reach_is_refused_before_current_flows() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = rig_file(folder.path(), 34.0);
+    let mut canrig = canrig(folder.path(), "run");
+    canrig.args(["--bus", "embedded", "--rig"]).arg(&rig);
+    let (code, _, stderr) = output(canrig.arg(scenario("step.toml")));
+    assert_eq!(code, Some(3), "{stderr}");
+    let told = "the set-point is 35 mm at 10 s, beyond the rig's limits (-1 to 34 mm)";
+    assert!(stderr.contains(told), "{stderr}");
 }

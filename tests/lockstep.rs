@@ -156,7 +156,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
                 let mut plant_emulator = canrig::nodes::plant_emulator(scenario).unwrap();
                 let mut bench = DisturbanceProducer::new(scenario, database).unwrap();
                 let mut controller =
-                    canrig::nodes::controller(&scenario.controller_view()).unwrap();
+                    canrig::nodes::controller(&scenario.controller_view(), None).unwrap();
                 let roles = Roles {
                     plant_emulator: &mut Asked(Local::new("plant-emulator", &mut plant_emulator)),
                     bench: &mut Asked(Local::new("bench", &mut bench)),
@@ -255,7 +255,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
             |_, capture| {
                 let mut plant_emulator = canrig::nodes::plant_emulator(&source.scenario).unwrap();
                 let mut controller =
-                    canrig::nodes::controller(&source.scenario.controller_view()).unwrap();
+                    canrig::nodes::controller(&source.scenario.controller_view(), None).unwrap();
                 let mut bench =
                     canrig::disturbance_node::DisturbanceProducer::new(&source.scenario, database)
                         .unwrap();

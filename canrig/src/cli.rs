@@ -73,12 +73,16 @@ pub enum Command {
     Reproduce(ReproduceArgs),
     /// Play random mixes of faults in virtual time, and shrink what breaks an invariant to a minimal scenario
     Torture(TortureArgs),
-    /// Check scenario files without playing them
+    /// Check scenario and rig files without playing them
     Check(CheckArgs),
     /// Look at what of this machine serves a test bench, and how to mend what does not
     Doctor(DoctorArgs),
     /// Print the JSON Schema of scenario files, for editors
-    Schema,
+    Schema {
+        /// That of rig files instead
+        #[arg(long)]
+        rig: bool,
+    },
     /// List the nodes on a bus: number, NMT state, device type, identity, and which EDS describes them
     Nodes(NodesArgs),
     /// Read or write an object of a node, without disturbing a running controller
@@ -151,6 +155,10 @@ pub struct RunArgs {
     /// not judged, and end a run that fails no other in exit code 5
     #[arg(long, value_enum, value_name = "NODE", value_delimiter = ',')]
     pub external: Vec<ExternalNode>,
+    /// The rig file of a real drive, which is then external: its bus, objects, scaling, time-outs and hard limits. Without it,
+    /// `rig.toml` beside the first scenario goes with --external drive
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
     /// Fail unless the bus is the kernel's own, so that a CI job cannot skip it silently
     #[arg(long)]
     pub require_vcan: bool,
@@ -258,7 +266,7 @@ pub struct TortureArgs {
 /// Arguments of `check`.
 #[derive(Args, Debug)]
 pub struct CheckArgs {
-    /// Scenario files, or folders of them
+    /// Scenario or rig files, or folders of them
     #[arg(required = true, value_name = "SCENARIO")]
     pub scenarios: Vec<PathBuf>,
 }
@@ -436,6 +444,9 @@ pub struct NodeArgs {
     /// The scenario
     #[arg(long)]
     pub scenario: PathBuf,
+    /// The rig file; none for the emulated drive
+    #[arg(long)]
+    pub rig: Option<PathBuf>,
     #[command(flatten)]
     #[expect(
         missing_docs,

@@ -3,27 +3,32 @@
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use dbc::Database;
 use platform::bus::BusAddress;
 use platform::{private_bus, process, scheduling};
 use scenario::Scenario;
+use scenario::rig::Rig;
 
+use crate::FILE_BYTES_MAX;
 use crate::capture::{Capture, Watch};
 use crate::cli::{
-    CheckArgs, Cli, ClockChoice, Command, DoctorArgs, MonitorArgs, PlayArgs, RunArgs, SdoAction,
+    BusChoice, CheckArgs, Cli, ClockChoice, Command, DoctorArgs, MonitorArgs, PlayArgs, RunArgs,
+    SdoAction,
 };
 use crate::console::{Progress, complain, say};
 use crate::doctor;
 use crate::exit::Exit;
-use crate::external::External;
+use crate::external::{External, ExternalNode};
 use crate::identify;
 use crate::manual;
 use crate::nodes;
 use crate::recordings;
 use crate::report::terminal;
 use crate::reproduce;
+use crate::rig::{LoadedRig, RIG_FILE, RigError};
 use crate::run::{self, Judged, Source, World};
 use crate::run_folder::RunFolder;
 use crate::tap::WhenFull;
@@ -50,8 +55,11 @@ pub fn execute(cli: Cli) -> Exit {
         Command::Reproduce(args) => reproduce::command::reproduce(&args),
         Command::Torture(args) => torture::torture(&args),
         Command::Check(args) => check(&args),
-        Command::Schema => {
-            say(&scenario::schema::json_schema());
+        Command::Schema { rig } => {
+            say(&match rig {
+                true => scenario::schema::rig_json_schema(),
+                false => scenario::schema::json_schema(),
+            });
             Exit::Pass
         }
         Command::Doctor(args) => doctor(&args),
@@ -125,20 +133,16 @@ fn monitor(args: MonitorArgs) -> Exit {
 }
 
 fn check(args: &CheckArgs) -> Exit {
-    let paths = match scenario_files(&args.scenarios) {
+    let paths = match scenario_files(&args.scenarios, |_| true) {
         Ok(paths) => paths,
         Err(error) => return usage(&error),
     };
     let mut worst = Exit::Pass;
     for path in paths {
-        match Source::load(&path) {
-            Ok(source) => say(&format!(
-                "{}: valid ({})",
-                path.display(),
-                source.scenario.name
-            )),
+        match checked(&path) {
+            Ok(name) => say(&format!("{}: valid ({name})", path.display())),
             Err(error) => {
-                complain(&format!("{:?}", miette::Report::new(error)));
+                complain(&format!("{error:?}"));
                 worst = worst.max(Exit::ScenarioInvalid);
             }
         }
@@ -146,17 +150,55 @@ fn check(args: &CheckArgs) -> Exit {
     worst
 }
 
+/// The name of a valid scenario or rig file.
+fn checked(path: &Path) -> miette::Result<String> {
+    let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
+    if Rig::is_meant(&text) {
+        let loaded = LoadedRig::load(path)?;
+        return Ok(format!("rig: {}", loaded.rig.name));
+    }
+    Ok(Source::load(path)?.scenario.name)
+}
+
+/// The rig that the arguments name, or the one beside the first scenario if the drive is a real one.
+fn rig_of(args: &RunArgs, external: &External) -> Result<Option<LoadedRig>, RigError> {
+    if let Some(path) = &args.rig {
+        return LoadedRig::load(path).map(Some);
+    }
+    let first = args.play.scenarios.first();
+    match first.filter(|_| external.has(ExternalNode::Drive)) {
+        Some(folder) if folder.is_dir() => LoadedRig::in_folder(folder),
+        Some(file) => LoadedRig::in_folder(file.parent().unwrap_or(Path::new(""))),
+        None => Ok(None),
+    }
+}
+
 fn run(args: &RunArgs) -> Exit {
     let external = match External::new(&args.external) {
         Ok(external) => external,
         Err(reason) => return usage(reason),
+    };
+    let rig = match rig_of(args, &external) {
+        Ok(rig) => rig.map(Arc::new),
+        Err(error) => {
+            complain(&format!("{:?}", miette::Report::new(error)));
+            return Exit::ScenarioInvalid;
+        }
+    };
+    let external = match rig {
+        Some(_) => external.with_drive(),
+        None => external,
     };
     if args.clock == ClockChoice::Lockstep && !external.is_empty() {
         return usage(
             "--external needs --clock real-time: a node of somebody else's keeps its own time",
         );
     }
-    let bus = match world::choose_bus(&args.bus, args.require_vcan) {
+    let bus = match (&args.bus, rig.as_ref()) {
+        (BusChoice::Auto, Some(rig)) => rig.rig.bus.interface.clone().map(BusChoice::Interface),
+        _ => None,
+    };
+    let bus = match world::choose_bus(bus.as_ref().unwrap_or(&args.bus), args.require_vcan) {
         Ok(bus) => bus,
         Err(error) => {
             complain(&format!("canrig: {error}"));
@@ -179,24 +221,31 @@ fn run(args: &RunArgs) -> Exit {
     {
         announce(&args.play, &format!("note: {refusal}"));
     }
+    if let Some(rig) = &rig {
+        let (name, path) = (&rig.rig.name, rig.path.display());
+        announce(&args.play, &format!("rig: {name} ({path})"));
+    }
     let when_full = if lockstep {
         WhenFull::Wait
     } else {
         WhenFull::Drop
     };
-    let admits = |scenario: &Scenario| {
-        admits(scenario, &bus, lockstep).and_then(|()| external.admits(scenario))
+    let admits = |source: &Source| {
+        let scenario = &source.scenario;
+        admits(scenario, &bus, lockstep)?;
+        external.admits(scenario)?;
+        rig.as_ref().map_or(Ok(()), |rig| rig.admits(scenario))
     };
     play(
         &args.play,
-        &external,
+        |source| source.on(rig.clone(), external.clone()),
         when_full,
         admits,
-        |scenario, folder, capture| {
+        |source, folder, capture| {
             if lockstep {
-                world::processes::in_lockstep(scenario, folder, capture, &bus)
+                world::processes::in_lockstep(&source.scenario, folder, capture, &bus)
             } else {
-                world::real_time::run(scenario, folder, capture, &bus, &external, &|address| {
+                world::real_time::run(source, folder, capture, &bus, &|address| {
                     tell_address(&args.play, address);
                 })
             }
@@ -238,10 +287,11 @@ fn simulate(args: &PlayArgs) -> Exit {
     announce(args, "bus: modelled · clock: lock-step, in one process");
     play(
         args,
-        &External::default(),
+        |source| source,
         WhenFull::Wait,
         |_| Ok(()),
-        |scenario, _, capture| {
+        |source, _, capture| {
+            let scenario = &source.scenario;
             let end = world::lockstep::simulate(scenario, Database::sma_actuator(), capture)?;
             Ok(World::in_virtual_time(end))
         },
@@ -254,15 +304,16 @@ fn announce(args: &PlayArgs, text: &str) {
     }
 }
 
-/// Plays each scenario in a world and reports; the worst exit of all.
+/// Plays each scenario, on the rig that `on` says, in a world and reports; the worst exit of all.
 fn play(
     args: &PlayArgs,
-    external: &External,
+    on: impl Fn(Source) -> Source,
     when_full: WhenFull,
-    admits: impl Fn(&Scenario) -> Result<(), String>,
-    world: impl Fn(&Scenario, &RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
+    admits: impl Fn(&Source) -> Result<(), String>,
+    world: impl Fn(&Source, &RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
 ) -> Exit {
-    let paths = match scenario_files(&args.scenarios) {
+    let is_scenario = |path: &Path| !path.ends_with(RIG_FILE);
+    let paths = match scenario_files(&args.scenarios, is_scenario) {
         Ok(paths) => paths,
         Err(error) => return usage(&error),
     };
@@ -271,17 +322,14 @@ fn play(
     let mut verdicts = Vec::new();
     for path in &paths {
         let source = match Source::load(path) {
-            Ok(source) => Source {
-                external: external.clone(),
-                ..source
-            },
+            Ok(source) => on(source),
             Err(error) => {
                 complain(&format!("{:?}", miette::Report::new(error)));
                 worst = worst.max(Exit::ScenarioInvalid);
                 continue;
             }
         };
-        if let Err(reason) = admits(&source.scenario) {
+        if let Err(reason) = admits(&source) {
             complain(&format!("canrig: {}: {reason}", path.display()));
             worst = worst.max(Exit::ScenarioInvalid);
             continue;
@@ -293,7 +341,7 @@ fn play(
             world::observed(
                 || watch.interrupt(),
                 || progress.show(&watch.reading()),
-                || world(&source.scenario, folder, capture),
+                || world(&source, folder, capture),
             )
         });
         drop(progress);
@@ -341,14 +389,19 @@ fn usage(message: &str) -> Exit {
     Exit::Usage
 }
 
-/// The scenario files that the arguments name: files as they are, folders with everything below them in order.
-fn scenario_files(arguments: &[PathBuf]) -> Result<Vec<PathBuf>, String> {
+/// The scenario files that the arguments name: files as they are, folders with everything wanted below them in order.
+fn scenario_files(
+    arguments: &[PathBuf],
+    is_wanted: impl Fn(&Path) -> bool,
+) -> Result<Vec<PathBuf>, String> {
     let mut files = Vec::new();
     for argument in arguments {
         if argument.is_dir() {
             let before = files.len();
             let searched = find_scenarios(argument, FOLDER_DEPTH_MAX, &mut files);
             searched.map_err(|error| format!("{} cannot be read: {error}", argument.display()))?;
+            let found = files.split_off(before);
+            files.extend(found.into_iter().filter(|path| is_wanted(path)));
             if files.len() == before {
                 return Err(format!("{} holds no scenario (*.toml)", argument.display()));
             }

@@ -9,6 +9,7 @@ use dbc::Database;
 use scenario::Scenario;
 
 use crate::signals::{self, SignalMissing};
+use crate::supervisor::Supervisor;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
 /// Sends its frames at the scenario's times.
@@ -18,6 +19,7 @@ pub struct DisturbanceProducer {
     /// What it will say, each with its scenario time in seconds.
     frames: VecDeque<(f64, CanFrame)>,
     frame: Option<CanFrame>,
+    supervisor: Option<Supervisor>,
     is_stopped: bool,
 }
 
@@ -43,8 +45,16 @@ impl DisturbanceProducer {
             },
             frames: frames.into(),
             frame: None,
+            supervisor: None,
             is_stopped: false,
         })
+    }
+
+    /// The same with a watch over a real drive.
+    #[must_use]
+    pub fn with_supervisor(mut self, supervisor: Option<Supervisor>) -> Self {
+        self.supervisor = supervisor;
+        self
     }
 
     fn is_due(&self, now: Duration) -> bool {
@@ -74,14 +84,19 @@ fn disturbances(
 impl Node for DisturbanceProducer {
     /// Who has nothing to say need not know the time.
     fn filters(&self) -> Vec<Filter> {
-        if self.frames.is_empty() {
-            return Vec::new();
+        let supervisor = self.supervisor.iter().flat_map(Supervisor::filters);
+        let mut filters: Vec<Filter> = supervisor.collect();
+        if !self.frames.is_empty() {
+            filters.extend([Filter::exact(SYNC_COB_ID), self.drive]);
         }
-        vec![Filter::exact(SYNC_COB_ID), self.drive]
+        filters
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         self.clock.on_frame(now, frame);
+        if let Some(supervisor) = &mut self.supervisor {
+            supervisor.on_frame(now, frame);
+        }
     }
 
     fn on_tick(&mut self, now: Duration) {
@@ -94,10 +109,17 @@ impl Node for DisturbanceProducer {
     fn on_stop(&mut self, _now: Duration) {
         self.is_stopped = true;
         self.frames.clear();
+        // Whoever controlled the drive, it is not left running.
+        if let Some(supervisor) = &mut self.supervisor {
+            supervisor.stop_drive();
+        }
     }
 
     fn next_frame(&mut self) -> Option<CanFrame> {
-        self.frame.take()
+        let supervisor = self.supervisor.as_mut();
+        supervisor
+            .and_then(Supervisor::next_frame)
+            .or_else(|| self.frame.take())
     }
 
     fn next_deadline(&self) -> Option<Duration> {
@@ -107,7 +129,10 @@ impl Node for DisturbanceProducer {
     }
 
     fn progress(&self) -> Progress {
-        if self.is_stopped {
+        let supervisor = self.supervisor.as_ref();
+        if let Some(violation) = supervisor.and_then(Supervisor::violation) {
+            Progress::Failed(violation.to_string())
+        } else if self.is_stopped {
             Progress::Stopped
         } else {
             Progress::Running

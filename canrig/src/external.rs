@@ -10,8 +10,7 @@ use scenario::fault::FaultWindow;
 use scenario::fault::node::Node;
 use serde::{Deserialize, Serialize};
 
-/// What only the emulated plant tells; a real drive knows none of it, and may use the identifiers for something else.
-const TRUTH_MESSAGES: [&str; 2] = ["drive_tpdo2", "plant_truth"];
+use crate::signals::EMULATED_MESSAGES;
 
 /// A node that may be somebody else's.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize, ValueEnum)]
@@ -59,6 +58,17 @@ impl External {
         Ok(external)
     }
 
+    /// The same with the drive external.
+    #[must_use]
+    pub fn with_drive(self) -> Self {
+        if self.has(ExternalNode::Drive) {
+            return self;
+        }
+        let mut nodes = self.0;
+        nodes.insert(0, ExternalNode::Drive);
+        Self(nodes)
+    }
+
     /// Whether a node is somebody else's.
     #[must_use]
     pub fn has(&self, node: ExternalNode) -> bool {
@@ -81,7 +91,7 @@ impl External {
     #[must_use]
     pub fn database(&self) -> &'static Database {
         static WITHOUT_TRUTH: LazyLock<Database> =
-            LazyLock::new(|| Database::sma_actuator().with_silent(&TRUTH_MESSAGES));
+            LazyLock::new(|| Database::sma_actuator().with_silent(&EMULATED_MESSAGES));
         if self.has(ExternalNode::Drive) {
             &WITHOUT_TRUTH
         } else {

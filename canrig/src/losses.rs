@@ -10,8 +10,8 @@ use crate::recording::Stamped;
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
 const PERIODS_MAX: u32 = 20;
-/// Time without a heartbeat that counts as a loss, as for the nodes (0x1016).
-const HEARTBEAT_TIME: Duration = Duration::from_millis(100);
+/// Periods without a heartbeat that count as a loss; the nodes wait as long (0x1016).
+const HEARTBEATS_MAX: u32 = 5;
 
 /// Messages that are watched, and what they are for people.
 const CYCLIC: [(&str, &str); 2] = [
@@ -47,14 +47,16 @@ pub(crate) struct LossReader {
 impl LossReader {
     pub(crate) fn new(scenario: &Scenario, database: &Database) -> Self {
         let cyclic = PERIODS_MAX * scenario.bus.sync_period();
-        let cyclic = CYCLIC.map(|(name, what)| (name, what, cyclic));
-        let heartbeats = HEARTBEATS.map(|(name, what)| (name, what, HEARTBEAT_TIME));
+        let cyclic = CYCLIC.map(|(name, what)| (name, what, Some(cyclic)));
+        let heartbeats = HEARTBEATS.map(|(name, what)| (name, what, None));
         let watched = cyclic.into_iter().chain(heartbeats);
         let watched = watched.filter_map(|(name, what, limit)| {
+            let message = database.message(name)?;
+            let period = Duration::from_millis(message.cycle_time_milliseconds);
             Some(Watched {
-                raw_id: database.message(name)?.raw_id,
+                raw_id: message.raw_id,
                 what,
-                limit,
+                limit: limit.unwrap_or(HEARTBEATS_MAX * period),
                 last: None,
             })
         });

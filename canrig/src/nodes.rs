@@ -18,6 +18,7 @@ use scenario::{ControllerView, Scenario};
 use crate::cli::{NodeArgs, Role};
 use crate::console::{complain, say};
 use crate::exit::Exit;
+use crate::rig::LoadedRig;
 use crate::timing::{NodeReport, Quantiles};
 use crate::world::WorldError;
 
@@ -32,36 +33,42 @@ pub fn plant_emulator(scenario: &Scenario) -> Result<PlantEmulator, WorldError> 
     })
 }
 
-/// The manager with its control law.
+/// The manager with its control law, for the drive of a rig or the emulated one.
 ///
 /// # Errors
 /// The scenario's controller cannot be set up.
-pub fn controller(view: &ControllerView) -> Result<ControllerNode, WorldError> {
-    ControllerNode::new(view).map_err(|error| WorldError::Node {
+pub fn controller(
+    view: &ControllerView,
+    rig: Option<&LoadedRig>,
+) -> Result<ControllerNode, WorldError> {
+    let made = match rig {
+        Some(loaded) => ControllerNode::on_rig(view, &loaded.rig, &loaded.eds),
+        None => ControllerNode::new(view),
+    };
+    made.map_err(|error| WorldError::Node {
         name: "controller",
         reason: error.to_string(),
     })
 }
 
 /// The manager as it behaves in a scenario with faults, which it cannot see; `is_played_elsewhere` are those that happen
-/// to its process.
+/// to its process. `make` makes it, also after a crash.
 ///
 /// # Errors
-/// As [`controller`].
+/// It cannot be made.
 pub fn faulty_controller(
-    view: &ControllerView,
+    make: impl Fn() -> Result<ControllerNode, WorldError> + Send + 'static,
     faults: &Faults,
     is_played_elsewhere: impl Fn(&Kind) -> bool,
 ) -> Result<Box<dyn Node>, WorldError> {
-    let node = controller(view)?;
+    let node = make()?;
     if faults.is_empty() {
         return Ok(Box::new(node));
     }
     let plan = Plan::of(faults, scenario::fault::node::Node::Controller);
-    let view = view.clone();
     let renew = move |node: &mut ControllerNode| {
         // It could be set up once, so it can again.
-        if let Ok(new) = ControllerNode::new(&view) {
+        if let Ok(new) = make() {
             *node = new;
         }
     };
@@ -74,9 +81,12 @@ pub fn faulty_controller(
 fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, String> {
     let view = ControllerView::load(&args.scenario).map_err(|error| error.to_string())?;
     let scenario = Scenario::load(&args.scenario).map_err(|error| error.to_string())?;
+    let rig = args.rig.as_deref().map(LoadedRig::load).transpose();
+    let rig = rig.map_err(|error| error.to_string())?;
     let is_real_time = args.host.lockstep.is_none();
     let is_of_process = |kind: &Kind| is_real_time && matches!(kind, Kind::Crash(_) | Kind::Hang);
-    faulty_controller(&view, &scenario.fault, is_of_process).map_err(|error| error.to_string())
+    let make = move || controller(&view, rig.as_ref());
+    faulty_controller(make, &scenario.fault, is_of_process).map_err(|error| error.to_string())
 }
 
 /// Runs one node as this process: what the hidden subcommand `node` does.

@@ -1,6 +1,7 @@
 //! One scenario from file to verdict.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::thread;
 
 use dbc::Database;
@@ -12,6 +13,7 @@ use crate::external::External;
 use crate::gauge::Gauge;
 use crate::judge::{self, judge, judge_broken};
 use crate::report;
+use crate::rig::LoadedRig;
 use crate::run_folder::{RunFolder, WriteError, file};
 use crate::signal_names::SignalNames;
 use crate::signals::SignalMissing;
@@ -32,6 +34,8 @@ pub struct Source {
     pub scenario: Scenario,
     /// Which nodes are not canrig's when it is played.
     pub external: External,
+    /// The rig that it is played on; none for the emulated one.
+    pub rig: Option<Arc<LoadedRig>>,
 }
 
 impl Source {
@@ -48,7 +52,30 @@ impl Source {
             text,
             scenario,
             external: External::default(),
+            rig: None,
         })
+    }
+
+    /// The same on a rig, whose bus takes the place of the scenario's.
+    #[must_use]
+    pub fn on(mut self, rig: Option<Arc<LoadedRig>>, external: External) -> Self {
+        if let Some(loaded) = &rig {
+            self.scenario.bus = loaded.rig.bus.of_scenario();
+        }
+        Self {
+            external,
+            rig,
+            ..self
+        }
+    }
+
+    /// What the frames of the bus mean.
+    #[must_use]
+    pub fn database(&self) -> &Database {
+        match &self.rig {
+            Some(rig) => &rig.database,
+            None => self.external.database(),
+        }
     }
 }
 
@@ -102,7 +129,7 @@ pub fn run(
     taps: Vec<Tap>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
 ) -> Result<Judged, RunError> {
-    let database = source.external.database();
+    let database = source.database();
     let scenario = &source.scenario;
     let folder = RunFolder::create(parent, source)?;
     let gauge = Gauge::new(scenario, database)?;

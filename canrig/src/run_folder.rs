@@ -8,6 +8,7 @@ use scenario::Scenario;
 use sha2::{Digest, Sha256};
 
 use crate::recording::{self, Stamped};
+use crate::rig::LoadedRig;
 use crate::run::Source;
 use crate::verdict::Verdict;
 
@@ -28,6 +29,8 @@ pub mod file {
     pub const JUNIT: &str = "junit.xml";
     /// The run on one page.
     pub const REPORT: &str = "report.html";
+    /// The rig file as it was used; only in runs on a rig.
+    pub const RIG: &str = crate::rig::RIG_FILE;
     /// The recording for the Rerun viewer.
     pub const RERUN: &str = "run.rrd";
 }
@@ -70,6 +73,9 @@ impl RunFolder {
         folder.write_verdict(&verdict)?;
         folder.write(file::SCENARIO, text.as_bytes())?;
         folder.copy_tables(source)?;
+        if let Some(rig) = &source.rig {
+            folder.write_rig(rig)?;
+        }
         Ok(folder)
     }
 
@@ -104,6 +110,25 @@ impl RunFolder {
             self.copy(&parent.join(file), file)?;
         }
         Ok(())
+    }
+
+    /// The rig file and its EDS, so that the recording can be read by itself.
+    fn write_rig(&self, rig: &LoadedRig) -> Result<(), WriteError> {
+        self.write(file::RIG, rig.text.as_bytes())?;
+        let Some(eds) = &rig.rig.drive.eds else {
+            return Ok(());
+        };
+        let place = self.path.join(eds);
+        let folder = place.parent().unwrap_or(&self.path);
+        fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
+        self.write(eds, rig.eds.as_bytes())
+    }
+
+    /// The rig file's copy in the folder; none in runs on the emulated rig.
+    #[must_use]
+    pub fn rig(&self) -> Option<PathBuf> {
+        let path = self.path.join(file::RIG);
+        path.exists().then_some(path)
     }
 
     /// Copies a file to a place in the folder.

@@ -14,6 +14,7 @@ pub(crate) enum Cause {
     DriveNotOperational,
     OrderedAbout,
     NoBringUp,
+    RigLimit,
 }
 
 impl Cause {

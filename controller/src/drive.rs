@@ -1,20 +1,26 @@
-//! What the controller knows of the drive before it meets it: identity and PDOs, from the drive's EDS.
+//! What the controller knows of the drive before it meets it: identity and PDOs, from its EDS and the rig file.
 
+use canopen::nmt::NodeId;
 use canopen::{CanFrame, ObjectDictionary, cia402, eds};
+use scenario::rig::{self, ObjectAddress};
 
-use crate::node::{ControllerError, DRIVE};
+use crate::node::ControllerError;
 
-const POSITION_ACTUAL_VALUE: u16 = 0x6064;
-const TARGET_TORQUE: u16 = 0x6071;
-const METRES_PER_MICROMETRE: f64 = 1e-6;
-/// Permille of rated torque, which is defined as that at the rated current of 1 A (0x6075).
-const PERMILLE_PER_AMPERE: f64 = 1000.0;
+const METRES_PER_MILLIMETRE: f64 = 1e-3;
+/// Rated current of the emulated drive (0x6075).
+const RATED_CURRENT_AMPERES: f64 = 1.0;
+/// The drive samples and applies on every SYNC.
+const EVERY_SYNC: u8 = 1;
 
 /// What the drive's TPDO1 tells.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Feedback {
-    pub(crate) statusword: u16,
-    pub(crate) position_metres: f64,
+pub struct Feedback {
+    /// 0x6041.
+    pub statusword: u16,
+    /// Height of the load above its stop.
+    pub position_metres: f64,
+    /// Current through the wire; none where the drive does not tell it.
+    pub current_amperes: Option<f64>,
 }
 
 /// A PDO of the drive as its EDS describes it.
@@ -52,12 +58,38 @@ impl Pdo {
         bytes_of(&self.entries)
     }
 
-    /// The first byte of a mapped object of `N` bytes.
-    fn place<const N: usize>(&self, index: u16) -> Option<usize> {
-        let wanted = u32::from(index) << 16 | u32::try_from(8 * N).ok()?;
-        let place = self.entries.iter().position(|entry| *entry == wanted)?;
-        let start = bytes_of(&self.entries[..place]);
-        (start + N <= 8).then_some(start)
+    /// Where a mapped object lies.
+    fn place(&self, object: &Object) -> Option<Field> {
+        let place = self
+            .entries
+            .iter()
+            .position(|entry| *entry == object.entry)?;
+        let start_byte = bytes_of(&self.entries[..place]);
+        let is_inside = start_byte + object.length_bytes <= 8;
+        is_inside.then_some(Field {
+            start_byte,
+            length_bytes: object.length_bytes,
+            is_signed: object.is_signed,
+        })
+    }
+
+    /// The PDO with these objects: as the EDS maps it if they are all there, else with them alone.
+    fn with(mut self, objects: &[Object]) -> Result<Self, ControllerError> {
+        let is_mapped = |object: &Object| self.place(object).is_some();
+        if !objects.iter().all(is_mapped) || self.length_bytes() > 8 {
+            self.entries = objects.iter().map(|object| object.entry).collect();
+        }
+        // Some drives wait for a SYNC or send by themselves; the cycle is the controller's.
+        if self.transmission_type == 0 || self.transmission_type > 240 {
+            self.transmission_type = EVERY_SYNC;
+        }
+        match self.length_bytes() {
+            0..=8 => Ok(self),
+            bytes => Err(ControllerError::PdoTooLong {
+                mapping: self.mapping,
+                bytes,
+            }),
+        }
     }
 }
 
@@ -69,41 +101,193 @@ fn bytes_of(entries: &[u32]) -> usize {
         .sum()
 }
 
+/// An object that is to be in a PDO.
+#[derive(Clone, Copy, Debug)]
+struct Object {
+    /// As a mapping has it.
+    entry: u32,
+    length_bytes: usize,
+    is_signed: bool,
+}
+
+impl Object {
+    /// An integer of the drive's dictionary.
+    fn find(
+        dictionary: &ObjectDictionary,
+        address: ObjectAddress,
+    ) -> Result<Self, ControllerError> {
+        let ObjectAddress { index, sub_index } = address;
+        let handle = dictionary
+            .find(index, sub_index)
+            .map_err(|_| ControllerError::NoDriveObject { index, sub_index })?;
+        let data_type = dictionary.entry(handle).data_type;
+        let length_bytes = data_type
+            .size_bytes()
+            .filter(|bytes| matches!(bytes, 1 | 2 | 4) && !data_type.is_real())
+            .ok_or(ControllerError::NoInteger { index, sub_index })?;
+        #[expect(clippy::cast_possible_truncation, reason = "at most 32 bits")]
+        let bits = 8 * length_bytes as u32;
+        Ok(Self {
+            entry: u32::from(index) << 16 | u32::from(sub_index) << 8 | bits,
+            length_bytes,
+            is_signed: data_type.is_signed(),
+        })
+    }
+}
+
+/// Where an integer lies in a PDO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its first byte, which is its lowest.
+    pub start_byte: usize,
+    /// One, two or four bytes.
+    pub length_bytes: usize,
+    /// Two's complement.
+    pub is_signed: bool,
+}
+
+impl Field {
+    fn read(self, data: &[u8]) -> Option<i64> {
+        let bytes = data.get(self.start_byte..self.start_byte + self.length_bytes)?;
+        let mut buffer = [0; 8];
+        buffer[..self.length_bytes].copy_from_slice(bytes);
+        let unused = 64 - 8 * self.length_bytes;
+        let unsigned = i64::from_le_bytes(buffer);
+        Some(if self.is_signed {
+            unsigned << unused >> unused
+        } else {
+            unsigned
+        })
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
+    fn read_number(self, data: &[u8]) -> Option<f64> {
+        self.read(data).map(|raw| raw as f64)
+    }
+
+    fn write(self, value: i64, data: &mut [u8]) {
+        let bytes = value.to_le_bytes();
+        data[self.start_byte..][..self.length_bytes].copy_from_slice(&bytes[..self.length_bytes]);
+    }
+
+    /// The largest value.
+    fn max(self) -> f64 {
+        let bits = 8 * self.length_bytes - usize::from(self.is_signed);
+        #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
+        let max = ((1_i64 << bits) - 1) as f64;
+        max
+    }
+}
+
+/// A field and what its values stand for: `(raw − offset) / units`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scaled {
+    /// Where it lies.
+    pub field: Field,
+    /// Raw steps in an ampere or a millimetre.
+    pub units: f64,
+    /// Raw value of 0.
+    pub offset: f64,
+}
+
+impl Scaled {
+    fn read(&self, data: &[u8]) -> Option<f64> {
+        Some((self.field.read_number(data)? - self.offset) / self.units)
+    }
+}
+
 /// The drive's identity and the layout of its PDOs.
 #[derive(Clone, Debug)]
-pub(crate) struct Drive {
+pub struct Drive {
+    /// Its node-ID.
+    pub(crate) node_id: NodeId,
     /// Its objects with their defaults.
     pub(crate) dictionary: ObjectDictionary,
     /// TPDO1.
     pub(crate) feedback: Pdo,
     /// RPDO1.
     pub(crate) command: Pdo,
-    statusword: usize,
-    position: usize,
-    controlword: usize,
-    target_torque: usize,
+    /// Written to 0x6060.
+    pub(crate) mode_of_operation: i8,
+    statusword: Field,
+    position: Scaled,
+    current: Option<Scaled>,
+    controlword: Field,
+    target: Scaled,
+    /// No command goes beyond it.
+    current_amperes_max: f64,
 }
 
 impl Drive {
-    /// Reads the drive's EDS.
+    /// The drive that canrig emulates, by its EDS.
     pub(crate) fn from_eds(text: &str) -> Result<Self, ControllerError> {
-        let dictionary = eds::parse(text, DRIVE.get())?.dictionary;
+        Self::new(text, &rig::Drive::default(), RATED_CURRENT_AMPERES)
+    }
+
+    /// A drive by its EDS, what the rig file says of it, and the largest current that it may be given.
+    ///
+    /// # Errors
+    /// The EDS cannot be read or has no such objects.
+    pub fn new(
+        text: &str,
+        rig: &rig::Drive,
+        current_amperes_max: f64,
+    ) -> Result<Self, ControllerError> {
+        let node_id = NodeId::new(rig.node_id).ok_or(ControllerError::NodeId(rig.node_id))?;
+        let dictionary = eds::parse(text, node_id.get())?.dictionary;
         let pdo = |parameters, mapping| {
             let pdo = Pdo::read(&dictionary, parameters, mapping);
-            pdo.filter(|pdo| pdo.length_bytes() <= 8)
-                .ok_or(ControllerError::DrivePdo(parameters))
+            pdo.ok_or(ControllerError::DrivePdo(parameters))
         };
-        let feedback = pdo(0x1800, 0x1A00)?;
-        let command = pdo(0x1400, 0x1600)?;
-        let missing = ControllerError::NotMapped;
+        let object = |text: &str| {
+            let address = text
+                .parse()
+                .map_err(|_| ControllerError::Address(text.to_owned()))?;
+            Object::find(&dictionary, address)
+        };
+        let word = |index| {
+            let sub_index = 0;
+            Object::find(&dictionary, ObjectAddress { index, sub_index })
+        };
+        let (statusword, controlword) = (word(cia402::STATUSWORD)?, word(cia402::CONTROLWORD)?);
+        let position = object(&rig.position.object)?;
+        let target = object(&rig.command.object)?;
+        let has_current = !rig.current.object.is_empty();
+        let current = has_current
+            .then(|| object(&rig.current.object))
+            .transpose()?;
+        let told: Vec<Object> = [statusword, position].into_iter().chain(current).collect();
+        let feedback = pdo(0x1800, 0x1A00)?.with(&told)?;
+        let command = pdo(0x1400, 0x1600)?.with(&[controlword, target])?;
+        let missing = |pdo: &Pdo, object: &Object| {
+            pdo.place(object)
+                .ok_or(ControllerError::DrivePdo(pdo.parameters))
+        };
+        let scaled = |field, units, offset| Scaled {
+            field,
+            units,
+            offset,
+        };
+        let current = current
+            .map(|object| missing(&feedback, &object))
+            .transpose()?;
         Ok(Self {
-            statusword: (feedback.place::<2>(cia402::STATUSWORD))
-                .ok_or(missing(cia402::STATUSWORD))?,
-            position: (feedback.place::<4>(POSITION_ACTUAL_VALUE))
-                .ok_or(missing(POSITION_ACTUAL_VALUE))?,
-            controlword: (command.place::<2>(cia402::CONTROLWORD))
-                .ok_or(missing(cia402::CONTROLWORD))?,
-            target_torque: (command.place::<2>(TARGET_TORQUE)).ok_or(missing(TARGET_TORQUE))?,
+            node_id,
+            statusword: missing(&feedback, &statusword)?,
+            position: scaled(
+                missing(&feedback, &position)?,
+                rig.position.units_per_millimetre,
+                rig.position.units_at_stop,
+            ),
+            current: current.map(|field| scaled(field, rig.current.units_per_ampere, 0.0)),
+            controlword: missing(&command, &controlword)?,
+            target: scaled(
+                missing(&command, &target)?,
+                rig.command.units_per_ampere,
+                0.0,
+            ),
+            mode_of_operation: rig.mode_of_operation,
+            current_amperes_max,
             dictionary,
             feedback,
             command,
@@ -111,41 +295,96 @@ impl Drive {
     }
 
     /// Identifier of TPDO1.
-    pub(crate) fn feedback_id(&self) -> u16 {
+    #[must_use]
+    pub fn feedback_id(&self) -> u16 {
         self.feedback.id()
     }
 
+    /// Identifier of RPDO1.
+    #[must_use]
+    pub fn command_id(&self) -> u16 {
+        self.command.id()
+    }
+
+    /// Its node-ID.
+    #[must_use]
+    pub fn node_id(&self) -> NodeId {
+        self.node_id
+    }
+
+    /// Lengths of TPDO1 and RPDO1.
+    #[must_use]
+    pub fn lengths_bytes(&self) -> [usize; 2] {
+        [self.feedback.length_bytes(), self.command.length_bytes()]
+    }
+
+    /// Where the words of the power state machine lie: statusword in TPDO1, controlword in RPDO1.
+    #[must_use]
+    pub fn words(&self) -> [Field; 2] {
+        [self.statusword, self.controlword]
+    }
+
+    /// The position, in millimetres, in TPDO1.
+    #[must_use]
+    pub fn position(&self) -> Scaled {
+        self.position
+    }
+
+    /// The measured current, in amperes, in TPDO1; none where the drive does not tell it.
+    #[must_use]
+    pub fn current(&self) -> Option<Scaled> {
+        self.current
+    }
+
+    /// The commanded current, in amperes, in RPDO1.
+    #[must_use]
+    pub fn target(&self) -> Scaled {
+        self.target
+    }
+
     /// The content of TPDO1; `None` for other frames and when it is too short.
-    pub(crate) fn decode(&self, frame: &CanFrame) -> Option<Feedback> {
+    #[must_use]
+    pub fn decode(&self, frame: &CanFrame) -> Option<Feedback> {
         let data = frame.data();
         if frame.standard_id() != Some(self.feedback.id())
             || data.len() < self.feedback.length_bytes()
         {
             return None;
         }
-        let micrometres = i32::from_le_bytes(bytes_at(data, self.position)?);
         Some(Feedback {
-            statusword: u16::from_le_bytes(bytes_at(data, self.statusword)?),
-            position_metres: f64::from(micrometres) * METRES_PER_MICROMETRE,
+            statusword: u16::try_from(self.statusword.read(data)?).ok()?,
+            position_metres: self.position_metres(data)?,
+            current_amperes: self.current.and_then(|current| current.read(data)),
         })
     }
 
-    /// RPDO1; the current is limited to what its object can hold.
-    pub(crate) fn encode(&self, controlword: u16, current_amperes: f64) -> CanFrame {
+    fn position_metres(&self, data: &[u8]) -> Option<f64> {
+        let metres_per_unit = METRES_PER_MILLIMETRE / self.position.units;
+        Some((self.position.field.read_number(data)? - self.position.offset) * metres_per_unit)
+    }
+
+    /// The commanded current in RPDO1; `None` for other frames and when it is too short.
+    #[must_use]
+    pub fn decode_target(&self, frame: &CanFrame) -> Option<f64> {
+        let is_command = frame.standard_id() == Some(self.command.id());
+        is_command.then(|| self.target.read(frame.data())).flatten()
+    }
+
+    /// RPDO1; the current is limited to what the drive may be given and its object can hold.
+    #[must_use]
+    pub fn encode(&self, controlword: u16, current_amperes: f64) -> CanFrame {
+        let units = libm::floor(self.current_amperes_max * self.target.units);
+        let max = units.min(self.target.field.max());
         #[expect(
             clippy::cast_possible_truncation,
-            reason = "limited to the drive's range before"
+            reason = "limited to the object's range"
         )]
-        let torque = libm::round(current_amperes * PERMILLE_PER_AMPERE).clamp(0.0, 1000.0) as i16;
+        let target = libm::round(current_amperes * self.target.units).clamp(0.0, max) as i64;
         let mut data = [0; 8];
-        data[self.controlword..][..2].copy_from_slice(&controlword.to_le_bytes());
-        data[self.target_torque..][..2].copy_from_slice(&torque.to_le_bytes());
+        self.controlword.write(i64::from(controlword), &mut data);
+        self.target.field.write(target, &mut data);
         CanFrame::new(self.command.id(), &data[..self.command.length_bytes()])
     }
-}
-
-fn bytes_at<const N: usize>(data: &[u8], start: usize) -> Option<[u8; N]> {
-    data.get(start..start + N)?.try_into().ok()
 }
 
 #[cfg(test)]
@@ -186,12 +425,44 @@ mod tests {
     }
 
     #[test]
-    fn an_eds_without_the_position_is_refused() {
+    fn an_object_that_is_not_mapped_is_mapped_and_one_that_is_not_there_is_refused() {
         let text = dbc::DRIVE_EDS.replace("0x60640020", "0x60780010");
-        let error = Drive::from_eds(&text).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "the drive's EDS maps no object 0x6064 into its first PDOs"
+        let drive = Drive::from_eds(&text).unwrap();
+        let wanted = [0x6041_0010, 0x6064_0020, 0x6078_0010];
+        assert_eq!(drive.feedback.entries, wanted);
+        let mut rig = rig::Drive::default();
+        rig.position.object = "0x2345:01".to_owned();
+        let error = Drive::new(&text, &rig, 1.0).unwrap_err();
+        assert_eq!(error.to_string(), "the drive's EDS has no object 0x2345:01");
+        rig.position.object = "0x1008".to_owned();
+        let error = Drive::new(&text, &rig, 1.0).unwrap_err();
+        assert!(
+            error.to_string().contains("0x1008:00 is no integer"),
+            "{error}"
         );
+    }
+
+    #[test]
+    fn other_objects_scalings_and_limits_come_from_the_rig_file() {
+        let mut rig = rig::Drive {
+            node_id: 0x20,
+            ..rig::Drive::default()
+        };
+        // Counts fall from 5000 at the stop by 10 a millimetre; the command is in 1/2 permille.
+        rig.position.units_per_millimetre = -10.0;
+        rig.position.units_at_stop = 5000.0;
+        rig.command.units_per_ampere = 2000.0;
+        rig.current.object = String::new();
+        let drive = Drive::new(dbc::DRIVE_EDS, &rig, 0.9).unwrap();
+        let told = drive.decode(&CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0, 0]));
+        let feedback = told.unwrap();
+        assert!((feedback.position_metres - 0.006).abs() < 1e-12);
+        assert_eq!(feedback.current_amperes, None);
+        for (amperes, units) in [(0.5, 1000_i16), (0.95, 1800), (7.0, 1800)] {
+            let frame = drive.encode(0x0F, amperes);
+            assert_eq!(frame.standard_id(), Some(0x220));
+            assert_eq!(frame.data()[2..], units.to_le_bytes());
+            assert_eq!(drive.decode_target(&frame), Some(f64::from(units) / 2000.0));
+        }
     }
 }

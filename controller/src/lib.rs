@@ -1,9 +1,10 @@
 //! The controller: control laws with observer and nominal model, and the node that runs them on the bus.
 
 mod cause;
-mod drive;
+pub mod drive;
 mod explanation;
 pub mod law;
+pub mod limits;
 mod manager;
 pub mod node;
 pub mod nominal_model;

@@ -9,15 +9,16 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use controller::ControllerNode;
-use miette::{IntoDiagnostic, Report};
+use miette::{IntoDiagnostic, WrapErr};
 use platform::bus::{self, BusAddress};
 use platform::stop::StopSignal;
 use platform::{real_time, scheduling};
-use scenario::ControllerView;
+use scenario::rig::Rig;
+use scenario::{ControllerView, read_text};
 
 /// Leads the drive on a CAN bus through a scenario until it is stopped (Ctrl-C).
 ///
-/// Exit codes: 0 stopped, 2 usage, 3 scenario invalid, 4 bus or drive failed.
+/// Exit codes: 0 stopped, 2 usage, 3 scenario or rig invalid, 4 bus or drive failed.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
@@ -27,16 +28,21 @@ struct Arguments {
     /// Scenario file; its plant, disturbances and limits are not looked at.
     #[arg(long)]
     scenario: PathBuf,
+    /// Rig file of the drive, with its EDS beside it; without it, the drive that canrig emulates.
+    #[arg(long)]
+    rig: Option<PathBuf>,
 }
 
+/// Longest EDS.
+const EDS_BYTES_MAX: u64 = 1 << 20;
 const SCENARIO_INVALID: u8 = 3;
 const FAILED: u8 = 4;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let outcome = ControllerView::load(&arguments.scenario)
-        .map_err(|error| (SCENARIO_INVALID, Report::new(error)))
-        .and_then(|view| run(&arguments.bus, &view).map_err(|error| (FAILED, error)));
+    let outcome = controller(&arguments)
+        .map_err(|error| (SCENARIO_INVALID, error))
+        .and_then(|node| run(&arguments.bus, node).map_err(|error| (FAILED, error)));
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err((code, error)) => {
@@ -46,8 +52,22 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(address: &BusAddress, view: &ControllerView) -> miette::Result<()> {
-    let mut node = ControllerNode::new(view).into_diagnostic()?;
+fn controller(arguments: &Arguments) -> miette::Result<ControllerNode> {
+    let view = ControllerView::load(&arguments.scenario)?;
+    let Some(path) = &arguments.rig else {
+        return ControllerNode::new(&view).into_diagnostic();
+    };
+    let (rig, _) = Rig::load_with_text(path)?;
+    let eds = match rig.eds_path(path) {
+        Some(eds) => read_text(&eds, EDS_BYTES_MAX)
+            .into_diagnostic()
+            .wrap_err_with(|| format!("the EDS {} cannot be read", eds.display()))?,
+        None => dbc::DRIVE_EDS.to_owned(),
+    };
+    ControllerNode::on_rig(&view, &rig, &eds).into_diagnostic()
+}
+
+fn run(address: &BusAddress, mut node: ControllerNode) -> miette::Result<()> {
     let stop = StopSignal::from_signals().into_diagnostic()?;
     let mut bus = bus::open(address, &canopen::Node::filters(&node)).into_diagnostic()?;
     let scheduling = scheduling::request();

@@ -7,16 +7,11 @@ use std::time::Duration;
 
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use canopen::{Services, cia402};
+use scenario::rig::Timeouts;
 
 use crate::drive::{Drive, Pdo};
-use crate::node::{CONTROLLER, DRIVE};
+use crate::node::CONTROLLER;
 
-/// The drive gives up when the manager's heartbeat is missing for this long.
-const CONSUMER_HEARTBEAT_TIME: Duration = Duration::from_millis(100);
-/// The drive's heartbeat period.
-const PRODUCER_HEARTBEAT_TIME: Duration = Duration::from_millis(20);
-/// Time for each answer.
-const ANSWER_TIME: Duration = Duration::from_millis(500);
 /// Bit 31 of a COB-ID: the PDO does not exist.
 const INVALID: u32 = 0x8000_0000;
 /// Bit 30 of a TPDO's COB-ID: no remote frames. Nobody sends any, so either setting will do.
@@ -94,6 +89,13 @@ impl Program<'_> {
         });
     }
 
+    /// Writes an object if the drive has it.
+    fn write(&mut self, index: u16, sub_index: u8, value: u32) {
+        if self.drive.dictionary.find(index, sub_index).is_ok() {
+            self.push(Action::Write, index, sub_index, value);
+        }
+    }
+
     /// Compares a PDO and, where it differs, configures it in the standard's order (CiA 301, 7.5.2.36): destroy,
     /// no objects, objects, their number, create.
     fn pdo(&mut self, pdo: &Pdo) {
@@ -140,35 +142,29 @@ pub(crate) struct BringUp {
 }
 
 impl BringUp {
-    /// The program for a drive and a SYNC period.
-    pub(crate) fn new(drive: &Drive, sync_period: Duration) -> Self {
+    /// The program for a drive and a SYNC period. Objects that the drive's EDS does not have are left out.
+    pub(crate) fn new(drive: &Drive, sync_period: Duration, timeouts: &Timeouts) -> Self {
         let microseconds = u32::try_from(sync_period.as_micros()).unwrap_or(u32::MAX);
         let manager = u32::from(CONTROLLER.get()) << 16;
-        let mode = u32::from(cia402::CYCLIC_SYNCHRONOUS_TORQUE.unsigned_abs());
+        let mode = u32::from(drive.mode_of_operation.cast_unsigned());
         let steps = Vec::new();
         let mut program = Program { drive, steps };
         for (index, sub_index) in [(0x1000, 0), (0x1018, 1), (0x1018, 2)] {
-            let value = drive.dictionary.unsigned(index, sub_index).unwrap_or(0);
-            program.push(Action::Require, index, sub_index, value);
+            if let Some(value) = drive.dictionary.unsigned(index, sub_index) {
+                program.push(Action::Require, index, sub_index, value);
+            }
         }
-        program.push(
-            Action::Write,
-            0x1016,
-            1,
-            manager | milliseconds(CONSUMER_HEARTBEAT_TIME),
-        );
-        program.push(
-            Action::Write,
-            0x1017,
-            0,
-            milliseconds(PRODUCER_HEARTBEAT_TIME),
-        );
-        program.push(Action::Write, cia402::MODES_OF_OPERATION, 0, mode);
-        program.push(Action::Write, 0x1006, 0, microseconds);
+        let controller_lost = u32::from(timeouts.controller_lost_milliseconds);
+        program.write(0x1016, 1, manager | controller_lost);
+        let heartbeat = u32::from(timeouts.drive_heartbeat_milliseconds);
+        program.push(Action::Write, 0x1017, 0, heartbeat);
+        program.write(cia402::MODES_OF_OPERATION, 0, mode);
+        program.write(0x1006, 0, microseconds);
         program.pdo(&drive.feedback);
         program.pdo(&drive.command);
+        let answer_time = Duration::from_millis(timeouts.sdo_answer_milliseconds.into());
         Self {
-            client: SdoClient::new(DRIVE.get()).with_timeout(ANSWER_TIME),
+            client: SdoClient::new(drive.node_id.get()).with_timeout(answer_time),
             steps: program.steps,
             next: 0,
             differs: false,
@@ -289,10 +285,6 @@ impl BringUp {
             services.send(frame);
         }
     }
-}
-
-fn milliseconds(time: Duration) -> u32 {
-    u32::try_from(time.as_millis()).unwrap_or(u32::MAX)
 }
 
 /// A little-endian number of one to four bytes.

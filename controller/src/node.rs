@@ -15,28 +15,23 @@ use canopen::{
 };
 use scenario::ControllerView;
 use scenario::reference::Trajectory;
+use scenario::rig::{Rig, Timeouts};
 
 use crate::cause::Cause;
 use crate::drive::{Drive, Feedback};
 use crate::explanation::ExplanationObjects;
 use crate::law::{Law, LawError, Measurement};
+use crate::limits::LimitWatch;
 use crate::manager::{BringUp, Outcome};
 use crate::plausibility::Plausibility;
 
 /// Node-ID of the controller.
 pub const CONTROLLER: NodeId = NodeId::new(0x01).expect("1 is a node id");
-/// Node-ID of the drive.
-pub const DRIVE: NodeId = NodeId::new(0x10).expect("16 is a node id");
 /// Node-ID of the disturbance module.
 pub const DISTURBANCE: NodeId = NodeId::new(0x11).expect("17 is a node id");
 
-/// The drive must be found and configured within this time.
-pub const BRING_UP_TIME: Duration = Duration::from_secs(10);
 /// The drive must reach Operation enabled within this time after its start.
 pub const ENABLE_TIME: Duration = Duration::from_secs(2);
-/// Cycles without a position during which the last command stands; with one more the controller goes to its safe state.
-/// At full current the wire gains about 0.2 °C in a cycle of 1 ms.
-pub const MISSING_POSITIONS_MAX: u64 = 20;
 
 /// Time between two questions to a drive that has not shown up.
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
@@ -65,9 +60,38 @@ pub enum ControllerError {
     /// A PDO of the drive is not described.
     #[error("the drive's EDS describes no usable PDO at 0x{0:04X}")]
     DrivePdo(u16),
-    /// The drive maps something else.
-    #[error("the drive's EDS maps no object 0x{0:04X} into its first PDOs")]
-    NotMapped(u16),
+    /// The drive lacks an object.
+    #[error("the drive's EDS has no object 0x{index:04X}:{sub_index:02X}")]
+    NoDriveObject {
+        /// Its index.
+        index: u16,
+        /// Its sub-index.
+        sub_index: u8,
+    },
+    /// An object of the drive is of another type.
+    #[error("the drive's object 0x{index:04X}:{sub_index:02X} is no integer of 8, 16 or 32 bits")]
+    NoInteger {
+        /// Its index.
+        index: u16,
+        /// Its sub-index.
+        sub_index: u8,
+    },
+    /// No object's name.
+    #[error("\"{0}\" names no object")]
+    Address(String),
+    /// No node's number.
+    #[error("{0} is no node-ID")]
+    NodeId(u8),
+    /// More objects than a PDO holds.
+    #[error(
+        "the objects of the rig file take {bytes} bytes in PDO mapping 0x{mapping:04X} (limit 8)"
+    )]
+    PdoTooLong {
+        /// The mapping's index.
+        mapping: u16,
+        /// Their bytes.
+        bytes: usize,
+    },
 }
 
 /// What has been counted since the start of the scenario.
@@ -108,30 +132,57 @@ impl ControllerNode {
     /// # Errors
     /// The scenario selects no law, or an EDS does not fit.
     pub fn new(view: &ControllerView) -> Result<Self, ControllerError> {
-        Self::with_eds(view, dbc::CONTROLLER_EDS, dbc::DRIVE_EDS)
+        let drive = Drive::from_eds(dbc::DRIVE_EDS)?;
+        Self::leading(view, dbc::CONTROLLER_EDS, drive, &Timeouts::default(), None)
     }
 
-    /// As [`ControllerNode::new`] with other data sheets, for a drive with other objects.
+    /// As [`ControllerNode::new`], for the drive of a rig file, whose limits it obeys.
     ///
     /// # Errors
     /// As [`ControllerNode::new`].
-    pub fn with_eds(
+    pub fn on_rig(
         view: &ControllerView,
-        controller_eds: &str,
+        rig: &Rig,
         drive_eds: &str,
     ) -> Result<Self, ControllerError> {
+        let view = ControllerView {
+            bus: rig.bus.of_scenario(),
+            ..view.clone()
+        };
+        let drive = Drive::new(drive_eds, &rig.drive, rig.limits.current_amperes)?;
+        let limits = LimitWatch::new(&rig.limits, view.bus.sync_period());
+        Self::leading(
+            &view,
+            dbc::CONTROLLER_EDS,
+            drive,
+            &rig.timeouts,
+            Some(limits),
+        )
+    }
+
+    fn leading(
+        view: &ControllerView,
+        controller_eds: &str,
+        drive: Drive,
+        timeouts: &Timeouts,
+        limits: Option<LimitWatch>,
+    ) -> Result<Self, ControllerError> {
         let dictionary = eds::parse(controller_eds, CONTROLLER.get())?.dictionary;
+        // Checked here, since it is written only when the drive is configured.
         let watch = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, 1);
-        let drive = Drive::from_eds(drive_eds)?;
+        watch.ok_or(ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
+        let watch =
+            u32::from(drive.node_id.get()) << 16 | u32::from(timeouts.drive_lost_milliseconds);
         let sync_period = view.bus.sync_period();
         let controller = Controller {
             law: Law::from_scenario(&view.controller)?,
             trajectory: view.reference.trajectory(),
             explanation: ExplanationObjects::find(&dictionary)?,
-            bring_up: BringUp::new(&drive, sync_period),
+            bring_up: BringUp::new(&drive, sync_period, timeouts),
             drive,
             sync_period,
-            watch: watch.ok_or(ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?,
+            timeouts: *timeouts,
+            watch,
             phase: Phase::Off,
             controlword: 0,
             last_heard: Duration::ZERO,
@@ -139,6 +190,7 @@ impl ControllerNode {
             last_emergency: None,
             plausibility: Plausibility::default(),
             implausible: None,
+            limits,
             current_amperes: 0.0,
             failure: None,
             statistics: Statistics::default(),
@@ -246,6 +298,7 @@ struct Controller {
     bring_up: BringUp,
     drive: Drive,
     sync_period: Duration,
+    timeouts: Timeouts,
     /// How the drive's heartbeat is watched: 0x1016:01 once the drive is configured.
     watch: u32,
     phase: Phase,
@@ -258,6 +311,8 @@ struct Controller {
     plausibility: Plausibility,
     /// Why the latest sample was no position.
     implausible: Option<Cause>,
+    /// The rig's limits.
+    limits: Option<LimitWatch>,
     /// The last command.
     current_amperes: f64,
     failure: Option<String>,
@@ -274,7 +329,7 @@ impl Controller {
 
     /// The drive is there, but who knows in which state: it begins anew.
     fn reset_drive(&mut self, services: &mut Services, until: Duration) {
-        services.send_nmt(NmtCommand::ResetCommunication, Some(DRIVE));
+        services.send_nmt(NmtCommand::ResetCommunication, Some(self.drive.node_id));
         self.phase = Phase::Resetting { until };
     }
 
@@ -299,7 +354,7 @@ impl Controller {
             until: now + ENABLE_TIME,
         };
         self.last_heard = now;
-        services.send_nmt(NmtCommand::Start, Some(DRIVE));
+        services.send_nmt(NmtCommand::Start, Some(self.drive.node_id));
         services.request_nmt(NmtCommand::Start);
         self.configure_self(services, self.watch, self.sync_period);
     }
@@ -350,7 +405,7 @@ impl Controller {
     /// NMT stop; the last thing that the controller does.
     fn end(&mut self, services: &mut Services) {
         self.phase = Phase::Ended;
-        for node in [DRIVE, DISTURBANCE] {
+        for node in [self.drive.node_id, DISTURBANCE] {
             services.send_nmt(NmtCommand::Stop, Some(node));
         }
         self.configure_self(services, 0, Duration::ZERO);
@@ -391,14 +446,15 @@ impl Controller {
             self.step(services, &cycle, f64::NAN);
         }
         // The law lives through skipped cycles too, so that its model keeps pace with the plant.
-        for _ in 0..skipped.min(MISSING_POSITIONS_MAX) {
+        let missing_max = u64::from(self.timeouts.missing_positions_cycles);
+        for _ in 0..skipped.min(missing_max) {
             cycle.number += 1;
             self.step(services, &cycle, f64::NAN);
         }
-        cycle.number += 1 + skipped.saturating_sub(MISSING_POSITIONS_MAX);
+        cycle.number += 1 + skipped.saturating_sub(missing_max);
         cycle.has_position = false;
         self.phase = Phase::Running(cycle);
-        if cycle.missing > MISSING_POSITIONS_MAX {
+        if cycle.missing > missing_max {
             let cause = self.implausible.unwrap_or(Cause::NoPosition);
             let what = if self.implausible.is_some() {
                 "no plausible position"
@@ -406,7 +462,8 @@ impl Controller {
                 "no position"
             };
             let text = format!(
-                "{what} from the drive (node {DRIVE}, frame 0x{:03X}) in {} cycles (limit {MISSING_POSITIONS_MAX})",
+                "{what} from the drive (node {}, frame 0x{:03X}) in {} cycles (limit {missing_max})",
+                self.drive.node_id,
                 self.drive.feedback_id(),
                 cycle.missing
             );
@@ -435,12 +492,20 @@ impl Controller {
         let state = State::from_statusword(feedback.statusword);
         if state != Some(State::OperationEnabled) {
             let state = state_words(feedback.statusword);
-            let text =
-                format!("the drive (node {DRIVE}) left Operation enabled: statusword {state}");
+            let text = format!(
+                "the drive (node {}) left Operation enabled: statusword {state}",
+                self.drive.node_id
+            );
             self.fail(services, Cause::DriveNotEnabled, text);
             return;
         }
         if cycle.has_position {
+            return;
+        }
+        let now = services.now();
+        let limits = self.limits.as_mut();
+        if let Some(violation) = limits.and_then(|limits| limits.check(now, feedback)) {
+            self.fail(services, Cause::RigLimit, violation.to_string());
             return;
         }
         match self.plausibility.check(feedback.position_metres) {
@@ -488,15 +553,16 @@ impl Controller {
 
     /// What to say when a phase has lasted too long.
     fn overdue(&self) -> String {
-        let seconds = BRING_UP_TIME.as_secs();
+        let seconds = self.timeouts.bring_up_seconds;
+        let drive = self.drive.node_id;
         match self.phase {
             Phase::Resetting { .. } => {
                 format!(
-                    "the drive (node {DRIVE}) did not boot within {seconds} s after NMT reset communication"
+                    "the drive (node {drive}) did not boot within {seconds} s after NMT reset communication"
                 )
             }
             Phase::Configuring { .. } => {
-                format!("the drive (node {DRIVE}) was not configured within {seconds} s")
+                format!("the drive (node {drive}) was not configured within {seconds} s")
             }
             Phase::Enabling { .. } => {
                 let seconds = ENABLE_TIME.as_secs();
@@ -508,11 +574,11 @@ impl Controller {
                     format!(", its last emergency 0x{:04X}", message.code.0)
                 });
                 format!(
-                    "the drive (node {DRIVE}) did not reach Operation enabled within {seconds} s; {last}{emergency}"
+                    "the drive (node {drive}) did not reach Operation enabled within {seconds} s; {last}{emergency}"
                 )
             }
             _ => format!(
-                "no drive: node {DRIVE} sent no boot-up message or heartbeat and answered no SDO for {seconds} s"
+                "no drive: node {drive} sent no boot-up message or heartbeat and answered no SDO for {seconds} s"
             ),
         }
     }
@@ -533,7 +599,7 @@ impl Application for Controller {
         self.configure_self(services, 0, Duration::ZERO);
         if self.phase == Phase::Off {
             let now = services.now();
-            let until = now + BRING_UP_TIME;
+            let until = now + self.timeouts.bring_up();
             self.phase = Phase::Searching {
                 until,
                 next_question: now,
@@ -606,7 +672,7 @@ impl Application for Controller {
         if node_id == DISTURBANCE && waits && !is_ending {
             services.send_nmt(NmtCommand::Start, Some(DISTURBANCE));
         }
-        if node_id != DRIVE {
+        if node_id != self.drive.node_id {
             return;
         }
         self.last_heard = services.now();
@@ -618,7 +684,9 @@ impl Application for Controller {
                 self.fail(
                     services,
                     Cause::DriveNotOperational,
-                    format!("the drive (node {DRIVE}) left NMT state Operational: it is {state:?}"),
+                    format!(
+                        "the drive (node {node_id}) left NMT state Operational: it is {state:?}"
+                    ),
                 );
             }
             _ => {}
@@ -631,14 +699,14 @@ impl Application for Controller {
         node_id: NodeId,
         message: &EmergencyMessage,
     ) {
-        if node_id != DRIVE || message.code == ErrorCode::NO_ERROR {
+        if node_id != self.drive.node_id || message.code == ErrorCode::NO_ERROR {
             return;
         }
         self.last_emergency = Some(*message);
         if matches!(self.phase, Phase::Ready | Phase::Running(_)) {
             let EmergencyMessage { code, register, .. } = message;
             let text = format!(
-                "the drive (node {DRIVE}) reports emergency 0x{:04X}, error register 0x{register:02X}",
+                "the drive (node {node_id}) reports emergency 0x{:04X}, error register 0x{register:02X}",
                 code.0
             );
             self.fail(services, Cause::DriveEmergency, text);
@@ -647,14 +715,14 @@ impl Application for Controller {
 
     fn on_communication_loss(&mut self, services: &mut Services, loss: CommunicationLoss) {
         match loss {
-            CommunicationLoss::Heartbeat(DRIVE) if self.leads() => {
+            CommunicationLoss::Heartbeat(node) if node == self.drive.node_id && self.leads() => {
                 let silent = services.now().saturating_sub(self.last_heard).as_millis();
                 let limit = u128::from(self.watch & 0xFFFF);
                 let text = if silent < limit {
-                    format!("the drive (node {DRIVE}) restarted while it was led")
+                    format!("the drive (node {node}) restarted while it was led")
                 } else {
                     format!(
-                        "heartbeat from the drive (node {DRIVE}) missing for {silent} ms (limit {limit} ms)"
+                        "heartbeat from the drive (node {node}) missing for {silent} ms (limit {limit} ms)"
                     )
                 };
                 self.fail(services, Cause::DriveNotOperational, text);

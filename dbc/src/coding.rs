@@ -2,6 +2,9 @@
 
 use std::cmp::Ordering;
 
+/// A bit that no payload has.
+const BEYOND_PAYLOAD: u8 = 64;
+
 /// Order of the bytes (DBC `@1` and `@0`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ByteOrder {
@@ -77,6 +80,40 @@ impl Scale {
 }
 
 impl Coding {
+    /// A little-endian integer whose raw value is `units` times the physical one, plus `raw_offset`.
+    #[must_use]
+    pub fn integer(
+        start_bit: u8,
+        length_bits: u8,
+        kind: Kind,
+        units: f64,
+        raw_offset: f64,
+    ) -> Self {
+        let factor = 1.0 / units;
+        Self {
+            start_bit,
+            length_bits,
+            byte_order: ByteOrder::LittleEndian,
+            kind,
+            factor,
+            offset: -raw_offset * factor,
+            range: None,
+            scale: Scale::new(factor),
+        }
+    }
+
+    /// The same signal with its first bit elsewhere.
+    #[must_use]
+    pub fn starting_at(self, start_bit: u8) -> Self {
+        Self { start_bit, ..self }
+    }
+
+    /// The same signal where no payload has it.
+    #[must_use]
+    pub fn absent(self) -> Self {
+        self.starting_at(BEYOND_PAYLOAD)
+    }
+
     /// Checks that the signal fits a payload of this many bytes and that its numbers make sense.
     ///
     /// # Errors

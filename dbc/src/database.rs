@@ -228,6 +228,41 @@ impl Database {
         Self { messages }
     }
 
+    /// The same with a message elsewhere: under the identifier `id`, with `length_bytes` where that changes, and its signals
+    /// where `coding` says.
+    ///
+    /// # Errors
+    /// Another message has the identifier.
+    pub fn with_message(
+        &self,
+        name: &str,
+        id: u16,
+        length_bytes: Option<u8>,
+        coding: impl Fn(&Signal) -> Coding,
+    ) -> Result<Self, DbcError> {
+        let mut messages = self.messages.clone();
+        for message in messages.iter_mut().filter(|message| message.name == name) {
+            message.raw_id = id.into();
+            message.length_bytes = length_bytes.unwrap_or(message.length_bytes);
+            for signal in &mut message.signals {
+                signal.coding = coding(signal);
+            }
+        }
+        messages.sort_by_key(|message| message.raw_id);
+        refuse_duplicates(&messages)?;
+        Ok(Self { messages })
+    }
+
+    /// The same with another cycle time of a message.
+    #[must_use]
+    pub fn with_cycle_time(&self, name: &str, milliseconds: u64) -> Self {
+        let mut messages = self.messages.clone();
+        for message in messages.iter_mut().filter(|message| message.name == name) {
+            message.cycle_time_milliseconds = milliseconds;
+        }
+        Self { messages }
+    }
+
     /// All messages, by identifier.
     #[must_use]
     pub fn messages(&self) -> &[Message] {

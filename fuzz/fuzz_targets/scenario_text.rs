@@ -1,14 +1,19 @@
-//! Any text as scenario: refused, or read by bench and controller alike, and nodes made of it or refused.
+//! Any text as scenario or rig file: refused, or read by bench and controller alike, and nodes made of it or refused.
 #![no_main]
 
 use controller::ControllerNode;
+use controller::drive::Drive;
 use libfuzzer_sys::fuzz_target;
 use plant_emulator::PlantEmulator;
+use scenario::rig::Rig;
 use scenario::{ControllerView, Scenario};
 
 const TABLE: &str = "time_seconds,position_millimetres\n0,10\n1,20\n";
 
 fuzz_target!(|text: &str| {
+    if let Ok(rig) = Rig::parse(text, "fuzz.toml") {
+        let _ = Drive::new(dbc::DRIVE_EDS, &rig.drive, rig.limits.current_amperes);
+    }
     let Ok(scenario) = Scenario::parse(text, "fuzz.toml", |_| Ok(TABLE.to_owned())) else {
         return;
     };

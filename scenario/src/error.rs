@@ -13,9 +13,11 @@ const PROBLEMS_SHOWN_MAX: usize = 50;
 /// A text with a longer line is not shown: nobody could see the place in it, and the renderer cannot underline that far.
 const LINE_BYTES_SHOWN_MAX: usize = 1000;
 
-/// Everything that is wrong with one scenario file.
+/// Everything that is wrong with one scenario or rig file.
 #[derive(Debug, Diagnostic)]
 pub struct ScenarioError {
+    /// What the file should be: "scenario".
+    kind: &'static str,
     file_name: String,
     problems_total: usize,
     #[related]
@@ -23,11 +25,12 @@ pub struct ScenarioError {
 }
 
 impl ScenarioError {
-    pub(crate) fn new(file_name: &str, mut problems: Vec<Problem>) -> Self {
+    pub(crate) fn new(kind: &'static str, file_name: &str, mut problems: Vec<Problem>) -> Self {
         let problems_total = problems.len();
         problems.sort_by_key(|problem| problem.offset);
         problems.truncate(PROBLEMS_SHOWN_MAX);
         Self {
+            kind,
             file_name: file_name.to_owned(),
             problems_total,
             problems,
@@ -43,17 +46,17 @@ impl ScenarioError {
 
 impl fmt::Display for ScenarioError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let file_name = &self.file_name;
+        let (kind, file_name) = (self.kind, &self.file_name);
         match self.problems_total {
-            1 => write!(formatter, "{file_name} is not a valid scenario"),
+            1 => write!(formatter, "{file_name} is not a valid {kind}"),
             total if total > self.problems.len() => write!(
                 formatter,
-                "{file_name} is not a valid scenario: {total} problems, the first {} of them",
+                "{file_name} is not a valid {kind}: {total} problems, the first {} of them",
                 self.problems.len()
             ),
             total => write!(
                 formatter,
-                "{file_name} is not a valid scenario: {total} problems"
+                "{file_name} is not a valid {kind}: {total} problems"
             ),
         }
     }

@@ -16,6 +16,7 @@ mod nearest;
 pub mod plant;
 pub mod profile;
 pub mod reference;
+pub mod rig;
 pub mod schema;
 mod structure;
 mod table;

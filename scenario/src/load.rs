@@ -16,7 +16,9 @@ use crate::view::{ControllerView, HIDDEN_FROM_CONTROLLER};
 use crate::{Scenario, schema, structure};
 
 /// Longest scenario file.
-const SCENARIO_BYTES_MAX: u64 = 1 << 20;
+pub(crate) const SCENARIO_BYTES_MAX: u64 = 1 << 20;
+/// What the file is for people.
+const KIND: &str = "scenario";
 /// Longest table.
 const TABLE_BYTES_MAX: u64 = 64 << 20;
 
@@ -87,9 +89,10 @@ impl Scenario {
         mut read_table: impl FnMut(&str) -> io::Result<String>,
         objections: impl FnOnce(&Self) -> Vec<Objection>,
     ) -> Result<Self, ScenarioError> {
-        let fail = |problems| ScenarioError::new(file_name, problems);
+        let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
-        let (mut scenario, mut problems) = build::<Self>(&document).map_err(fail)?;
+        let (mut scenario, mut problems) =
+            build::<Self>(&document, "the scenario").map_err(fail)?;
         let control = check::Control {
             duration_seconds: scenario.duration_seconds,
             controller: &scenario.controller,
@@ -135,12 +138,12 @@ impl ControllerView {
         file_name: &str,
         read_table: impl FnMut(&str) -> io::Result<String>,
     ) -> Result<Self, ScenarioError> {
-        let fail = |problems| ScenarioError::new(file_name, problems);
+        let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
         for key in HIDDEN_FROM_CONTROLLER {
             document.remove(key);
         }
-        let (mut view, mut problems) = build::<Self>(&document).map_err(fail)?;
+        let (mut view, mut problems) = build::<Self>(&document, "the scenario").map_err(fail)?;
         let control = check::Control {
             duration_seconds: view.duration_seconds,
             controller: &view.controller,
@@ -167,7 +170,7 @@ fn load<T>(
             &Source::new(&name, ""),
             format!("the file cannot be read: {error}"),
         );
-        ScenarioError::new(&name, vec![problem])
+        ScenarioError::new(KIND, &name, vec![problem])
     })?;
     let folder = path.parent().unwrap_or(Path::new(""));
     parse(&text, &name, &|table| read_table(folder, table))
@@ -205,10 +208,12 @@ pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
 }
 
 /// Builds a type from the document. With it come the problems that did not prevent that, such as values out of range.
-fn build<T: DeserializeOwned + JsonSchema>(
+/// `what` names the whole for people.
+pub(crate) fn build<T: DeserializeOwned + JsonSchema>(
     document: &Document<'_>,
+    what: &str,
 ) -> Result<(T, Vec<Problem>), Vec<Problem>> {
-    let problems = structure::check(document, &schema::schema_of::<T>());
+    let problems = structure::check(document, what, &schema::schema_of::<T>());
     match document.deserialize() {
         Ok(value) => Ok((value, problems)),
         Err(problem) if problems.is_empty() => Err(vec![problem]),
@@ -216,7 +221,7 @@ fn build<T: DeserializeOwned + JsonSchema>(
     }
 }
 
-fn none_of<T>(problems: Vec<Problem>, value: T) -> Result<T, Vec<Problem>> {
+pub(crate) fn none_of<T>(problems: Vec<Problem>, value: T) -> Result<T, Vec<Problem>> {
     if problems.is_empty() {
         Ok(value)
     } else {

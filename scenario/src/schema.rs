@@ -1,15 +1,22 @@
-//! The JSON Schema of scenario files: what editors complete from and what the loader checks against.
+//! The JSON Schemas of scenario and rig files: what editors complete from and what the loader checks against.
 
 use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema};
 use serde_json::Value;
 
 use crate::Scenario;
+use crate::rig::Rig;
 
 /// The JSON Schema of scenario files, as committed in `scenarios/schema.json`.
 #[must_use]
 pub fn json_schema() -> String {
     format!("{:#}\n", schema_of::<Scenario>())
+}
+
+/// The JSON Schema of rig files, as committed in `scenarios/rig_schema.json`.
+#[must_use]
+pub fn rig_json_schema() -> String {
+    format!("{:#}\n", schema_of::<Rig>())
 }
 
 /// The schema of a type; its definitions stand in `definitions`.

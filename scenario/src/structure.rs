@@ -10,14 +10,14 @@ use crate::document::Document;
 use crate::error::{Problem, Source};
 use crate::nearest::nearest;
 
-/// Everything in the document that the schema does not admit.
-pub(crate) fn check(document: &Document<'_>, schema: &Value) -> Vec<Problem> {
+/// Everything in the document that the schema does not admit; `what` names the whole for people.
+pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<Problem> {
     let mut checker = Checker {
         source: &document.source,
         schema,
         problems: Vec::new(),
     };
-    checker.table("the scenario", 0..0, document.root(), schema);
+    checker.table(what, 0..0, document.root(), schema);
     checker.problems
 }
 

@@ -16,6 +16,7 @@ use crate::exit::Exit;
 fn refuse(error: RecordedError) -> Exit {
     match error {
         RecordedError::Scenario(error) => complain(&format!("{:?}", miette::Report::new(*error))),
+        RecordedError::Rig(error) => complain(&format!("{:?}", miette::Report::new(*error))),
         error => complain(&format!("canrig: {error}")),
     }
     Exit::ScenarioInvalid

@@ -3,12 +3,14 @@
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use dbc::Database;
 use scenario::ScenarioError;
 
 use crate::judge::{judge, judge_timing};
 use crate::recording::{Log, read_cut_log};
+use crate::rig::{LoadedRig, RigError};
 use crate::run::Source;
 use crate::run_folder::file;
 use crate::signals::SignalMissing;
@@ -46,6 +48,9 @@ pub enum RecordedError {
     /// The scenario is not valid.
     #[error("the scenario of the recording is not valid")]
     Scenario(Box<ScenarioError>),
+    /// The rig file is not valid.
+    #[error("the rig file of the recording is not valid")]
+    Rig(Box<RigError>),
     /// The DBC lacks a signal.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
@@ -109,7 +114,9 @@ impl Recorded {
             Some(_) => None,
         };
         if let Some(stored) = &stored {
-            source.external = stored.external.clone();
+            let rig = LoadedRig::in_folder(folder)
+                .map_err(|error| RecordedError::Rig(Box::new(error)))?;
+            source = source.on(rig.map(Arc::new), stored.external.clone());
         }
         Ok(Self {
             path: path.to_owned(),
@@ -122,8 +129,8 @@ impl Recorded {
 
     /// What the frames mean.
     #[must_use]
-    pub fn database(&self) -> &'static Database {
-        self.source.external.database()
+    pub fn database(&self) -> &Database {
+        self.source.database()
     }
 
     /// The recording, decoded.

@@ -104,6 +104,7 @@ fn keep(case: &Case, output: &Path) -> Result<std::path::PathBuf, String> {
         text: case.text(),
         scenario: case.scenario()?,
         external: External::default(),
+        rig: None,
     };
     let (watch, taps) = (Watch::default(), Vec::new());
     let judged = run::run(&source, output, &watch, taps, |_, capture| {

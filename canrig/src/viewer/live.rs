@@ -49,11 +49,11 @@ impl Show {
         let (verdict, judged) = mpsc::channel();
         let (end, ended) = mpsc::channel();
         let (url, scenario) = (address.url(), source.scenario.clone());
-        let database = source.external.database();
+        let database = source.database().clone();
         std::thread::spawn(move || {
             scheduling::step_back();
             let shown = connect(&url, &scenario.name).and_then(|stream| {
-                let shown = follow(stream.clone(), &scenario, database, frames, &judged);
+                let shown = follow(stream.clone(), &scenario, &database, frames, &judged);
                 // What it is dropped for would have to be sent first, to somebody who takes nothing.
                 if shown.is_err() {
                     std::mem::forget(stream);

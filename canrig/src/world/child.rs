@@ -51,6 +51,9 @@ impl NodeProcess {
             .args(["node", name])
             .arg("--scenario")
             .arg(folder.scenario());
+        if let Some(rig) = folder.rig() {
+            command.arg("--rig").arg(rig);
+        }
         if let Some(bus) = bus {
             command.arg("--bus").arg(bus.to_string());
         }

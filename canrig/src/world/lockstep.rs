@@ -24,6 +24,10 @@ const FRAMES_EXPECTED_MAX: f64 = 1e6;
 /// Events between two looks at the disk and at the user's wish to stop.
 const EVENTS_PER_FLUSH: u32 = 4096;
 
+const NO_START: WorldError = WorldError::NoStart {
+    patience: START_PATIENCE,
+};
+
 /// The three participants of every run.
 pub struct Roles<'a> {
     /// The rig.
@@ -46,7 +50,8 @@ pub fn simulate(
     let mut plant_emulator = nodes::plant_emulator(scenario)?;
     let mut bench = DisturbanceProducer::new(scenario, database)?;
     let view = scenario.controller_view();
-    let mut controller = nodes::faulty_controller(&view, &scenario.fault, |_| false)?;
+    let make = move || nodes::controller(&view, None);
+    let mut controller = nodes::faulty_controller(make, &scenario.fault, |_| false)?;
     let roles = Roles {
         plant_emulator: &mut Local::new(PLANT_EMULATOR, &mut plant_emulator),
         bench: &mut Local::new(BENCH, &mut bench),
@@ -117,13 +122,13 @@ fn run_until(
 ) -> Result<End, WorldError> {
     coordinator.set_horizon(START_PATIENCE);
     for event in 0u32.. {
-        let now = coordinator.step(taps)?.ok_or(WorldError::NoStart)?;
+        let now = coordinator.step(taps)?.ok_or(NO_START)?;
         match taps.capture.scenario_time_at(now) {
             Some(time) if time >= end => break,
             Some(time) => coordinator.set_horizon(now - time + end),
             // A fault that keeps the scenario from beginning is seen to its end.
             None if now > START_PATIENCE && is_faulty => break,
-            None if now > START_PATIENCE => return Err(WorldError::NoStart),
+            None if now > START_PATIENCE => return Err(NO_START),
             _ => {}
         }
         if event % EVENTS_PER_FLUSH == 0 {

@@ -44,8 +44,11 @@ pub enum WorldError {
     #[error(transparent)]
     Coordinator(#[from] CoordinatorError),
     /// The scenario did not begin.
-    #[error("the scenario did not begin within {} s: the drive never reported Operation Enabled", START_PATIENCE.as_secs())]
-    NoStart,
+    #[error("the scenario did not begin within {} s: the drive never reported Operation Enabled", patience.as_secs())]
+    NoStart {
+        /// How long was waited.
+        patience: Duration,
+    },
     /// A node has no safe state in time.
     #[error("{name} did not reach its safe state within {} ms", STOP_PATIENCE.as_millis())]
     NoStop {
@@ -99,6 +102,9 @@ pub enum WorldError {
     /// The bench's own node failed.
     #[error("the bench's own node failed: {0}")]
     Bench(platform::real_time::RunError),
+    /// A limit of the rig was violated.
+    #[error("canrig stopped the drive: {0}")]
+    Violation(String),
     /// The DBC lacks a signal.
     #[error(transparent)]
     Signal(#[from] SignalMissing),

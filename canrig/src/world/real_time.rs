@@ -1,5 +1,6 @@
 //! Real time: the processes keep their own time on a bus, and the bench listens.
 
+use std::thread::ScopedJoinHandle;
 use std::time::Duration;
 
 use canopen::Filter;
@@ -7,10 +8,10 @@ use platform::bus::{self, Bus, BusAddress, BusError};
 use platform::clock::Clock;
 use platform::hub::Hub;
 use platform::private_bus::PrivateBus;
+use platform::real_time::RunError;
 use platform::recorder::Recorder;
 use platform::scheduling;
 use platform::stop::StopSignal;
-use scenario::Scenario;
 use scenario::disturbance::Disturbance;
 
 use super::child::NodeProcess;
@@ -19,14 +20,17 @@ use super::strikes::{Strike, Strikes};
 use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, RunBus, START_PATIENCE, WorldError};
 use crate::capture::Capture;
 use crate::disturbance_node::DisturbanceProducer;
-use crate::external::{External, ExternalNode};
+use crate::external::ExternalNode;
 use crate::recording::Stamped;
-use crate::run::World;
+use crate::run::{Source, World};
 use crate::run_folder::RunFolder;
+use crate::supervisor::Supervisor;
 use crate::timing::{Host, NodeReport};
 
 /// How often the recorded frames are taken and written.
 const COLLECT_PERIOD: Duration = Duration::from_millis(20);
+/// What the controller needs beyond the bring-up until current flows, with some to spare.
+const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
 /// A bus without a frame for so long has lost its manager.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
 
@@ -36,13 +40,13 @@ const SILENCE_MAX: Duration = Duration::from_secs(2);
 /// # Errors
 /// A process or the bus failed, or the recording cannot be written.
 pub fn run(
-    scenario: &Scenario,
+    source: &Source,
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
-    external: &External,
     tell: &dyn Fn(&BusAddress),
 ) -> Result<World, WorldError> {
+    let (scenario, external) = (&source.scenario, &source.external);
     let runtime = runtime()?;
     let _entered = runtime.enter();
     let mut line = Line::open(bus)?;
@@ -62,7 +66,10 @@ pub fn run(
         // On a bus without the module its identifier may be somebody else's.
         orders.disturbance = Disturbance::default();
     }
-    let mut bench = DisturbanceProducer::new(&orders, external.database())?;
+    let supervisor = source.rig.as_ref();
+    let supervisor = supervisor.map(|rig| Supervisor::new(&rig.rig, &rig.drive));
+    let bench = DisturbanceProducer::new(&orders, source.database())?;
+    let mut bench = bench.with_supervisor(supervisor);
     let mut voice = line.voice(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = StopSignal::manual().map_err(|source| WorldError::Spawn {
         name: BENCH,
@@ -71,7 +78,12 @@ pub fn run(
     let ended = std::thread::scope(|scope| {
         let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *voice, &stop));
         let end = runtime.block_on(async {
-            let end = follow(scenario, folder, &mut line, capture, &mut processes).await;
+            let run = follow(source, folder, &mut line, capture, &mut processes);
+            let end = tokio::select! {
+                // Its error is told below.
+                () = ended(&bench) => Ok(End::Interrupted),
+                end = run => end,
+            };
             // However the run went, nothing may stay heated or running.
             let stopped = processes.stop().await;
             match end {
@@ -83,7 +95,10 @@ pub fn run(
         let bench = bench
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench))
+        match bench {
+            Err(RunError::Node(violation)) => Err(WorldError::Violation(violation)),
+            bench => end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench)),
+        }
     });
     let wall_clock_step = line.wall_clock_step();
     line.close(capture)?;
@@ -98,6 +113,14 @@ pub fn run(
     })
 }
 
+/// Waits until the bench's own node has ended: it has stopped the drive, or failed.
+async fn ended<T>(bench: &ScopedJoinHandle<'_, T>) {
+    let mut ticks = tokio::time::interval(COLLECT_PERIOD);
+    while !bench.is_finished() {
+        ticks.tick().await;
+    }
+}
+
 /// What a node said of itself at its end.
 fn report(name: &str, text: &str) -> NodeReport {
     serde_json::from_str(text).unwrap_or_else(|_| NodeReport {
@@ -108,13 +131,15 @@ fn report(name: &str, text: &str) -> NodeReport {
 
 /// Collects frames until the scenario is over, the user stops it, or something fails.
 async fn follow(
-    scenario: &Scenario,
+    source: &Source,
     folder: &RunFolder,
     line: &mut Line,
     capture: &mut Capture<'_>,
     processes: &mut Processes,
 ) -> Result<End, WorldError> {
+    let scenario = &source.scenario;
     let duration = Duration::from_secs_f64(scenario.duration_seconds);
+    let patience = start_patience(source);
     let clock = Clock::start();
     let mut last_heard = Duration::ZERO;
     let mut strikes = Strikes::new(scenario);
@@ -154,13 +179,21 @@ async fn follow(
                 });
             }
             // A fault that keeps the scenario from beginning is seen to its end.
-            None if now > START_PATIENCE && !scenario.fault.is_empty() => {
+            None if now > patience && !scenario.fault.is_empty() => {
                 return Ok(End::Completed);
             }
-            None if now > START_PATIENCE => return Err(WorldError::NoStart),
+            None if now > patience => return Err(WorldError::NoStart { patience }),
             _ => {}
         }
     }
+}
+
+/// The drive of a rig may take its time, as its controller knows.
+fn start_patience(source: &Source) -> Duration {
+    let bring_up = source.rig.as_ref().map(|rig| rig.rig.timeouts.bring_up());
+    bring_up.map_or(START_PATIENCE, |bring_up| {
+        START_PATIENCE.max(bring_up + ENABLE_PATIENCE)
+    })
 }
 
 /// The bus of a run and the ear on it.

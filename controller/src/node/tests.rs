@@ -8,6 +8,8 @@ use proptest::prelude::*;
 use super::*;
 
 const MILLISECOND: Duration = Duration::from_millis(1);
+/// Node-ID of the drive unless a rig file says otherwise.
+const DRIVE: NodeId = NodeId::new(0x10).unwrap();
 
 /// A drive whose position follows the current at once: 40 mm at 1 A.
 #[derive(Default)]
@@ -117,13 +119,17 @@ const OPEN_LOOP: &str = "[[controller.open_loop.step]]\nat_seconds = 0.0\ncurren
     [[controller.open_loop.step]]\nat_seconds = 0.01\ncurrent_amperes = 0.5\n";
 
 fn controller(tables: &str) -> ControllerNode {
+    ControllerNode::new(&view(tables)).unwrap()
+}
+
+fn view(tables: &str) -> ControllerView {
     let text = format!("schema = 1\nname = \"t\"\nduration_seconds = 1.0\n{tables}");
     let view = ControllerView::parse(
         &text,
         "t.toml",
         |_| Err(std::io::ErrorKind::NotFound.into()),
     );
-    ControllerNode::new(&view.unwrap()).unwrap()
+    view.unwrap()
 }
 
 fn drive() -> Device<TestDrive> {
@@ -434,7 +440,7 @@ fn without_a_drive_the_controller_gives_up_after_ten_seconds() {
     bus.fails_with(
         "no drive: node 16 sent no boot-up message or heartbeat and answered no SDO for 10 s",
     );
-    assert_eq!(bus.now, BRING_UP_TIME);
+    assert_eq!(bus.now, Timeouts::default().bring_up());
     assert_eq!(bus.frames(0x610, Duration::ZERO).len(), 100);
 }
 
@@ -532,14 +538,15 @@ fn a_few_lost_positions_hold_the_last_command() {
     bus.run_until_running();
     bus.run_for(20 * MILLISECOND);
     bus.lost = Some(0x190);
-    bus.run_for(u32::try_from(MISSING_POSITIONS_MAX).unwrap() * MILLISECOND);
+    let missing_max = Timeouts::default().missing_positions_cycles;
+    bus.run_for(missing_max * MILLISECOND);
     assert_eq!(bus.drive().application().torque_permille, 500);
     bus.lost = None;
     bus.run_for(100 * MILLISECOND);
     assert_eq!(bus.controller.progress(), Progress::Running);
     assert_eq!(
         bus.controller.statistics().missing_positions,
-        MISSING_POSITIONS_MAX
+        u64::from(missing_max)
     );
 }
 
@@ -728,4 +735,53 @@ fn a_single_spike_costs_a_cycle_only() {
     assert_eq!(bus.controller.progress(), Progress::Running);
     assert_eq!(bus.controller.statistics().missing_positions, 1);
     assert_eq!(told(&bus), []);
+}
+
+/// A rig file with the drive as node 0x20 and these limits on the position.
+fn rig(limits: &str) -> Rig {
+    let text = format!(
+        "schema = 1\nname = \"rig\"\n[bus]\nsync_period_milliseconds = 5.0\n[drive]\nnode_id = 32\n\
+         [limits]\ncurrent_amperes = 0.3\nposition_millimetres = {limits}\nspeed_millimetres_per_second = 1e4\n\
+         [timeouts]\ndrive_heartbeat_milliseconds = 50\ndrive_lost_milliseconds = 200\n"
+    );
+    Rig::parse(&text, "rig.toml").unwrap()
+}
+
+fn bus_of(rig: &Rig) -> Bus {
+    let mut bus = Bus::new(OPEN_LOOP);
+    bus.controller = ControllerNode::on_rig(&view(OPEN_LOOP), rig, dbc::DRIVE_EDS).unwrap();
+    let node = NodeId::new(rig.drive.node_id).unwrap();
+    let dictionary = eds::parse(dbc::DRIVE_EDS, node.get()).unwrap().dictionary;
+    bus.drive = Some(Device::new(node, dictionary, TestDrive::default()).unwrap());
+    bus
+}
+
+#[test]
+fn the_drive_of_a_rig_file_is_led_at_its_cycle_and_within_its_current() {
+    let mut bus = bus_of(&rig("{ min = -1.0, max = 45.0 }"));
+    bus.run_until_running();
+    let from = bus.now + MILLISECOND / 2;
+    bus.run_for(Duration::from_secs(1));
+    assert_eq!(bus.frames(0x080, from).len(), 200);
+    // The scenario's 0.5 A are too much for the rig.
+    assert_eq!(bus.drive().application().torque_permille, 300);
+    assert_eq!(bus.controller.progress(), Progress::Running);
+    bus.lost = Some(0x720);
+    assert_eq!(
+        bus.ending(),
+        Progress::Failed(
+            "heartbeat from the drive (node 32) missing for 200 ms (limit 200 ms)".to_owned()
+        )
+    );
+}
+
+#[test]
+fn a_position_beyond_the_rigs_limits_ends_the_run() {
+    let mut bus = bus_of(&rig("{ min = -1.0, max = 0.55 }"));
+    let expected = "limit of the rig: the position is 0.60 mm (limits -1 to 0.55 mm)";
+    assert_eq!(bus.ending(), Progress::Failed(expected.to_owned()));
+    assert!(!bus.drive().application().is_heating());
+    assert!(bus.has_sent(&NmtCommand::Stop.frame(NodeId::new(32))));
+    let told = bus.frames(0x081, Duration::ZERO);
+    assert_eq!(told.last().unwrap().data()[4], Cause::RigLimit as u8);
 }

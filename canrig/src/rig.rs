@@ -1,0 +1,268 @@
+//! A rig file as it lies on the disk, with the drive that it describes and what then the frames of the bus mean.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use controller::drive::{Drive, Field, Scaled};
+use controller::node::ControllerError;
+use dbc::{Coding, Database, DbcError, Kind, Signal};
+use miette::Diagnostic;
+use scenario::rig::{PositionRange, Rig};
+use scenario::{Scenario, ScenarioError, read_text};
+
+use crate::FILE_BYTES_MAX;
+use crate::signals::EMULATED_MESSAGES;
+
+/// Default name of a rig file, beside the scenarios.
+pub const RIG_FILE: &str = "rig.toml";
+/// Messages of the drive whose identifiers are a function code and its node-ID.
+const NODE_MESSAGES: [(&str, u16); 6] = [
+    ("drive_emergency", 0x080),
+    ("drive_sdo_answer", 0x580),
+    ("drive_sdo_request", 0x600),
+    ("drive_sdo2_answer", 0x6C0),
+    ("drive_sdo2_request", 0x680),
+    ("drive_heartbeat", 0x700),
+];
+
+/// Why a rig file cannot be used.
+#[derive(Debug, Diagnostic, thiserror::Error)]
+pub enum RigError {
+    /// The file is not valid.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Invalid(#[from] ScenarioError),
+    /// The EDS cannot be read.
+    #[error("{}: the EDS {} cannot be read: {source}", rig.display(), eds.display())]
+    Eds {
+        /// The rig file.
+        rig: PathBuf,
+        /// The EDS.
+        eds: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Rig file and EDS do not fit each other.
+    #[error("{}: {source}", rig.display())]
+    Drive {
+        /// The rig file.
+        rig: PathBuf,
+        /// Why.
+        source: Box<ControllerError>,
+    },
+    /// Frames of the drive would be taken for another node's.
+    #[error("{}: the drive's frames and another node's have the same identifier: {source}", rig.display())]
+    Identifier {
+        /// The rig file.
+        rig: PathBuf,
+        /// Which.
+        source: DbcError,
+    },
+}
+
+/// A rig with its drive.
+#[derive(Clone, Debug)]
+pub struct LoadedRig {
+    /// The file.
+    pub path: PathBuf,
+    /// Its text.
+    pub text: String,
+    /// Its meaning.
+    pub rig: Rig,
+    /// The drive's EDS.
+    pub eds: String,
+    /// The drive's identity and PDOs.
+    pub drive: Drive,
+    /// What the frames mean.
+    pub database: Database,
+}
+
+impl LoadedRig {
+    /// Reads a rig file and the EDS that it names.
+    ///
+    /// # Errors
+    /// They cannot be read, or do not fit each other.
+    pub fn load(path: &Path) -> Result<Self, RigError> {
+        let (rig, text) = Rig::load_with_text(path)?;
+        let eds = match rig.eds_path(path) {
+            None => dbc::DRIVE_EDS.to_owned(),
+            Some(eds) => read_text(&eds, FILE_BYTES_MAX).map_err(|source| RigError::Eds {
+                rig: path.to_owned(),
+                eds,
+                source,
+            })?,
+        };
+        let drive = Drive::new(&eds, &rig.drive, rig.limits.current_amperes);
+        let drive = drive.map_err(|source| RigError::Drive {
+            rig: path.to_owned(),
+            source: Box::new(source),
+        })?;
+        let database = database(&rig, &drive).map_err(|source| RigError::Identifier {
+            rig: path.to_owned(),
+            source,
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            text,
+            rig,
+            eds,
+            drive,
+            database,
+        })
+    }
+
+    /// Refuses a scenario before any current flows.
+    ///
+    /// # Errors
+    /// Where the set-point leaves the limits.
+    pub fn admits(&self, scenario: &Scenario) -> Result<(), String> {
+        if scenario.reference.is_empty() {
+            return Ok(());
+        }
+        let PositionRange { min, max } = self.rig.limits.position_millimetres;
+        let trajectory = scenario.reference.trajectory();
+        let period = scenario.bus.sync_period();
+        let duration = Duration::from_secs_f64(scenario.duration_seconds);
+        let times = (0..).map(|cycle| period * cycle);
+        for time in times.take_while(|time| *time < duration) {
+            let seconds = time.as_secs_f64();
+            let millimetres = 1e3 * trajectory.at(seconds).position_metres;
+            if !(min..=max).contains(&millimetres) {
+                return Err(format!(
+                    "the set-point is {millimetres} mm at {seconds} s, beyond the rig's limits ({min} to {max} mm)"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The rig file in a folder, if there is one.
+    ///
+    /// # Errors
+    /// There is one that cannot be used.
+    pub fn in_folder(folder: &Path) -> Result<Option<Self>, RigError> {
+        let path = folder.join(RIG_FILE);
+        if fs::exists(&path).unwrap_or(false) {
+            Self::load(&path).map(Some)
+        } else {
+            Ok(None)
+        }
+    }
+}
+
+/// The frames of the bus with this drive on it.
+fn database(rig: &Rig, drive: &Drive) -> Result<Database, DbcError> {
+    let [statusword, controlword] = drive.words();
+    let [feedback_bytes, command_bytes] =
+        drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok());
+    let mut database = Database::sma_actuator().with_silent(&EMULATED_MESSAGES);
+    for (name, function_code) in NODE_MESSAGES {
+        let id = function_code + u16::from(drive.node_id().get());
+        database = database.with_message(name, id, None, |signal| signal.coding)?;
+    }
+    let heartbeat = rig.timeouts.drive_heartbeat_milliseconds;
+    database
+        .with_cycle_time("drive_heartbeat", heartbeat.into())
+        .with_message(
+            "drive_tpdo1",
+            drive.feedback_id(),
+            feedback_bytes,
+            |signal| match signal.name.as_str() {
+                "position_millimetres" => scaled(drive.position()),
+                "current_amperes" => drive.current().map_or(signal.coding.absent(), scaled),
+                _ => in_word(signal, statusword),
+            },
+        )?
+        .with_message(
+            "drive_rpdo1",
+            drive.command_id(),
+            command_bytes,
+            |signal| match signal.name.as_str() {
+                "target_current_amperes" => scaled(drive.target()),
+                _ => in_word(signal, controlword),
+            },
+        )
+}
+
+fn scaled(place: Scaled) -> Coding {
+    let Scaled {
+        field,
+        units,
+        offset,
+    } = place;
+    let kind = if field.is_signed {
+        Kind::Signed
+    } else {
+        Kind::Unsigned
+    };
+    let length_bits = u8::try_from(8 * field.length_bytes).unwrap_or(u8::MAX);
+    Coding::integer(start_bit(field), length_bits, kind, units, offset)
+}
+
+/// Bits of a status- or controlword, which comes first in the emulated drive's PDOs.
+fn in_word(signal: &Signal, word: Field) -> Coding {
+    let coding = signal.coding;
+    coding.starting_at(coding.start_bit + start_bit(word))
+}
+
+fn start_bit(field: Field) -> u8 {
+    u8::try_from(8 * field.start_byte).unwrap_or(u8::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::CanFrame;
+
+    const RIG: &str = "schema = 1\nname = \"bench\"\n[drive]\nnode_id = 32\n\
+        position = { units_per_millimetre = -10.0, units_at_stop = 5000.0 }\ncurrent = { object = \"\" }\n\
+        [limits]\ncurrent_amperes = 0.9\nposition_millimetres = { min = -1.0, max = 45.0 }\n\
+        speed_millimetres_per_second = 400.0\n";
+
+    fn load(text: &str) -> Result<LoadedRig, RigError> {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join(RIG_FILE), text).unwrap();
+        LoadedRig::in_folder(folder.path()).map(Option::unwrap)
+    }
+
+    #[test]
+    fn frames_of_another_drive_mean_what_the_rig_file_says() {
+        let rig = load(RIG).unwrap();
+        let decode =
+            |path: &str, frame: &CanFrame| rig.database.require(path).unwrap().decode(frame);
+        let told = CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0x11, 0x22]);
+        let position = decode("drive_tpdo1.position_millimetres", &told).unwrap();
+        assert!((position - 6.0).abs() < 1e-9, "{position}");
+        assert_eq!(decode("drive_tpdo1.statusword_state", &told), Some(55.0));
+        assert_eq!(
+            decode("drive_tpdo1.current_amperes", &told),
+            None,
+            "it tells none"
+        );
+        let command = rig.drive.encode(0x0F, 0.25);
+        assert_eq!(
+            decode("drive_rpdo1.target_current_amperes", &command),
+            Some(0.25)
+        );
+        let heartbeat = CanFrame::new(0x720, &[5]);
+        assert_eq!(decode("drive_heartbeat.nmt_state", &heartbeat), Some(5.0));
+        // The emulated drive's own identifiers mean nothing here.
+        for id in [0x190, 0x210, 0x290, 0x710] {
+            assert_eq!(
+                rig.database.decode(&CanFrame::new(id, &[0; 8])).map(|_| ()),
+                None
+            );
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_told() {
+        let told = |text: &str| load(text).unwrap_err().to_string();
+        let other = RIG.replace("node_id = 32", "node_id = 32\neds = \"none.eds\"");
+        assert!(told(&other).contains("none.eds cannot be read"));
+        let other = RIG.replace("object = \"\"", "object = \"0x2345:01\"");
+        assert!(told(&other).ends_with("the drive's EDS has no object 0x2345:01"));
+    }
+}

@@ -1,0 +1,132 @@
+//! Watches a real drive: whatever scenario, controller or plant do, no limit of the rig is violated for longer than a frame takes.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use canopen::cia402::Command;
+use canopen::{CanFrame, Filter, NmtCommand};
+use controller::drive::Drive;
+use controller::limits::{LimitWatch, Violation};
+use scenario::rig::Rig;
+
+/// Part of the bench's node that takes the current away from a drive.
+#[derive(Debug)]
+pub struct Supervisor {
+    drive: Drive,
+    watch: LimitWatch,
+    violation: Option<Violation>,
+    frames: VecDeque<CanFrame>,
+}
+
+impl Supervisor {
+    /// A supervisor that has seen nothing.
+    #[must_use]
+    pub fn new(rig: &Rig, drive: &Drive) -> Self {
+        Self {
+            drive: drive.clone(),
+            watch: LimitWatch::new(&rig.limits, rig.bus.of_scenario().sync_period()),
+            violation: None,
+            frames: VecDeque::with_capacity(4),
+        }
+    }
+
+    /// What it must hear.
+    pub(crate) fn filters(&self) -> [Filter; 2] {
+        [self.drive.feedback_id(), self.drive.command_id()].map(Filter::exact)
+    }
+
+    /// Takes a frame of the bus.
+    pub(crate) fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+        if self.violation.is_some() {
+            return;
+        }
+        self.violation = match (self.drive.decode(frame), self.drive.decode_target(frame)) {
+            (Some(feedback), _) => self.watch.check(now, &feedback),
+            (_, Some(amperes)) => self.watch.check_command(amperes),
+            _ => None,
+        };
+        if self.violation.is_some() {
+            self.stop_drive();
+        }
+    }
+
+    /// The emergency step: command 0 with quick stop for a drive that takes it at once, and NMT stop, after which no drive may
+    /// follow PDOs.
+    pub(crate) fn stop_drive(&mut self) {
+        let quick_stop = self.drive.encode(Command::QuickStop.controlword(), 0.0);
+        let stop = NmtCommand::Stop.frame(Some(self.drive.node_id()));
+        self.frames.extend([quick_stop, stop]);
+    }
+
+    /// The next frame to send.
+    pub(crate) fn next_frame(&mut self) -> Option<CanFrame> {
+        self.frames.pop_front()
+    }
+
+    /// The limit that was violated, once everything is said.
+    pub(crate) fn violation(&self) -> Option<&Violation> {
+        self.violation.as_ref().filter(|_| self.frames.is_empty())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::rig;
+
+    fn supervisor() -> Supervisor {
+        let text = "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
+            position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n";
+        let rig = Rig::parse(text, "rig.toml").unwrap();
+        let drive = Drive::new(dbc::DRIVE_EDS, &rig::Drive::default(), 2.0).unwrap();
+        Supervisor::new(&rig, &drive)
+    }
+
+    fn feedback(micrometres: i32, milliamperes: i16) -> CanFrame {
+        let mut data = [0x37, 2, 0, 0, 0, 0, 0, 0];
+        data[2..6].copy_from_slice(&micrometres.to_le_bytes());
+        data[6..].copy_from_slice(&milliamperes.to_le_bytes());
+        CanFrame::new(0x190, &data)
+    }
+
+    /// What is sent and said after these frames, 10 ms apart.
+    fn after(frames: &[CanFrame]) -> (Vec<CanFrame>, Option<String>) {
+        let mut supervisor = supervisor();
+        let times = (0..).map(|cycle| Duration::from_millis(10) * cycle);
+        for (now, frame) in times.zip(frames) {
+            supervisor.on_frame(now, frame);
+        }
+        let sent = std::iter::from_fn(|| supervisor.next_frame()).collect();
+        (sent, supervisor.violation().map(ToString::to_string))
+    }
+
+    #[test]
+    fn each_violation_stops_the_drive_at_once_and_only_once() {
+        let command = |permille: i16| {
+            let [low, high] = permille.to_le_bytes();
+            CanFrame::new(0x210, &[0x0F, 0, low, high])
+        };
+        let stop = [
+            CanFrame::new(0x210, &[2, 0, 0, 0]),
+            CanFrame::new(0x000, &[2, 0x10]),
+        ];
+        let still = feedback(10_000, 500);
+        for violating in [
+            feedback(46_000, 0),
+            feedback(-1_100, 0),
+            feedback(10_000, 950),
+            command(901),
+        ] {
+            let (sent, told) = after(&[still, violating, violating]);
+            assert_eq!(sent, stop);
+            assert!(told.unwrap().starts_with("limit of the rig: "));
+        }
+        let (sent, told) = after(&[feedback(0, 0), feedback(5_000, 0), feedback(10_000, 0)]);
+        assert_eq!(sent, stop);
+        assert_eq!(
+            told.unwrap(),
+            "limit of the rig: the load moves at 500 mm/s (limit 400 mm/s)"
+        );
+        assert_eq!(after(&[still, command(900), still]), (vec![], None));
+    }
+}

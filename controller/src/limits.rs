@@ -1,0 +1,219 @@
+//! The hard limits of a rig: the controller keeps to them, and the bench watches that everybody does.
+
+use std::fmt;
+use std::time::Duration;
+
+use scenario::rig::Limits;
+
+use crate::drive::Feedback;
+
+/// Speeds are means over this time, or two cycles: a step of a converter is no speed.
+const SPEED_WINDOW: Duration = Duration::from_millis(20);
+/// A measured current may be so much beyond the limit, which a command never is. Assumed: no drive is told its accuracy here.
+const MEASURED_CURRENT_TOLERANCE: f64 = 0.05;
+const MILLIMETRES_PER_METRE: f64 = 1e3;
+/// Commands are whole units of an object; this absorbs their rounding.
+const COMMAND_TOLERANCE_AMPERES: f64 = 1e-9;
+
+/// A limit that was violated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Violation {
+    /// More current was commanded than is allowed.
+    Command {
+        /// The command.
+        amperes: f64,
+        /// The limit.
+        limit: f64,
+    },
+    /// More current flows than is allowed.
+    Current {
+        /// What flows.
+        amperes: f64,
+        /// The limit.
+        limit: f64,
+    },
+    /// The load is where it may not be.
+    Position {
+        /// Where it is.
+        millimetres: f64,
+        /// Where it may be.
+        limits: [f64; 2],
+    },
+    /// The load moves too fast.
+    Speed {
+        /// Its speed.
+        millimetres_per_second: f64,
+        /// The limit.
+        limit: f64,
+    },
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Command { amperes, limit } => write!(
+                formatter,
+                "limit of the rig: {amperes:.3} A are commanded (limit {limit} A)"
+            ),
+            Self::Current { amperes, limit } => write!(
+                formatter,
+                "limit of the rig: {amperes:.3} A flow (limit {limit} A)"
+            ),
+            Self::Position {
+                millimetres,
+                limits: [min, max],
+            } => write!(
+                formatter,
+                "limit of the rig: the position is {millimetres:.2} mm (limits {min} to {max} mm)"
+            ),
+            Self::Speed {
+                millimetres_per_second,
+                limit,
+            } => write!(
+                formatter,
+                "limit of the rig: the load moves at {millimetres_per_second:.0} mm/s (limit {limit} mm/s)"
+            ),
+        }
+    }
+}
+
+/// Watches the limits from sample to sample.
+#[derive(Clone, Copy, Debug)]
+pub struct LimitWatch {
+    limits: Limits,
+    window: Duration,
+    /// Where the load was at the start of the window.
+    since: Option<(Duration, f64)>,
+}
+
+impl LimitWatch {
+    /// A watch that has seen nothing.
+    #[must_use]
+    pub fn new(limits: &Limits, sync_period: Duration) -> Self {
+        Self {
+            limits: *limits,
+            window: SPEED_WINDOW.max(2 * sync_period),
+            since: None,
+        }
+    }
+
+    /// Takes a sample of the drive; the limit that it violates.
+    pub fn check(&mut self, now: Duration, feedback: &Feedback) -> Option<Violation> {
+        let limit = self.limits.current_amperes;
+        let current = feedback.current_amperes.unwrap_or(0.0);
+        if current.abs() > limit * (1.0 + MEASURED_CURRENT_TOLERANCE) {
+            let amperes = current;
+            return Some(Violation::Current { amperes, limit });
+        }
+        let millimetres = feedback.position_metres * MILLIMETRES_PER_METRE;
+        let range = self.limits.position_millimetres;
+        if !(range.min..=range.max).contains(&millimetres) {
+            let limits = [range.min, range.max];
+            return Some(Violation::Position {
+                millimetres,
+                limits,
+            });
+        }
+        self.check_speed(now, millimetres)
+    }
+
+    /// Takes a command to the drive; the limit that it violates.
+    #[must_use]
+    pub fn check_command(&self, amperes: f64) -> Option<Violation> {
+        let limit = self.limits.current_amperes;
+        let is_beyond = amperes.abs() > limit + COMMAND_TOLERANCE_AMPERES;
+        is_beyond.then_some(Violation::Command { amperes, limit })
+    }
+
+    fn check_speed(&mut self, now: Duration, millimetres: f64) -> Option<Violation> {
+        let (start, before) = *self.since.get_or_insert((now, millimetres));
+        let elapsed = now.saturating_sub(start);
+        if elapsed < self.window {
+            return None;
+        }
+        self.since = Some((now, millimetres));
+        let millimetres_per_second = (millimetres - before).abs() / elapsed.as_secs_f64();
+        let limit = self.limits.speed_millimetres_per_second;
+        (millimetres_per_second > limit).then_some(Violation::Speed {
+            millimetres_per_second,
+            limit,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::rig::PositionRange;
+
+    fn watch() -> LimitWatch {
+        let limits = Limits {
+            current_amperes: 0.9,
+            position_millimetres: PositionRange {
+                min: -1.0,
+                max: 45.0,
+            },
+            speed_millimetres_per_second: 400.0,
+        };
+        LimitWatch::new(&limits, Duration::from_millis(5))
+    }
+
+    fn sample(millimetres: f64, amperes: f64) -> Feedback {
+        Feedback {
+            statusword: 0x0237,
+            position_metres: millimetres * 1e-3,
+            current_amperes: Some(amperes),
+        }
+    }
+
+    #[test]
+    fn each_limit_is_watched_and_named() {
+        let told = |violation: Option<Violation>| violation.map(|violation| violation.to_string());
+        let check = |millimetres, amperes| {
+            told(watch().check(Duration::ZERO, &sample(millimetres, amperes)))
+        };
+        assert_eq!(
+            check(44.9, 0.94),
+            None,
+            "within the tolerance of a measurement"
+        );
+        assert_eq!(
+            check(10.0, 0.96).unwrap(),
+            "limit of the rig: 0.960 A flow (limit 0.9 A)"
+        );
+        assert_eq!(
+            check(-1.5, 0.0).unwrap(),
+            "limit of the rig: the position is -1.50 mm (limits -1 to 45 mm)"
+        );
+        assert!(check(45.1, 0.0).is_some() && check(f64::NAN, 0.0).is_some());
+        assert_eq!(
+            told(watch().check_command(0.901)).unwrap(),
+            "limit of the rig: 0.901 A are commanded (limit 0.9 A)"
+        );
+        assert_eq!(told(watch().check_command(0.9)), None);
+    }
+
+    #[test]
+    fn a_speed_is_a_mean_over_20_ms() {
+        let run = |millimetres_per_cycle: f64| {
+            let mut watch = watch();
+            (0..20_u32).find_map(|cycle| {
+                let now = Duration::from_millis(5) * cycle;
+                watch.check(now, &sample(millimetres_per_cycle * f64::from(cycle), 0.0))
+            })
+        };
+        assert_eq!(run(1.9), None, "380 mm/s");
+        assert!(
+            matches!(run(2.1), Some(Violation::Speed { .. })),
+            "420 mm/s"
+        );
+        // One step of a coarse converter.
+        let mut watch = watch();
+        let jump = [0.0, 3.0, 3.0, 3.0, 3.0, 3.0];
+        let times = (0..).map(|cycle| Duration::from_millis(5) * cycle);
+        let found = times
+            .zip(jump)
+            .find_map(|(now, at)| watch.check(now, &sample(at, 0.0)));
+        assert_eq!(found, None, "150 mm/s on average");
+    }
+}

@@ -1,0 +1,112 @@
+//! Reads rig files, with the same errors as scenario files.
+
+use std::path::{Path, PathBuf};
+
+use super::{ObjectAddress, Rig};
+use crate::document::Document;
+use crate::error::{Problem, ScenarioError, Source};
+use crate::load::{SCENARIO_BYTES_MAX, build, none_of, read_text};
+use crate::table;
+
+/// Node-IDs that are taken on every rig, and by whom.
+const TAKEN: [(u8, &str); 2] = [(1, "the controller"), (17, "the fan and load module")];
+/// What the file is for people.
+const KIND: &str = "rig file";
+
+impl Rig {
+    /// Reads a rig file, with the very text that was read.
+    ///
+    /// # Errors
+    /// The file cannot be read, or everything that is wrong in it.
+    pub fn load_with_text(path: &Path) -> Result<(Self, String), ScenarioError> {
+        let name = path.display().to_string();
+        let text = read_text(path, SCENARIO_BYTES_MAX).map_err(|error| {
+            let message = format!("the file cannot be read: {error}");
+            let problem = Problem::of_file(&Source::new(&name, ""), message);
+            ScenarioError::new(KIND, &name, vec![problem])
+        })?;
+        Self::parse(&text, &name).map(|rig| (rig, text))
+    }
+
+    /// Reads a rig file from text; `file_name` names it in errors.
+    ///
+    /// # Errors
+    /// Everything that is wrong in the text.
+    pub fn parse(text: &str, file_name: &str) -> Result<Self, ScenarioError> {
+        let fail = |problems| ScenarioError::new(KIND, file_name, problems);
+        let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
+        let (rig, mut problems) = build::<Self>(&document, "the rig file").map_err(fail)?;
+        problems.extend(check(&document, &rig));
+        none_of(problems, rig).map_err(fail)
+    }
+
+    /// Whether a text is meant as a rig file: only these have `[limits]`.
+    #[must_use]
+    pub fn is_meant(text: &str) -> bool {
+        let document = Document::parse(Source::new("", text), text);
+        document.is_ok_and(|document| document.has("limits") && !document.has("controller"))
+    }
+
+    /// The drive's EDS; none for that of the emulated drive. `rig_file` is where this was read from.
+    #[must_use]
+    pub fn eds_path(&self, rig_file: &Path) -> Option<PathBuf> {
+        let folder = rig_file.parent().unwrap_or(Path::new(""));
+        self.drive.eds.as_ref().map(|eds| folder.join(eds))
+    }
+}
+
+/// What the schema cannot say.
+fn check(document: &Document<'_>, rig: &Rig) -> Vec<Problem> {
+    let mut problems = Vec::from_iter(crate::check::name(document, &rig.name));
+    let drive = &rig.drive;
+    if let Some((_, whose)) = TAKEN.iter().find(|(number, _)| *number == drive.node_id) {
+        let message = format!("node-ID {} is taken", drive.node_id);
+        problems.push(document.problem("drive.node_id", message, format!("it is {whose}'s")));
+    }
+    if drive
+        .eds
+        .as_ref()
+        .is_some_and(|eds| !table::is_inside_folder(eds))
+    {
+        let message = "the EDS must lie in the rig file's folder";
+        problems.push(document.problem("drive.eds", message, "no absolute path, no `..`"));
+    }
+    let objects = [
+        ("drive.command.object", &drive.command.object, false),
+        ("drive.position.object", &drive.position.object, false),
+        ("drive.current.object", &drive.current.object, true),
+    ];
+    for (path, text, may_be_absent) in objects {
+        let is_absent = may_be_absent && text.is_empty();
+        if let Err(reason) = text.parse::<ObjectAddress>()
+            && !is_absent
+        {
+            let message = format!("\"{text}\" names no object");
+            problems.push(document.problem(path, message, reason));
+        }
+    }
+    let per_millimetre = drive.position.units_per_millimetre;
+    if per_millimetre.abs() < 1e-6 {
+        let path = "drive.position.units_per_millimetre";
+        let message = "a position that does not change with the load";
+        problems.push(document.problem(path, message, "must not be 0"));
+    }
+    let range = rig.limits.position_millimetres;
+    if range.min >= range.max {
+        let message = "no position is within the limits";
+        let label = format!("min {} is not below max {}", range.min, range.max);
+        problems.push(document.problem("limits.position_millimetres", message, label));
+    }
+    let timeouts = &rig.timeouts;
+    let (period, lost) = (
+        timeouts.drive_heartbeat_milliseconds,
+        timeouts.drive_lost_milliseconds,
+    );
+    if period >= lost {
+        let path = "timeouts.drive_lost_milliseconds";
+        let message = "the drive is lost between two heartbeats";
+        let label = format!("must be above the heartbeat period of {period} ms");
+        problems.push(document.problem(path, message, label));
+    }
+    problems
+}

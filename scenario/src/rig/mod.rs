@@ -1,0 +1,280 @@
+//! Rig files: the drive that takes the emulator's place, and what it may never do.
+//!
+//! A scenario says what to try, a rig file on what: it is the same for all scenarios that a machine plays.
+
+mod load;
+#[cfg(test)]
+mod tests;
+
+use std::str::FromStr;
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::Bus;
+
+/// One rig file.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rig {
+    /// Version of the format; 1.
+    #[schemars(range(min = 1, max = 1))]
+    pub schema: u32,
+    /// Which rig this is, in a few words.
+    #[schemars(length(min = 1, max = 200))]
+    pub name: String,
+    /// What one should know of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub description: Option<String>,
+    /// The interface to the bus and its cycle; it takes the place of the scenario's `[bus]`.
+    #[serde(default)]
+    pub bus: RigBus,
+    /// The drive; what is left out is as with the drive that canrig emulates.
+    #[serde(default)]
+    pub drive: Drive,
+    /// What may never be, whatever a scenario says.
+    pub limits: Limits,
+    /// How long nodes wait for each other.
+    #[serde(default)]
+    pub timeouts: Timeouts,
+}
+
+/// The interface to the bus and its cycle.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RigBus {
+    /// The CAN interface, such as `can0`, unless --bus names another.
+    #[schemars(length(min = 1, max = 15))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interface: Option<String>,
+    /// Bit rate of the bus.
+    #[schemars(extend("enum" = [10, 20, 50, 125, 250, 500, 800, 1000]))]
+    pub bitrate_kilobits_per_second: u32,
+    /// Time between two SYNCs, a multiple of 0.1 ms.
+    #[schemars(range(min = 0.1, max = 100.0), extend("multipleOf" = 0.1))]
+    pub sync_period_milliseconds: f64,
+}
+
+impl Default for RigBus {
+    fn default() -> Self {
+        let Bus {
+            bitrate_kilobits_per_second,
+            sync_period_milliseconds,
+        } = Bus::default();
+        Self {
+            interface: None,
+            bitrate_kilobits_per_second,
+            sync_period_milliseconds,
+        }
+    }
+}
+
+/// The drive on the bus.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Drive {
+    /// Its node-ID; 1 is the controller's and 17 the fan's.
+    #[schemars(range(min = 2, max = 127))]
+    pub node_id: u8,
+    /// Its EDS, beside the rig file; that of the emulated drive if left out.
+    #[schemars(length(min = 1, max = 200))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub eds: Option<String>,
+    /// Written to 0x6060 before the drive is enabled: 10 is cyclic synchronous torque, negative ones are the maker's.
+    #[schemars(range(min = -128, max = 127))]
+    pub mode_of_operation: i8,
+    /// Where the current command goes.
+    pub command: CommandObject,
+    /// Where the position comes from.
+    pub position: PositionObject,
+    /// Where the measured current comes from; `object = ""` if the drive tells none.
+    pub current: CurrentObject,
+}
+
+impl Default for Drive {
+    fn default() -> Self {
+        Self {
+            node_id: 16,
+            eds: None,
+            mode_of_operation: 10,
+            command: CommandObject::default(),
+            position: PositionObject::default(),
+            current: CurrentObject::default(),
+        }
+    }
+}
+
+/// The object that takes the current command.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CommandObject {
+    /// Index and, if it is not 0, sub-index: "0x6071", "0x2345:01". An integer of 8, 16 or 32 bits.
+    pub object: String,
+    /// What an ampere is in the object's units.
+    #[schemars(range(min = 1e-6, max = 1e9))]
+    pub units_per_ampere: f64,
+}
+
+impl Default for CommandObject {
+    fn default() -> Self {
+        Self {
+            object: "0x6071".to_owned(),
+            units_per_ampere: 1000.0,
+        }
+    }
+}
+
+/// The object that tells the position.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PositionObject {
+    /// Index and, if it is not 0, sub-index: "0x6064", "0x2345:01". An integer of 8, 16 or 32 bits.
+    pub object: String,
+    /// What a millimetre is in the object's units; negative where the count falls as the load rises.
+    #[schemars(range(min = -1e9, max = 1e9))]
+    pub units_per_millimetre: f64,
+    /// The object's value while the load rests on its stop.
+    #[schemars(range(min = -2_147_483_648.0, max = 4_294_967_295.0))]
+    pub units_at_stop: f64,
+}
+
+impl Default for PositionObject {
+    fn default() -> Self {
+        Self {
+            object: "0x6064".to_owned(),
+            units_per_millimetre: 1000.0,
+            units_at_stop: 0.0,
+        }
+    }
+}
+
+/// The object that tells the current.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CurrentObject {
+    /// Index and, if it is not 0, sub-index: "0x6078", "0x2345:01". An integer of 8, 16 or 32 bits.
+    pub object: String,
+    /// What an ampere is in the object's units.
+    #[schemars(range(min = 1e-6, max = 1e9))]
+    pub units_per_ampere: f64,
+}
+
+impl Default for CurrentObject {
+    fn default() -> Self {
+        Self {
+            object: "0x6078".to_owned(),
+            units_per_ampere: 1000.0,
+        }
+    }
+}
+
+/// What may never be, whatever a scenario says: the controller keeps to it, and canrig stops the drive when it is violated.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// Largest current. The controller commands no more; more on the bus is a violation.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1000.0))]
+    pub current_amperes: f64,
+    /// Where the load may be.
+    pub position_millimetres: PositionRange,
+    /// How fast it may move, on average over 20 ms or two cycles.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 100_000.0))]
+    pub speed_millimetres_per_second: f64,
+}
+
+/// A range of positions.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct PositionRange {
+    /// Lowest position; a little below 0, since a sensor at the stop has noise.
+    #[schemars(range(min = -1000.0, max = 1000.0))]
+    pub min: f64,
+    /// Highest position.
+    #[schemars(range(min = -1000.0, max = 1000.0))]
+    pub max: f64,
+}
+
+/// How long nodes wait for each other.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Timeouts {
+    /// The drive must be found and configured within this time.
+    #[schemars(range(min = 1.0, max = 600.0))]
+    pub bring_up_seconds: f64,
+    /// The drive must answer each SDO within this time.
+    #[schemars(range(min = 10, max = 10_000))]
+    pub sdo_answer_milliseconds: u32,
+    /// Heartbeat period that the drive is given (0x1017).
+    #[schemars(range(min = 5, max = 10_000))]
+    pub drive_heartbeat_milliseconds: u16,
+    /// The drive is lost without a heartbeat for this time.
+    #[schemars(range(min = 10, max = 60_000))]
+    pub drive_lost_milliseconds: u16,
+    /// The drive must stop by itself without the controller's heartbeat for this time (0x1016).
+    #[schemars(range(min = 50, max = 60_000))]
+    pub controller_lost_milliseconds: u16,
+    /// Cycles without a position after which the controller stops the drive.
+    #[schemars(range(min = 1, max = 1000))]
+    pub missing_positions_cycles: u32,
+}
+
+impl Default for Timeouts {
+    fn default() -> Self {
+        Self {
+            bring_up_seconds: 10.0,
+            sdo_answer_milliseconds: 500,
+            drive_heartbeat_milliseconds: 20,
+            drive_lost_milliseconds: 100,
+            controller_lost_milliseconds: 100,
+            missing_positions_cycles: 20,
+        }
+    }
+}
+
+impl Timeouts {
+    /// The drive must be found and configured within this time.
+    #[must_use]
+    pub fn bring_up(&self) -> Duration {
+        Duration::from_secs_f64(self.bring_up_seconds.clamp(0.0, 600.0))
+    }
+}
+
+impl RigBus {
+    /// The bus as a scenario has it.
+    #[must_use]
+    pub fn of_scenario(&self) -> Bus {
+        Bus {
+            bitrate_kilobits_per_second: self.bitrate_kilobits_per_second,
+            sync_period_milliseconds: self.sync_period_milliseconds,
+        }
+    }
+}
+
+/// Index and sub-index of an object, written as "0x6064" or "0x2345:01".
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct ObjectAddress {
+    /// Its index.
+    pub index: u16,
+    /// Its sub-index.
+    pub sub_index: u8,
+}
+
+impl FromStr for ObjectAddress {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        const WANTED: &str =
+            "must be index and, if not 0, sub-index, as in \"0x6064\" or \"0x2345:01\"";
+        let digits = text.strip_prefix("0x").ok_or(WANTED)?;
+        let (index, sub_index) = digits.split_once(':').unwrap_or((digits, "0"));
+        let is_hexadecimal = |digits: &str| digits.bytes().all(|byte| byte.is_ascii_hexdigit());
+        if index.len() != 4 || !is_hexadecimal(index) || !is_hexadecimal(sub_index) {
+            return Err(WANTED);
+        }
+        Ok(Self {
+            index: u16::from_str_radix(index, 16).map_err(|_| WANTED)?,
+            sub_index: u8::from_str_radix(sub_index, 16).map_err(|_| WANTED)?,
+        })
+    }
+}
