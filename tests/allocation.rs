@@ -6,6 +6,7 @@ use std::time::Duration;
 use canopen::{CanFrame, Node};
 use controller::ControllerNode;
 use plant_emulator::PlantEmulator;
+use plant_emulator::sma::Actuator;
 use platform::counting_allocator::allocations;
 use scenario::{ControllerView, Scenario};
 
@@ -43,7 +44,7 @@ impl<N: Node> Counted<N> {
 /// Controller and rig on a bus without delay.
 struct World {
     controller: Counted<ControllerNode>,
-    rig: Counted<PlantEmulator>,
+    rig: Counted<PlantEmulator<Actuator>>,
     now: Duration,
     to_controller: VecDeque<CanFrame>,
     to_rig: VecDeque<CanFrame>,

@@ -44,12 +44,15 @@ pub(crate) fn output(command: &mut Command) -> (Option<i32>, String, String) {
 
 /// The only run folder below a folder.
 pub(crate) fn only_run(folder: &Path) -> PathBuf {
-    let runs: Vec<PathBuf> = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .collect();
+    let runs = runs(folder);
     assert_eq!(runs.len(), 1, "{runs:?}");
     runs[0].clone()
+}
+
+/// All runs below a folder.
+pub(crate) fn runs(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).unwrap();
+    entries.map(|entry| entry.unwrap().path()).collect()
 }
 
 /// A short scenario written into `folder`: a warm hold.

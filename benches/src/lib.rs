@@ -6,6 +6,7 @@ use canopen::{CanFrame, Node};
 use controller::law::{Command, Law, Measurement};
 use gungraun::{Callgrind, EventKind, LibraryBenchmarkConfig};
 use plant_emulator::PlantEmulator;
+use plant_emulator::sma::Actuator;
 use scenario::Scenario;
 use scenario::controller::Controller;
 use scenario::reference::SetPoint;
@@ -68,7 +69,7 @@ pub fn law_in_a_hold(controller: &Controller) -> (Law, Cycle) {
 
 /// The rig with its drive, and the time of its latest event.
 pub struct Bench {
-    emulator: PlantEmulator,
+    emulator: PlantEmulator<Actuator>,
     now: Duration,
     counter: u8,
 }

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use dbc::Database;
+use plant_emulator::catalogue;
 use scenario::Scenario;
 
 use crate::capture::{Capture, Watch};
@@ -151,7 +151,7 @@ fn judged<T>(
     watch: &Watch,
     reduce: impl Fn(&Played<'_>) -> T,
 ) -> Result<T, Box<dyn std::error::Error>> {
-    let database = Database::sma_actuator();
+    let database = catalogue::database(scenario);
     let mut capture = Capture::in_memory(ScenarioClock::new(database)?, watch);
     let ended = world::lockstep::simulate(scenario, database, &mut capture);
     let ended = ended.map(World::in_virtual_time);

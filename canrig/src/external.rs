@@ -1,16 +1,14 @@
 //! Nodes of a run that canrig does not start but expects on the bus: a real drive, a foreign controller.
 
 use std::fmt;
-use std::sync::LazyLock;
 
 use clap::ValueEnum;
 use dbc::Database;
+use plant_emulator::catalogue;
 use scenario::Scenario;
 use scenario::fault::FaultWindow;
 use scenario::fault::node::Node;
 use serde::{Deserialize, Serialize};
-
-use crate::signals::EMULATED_MESSAGES;
 
 /// A node that may be somebody else's.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize, ValueEnum)]
@@ -87,15 +85,13 @@ impl External {
         !self.has(ExternalNode::Drive) || self.has(ExternalNode::Fan)
     }
 
-    /// What the frames of the bus mean. Beside a drive that is not the emulator nobody tells the truth.
+    /// What the frames of a scenario's bus mean. Beside a drive that is not the emulator nobody tells the truth.
     #[must_use]
-    pub fn database(&self) -> &'static Database {
-        static WITHOUT_TRUTH: LazyLock<Database> =
-            LazyLock::new(|| Database::sma_actuator().with_silent(&EMULATED_MESSAGES));
+    pub fn database(&self, scenario: &Scenario) -> &'static Database {
         if self.has(ExternalNode::Drive) {
-            &WITHOUT_TRUTH
+            catalogue::database_without_truth(scenario)
         } else {
-            Database::sma_actuator()
+            catalogue::database(scenario)
         }
     }
 
@@ -177,13 +173,14 @@ mod tests {
     fn beside_an_external_drive_nobody_tells_the_truth() {
         let frame = canopen::CanFrame::new(0x290, &[1, 2, 3, 4, 5, 6, 7, 8]);
         let path = "drive_tpdo2.wire_temperature_celsius";
+        let scenario = Scenario::parse(HEAD, "t.toml", |_| unreachable!("no table")).unwrap();
         let decode = |external: &External| {
-            let signal = external.database().require(path).unwrap();
+            let signal = external.database(&scenario).require(path).unwrap();
             signal.decode(&frame)
         };
         assert!(decode(&External::default()).is_some());
         let drive = External::new(&[ExternalNode::Drive]).unwrap();
         assert_eq!(decode(&drive), None);
-        assert!(drive.database().decode(&frame).is_none());
+        assert!(drive.database(&scenario).decode(&frame).is_none());
     }
 }

@@ -4,7 +4,7 @@ use ::faults::{Faulty, Kind, Plan};
 use canopen::Node;
 use controller::ControllerNode;
 use dbc::Database;
-use plant_emulator::PlantEmulator;
+use plant_emulator::catalogue;
 use platform::bus::{self, Bus, BusAddress};
 use platform::hub;
 use platform::process::inherited_channel;
@@ -26,8 +26,8 @@ use crate::world::WorldError;
 ///
 /// # Errors
 /// The scenario's plant cannot be emulated.
-pub fn plant_emulator(scenario: &Scenario) -> Result<PlantEmulator, WorldError> {
-    PlantEmulator::new(scenario).map_err(|error| WorldError::Node {
+pub fn plant_emulator(scenario: &Scenario) -> Result<Box<dyn Node>, WorldError> {
+    catalogue::emulator(scenario).map_err(|error| WorldError::Node {
         name: "plant-emulator",
         reason: error.to_string(),
     })
@@ -97,7 +97,7 @@ pub fn host(args: &NodeArgs) -> Exit {
         Role::PlantEmulator => Scenario::load(&args.scenario)
             .map_err(|error| error.to_string())
             .and_then(|scenario| plant_emulator(&scenario).map_err(|error| error.to_string()))
-            .and_then(|mut node| run_node(&mut node, args)),
+            .and_then(|mut node| run_node(&mut *node, args)),
     };
     match hosted {
         Ok(()) => Exit::Pass,

@@ -9,11 +9,11 @@ use controller::drive::{Drive, Field, Scaled};
 use controller::node::ControllerError;
 use dbc::{Coding, Database, DbcError, Kind, Signal};
 use miette::Diagnostic;
+use plant_emulator::catalogue::TRUTH_MESSAGES;
 use scenario::rig::{PositionRange, Rig};
 use scenario::{Scenario, ScenarioError, read_text};
 
 use crate::FILE_BYTES_MAX;
-use crate::signals::EMULATED_MESSAGES;
 
 /// Default name of a rig file, beside the scenarios.
 pub const RIG_FILE: &str = "rig.toml";
@@ -157,7 +157,7 @@ fn database(rig: &Rig, drive: &Drive) -> Result<Database, DbcError> {
     let [statusword, controlword] = drive.words();
     let [feedback_bytes, command_bytes] =
         drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok());
-    let mut database = Database::sma_actuator().with_silent(&EMULATED_MESSAGES);
+    let mut database = Database::sma_actuator().with_silent(&TRUTH_MESSAGES);
     for (name, function_code) in NODE_MESSAGES {
         let id = function_code + u16::from(drive.node_id().get());
         database = database.with_message(name, id, None, |signal| signal.coding)?;

@@ -45,7 +45,7 @@ impl Source {
     /// The file cannot be read or is no valid scenario.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let (scenario, text) = Scenario::load_with_text(path, |scenario| {
-            SignalNames::of_the_rig().objections(scenario)
+            SignalNames::of(scenario).objections(scenario)
         })?;
         Ok(Self {
             path: path.to_owned(),
@@ -74,7 +74,7 @@ impl Source {
     pub fn database(&self) -> &Database {
         match &self.rig {
             Some(rig) => &rig.database,
-            None => self.external.database(),
+            None => self.external.database(&self.scenario),
         }
     }
 }
@@ -129,8 +129,8 @@ pub fn run(
     taps: Vec<Tap>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
 ) -> Result<Judged, RunError> {
-    let database = source.database();
     let scenario = &source.scenario;
+    let database = source.database();
     let folder = RunFolder::create(parent, source)?;
     let gauge = Gauge::new(scenario, database)?;
     let clock = ScenarioClock::new(database)?;

@@ -1,8 +1,10 @@
 //! The signals of the bus by all their names: `message.signal`, `signal`, and the object behind it, as the EDS calls it.
 
+use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use dbc::Database;
+use plant_emulator::catalogue;
 use scenario::{Objection, Scenario, nearest};
 
 use crate::tools::data_sheet::{self, DataSheet};
@@ -51,12 +53,15 @@ pub struct SignalNames {
 }
 
 impl SignalNames {
-    /// The names on the rig's bus, collected once.
+    /// The names on the bus of a scenario's rig, collected once for each plant.
     #[must_use]
-    pub fn of_the_rig() -> &'static Self {
-        static NAMES: LazyLock<SignalNames> =
-            LazyLock::new(|| SignalNames::new(Database::sma_actuator(), &data_sheet::of_the_rig()));
-        &NAMES
+    pub fn of(scenario: &Scenario) -> &'static Self {
+        static NAMES: LazyLock<BTreeMap<&str, SignalNames>> = LazyLock::new(|| {
+            let sheets = data_sheet::of_the_rig();
+            let named = |(plant, database)| (plant, SignalNames::new(database, &sheets));
+            catalogue::databases().map(named).collect()
+        });
+        &NAMES[scenario.plant.name()]
     }
 
     /// The names of a database's signals, with those of the objects behind them.
@@ -180,10 +185,14 @@ fn objection(path: String, error: &NameError) -> Objection {
 mod tests {
     use super::*;
 
+    fn of_the_actuator() -> SignalNames {
+        SignalNames::new(Database::sma_actuator(), &data_sheet::of_the_rig())
+    }
+
     #[track_caller]
     fn check(name: &str, expected: Result<&str, &str>) {
-        let found = SignalNames::of_the_rig().find(name);
-        let found = found.map_err(|error| error.to_string());
+        let names = of_the_actuator();
+        let found = names.find(name).map_err(|error| error.to_string());
         assert_eq!(found.as_deref(), expected.map_err(str::to_owned).as_deref());
     }
 
@@ -220,7 +229,8 @@ mod tests {
 
     #[test]
     fn the_nearest_name_is_suggested() {
-        let suggested = |name: &str| match SignalNames::of_the_rig().find(name) {
+        let names = of_the_actuator();
+        let suggested = |name: &str| match names.find(name) {
             Err(NameError::Unknown { nearest, .. }) => nearest,
             other => panic!("{other:?}"),
         };

@@ -1,5 +1,7 @@
 //! The signals of the DBC that the bench itself reads or writes, as `message.signal`.
 
+use dbc::{Database, Signal};
+
 pub use dbc::SignalMissing;
 pub use dbc::scenario_clock::STATUSWORD;
 
@@ -18,17 +20,34 @@ pub const CONVECTION_FACTOR: &str = "disturbance_rpdo1.convection_factor";
 /// Mass added to the load, to the disturbance node.
 pub const ADDED_LOAD: &str = "disturbance_rpdo1.added_load_grams";
 
-/// The messages that only the emulated plant sends.
-pub const EMULATED_MESSAGES: [&str; 2] = ["drive_tpdo2", "plant_truth"];
+/// Signals of the emulated plant that stand before the true position.
+pub const PLANT_SIGNALS: &str = "drive_tpdo2";
+/// The emulated plant's other signals; a plant with two or fewer has no such message.
+pub const OTHER_PLANT_SIGNALS: &str = "drive_tpdo3";
+/// Position of the load before the sensor.
+pub const TRUE_POSITION: &str = "true_position_millimetres";
+/// Temperature of the SMA actuator's wire, by which its frames are told from those of other plants.
+pub const WIRE_TEMPERATURE: &str = "wire_temperature_celsius";
 
 /// The messages whose signals become columns, in this order.
-pub const COLUMN_MESSAGES: [&str; 8] = [
+pub const COLUMN_MESSAGES: [&str; 9] = [
     "drive_tpdo1",
     "drive_rpdo1",
-    "drive_tpdo2",
+    PLANT_SIGNALS,
+    OTHER_PLANT_SIGNALS,
     "controller_tpdo1",
     "controller_tpdo2",
     "controller_tpdo3",
     "controller_tpdo4",
     "disturbance_rpdo1",
 ];
+
+/// The emulated plant's own signals, which no real drive measures: the columns of its messages less the true position.
+pub fn of_the_plant(database: &Database) -> impl Iterator<Item = &Signal> {
+    let messages = [PLANT_SIGNALS, OTHER_PLANT_SIGNALS];
+    let messages = messages
+        .into_iter()
+        .filter_map(|name| database.message(name));
+    let signals = messages.flat_map(|message| &message.signals);
+    signals.filter(|signal| signal.name != TRUE_POSITION)
+}

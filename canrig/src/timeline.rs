@@ -423,9 +423,11 @@ impl Traffic {
 fn tracked_signals(database: &Database) -> Result<Vec<Tracked>, SignalMissing> {
     let mut tracked = Vec::new();
     for name in COLUMN_MESSAGES {
-        let message = database
-            .message(name)
-            .ok_or_else(|| SignalMissing::new(name))?;
+        let message = match database.message(name) {
+            Some(message) => message,
+            None if name == signals::OTHER_PLANT_SIGNALS => continue,
+            None => return Err(SignalMissing::new(name)),
+        };
         for signal in &message.signals {
             let handle = database.require(&format!("{name}.{}", signal.name))?;
             let is_measured = signals::POSITION.starts_with(name);

@@ -54,7 +54,7 @@ impl TraceReader {
         let period = scenario.bus.sync_period();
         let mut collected = BTreeMap::new();
         for (_, name) in scenario.expect.named_signals() {
-            let path = SignalNames::of_the_rig().find(name);
+            let path = SignalNames::of(scenario).find(name);
             if let Some((path, found)) = path
                 .ok()
                 .and_then(|path| Some((path, collect(path, period, database)?)))

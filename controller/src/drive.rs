@@ -375,11 +375,16 @@ impl Drive {
     pub fn encode(&self, controlword: u16, current_amperes: f64) -> CanFrame {
         let units = libm::floor(self.current_amperes_max * self.target.units);
         let max = units.min(self.target.field.max());
+        let min = if self.target.field.is_signed {
+            -max
+        } else {
+            0.0
+        };
         #[expect(
             clippy::cast_possible_truncation,
             reason = "limited to the object's range"
         )]
-        let target = libm::round(current_amperes * self.target.units).clamp(0.0, max) as i64;
+        let target = libm::round(current_amperes * self.target.units).clamp(min, max) as i64;
         let mut data = [0; 8];
         self.controlword.write(i64::from(controlword), &mut data);
         self.target.field.write(target, &mut data);
@@ -416,7 +421,8 @@ mod tests {
         let drive = Drive::from_eds(dbc::DRIVE_EDS).unwrap();
         for (amperes, permille) in [
             (2.0, 1000_i16),
-            (-1.0, 0),
+            (-0.5, -500),
+            (-2.0, -1000),
             (f64::NAN, 0),
             (f64::INFINITY, 1000),
         ] {

@@ -8,7 +8,7 @@ use crate::pid::Pid;
 use crate::sliding_mode::SlidingMode;
 use crate::sliding_mode_paper::SlidingModePaper;
 
-/// Largest current in A; commands lie between 0 and this.
+/// Largest current in A; commands lie between 0, or what a law's table says, and this.
 pub const CURRENT_AMPERES_MAX: f64 = 1.0;
 
 /// Largest `u = i²` in A².
@@ -26,7 +26,7 @@ pub struct Measurement {
 /// What a law commands, and why.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
-    /// Current for the next cycle, between 0 and [`CURRENT_AMPERES_MAX`], in whole thousandths.
+    /// Current for the next cycle, at most [`CURRENT_AMPERES_MAX`], in whole thousandths.
     pub current_amperes: f64,
     /// The terms behind it.
     pub explanation: Explanation,
@@ -60,7 +60,7 @@ pub struct Explanation {
 pub struct Saturation {
     /// The law asked for more than the largest current.
     pub at_upper_limit: bool,
-    /// The law asked for less than no current.
+    /// The law asked for less than the smallest current.
     pub at_lower_limit: bool,
     /// The load rests on the stop.
     pub on_stop: bool,
@@ -189,11 +189,17 @@ impl Law {
     }
 }
 
-/// A current as the bus carries it: limited and in whole thousandths of an ampere; not a number becomes 0.
+/// A current as the bus carries it: from 0 to the largest and in whole thousandths of an ampere; not a number becomes 0.
 #[must_use]
 pub fn limited_current(current_amperes: f64) -> f64 {
-    #[expect(clippy::manual_clamp, reason = "clamp would keep a NaN")]
-    let limited = current_amperes.max(0.0).min(CURRENT_AMPERES_MAX);
+    limited_current_from(0.0, current_amperes)
+}
+
+/// As [`limited_current`], from a smallest current that may be below 0; not a number becomes it.
+#[must_use]
+pub fn limited_current_from(amperes_min: f64, current_amperes: f64) -> f64 {
+    // `clamp` would keep a NaN.
+    let limited = current_amperes.max(amperes_min).min(CURRENT_AMPERES_MAX);
     libm::round(limited * 1000.0) / 1000.0
 }
 

@@ -4,7 +4,8 @@ use scenario::controller::Pid as Config;
 use scenario::reference::SetPoint;
 
 use crate::law::{
-    CURRENT_AMPERES_MAX, Command, ControlLaw, Explanation, Measurement, Saturation, limited_current,
+    CURRENT_AMPERES_MAX, Command, ControlLaw, Explanation, Measurement, Saturation,
+    limited_current_from,
 };
 
 /// Positions are taken to lie within this, so that results stay finite; beyond any rig.
@@ -51,8 +52,8 @@ impl Pid {
 
     /// Integrates the error unless that would push the command further beyond its limit (conditional integration).
     fn integrate(&self, state: &mut State, error: f64, command: f64, period_seconds: f64) {
-        let winds_up =
-            (command >= CURRENT_AMPERES_MAX && error > 0.0) || (command <= 0.0 && error < 0.0);
+        let winds_up = (command >= CURRENT_AMPERES_MAX && error > 0.0)
+            || (command <= self.config.current_amperes_min && error < 0.0);
         if !winds_up && error.is_finite() {
             state.integral_amperes +=
                 self.config.integral_amperes_per_metre_second * error * period_seconds;
@@ -89,14 +90,14 @@ impl ControlLaw for Pid {
             - self.config.derivative_ampere_seconds_per_metre * velocity;
         self.integrate(state, error, current, period_seconds);
         Command {
-            current_amperes: limited_current(current),
+            current_amperes: limited_current_from(self.config.current_amperes_min, current),
             explanation: Explanation {
                 reference_position_metres: set_point.position_metres,
                 reference_velocity_metres_per_second: set_point.velocity_metres_per_second,
                 estimated_velocity_metres_per_second: velocity,
                 saturation: Saturation {
                     at_upper_limit: current > CURRENT_AMPERES_MAX,
-                    at_lower_limit: current < 0.0,
+                    at_lower_limit: current < self.config.current_amperes_min,
                     on_stop: state.last_position_metres <= 0.0,
                 },
                 ..Explanation::default()
@@ -117,6 +118,7 @@ mod tests {
             derivative_ampere_seconds_per_metre: derivative,
             set_point_weight: 1.0,
             derivative_filter_radians_per_second: 100.0,
+            current_amperes_min: 0.0,
         })
     }
 
@@ -169,6 +171,18 @@ mod tests {
             "{}",
             state.integral_amperes
         );
+    }
+
+    #[test]
+    fn a_drive_both_ways_brakes_and_does_not_wind_up_below() {
+        let mut law = law(20.0, 100.0, 0.0);
+        law.config.current_amperes_min = -0.5;
+        let mut state = law.start();
+        assert!((step(&law, &mut state, 0.02, 0.01) + 0.2).abs() < 1e-12);
+        for _ in 0..10_000 {
+            assert!(step(&law, &mut state, 0.055, 0.0) >= -0.5);
+        }
+        assert!(state.integral_amperes >= -0.51, "{state:?}");
     }
 
     #[test]

@@ -209,10 +209,15 @@ impl Database {
             .filter(|message| message.name != UNUSED_SIGNALS)
             .map(|message| read_message(&dbc, message))
             .collect();
-        let mut messages = messages?;
+        let database = Self::of(messages?);
+        refuse_duplicates(&database.messages)?;
+        Ok(database)
+    }
+
+    /// Messages in any order, each of which has been checked.
+    pub(crate) fn of(mut messages: Vec<Message>) -> Self {
         messages.sort_by_key(|message| message.raw_id);
-        refuse_duplicates(&messages)?;
-        Ok(Self { messages })
+        Self { messages }
     }
 
     /// The same, but no frame carries these messages: their signals stay known and never have a value.

@@ -16,6 +16,7 @@
 pub mod coding;
 pub mod database;
 pub mod error;
+mod plant;
 pub mod scenario_clock;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
@@ -23,6 +24,7 @@ pub use database::{
     Database, Decoded, DecodedSignal, Message, MessageBuilder, Signal, SignalHandle,
 };
 pub use error::{DbcError, SignalMissing};
+pub use plant::PlantSignal;
 
 /// The frames of the rig (`sma_actuator.dbc`).
 pub const SMA_ACTUATOR: &str = include_str!("../sma_actuator.dbc");

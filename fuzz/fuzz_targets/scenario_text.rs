@@ -4,7 +4,7 @@
 use controller::ControllerNode;
 use controller::drive::Drive;
 use libfuzzer_sys::fuzz_target;
-use plant_emulator::PlantEmulator;
+use plant_emulator::catalogue;
 use scenario::rig::Rig;
 use scenario::{ControllerView, Scenario};
 
@@ -19,6 +19,6 @@ fuzz_target!(|text: &str| {
     };
     let view = ControllerView::parse(text, "fuzz.toml", |_| Ok(TABLE.to_owned()));
     assert_eq!(view.expect("the bench reads it"), scenario.controller_view());
-    let _ = PlantEmulator::new(&scenario);
+    let _ = catalogue::emulator(&scenario);
     let _ = ControllerNode::new(&scenario.controller_view());
 });

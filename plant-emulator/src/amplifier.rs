@@ -1,16 +1,18 @@
-//! The current amplifier of the wire.
+//! The current amplifier of the plant.
 
 use scenario::plant;
 
 /// Largest resolution of the digital-to-analogue converter.
 pub const RESOLUTION_BITS_MAX: u32 = 24;
 
-/// The amplifier: sources current from 0 to a maximum and follows its command at once.
+/// The amplifier: sources current within its range and follows its command at once.
 #[derive(Clone, Debug)]
 pub struct Amplifier {
     /// Rated current, to which commands refer (0x6075).
     rated_amperes: f64,
-    /// Largest current; 0 is the smallest.
+    /// Smallest current, 0 or below it.
+    amperes_min: f64,
+    /// Largest current.
     amperes_max: f64,
     /// Steps of the converter over the full range; 0 leaves the command's 1 permille.
     steps: f64,
@@ -23,27 +25,30 @@ impl Amplifier {
         let bits = config.resolution_bits.min(RESOLUTION_BITS_MAX);
         Self {
             rated_amperes,
+            amperes_min: config.current_amperes_min,
             amperes_max: config.current_amperes_max,
             steps: f64::from((1_u32 << bits) - 1),
         }
     }
 
-    /// The current that a command gives, clipped to 0 and the maximum and rounded to the converter's steps.
+    /// The current that a command gives, clipped to the range and rounded to the converter's steps.
     #[must_use]
     pub fn current_amperes(&self, command_permille: i16) -> f64 {
         let wanted = f64::from(command_permille) / 1e3 * self.rated_amperes;
-        let clipped = wanted.clamp(0.0, self.amperes_max);
-        if self.steps == 0.0 || self.amperes_max == 0.0 {
+        let clipped = wanted.clamp(self.amperes_min, self.amperes_max);
+        let range = self.amperes_max - self.amperes_min;
+        if self.steps == 0.0 || range <= 0.0 {
             return clipped;
         }
-        libm::round(clipped / self.amperes_max * self.steps) / self.steps * self.amperes_max
+        let steps = libm::round((clipped - self.amperes_min) / range * self.steps);
+        steps / self.steps * range + self.amperes_min
     }
 
     /// True when a command lies outside what the amplifier can source.
     #[must_use]
     pub fn clips(&self, command_permille: i16) -> bool {
         let wanted = f64::from(command_permille) / 1e3 * self.rated_amperes;
-        !(0.0..=self.amperes_max).contains(&wanted)
+        !(self.amperes_min..=self.amperes_max).contains(&wanted)
     }
 
     /// A current in permille of the rated current, as 0x6078 reports it.
@@ -67,6 +72,7 @@ mod tests {
         let config = plant::Amplifier {
             current_amperes_max,
             resolution_bits,
+            ..plant::Amplifier::default()
         };
         Amplifier::new(&config, 1.0)
     }
@@ -89,6 +95,21 @@ mod tests {
         assert!(amplifier(0.8, 0).clips(900) && !amplifier(0.8, 0).clips(800));
         assert!(amplifier(0.8, 0).clips(-1) && !amplifier(0.8, 0).clips(0));
         assert_eq!(amplifier(0.0, 10).current_amperes(900), 0.0);
+    }
+
+    #[test]
+    fn an_amplifier_that_drives_both_ways_clips_at_both_ends() {
+        let config = plant::Amplifier {
+            current_amperes_min: -0.5,
+            resolution_bits: 10,
+            ..plant::Amplifier::default()
+        };
+        let amplifier = Amplifier::new(&config, 1.0);
+        assert_eq!(amplifier.current_amperes(-900), -0.5);
+        assert!(amplifier.clips(-501) && !amplifier.clips(-500));
+        let steps = (amplifier.current_amperes(-123) + 0.5) / 1.5 * 1023.0;
+        assert!((steps - libm::round(steps)).abs() < 1e-9);
+        assert!((amplifier.current_amperes(-123) + 0.123).abs() < 0.75 / 1023.0);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! A command that follows from the sample of one SYNC acts from the next SYNC on: one cycle of delay. The current falls
 //! to 0 on arrival of whatever disables the drive, and by the drive's own timer when communication is lost.
 //!
-//! The drive holds the actuator it is wired to and brings it up to date whenever it samples, before the current or a
+//! The drive holds the plant it is wired to and brings it up to date whenever it samples, before the current or a
 //! disturbance changes, and by a deadline of its own. Frames that only wait for a SYNC leave the physics alone.
 
 mod objects;
@@ -21,14 +21,14 @@ use canopen::{
 use scenario::Scenario;
 
 use objects::Objects;
-pub use objects::Truth;
+pub(crate) use objects::declare;
 
 use crate::amplifier::Amplifier;
 use crate::faults::RigFaults;
 use crate::objects::MissingObject;
+use crate::plant::{Inputs, Plant};
 use crate::rig::Rig;
 use crate::sensor::PositionSensor;
-use crate::sma::{Actuator, Inputs};
 use crate::thermal_protection::ThermalProtection;
 
 /// Longest pause between two SYNCs (assumed). In it a wire at 1 A warms by less than 10 °C; a host that does not run
@@ -48,15 +48,15 @@ const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
 
 /// The drive's application: what happens round its object dictionary.
 #[derive(Clone, Debug)]
-pub struct Drive {
-    objects: Objects,
+pub struct Drive<P: Plant> {
+    objects: Objects<P>,
     machine: StateMachine,
     sensor: PositionSensor,
     amplifier: Amplifier,
     protection: ThermalProtection,
-    /// The actuator and what acts on it; its current is what the amplifier puts out.
-    rig: Rig,
-    /// What goes wrong with sensor, amplifier and actuator.
+    /// The plant and what acts on it; its current is what the amplifier puts out.
+    rig: Rig<P>,
+    /// What goes wrong with sensor, amplifier and plant.
     faults: RigFaults,
     /// What the amplifier is told.
     commanded_amperes: f64,
@@ -64,7 +64,7 @@ pub struct Drive {
     deviates_since: Option<Duration>,
     /// How far the node's clock is ahead of the emulator's own, and how far behind.
     clock_error: (Duration, Duration),
-    /// Longest time that the actuator is left behind. The next SYNC brings it up to date, so this is longer than a
+    /// Longest time that the plant is left behind. The next SYNC brings it up to date, so this is longer than a
     /// SYNC may be late: else a busy machine, which delays SYNCs, would get more to do for it.
     idle_max: Duration,
     /// The option codes, to be read again when one may have been written.
@@ -80,20 +80,24 @@ pub struct Drive {
     is_stop_asked: bool,
 }
 
-impl Drive {
-    /// The drive of a scenario's plant, with the objects of a dictionary. The sensor's noise follows from the seed.
+impl<P: Plant> Drive<P> {
+    /// The drive wired to a plant, with the objects of a dictionary. The sensor's noise follows from the seed.
     ///
     /// # Errors
     /// An object that the dictionary lacks.
-    pub fn new(scenario: &Scenario, dictionary: &ObjectDictionary) -> Result<Self, MissingObject> {
+    pub fn new(
+        scenario: &Scenario,
+        plant: P,
+        dictionary: &ObjectDictionary,
+    ) -> Result<Self, MissingObject> {
         let objects = Objects::find(dictionary)?;
-        let plant = &scenario.plant;
+        let config = &scenario.plant;
         Ok(Self {
             machine: StateMachine::new(),
-            sensor: PositionSensor::new(&plant.sensor, scenario.seed),
-            amplifier: Amplifier::new(&plant.amplifier, objects.rated_amperes(dictionary)),
+            sensor: PositionSensor::new(&config.sensor, scenario.seed),
+            amplifier: Amplifier::new(&config.amplifier, objects.rated_amperes(dictionary)),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
-            rig: Rig::new(Actuator::new(plant)),
+            rig: Rig::new(plant),
             faults: RigFaults::new(scenario),
             commanded_amperes: 0.0,
             deviates_since: None,
@@ -109,15 +113,15 @@ impl Drive {
         })
     }
 
-    /// The actuator, as far as it has been brought up to date.
+    /// The plant, as far as it has been brought up to date.
     #[must_use]
-    pub fn actuator(&self) -> &Actuator {
-        self.rig.actuator()
+    pub fn plant(&self) -> &P {
+        self.rig.plant()
     }
 
-    /// What acts on the actuator.
+    /// What acts on the plant.
     #[must_use]
-    pub fn inputs(&self) -> &Inputs {
+    pub fn inputs(&self) -> &Inputs<P::Condition> {
         self.rig.inputs()
     }
 
@@ -151,7 +155,7 @@ impl Drive {
     }
 
     /// The rig.
-    pub(crate) fn rig(&self) -> &Rig {
+    pub(crate) fn rig(&self) -> &Rig<P> {
         &self.rig
     }
 
@@ -187,7 +191,7 @@ impl Drive {
         (services.now() + behind).saturating_sub(ahead)
     }
 
-    fn act_on_plant(&mut self, now: Duration, inputs: Inputs) {
+    fn act_on_plant(&mut self, now: Duration, inputs: Inputs<P::Condition>) {
         if inputs != *self.rig.inputs() {
             self.advance_to(now);
             self.rig.set_inputs(inputs);
@@ -198,14 +202,14 @@ impl Drive {
     fn set_current(&mut self, now: Duration, commanded_amperes: f64) {
         self.commanded_amperes = commanded_amperes;
         let inputs = Inputs {
-            current_amperes: self.faults.current_amperes(now, commanded_amperes),
-            condition: self.faults.condition(now),
+            current_amperes: self.faults.current_amperes::<P>(now, commanded_amperes),
+            condition: self.faults.condition::<P>(now),
             ..*self.rig.inputs()
         };
         self.act_on_plant(now, inputs);
     }
 
-    /// Brings the actuator and the overload integral to `now`.
+    /// Brings the plant and the overload integral to `now`.
     fn advance_to(&mut self, now: Duration) {
         let current_amperes = self.rig.inputs().current_amperes;
         let elapsed = self.rig.advance_to(now);
@@ -217,15 +221,15 @@ impl Drive {
     fn sample(&mut self, services: &mut Services) {
         let now = self.now(services);
         self.advance_to(now);
-        let truth = Truth::of(self.rig.actuator());
+        let true_position = self.rig.plant().position_metres();
         let sensor = &mut self.sensor;
         let convert = |position| sensor.sample(position);
-        let counts = self.faults.sense(now, truth.position_metres, convert);
+        let counts = self.faults.sense(now, true_position, convert);
         let position = self.sensor.position_metres(counts);
         let permille = self.amplifier.permille(self.rig.inputs().current_amperes);
         let dictionary = services.dictionary_mut();
         self.objects.set_position(dictionary, position);
-        self.objects.set_truth(dictionary, &truth);
+        self.objects.set_truth(dictionary, self.rig.plant());
         self.objects.set_current(dictionary, permille);
         self.objects
             .set_utilisation(dictionary, self.protection.utilisation());
@@ -233,7 +237,7 @@ impl Drive {
 
     /// Lets the target torque act, where that is allowed.
     fn apply(&mut self, services: &Services) {
-        if !self.may_heat(services) {
+        if !self.may_drive(services) {
             return;
         }
         let dictionary = services.dictionary();
@@ -245,7 +249,7 @@ impl Drive {
         self.set_current(self.now(services), current_amperes);
     }
 
-    fn may_heat(&self, services: &Services) -> bool {
+    fn may_drive(&self, services: &Services) -> bool {
         !self.is_stop_asked
             && services.nmt_state() == NmtState::Operational
             && self.machine.is_current_allowed()
@@ -254,7 +258,7 @@ impl Drive {
 
     /// Ends every call that may have changed the state: no current without permission, and the statusword of now.
     fn settle(&mut self, services: &mut Services) {
-        if !self.may_heat(services) {
+        if !self.may_drive(services) {
             self.set_current(self.now(services), 0.0);
             self.is_limit_active = false;
         }
@@ -314,7 +318,7 @@ impl Drive {
     /// The end of the SYNC's supervision while 0x1006 gives no period to the SYNC consumer.
     fn sync_deadline(&self) -> Option<Duration> {
         // What is commanded counts: an amplifier that is stuck on does not obey any more.
-        (self.commanded_amperes > 0.0 && !self.has_sync_period)
+        (self.commanded_amperes != 0.0 && !self.has_sync_period)
             .then(|| self.latest_sync + SYNC_TIMEOUT)
     }
 
@@ -327,7 +331,7 @@ impl Drive {
     }
 }
 
-impl Application for Drive {
+impl<P: Plant> Application for Drive<P> {
     fn on_reset(&mut self, services: &mut Services, _reset: NmtCommand) {
         self.machine = StateMachine::new();
         self.codes = None;
@@ -381,7 +385,7 @@ impl Application for Drive {
     }
 
     fn on_read(&mut self, services: &mut Services, index: u16, _sub_index: u8) {
-        if matches!(index, 0x2101..=0x2103 | 0x2110 | 0x6064 | 0x6077 | 0x6078) {
+        if matches!(index, 0x2101..=0x2107 | 0x2110 | 0x6064 | 0x6077 | 0x6078) {
             self.sample(services);
         }
     }

@@ -1,14 +1,19 @@
-//! The plant emulator: the actuator of the paper behind the bus interface of a real drive.
+//! The plant emulator: a plant behind the bus interface of a real drive.
 //!
-//! [`sma`] is the physics, one file per part of the model. [`drive`] and [`disturbance`] are the two nodes that act on
-//! it, [`PlantEmulator`] both of them and the actuator as one participant of the bus.
+//! [`plant`] says what a plant is, [`sma`] is the actuator of the paper and [`dc_motor`] a
+//! motor with gearbox, one file per part of the model. [`drive`] and
+//! [`disturbance`] are the two nodes that act on a plant, [`PlantEmulator`] both of them and the plant as one participant
+//! of the bus.
 
 pub mod amplifier;
+pub mod catalogue;
+pub mod dc_motor;
 pub mod disturbance;
 pub mod drive;
 mod faults;
 mod integrator;
 mod objects;
+pub mod plant;
 mod rig;
 pub mod sensor;
 pub mod sma;
@@ -26,8 +31,8 @@ use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
 use drive::Drive;
 pub use objects::MissingObject;
+use plant::{Inputs, InvalidPlant, Plant};
 use scenario::fault::node::Output;
-use sma::{Actuator, Inputs, InvalidPlant};
 use truth::Truth;
 
 /// Node-ID of the drive.
@@ -48,6 +53,9 @@ pub enum InvalidEmulator {
     /// The plant makes no physical sense.
     #[error("plant: {0}")]
     Plant(#[from] InvalidPlant),
+    /// There is no such plant.
+    #[error("there is no plant `{0}`")]
+    UnknownPlant(&'static str),
     /// A data sheet cannot be read.
     #[error("EDS of node {node_id}: {error}")]
     Eds {
@@ -67,13 +75,13 @@ pub enum InvalidEmulator {
     Signal(#[from] SignalMissing),
 }
 
-/// The drive with the actuator it is wired to, and the disturbance module that acts on the same actuator.
+/// The drive with the plant it is wired to, and the disturbance module that acts on the same plant.
 ///
-/// The actuator follows the emulator's own time; see [`drive`]. In a scenario with faults the drive's node may fail; the
-/// actuator lives on and tells the truth about itself.
+/// The plant follows the emulator's own time; see [`drive`]. In a scenario with faults the drive's node may fail; the
+/// plant lives on and tells the truth about itself.
 #[derive(Debug)]
-pub struct PlantEmulator {
-    drive: DriveNode,
+pub struct PlantEmulator<P: Plant> {
+    drive: DriveNode<P>,
     disturbance: Device<DisturbanceModule>,
 }
 
@@ -83,20 +91,23 @@ pub struct PlantEmulator {
     clippy::large_enum_variant,
     reason = "there is one, and it lives as long as the program"
 )]
-enum DriveNode {
-    Sound(Device<Drive>),
-    Faulty(Faulty<Device<Drive>>, Truth),
+enum DriveNode<P: Plant> {
+    Sound(Device<Drive<P>>),
+    Faulty(Faulty<Device<Drive<P>>>, Truth),
 }
 
-impl DriveNode {
-    fn new(scenario: &scenario::Scenario, sound: Device<Drive>) -> Result<Self, InvalidEmulator> {
+impl<P: Plant> DriveNode<P> {
+    fn new(
+        scenario: &scenario::Scenario,
+        sound: Device<Drive<P>>,
+    ) -> Result<Self, InvalidEmulator> {
         if scenario.fault.is_empty() {
             return Ok(Self::Sound(sound));
         }
         let database = Database::sma_actuator();
         let plan = Plan::of(&scenario.fault, scenario::fault::node::Node::Drive);
         let fresh = sound.clone();
-        let renew = move |device: &mut Device<Drive>| {
+        let renew = move |device: &mut Device<Drive<P>>| {
             let mut drive = device.application().clone();
             drive.renew(fresh.application());
             device.clone_from(&fresh);
@@ -120,14 +131,14 @@ impl DriveNode {
         }
     }
 
-    fn device(&self) -> &Device<Drive> {
+    fn device(&self) -> &Device<Drive<P>> {
         match self {
             Self::Sound(device) => device,
             Self::Faulty(faulty, _) => faulty.node(),
         }
     }
 
-    fn drive_mut(&mut self) -> &mut Drive {
+    fn drive_mut(&mut self) -> &mut Drive<P> {
         match self {
             Self::Sound(device) => device.application_mut(),
             Self::Faulty(faulty, _) => faulty.node_mut().application_mut(),
@@ -183,13 +194,13 @@ impl DriveNode {
     }
 }
 
-impl PlantEmulator {
+impl<P: Plant> PlantEmulator<P> {
     /// The emulator of a scenario's plant, with the objects of the shipped data sheets.
     ///
     /// # Errors
     /// A plant that makes no sense, or a data sheet that does not suit.
     pub fn new(scenario: &scenario::Scenario) -> Result<Self, InvalidEmulator> {
-        sma::check(&scenario.plant)?;
+        let plant = P::new(scenario)?;
         let wrong_id = scenario.fault.node.wrong_node_id.first();
         let drive_id = wrong_id.and_then(|fault| NodeId::new(fault.node_id));
         let drive_id = drive_id.unwrap_or(DRIVE_NODE_ID);
@@ -197,7 +208,8 @@ impl PlantEmulator {
         if let Some(fault) = scenario.fault.node.wrong_identity.first() {
             set_product_code(&mut objects, fault.product_code);
         }
-        let drive = Drive::new(scenario, &objects)?;
+        drive::declare(&mut objects, &plant);
+        let drive = Drive::new(scenario, plant, &objects)?;
         let drive = Device::new(drive_id, objects, drive)?;
         let objects = dictionary(DISTURBANCE_NODE_ID, dbc::DISTURBANCE_EDS)?;
         let disturbance = DisturbanceModule::new(&objects)?;
@@ -208,19 +220,19 @@ impl PlantEmulator {
         })
     }
 
-    /// The actuator, as far as it has been brought up to date: to the latest SYNC or tick, or later.
+    /// The plant, as far as it has been brought up to date: to the latest SYNC or tick, or later.
     #[must_use]
-    pub fn actuator(&self) -> &Actuator {
-        self.drive.device().application().actuator()
+    pub fn plant(&self) -> &P {
+        self.drive.device().application().plant()
     }
 
-    /// What acts on the actuator.
+    /// What acts on the plant.
     #[must_use]
-    pub fn inputs(&self) -> &Inputs {
+    pub fn inputs(&self) -> &Inputs<P::Condition> {
         self.drive.device().application().inputs()
     }
 
-    /// Passes the disturbance module's outputs on to the actuator.
+    /// Passes the disturbance module's outputs on to the plant.
     fn disturb(&mut self, now: Duration) {
         let module = self.disturbance.application();
         let (factor, load) = (module.convection_factor(), module.added_load_kilograms());
@@ -228,7 +240,7 @@ impl PlantEmulator {
     }
 }
 
-impl Node for PlantEmulator {
+impl<P: Plant> Node for PlantEmulator<P> {
     fn filters(&self) -> Vec<Filter> {
         let mut filters = self.drive.as_node().filters();
         filters.extend(self.disturbance.filters());

@@ -9,13 +9,13 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use miette::{IntoDiagnostic, Report};
-use plant_emulator::PlantEmulator;
+use plant_emulator::catalogue;
 use platform::bus::{self, BusAddress};
 use platform::stop::StopSignal;
 use platform::{real_time, scheduling};
 use scenario::Scenario;
 
-/// Plays drive, disturbance module and actuator on a CAN bus until it is stopped (Ctrl-C).
+/// Plays drive, disturbance module and plant on a CAN bus until it is stopped (Ctrl-C).
 ///
 /// Exit codes: 0 stopped, 2 usage, 3 scenario invalid, 4 bus or emulator failed.
 #[derive(Parser)]
@@ -47,14 +47,14 @@ fn main() -> ExitCode {
 }
 
 fn run(address: &BusAddress, scenario: &Scenario) -> miette::Result<()> {
-    let mut node = PlantEmulator::new(scenario).into_diagnostic()?;
+    let mut node = catalogue::emulator(scenario).into_diagnostic()?;
     let stop = StopSignal::from_signals().into_diagnostic()?;
-    let mut bus = bus::open(address, &canopen::Node::filters(&node)).into_diagnostic()?;
+    let mut bus = bus::open(address, &node.filters()).into_diagnostic()?;
     let scheduling = scheduling::request();
     scheduling
         .refusals()
         .for_each(|refused| eprintln!("warning: {refused}"));
-    let report = real_time::run(&mut node, bus.as_mut(), &stop).into_diagnostic()?;
+    let report = real_time::run(&mut *node, bus.as_mut(), &stop).into_diagnostic()?;
     eprintln!("{report}");
     Ok(())
 }

@@ -1,55 +1,55 @@
-//! The physics on the emulator's own clock: whatever the bus does, the wire cools on.
+//! The physics on the emulator's own clock: whatever the bus does, a hot wire cools on.
 
 use std::time::Duration;
 
-use crate::sma::{Actuator, Inputs};
+use crate::plant::{Inputs, Plant};
 
 /// Longest time that is caught up at once. After this long under constant inputs everything has settled, so nothing
 /// is lost by leaving out the rest.
 const CATCH_UP_MAX: Duration = Duration::from_secs(60);
 
-/// The actuator, the time it has reached and what acts on it since.
+/// The plant, the time it has reached and what acts on it since.
 #[derive(Clone, Debug)]
-pub(crate) struct Rig {
-    actuator: Actuator,
-    inputs: Inputs,
+pub(crate) struct Rig<P: Plant> {
+    plant: P,
+    inputs: Inputs<P::Condition>,
     time: Duration,
 }
 
-impl Rig {
-    /// An actuator at time zero, without current and undisturbed.
-    pub(crate) fn new(actuator: Actuator) -> Self {
+impl<P: Plant> Rig<P> {
+    /// A plant at time zero, without current and undisturbed.
+    pub(crate) fn new(plant: P) -> Self {
         Self {
-            actuator,
+            plant,
             inputs: Inputs::default(),
             time: Duration::ZERO,
         }
     }
 
-    /// Brings the actuator to `now`, under the inputs that have acted so far, and tells how much time that was.
+    /// Brings the plant to `now`, under the inputs that have acted so far, and tells how much time that was.
     pub(crate) fn advance_to(&mut self, now: Duration) -> Duration {
         let elapsed = now.saturating_sub(self.time);
-        self.actuator
-            .advance(elapsed.min(CATCH_UP_MAX).as_secs_f64(), &self.inputs);
+        self.plant
+            .step(elapsed.min(CATCH_UP_MAX).as_secs_f64(), &self.inputs);
         self.time = self.time.max(now);
         elapsed
     }
 
-    /// The time that the actuator has reached.
+    /// The time that the plant has reached.
     pub(crate) fn time(&self) -> Duration {
         self.time
     }
 
-    pub(crate) fn actuator(&self) -> &Actuator {
-        &self.actuator
+    pub(crate) fn plant(&self) -> &P {
+        &self.plant
     }
 
-    pub(crate) fn inputs(&self) -> &Inputs {
+    pub(crate) fn inputs(&self) -> &Inputs<P::Condition> {
         &self.inputs
     }
 
     /// What acts from the present time on.
-    pub(crate) fn set_inputs(&mut self, inputs: Inputs) {
+    pub(crate) fn set_inputs(&mut self, inputs: Inputs<P::Condition>) {
         self.inputs = inputs;
     }
 }
@@ -57,10 +57,11 @@ impl Rig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scenario::plant::Plant;
+    use crate::sma::{Actuator, Inputs};
+    use scenario::plant;
 
-    fn rig() -> Rig {
-        Rig::new(Actuator::new(&Plant::default()))
+    fn rig() -> Rig<Actuator> {
+        Rig::new(Actuator::new(&plant::Plant::default()))
     }
 
     fn current(current_amperes: f64) -> Inputs {
@@ -81,9 +82,9 @@ mod tests {
             often.advance_to(Duration::from_micros(microseconds));
         }
         often.advance_to(Duration::from_millis(2000));
-        let difference = once.actuator().position_metres() - often.actuator().position_metres();
+        let difference = once.plant().position_metres() - often.plant().position_metres();
         assert!(difference.abs() < 1e-9, "{difference}");
-        assert!(once.actuator().position_metres() > 0.01);
+        assert!(once.plant().position_metres() > 0.01);
     }
 
     #[test]
@@ -91,7 +92,7 @@ mod tests {
         let mut rig = rig();
         rig.set_inputs(current(1.0));
         rig.advance_to(Duration::from_secs(1_000_000_000));
-        assert!((rig.actuator().temperature_celsius() - 138.44).abs() < 0.01);
+        assert!((rig.plant().temperature_celsius() - 138.44).abs() < 0.01);
         assert_eq!(rig.advance_to(Duration::ZERO), Duration::ZERO);
         assert_eq!(rig.time(), Duration::from_secs(1_000_000_000));
     }

@@ -1,11 +1,12 @@
-//! What the emulated actuator says of itself in scenarios with faults, whatever became of the drive: the current that
-//! really flows, and how hot the wire was.
+//! What the emulated plant says of itself in scenarios with faults, whatever became of the drive: the current that
+//! really flows, and how hot it made the plant.
 
 use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::{Database, MessageBuilder, SignalHandle, SignalMissing};
 
+use crate::plant::Plant;
 use crate::rig::Rig;
 
 /// Time between two messages.
@@ -45,11 +46,11 @@ impl Truth {
 
     /// Looks at the rig after something happened to it. The temperature is monotonic while the inputs are constant, so
     /// its peaks lie where it is looked at.
-    pub(crate) fn observe(&mut self, now: Duration, rig: &Rig) {
-        let temperature = rig.actuator().temperature_celsius();
+    pub(crate) fn observe<P: Plant>(&mut self, now: Duration, rig: &Rig<P>) {
+        let temperature = rig.plant().temperature_celsius();
         self.peak_celsius = self.peak_celsius.max(temperature);
         let current_amperes = rig.inputs().current_amperes;
-        let is_heated = current_amperes > 0.0;
+        let is_heated = current_amperes != 0.0;
         if is_heated == self.is_heated && now < self.next {
             return;
         }

@@ -7,6 +7,7 @@ use std::time::Duration;
 use canopen::cia402::State;
 use canopen::{CanFrame, Progress};
 use manager::{DISTURBANCE, DRIVE, Manager, milliseconds};
+use plant_emulator::sma::Actuator;
 use proptest::prelude::*;
 
 const ENABLE_OPERATION: u16 = 0x0F;
@@ -350,7 +351,7 @@ fn equal_frames_give_equal_frames() {
 fn an_impossible_plant_is_refused_by_name() {
     let mut scenario = manager::scenario();
     scenario.plant.phase.austenite_finish_celsius = 50.0;
-    let error = plant_emulator::PlantEmulator::new(&scenario).unwrap_err();
+    let error = plant_emulator::PlantEmulator::<Actuator>::new(&scenario).unwrap_err();
     assert_eq!(
         error.to_string(),
         "plant: austenite_start_celsius is 53 °C, it must be below austenite_finish_celsius of 50 °C"

@@ -12,6 +12,7 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Emergency, Limit};
 use crate::fault;
+use crate::plant;
 use crate::reference::{Reference, Table};
 use crate::table;
 
@@ -61,7 +62,7 @@ pub(crate) fn name(document: &Document<'_>, name: &str) -> Option<Problem> {
 pub(crate) fn bench(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let mut problems = disturbances(document, scenario);
     problems.extend(fault::check(document, scenario));
-    problems.extend(plant(document, scenario));
+    problems.extend(plant::check(document, scenario));
     problems.extend(limits(document, scenario));
     problems.extend(reactions(document, scenario));
     problems.extend(signals::check(document, scenario));
@@ -316,7 +317,7 @@ fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
             problems.push(document.problem(&path, "two fans blow at a time", label));
         }
     }
-    let load_grams = scenario.plant.mechanics.load_kilograms * 1e3;
+    let load_grams = scenario.plant.load_kilograms() * 1e3;
     for (index, load) in scenario.disturbance.load.iter().enumerate() {
         if load_grams + load.added_grams <= 0.0 {
             let path = format!("disturbance.load.{index}.added_grams");
@@ -325,32 +326,6 @@ fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
         }
     }
     problems
-}
-
-/// Transformation temperatures in order: Eq. (2) divides by their differences.
-fn plant(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let phase = &scenario.plant.phase;
-    let pairs = [
-        (
-            "austenite_finish_celsius",
-            phase.austenite_finish_celsius,
-            "austenite_start_celsius",
-            phase.austenite_start_celsius,
-        ),
-        (
-            "martensite_start_celsius",
-            phase.martensite_start_celsius,
-            "martensite_finish_celsius",
-            phase.martensite_finish_celsius,
-        ),
-    ];
-    let is_wrong = |(_, high, _, low): &(&str, f64, &str, f64)| high <= low;
-    let problem = |(name, _, below, low): (&str, f64, &str, f64)| {
-        let message = format!("`{name}` must be above `{below}`");
-        let path = format!("plant.phase.{name}");
-        document.problem(&path, message, format!("must be above {low}"))
-    };
-    pairs.into_iter().filter(is_wrong).map(problem).collect()
 }
 
 /// Limits that can be met, on metrics that the scenario has.

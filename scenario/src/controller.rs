@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::is_zero;
+
 /// The control law; exactly one of these tables.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
@@ -134,6 +136,10 @@ pub struct Pid {
     /// Pole of the derivative's filter.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub derivative_filter_radians_per_second: f64,
+    /// Smallest current that is commanded: below 0 for a plant that is driven both ways.
+    #[serde(skip_serializing_if = "is_zero")]
+    #[schemars(range(min = -1.0, max = 0.0))]
+    pub current_amperes_min: f64,
 }
 
 impl Default for Pid {
@@ -146,6 +152,7 @@ impl Default for Pid {
             derivative_ampere_seconds_per_metre: 3.1,
             set_point_weight: 0.77,
             derivative_filter_radians_per_second: 300.0,
+            current_amperes_min: 0.0,
         }
     }
 }

@@ -73,7 +73,7 @@ pub struct Expect {
     /// Longest time between two SYNCs: more than the period when the bus or the machine was late.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sync_interval_milliseconds_max: Option<Limit>,
-    /// Temperature of the wire, highest over the run: the emulator's truth, which a real drive does not know.
+    /// Temperature of what the current heats, wire or winding, highest over the run: the emulator's truth, which a real drive does not know.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub temperature_celsius: Option<Limit>,
     /// From the start of the first fault until no current flows through the wire for 0.1 s at least.

@@ -108,3 +108,9 @@ impl Bus {
         Duration::from_micros(100).mul_f64(tenths)
     }
 }
+
+/// What is 0 by default is left out when written.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
+pub(crate) fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}

@@ -52,6 +52,9 @@ pub enum Fault {
     /// The scenario is invalid.
     #[error("the scenario is invalid: {0}")]
     Scenario(Box<ScenarioError>),
+    /// The plant has other parameters.
+    #[error("its plant is `{0}`; identification knows the equations of the SMA actuator only")]
+    OtherPlant(&'static str),
     /// A log without its scenario.
     #[error(
         "a log alone does not tell the cycle time and the sensor; name the scenario that was played with --scenario"
@@ -207,6 +210,9 @@ impl Trace {
         scenario: Scenario,
         database: &Database,
     ) -> Result<Self, Fault> {
+        if scenario.plant.name() != plant_emulator::catalogue::SMA_ACTUATOR {
+            return Err(Fault::OtherPlant(scenario.plant.name()));
+        }
         let timeline = timeline::decode(frames, &scenario, database)?;
         check_frames(frames, database, &timeline)?;
         check_values(&timeline, &scenario)?;

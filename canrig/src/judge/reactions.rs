@@ -6,7 +6,7 @@ use scenario::events::Window;
 use scenario::expect::{Emergency, Limit};
 
 use super::{Run, Value, largest, recovery};
-use crate::timeline::Timeline;
+use crate::timeline::{Column, Timeline};
 use crate::truth::Truth;
 use crate::verdict::Metric;
 
@@ -16,7 +16,9 @@ const WITHOUT_CURRENT_SECONDS: f64 = 0.1;
 const END_SECONDS: f64 = 0.1;
 
 const STATUSWORD: &str = "statusword_state";
-const WIRE_TEMPERATURE: &str = "wire_temperature_celsius";
+/// How the signals are called that tell how warm the current makes a plant.
+const TEMPERATURE: &str = "_temperature_celsius";
+const ESTIMATED: &str = "estimated_";
 
 /// The metrics of faults: all in a scenario with faults, only what is limited in others.
 pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
@@ -98,8 +100,11 @@ fn exactly(value: f64) -> Option<Limit> {
 fn temperature_max(timeline: &Timeline) -> Value {
     let peaks = timeline.truth.iter();
     let peaks = peaks.map(|truth| truth.peak_temperature_celsius);
-    let column = timeline.column(WIRE_TEMPERATURE);
-    let sampled = column.into_iter().flat_map(|column| column.values.iter());
+    let is_true = |column: &&Column| {
+        column.name.ends_with(TEMPERATURE) && !column.name.starts_with(ESTIMATED)
+    };
+    let columns = timeline.columns.iter().filter(is_true);
+    let sampled = columns.flat_map(|column| column.values.iter());
     let temperatures = peaks.chain(sampled.copied());
     largest(temperatures.filter(|temperature| !temperature.is_nan()))
         .map_err(|_| "no temperature in the recording".to_owned())

@@ -1,12 +1,12 @@
 //! What signals did, held against `[[expect.signal]]`. Where nothing was seen, nothing passes.
 
+use plant_emulator::catalogue::TRUTH_MESSAGES;
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
 use super::reactions::untold;
 use super::{Run, TIME_TOLERANCE_SECONDS, Value};
 use crate::signal_names::SignalNames;
-use crate::signals::EMULATED_MESSAGES;
 use crate::traces::{Sample, Trace};
 use crate::verdict::{Metric, rounded};
 
@@ -75,7 +75,7 @@ fn at_most(max: f64) -> Limit {
 
 /// The trace of a signal that was heard at all.
 pub(super) fn trace<'a>(run: &Run<'a>, name: &str) -> Result<&'a Trace, Finding> {
-    let path = SignalNames::of_the_rig().find(name);
+    let path = SignalNames::of(run.scenario).find(name);
     let path = path.map_err(|error| Finding::none(error.to_string()))?;
     if run.timeline.zero_seconds.is_none() {
         return Err(Finding::none("the scenario never began"));
@@ -85,7 +85,7 @@ pub(super) fn trace<'a>(run: &Run<'a>, name: &str) -> Result<&'a Trace, Finding>
     trace
         .filter(|trace| !trace.samples.is_empty())
         .ok_or_else(|| Finding {
-            is_untold: EMULATED_MESSAGES.contains(&message),
+            is_untold: TRUTH_MESSAGES.contains(&message),
             ..Finding::none(format!("{path} never was on the bus"))
         })
 }

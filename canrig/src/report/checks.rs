@@ -28,7 +28,7 @@ pub(super) fn section(scenario: &Scenario, timeline: &Timeline) -> Markup {
     let drawn: Vec<Drawn<'_>> = timeline
         .traces
         .iter()
-        .filter(|trace| checks.iter().any(|check| is_about(check, trace)))
+        .filter(|trace| checks.iter().any(|check| is_about(scenario, check, trace)))
         .take(PLOTS_MAX)
         .map(|trace| drawn(trace, scenario))
         .collect();
@@ -41,8 +41,8 @@ pub(super) fn section(scenario: &Scenario, timeline: &Timeline) -> Markup {
     }
 }
 
-fn is_about(check: &SignalCheck, trace: &Trace) -> bool {
-    SignalNames::of_the_rig().find(&check.name) == Ok(&trace.path)
+fn is_about(scenario: &Scenario, check: &SignalCheck, trace: &Trace) -> bool {
+    SignalNames::of(scenario).find(&check.name) == Ok(&trace.path)
 }
 
 fn drawn<'a>(trace: &'a Trace, scenario: &Scenario) -> Drawn<'a> {
@@ -54,7 +54,7 @@ fn drawn<'a>(trace: &'a Trace, scenario: &Scenario) -> Drawn<'a> {
         patches: Vec::new(),
     };
     let checks = scenario.expect.signal.iter();
-    for check in checks.filter(|check| is_about(check, trace)) {
+    for check in checks.filter(|check| is_about(scenario, check, trace)) {
         for demand in check.demands() {
             let window = check.window(&demand, scenario.duration_seconds);
             match demand {

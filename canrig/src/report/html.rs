@@ -15,7 +15,7 @@ use crate::external::ExternalNode;
 use crate::judge::SETTLING_BAND;
 use crate::recording::Stamped;
 use crate::run_folder::file;
-use crate::signals::SignalMissing;
+use crate::signals::{self, SignalMissing, WIRE_TEMPERATURE};
 use crate::timeline::Timeline;
 use crate::timing::Timing;
 use crate::verdict::Verdict;
@@ -61,7 +61,7 @@ pub fn to_html(run: &Run<'_>, database: &Database) -> Result<String, SignalMissi
         @if run.verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
         @else { (page::metrics(&run.verdict.metrics, run.verdict.outcome)) }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
-        @else { (plots(run)) }
+        @else { (plots(run, database)) }
         (checks::section(scenario, run.timeline))
         (bus(&timing, run))
         (events(&run.timeline.events))
@@ -104,7 +104,7 @@ fn head(run: &Run<'_>) -> Markup {
     }
 }
 
-fn plots(run: &Run<'_>) -> Markup {
+fn plots(run: &Run<'_>, database: &Database) -> Markup {
     let timeline = run.timeline;
     let error: Vec<f64> = timeline
         .set_point_millimetres
@@ -132,32 +132,12 @@ fn plots(run: &Run<'_>) -> Markup {
             ("current_amperes", "measured", Colour::Measured),
         ],
     ));
-    in_time.push(of_signals(
-        timeline,
-        "Wire temperature",
-        "°C",
-        &[
-            (
-                "estimated_temperature_celsius",
-                "estimated",
-                Colour::Estimated,
-            ),
-            ("wire_temperature_celsius", "true", Colour::True),
-        ],
-    ));
-    in_time.push(of_signals(
-        timeline,
-        "Martensite fraction ξ",
-        "",
-        &[
-            (
-                "estimated_martensite_fraction",
-                "estimated",
-                Colour::Estimated,
-            ),
-            ("martensite_fraction", "true", Colour::True),
-        ],
-    ));
+    let has_wire = signals::of_the_plant(database).any(|signal| signal.name == WIRE_TEMPERATURE);
+    if has_wire {
+        in_time.extend(of_the_wire(timeline));
+    } else {
+        in_time.extend(of_another_plant(timeline, database));
+    }
     let mut sliding = of_signals(
         timeline,
         "Sliding variable",
@@ -197,10 +177,61 @@ fn plots(run: &Run<'_>) -> Markup {
         h2 { "Signals" }
         div.plots.even {
             @for plot in &in_time[1..] { (plot.render()) }
-            (hysteresis(timeline).render())
+            @if has_wire { (hysteresis(timeline).render()) }
         }
         p.soft { "Green: settling band of a step. Yellow: a disturbance acts." }
     }
+}
+
+/// The SMA actuator's own signals, with what a controller believes of them.
+fn of_the_wire(timeline: &Timeline) -> [Plot<'_>; 2] {
+    let temperature = of_signals(
+        timeline,
+        "Wire temperature",
+        "°C",
+        &[
+            (
+                "estimated_temperature_celsius",
+                "estimated",
+                Colour::Estimated,
+            ),
+            (WIRE_TEMPERATURE, "true", Colour::True),
+        ],
+    );
+    let fraction = of_signals(
+        timeline,
+        "Martensite fraction ξ",
+        "",
+        &[
+            (
+                "estimated_martensite_fraction",
+                "estimated",
+                Colour::Estimated,
+            ),
+            ("martensite_fraction", "true", Colour::True),
+        ],
+    );
+    [temperature, fraction]
+}
+
+/// The own signals of any other plant, each by itself.
+fn of_another_plant<'a>(
+    timeline: &'a Timeline,
+    database: &'a Database,
+) -> impl Iterator<Item = Plot<'a>> {
+    signals::of_the_plant(database).map(|signal| {
+        let name = signal.name.as_str();
+        let unit = match signal.unit.as_str() {
+            "degC" => "°C",
+            unit => unit,
+        };
+        of_signals(
+            timeline,
+            signal.comment.trim_end_matches('.'),
+            unit,
+            &[(name, "true", Colour::True)],
+        )
+    })
 }
 
 fn position<'a>(run: &Run<'a>) -> Plot<'a> {
@@ -335,7 +366,7 @@ fn hysteresis(timeline: &Timeline) -> Plot<'_> {
             Colour::Estimated,
         ),
         (
-            "wire_temperature_celsius",
+            WIRE_TEMPERATURE,
             "martensite_fraction",
             "true",
             Colour::True,

@@ -132,7 +132,7 @@ fn no_current_without(
         }
         let is_over = time > played.scenario.duration_seconds;
         let silent = time - last;
-        let heats = truth.current_amperes > 0.0;
+        let heats = truth.current_amperes != 0.0;
         if heats
             && !is_over
             && silent > seconds_max

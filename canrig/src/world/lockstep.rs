@@ -53,7 +53,7 @@ pub fn simulate(
     let make = move || nodes::controller(&view, None);
     let mut controller = nodes::faulty_controller(make, &scenario.fault, |_| false)?;
     let roles = Roles {
-        plant_emulator: &mut Local::new(PLANT_EMULATOR, &mut plant_emulator),
+        plant_emulator: &mut Local::new(PLANT_EMULATOR, &mut *plant_emulator),
         bench: &mut Local::new(BENCH, &mut bench),
         controller: &mut Local::new(CONTROLLER, &mut *controller),
     };

@@ -2,10 +2,10 @@
 
 use canopen::ObjectDictionary;
 use canopen::cia402;
-use canopen::object_dictionary::{DataType, Handle};
+use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 
 use crate::objects::{self, MissingObject};
-use crate::sma::Actuator;
+use crate::plant::{Plant, SIGNALS_MAX, Signal};
 use crate::thermal_protection::Limits;
 
 const POSITION_ACTUAL_VALUE: u16 = 0x6064;
@@ -15,37 +15,21 @@ const MAX_CURRENT: u16 = 0x6073;
 const MOTOR_RATED_CURRENT: u16 = 0x6075;
 const TORQUE_ACTUAL_VALUE: u16 = 0x6077;
 const CURRENT_ACTUAL_VALUE: u16 = 0x6078;
-const WIRE_TEMPERATURE: u16 = 0x2101;
-const MARTENSITE_FRACTION: u16 = 0x2102;
+/// The plant's own signals, in their order.
+const PLANT_SIGNALS: [u16; SIGNALS_MAX] = [0x2101, 0x2102, 0x2104, 0x2105, 0x2106, 0x2107];
 const TRUE_POSITION: u16 = 0x2103;
 const THERMAL_PROTECTION: u16 = 0x2110;
 
-/// What the emulator knows and no real drive can measure (TPDO2).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Truth {
-    /// Temperature of the wire.
-    pub temperature_celsius: f64,
-    /// Martensite fraction, 0 to 1.
-    pub martensite_fraction: f64,
-    /// Height of the load above its stop.
-    pub position_metres: f64,
-}
-
-impl Truth {
-    /// The state of an actuator.
-    #[must_use]
-    pub fn of(actuator: &Actuator) -> Self {
-        Self {
-            temperature_celsius: actuator.temperature_celsius(),
-            martensite_fraction: actuator.martensite_fraction(),
-            position_metres: actuator.position_metres(),
-        }
-    }
-}
+/// How many of a plant's signals go with the true position into TPDO2.
+const SIGNALS_IN_TPDO2: usize = 2;
+const TPDO2: [u16; 2] = [0x1801, 0x1A01];
+const TPDO3: [u16; 2] = [0x1802, 0x1A02];
+/// COB-ID of TPDO3 less that of TPDO2 (CiA 301, 7.3.5).
+const TPDO3_COB_ID_OFFSET: u32 = 0x100;
 
 /// Handles of the drive's objects.
 #[derive(Clone, Debug)]
-pub(super) struct Objects {
+pub(super) struct Objects<P: Plant> {
     controlword: Handle,
     statusword: Handle,
     mode: Handle,
@@ -56,8 +40,7 @@ pub(super) struct Objects {
     max_current: Handle,
     torque: Handle,
     current: Handle,
-    wire_temperature: Handle,
-    martensite_fraction: Handle,
+    signals: Vec<(Handle, &'static Signal<P>)>,
     true_position: Handle,
     continuous_current: Handle,
     overload_limit: Handle,
@@ -65,12 +48,14 @@ pub(super) struct Objects {
     rated_current: Handle,
 }
 
-impl Objects {
+impl<P: Plant> Objects<P> {
     pub(super) fn find(dictionary: &ObjectDictionary) -> Result<Self, MissingObject> {
         let at = |index, data_type| objects::find(dictionary, index, 0, data_type);
         let protection = |sub_index, data_type| {
             objects::find(dictionary, THERMAL_PROTECTION, sub_index, data_type)
         };
+        let signals = P::SIGNALS.iter().zip(PLANT_SIGNALS);
+        let signals = signals.map(|(signal, index)| Ok((at(index, data_type(signal))?, signal)));
         Ok(Self {
             controlword: at(cia402::CONTROLWORD, DataType::Unsigned16)?,
             statusword: at(cia402::STATUSWORD, DataType::Unsigned16)?,
@@ -82,8 +67,7 @@ impl Objects {
             max_current: at(MAX_CURRENT, DataType::Unsigned16)?,
             torque: at(TORQUE_ACTUAL_VALUE, DataType::Integer16)?,
             current: at(CURRENT_ACTUAL_VALUE, DataType::Integer16)?,
-            wire_temperature: at(WIRE_TEMPERATURE, DataType::Integer16)?,
-            martensite_fraction: at(MARTENSITE_FRACTION, DataType::Unsigned16)?,
+            signals: signals.collect::<Result<_, _>>()?,
             true_position: at(TRUE_POSITION, DataType::Integer32)?,
             continuous_current: protection(1, DataType::Unsigned32)?,
             overload_limit: protection(2, DataType::Unsigned32)?,
@@ -154,22 +138,101 @@ impl Objects {
         objects::store(dictionary, self.overload_utilisation, &bytes);
     }
 
-    /// 0x2101 in 0.01 °C, 0x2102 in 1/50000, 0x2103 in nanometres.
-    pub(super) fn set_truth(&self, dictionary: &mut ObjectDictionary, truth: &Truth) {
-        let temperature = objects::rounded_i16(truth.temperature_celsius * 1e2);
-        let fraction = objects::rounded_u16(truth.martensite_fraction * 5e4);
-        let position = objects::rounded_i32(truth.position_metres * 1e9);
-        objects::store(
-            dictionary,
-            self.wire_temperature,
-            &temperature.to_le_bytes(),
-        );
-        objects::store(
-            dictionary,
-            self.martensite_fraction,
-            &fraction.to_le_bytes(),
-        );
+    /// The plant's own signals in their steps, 0x2103 in nanometres.
+    pub(super) fn set_truth(&self, dictionary: &mut ObjectDictionary, plant: &P) {
+        for (handle, signal) in &self.signals {
+            objects::store(dictionary, *handle, &raw(signal, plant));
+        }
+        let position = objects::rounded_i32(plant.position_metres() * 1e9);
         objects::store(dictionary, self.true_position, &position.to_le_bytes());
+    }
+}
+
+/// Puts the plant's own signals into the dictionary of the shipped data sheet, and those that TPDO2 has no room for into
+/// a TPDO3.
+pub(crate) fn declare<P: Plant>(dictionary: &mut ObjectDictionary, plant: &P) {
+    for (place, index) in PLANT_SIGNALS.into_iter().enumerate() {
+        let entry = match P::SIGNALS.get(place) {
+            Some(signal) => object(index, signal.name, data_type(signal), raw(signal, plant)),
+            None if place < SIGNALS_IN_TPDO2 => {
+                object(index, "reserved", DataType::Unsigned16, [0; 2])
+            }
+            None => break,
+        };
+        dictionary.insert(entry);
+    }
+    if P::SIGNALS.len() > SIGNALS_IN_TPDO2 {
+        declare_tpdo3(
+            dictionary,
+            &PLANT_SIGNALS[SIGNALS_IN_TPDO2..P::SIGNALS.len()],
+        );
+    }
+}
+
+fn object(index: u16, name: &str, data_type: DataType, start: [u8; 2]) -> Entry {
+    let mut entry = Entry::new(index, 0, name, data_type, Access::ReadOnly, start.to_vec());
+    entry.is_pdo_mappable = true;
+    entry
+}
+
+/// A TPDO3 like TPDO2, with these objects of 16 bits.
+fn declare_tpdo3(dictionary: &mut ObjectDictionary, indices: &[u16]) {
+    let is_of_tpdo2 = |entry: &&Entry| TPDO2.contains(&entry.index);
+    let entries: Vec<Entry> = dictionary
+        .entries()
+        .iter()
+        .filter(is_of_tpdo2)
+        .cloned()
+        .collect();
+    for entry in entries {
+        let [communication, mapping] = TPDO3;
+        let is_mapping = entry.index == TPDO2[1];
+        let index = if is_mapping { mapping } else { communication };
+        let sub_index = usize::from(entry.sub_index);
+        let default = match (is_mapping, sub_index) {
+            (true, 0) => vec![indices.len().to_le_bytes()[0]],
+            (true, _) => {
+                let mapped = indices
+                    .get(sub_index - 1)
+                    .map(|object| u32::from(*object) << 16 | 16);
+                mapped.unwrap_or_default().to_le_bytes().to_vec()
+            }
+            (false, 1) => cob_id(&entry).to_le_bytes().to_vec(),
+            (false, _) => entry.default.clone(),
+        };
+        let name = entry.name.replace("TPDO2", "TPDO3");
+        let mut twin = Entry::new(
+            index,
+            entry.sub_index,
+            &name,
+            entry.data_type,
+            entry.access,
+            default,
+        );
+        (twin.low_limit, twin.high_limit) = (entry.low_limit, entry.high_limit);
+        dictionary.insert(twin);
+    }
+}
+
+fn cob_id(tpdo2: &Entry) -> u32 {
+    let bytes = <[u8; 4]>::try_from(tpdo2.default.as_slice()).unwrap_or_default();
+    u32::from_le_bytes(bytes) + TPDO3_COB_ID_OFFSET
+}
+
+fn data_type<P>(signal: &Signal<P>) -> DataType {
+    if signal.is_signed() {
+        DataType::Integer16
+    } else {
+        DataType::Unsigned16
+    }
+}
+
+fn raw<P>(signal: &Signal<P>, plant: &P) -> [u8; 2] {
+    let steps = (signal.value)(plant) * signal.steps_per_unit;
+    if signal.is_signed() {
+        objects::rounded_i16(steps).to_le_bytes()
+    } else {
+        objects::rounded_u16(steps).to_le_bytes()
     }
 }
 

@@ -1,9 +1,8 @@
-//! Faults of sensor, amplifier, wire and mechanics, as the scenario's `[fault]` says.
+//! Faults of sensor, amplifier and plant, as the scenario's `[fault]` says.
 //!
 //! They act on the rig itself, whatever becomes of the drive's node, and begin with scenario time.
 
 mod amplifier;
-mod plant;
 mod sensor;
 
 use std::time::Duration;
@@ -11,8 +10,8 @@ use std::time::Duration;
 use scenario::Scenario;
 use scenario::fault::FaultWindow;
 
+use crate::plant::Plant;
 use crate::sensor::Counts;
-use crate::sma::Condition;
 pub(crate) use sensor::SensorFaults;
 
 /// What goes wrong with the rig.
@@ -72,21 +71,21 @@ impl RigFaults {
     }
 
     /// The current that flows in place of what is commanded.
-    pub(crate) fn current_amperes(&self, now: Duration, commanded_amperes: f64) -> f64 {
+    pub(crate) fn current_amperes<P: Plant>(&self, now: Duration, commanded_amperes: f64) -> f64 {
         let Some(time_seconds) = self.time_seconds(now) else {
             return commanded_amperes;
         };
-        if plant::is_wire_broken(&self.faults.plant, time_seconds) {
+        if !P::conducts(&P::condition(&self.faults.plant, time_seconds)) {
             return 0.0;
         }
         amplifier::current_amperes(&self.faults.amplifier, time_seconds, commanded_amperes)
     }
 
-    /// The state of wire and mechanics.
-    pub(crate) fn condition(&self, now: Duration) -> Condition {
+    /// What is wrong with the plant.
+    pub(crate) fn condition<P: Plant>(&self, now: Duration) -> P::Condition {
         self.time_seconds(now)
-            .map_or_else(Condition::default, |time| {
-                plant::condition(&self.faults.plant, time)
+            .map_or_else(P::Condition::default, |time| {
+                P::condition(&self.faults.plant, time)
             })
     }
 

@@ -1,5 +1,6 @@
 //! The SMA actuator: heat, phase and motion put together and integrated.
 
+mod faults;
 mod heat;
 mod phase;
 mod validity;
@@ -8,11 +9,15 @@ mod wire;
 use heat::HeatBalance;
 pub use phase::Branch;
 use phase::Transformation;
-pub use validity::{InvalidPlant, check};
+pub use validity::check;
 use wire::Mechanics;
 pub use wire::stress_pascals;
 
+use scenario::Scenario;
+use scenario::fault::plant::PlantFaults;
+
 use crate::integrator::runge_kutta_4;
+use crate::plant::{self, InvalidPlant, Plant, Signal};
 
 /// Longest integration step. The reference trajectories are met a hundredfold within their tolerance with it.
 pub const STEP_SECONDS_MAX: f64 = 1e-3;
@@ -21,17 +26,7 @@ pub const STEP_SECONDS_MAX: f64 = 1e-3;
 pub const CONVECTION_FACTOR_MAX: f64 = 33.0;
 
 /// What acts on the actuator.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Inputs {
-    /// Current through the wire.
-    pub current_amperes: f64,
-    /// Multiplies the convection coefficient `h`; 1 in still air.
-    pub convection_factor: f64,
-    /// Added to the load; the sum never falls below zero.
-    pub added_load_kilograms: f64,
-    /// What is wrong with wire and mechanics.
-    pub condition: Condition,
-}
+pub type Inputs = plant::Inputs<Condition>;
 
 /// What is wrong with wire and mechanics; by default nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,18 +72,6 @@ impl Inputs {
             f64::NEG_INFINITY
         } else {
             self.added_load_kilograms
-        }
-    }
-}
-
-impl Default for Inputs {
-    /// No current, still air, the load alone.
-    fn default() -> Self {
-        Self {
-            current_amperes: 0.0,
-            convection_factor: 1.0,
-            added_load_kilograms: 0.0,
-            condition: Condition::default(),
         }
     }
 }
@@ -285,5 +268,53 @@ impl Actuator {
     pub fn equilibrium_celsius(&self, inputs: &Inputs) -> f64 {
         self.heat
             .equilibrium_celsius(inputs.heating_amperes(), inputs.convection_factor)
+    }
+}
+
+impl Plant for Actuator {
+    type Condition = Condition;
+
+    const SIGNALS: &'static [Signal<Self>] = &[
+        Signal {
+            name: "wire_temperature_celsius",
+            unit: "degC",
+            comment: "Wire temperature.",
+            steps_per_unit: 1e2,
+            range: [-273.15, 327.67],
+            value: Self::temperature_celsius,
+        },
+        Signal {
+            name: "martensite_fraction",
+            unit: "",
+            comment: "Martensite fraction of the wire.",
+            steps_per_unit: 5e4,
+            range: [0.0, 1.0],
+            value: Self::martensite_fraction,
+        },
+    ];
+
+    fn new(scenario: &Scenario) -> Result<Self, InvalidPlant> {
+        check(&scenario.plant)?;
+        Ok(Self::new(&scenario.plant))
+    }
+
+    fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {
+        faults::condition(faults, time_seconds)
+    }
+
+    fn conducts(condition: &Condition) -> bool {
+        !condition.is_wire_broken
+    }
+
+    fn step(&mut self, duration_seconds: f64, inputs: &Inputs) {
+        self.advance(duration_seconds, inputs);
+    }
+
+    fn position_metres(&self) -> f64 {
+        self.position_metres()
+    }
+
+    fn temperature_celsius(&self) -> f64 {
+        self.temperature_celsius()
     }
 }

@@ -5,45 +5,7 @@ use scenario::plant::Plant;
 use super::heat::HeatBalance;
 use super::wire::Mechanics;
 use super::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX};
-
-/// Why a plant cannot be emulated.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidPlant {
-    /// A parameter outside its range.
-    #[error("{name} is {value}, it must be {requirement}")]
-    OutOfRange {
-        /// The parameter, as the scenario names it.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-        /// What it must be.
-        requirement: &'static str,
-    },
-    /// Two temperatures in the wrong order.
-    #[error("{cold_name} is {cold} °C, it must be below {hot_name} of {hot} °C")]
-    WrongOrder {
-        /// The lower temperature's name.
-        cold_name: &'static str,
-        /// Its value.
-        cold: f64,
-        /// The higher temperature's name.
-        hot_name: &'static str,
-        /// Its value.
-        hot: f64,
-    },
-    /// The motion or the heat changes faster than the integrator follows.
-    #[error(
-        "{part} changes at up to {rate_per_second:.0} 1/s, the integrator follows {limit_per_second:.0} 1/s at most"
-    )]
-    TooFast {
-        /// `heat` or `motion`.
-        part: &'static str,
-        /// Its fastest rate.
-        rate_per_second: f64,
-        /// The limit: one by the step size.
-        limit_per_second: f64,
-    },
-}
+use crate::plant::{InvalidPlant, finite, follows, not_negative, positive, require};
 
 /// Checks all physical parameters of a plant.
 ///
@@ -54,9 +16,9 @@ pub fn check(plant: &Plant) -> Result<(), InvalidPlant> {
     check_phase(&plant.phase)?;
     check_mechanics(&plant.mechanics)?;
     let heat = HeatBalance::new(&plant.heat).rate_per_second(CONVECTION_FACTOR_MAX);
-    check_rate("heat", heat)?;
+    follows("heat", heat, STEP_SECONDS_MAX)?;
     let motion = Mechanics::new(&plant.mechanics).fastest_rate_per_second();
-    check_rate("motion", motion)
+    follows("motion", motion, STEP_SECONDS_MAX)
 }
 
 fn check_heat(heat: &scenario::plant::Heat) -> Result<(), InvalidPlant> {
@@ -153,48 +115,6 @@ fn check_mechanics(mechanics: &scenario::plant::Mechanics) -> Result<(), Invalid
         "damping_newton_seconds_per_metre",
         mechanics.damping_newton_seconds_per_metre,
     )
-}
-
-fn check_rate(part: &'static str, rate_per_second: f64) -> Result<(), InvalidPlant> {
-    let limit_per_second = 1.0 / STEP_SECONDS_MAX;
-    if rate_per_second <= limit_per_second {
-        Ok(())
-    } else {
-        Err(InvalidPlant::TooFast {
-            part,
-            rate_per_second,
-            limit_per_second,
-        })
-    }
-}
-
-fn positive(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
-    require(name, value, "above 0", |value| value > 0.0)
-}
-
-fn not_negative(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
-    require(name, value, "0 or above", |value| value >= 0.0)
-}
-
-fn finite(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
-    require(name, value, "a finite number", |_| true)
-}
-
-fn require(
-    name: &'static str,
-    value: f64,
-    requirement: &'static str,
-    is_met: impl Fn(f64) -> bool,
-) -> Result<(), InvalidPlant> {
-    if value.is_finite() && is_met(value) {
-        Ok(())
-    } else {
-        Err(InvalidPlant::OutOfRange {
-            name,
-            value,
-            requirement,
-        })
-    }
 }
 
 #[cfg(test)]

@@ -46,7 +46,7 @@ pub(crate) struct Sample {
 }
 
 pub(crate) struct Manager {
-    emulator: PlantEmulator,
+    emulator: PlantEmulator<Actuator>,
     now: Duration,
     frames: Vec<CanFrame>,
     counter: u8,
@@ -116,11 +116,11 @@ impl Manager {
     pub(crate) fn actuator_now(&mut self) -> &Actuator {
         self.emulator.on_tick(self.now);
         self.drain();
-        self.emulator.actuator()
+        self.emulator.plant()
     }
 
     pub(crate) fn actuator(&self) -> &Actuator {
-        self.emulator.actuator()
+        self.emulator.plant()
     }
 
     pub(crate) fn inputs(&self) -> &Inputs {

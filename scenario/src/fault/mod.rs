@@ -54,6 +54,12 @@ pub trait Lasting {
     }
 }
 
+/// Whether one of these faults acts at a scenario time.
+#[must_use]
+pub fn any_acts(faults: &[impl Lasting], time_seconds: f64) -> bool {
+    faults.iter().any(|fault| fault.acts_at(time_seconds))
+}
+
 /// Makes the table of a group of faults from its kinds: the group with an array for each, the kinds that last with
 /// `from_seconds` and `until_seconds`.
 macro_rules! faults {

@@ -106,7 +106,13 @@ impl Layout<'_> {
 
         let mut middle = Vec::new();
         if has("temperature") {
-            middle.push(self.plot("Wire temperature (°C)", "temperature", 1.0)?);
+            middle.push(self.plot("Temperature (°C)", "temperature", 1.0)?);
+        }
+        if has(groups::MOTOR_SPEED) {
+            middle.push(self.plot("Motor speed (rpm)", groups::MOTOR_SPEED, 1.0)?);
+        }
+        if has(groups::SPRING_FORCE) {
+            middle.push(self.plot("Spring force (N)", groups::SPRING_FORCE, 1.0)?);
         }
         if has("martensite_fraction") {
             middle.push(self.plot("Martensite fraction", "martensite_fraction", 1.0)?);
@@ -116,7 +122,10 @@ impl Layout<'_> {
         }
         let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
         let load = self.plot("Bus load (%)", "bus", 0.8)?;
-        let rig = self.rig(2.0)?;
+        let rig = match rig::bounds(self.scenario) {
+            Some(bounds) => Some(self.drawing("Rig", "rig", bounds, 2.0)?),
+            None => None,
+        };
         let events = self.event_log("events", 1.1)?;
         let verdict = self.view("TextDocument", "Verdict", "verdict", 1.4)?;
 
@@ -124,7 +133,8 @@ impl Layout<'_> {
         if !middle.is_empty() {
             columns.push(self.container(ContainerKind::Vertical, middle, 2.2)?);
         }
-        let right = vec![rig, timing, load, events, verdict];
+        let right = [timing, load, events, verdict];
+        let right = rig.into_iter().chain(right).collect();
         columns.push(self.container(ContainerKind::Vertical, right, 2.2)?);
         let root = self.container(ContainerKind::Horizontal, columns, 1.0)?;
         self.viewport(&root)
@@ -164,10 +174,6 @@ impl Layout<'_> {
         let across = [-0.12 * hysteresis::WIDTH, 1.08 * hysteresis::WIDTH];
         let down = [-0.08 * hysteresis::HEIGHT, 1.16 * hysteresis::HEIGHT];
         self.drawing(title, groups::HYSTERESIS, [across, down], share)
-    }
-
-    fn rig(&mut self, share: f32) -> Result<Place> {
-        self.drawing("Rig", "rig", rig::bounds(self.scenario), share)
     }
 
     /// A drawing in the plane, from the least to the largest coordinate, across and down.

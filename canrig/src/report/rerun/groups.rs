@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use plant_emulator::catalogue::SMA_ACTUATOR;
 use scenario::Scenario;
 
 /// How a signal is drawn.
@@ -24,6 +25,8 @@ pub(super) const TIMING: &str = "timing";
 pub(super) const DISTURBANCE: &str = "disturbance";
 pub(super) const SLIDING_VARIABLE: &str = "sliding_variable";
 pub(super) const LAW: &str = "law";
+pub(super) const MOTOR_SPEED: &str = "motor_speed";
+pub(super) const SPRING_FORCE: &str = "spring_force";
 /// The loop of fraction over temperature.
 pub(super) const HYSTERESIS: &str = "hysteresis";
 
@@ -36,7 +39,7 @@ const YELLOW: [u8; 3] = [240, 228, 66];
 pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
 /// Signals by the beginning of their names.
-const STYLES: [(&str, Style); 18] = [
+const STYLES: [(&str, Style); 21] = [
     ("set_point_", always("position", "set-point", ORANGE)),
     ("position_", always("position", "measured", SKY)),
     ("true_position_", always("position", "true", GREEN)),
@@ -51,6 +54,9 @@ const STYLES: [(&str, Style); 18] = [
     ("target_current_", always("current", "commanded", ORANGE)),
     ("current_", always("current", "measured", SKY)),
     ("wire_temperature_", always("temperature", "true", GREEN)),
+    ("winding_temperature_", always("temperature", "true", GREEN)),
+    ("motor_speed_", always(MOTOR_SPEED, "true", GREEN)),
+    ("spring_force_", always(SPRING_FORCE, "true", GREEN)),
     (
         "estimated_temperature_",
         if_used("temperature", "estimated", PINK),
@@ -120,7 +126,12 @@ pub(super) fn is_used(values: &[f64]) -> bool {
 
 /// The groups that a run will have, before anything was heard of it.
 pub(super) fn expected(scenario: &Scenario) -> BTreeSet<&'static str> {
-    let mut groups = BTreeSet::from(["error", "temperature", "martensite_fraction", HYSTERESIS]);
+    let mut groups = BTreeSet::from(["error", "temperature"]);
+    if scenario.plant.name() == SMA_ACTUATOR {
+        groups.extend(["martensite_fraction", HYSTERESIS]);
+    } else {
+        groups.extend([MOTOR_SPEED, SPRING_FORCE]);
+    }
     if !scenario.disturbance.commands().is_empty() {
         groups.insert(DISTURBANCE);
     }

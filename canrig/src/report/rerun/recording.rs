@@ -40,7 +40,8 @@ pub(crate) struct Recording<'a> {
     scenario: &'a Scenario,
     known: Known,
     hysteresis: Hysteresis,
-    rig: Rig,
+    /// None where the plant is no SMA actuator.
+    rig: Option<Rig>,
     /// Signals that were sent in earnest so far.
     used: BTreeSet<String>,
     /// Paths that have their names and colours.
@@ -93,7 +94,9 @@ impl<'a> Recording<'a> {
     ) -> Result<(), RecordingStreamError> {
         self.log_signals(timeline)?;
         self.hysteresis.log(&self.stream, timeline)?;
-        self.rig.log(&self.stream, timeline)?;
+        if let Some(rig) = &mut self.rig {
+            rig.log(&self.stream, timeline)?;
+        }
         self.log_settling_bands(timeline)?;
         self.log_events(timeline.period_seconds, &timeline.events)?;
         let last_event = timeline

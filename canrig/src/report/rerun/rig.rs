@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use plant_emulator::catalogue::SMA_ACTUATOR;
 use rerun::{
     Boxes2D, Color, LineStrips2D, Points2D, Radius, RecordingStream, RecordingStreamError,
     SerializedComponentColumn,
@@ -51,22 +52,25 @@ pub(super) struct Rig {
 }
 
 impl Rig {
-    fn of(scenario: &Scenario) -> Self {
+    /// The actuator's drawing; other plants have none.
+    fn of(scenario: &Scenario) -> Option<Self> {
         let mechanics = &scenario.plant.mechanics;
-        Self {
+        (scenario.plant.name() == SMA_ACTUATOR).then_some(Self {
             wire: 1e3 * mechanics.wire_length_metres,
             inner: 1e3 * mechanics.inner_pulley_radius_metres,
             outer: 1e3 * mechanics.outer_pulley_radius_metres,
             last: None,
-        }
+        })
     }
 
     /// Draws what stands still.
     pub(super) fn draw(
         stream: &RecordingStream,
         scenario: &Scenario,
-    ) -> Result<Self, RecordingStreamError> {
-        let rig = Self::of(scenario);
+    ) -> Result<Option<Self>, RecordingStreamError> {
+        let Some(rig) = Self::of(scenario) else {
+            return Ok(None);
+        };
         let anchor = vec![place(0.0, -9.0), place(0.0, 9.0)];
         let circles = [rig.inner, rig.outer].map(|radius| rig.circle(radius));
         let lines = LineStrips2D::new([anchor].into_iter().chain(circles))
@@ -102,7 +106,7 @@ impl Rig {
             .with_colors([groups::ORANGE])
             .with_radii(thin);
         stream.log_static("rig/set_point", &target)?;
-        Ok(rig)
+        Ok(Some(rig))
     }
 
     /// Draws what moves in a piece of the run.
@@ -231,14 +235,14 @@ impl Rig {
 }
 
 /// What the view must show: from the least to the largest coordinate, across and down.
-pub(super) fn bounds(scenario: &Scenario) -> [[f64; 2]; 2] {
-    let rig = Rig::of(scenario);
+pub(super) fn bounds(scenario: &Scenario) -> Option<[[f64; 2]; 2]> {
+    let rig = Rig::of(scenario)?;
     let [right, down] = rig.load(0.0);
     let top = rig.inner - rig.outer;
-    [
+    Some([
         [-8.0, right + 2.2 * LOAD[0]],
         [top - 6.0, down + LOAD[1] + 24.0],
-    ]
+    ])
 }
 
 impl Pose {

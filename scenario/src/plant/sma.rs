@@ -1,23 +1,10 @@
-//! The `[plant]` table: the truth that the emulator plays. Defaults are the paper's, or "assumed".
+//! The SMA actuator's parameters: `[plant.heat]`, `[plant.phase]`, `[plant.mechanics]`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The rig: wire, cooling, mechanics, sensor, amplifier.
-#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Plant {
-    /// Heat balance of the wire, Eq. (1).
-    pub heat: Heat,
-    /// Phase transformation, Eq. (2).
-    pub phase: Phase,
-    /// Wire mechanics and motion, Eq. (3)-(9).
-    pub mechanics: Mechanics,
-    /// Position sensor.
-    pub sensor: Sensor,
-    /// Current amplifier.
-    pub amplifier: Amplifier,
-}
+use crate::document::Document;
+use crate::error::Problem;
 
 /// Heat balance of the wire, Eq. (1); all per metre of wire.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -164,49 +151,27 @@ impl Default for Mechanics {
     }
 }
 
-/// Position sensor: a potentiometer read by an analogue-to-digital converter.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Sensor {
-    /// Resolution (paper: 10).
-    #[schemars(range(min = 1, max = 24))]
-    pub resolution_bits: u32,
-    /// Span; the converter clips there (assumed: 60).
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
-    pub span_millimetres: f64,
-    /// Standard deviation of normal noise before conversion (assumed: 0).
-    #[schemars(range(min = 0.0, max = 10.0))]
-    pub noise_millimetres_rms: f64,
-}
-
-impl Default for Sensor {
-    fn default() -> Self {
-        Self {
-            resolution_bits: 10,
-            span_millimetres: 60.0,
-            noise_millimetres_rms: 0.0,
-        }
-    }
-}
-
-/// Current amplifier.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Amplifier {
-    /// Largest current; the smallest is 0 (paper: 1).
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
-    pub current_amperes_max: f64,
-    /// Resolution of the digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille
-    /// (paper: 10 bits; default 0, since the frame already rounds to 1 permille).
-    #[schemars(range(min = 0, max = 24))]
-    pub resolution_bits: u32,
-}
-
-impl Default for Amplifier {
-    fn default() -> Self {
-        Self {
-            current_amperes_max: 1.0,
-            resolution_bits: 0,
-        }
-    }
+/// Transformation temperatures in order: Eq. (2) divides by their differences.
+pub(super) fn check(document: &Document<'_>, phase: &Phase) -> Vec<Problem> {
+    let pairs = [
+        (
+            "austenite_finish_celsius",
+            phase.austenite_finish_celsius,
+            "austenite_start_celsius",
+            phase.austenite_start_celsius,
+        ),
+        (
+            "martensite_start_celsius",
+            phase.martensite_start_celsius,
+            "martensite_finish_celsius",
+            phase.martensite_finish_celsius,
+        ),
+    ];
+    let is_wrong = |(_, high, _, low): &(&str, f64, &str, f64)| high <= low;
+    let problem = |(name, _, below, low): (&str, f64, &str, f64)| {
+        let message = format!("`{name}` must be above `{below}`");
+        let path = format!("plant.phase.{name}");
+        document.problem(&path, message, format!("must be above {low}"))
+    };
+    pairs.into_iter().filter(is_wrong).map(problem).collect()
 }

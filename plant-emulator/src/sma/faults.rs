@@ -1,14 +1,9 @@
 //! Faults of wire and mechanics.
 
-use scenario::fault::Lasting;
+use scenario::fault::any_acts;
 use scenario::fault::plant::{Ageing, PlantFaults};
 
-use crate::sma::Condition;
-
-/// A broken wire carries no current either.
-pub(super) fn is_wire_broken(faults: &PlantFaults, time_seconds: f64) -> bool {
-    acts(&faults.broken_wire, time_seconds)
-}
+use super::Condition;
 
 /// Wire and mechanics at a scenario time.
 pub(super) fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {
@@ -22,14 +17,10 @@ pub(super) fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {
     Condition {
         resistance_factor: aged(|ageing| ageing.resistance_factor),
         recoverable_strain_factor: aged(|ageing| ageing.recoverable_strain_factor),
-        is_wire_broken: is_wire_broken(faults, time_seconds),
-        is_pulley_jammed: acts(&faults.jammed_pulley, time_seconds),
-        is_load_dropped: acts(&faults.dropped_load, time_seconds),
+        is_wire_broken: any_acts(&faults.broken_wire, time_seconds),
+        is_pulley_jammed: any_acts(&faults.jammed_pulley, time_seconds),
+        is_load_dropped: any_acts(&faults.dropped_load, time_seconds),
     }
-}
-
-fn acts(faults: &[impl Lasting], time_seconds: f64) -> bool {
-    faults.iter().any(|fault| fault.acts_at(time_seconds))
 }
 
 /// From 0 at the start of the ageing to 1 at its end, and so for ever.

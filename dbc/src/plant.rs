@@ -1,0 +1,135 @@
+//! The frames of the rig with another plant: its own signals in place of those of the SMA actuator.
+
+use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
+use crate::database::{Database, Message, Signal};
+
+const TPDO2: &str = "drive_tpdo2";
+const TPDO3: &str = "drive_tpdo3";
+/// COB-ID of TPDO3 less that of TPDO2 (CiA 301, 7.3.5).
+const TPDO3_OFFSET: u32 = 0x100;
+/// Signals before the true position in TPDO2.
+const SIGNALS_IN_TPDO2: usize = 2;
+const BITS: u8 = 16;
+
+/// A signal of an emulated plant: 16 bits, signed where its range begins below zero.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlantSignal {
+    /// Name; the unit is its end.
+    pub name: String,
+    /// Unit; empty for a number without one.
+    pub unit: String,
+    /// What it is.
+    pub comment: String,
+    /// Physical value of one step.
+    pub resolution: f64,
+    /// Lowest and highest value.
+    pub range: Range,
+}
+
+impl Database {
+    /// The frames of the rig with a plant that has these signals: the first two stand in `drive_tpdo2` before the true
+    /// position, the others in a `drive_tpdo3`.
+    #[must_use]
+    pub fn with_plant(signals: &[PlantSignal]) -> Self {
+        let mut messages = Self::sma_actuator().messages().to_vec();
+        let Some(place) = messages.iter().position(|message| message.name == TPDO2) else {
+            return Self::of(messages);
+        };
+        let (first, others) = signals.split_at(signals.len().min(SIGNALS_IN_TPDO2));
+        let tpdo2 = &mut messages[place];
+        let shipped = std::mem::take(&mut tpdo2.signals);
+        tpdo2.signals = laid_out(first, &shipped);
+        tpdo2
+            .signals
+            .extend_from_slice(&shipped[SIGNALS_IN_TPDO2..]);
+        if !others.is_empty() {
+            let signals = laid_out(others, &shipped);
+            let tpdo3 = Message {
+                name: TPDO3.to_owned(),
+                raw_id: tpdo2.raw_id + TPDO3_OFFSET,
+                length_bytes: signals.iter().map(|_| BITS / 8).sum(),
+                comment: "TPDO3 of the emulated drive, every SYNC: more of the truth.".to_owned(),
+                signals,
+                ..tpdo2.clone()
+            };
+            messages.push(tpdo3);
+        }
+        Self::of(messages)
+    }
+}
+
+/// One after the other from the first bit on, with the receivers of the shipped ones and, where the shipped EDS knows them,
+/// their objects.
+fn laid_out(signals: &[PlantSignal], like: &[Signal]) -> Vec<Signal> {
+    let starts = (0..=u8::MAX).step_by(usize::from(BITS));
+    let laid_out = signals
+        .iter()
+        .zip(starts)
+        .map(|(signal, start_bit)| Signal {
+            name: signal.name.clone(),
+            unit: signal.unit.clone(),
+            coding: Coding {
+                start_bit,
+                length_bits: BITS,
+                byte_order: ByteOrder::LittleEndian,
+                kind: if signal.range.minimum < 0.0 {
+                    Kind::Signed
+                } else {
+                    Kind::Unsigned
+                },
+                factor: signal.resolution,
+                offset: 0.0,
+                range: Some(signal.range),
+                scale: Scale::new(signal.resolution),
+            },
+            labels: Vec::new(),
+            receivers: like[0].receivers.clone(),
+            object: (like.iter().find(|known| known.name == signal.name))
+                .map_or_else(String::new, |known| known.object.clone()),
+            comment: signal.comment.clone(),
+        });
+    laid_out.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::CanFrame;
+
+    fn signal(name: &str, minimum: f64) -> PlantSignal {
+        PlantSignal {
+            name: name.to_owned(),
+            unit: String::new(),
+            comment: String::new(),
+            resolution: 0.5,
+            range: Range {
+                minimum,
+                maximum: 100.0,
+            },
+        }
+    }
+
+    #[test]
+    fn a_third_signal_goes_into_a_message_of_its_own() {
+        let signals = [signal("a", 0.0), signal("b", 0.0), signal("c", -100.0)];
+        let database = Database::with_plant(&signals);
+        let frame = CanFrame::new(0x390, &[0xFE, 0xFF]);
+        let handle = database.signal("drive_tpdo3.c").unwrap();
+        assert_eq!(handle.decode(&frame), Some(-1.0));
+        assert_eq!(database.message_of(&frame).unwrap().length_bytes, 2);
+        assert!(database.signal("drive_tpdo2.b").is_some());
+        assert!(database.signal("drive_tpdo2.martensite_fraction").is_none());
+        assert!(
+            database
+                .signal("drive_tpdo2.true_position_millimetres")
+                .is_some()
+        );
+    }
+
+    #[test]
+    fn a_plant_without_signals_has_its_position_only() {
+        let database = Database::with_plant(&[]);
+        assert_eq!(database.message("drive_tpdo2").unwrap().signals.len(), 1);
+        assert!(database.message("drive_tpdo3").is_none());
+    }
+}

@@ -1,0 +1,225 @@
+//! A DC motor that lifts a load through gearbox, pinion and rack, against a spring: current in, position and speed out.
+//!
+//! The amplifier sources the current, so neither inductance nor back electromotive force shows: up to the motor's no-load
+//! speed at 12 V the shipped motor needs less than 15 V for 1 A.
+
+mod heat;
+mod motion;
+
+use scenario::Scenario;
+use scenario::fault::any_acts;
+use scenario::fault::plant::PlantFaults;
+
+use crate::plant::{self, InvalidPlant, Plant, Signal, follows, not_negative, positive};
+use heat::Heat;
+use motion::Motion;
+
+/// Longest integration step: the shipped plant's fastest rate is 11 1/s.
+pub const STEP_SECONDS_MAX: f64 = 1e-3;
+
+/// What acts on the motor.
+pub type Inputs = plant::Inputs<Condition>;
+
+/// What is wrong with pinion and load; by default nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Condition {
+    /// The pinion does not turn.
+    pub is_jammed: bool,
+    /// The load has come off the rack.
+    pub is_load_dropped: bool,
+}
+
+/// The motor with its gearbox, spring and load.
+#[derive(Clone, Debug)]
+pub struct DcMotor {
+    heat: Heat,
+    motion: Motion,
+}
+
+impl DcMotor {
+    /// A motor with these parameters, at rest on the stop, without current and as warm as the air.
+    #[must_use]
+    pub fn with(config: &scenario::plant::DcMotor) -> Self {
+        Self {
+            heat: Heat::new(config),
+            motion: Motion::new(config),
+        }
+    }
+
+    /// As [`DcMotor::with`], lifted to a height and let go there.
+    #[must_use]
+    pub fn let_go_at(config: &scenario::plant::DcMotor, position_metres: f64) -> Self {
+        let mut motor = Self::with(config);
+        motor.motion.lift_to(position_metres);
+        motor
+    }
+
+    /// Lets time pass under constant inputs, in equal steps of at most [`STEP_SECONDS_MAX`].
+    pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
+        if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
+            return;
+        }
+        // A duration that exceeds a whole number of steps by rounding only needs no step more.
+        let steps = libm::ceil(duration_seconds / STEP_SECONDS_MAX - 1e-9).max(1.0);
+        let step_seconds = duration_seconds / steps;
+        let mut index = 0.0;
+        while index < steps {
+            self.heat.step(step_seconds, inputs);
+            self.motion.step(step_seconds, inputs);
+            index += 1.0;
+        }
+    }
+
+    /// Height of the load above its stop.
+    #[must_use]
+    pub fn position_metres(&self) -> f64 {
+        self.motion.position_metres()
+    }
+
+    /// Speed of the load, upwards.
+    #[must_use]
+    pub fn velocity_metres_per_second(&self) -> f64 {
+        self.motion.velocity_metres_per_second()
+    }
+
+    /// Speed of the motor's shaft.
+    #[must_use]
+    pub fn speed_revolutions_per_minute(&self) -> f64 {
+        self.motion.speed_radians_per_second() * 60.0 / std::f64::consts::TAU
+    }
+
+    /// Force of the spring, downwards.
+    #[must_use]
+    pub fn spring_newtons(&self) -> f64 {
+        self.motion.spring_newtons()
+    }
+
+    /// Temperature of the winding.
+    #[must_use]
+    pub fn winding_celsius(&self) -> f64 {
+        self.heat.winding_celsius()
+    }
+
+    /// Temperature of the housing.
+    #[must_use]
+    pub fn housing_celsius(&self) -> f64 {
+        self.heat.housing_celsius()
+    }
+}
+
+impl Plant for DcMotor {
+    type Condition = Condition;
+
+    const SIGNALS: &'static [Signal<Self>] = &[
+        Signal {
+            name: "winding_temperature_celsius",
+            unit: "degC",
+            comment: "Temperature of the motor's winding.",
+            steps_per_unit: 1e2,
+            range: [-273.15, 327.67],
+            value: Self::winding_celsius,
+        },
+        Signal {
+            name: "motor_speed_revolutions_per_minute",
+            unit: "rpm",
+            comment: "Speed of the motor's shaft, upwards.",
+            steps_per_unit: 1.0,
+            range: [-32_768.0, 32_767.0],
+            value: Self::speed_revolutions_per_minute,
+        },
+        Signal {
+            name: "spring_force_newtons",
+            unit: "N",
+            comment: "Force of the spring, downwards.",
+            steps_per_unit: 1e2,
+            range: [-327.68, 327.67],
+            value: Self::spring_newtons,
+        },
+    ];
+
+    fn new(scenario: &Scenario) -> Result<Self, InvalidPlant> {
+        let config = scenario.plant.dc_motor.clone().unwrap_or_default();
+        check(&config)?;
+        Ok(Self::with(&config))
+    }
+
+    fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {
+        Condition {
+            is_jammed: any_acts(&faults.jammed_pulley, time_seconds),
+            is_load_dropped: any_acts(&faults.dropped_load, time_seconds),
+        }
+    }
+
+    fn conducts(_condition: &Condition) -> bool {
+        true
+    }
+
+    fn step(&mut self, duration_seconds: f64, inputs: &Inputs) {
+        self.advance(duration_seconds, inputs);
+    }
+
+    fn position_metres(&self) -> f64 {
+        self.position_metres()
+    }
+
+    fn temperature_celsius(&self) -> f64 {
+        self.winding_celsius()
+    }
+}
+
+/// Checks what the equations divide by, and that the integrator follows.
+fn check(config: &scenario::plant::DcMotor) -> Result<(), InvalidPlant> {
+    positive(
+        "torque_constant_newton_metres_per_ampere",
+        config.torque_constant_newton_metres_per_ampere,
+    )?;
+    positive(
+        "rotor_inertia_kilogram_square_metres",
+        config.rotor_inertia_kilogram_square_metres,
+    )?;
+    positive("pinion_radius_metres", config.pinion_radius_metres)?;
+    positive(
+        "winding_to_housing_kelvins_per_watt",
+        config.winding_to_housing_kelvins_per_watt,
+    )?;
+    positive(
+        "housing_to_ambient_kelvins_per_watt",
+        config.housing_to_ambient_kelvins_per_watt,
+    )?;
+    positive(
+        "winding_time_constant_seconds",
+        config.winding_time_constant_seconds,
+    )?;
+    positive(
+        "motor_time_constant_seconds",
+        config.motor_time_constant_seconds,
+    )?;
+    not_negative("load_kilograms", config.load_kilograms)?;
+    follows(
+        "heat",
+        Heat::new(config).fastest_rate_per_second(),
+        STEP_SECONDS_MAX,
+    )?;
+    follows(
+        "motion",
+        Motion::new(config).fastest_rate_per_second(),
+        STEP_SECONDS_MAX,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motor_that_is_too_fast_is_refused() {
+        let config = scenario::plant::DcMotor {
+            rotor_inertia_kilogram_square_metres: 1e-12,
+            gear_inertia_kilogram_square_metres: 0.0,
+            spring_newtons_per_metre: 1e6,
+            ..scenario::plant::DcMotor::default()
+        };
+        let message = check(&config).unwrap_err().to_string();
+        assert!(message.starts_with("motion changes at up to"), "{message}");
+    }
+}

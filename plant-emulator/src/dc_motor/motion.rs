@@ -1,0 +1,164 @@
+//! The motion of rack and load, with everything that turns seen as a mass at the rack.
+
+use scenario::plant::DcMotor;
+
+use super::Inputs;
+use crate::integrator::runge_kutta_4;
+
+/// `g`, m/s².
+const GRAVITY: f64 = 9.806_65;
+/// Turns of direction in one step; after these the load rests until the next one.
+const TURNS_MAX: u32 = 4;
+
+/// The equation of motion and its state.
+#[derive(Clone, Debug)]
+pub(super) struct Motion {
+    /// `n / r`, 1/m.
+    transmission: f64,
+    /// `kM n / r`, N/A.
+    force_per_ampere: f64,
+    /// `(JR + JG) (n / r)²`, kg.
+    rotating_kilograms: f64,
+    /// `mL`, kg.
+    load_kilograms: f64,
+    /// `MC n / r + MG / r`, N.
+    coulomb_newtons: f64,
+    /// `b (n / r)²`, N s/m.
+    damping: f64,
+    /// `k`, N/m.
+    stiffness: f64,
+    /// `x`, zero on the stop, upwards.
+    position_metres: f64,
+    /// `ẋ`.
+    velocity_metres_per_second: f64,
+}
+
+/// The forces that constant inputs put on the rack, and the mass that they move.
+struct Forces {
+    /// Motor less weight, N.
+    constant_newtons: f64,
+    mass_kilograms: f64,
+}
+
+impl Motion {
+    /// At rest on the stop.
+    pub(super) fn new(config: &DcMotor) -> Self {
+        let transmission = config.gear_ratio / config.pinion_radius_metres;
+        let inertia = config.rotor_inertia_kilogram_square_metres
+            + config.gear_inertia_kilogram_square_metres;
+        Self {
+            transmission,
+            force_per_ampere: config.torque_constant_newton_metres_per_ampere * transmission,
+            rotating_kilograms: inertia * transmission * transmission,
+            load_kilograms: config.load_kilograms,
+            coulomb_newtons: config.coulomb_friction_newton_metres * transmission
+                + config.gear_friction_newton_metres / config.pinion_radius_metres,
+            damping: config.viscous_friction_newton_metre_seconds * transmission * transmission,
+            stiffness: config.spring_newtons_per_metre,
+            position_metres: 0.0,
+            velocity_metres_per_second: 0.0,
+        }
+    }
+
+    /// At rest at a height.
+    pub(super) fn lift_to(&mut self, position_metres: f64) {
+        self.position_metres = position_metres;
+        self.velocity_metres_per_second = 0.0;
+    }
+
+    /// One step. Coulomb friction and the stop change the equation where the load turns, so the step is divided there.
+    pub(super) fn step(&mut self, duration_seconds: f64, inputs: &Inputs) {
+        let forces = self.forces(inputs);
+        let mut left = duration_seconds;
+        for _ in 0..TURNS_MAX {
+            let direction = if inputs.condition.is_jammed {
+                0.0
+            } else {
+                self.direction(&forces)
+            };
+            if direction == 0.0 {
+                self.velocity_metres_per_second = 0.0;
+                return;
+            }
+            let before = self.velocity_metres_per_second;
+            let [position, velocity] = self.integrated(left, direction, &forces);
+            if velocity * direction >= 0.0 {
+                self.settle([position, velocity]);
+                return;
+            }
+            // The velocity is nearly linear within a step.
+            let turn = left * before / (before - velocity);
+            let [position, _] = self.integrated(turn, direction, &forces);
+            self.settle([position, 0.0]);
+            left -= turn;
+        }
+    }
+
+    fn forces(&self, inputs: &Inputs) -> Forces {
+        let load_kilograms = if inputs.condition.is_load_dropped {
+            0.0
+        } else {
+            (self.load_kilograms + inputs.added_load_kilograms).max(0.0)
+        };
+        Forces {
+            constant_newtons: self.force_per_ampere * inputs.current_amperes
+                - load_kilograms * GRAVITY,
+            mass_kilograms: self.rotating_kilograms + load_kilograms,
+        }
+    }
+
+    /// Whether the load moves or is about to, upwards (1) or downwards (−1), or rests (0).
+    fn direction(&self, forces: &Forces) -> f64 {
+        let velocity = self.velocity_metres_per_second;
+        if velocity != 0.0 {
+            return velocity.signum();
+        }
+        let force = forces.constant_newtons - self.spring_newtons();
+        if force > self.coulomb_newtons {
+            1.0
+        } else if force < -self.coulomb_newtons && self.position_metres > 0.0 {
+            -1.0
+        } else {
+            0.0
+        }
+    }
+
+    /// `M ẍ = kM i n/r − mL g − k x − B ẋ − sgn(ẋ) MC`, in one direction.
+    fn integrated(&self, duration_seconds: f64, direction: f64, forces: &Forces) -> [f64; 2] {
+        let constant = forces.constant_newtons - direction * self.coulomb_newtons;
+        let state = [self.position_metres, self.velocity_metres_per_second];
+        runge_kutta_4(state, duration_seconds, |_, &[position, velocity]| {
+            let force = constant - self.stiffness * position - self.damping * velocity;
+            [velocity, force / forces.mass_kilograms]
+        })
+    }
+
+    /// An impact on the stop is inelastic.
+    fn settle(&mut self, [position, velocity]: [f64; 2]) {
+        let is_beyond = position < 0.0;
+        self.position_metres = if is_beyond { 0.0 } else { position };
+        self.velocity_metres_per_second = if is_beyond { 0.0 } else { velocity };
+    }
+
+    /// An upper limit of how fast the motion changes: with the load off.
+    pub(super) fn fastest_rate_per_second(&self) -> f64 {
+        let mass = self.rotating_kilograms;
+        libm::sqrt(self.stiffness / mass) + self.damping / mass
+    }
+
+    pub(super) fn position_metres(&self) -> f64 {
+        self.position_metres
+    }
+
+    pub(super) fn velocity_metres_per_second(&self) -> f64 {
+        self.velocity_metres_per_second
+    }
+
+    pub(super) fn speed_radians_per_second(&self) -> f64 {
+        self.velocity_metres_per_second * self.transmission
+    }
+
+    pub(super) fn spring_newtons(&self) -> f64 {
+        self.stiffness * self.position_metres
+    }
+}

@@ -1,0 +1,147 @@
+//! The DC motor's parameters: `[plant.dc_motor]`.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Heat, Mechanics, Phase};
+use crate::Scenario;
+use crate::document::Document;
+use crate::error::Problem;
+
+/// A DC motor lifts a load through gearbox, pinion and rack, against a spring. The motor is a maxon RE 25, 118743
+/// (12 V, 10 W, graphite brushes); its values are the data sheet's, all others are assumed.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DcMotor {
+    /// `kM`, torque constant (data sheet: 23.5e-3).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 10.0))]
+    pub torque_constant_newton_metres_per_ampere: f64,
+    /// `JR`, inertia of the rotor (data sheet: 10.8e-7).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
+    pub rotor_inertia_kilogram_square_metres: f64,
+    /// `MC`, Coulomb friction of the motor (assumed: 4e-4, of the 6.18e-4 that the data sheet's no-load current of
+    /// 26.3 mA makes at 4850 rpm).
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub coulomb_friction_newton_metres: f64,
+    /// `b`, viscous friction of the motor (assumed: 4.3e-7, the rest of the no-load torque).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub viscous_friction_newton_metre_seconds: f64,
+    /// `n`, revolutions of the motor for one of the pinion (assumed: 13.8, a planetary gearhead of two stages).
+    #[schemars(range(min = 1.0, max = 10_000.0))]
+    pub gear_ratio: f64,
+    /// `JG`, inertia of the gearbox, seen by the motor (assumed: 8e-8).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub gear_inertia_kilogram_square_metres: f64,
+    /// `MG`, Coulomb friction of the gearbox, at the pinion (assumed: 0.02).
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub gear_friction_newton_metres: f64,
+    /// `r`, pitch radius of the pinion (assumed: 0.01).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
+    pub pinion_radius_metres: f64,
+    /// `k`, stiffness of the spring; it is relaxed where the rack rests on its stop (assumed: 300).
+    #[schemars(range(min = 0.0, max = 1e6))]
+    pub spring_newtons_per_metre: f64,
+    /// `mL`, load with rack (assumed: 0.2).
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub load_kilograms: f64,
+    /// `R25`, resistance of the winding at 25 °C (data sheet: 2.18).
+    #[schemars(range(min = 0.0, max = 1_000.0))]
+    pub winding_resistance_ohms: f64,
+    /// `Rth2`, from winding to housing (data sheet: 3.1).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    pub winding_to_housing_kelvins_per_watt: f64,
+    /// `Rth1`, from housing to ambient in still air; a fan divides it (data sheet: 14).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    pub housing_to_ambient_kelvins_per_watt: f64,
+    /// `τw`, thermal time constant of the winding (data sheet: 12).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 100_000.0))]
+    pub winding_time_constant_seconds: f64,
+    /// `τs`, thermal time constant of the motor (data sheet: 612).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 100_000.0))]
+    pub motor_time_constant_seconds: f64,
+    /// `Tamb`, ambient temperature (data sheet: 25).
+    #[schemars(range(min = -50.0, max = 200.0))]
+    pub ambient_celsius: f64,
+}
+
+impl Default for DcMotor {
+    fn default() -> Self {
+        Self {
+            torque_constant_newton_metres_per_ampere: 23.5e-3,
+            rotor_inertia_kilogram_square_metres: 10.8e-7,
+            coulomb_friction_newton_metres: 4e-4,
+            viscous_friction_newton_metre_seconds: 4.3e-7,
+            gear_ratio: 13.8,
+            gear_inertia_kilogram_square_metres: 8e-8,
+            gear_friction_newton_metres: 0.02,
+            pinion_radius_metres: 0.01,
+            spring_newtons_per_metre: 300.0,
+            load_kilograms: 0.2,
+            winding_resistance_ohms: 2.18,
+            winding_to_housing_kelvins_per_watt: 3.1,
+            housing_to_ambient_kelvins_per_watt: 14.0,
+            winding_time_constant_seconds: 12.0,
+            motor_time_constant_seconds: 612.0,
+            ambient_celsius: 25.0,
+        }
+    }
+}
+
+/// A motor has no wire. What is written out of a scenario has the wire's tables too, as they are by default.
+pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+    let (plant, faults) = (&scenario.plant, &scenario.fault.plant);
+    let of_the_wire = [
+        ("plant.heat", plant.heat != Heat::default()),
+        ("plant.phase", plant.phase != Phase::default()),
+        ("plant.mechanics", plant.mechanics != Mechanics::default()),
+        ("fault.plant.ageing", !faults.ageing.is_empty()),
+        ("fault.plant.broken_wire", !faults.broken_wire.is_empty()),
+    ];
+    let given = of_the_wire.into_iter().filter(|(_, is_given)| *is_given);
+    let problem = |(path, _)| {
+        let message = format!("`{path}` is about a wire, and the plant is a DC motor");
+        let span = document.key_span(path);
+        let problem = document.source.problem(span, message, "has no place here");
+        problem.with_help("leave it out, or leave [plant.dc_motor] out for the SMA actuator")
+    };
+    given.map(problem).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(more: &str) -> Result<Scenario, crate::ScenarioError> {
+        let head = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
+        let text = format!("{head}[plant.dc_motor]\n{more}");
+        Scenario::parse(&text, "t.toml", |_| unreachable!("no table"))
+    }
+
+    #[test]
+    fn a_motor_with_a_wire_is_refused() {
+        let wires = [
+            "[plant.heat]\nambient_celsius = 21.0\n",
+            "[[fault.plant.broken_wire]]\nfrom_seconds = 1.0\n",
+        ];
+        for wire in wires {
+            let error = format!("{:?}", miette::Report::new(parsed(wire).unwrap_err()));
+            assert!(error.contains("is about a wire"), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_is_written_out_is_read_again() {
+        let scenario = parsed("gear_ratio = 20.0\n").unwrap();
+        let text = toml::to_string(&scenario).unwrap();
+        let again = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+        assert_eq!(again, scenario);
+        assert_eq!(again.plant.name(), "dc_motor");
+    }
+
+    #[test]
+    fn the_motor_s_load_is_the_one_that_disturbances_take_away() {
+        let load = "[[disturbance.load]]\nat_seconds = 1.0\nadded_grams = ";
+        assert!(parsed(&format!("{load}-199.0\n")).is_ok());
+        assert!(parsed(&format!("{load}-200.0\n")).is_err());
+    }
+}

@@ -1,0 +1,113 @@
+//! The `[plant]` table: the truth that the emulator plays. Defaults are the paper's, a data sheet's, or "assumed".
+
+mod dc_motor;
+mod sma;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::Scenario;
+use crate::document::Document;
+use crate::error::Problem;
+use crate::is_zero;
+pub use dc_motor::DcMotor;
+pub use sma::{Heat, Mechanics, Phase, StressStrain};
+
+/// The rig: a plant with its sensor and its amplifier. Without `[plant.dc_motor]` the plant is the SMA actuator.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Plant {
+    /// A DC motor in place of the SMA actuator.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dc_motor: Option<DcMotor>,
+    /// Heat balance of the wire, Eq. (1).
+    pub heat: Heat,
+    /// Phase transformation, Eq. (2).
+    pub phase: Phase,
+    /// Wire mechanics and motion, Eq. (3)-(9).
+    pub mechanics: Mechanics,
+    /// Position sensor.
+    pub sensor: Sensor,
+    /// Current amplifier.
+    pub amplifier: Amplifier,
+}
+
+impl Plant {
+    /// The name of the plant that the table describes.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self.dc_motor {
+            Some(_) => "dc_motor",
+            None => "sma_actuator",
+        }
+    }
+
+    /// What hangs on the plant, without what disturbances add.
+    #[must_use]
+    pub fn load_kilograms(&self) -> f64 {
+        match &self.dc_motor {
+            Some(motor) => motor.load_kilograms,
+            None => self.mechanics.load_kilograms,
+        }
+    }
+}
+
+/// What the schema cannot say about the plant.
+pub(crate) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+    match scenario.plant.dc_motor {
+        Some(_) => dc_motor::check(document, scenario),
+        None => sma::check(document, &scenario.plant.phase),
+    }
+}
+
+/// Position sensor: a potentiometer read by an analogue-to-digital converter, or anything else that counts in equal steps.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Sensor {
+    /// Resolution (paper: 10).
+    #[schemars(range(min = 1, max = 24))]
+    pub resolution_bits: u32,
+    /// Span; the converter clips there (assumed: 60).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    pub span_millimetres: f64,
+    /// Standard deviation of normal noise before conversion (assumed: 0).
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub noise_millimetres_rms: f64,
+}
+
+impl Default for Sensor {
+    fn default() -> Self {
+        Self {
+            resolution_bits: 10,
+            span_millimetres: 60.0,
+            noise_millimetres_rms: 0.0,
+        }
+    }
+}
+
+/// Current amplifier.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Amplifier {
+    /// Smallest current: 0, or below it for an amplifier that drives both ways (paper: 0).
+    #[serde(skip_serializing_if = "is_zero")]
+    #[schemars(range(min = -1.0, max = 0.0))]
+    pub current_amperes_min: f64,
+    /// Largest current (paper: 1).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
+    pub current_amperes_max: f64,
+    /// Resolution of the digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille
+    /// (paper: 10 bits; default 0, since the frame already rounds to 1 permille).
+    #[schemars(range(min = 0, max = 24))]
+    pub resolution_bits: u32,
+}
+
+impl Default for Amplifier {
+    fn default() -> Self {
+        Self {
+            current_amperes_min: 0.0,
+            current_amperes_max: 1.0,
+            resolution_bits: 0,
+        }
+    }
+}
