@@ -1,5 +1,7 @@
 //! What every control law is: a configuration, a state, and a pure step.
 
+use std::fmt;
+
 use scenario::controller::Controller;
 use scenario::reference::SetPoint;
 
@@ -76,10 +78,18 @@ impl Saturation {
     }
 }
 
-/// A control law: constants in `self`, memory in `State`.
-pub trait ControlLaw {
-    /// What the law remembers from cycle to cycle.
-    type State;
+/// A control law: a table of the scenario in, constants in `self`, memory in `State`, a command out.
+///
+/// The controller node owns the rest: the drive, SYNC, set-point, missing and implausible positions, and the objects in
+/// which the [`Explanation`] is told. An observer is the law's own: its state is a part of `State`.
+pub trait ControlLaw: fmt::Debug + Send + 'static {
+    /// Its table in the scenario.
+    type Config;
+    /// What it remembers from cycle to cycle. `Copy` owns nothing on the heap.
+    type State: Copy + fmt::Debug + Send;
+
+    /// Works out the constants.
+    fn new(config: &Self::Config) -> Self;
 
     /// The memory before the first cycle.
     fn start(&self) -> Self::State;
@@ -95,19 +105,23 @@ pub trait ControlLaw {
 }
 
 /// A law with its memory.
-#[derive(Clone, Debug)]
-pub struct Running<L: ControlLaw> {
+#[derive(Debug)]
+struct Running<L: ControlLaw> {
     law: L,
     state: L::State,
 }
 
-impl<L: ControlLaw> Running<L> {
-    /// A law before its first cycle.
-    pub fn new(law: L) -> Self {
-        let state = law.start();
-        Self { law, state }
-    }
+/// A law with its memory, whichever it is.
+trait Step: fmt::Debug + Send {
+    fn step(
+        &mut self,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+    ) -> Command;
+}
 
+impl<L: ControlLaw> Step for Running<L> {
     fn step(
         &mut self,
         measurement: &Measurement,
@@ -119,18 +133,9 @@ impl<L: ControlLaw> Running<L> {
     }
 }
 
-/// The law that a scenario selects.
-#[derive(Clone, Debug)]
-pub enum Law {
-    /// Sliding mode with an observer on a nominal model.
-    SlidingMode(Box<Running<SlidingMode>>),
-    /// Sliding mode as the paper prints it, with errata.
-    SlidingModePaper(Box<Running<SlidingModePaper>>),
-    /// PID with anti-windup.
-    Pid(Running<Pid>),
-    /// A current profile without feedback.
-    OpenLoop(Running<OpenLoop>),
-}
+/// What the controller node runs.
+#[derive(Debug)]
+pub struct Law(Box<dyn Step>);
 
 /// Why a `[controller]` table selects no law.
 #[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
@@ -141,30 +146,30 @@ pub enum LawError {
 }
 
 impl Law {
+    /// A law with these constants, before its first cycle.
+    #[must_use]
+    pub fn of<L: ControlLaw>(config: &L::Config) -> Self {
+        let law = L::new(config);
+        let state = law.start();
+        Self(Box::new(Running { law, state }))
+    }
+
     /// The one law in a scenario's `[controller]` table, before its first cycle.
     ///
     /// # Errors
     ///
     /// [`LawError::NotExactlyOne`] when the table holds none or several.
     pub fn from_scenario(controller: &Controller) -> Result<Self, LawError> {
-        let sliding_mode = controller
-            .sliding_mode
-            .as_ref()
-            .map(|config| Self::SlidingMode(Box::new(Running::new(SlidingMode::new(config)))));
-        let sliding_mode_paper = controller.sliding_mode_paper.as_ref().map(|config| {
-            Self::SlidingModePaper(Box::new(Running::new(SlidingModePaper::new(config))))
-        });
-        let pid = controller
-            .pid
-            .as_ref()
-            .map(|config| Self::Pid(Running::new(Pid::new(config))));
-        let open_loop = controller
-            .open_loop
-            .as_ref()
-            .map(|config| Self::OpenLoop(Running::new(OpenLoop::new(config))));
-        let mut laws = [sliding_mode, sliding_mode_paper, pid, open_loop]
-            .into_iter()
-            .flatten();
+        let laws = [
+            controller
+                .sliding_mode
+                .as_ref()
+                .map(Self::of::<SlidingMode>),
+            (controller.sliding_mode_paper.as_ref()).map(Self::of::<SlidingModePaper>),
+            controller.pid.as_ref().map(Self::of::<Pid>),
+            controller.open_loop.as_ref().map(Self::of::<OpenLoop>),
+        ];
+        let mut laws = laws.into_iter().flatten();
         match (laws.next(), laws.count()) {
             (Some(law), 0) => Ok(law),
             (first, others) => Err(LawError::NotExactlyOne(
@@ -180,12 +185,7 @@ impl Law {
         set_point: &SetPoint,
         period_seconds: f64,
     ) -> Command {
-        match self {
-            Self::SlidingMode(law) => law.step(measurement, set_point, period_seconds),
-            Self::SlidingModePaper(law) => law.step(measurement, set_point, period_seconds),
-            Self::Pid(law) => law.step(measurement, set_point, period_seconds),
-            Self::OpenLoop(law) => law.step(measurement, set_point, period_seconds),
-        }
+        self.0.step(measurement, set_point, period_seconds)
     }
 }
 
@@ -270,17 +270,6 @@ mod tests {
         assert_eq!(limited_current(-1.0), 0.0);
         assert_eq!(limited_current(f64::INFINITY), 1.0);
         assert_eq!(limited_current(0.56789), 0.568);
-    }
-
-    /// Memory that is `Copy` owns nothing on the heap.
-    #[test]
-    fn memories_own_no_heap() {
-        fn own_no_heap<T: Copy>() {}
-        own_no_heap::<<SlidingMode as ControlLaw>::State>();
-        own_no_heap::<<SlidingModePaper as ControlLaw>::State>();
-        own_no_heap::<<Pid as ControlLaw>::State>();
-        own_no_heap::<<OpenLoop as ControlLaw>::State>();
-        own_no_heap::<Command>();
     }
 
     fn is_sound(command: &Command) -> bool {

@@ -12,18 +12,15 @@ pub struct OpenLoop {
     profile: Profile,
 }
 
-impl OpenLoop {
-    /// A law that plays this profile.
-    #[must_use]
-    pub fn new(config: &Config) -> Self {
+impl ControlLaw for OpenLoop {
+    type Config = Config;
+    type State = ();
+
+    fn new(config: &Config) -> Self {
         Self {
             profile: config.profile(),
         }
     }
-}
-
-impl ControlLaw for OpenLoop {
-    type State = ();
 
     fn start(&self) {}
 

@@ -27,14 +27,6 @@ pub struct State {
 }
 
 impl Pid {
-    /// A PID law with these gains.
-    #[must_use]
-    pub fn new(config: &Config) -> Self {
-        Self {
-            config: config.clone(),
-        }
-    }
-
     /// `Kp (b r − y)`.
     fn proportional(&self, state: &State, set_point: &SetPoint) -> f64 {
         let weighted = self.config.set_point_weight * set_point.position_metres;
@@ -62,7 +54,14 @@ impl Pid {
 }
 
 impl ControlLaw for Pid {
+    type Config = Config;
     type State = State;
+
+    fn new(config: &Config) -> Self {
+        Self {
+            config: config.clone(),
+        }
+    }
 
     fn start(&self) -> State {
         State::default()

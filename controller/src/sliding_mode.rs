@@ -81,27 +81,6 @@ impl Surface {
 }
 
 impl SlidingMode {
-    /// Works out the constants.
-    #[must_use]
-    pub fn new(config: &Config) -> Self {
-        let model = NominalModel::new(&config.nominal_model);
-        Self {
-            surface: Surface {
-                bandwidth: config.bandwidth_radians_per_second,
-                boundary_layer: config.boundary_layer_metres_per_second_squared,
-                switching_gain: config.switching_gain_metres_per_second_cubed,
-            },
-            reference_filter: ReferenceFilter {
-                poles_radians_per_second_max: config.reference_filter_radians_per_second_max,
-                launch_jerk_metres_per_second_cubed: config
-                    .reference_launch_jerk_metres_per_second_cubed,
-                landing_ratio: config.reference_landing_ratio,
-                position_metres_max: model.holding_position(MARTENSITE_FRACTION_MIN),
-            },
-            observer: Observer::new(&config.observer, model),
-        }
-    }
-
     /// The jerks that a launched reference may ask for: those between no and full current after the law's own correction.
     /// Only the side towards the target binds, so that a load that cannot be braked does not drag the reference along.
     fn followable(
@@ -156,7 +135,27 @@ impl SlidingMode {
 }
 
 impl ControlLaw for SlidingMode {
+    type Config = Config;
     type State = State;
+
+    fn new(config: &Config) -> Self {
+        let model = NominalModel::new(&config.nominal_model);
+        Self {
+            surface: Surface {
+                bandwidth: config.bandwidth_radians_per_second,
+                boundary_layer: config.boundary_layer_metres_per_second_squared,
+                switching_gain: config.switching_gain_metres_per_second_cubed,
+            },
+            reference_filter: ReferenceFilter {
+                poles_radians_per_second_max: config.reference_filter_radians_per_second_max,
+                launch_jerk_metres_per_second_cubed: config
+                    .reference_launch_jerk_metres_per_second_cubed,
+                landing_ratio: config.reference_landing_ratio,
+                position_metres_max: model.holding_position(MARTENSITE_FRACTION_MIN),
+            },
+            observer: Observer::new(&config.observer, model),
+        }
+    }
 
     fn start(&self) -> State {
         State {

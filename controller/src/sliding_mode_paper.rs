@@ -26,30 +26,6 @@ pub struct State {
 }
 
 impl SlidingModePaper {
-    /// Works out the constants.
-    #[must_use]
-    pub fn new(config: &Config) -> Self {
-        let model = NominalModel::new(&config.nominal_model);
-        let position_metres_max = model.holding_position(MARTENSITE_FRACTION_MIN);
-        Self {
-            surface: Surface {
-                bandwidth: config.bandwidth_radians_per_second,
-                boundary_layer: config.boundary_layer_metres_per_second_squared,
-                switching_gain: config.switching_gain_metres_per_second_cubed,
-            },
-            reference_filter: ReferenceFilter::fixed(
-                config.reference_filter_radians_per_second,
-                position_metres_max,
-            ),
-            derivative_filter: CriticallyDamped {
-                poles_radians_per_second: config.derivative_filter_radians_per_second,
-            },
-            model,
-        }
-    }
-}
-
-impl SlidingModePaper {
     /// The model's state from the filtered position: fraction by Eq. (12), temperature by the branch in force.
     fn estimate(&self, state: &State) -> ModelState {
         let position = state.filtered.position_metres;
@@ -68,7 +44,28 @@ impl SlidingModePaper {
 }
 
 impl ControlLaw for SlidingModePaper {
+    type Config = Config;
     type State = State;
+
+    fn new(config: &Config) -> Self {
+        let model = NominalModel::new(&config.nominal_model);
+        let position_metres_max = model.holding_position(MARTENSITE_FRACTION_MIN);
+        Self {
+            surface: Surface {
+                bandwidth: config.bandwidth_radians_per_second,
+                boundary_layer: config.boundary_layer_metres_per_second_squared,
+                switching_gain: config.switching_gain_metres_per_second_cubed,
+            },
+            reference_filter: ReferenceFilter::fixed(
+                config.reference_filter_radians_per_second,
+                position_metres_max,
+            ),
+            derivative_filter: CriticallyDamped {
+                poles_radians_per_second: config.derivative_filter_radians_per_second,
+            },
+            model,
+        }
+    }
 
     fn start(&self) -> State {
         State {
