@@ -133,3 +133,82 @@ fn a_wrong_name_is_told_before_any_run() {
     let (code, ..) = output(canrig(&runs, "simulate").arg(&path));
     assert_eq!((code, runs.exists()), (Some(3), false));
 }
+
+#[test]
+fn coverage_shows_what_is_met_missed_broken_off_and_never_tested() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, max: f64, requirements: &str| {
+        let path = folder.path().join(format!("{name}.toml"));
+        let text = format!(
+            "schema = 1\nname = \"{name}\"\n{requirements}\nduration_seconds = 0.2\n[controller.sliding_mode]\n\
+             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+             [expect]\ncurrent_amperes_rms = {{ max = {max:.1} }}\n\
+             [expect.requirements]\ncurrent_amperes_rms = [\"REQ-1\"]\n\
+             [[expect.signal]]\nname = \"current_amperes\"\nstays = {{ max = 1.0 }}\nrequirements = [\"REQ-2\"]\n"
+        );
+        fs::write(&path, text).unwrap();
+        let runs = folder.path().join(name);
+        output(canrig(&runs, "simulate").arg(&path));
+        only_run(&runs)
+    };
+    let met = write("met", 5.0, "requirements = [\"REQ-3\"]");
+    let missed = write("missed", 0.0, "requirements = [\"REQ-3\"]");
+    let broken = write("broken", 5.0, "requirements = [\"REQ-4\"]");
+    fs::remove_file(broken.join("verdict.json")).unwrap();
+
+    let junit = fs::read_to_string(met.join("junit.xml")).unwrap();
+    for id in ["REQ-1", "REQ-2", "REQ-3"] {
+        let property = format!("<property name=\"requirement\" value=\"{id}\"/>");
+        assert!(junit.contains(&property), "{junit}");
+    }
+
+    let list = folder.path().join("list.csv");
+    fs::write(&list, "id,text\nREQ-2,\"small, always\"\nREQ-9,forgotten\n").unwrap();
+    let page = folder.path().join("coverage.html");
+    let coverage = |arguments: &[&str], runs: &[&Path]| {
+        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        output(
+            canrig
+                .arg("coverage")
+                .args(arguments)
+                .args(runs)
+                .env("NO_COLOR", "1"),
+        )
+    };
+    let with_list = [
+        "--requirements",
+        list.to_str().unwrap(),
+        "--output",
+        page.to_str().unwrap(),
+    ];
+    let (code, stdout, stderr) = coverage(&with_list, &[&met, &missed, &broken]);
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    let row = |text: &str| stdout.lines().find(|line| line.contains(text)).unwrap();
+    assert!(row("REQ-9 forgotten").contains("never tested"), "{stdout}");
+    assert!(row("REQ-2 small, always").contains("pass"), "{stdout}");
+    let broken = |line: &&str| line.contains(" broken ") && line.contains("incomplete");
+    assert_eq!(stdout.lines().filter(broken).count(), 3, "{stdout}");
+    assert!(
+        row("REQ-4 (not in the list)").contains("broken"),
+        "{stdout}"
+    );
+    assert!(
+        stdout.contains("5 requirements: 2 failed, 2 incomplete, 1 never tested"),
+        "{stdout}"
+    );
+    let page = fs::read_to_string(&page).unwrap();
+    assert!(
+        page.contains("never tested") && page.contains("/report.html"),
+        "{page}"
+    );
+
+    let (code, stdout, _) = coverage(&["--json"], &[&met]);
+    assert_eq!(code, Some(0), "{stdout}");
+    assert!(stdout.contains("\"outcome\": \"pass\""), "{stdout}");
+    let (code, _, stderr) = coverage(&[], &[folder.path()]);
+    assert_eq!(code, Some(3), "{stderr}");
+    fs::write(&list, "name\nREQ-2\n").unwrap();
+    let (code, _, stderr) = coverage(&with_list, &[&met]);
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(stderr.contains("must name the column `id`"), "{stderr}");
+}

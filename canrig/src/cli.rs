@@ -8,7 +8,7 @@ use platform::bus::BusAddress;
 
 use crate::external::ExternalNode;
 use crate::identify::start::Start;
-use crate::recordings::args::{CompareArgs, ExportArgs, ReplayArgs, ReportArgs};
+use crate::recordings::args::{CompareArgs, CoverageArgs, ExportArgs, ReplayArgs, ReportArgs};
 use crate::tools::ToolBus;
 use crate::tools::nodes::LISTEN_SECONDS;
 use crate::viewer::ViewerArgs;
@@ -30,6 +30,8 @@ Examples:
   canrig replay RUN                          judge a recording again
   canrig replay RUN --viewer --speed 0.1     and watch it in slow motion
   canrig compare RUN OTHER_RUN               where do two runs diverge?
+  canrig coverage runs/* --requirements requirements.csv
+                                             which requirement is tested, and met?
   canrig export RUN -f blf -o run.blf        for another program
   canrig doctor                              is this machine fit for real time?
   canrig nodes --bus vcan0                   who is on the bus?
@@ -42,6 +44,11 @@ Exit codes:
   3 scenario or recording invalid · 4 bus or process failed
   5 inconclusive (timing not trustworthy, or a limit on what nobody tells)
   70 internal error · 130 interrupted";
+
+const COVERAGE_EXITS: &str = "\
+Exit codes:
+  0 every requirement is met · 1 one failed, its run broke off, or nothing tests it
+  3 a run folder or the list is invalid · 4 the page cannot be written · 5 one is inconclusive, none worse";
 
 /// Proves a controller against a plant over a CAN bus, before the real drive is on the table.
 #[derive(Debug, Parser)]
@@ -65,6 +72,9 @@ pub enum Command {
     Replay(ReplayArgs),
     /// Find out where two runs diverge
     Compare(CompareArgs),
+    /// Show which requirement is tested by which scenario, and what came of it
+    #[command(after_help = COVERAGE_EXITS)]
+    Coverage(CoverageArgs),
     /// Write a recording in another program's format
     Export(ExportArgs),
     /// Find the plant's parameters from recordings

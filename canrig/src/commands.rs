@@ -50,6 +50,7 @@ pub fn execute(cli: Cli) -> Exit {
         Command::Report(args) => recordings::report::report(&args),
         Command::Replay(args) => recordings::replay::replay(&args),
         Command::Compare(args) => recordings::compare::compare(&args),
+        Command::Coverage(args) => recordings::coverage::coverage(&args),
         Command::Export(args) => recordings::export::export(&args),
         Command::Identify(args) => identify::command::identify(&args),
         Command::Reproduce(args) => reproduce::command::reproduce(&args),

@@ -54,7 +54,7 @@ pub fn judge_broken(timeline: &Timeline, scenario: &Scenario, error: &str) -> Ve
             BUS_LOAD | "sync_interval_milliseconds_max" | "missed_cycles_percent"
         ) && metric.value.is_some()
     });
-    let mut verdict = Verdict::incomplete(&scenario.name, scenario.seed, error);
+    let mut verdict = Verdict::incomplete_of(scenario, error);
     if let Some(reason) = overload(&metrics) {
         verdict.outcome = Outcome::Fail;
         verdict.reason = Some(format!("{reason}; {error}"));
@@ -123,6 +123,7 @@ pub fn judge(timeline: &Timeline, scenario: &Scenario, frames_lost: u64) -> Verd
         scenario: scenario.name.clone(),
         version: env!("CARGO_PKG_VERSION"),
         seed: scenario.seed,
+        requirements: scenario.requirements.clone(),
         external: External::default(),
         outcome,
         reason,
@@ -316,10 +317,17 @@ impl Run<'_> {
             .into_iter()
             .filter(|(_, value, limit)| value.is_ok() || limit.is_some());
         let all = all.map(|(name, value, limit)| self.metric(name, value, limit));
-        all.chain(reactions::metrics(self))
+        let mut all: Vec<Metric> = all
+            .chain(reactions::metrics(self))
             .chain(signals::metrics(self))
             .chain(sequences::metrics(self))
-            .collect()
+            .collect();
+        let requirements = expect.requirements_of_rows();
+        for metric in &mut all {
+            let own = requirements.get(&metric.name);
+            metric.requirements = own.cloned().unwrap_or_default();
+        }
+        all
     }
 
     fn metric(&self, name: &'static str, value: Value, limit: Option<Limit>) -> Metric {

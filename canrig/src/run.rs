@@ -185,7 +185,7 @@ pub fn verdict(
         Ok(World {
             end: End::Interrupted,
             ..
-        }) => Verdict::incomplete(&scenario.name, scenario.seed, "interrupted by the user"),
+        }) => Verdict::incomplete_of(scenario, "interrupted by the user"),
         Ok(_) => judge(timeline, scenario, frames_lost),
     }
 }

@@ -68,7 +68,7 @@ impl RunFolder {
         let Source { scenario, text, .. } = source;
         let folder = Self::create_named(parent, &scenario.name, scenario.seed, text)?;
         let unfinished = "the run has not ended; if no process works on it any more, it broke off";
-        let mut verdict = Verdict::incomplete(&scenario.name, scenario.seed, unfinished);
+        let mut verdict = Verdict::incomplete_of(scenario, unfinished);
         verdict.external = source.external.clone();
         folder.write_verdict(&verdict)?;
         folder.write(file::SCENARIO, text.as_bytes())?;

@@ -85,8 +85,8 @@ impl TraceReader {
             let of_cycle = cycle_seconds.filter(|_| collected.follows_sync);
             let time_seconds = of_cycle.unwrap_or(time.as_secs_f64());
             let samples = &mut collected.trace.samples;
-            // The latest of a cycle counts, as in `signals.csv`.
-            if samples
+            // The latest of a cycle counts, as in `signals.csv`; a clock that went back leaves no order behind.
+            while samples
                 .last()
                 .is_some_and(|last| last.time_seconds >= time_seconds)
             {

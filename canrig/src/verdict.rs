@@ -1,6 +1,7 @@
 //! What a run came to: metrics beside their limits, and the outcome.
 
-use scenario::expect::Limit;
+use scenario::Scenario;
+use scenario::expect::{Limit, Requirements};
 use serde::{Deserialize, Serialize};
 
 use crate::exit::Exit;
@@ -64,6 +65,9 @@ pub struct Metric {
     /// Whether the limit is met; none where there is no limit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub passed: Option<bool>,
+    /// The requirements that it tests.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub requirements: Requirements,
 }
 
 impl Metric {
@@ -82,6 +86,7 @@ impl Metric {
             remark,
             limit,
             passed,
+            requirements: Requirements::new(),
         }
     }
 
@@ -95,6 +100,7 @@ impl Metric {
             remark: Some(reason),
             limit,
             passed: None,
+            requirements: Requirements::new(),
         }
     }
 
@@ -138,6 +144,9 @@ pub struct Verdict {
     pub version: &'static str,
     /// The scenario's seed.
     pub seed: u64,
+    /// The requirements that the scenario as a whole tests.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub requirements: Requirements,
     /// The nodes that were not canrig's.
     #[serde(skip_serializing_if = "External::is_empty")]
     pub external: External,
@@ -168,6 +177,7 @@ impl Verdict {
             scenario: scenario.to_owned(),
             version: env!("CARGO_PKG_VERSION"),
             seed,
+            requirements: Requirements::new(),
             external: External::default(),
             outcome: Outcome::Incomplete,
             reason: Some(reason.to_owned()),
@@ -175,6 +185,15 @@ impl Verdict {
             metrics: Vec::new(),
             losses: Vec::new(),
             timing: None,
+        }
+    }
+
+    /// As [`Verdict::incomplete`], of a scenario with its requirements.
+    #[must_use]
+    pub fn incomplete_of(scenario: &Scenario, reason: &str) -> Self {
+        Self {
+            requirements: scenario.requirements.clone(),
+            ..Self::incomplete(&scenario.name, scenario.seed, reason)
         }
     }
 
@@ -214,6 +233,8 @@ struct StoredVerdict {
     version: String,
     seed: u64,
     #[serde(default)]
+    requirements: Requirements,
+    #[serde(default)]
     external: External,
     outcome: Outcome,
     reason: Option<String>,
@@ -233,6 +254,8 @@ struct StoredMetric {
     remark: Option<String>,
     limit: Option<Limit>,
     passed: Option<bool>,
+    #[serde(default)]
+    requirements: Requirements,
 }
 
 impl From<StoredVerdict> for Verdict {
@@ -244,12 +267,14 @@ impl From<StoredVerdict> for Verdict {
             remark: metric.remark,
             limit: metric.limit,
             passed: metric.passed,
+            requirements: metric.requirements,
         });
         Self {
             schema: stored.schema,
             scenario: stored.scenario,
             version: stored.version.leak(),
             seed: stored.seed,
+            requirements: stored.requirements,
             external: stored.external,
             outcome: stored.outcome,
             reason: stored.reason,
@@ -270,6 +295,7 @@ mod tests {
     fn a_stored_verdict_reads_back_whole() {
         let mut verdict = Verdict::incomplete("step \"1\"", 7, "killed");
         verdict.frames_lost = 3;
+        verdict.requirements = vec!["REQ-1".to_owned()];
         verdict.external = External::new(&[ExternalNode::Drive]).unwrap();
         let limit = Some(Limit {
             min: Some(0.1),
@@ -280,6 +306,7 @@ mod tests {
             Metric::new("overshoot_percent", Err("no step".to_owned()), None).at(Some(1.5)),
             Metric::not_judged("temperature_celsius", "not available".to_owned(), limit),
         ];
+        verdict.metrics[0].requirements = vec!["REQ-2".to_owned()];
         assert_eq!(Verdict::from_json(&verdict.to_json()).unwrap(), verdict);
         assert!(Verdict::from_json("{}").is_err());
     }

@@ -1,5 +1,6 @@
 //! Checks what the schema cannot say: what only makes sense together.
 
+mod requirements;
 mod signals;
 #[cfg(test)]
 mod tests;
@@ -66,6 +67,7 @@ pub(crate) fn bench(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem
     problems.extend(limits(document, scenario));
     problems.extend(reactions(document, scenario));
     problems.extend(signals::check(document, scenario));
+    problems.extend(requirements::check(document, scenario));
     problems
 }
 

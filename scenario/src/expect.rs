@@ -3,6 +3,7 @@
 mod sequence;
 mod signal;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
@@ -13,6 +14,9 @@ use crate::timing::TimingLimits;
 
 pub use sequence::{Expected, Sequence};
 pub use signal::{Course, Demand, SignalCheck};
+
+/// Requirements by their names in whatever lists them, such as "REQ-12".
+pub type Requirements = Vec<String>;
 
 /// A two-sided limit; at least one side is given.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -95,6 +99,9 @@ pub struct Expect {
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub no_event: Vec<String>,
+    /// The requirements that single limits above test, by the limit's key: `overshoot_percent = ["REQ-12"]`.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub requirements: BTreeMap<String, Requirements>,
     /// What signals must do, each in its window of time.
     #[schemars(length(max = 1000))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -165,6 +172,43 @@ impl Expect {
 }
 
 impl Expect {
+    /// The keys of all limits and reactions that are given, in the order of the format.
+    pub fn keys(&self) -> impl Iterator<Item = &'static str> {
+        let others = [
+            (
+                "current_zero_within_milliseconds",
+                self.current_zero_within_milliseconds.is_some(),
+            ),
+            (
+                "recovers_within_seconds",
+                self.recovers_within_seconds.is_some(),
+            ),
+            ("safe_state", self.safe_state.is_some()),
+            ("emcy", !self.emcy.is_empty()),
+            ("no_event", !self.no_event.is_empty()),
+        ];
+        let others = others.into_iter().filter(|(_, is_given)| *is_given);
+        let limits = self.limits().map(|(name, _)| name);
+        limits.chain(others.map(|(name, _)| name))
+    }
+
+    /// The rows of the verdict that test requirements, each with these.
+    #[must_use]
+    pub fn requirements_of_rows(&self) -> BTreeMap<String, Requirements> {
+        let limits = self.requirements.clone();
+        let checks = self.signal.iter().flat_map(|check| {
+            let rows = check.demands().map(|demand| check.row_name(&demand));
+            rows.map(|row| (row, check.requirements.clone()))
+        });
+        let sequences = self.sequence.iter().flat_map(|sequence| {
+            let rows = (0..sequence.event.len()).map(|place| sequence.row_name(place));
+            rows.map(|row| (row, sequence.requirements.clone()))
+        });
+        let rows = limits.into_iter().chain(checks).chain(sequences);
+        rows.filter(|(_, requirements)| !requirements.is_empty())
+            .collect()
+    }
+
     /// The signals that checks and sequences name, each with the path of its name in the file.
     pub fn named_signals(&self) -> impl Iterator<Item = (String, &str)> {
         let checks = self.signal.iter().enumerate();
@@ -231,6 +275,7 @@ mod tests {
                 "emcy",
                 "no_event",
                 "recovers_within_seconds",
+                "requirements",
                 "safe_state",
                 "sequence",
                 "signal",

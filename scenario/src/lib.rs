@@ -48,6 +48,10 @@ pub struct Scenario {
     /// What the scenario shows and where its limits come from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
+    /// The requirements that the scenario as a whole tests, such as "REQ-12".
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schemars(length(max = 100), inner(length(min = 1, max = 100)))]
+    pub requirements: Vec<String>,
     /// Seed of every random number in the run.
     #[serde(default)]
     #[schemars(range(min = 0, max = 9_007_199_254_740_991_u64))]

@@ -89,6 +89,11 @@ impl<'a> Checker<'a> {
             let name = key.get_ref().as_ref();
             match properties.and_then(|properties| properties.get(name)) {
                 Some(property) => self.value(&join(place, name), value, property),
+                // A table whose keys are the user's own.
+                None if schema["additionalProperties"].is_object() => {
+                    let property = &schema["additionalProperties"];
+                    self.value(&join(place, name), value, property);
+                }
                 None => {
                     let known = properties.unwrap_or(&no_properties);
                     meant.extend(self.unknown_key(place, key.span(), name, known));

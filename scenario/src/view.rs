@@ -29,8 +29,9 @@ pub struct ControllerView {
 }
 
 /// The keys that the controller's loader takes out of the document before it looks at anything.
-pub(crate) const HIDDEN_FROM_CONTROLLER: [&str; 6] = [
+pub(crate) const HIDDEN_FROM_CONTROLLER: [&str; 7] = [
     "description",
+    "requirements",
     "seed",
     "disturbance",
     "fault",

@@ -64,6 +64,23 @@ pub struct CompareArgs {
     pub json: bool,
 }
 
+/// Arguments of `coverage`.
+#[derive(Args, Debug)]
+pub struct CoverageArgs {
+    /// Run folders; of several runs of one scenario the worst counts
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// A CSV file with the column `id`, and `text` if you like: requirements that no run tests are shown too
+    #[arg(long, value_name = "FILE")]
+    pub requirements: Option<PathBuf>,
+    /// Write the matrix as a page
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Print the matrix as JSON instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Arguments of `export`.
 #[derive(Args, Debug)]
 pub struct ExportArgs {

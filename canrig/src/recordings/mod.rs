@@ -2,6 +2,7 @@
 
 pub mod args;
 pub mod compare;
+pub mod coverage;
 pub mod export;
 mod recorded;
 pub mod replay;

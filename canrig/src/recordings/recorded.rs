@@ -17,8 +17,8 @@ use crate::signals::SignalMissing;
 use crate::timeline::{self, Timeline};
 use crate::verdict::{Outcome, Verdict};
 
-/// Largest `verdict.json` that is read.
-const VERDICT_BYTES_MAX: u64 = 1 << 20;
+/// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names them.
+const VERDICT_BYTES_MAX: u64 = 16 << 20;
 
 /// Why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -205,7 +205,7 @@ fn has_scenario(log: &Path) -> bool {
 }
 
 /// The verdict of a run; none when there is no file. One that is no verdict was cut, so it counts as none too.
-fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
+pub(super) fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
     match scenario::read_text(path, VERDICT_BYTES_MAX) {
         Ok(text) => Ok(Verdict::from_json(&text).ok()),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),

@@ -90,7 +90,7 @@ fn folder_name(path: &Path) -> String {
 }
 
 /// The way from one file to another; nothing where there is none.
-fn link(from: &Path, to: &Path) -> Option<String> {
+pub(super) fn link(from: &Path, to: &Path) -> Option<String> {
     let from = match from.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
@@ -120,7 +120,8 @@ fn escaped(part: &str) -> String {
     part.bytes().map(escape).collect()
 }
 
-fn write(place: &Path, text: &str) -> Result<(), Exit> {
+/// Writes a page and tells where.
+pub(super) fn write(place: &Path, text: &str) -> Result<(), Exit> {
     match fs::write(place, text) {
         Ok(()) => {
             say(&place.display().to_string());

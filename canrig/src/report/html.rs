@@ -96,6 +96,7 @@ fn head(run: &Run<'_>) -> Markup {
             div { dt { "frames" } dd { (run.frames.len()) } }
             div { dt { "seed" } dd { (verdict.seed) } }
             div { dt { "canrig" } dd { (verdict.version) } }
+            @if !verdict.requirements.is_empty() { div { dt { "requirements" } dd { (verdict.requirements.join(", ")) } } }
             @if !verdict.external.is_empty() { div { dt { "external" } dd { (verdict.external) } } }
         }
         @if verdict.external.has(ExternalNode::Drive) {

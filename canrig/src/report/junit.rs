@@ -1,6 +1,6 @@
 //! `junit.xml`: one test case per limit, for CI systems.
 
-use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
+use quick_junit::{NonSuccessKind, Property, Report, TestCase, TestCaseStatus, TestSuite};
 
 use crate::verdict::{Metric, Outcome, Verdict};
 
@@ -18,6 +18,7 @@ fn suite(verdict: &Verdict) -> TestSuite {
     let mut suite = TestSuite::new(verdict.scenario.as_str());
     suite.add_property(("version", verdict.version));
     suite.add_property(("seed", verdict.seed.to_string().as_str()));
+    suite.add_properties(properties(&verdict.requirements));
     let class = verdict.scenario.as_str();
     let limited = verdict
         .metrics
@@ -49,7 +50,15 @@ fn case(class: &str, metric: &Metric, outcome: Outcome) -> TestCase {
         (_, None) => problem(NonSuccessKind::Error, "not judged"),
         _ => problem(NonSuccessKind::Failure, &message(metric)),
     };
-    named(&metric.name, class, status)
+    let mut case = named(&metric.name, class, status);
+    case.add_properties(properties(&metric.requirements));
+    case
+}
+
+/// One property a requirement, as test management tools read them.
+fn properties(requirements: &[String]) -> Vec<Property> {
+    let property = |name: &String| Property::new("requirement", name.as_str());
+    requirements.iter().map(property).collect()
 }
 
 fn named(name: &str, class: &str, status: TestCaseStatus) -> TestCase {
@@ -100,11 +109,17 @@ mod tests {
         let mut verdict = Verdict::incomplete("step", 1, "");
         verdict.outcome = Outcome::Fail;
         verdict.metrics = vec![Metric::new("settling_time_seconds", Ok(0.5), limit)];
+        verdict.requirements = vec!["REQ-1".to_owned()];
+        verdict.metrics[0].requirements = vec!["REQ-2".to_owned()];
         let xml = to_xml(&[verdict]).unwrap();
         assert!(
             xml.contains("settling_time_seconds: measured 0.5, limit max 0.23"),
             "{xml}"
         );
         assert!(xml.contains("failures=\"1\""), "{xml}");
+        let (suite, case) = xml.split_once("<testcase").unwrap();
+        let property = |name: &str| format!("<property name=\"requirement\" value=\"{name}\"/>");
+        assert!(suite.contains(&property("REQ-1")), "{xml}");
+        assert!(case.contains(&property("REQ-2")), "{xml}");
     }
 }

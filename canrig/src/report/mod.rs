@@ -6,6 +6,7 @@ mod bus_timing;
 mod calendar;
 mod checks;
 pub mod comparison;
+pub mod coverage;
 pub mod csv;
 pub mod html;
 pub mod junit;

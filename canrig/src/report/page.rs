@@ -51,14 +51,19 @@ pub(super) fn result(metric: &Metric, outcome: Outcome) -> Markup {
 
 /// The metrics as a table.
 pub(super) fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
+    let tests_any = metrics.iter().any(|metric| !metric.requirements.is_empty());
     html! {
         div.wide { table {
-            thead { tr { th { "metric" } th.number { "measured" } th.number { "limit" } th { "result" } } }
+            thead { tr {
+                th { "metric" } th.number { "measured" } th.number { "limit" } th { "result" }
+                @if tests_any { th { "requirements" } }
+            } }
             tbody { @for metric in metrics { tr {
                 td { (verdict::title(&metric.name)) }
                 td.number { (terminal::measured(metric)) }
                 td.number { (terminal::limit(metric)) }
                 td { (result(metric, outcome)) }
+                @if tests_any { td { (metric.requirements.join(", ")) } }
             } } }
         } }
     }

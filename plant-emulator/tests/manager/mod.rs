@@ -24,6 +24,7 @@ pub(crate) fn scenario() -> Scenario {
         schema: 1,
         name: "nodes".to_owned(),
         description: None,
+        requirements: Vec::new(),
         seed: 42,
         duration_seconds: 1.0,
         bus: scenario::Bus::default(),

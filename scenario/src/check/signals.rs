@@ -157,6 +157,12 @@ fn event_problem(document: &Document<'_>, path: &str, event: &Expected) -> Optio
             Some(document.problem(&path, message, "`signal` is missing"))
         }
         Expected {
+            text: Some(text), ..
+        } if text.contains(char::is_control) => {
+            let message = "`text` has a control character in it";
+            Some(document.problem(&format!("{path}.text"), message, "one line of plain text"))
+        }
+        Expected {
             emcy: Some(text), ..
         } => {
             let reason = text.parse::<Emergency>().err()?;

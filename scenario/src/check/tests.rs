@@ -197,6 +197,13 @@ fn an_event_of_a_sequence_is_one_thing_and_has_a_time() {
         "must be node and code",
     );
     check(
+        &sequence("{ text = \"lo\\u001Bss\" }"),
+        10,
+        19,
+        "`text` has a control character in it",
+        "one line of plain text",
+    );
+    check(
         &sequence("{ signal = \"current_amperes\" }"),
         10,
         10,
@@ -268,6 +275,57 @@ fn an_objection_is_underlined_beside_the_other_problems() {
         ("the window is after the end of the run".to_owned(), (5, 1)),
     ];
     assert!(expected.iter().all(|one| told.contains(one)), "{told:?}");
+}
+
+#[test]
+fn requirements_are_of_demands_that_are_made() {
+    let limits = "[expect]\ncurrent_amperes_rms = { max = 1 }\n";
+    let of_limit =
+        |key: &str, list: &str| format!("{limits}[expect.requirements]\n{key} = {list}\n");
+    check(
+        &of_limit("curent_amperes_rms", "[\"REQ-1\"]"),
+        11,
+        1,
+        "`curent_amperes_rms` tests no requirement, since nothing is demanded of it",
+        "did you mean `current_amperes_rms`?",
+    );
+    check(
+        &of_limit("safe_state", "[\"REQ-1\"]"),
+        11,
+        1,
+        "`safe_state` tests no requirement, since nothing is demanded of it",
+        "not demanded in [expect]",
+    );
+    check(
+        &of_limit("current_amperes_rms", "\"REQ-1\""),
+        11,
+        23,
+        "`expect.requirements.current_amperes_rms` must be an array of strings",
+        "this is a string",
+    );
+    check(
+        &signal("stays = { max = 1 }\nrequirements = [\"REQ-1\", \"REQ-2\", \"REQ-1\"]"),
+        11,
+        35,
+        "a requirement cannot be listed so",
+        "it stands here already",
+    );
+    check(
+        &signal("stays = { max = 1 }\nrequirements = [\" REQ-1\"]"),
+        11,
+        17,
+        "a requirement cannot be listed so",
+        "without blanks at its ends",
+    );
+    let met = of_limit("current_amperes_rms", "[\"REQ-1\"]")
+        + &signal("stays = { max = 1 }\nrequirements = [\"REQ-2\"]");
+    let rows = parse(&met).unwrap().expect.requirements_of_rows();
+    let rows: Vec<_> = rows.into_iter().collect();
+    let expected = [
+        ("current_amperes stays".to_owned(), vec!["REQ-2".to_owned()]),
+        ("current_amperes_rms".to_owned(), vec!["REQ-1".to_owned()]),
+    ];
+    assert_eq!(rows, expected);
 }
 
 proptest! {

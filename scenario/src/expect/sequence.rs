@@ -15,6 +15,10 @@ pub struct Sequence {
     /// What the sequence is about, in a few words.
     #[schemars(length(min = 1, max = 200))]
     pub name: String,
+    /// The requirements that are tested by it, such as "REQ-12".
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schemars(length(max = 100), inner(length(min = 1, max = 100)))]
+    pub requirements: Vec<String>,
     /// Earlier events do not count, and the first one's time counts from here; the start of the scenario if absent.
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 86_400.0))]

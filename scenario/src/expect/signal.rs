@@ -15,6 +15,10 @@ const RESOLUTION_SECONDS: f64 = 1e-6;
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignalCheck {
+    /// The requirements that are tested by it, such as "REQ-12".
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schemars(length(max = 100), inner(length(min = 1, max = 100)))]
+    pub requirements: Vec<String>,
     /// The signal: `message.signal` or `signal` of the DBC, or the name of the object behind it in the EDS
     /// ("Position actual value", also as "drive.Position actual value").
     #[schemars(length(min = 1, max = 200))]

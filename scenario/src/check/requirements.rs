@@ -1,0 +1,74 @@
+//! Checks on requirements: names that can be printed, each once, of limits that are given.
+
+use std::collections::BTreeSet;
+
+use crate::Scenario;
+use crate::document::Document;
+use crate::error::Problem;
+use crate::nearest::nearest;
+
+/// Longest name of a requirement.
+const LENGTH_MAX: usize = 100;
+
+/// Everything that is wrong with the requirements of a scenario.
+pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+    let expect = &scenario.expect;
+    let mut problems = names(document, "requirements", &scenario.requirements);
+    for (key, requirements) in &expect.requirements {
+        let path = format!("expect.requirements.{key}");
+        problems.extend(undemanded(document, &path, key, scenario));
+        problems.extend(names(document, &path, requirements));
+    }
+    let checks = expect.signal.iter().map(|check| &check.requirements);
+    let sequences = expect.sequence.iter().map(|one| &one.requirements);
+    let checks = checks.enumerate().map(|one| ("signal", one));
+    let sequences = sequences.enumerate().map(|one| ("sequence", one));
+    for (kind, (index, requirements)) in checks.chain(sequences) {
+        let path = format!("expect.{kind}.{index}.requirements");
+        problems.extend(names(document, &path, requirements));
+    }
+    problems
+}
+
+/// A key without a limit tests nothing.
+fn undemanded(
+    document: &Document<'_>,
+    path: &str,
+    key: &str,
+    scenario: &Scenario,
+) -> Option<Problem> {
+    let given: Vec<&str> = scenario.expect.keys().collect();
+    if given.contains(&key) {
+        return None;
+    }
+    let label = match nearest(key, given.iter().copied()) {
+        Some(meant) => format!("did you mean `{meant}`?"),
+        None => "not demanded in [expect]".to_owned(),
+    };
+    let message = format!("`{key}` tests no requirement, since nothing is demanded of it");
+    let span = document.key_span(path);
+    let problem = document.source.problem(span, message, label);
+    Some(match given.as_slice() {
+        [] => problem.with_help("[expect] has no limit"),
+        given => problem.with_help(format!("demanded are: {}", given.join(", "))),
+    })
+}
+
+fn names(document: &Document<'_>, path: &str, requirements: &[String]) -> Vec<Problem> {
+    let mut seen = BTreeSet::new();
+    let mut problems = Vec::new();
+    for (index, name) in requirements.iter().enumerate() {
+        let label = if name.trim() != name || name.is_empty() || name.contains(char::is_control) {
+            "one line of plain text without blanks at its ends"
+        } else if name.chars().count() > LENGTH_MAX {
+            "at most 100 characters are admitted"
+        } else if !seen.insert(name) {
+            "it stands here already"
+        } else {
+            continue;
+        };
+        let message = "a requirement cannot be listed so";
+        problems.push(document.problem(&format!("{path}.{index}"), message, label));
+    }
+    problems
+}
