@@ -4,6 +4,7 @@ use dbc::Database;
 use platform::bus::{self, Bus, BusAddress};
 use platform::lockstep::{Local, LockstepError, Remote, channel};
 use platform::private_bus::PrivateBus;
+use platform::scheduling::OneProcessor;
 use scenario::Scenario;
 use tokio::runtime::Runtime;
 
@@ -96,6 +97,7 @@ pub fn in_lockstep(
             (Some(private.voice(&[])?), Some(address), Some(private))
         }
     };
+    let _here = OneProcessor::stay();
     let runtime = runtime()?;
     let _entered = runtime.enter();
     let start = |name| {
