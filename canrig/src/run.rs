@@ -44,9 +44,7 @@ impl Source {
     /// # Errors
     /// The file cannot be read or is no valid scenario.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        let (scenario, text) = Scenario::load_with_text(path, |scenario| {
-            SignalNames::of(scenario).objections(scenario)
-        })?;
+        let (scenario, text) = Scenario::load_with_text(path, SignalNames::objections)?;
         Ok(Self {
             path: path.to_owned(),
             text,

@@ -128,12 +128,12 @@ impl SignalNames {
         }
     }
 
-    /// What is wrong with the names of signals in a scenario.
+    /// What is wrong with the names of signals in a scenario. The names are collected only where it has some.
     #[must_use]
-    pub fn objections(&self, scenario: &Scenario) -> Vec<Objection> {
+    pub fn objections(scenario: &Scenario) -> Vec<Objection> {
         let named = scenario.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {
-            let error = self.find(name).err()?;
+            let error = Self::of(scenario).find(name).err()?;
             Some(objection(path, &error))
         });
         wrong.collect()
