@@ -56,3 +56,19 @@ impl schemars::transform::Transform for TakeNullAway {
         }
     }
 }
+
+/// The copy in `scenarios/` is the schema; with UPDATE_SCHEMA it becomes so.
+#[cfg(test)]
+#[track_caller]
+pub(crate) fn assert_committed(name: &str, current: &str) {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios");
+    let path = folder.join(name);
+    if std::env::var_os("UPDATE_SCHEMA").is_some() {
+        std::fs::write(&path, current).unwrap();
+    }
+    let committed = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        committed == current,
+        "out of date: run the tests with UPDATE_SCHEMA=1"
+    );
+}

@@ -648,17 +648,7 @@ fn all_shipped_scenarios_load_and_name_their_schema() {
 
 #[test]
 fn the_committed_schema_is_current() {
-    let path = folder().join("schema.json");
-    let committed = fs::read_to_string(&path).unwrap_or_default();
-    let current = crate::schema::json_schema();
-    if std::env::var_os("UPDATE_SCHEMA").is_some() {
-        fs::write(&path, &current).unwrap();
-    } else {
-        assert!(
-            committed == current,
-            "out of date: run the tests with UPDATE_SCHEMA=1"
-        );
-    }
+    crate::schema::assert_committed("schema.json", &crate::schema::json_schema());
 }
 
 proptest! {

@@ -1,6 +1,3 @@
-use std::fs;
-use std::path::Path;
-
 use miette::{GraphicalReportHandler, GraphicalTheme};
 
 use super::{ObjectAddress, Rig};
@@ -96,15 +93,5 @@ fn an_object_is_index_and_sub_index() {
 
 #[test]
 fn the_committed_schema_is_current() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/rig_schema.json");
-    let committed = fs::read_to_string(&path).unwrap_or_default();
-    let current = crate::schema::rig_json_schema();
-    if std::env::var_os("UPDATE_SCHEMA").is_some() {
-        fs::write(&path, &current).unwrap();
-    } else {
-        assert!(
-            committed == current,
-            "out of date: run the tests with UPDATE_SCHEMA=1"
-        );
-    }
+    crate::schema::assert_committed("rig_schema.json", &crate::schema::rig_json_schema());
 }
