@@ -33,13 +33,13 @@ impl Pid {
         self.config.proportional_amperes_per_metre * (weighted - state.last_position_metres)
     }
 
-    /// First-order filter of the position; gives the filtered velocity.
+    /// First-order filter of the position; gives how fast the filtered position moves, which of a ramp is its slope.
     fn velocity(&self, state: &mut State, period_seconds: f64) -> f64 {
         let pole = self.config.derivative_filter_radians_per_second;
         let share = 1.0 - libm::exp(-pole * period_seconds);
-        let difference = state.last_position_metres - state.filtered_position_metres;
-        state.filtered_position_metres += share * difference;
-        pole * difference
+        let step = share * (state.last_position_metres - state.filtered_position_metres);
+        state.filtered_position_metres += step;
+        step / period_seconds
     }
 
     /// Integrates the error unless that would push the command further beyond its limit (conditional integration).
@@ -152,6 +152,21 @@ mod tests {
         assert_eq!(step(&law, &mut state, 0.02, 0.04), 0.0);
         let current = step(&law, &mut state, 0.015, 0.04);
         assert!(current > 0.4, "{current}");
+    }
+
+    #[test]
+    fn the_velocity_of_a_ramp_is_its_slope() {
+        let law = law(0.0, 0.0, 1.0);
+        for period_seconds in [1e-4, 1e-3, 1e-2] {
+            let mut state = law.start();
+            let mut velocity = 0.0;
+            let periods = libm::round(0.5 / period_seconds);
+            for period in 0..periods as u32 {
+                state.last_position_metres = 0.1 * f64::from(period) * period_seconds;
+                velocity = law.velocity(&mut state, period_seconds);
+            }
+            assert!((velocity - 0.1).abs() < 1e-9, "{period_seconds}: {velocity}");
+        }
     }
 
     #[test]

@@ -149,7 +149,7 @@ impl Default for Pid {
         Self {
             proportional_amperes_per_metre: 22.8,
             integral_amperes_per_metre_second: 37.9,
-            derivative_ampere_seconds_per_metre: 3.1,
+            derivative_ampere_seconds_per_metre: 3.59,
             set_point_weight: 0.77,
             derivative_filter_radians_per_second: 300.0,
             current_amperes_min: 0.0,

@@ -5,7 +5,7 @@ use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::{Emergency, Limit};
 
-use super::{Run, Value, largest, recovery};
+use super::metrics::{Run, Value, largest, recovery};
 use crate::timeline::{Column, Timeline};
 use crate::truth::Truth;
 use crate::verdict::Metric;

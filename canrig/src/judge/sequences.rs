@@ -3,8 +3,8 @@
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
+use super::metrics::{Run, TIME_TOLERANCE_SECONDS};
 use super::signals::{Finding, samples_in, trace};
-use super::{Run, TIME_TOLERANCE_SECONDS};
 use crate::traces::Sample;
 use crate::verdict::{Metric, rounded};
 

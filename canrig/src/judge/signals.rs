@@ -4,8 +4,8 @@ use plant_emulator::catalogue::TRUTH_MESSAGES;
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
+use super::metrics::{Run, TIME_TOLERANCE_SECONDS, Value};
 use super::reactions::untold;
-use super::{Run, TIME_TOLERANCE_SECONDS, Value};
 use crate::signal_names::SignalNames;
 use crate::traces::{Sample, Trace};
 use crate::verdict::{Metric, rounded};

@@ -7,7 +7,7 @@ use scenario::ScenarioError;
 use serde::Serialize;
 
 use super::args::CoverageArgs;
-use super::recorded::read_verdict;
+use super::recorded::{read_verdict, require_run};
 use super::report::{link, write};
 use super::{RecordedError, refuse};
 use crate::console::{complain, say};
@@ -183,6 +183,7 @@ impl Test {
 
 /// The scenario of a run folder and its verdict; none for a run that was killed.
 fn read(folder: &Path) -> Result<(Source, Option<Verdict>), RecordedError> {
+    require_run(folder)?;
     let invalid = |error: ScenarioError| RecordedError::Scenario(Box::new(error));
     let source = Source::load(&folder.join(file::SCENARIO)).map_err(invalid)?;
     let verdict = read_verdict(&folder.join(file::VERDICT))?;

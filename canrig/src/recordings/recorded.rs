@@ -31,6 +31,12 @@ pub enum RecordedError {
         /// Why.
         source: io::Error,
     },
+    /// A folder of something else.
+    #[error("{} is no run folder: there is no {} in it", path.display(), file::SCENARIO)]
+    NoRun {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A log without a scenario.
     #[error("{}: what was played? Name its scenario with --scenario FILE", path.display())]
     NoScenario {
@@ -79,7 +85,10 @@ impl Recorded {
     /// # Errors
     /// A file is missing or not valid. A log that breaks off is no error.
     pub fn load(path: &Path, played: Option<&Path>) -> Result<Self, RecordedError> {
-        let is_folder = path.is_dir();
+        let is_folder = is_folder(path)?;
+        if is_folder && played.is_none() {
+            require_run(path)?;
+        }
         let folder = if is_folder {
             path
         } else {
@@ -177,6 +186,25 @@ impl Recorded {
             None => self.judge(timeline),
         }
     }
+}
+
+/// Whether a path that exists is a folder.
+fn is_folder(path: &Path) -> Result<bool, RecordedError> {
+    let metadata = path.metadata().map_err(|source| RecordedError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(metadata.is_dir())
+}
+
+/// Refuses what is no run folder.
+pub(super) fn require_run(path: &Path) -> Result<(), RecordedError> {
+    if is_folder(path)? && path.join(file::SCENARIO).exists() {
+        return Ok(());
+    }
+    Err(RecordedError::NoRun {
+        path: path.to_owned(),
+    })
 }
 
 fn read_log(path: &Path) -> Result<Log, RecordedError> {

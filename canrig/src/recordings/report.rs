@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use super::args::ReportArgs;
+use super::recorded::require_run;
 use super::{Recorded, RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
@@ -54,13 +55,7 @@ pub fn report(args: &ReportArgs) -> Exit {
 }
 
 fn read(path: &Path) -> Result<(Recorded, Timeline, Verdict), RecordedError> {
-    if !path.is_dir() {
-        let source = std::io::ErrorKind::NotADirectory.into();
-        return Err(RecordedError::Read {
-            path: path.to_owned(),
-            source,
-        });
-    }
+    require_run(path)?;
     let recorded = Recorded::load(path, None)?;
     let timeline = recorded.timeline()?;
     let verdict = recorded.verdict(&timeline)?;

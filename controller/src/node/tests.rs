@@ -11,7 +11,7 @@ const MILLISECOND: Duration = Duration::from_millis(1);
 /// Node-ID of the drive unless a rig file says otherwise.
 const DRIVE: NodeId = NodeId::new(0x10).unwrap();
 
-/// A drive whose position follows the current at once: 40 mm at 1 A.
+/// A drive whose position follows the current at once: 2 mm at 1 A.
 #[derive(Default)]
 struct TestDrive {
     machine: StateMachine,
