@@ -119,7 +119,18 @@ fn a_run_that_never_began_has_a_page_too() {
 #[test]
 fn what_is_no_run_folder_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let (code, _, stderr) = tool(&["report"], &[folder.path()]);
-    assert_eq!(code, Some(3), "{stderr}");
-    assert!(stderr.contains("bus.log"), "{stderr}");
+    let missing = folder.path().join("missing");
+    for (path, reason) in [
+        (
+            folder.path(),
+            "is no run folder: there is no scenario.toml in it",
+        ),
+        (&missing, "cannot be read: No such file or directory"),
+    ] {
+        for command in ["report", "replay", "coverage"] {
+            let (code, _, stderr) = tool(&[command], &[path]);
+            assert_eq!(code, Some(3), "{command}: {stderr}");
+            assert!(stderr.contains(reason), "{command}: {stderr}");
+        }
+    }
 }

@@ -148,9 +148,10 @@ fn remove_leftover(socket: &Path) {
 }
 
 /// For a node's process at its end: when the bench that started it was killed, its socket is removed. A node may reach
-/// its safe state before it notices that the bus has ended.
+/// its safe state before it notices that the bus has ended, and before a killed bench on a busy machine is gone.
 pub fn remove_orphaned(socket: &Path) {
-    if owner(socket).is_some_and(|process| getppid() != Some(process)) {
+    let is_orphan = owner(socket).is_some_and(|process| getppid() != Some(process));
+    if is_orphan || nobody_listens(socket) {
         remove_silent(socket);
     }
 }
