@@ -18,6 +18,7 @@ mod report;
 mod reproduce;
 mod rooms;
 mod support;
+mod sweep;
 mod tools;
 #[cfg(feature = "rerun")]
 mod viewer;

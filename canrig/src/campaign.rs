@@ -1,9 +1,11 @@
 //! Many scenarios: each in virtual time within this process, several at a time, with nothing on the disk.
 
+use std::any::Any;
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
+use std::time::Duration;
 
 use plant_emulator::catalogue;
 use scenario::Scenario;
@@ -16,6 +18,11 @@ use crate::timeline::{self, Timeline};
 use crate::verdict::Verdict;
 use crate::world;
 use dbc::scenario_clock::ScenarioClock;
+
+/// Results that may wait for an earlier one to end, by thread: so much is held in memory, however many runs there are.
+const WAITING_MAX: usize = 32;
+/// How soon a thread that waits for an earlier run sees that the user stopped it.
+const STOP_PERIOD: Duration = Duration::from_millis(100);
 
 /// How a campaign is played.
 #[derive(Clone, Copy, Debug)]
@@ -60,6 +67,15 @@ pub struct Fault {
 #[error("interrupted by the user")]
 pub struct Interrupted;
 
+/// Why a campaign ended before its last run.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Stopped<E> {
+    /// The user stopped it.
+    Interrupted,
+    /// A result could not be taken.
+    Refused(E),
+}
+
 impl Campaign {
     /// As many runs at a time as there are cores.
     #[must_use]
@@ -80,72 +96,153 @@ impl Campaign {
         scenarios: impl Iterator<Item = Scenario> + Send,
         reduce: impl Fn(&Played<'_>) -> T + Sync,
     ) -> Result<Vec<Result<T, Fault>>, Interrupted> {
-        let threads = self.threads.max(1);
         let count = Count::new(scenarios.size_hint().1, self.is_shown);
-        let (done, queue) = (AtomicUsize::new(0), Mutex::new(scenarios.enumerate()));
-        let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
-        let work = |watch: &Watch| {
-            let mut results = Vec::new();
-            while !watch.is_interrupted()
-                && let Some((index, scenario)) = next(&queue)
-            {
-                results.push((index, play_one(index, &scenario, watch, &reduce)));
-                done.fetch_add(1, Ordering::Relaxed);
-            }
-            results
+        let mut results = Vec::new();
+        let work = |(index, scenario): &(usize, Scenario), watch: &Watch| {
+            play_one(*index, scenario, watch, &reduce).map_err(|error| error.to_string())
         };
-        let mut results = world::observed(
+        let take = |(index, scenario): (usize, Scenario), result: Result<T, String>| {
+            results.push(result.map_err(|reason| Fault {
+                index,
+                name: scenario.name,
+                seed: scenario.seed,
+                reason,
+            }));
+            Ok::<(), std::convert::Infallible>(())
+        };
+        match self.each(scenarios.enumerate(), &count, work, take) {
+            Ok(()) => Ok(results),
+            Err(Stopped::Interrupted) => Err(Interrupted),
+        }
+    }
+
+    /// Does `work` for each job, several at a time, and hands the results to `take` in the order of the jobs as soon as it
+    /// is their turn. What `work` panics with is its result. Holds as many results as some threads are ahead of the
+    /// slowest, within a bound, whatever the number of jobs.
+    ///
+    /// # Errors
+    /// The user stopped it, or `take` refused a result; later results are then not taken.
+    pub fn each<J: Send, T: Send, E: Send>(
+        &self,
+        jobs: impl Iterator<Item = J> + Send,
+        count: &Count,
+        work: impl Fn(&J, &Watch) -> Result<T, String> + Sync,
+        take: impl FnMut(J, Result<T, String>) -> Result<(), E> + Send,
+    ) -> Result<(), Stopped<E>> {
+        let threads = self.threads.max(1);
+        let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
+        let desk = Desk {
+            tray: Mutex::new(Tray::new(jobs, take)),
+            has_taken: Condvar::new(),
+            waiting_max: WAITING_MAX * threads,
+        };
+        let serve = |watch: &Watch| {
+            while let Some((place, job)) = desk.next(watch) {
+                let done = catch_unwind(AssertUnwindSafe(|| work(&job, watch)));
+                let done = done.unwrap_or_else(|panic| Err(message(panic.as_ref())));
+                // A run that was interrupted came to nothing.
+                if watch.is_interrupted() {
+                    break;
+                }
+                desk.put(place, job, done);
+            }
+        };
+        world::observed(
             || watches.iter().for_each(Watch::interrupt),
-            || count.show(done.load(Ordering::Relaxed)),
+            || count.show(desk.lock().taken),
             || {
                 thread::scope(|scope| {
-                    let workers: Vec<_> = watches
-                        .iter()
-                        .map(|watch| scope.spawn(|| work(watch)))
-                        .collect();
-                    let results = workers.into_iter().flat_map(|worker| {
-                        worker
-                            .join()
-                            .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-                    });
-                    results.collect::<Vec<_>>()
-                })
+                    for watch in &watches {
+                        scope.spawn(|| serve(watch));
+                    }
+                });
             },
         );
-        if watches.iter().any(Watch::is_interrupted) {
-            return Err(Interrupted);
+        let refusal = desk.lock().refusal.take();
+        match refusal {
+            Some(refusal) => Err(Stopped::Refused(refusal)),
+            None if watches.iter().any(Watch::is_interrupted) => Err(Stopped::Interrupted),
+            None => Ok(()),
         }
-        results.sort_unstable_by_key(|(index, _)| *index);
-        Ok(results.into_iter().map(|(_, result)| result).collect())
     }
 }
 
-/// The next of the queue; the lock is released before it is played.
-fn next<T>(queue: &Mutex<impl Iterator<Item = T>>) -> Option<T> {
-    queue.lock().ok()?.next()
+/// Where threads get jobs and bring results.
+struct Desk<I, J, T, F, E> {
+    tray: Mutex<Tray<I, J, T, F, E>>,
+    has_taken: Condvar,
+    waiting_max: usize,
 }
 
-fn play_one<T>(
-    index: usize,
-    scenario: &Scenario,
-    watch: &Watch,
-    reduce: impl Fn(&Played<'_>) -> T,
-) -> Result<T, Fault> {
-    let played = catch_unwind(AssertUnwindSafe(|| judged(index, scenario, watch, reduce)));
-    let reason = match played {
-        Ok(Ok(result)) => return Ok(result),
-        Ok(Err(error)) => error.to_string(),
-        Err(panic) => format!("it panicked: {}", message(panic.as_ref())),
-    };
-    Err(Fault {
-        index,
-        name: scenario.name.clone(),
-        seed: scenario.seed,
-        reason,
-    })
+/// Jobs still to be done, and results whose turn has not come.
+struct Tray<I, J, T, F, E> {
+    jobs: I,
+    given: usize,
+    taken: usize,
+    waiting: BTreeMap<usize, (J, Result<T, String>)>,
+    take: F,
+    refusal: Option<E>,
 }
 
-fn judged<T>(
+impl<I, J, T, F, E> Tray<I, J, T, F, E> {
+    fn new(jobs: I, take: F) -> Self {
+        Self {
+            jobs,
+            given: 0,
+            taken: 0,
+            waiting: BTreeMap::new(),
+            take,
+            refusal: None,
+        }
+    }
+}
+
+impl<I, J, T, F, E> Desk<I, J, T, F, E>
+where
+    I: Iterator<Item = J>,
+    F: FnMut(J, Result<T, String>) -> Result<(), E>,
+{
+    fn lock(&self) -> MutexGuard<'_, Tray<I, J, T, F, E>> {
+        self.tray.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The next job, once the results are not too far ahead of their turn.
+    fn next(&self, watch: &Watch) -> Option<(usize, J)> {
+        let mut tray = self.lock();
+        while tray.given >= tray.taken + self.waiting_max
+            && tray.refusal.is_none()
+            && !watch.is_interrupted()
+        {
+            let waited = self.has_taken.wait_timeout(tray, STOP_PERIOD);
+            tray = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        if tray.refusal.is_some() || watch.is_interrupted() {
+            return None;
+        }
+        let job = tray.jobs.next()?;
+        tray.given += 1;
+        Some((tray.given - 1, job))
+    }
+
+    /// Takes a result, and those that waited for it.
+    fn put(&self, place: usize, job: J, done: Result<T, String>) {
+        let tray = &mut *self.lock();
+        tray.waiting.insert(place, (job, done));
+        while tray.refusal.is_none()
+            && let Some((job, done)) = tray.waiting.remove(&tray.taken)
+        {
+            tray.refusal = (tray.take)(job, done).err();
+            tray.taken += 1;
+        }
+        self.has_taken.notify_all();
+    }
+}
+
+/// Plays a scenario in virtual time and takes from it what `reduce` makes of it.
+///
+/// # Errors
+/// The rig's DBC lacks a signal, or a file could not be written.
+pub fn play_one<T>(
     index: usize,
     scenario: &Scenario,
     watch: &Watch,
@@ -168,10 +265,10 @@ fn judged<T>(
 }
 
 /// The text of a panic.
-fn message(panic: &(dyn std::any::Any + Send)) -> &str {
+fn message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().copied();
-    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str))
-        .unwrap_or("without a message")
+    let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+    format!("it panicked: {}", text.unwrap_or("without a message"))
 }
 
 #[cfg(test)]
@@ -229,5 +326,37 @@ mod tests {
         let text = "run 2 (run 2, seed 2) failed: it panicked: the third cannot be reduced";
         assert_eq!(fault.to_string(), text);
         assert_eq!(results.iter().flatten().count(), 6);
+    }
+
+    #[test]
+    fn results_are_taken_in_order_and_few_wait_for_a_slow_one() {
+        let count = Count::new(None, false);
+        let is_first_done = (Mutex::new(false), Condvar::new());
+        let ahead = std::sync::atomic::AtomicUsize::new(0);
+        let work = |job: &usize, _: &Watch| {
+            let (is_done, changed) = &is_first_done;
+            if *job == 0 {
+                // Until the others may not go on any more.
+                let is_done = is_done.lock().unwrap();
+                drop(changed.wait_while(is_done, |is_done| !*is_done).unwrap());
+            } else if ahead.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 2
+                == 2 * WAITING_MAX
+            {
+                *is_done.lock().unwrap() = true;
+                changed.notify_all();
+            }
+            Ok(*job)
+        };
+        let mut taken = Vec::new();
+        let take = |job, result: Result<usize, String>| {
+            assert_eq!(result, Ok(job));
+            taken.push(job);
+            if job == 200 { Err("full") } else { Ok(()) }
+        };
+        let stopped = campaign(2).each(0..1000, &count, work, take);
+        assert_eq!(stopped, Err(Stopped::Refused("full")));
+        assert!(taken.into_iter().eq(0..=200));
+        let played = ahead.into_inner();
+        assert!(played <= 201 + 2 * WAITING_MAX, "{played}");
     }
 }

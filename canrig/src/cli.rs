@@ -9,6 +9,7 @@ use platform::bus::BusAddress;
 use crate::external::ExternalNode;
 use crate::identify::start::Start;
 use crate::recordings::args::{CompareArgs, CoverageArgs, ExportArgs, ReplayArgs, ReportArgs};
+use crate::sweep::args::{MergeArgs, SweepArgs};
 use crate::tools::ToolBus;
 use crate::tools::nodes::LISTEN_SECONDS;
 use crate::viewer::ViewerArgs;
@@ -25,6 +26,7 @@ Examples:
   canrig identify RUN                        the plant from a recording
   canrig reproduce                           every experiment of the paper, on one page
   canrig torture scenarios/torture.toml      does anything break it?
+  canrig sweep scenarios/sweeps/plants.toml  a run for each of many values
   canrig check scenarios/                    are the files valid?
   canrig report runs/* --output all.html     several runs on one page
   canrig replay RUN                          judge a recording again
@@ -49,6 +51,11 @@ const COVERAGE_EXITS: &str = "\
 Exit codes:
   0 every requirement is met · 1 one failed, its run broke off, or nothing tests it
   3 a run folder or the list is invalid · 4 the page cannot be written · 5 one is inconclusive, none worse";
+
+const SWEEP_EXITS: &str = "\
+Exit codes, of the worst run:
+  0 pass · 1 a limit was not met · 3 values make no valid scenario, or the file is none; for merge: a run is missing
+  4 a run broke off, or a file cannot be written · 5 inconclusive · 70 internal error · 130 interrupted";
 
 /// Proves a controller against a plant over a CAN bus, before the real drive is on the table.
 #[derive(Debug, Parser)]
@@ -83,6 +90,12 @@ pub enum Command {
     Reproduce(ReproduceArgs),
     /// Play random mixes of faults in virtual time, and shrink what breaks an invariant to a minimal scenario
     Torture(TortureArgs),
+    /// Play a scenario many times, with the values that its [sweep] says, on all cores; goes on where it was stopped
+    #[command(after_help = SWEEP_EXITS)]
+    Sweep(SweepArgs),
+    /// Put the parts of a sweep together that `sweep --shard` played
+    #[command(after_help = SWEEP_EXITS)]
+    Merge(MergeArgs),
     /// Check scenario and rig files without playing them
     Check(CheckArgs),
     /// Look at what of this machine serves a test bench, and how to mend what does not

@@ -31,6 +31,7 @@ use crate::reproduce;
 use crate::rig::{LoadedRig, RIG_FILE, RigError};
 use crate::run::{self, Judged, Source, World};
 use crate::run_folder::RunFolder;
+use crate::sweep;
 use crate::tap::WhenFull;
 use crate::tools::{self, ToolError};
 use crate::torture;
@@ -55,6 +56,8 @@ pub fn execute(cli: Cli) -> Exit {
         Command::Identify(args) => identify::command::identify(&args),
         Command::Reproduce(args) => reproduce::command::reproduce(&args),
         Command::Torture(args) => torture::torture(&args),
+        Command::Sweep(args) => sweep::command::sweep(&args),
+        Command::Merge(args) => sweep::merge::merge(&args),
         Command::Check(args) => check(&args),
         Command::Schema { rig } => {
             say(&match rig {
@@ -158,7 +161,11 @@ fn checked(path: &Path) -> miette::Result<String> {
         let loaded = LoadedRig::load(path)?;
         return Ok(format!("rig: {}", loaded.rig.name));
     }
-    Ok(Source::load(path)?.scenario.name)
+    let scenario = Source::load(path)?.scenario;
+    Ok(match &scenario.sweep {
+        Some(sweep) => format!("{}, {} runs in a sweep", scenario.name, sweep.runs()),
+        None => scenario.name,
+    })
 }
 
 /// The rig that the arguments name, or the one beside the first scenario if the drive is a real one.
@@ -334,6 +341,15 @@ fn play(
             complain(&format!("canrig: {}: {reason}", path.display()));
             worst = worst.max(Exit::ScenarioInvalid);
             continue;
+        }
+        if let Some(sweep) = &source.scenario.sweep {
+            let (runs, path) = (sweep.runs(), path.display());
+            announce(
+                args,
+                &format!(
+                    "note: this is the scenario as it stands; `canrig sweep {path}` plays its {runs} runs"
+                ),
+            );
         }
         let watch = Watch::default();
         let progress = Progress::new(source.scenario.duration_seconds, !args.json && !args.quiet);

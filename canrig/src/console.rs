@@ -106,6 +106,7 @@ impl Drop for Progress {
 /// A bar that shows how many of many runs are done. It is drawn on a terminal only.
 pub struct Count {
     bar: ProgressBar,
+    before: usize,
 }
 
 impl Count {
@@ -115,12 +116,21 @@ impl Count {
         let bar = ProgressBar::with_draw_target(total.map(|total| total as u64), target(is_shown));
         let style = ProgressStyle::with_template("{bar:40} {pos} of {len} runs  {eta} left");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Self { bar }
+        Self { bar, before: 0 }
+    }
+
+    /// The same with so many of the runs done before, which tell nothing of the time that is left.
+    #[must_use]
+    pub fn going_on_from(mut self, before: usize) -> Self {
+        self.bar.set_position(before as u64);
+        self.bar.reset_eta();
+        self.before = before;
+        self
     }
 
     /// Moves the bar to a number of runs.
     pub fn show(&self, done: usize) {
-        self.bar.set_position(done as u64);
+        self.bar.set_position((self.before + done) as u64);
     }
 }
 

@@ -95,19 +95,37 @@ impl RunFolder {
         Ok(Self { path })
     }
 
+    /// Makes or opens the folder `<parent>/<name>-<id>` with the scenario in it: work that was broken off goes on where it
+    /// was. The id tells scenarios apart.
+    ///
+    /// # Errors
+    /// The folder or its files cannot be written.
+    pub fn lasting(parent: &Path, source: &Source, id: &str) -> Result<Self, WriteError> {
+        let path = parent.join(format!("{}-{id}", slug(&source.scenario.name)));
+        fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
+        let folder = Self { path };
+        if !folder.scenario().exists() {
+            folder.copy_tables(source)?;
+            folder.write(file::SCENARIO, source.text.as_bytes())?;
+        }
+        Ok(folder)
+    }
+
     /// The scenario's tables and courses, so that the folder can be run and judged by itself.
     fn copy_tables(&self, source: &Source) -> Result<(), WriteError> {
+        self.copy_tables_to(source, "")
+    }
+
+    /// The same for scenarios in a folder of the folder, which is made.
+    ///
+    /// # Errors
+    /// A file cannot be read or written.
+    pub fn copy_tables_to(&self, source: &Source, place: &str) -> Result<(), WriteError> {
+        let folder = self.path.join(place);
+        fs::create_dir_all(&folder).map_err(WriteError::at(&folder))?;
         let parent = source.path.parent().unwrap_or(Path::new("."));
-        let Scenario {
-            reference, expect, ..
-        } = &source.scenario;
-        let tables = reference.table.iter().map(|table| &table.file);
-        let courses = expect
-            .signal
-            .iter()
-            .filter_map(|check| check.follows.as_ref());
-        for file in tables.chain(courses.map(|course| &course.file)) {
-            self.copy(&parent.join(file), file)?;
+        for file in tables_of(&source.scenario) {
+            self.copy(&parent.join(file), Path::new(place).join(file))?;
         }
         Ok(())
     }
@@ -135,7 +153,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// The file cannot be read or written.
-    pub fn copy(&self, from: &Path, place: &str) -> Result<(), WriteError> {
+    pub fn copy(&self, from: &Path, place: impl AsRef<Path>) -> Result<(), WriteError> {
         let to = self.path.join(place);
         let copied = to
             .parent()
@@ -161,8 +179,20 @@ impl RunFolder {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), WriteError> {
+        self.write_with(name, |output| output.write_all(bytes))
+    }
+
+    /// As [`RunFolder::write`], for what is too long to be held in memory.
+    ///
+    /// # Errors
+    /// The file cannot be written, or `write` failed.
+    pub fn write_with(
+        &self,
+        name: &str,
+        write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+    ) -> Result<(), WriteError> {
         let path = self.path.join(name);
-        write_whole(&path, bytes).map_err(WriteError::at(&path))
+        write_whole(&path, write).map_err(WriteError::at(&path))
     }
 
     /// Writes `verdict.json`.
@@ -212,11 +242,23 @@ impl BusLog {
     }
 }
 
-fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+/// The files that a scenario names: tables of set-points and recorded courses.
+pub(crate) fn tables_of(scenario: &Scenario) -> impl Iterator<Item = &str> {
+    let tables = scenario.reference.table.iter().map(|table| &table.file);
+    let courses = scenario.expect.signal.iter();
+    let courses = courses.filter_map(|check| check.follows.as_ref());
+    let files = tables.chain(courses.map(|course| &course.file));
+    files.map(String::as_str)
+}
+
+fn write_whole(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> io::Result<()> {
     let partial = path.with_added_extension("partial");
-    let mut output = File::create(&partial)?;
-    output.write_all(bytes)?;
-    output.sync_data()?;
+    let mut output = BufWriter::new(File::create(&partial)?);
+    write(&mut output)?;
+    output.into_inner()?.sync_data()?;
     fs::rename(partial, path)
 }
 

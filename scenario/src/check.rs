@@ -2,6 +2,7 @@
 
 mod requirements;
 mod signals;
+mod sweep;
 #[cfg(test)]
 mod tests;
 
@@ -18,6 +19,7 @@ use crate::reference::{Reference, Table};
 use crate::table;
 
 pub(crate) use signals::read_courses;
+pub(crate) use sweep::check as sweep;
 
 /// End of the travel.
 const TRAVEL_MILLIMETRES: f64 = 60.0;

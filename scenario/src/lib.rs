@@ -19,6 +19,7 @@ pub mod reference;
 pub mod rig;
 pub mod schema;
 mod structure;
+pub mod sweep;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -80,6 +81,9 @@ pub struct Scenario {
     /// What passes.
     #[serde(default)]
     pub expect: expect::Expect,
+    /// What `canrig sweep` varies, to make many scenarios of this one; all other commands play it as it stands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<sweep::Sweep>,
 }
 
 /// The bus and its cycle.

@@ -101,6 +101,7 @@ impl Scenario {
         problems.extend(check::control(&document, &control));
         problems.extend(check::name(&document, &scenario.name));
         problems.extend(check::bench(&document, &scenario));
+        problems.extend(check::sweep(&document, scenario.sweep.as_mut()));
         problems.extend(check::read_tables(
             &document,
             &mut scenario.reference.table,

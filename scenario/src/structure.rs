@@ -33,14 +33,8 @@ impl<'a> Checker<'a> {
             .push(self.source.problem(span, message, label));
     }
 
-    /// Follows references to the definition that has the keywords.
     fn resolve(&self, schema: &'a Value) -> &'a Value {
-        let target = schema["allOf"].get(0).unwrap_or(schema);
-        let Some(pointer) = target["$ref"].as_str() else {
-            return target;
-        };
-        let pointer = pointer.strip_prefix('#').unwrap_or(pointer);
-        self.schema.pointer(pointer).unwrap_or(&Value::Null)
+        resolve(self.schema, schema)
     }
 
     /// `path` names the value for people: `reference.step`.
@@ -60,10 +54,10 @@ impl<'a> Checker<'a> {
             (Some("boolean"), DeValue::Boolean(_)) => {}
             (None, DeValue::String(text)) => self.choice(path, span, text, schema),
             (expected, found) => {
-                let expected = if schema["items"]["type"] == "string" {
-                    "an array of strings"
-                } else {
-                    expected_words(expected)
+                let expected = match schema["items"]["type"].as_str() {
+                    Some("string") => "an array of strings",
+                    Some("number") => "an array of numbers",
+                    _ => expected_words(expected),
                 };
                 let message = format!("`{path}` must be {expected}");
                 self.report(span, message, format!("this is {}", found_words(found)));
@@ -194,6 +188,16 @@ impl<'a> Checker<'a> {
     }
 }
 
+/// Follows references to the definition that has the keywords; `root` is the whole schema.
+pub(crate) fn resolve<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
+    let target = schema["allOf"].get(0).unwrap_or(schema);
+    let Some(pointer) = target["$ref"].as_str() else {
+        return target;
+    };
+    let pointer = pointer.strip_prefix('#').unwrap_or(pointer);
+    root.pointer(pointer).unwrap_or(&Value::Null)
+}
+
 /// The number that a TOML integer or float stands for.
 fn number(value: &DeValue<'_>) -> Option<f64> {
     match value {
@@ -208,7 +212,7 @@ fn number(value: &DeValue<'_>) -> Option<f64> {
 }
 
 /// The range in words when the number is outside.
-fn broken_limit(number: f64, schema: &Value) -> Option<String> {
+pub(crate) fn broken_limit(number: f64, schema: &Value) -> Option<String> {
     if let Some(values) = schema["enum"].as_array() {
         let words: Vec<String> = values.iter().map(Value::to_string).collect();
         let is_listed = values.iter().any(|value| value.as_f64() == Some(number));

@@ -29,7 +29,7 @@ pub struct ControllerView {
 }
 
 /// The keys that the controller's loader takes out of the document before it looks at anything.
-pub(crate) const HIDDEN_FROM_CONTROLLER: [&str; 7] = [
+pub(crate) const HIDDEN_FROM_CONTROLLER: [&str; 8] = [
     "description",
     "requirements",
     "seed",
@@ -37,6 +37,7 @@ pub(crate) const HIDDEN_FROM_CONTROLLER: [&str; 7] = [
     "fault",
     "plant",
     "expect",
+    "sweep",
 ];
 
 impl Scenario {

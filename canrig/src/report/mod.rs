@@ -18,5 +18,6 @@ pub mod plot;
 pub mod reproduction;
 #[cfg(feature = "rerun")]
 pub mod rerun;
+pub mod sweep;
 pub mod terminal;
 mod thin;

@@ -70,7 +70,7 @@ fn table(runs: &[Run<'_>]) -> Markup {
 fn cell(verdict: &Verdict, name: &str) -> Markup {
     let metric = verdict.metrics.iter().find(|metric| metric.name == name);
     html! { @match metric {
-        Some(metric) => td.number.fail[metric.passed == Some(false)] title=(terminal::limit(metric)) { (terminal::measured(metric)) },
+        Some(metric) => td.number.fail[metric.passed == Some(false)] title=(terminal::limit(metric.limit)) { (terminal::measured(metric)) },
         None => td.number.soft { "–" },
     } }
 }

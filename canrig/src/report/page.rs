@@ -61,7 +61,7 @@ pub(super) fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
             tbody { @for metric in metrics { tr {
                 td { (verdict::title(&metric.name)) }
                 td.number { (terminal::measured(metric)) }
-                td.number { (terminal::limit(metric)) }
+                td.number { (terminal::limit(metric.limit)) }
                 td { (result(metric, outcome)) }
                 @if tests_any { td { (metric.requirements.join(", ")) } }
             } } }

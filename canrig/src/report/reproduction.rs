@@ -103,7 +103,7 @@ fn cells(number: &Number) -> Markup {
         td.name { (number.name()) }
         td { (number.of) }
         td.number { (number.paper.unwrap_or("–")) }
-        td.number { @if number.metric.limit.is_some() { (terminal::limit(&number.metric)) } @else { "–" } }
+        td.number { @if number.metric.limit.is_some() { (terminal::limit(number.metric.limit)) } @else { "–" } }
         td.number { (terminal::measured(&number.metric)) }
         td { (page::result(&number.metric, Outcome::Pass)) }
     }

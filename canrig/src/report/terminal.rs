@@ -2,6 +2,8 @@
 
 use comfy_table::{Attribute, Cell, CellAlignment, Color, ContentArrangement, Table, presets};
 
+use scenario::expect::Limit;
+
 use crate::reproduce::command::Finding;
 use crate::run::Judged;
 use crate::run_folder::file;
@@ -106,7 +108,7 @@ pub fn reproduction(findings: &[Finding]) -> String {
                 Cell::new(number.name()),
                 Cell::new(&number.of),
                 Cell::new(number.paper.unwrap_or_default()),
-                Cell::new(limit(&number.metric)),
+                Cell::new(limit(number.metric.limit)),
                 Cell::new(measured(&number.metric)).set_alignment(CellAlignment::Right),
                 result(&number.metric, Outcome::Pass),
             ]);
@@ -125,7 +127,7 @@ pub fn table(verdict: &Verdict) -> String {
         table.add_row([
             Cell::new(title(&metric.name)),
             Cell::new(measured(metric)).set_alignment(CellAlignment::Right),
-            Cell::new(limit(metric)),
+            Cell::new(limit(metric.limit)),
             result(metric, verdict.outcome),
         ]);
     }
@@ -190,8 +192,8 @@ pub fn significant(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-pub(super) fn limit(metric: &Metric) -> String {
-    let Some(limit) = metric.limit else {
+pub(super) fn limit(limit: Option<Limit>) -> String {
+    let Some(limit) = limit else {
         return String::new();
     };
     match (limit.min, limit.max) {

@@ -7,6 +7,7 @@ use super::bases;
 use super::experiment::{Effort, Evaluation, Experiment, Figure, Keep, Kept, Law, Run, span};
 use super::families::on_perturbed_plants;
 use super::number::{Number, at_most};
+use crate::distribution::{quantile, staircase};
 
 /// Plants (PAPER, "Robustness").
 const PLANTS: usize = 200;
@@ -96,27 +97,18 @@ fn distributions(runs: &[Kept]) -> Evaluation {
 fn distribution(law: Law, quantity: &'static str, sorted: &[f64], target_max: f64) -> Figure {
     let title = format!("{}: plants up to a value", law.name());
     let mut figure = Figure::new(title, "%", quantity);
-    let count = sorted.len().max(1);
-    #[expect(clippy::cast_precision_loss, reason = "at most some hundred")]
-    let percent = |number: usize| 100.0 * number as f64 / count as f64;
-    // A staircase: up at each value.
-    let x: Vec<f64> = sorted.iter().flat_map(|value| [*value; 2]).collect();
-    let y: Vec<f64> = (0..sorted.len())
-        .flat_map(|number| [percent(number), percent(number + 1)])
-        .collect();
+    let (x, y) = staircase(sorted);
     figure.line(quantity, law.colour(), &x, &y);
     figure.target = Some(((f64::NEG_INFINITY, target_max), (95.0, f64::INFINITY)));
     figure
 }
 
-/// The least value that 95 % of the sorted ones do not exceed.
+/// The p95 of the sorted values, of which those that are infinite never settled.
 fn p95(sorted: &[f64]) -> Result<f64, String> {
-    let rank = (95 * sorted.len()).div_ceil(100);
-    let value = rank.checked_sub(1).and_then(|place| sorted.get(place));
-    match value {
+    match quantile(sorted, 95) {
         None => Err("no run".to_owned()),
         Some(value) if value.is_infinite() => Err("more than 5 % never settled".to_owned()),
-        Some(value) => Ok(*value),
+        Some(value) => Ok(value),
     }
 }
 
@@ -165,10 +157,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_p95_is_the_190th_of_200() {
-        let values: Vec<f64> = (1..=200).map(f64::from).collect();
-        assert_eq!(p95(&values), Ok(190.0));
+    fn a_p95_that_never_settled_is_none() {
         let mut values = vec![0.2; 189];
+        assert_eq!(p95(&values), Ok(0.2));
         values.extend([f64::INFINITY; 11]);
         assert!(p95(&values).is_err());
         assert!(p95(&[]).is_err());

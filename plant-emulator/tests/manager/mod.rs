@@ -34,6 +34,7 @@ pub(crate) fn scenario() -> Scenario {
         fault: scenario::fault::Faults::default(),
         plant: scenario::plant::Plant::default(),
         expect: scenario::expect::Expect::default(),
+        sweep: None,
     }
 }
 

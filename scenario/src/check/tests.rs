@@ -9,7 +9,7 @@ use crate::{Objection, Scenario, ScenarioError};
 const GOLDEN: &str = "cycle,time_seconds,current_amperes\n0,0.5,1.0\n1,1.0,\n2,1.5,2.0\n";
 
 /// A scenario of 4 s with something more; `[[expect.signal]]` begins in line 8.
-fn parse(more: &str) -> Result<Scenario, ScenarioError> {
+pub(super) fn parse(more: &str) -> Result<Scenario, ScenarioError> {
     let text = format!(
         "schema = 1\nname = \"t\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.hold]]\n\
          at_seconds = 0.0\nposition_millimetres = 10.0\n{more}"
@@ -22,7 +22,7 @@ fn parse(more: &str) -> Result<Scenario, ScenarioError> {
 
 /// One problem, with its place and its words; those that stand at the place are in the `Debug` text.
 #[track_caller]
-fn check(more: &str, line: usize, column: usize, message: &str, label: &str) {
+pub(super) fn check(more: &str, line: usize, column: usize, message: &str, label: &str) {
     let error = parse(more).expect_err(message);
     let [problem] = error.problems() else {
         panic!("{:?}", error.problems());

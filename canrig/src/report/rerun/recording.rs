@@ -282,7 +282,7 @@ fn page(verdict: &Verdict) -> String {
             "| {} | {} | {} | {passed} |\n",
             title(&metric.name),
             terminal::measured(metric),
-            terminal::limit(metric),
+            terminal::limit(metric.limit),
         );
     }
     text

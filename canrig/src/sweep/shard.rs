@@ -1,0 +1,70 @@
+//! A part of a sweep: each n-th case.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+/// Parts that a sweep can have.
+const SHARDS_MAX: usize = 10_000;
+
+/// Which part of a sweep, written as "2/4".
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct Shard {
+    /// Which one, from 1.
+    pub number: usize,
+    /// How many there are.
+    pub of: usize,
+}
+
+impl Shard {
+    /// All of it.
+    pub const WHOLE: Self = Self { number: 1, of: 1 };
+
+    /// The cases of the part in a sweep of so many runs, in their order.
+    pub fn cases(self, runs: usize) -> impl ExactSizeIterator<Item = usize> + Clone + Send {
+        (self.number..runs + 1).step_by(self.of)
+    }
+}
+
+impl fmt::Display for Shard {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}/{}", self.number, self.of)
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text
+            .split_once('/')
+            .and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
+        let (number, of) = numbers.ok_or("a part is expected, such as 2/4")?;
+        if of > SHARDS_MAX || !(1..=of).contains(&number) {
+            return Err(format!("1/1 to {SHARDS_MAX}/{SHARDS_MAX} are possible"));
+        }
+        Ok(Self { number, of })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_have_each_case_once() {
+        let parts = ["1/3", "2/3", "3/3"].map(|text| text.parse::<Shard>().unwrap());
+        let mut cases: Vec<usize> = parts.iter().flat_map(|part| part.cases(7)).collect();
+        assert_eq!(cases, [1, 4, 7, 2, 5, 3, 6]);
+        cases.sort_unstable();
+        assert!(cases.into_iter().eq(Shard::WHOLE.cases(7)));
+    }
+
+    #[test]
+    fn a_part_that_is_none_is_refused() {
+        for text in ["", "2", "0/4", "5/4", "1/0", "a/b", "-1/4", "1/99999"] {
+            assert!(text.parse::<Shard>().is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! What a sweep came to as a whole: how its cases ended, and how each metric is distributed.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use scenario::Scenario;
+use scenario::expect::Limit;
+
+use super::plan::Plan;
+use super::row::{Ended, Row};
+use super::store::{self, StoreError};
+use crate::distribution::{quantile, staircase};
+
+/// Cases that do not pass and are written as scenarios, told one by one.
+pub const FAILING_MAX: usize = 100;
+/// Values that are held in memory: metrics are gone through in groups of so many.
+const VALUES_MAX: usize = 4_000_000;
+/// Values of a distribution that are drawn.
+const DRAWN_MAX: usize = 1000;
+
+/// What a sweep came to.
+pub struct Summary {
+    /// The scenario's name.
+    pub name: String,
+    /// The cases that were played.
+    pub runs: usize,
+    /// How many there are in the whole sweep.
+    pub runs_of_whole: usize,
+    /// How many ended how.
+    pub ended: BTreeMap<Ended, usize>,
+    /// What varies, and how.
+    pub keys: Vec<(String, String)>,
+    /// The metrics.
+    pub spreads: Vec<Spread>,
+    /// The first cases that do not pass.
+    pub failing: Vec<Failing>,
+}
+
+/// A case that does not pass.
+pub struct Failing {
+    /// Its number.
+    pub case: usize,
+    /// What names its content.
+    pub id: String,
+    /// How it ended.
+    pub ended: Ended,
+    /// The limits that were not met, or what happened.
+    pub why: String,
+    /// The values of the keys.
+    pub values: String,
+}
+
+/// How a metric is distributed.
+pub struct Spread {
+    /// Its name, with the unit in it.
+    pub name: String,
+    /// Its limit in the scenario.
+    pub limit: Option<Limit>,
+    /// The cases that missed it.
+    pub missed: usize,
+    /// The cases that have a value.
+    pub count: usize,
+    /// The least, the median, the p95 and the greatest of them.
+    pub quantiles: [f64; 4],
+    /// From the p1 to the p99.
+    pub bulk: (f64, f64),
+    /// Per cent of the cases up to each value.
+    pub curve: (Vec<f64>, Vec<f64>),
+}
+
+/// What a first look at all rows tells.
+struct Survey {
+    runs: usize,
+    ended: BTreeMap<Ended, usize>,
+    missed: BTreeMap<String, usize>,
+    metrics: Vec<String>,
+    failing: Vec<Failing>,
+}
+
+impl Survey {
+    fn of(plan: &Plan, folder: &Path) -> Result<Self, StoreError> {
+        let mut survey = Self {
+            runs: 0,
+            ended: BTreeMap::new(),
+            missed: BTreeMap::new(),
+            metrics: Vec::new(),
+            failing: Vec::new(),
+        };
+        for row in store::read(folder)?.1 {
+            survey.take(plan, row?);
+        }
+        Ok(survey)
+    }
+
+    fn take(&mut self, plan: &Plan, row: Row) {
+        self.runs += 1;
+        *self.ended.entry(row.ended).or_default() += 1;
+        for name in &row.missed {
+            *self.missed.entry(name.clone()).or_default() += 1;
+        }
+        for (name, _) in &row.metrics {
+            if !self.metrics.contains(name) {
+                self.metrics.push(name.clone());
+            }
+        }
+        if row.ended != Ended::Pass && self.failing.len() < FAILING_MAX {
+            self.failing.push(Failing {
+                case: row.case,
+                ended: row.ended,
+                why: row.reason.unwrap_or_else(|| row.missed.join(", ")),
+                values: plan.words(row.case),
+                id: row.id,
+            });
+        }
+    }
+}
+
+impl Summary {
+    /// Of the rows in a folder.
+    pub(super) fn of(plan: &Plan, scenario: &Scenario, folder: &Path) -> Result<Self, StoreError> {
+        let survey = Survey::of(plan, folder)?;
+        let keys = plan.ways().map(|(key, way)| (key.to_owned(), way));
+        Ok(Self {
+            name: plan.name().to_owned(),
+            runs: survey.runs,
+            runs_of_whole: plan.runs(),
+            spreads: spreads(&survey, scenario, folder)?,
+            ended: survey.ended,
+            keys: keys.collect(),
+            failing: survey.failing,
+        })
+    }
+
+    /// The metrics that any case has.
+    pub(super) fn metrics(&self) -> Vec<String> {
+        self.spreads
+            .iter()
+            .map(|spread| spread.name.clone())
+            .collect()
+    }
+
+    /// The worst that happened.
+    #[must_use]
+    pub fn worst(&self) -> Ended {
+        let worst = self.ended.keys().max_by_key(|ended| ended.exit());
+        worst.copied().unwrap_or(Ended::Pass)
+    }
+
+    /// How many cases do not pass.
+    #[must_use]
+    pub fn failing_total(&self) -> usize {
+        self.runs - self.ended.get(&Ended::Pass).copied().unwrap_or_default()
+    }
+}
+
+/// The distributions of all metrics, by as many passes over the rows as keep within memory.
+fn spreads(survey: &Survey, scenario: &Scenario, folder: &Path) -> Result<Vec<Spread>, StoreError> {
+    let limits: BTreeMap<&str, Limit> = scenario.expect.limits().collect();
+    let group = (VALUES_MAX / survey.runs.max(1)).max(1);
+    let mut spreads = Vec::new();
+    for names in survey.metrics.chunks(group) {
+        let mut columns = vec![Vec::new(); names.len()];
+        for row in store::read(folder)?.1 {
+            let row = row?;
+            for (column, name) in columns.iter_mut().zip(names) {
+                column.extend(row.metric(name));
+            }
+        }
+        for (name, mut values) in names.iter().zip(columns) {
+            values.sort_unstable_by(f64::total_cmp);
+            let missed = survey.missed.get(name).copied().unwrap_or_default();
+            let limit = limits.get(name.as_str()).copied();
+            spreads.push(Spread::new(name, limit, missed, &values));
+        }
+    }
+    Ok(spreads)
+}
+
+impl Spread {
+    fn new(name: &str, limit: Option<Limit>, missed: usize, sorted: &[f64]) -> Self {
+        let at = |percent| quantile(sorted, percent).unwrap_or(f64::NAN);
+        Self {
+            name: name.to_owned(),
+            limit,
+            missed,
+            count: sorted.len(),
+            quantiles: [at(0), at(50), at(95), at(100)],
+            bulk: (at(1), at(99)),
+            curve: staircase(&thinned(sorted)),
+        }
+    }
+
+    /// Whether there is anything to draw.
+    #[must_use]
+    pub fn varies(&self) -> bool {
+        self.quantiles[0] < self.quantiles[3]
+    }
+}
+
+/// So many of the sorted values that nobody sees the difference, the first and the last among them.
+fn thinned(sorted: &[f64]) -> Vec<f64> {
+    let Some(last) = sorted
+        .len()
+        .checked_sub(1)
+        .filter(|last| *last >= DRAWN_MAX)
+    else {
+        return sorted.to_vec();
+    };
+    let places = (0..DRAWN_MAX).map(|number| number * last / (DRAWN_MAX - 1));
+    places.map(|place| sorted[place]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_distribution_of_many_is_drawn_by_few() {
+        let many: Vec<f64> = (0..100_000).map(f64::from).collect();
+        let few = thinned(&many);
+        assert_eq!((few.len(), few[0], few[999]), (1000, 0.0, 99_999.0));
+        assert!(few.windows(2).all(|pair| pair[1] - pair[0] <= 101.0));
+        assert_eq!(thinned(&many[..1000]), many[..1000]);
+        assert_eq!(thinned(&[]), [] as [f64; 0]);
+        let spread = Spread::new("m", None, 0, &many);
+        assert_eq!(spread.quantiles, [0.0, 49_999.0, 94_999.0, 99_999.0]);
+    }
+}

@@ -1,0 +1,331 @@
+//! Checks on `[sweep]`: keys that are numbers of this scenario, and values that they admit.
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use serde_json::Value;
+
+use crate::document::Document;
+use crate::error::Problem;
+use crate::nearest::nearest;
+use crate::structure::{broken_limit, resolve};
+use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
+use crate::{Scenario, schema, sweep};
+
+/// Tables that are not swept: the format's own, and checks, whose names in the verdict tell their windows and limits.
+const NOT_SWEPT: [&str; 4] = ["schema", "sweep", "expect.signal", "expect.sequence"];
+
+/// Everything that is wrong with the sweep of a scenario. Notes in it which keys take whole numbers.
+pub(crate) fn check(document: &Document<'_>, sweep: Option<&mut Sweep>) -> Vec<Problem> {
+    let Some(sweep) = sweep else {
+        return Vec::new();
+    };
+    let schema = schema::schema_of::<Scenario>();
+    let mut checker = Checker {
+        document,
+        keys: Keys::of(&schema, document),
+        has_few_runs: sweep.runs() <= RUNS_MAX,
+        seen: BTreeSet::new(),
+        problems: Vec::new(),
+    };
+    for (index, list) in sweep.list.iter().enumerate() {
+        checker.list(&format!("sweep.list.{index}"), list);
+    }
+    for (index, range) in sweep.range.iter().enumerate() {
+        checker.range(&format!("sweep.range.{index}"), range);
+    }
+    for (index, Uniform { key, from, to }) in sweep.uniform.iter().enumerate() {
+        checker.drawn_between(&format!("sweep.uniform.{index}"), key, *from, *to);
+    }
+    for (index, LogUniform { key, from, to }) in sweep.log_uniform.iter().enumerate() {
+        checker.drawn_between(&format!("sweep.log_uniform.{index}"), key, *from, *to);
+    }
+    for (index, normal) in sweep.normal.iter().enumerate() {
+        let path = format!("sweep.normal.{index}");
+        checker.drawn(&path, &normal.key, &[("mean", normal.mean)]);
+    }
+    checker.whole(sweep);
+    let Checker { keys, problems, .. } = checker;
+    let is_whole = |key: &&str| keys.0.get(*key).is_some_and(|schema| is_integer(schema));
+    sweep.whole_numbers = sweep.keys().filter(is_whole).map(str::to_owned).collect();
+    problems
+}
+
+/// The numbers of a scenario by their dotted paths, each with its schema.
+struct Keys<'a>(BTreeMap<String, &'a Value>);
+
+impl<'a> Keys<'a> {
+    fn of(schema: &'a Value, document: &Document<'_>) -> Self {
+        let mut keys = Self(BTreeMap::new());
+        keys.collect(schema, schema, document, "", "");
+        keys
+    }
+
+    /// Collects what is below a table: `key` is its path as users write it, `path` as the document does.
+    fn collect(
+        &mut self,
+        root: &'a Value,
+        table: &'a Value,
+        document: &Document<'_>,
+        key: &str,
+        path: &str,
+    ) {
+        for (name, property) in table["properties"].as_object().into_iter().flatten() {
+            let below = |parent: &str| match parent {
+                "" => name.clone(),
+                parent => format!("{parent}.{name}"),
+            };
+            let (key, path) = (below(key), below(path));
+            if NOT_SWEPT.contains(&key.as_str()) {
+                continue;
+            }
+            let schema = resolve(root, property);
+            match schema["type"].as_str() {
+                Some("number" | "integer") => {
+                    self.0.insert(key, schema);
+                }
+                // A table without a default is a choice, such as that of the law, which a number does not make.
+                Some("object") if document.has(&path) || property.get("default").is_some() => {
+                    self.collect(root, schema, document, &key, &path);
+                }
+                Some("array") => {
+                    let items = resolve(root, &schema["items"]);
+                    let places = (0_usize..).map(|place| (place, format!("{path}.{place}")));
+                    for (place, path) in places.take_while(|(_, path)| document.has(path)) {
+                        self.collect(root, items, document, &format!("{key}[{place}]"), &path);
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// The key that was probably meant: one with the same last name, or one that is spelt alike.
+    fn meant(&self, key: &str) -> Option<&str> {
+        let last = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
+        let mut namesakes = self.0.keys().filter(|known| last(known) == last(key));
+        let namesake = namesakes.next().filter(|_| namesakes.next().is_none());
+        namesake
+            .map(String::as_str)
+            .or_else(|| nearest(key, self.0.keys().map(String::as_str)))
+    }
+}
+
+fn is_integer(schema: &Value) -> bool {
+    schema["type"] == "integer"
+}
+
+struct Checker<'a, 'text> {
+    document: &'a Document<'text>,
+    keys: Keys<'a>,
+    /// False where the values of ranges are too many to be looked at.
+    has_few_runs: bool,
+    seen: BTreeSet<String>,
+    problems: Vec<Problem>,
+}
+
+impl<'a> Checker<'a, '_> {
+    fn report(&mut self, path: &str, message: impl Into<String>, label: impl Into<String>) {
+        self.problems
+            .push(self.document.problem(path, message, label));
+    }
+
+    fn list(&mut self, path: &str, list: &sweep::List) {
+        let Some(schema) = self.key(path, &list.key) else {
+            return;
+        };
+        let mut seen = BTreeSet::new();
+        for (place, value) in list.values.iter().enumerate() {
+            let place = format!("{path}.values.{place}");
+            if self.value(&place, &list.key, *value, schema) && !seen.insert(value.to_bits()) {
+                self.report(
+                    &place,
+                    format!("{value} is listed twice"),
+                    "each value once",
+                );
+            }
+        }
+        if list.values.is_empty() {
+            let message = format!("no values are given for `{}`", list.key);
+            self.report(&format!("{path}.values"), message, "at least one");
+        }
+    }
+
+    fn range(&mut self, path: &str, range: &sweep::Range) {
+        let Some(schema) = self.key(path, &range.key) else {
+            return;
+        };
+        let is_logarithmic = range.spacing == Spacing::Logarithmic;
+        let is_ordered = self.ordered(path, range.from, range.to);
+        if range.count.is_some() == range.step.is_some() {
+            let message = format!(
+                "how many values `{}` takes is given {}",
+                range.key,
+                if range.count.is_some() {
+                    "twice"
+                } else {
+                    "nowhere"
+                }
+            );
+            self.report(path, message, "give either `count` or `step`");
+        } else if is_logarithmic && range.count.is_none() {
+            let message = "a logarithmic range has no step";
+            self.report(&format!("{path}.step"), message, "give `count` instead");
+        } else if is_logarithmic && range.from <= 0.0 {
+            let message = "a logarithmic range begins above 0";
+            self.report(&format!("{path}.from"), message, "must be above 0");
+        } else if is_ordered {
+            for (name, value) in [("from", range.from), ("to", range.to)] {
+                if !self.value(&format!("{path}.{name}"), &range.key, value, schema) {
+                    return;
+                }
+            }
+            let values = match self.has_few_runs {
+                true => range.values(),
+                false => Vec::new(),
+            };
+            let is_wrong = |value: &&f64| wrong(**value, schema).is_some();
+            if let Some(value) = values.iter().find(is_wrong) {
+                self.value(path, &range.key, *value, schema);
+            }
+        }
+    }
+
+    fn drawn_between(&mut self, path: &str, key: &str, from: f64, to: f64) {
+        if self.ordered(path, from, to) {
+            self.drawn(path, key, &[("from", from), ("to", to)]);
+        } else {
+            self.key(path, key);
+        }
+    }
+
+    /// A key that is drawn, with the numbers of its distribution that it must admit itself.
+    fn drawn(&mut self, path: &str, key: &str, numbers: &[(&str, f64)]) {
+        let Some(schema) = self.key(path, key) else {
+            return;
+        };
+        if schema["enum"].is_array() || schema["multipleOf"].is_number() {
+            let message = format!("`{key}` admits some values only, so it cannot be drawn");
+            self.report(&format!("{path}.key"), message, "use [[sweep.list]]");
+            return;
+        }
+        for (name, value) in numbers {
+            // Draws of whole numbers are rounded, so the mean need not be one.
+            let place = format!("{path}.{name}");
+            if let Some(limits) = broken_limit(*value, schema) {
+                self.out_of_range(&place, key, *value, limits);
+            }
+        }
+    }
+
+    fn ordered(&mut self, path: &str, from: f64, to: f64) -> bool {
+        let is_ordered = from < to;
+        if !is_ordered {
+            let place = format!("{path}.to");
+            self.report(
+                &place,
+                format!("`to` = {to} is not above `from` = {from}"),
+                format!("must be above {from}"),
+            );
+        }
+        is_ordered
+    }
+
+    /// The schema of a key; a problem if there is none, or if something else varies it already.
+    fn key(&mut self, path: &str, key: &str) -> Option<&'a Value> {
+        let Some(schema) = self.keys.0.get(key).copied() else {
+            let label = match self.keys.meant(key) {
+                Some(meant) => format!("did you mean `{meant}`?"),
+                None => "no number of this scenario".to_owned(),
+            };
+            let span = self.within(&format!("{path}.key"), key);
+            let message = format!("`{key}` is no number of this scenario");
+            let problem = self.document.source.problem(span, message, label);
+            let help = "keys are dotted paths, such as plant.mechanics.load_kilograms or reference.step[0].position_millimetres; \
+                        an entry, and a table that is a choice (the law), must be in the file";
+            self.problems.push(problem.with_help(help));
+            return None;
+        };
+        if !self.seen.insert(key.to_owned()) {
+            let message = format!("`{key}` is varied twice");
+            self.report(&format!("{path}.key"), message, "once is enough");
+        }
+        Some(schema)
+    }
+
+    /// The part of a key from which on it leads nowhere.
+    fn within(&self, path: &str, key: &str) -> Range<usize> {
+        let span = self.document.span(path);
+        let is_known = |end: &usize| {
+            let known = &key[..*end];
+            let leads_on = |other: &String| {
+                let rest = other.strip_prefix(known);
+                rest.is_some_and(|rest| rest.starts_with(['.', '[']))
+            };
+            self.keys.0.keys().any(leads_on)
+        };
+        let ends = key.match_indices(['.', '[']).map(|(end, _)| end);
+        let from = ends.filter(is_known).max().map_or(0, |end| end + 1);
+        // Escapes in the text would shift the place; then the whole stands for the part.
+        if span.len() == key.len() + 2 {
+            span.start + 1 + from..span.end - 1
+        } else {
+            span
+        }
+    }
+
+    /// Reports a value that its key does not admit.
+    fn value(&mut self, path: &str, key: &str, value: f64, schema: &Value) -> bool {
+        let limits = wrong(value, schema);
+        let is_right = limits.is_none();
+        if let Some(limits) = limits {
+            self.out_of_range(path, key, value, limits);
+        }
+        is_right
+    }
+
+    fn out_of_range(&mut self, path: &str, key: &str, value: f64, limits: String) {
+        self.report(path, format!("`{key}` = {value} is out of range"), limits);
+    }
+
+    /// What only makes sense of all entries together.
+    fn whole(&mut self, sweep: &Sweep) {
+        let is_drawn = !sweep.distributions().is_empty();
+        let span = self.document.key_span("sweep");
+        let mut report = |message: String, label: &str| {
+            let problem = self.document.source.problem(span.clone(), message, label);
+            self.problems.push(problem);
+        };
+        if sweep.keys().next().is_none() {
+            let message = "[sweep] varies nothing".to_owned();
+            report(
+                message,
+                "add [[sweep.list]], range, uniform, log_uniform or normal",
+            );
+        } else if sweep.draws.is_none() && is_drawn {
+            report(
+                "[sweep] lacks the key `draws`".to_owned(),
+                "how often is drawn",
+            );
+        } else if sweep.draws.is_some() && !is_drawn {
+            report("nothing is drawn".to_owned(), "leave `draws` out");
+        } else if !self.has_few_runs {
+            let runs = sweep.runs();
+            report(
+                format!("[sweep] has {runs} runs"),
+                "at most 1000000 are admitted",
+            );
+        }
+    }
+}
+
+/// What a key demands that a value does not meet.
+fn wrong(value: f64, schema: &Value) -> Option<String> {
+    if is_integer(schema) && value != libm::trunc(value) {
+        return Some("must be an integer".to_owned());
+    }
+    broken_limit(value, schema)
+}

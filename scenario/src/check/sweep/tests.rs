@@ -1,0 +1,195 @@
+//! `[sweep]` as the loader takes it.
+
+use crate::check::tests::{check, parse};
+
+fn swept(entry: &str) -> String {
+    format!("[sweep]\n{entry}\n")
+}
+
+#[test]
+fn the_keys_of_a_sweep_are_numbers_of_the_scenario() {
+    check(
+        &swept("[[sweep.list]]\nkey = \"plant.mechanics.lod_kilograms\"\nvalues = [1.0]"),
+        10,
+        24,
+        "`plant.mechanics.lod_kilograms` is no number of this scenario",
+        "did you mean `plant.mechanics.load_kilograms`?",
+    );
+    // The path is forgotten, the entry does not exist, the law is another one, the key is no number.
+    for (key, column, label) in [
+        (
+            "load_kilograms",
+            8,
+            "did you mean `plant.mechanics.load_kilograms`?",
+        ),
+        (
+            "reference.hold[1].position_millimetres",
+            23,
+            "did you mean `reference.hold[0].position_millimetres`?",
+        ),
+        ("controller.sliding_mode.boundary_layer", 19, ""),
+        ("name", 8, ""),
+        ("expect.signal[0].from_seconds", 15, ""),
+        ("", 8, ""),
+    ] {
+        let message = match key {
+            "" => "`sweep.list.key` has 0 characters".to_owned(),
+            key => format!("`{key}` is no number of this scenario"),
+        };
+        let entry = format!("[[sweep.list]]\nkey = \"{key}\"\nvalues = [1.0]");
+        let error = parse(&swept(&entry)).unwrap_err();
+        let problem = &error.problems()[0];
+        assert_eq!(problem.to_string(), message);
+        let place = if key.is_empty() { 7 } else { column };
+        assert_eq!(problem.line_and_column(), Some((10, place)), "{key}");
+        assert!(format!("{problem:?}").contains(label), "{problem:?}");
+    }
+}
+
+#[test]
+fn the_values_of_a_sweep_are_those_that_the_key_admits() {
+    let noise = "key = \"plant.sensor.noise_millimetres_rms\"";
+    let bits = "key = \"plant.sensor.resolution_bits\"";
+    let bitrate = "key = \"bus.bitrate_kilobits_per_second\"";
+    let cases = [
+        (
+            format!("[[sweep.list]]\n{noise}\nvalues = [0.1, -1.0]"),
+            11,
+            16,
+            "out of range",
+        ),
+        (
+            format!("[[sweep.list]]\n{noise}\nvalues = [0.1, 0.1]"),
+            11,
+            16,
+            "0.1 is listed twice",
+        ),
+        (
+            format!("[[sweep.list]]\n{noise}\nvalues = []"),
+            11,
+            10,
+            "no values are given",
+        ),
+        (
+            format!("[[sweep.list]]\n{noise}\nvalues = 1"),
+            11,
+            10,
+            "must be an array of numbers",
+        ),
+        (
+            format!("[[sweep.list]]\n{bits}\nvalues = [8, 9.5]"),
+            11,
+            14,
+            "must be an integer",
+        ),
+        (
+            format!("[[sweep.range]]\n{bits}\nfrom = 8\nto = 11\ncount = 3"),
+            9,
+            1,
+            "must be an integer",
+        ),
+        (
+            format!("[[sweep.range]]\n{noise}\nfrom = 1\nto = 0\ncount = 3"),
+            12,
+            6,
+            "must be above 1",
+        ),
+        (
+            format!("[[sweep.range]]\n{noise}\nfrom = 0\nto = 1"),
+            9,
+            1,
+            "either `count` or `step`",
+        ),
+        (
+            format!(
+                "[[sweep.range]]\n{noise}\nfrom = 0\nto = 1\ncount = 3\nspacing = \"logarithmic\""
+            ),
+            11,
+            8,
+            "must be above 0",
+        ),
+        (
+            format!("draws = 3\n[[sweep.uniform]]\n{bitrate}\nfrom = 10\nto = 1000"),
+            11,
+            7,
+            "use [[sweep.list]]",
+        ),
+        (
+            format!("draws = 3\n[[sweep.uniform]]\n{noise}\nfrom = -1\nto = 1"),
+            12,
+            8,
+            "out of range",
+        ),
+        (
+            format!("draws = 3\n[[sweep.normal]]\n{noise}\nmean = -1\nstandard_deviation = 1"),
+            12,
+            8,
+            "out of range",
+        ),
+        (
+            format!("[[sweep.uniform]]\n{noise}\nfrom = 0\nto = 1"),
+            8,
+            2,
+            "lacks the key `draws`",
+        ),
+        (
+            format!("draws = 3\n[[sweep.list]]\n{noise}\nvalues = [1]"),
+            8,
+            2,
+            "nothing is drawn",
+        ),
+        ("seed = 1".to_owned(), 8, 2, "varies nothing"),
+        (
+            format!(
+                "[[sweep.list]]\n{noise}\nvalues = [0.1]\n[[sweep.list]]\n{noise}\nvalues = [0.1]"
+            ),
+            13,
+            7,
+            "varied twice",
+        ),
+        (
+            format!(
+                "draws = 1000000\n[[sweep.uniform]]\n{noise}\nfrom = 0\nto = 1\n[[sweep.list]]\nkey = \"seed\"\nvalues = [1, 2]"
+            ),
+            8,
+            2,
+            "has 2000000 runs",
+        ),
+    ];
+    for (entry, line, column, words) in cases {
+        let error = parse(&swept(&entry)).expect_err(&entry);
+        let problem = &error.problems()[0];
+        assert_eq!(
+            problem.line_and_column(),
+            Some((line, column)),
+            "{entry}: {problem:?}"
+        );
+        assert!(
+            format!("{problem:?}").contains(words),
+            "{entry}: {problem:?}"
+        );
+    }
+}
+
+#[test]
+fn a_sweep_knows_which_keys_take_whole_numbers() {
+    let entries = "draws = 2\n[[sweep.uniform]]\nkey = \"seed\"\nfrom = 0\nto = 9\n\
+        [[sweep.range]]\nkey = \"plant.sensor.resolution_bits\"\nfrom = 8\nto = 10\nstep = 1\n\
+        [[sweep.list]]\nkey = \"plant.mechanics.load_kilograms\"\nvalues = [0.03, 0.04]";
+    let sweep = parse(&swept(entries)).unwrap().sweep.unwrap();
+    assert!(
+        sweep
+            .whole_numbers
+            .iter()
+            .eq(["plant.sensor.resolution_bits", "seed"])
+    );
+    assert_eq!(sweep.runs(), 2 * 3 * 2);
+}
+
+#[test]
+fn a_sweep_without_end_is_told_at_once() {
+    let range = "[[sweep.range]]\nkey = \"seed\"\nfrom = 0\nto = 1e15\nstep = 1e-3\n";
+    let error = parse(&swept(&range.repeat(100))).unwrap_err();
+    let problem = &error.problems()[0];
+    assert!(problem.to_string().contains("runs"), "{problem:?}");
+}

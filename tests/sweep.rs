@@ -1,0 +1,232 @@
+//! Sweeps as a user meets them: broken off and gone on with, in parts, with cases that fail, with files that are wrong.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::Duration;
+
+use crate::support::{canrig, only_run, output, runs};
+
+/// A short hold that the plant reaches; above 15 mm it misses its limit.
+const BASE: &str = "schema = 1\nname = \"swept\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+    [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
+    [expect]\nposition_millimetres_max = { max = 15.0 }\n\n\
+    [[expect.signal]]\nname = \"position_millimetres\"\nfollows = { file = \"course.csv\", tolerance = 60.0 }\n\n";
+
+/// The row of the verdict that comes of the demand above.
+const FOLLOWS: &str = "position_millimetres follows course.csv";
+
+const SWEEP: &str = "[sweep]\ndraws = 20\n\n\
+    [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5.0, 10.0, 30.0]\n\n\
+    [[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n\n\
+    [[sweep.uniform]]\nkey = \"seed\"\nfrom = 0\nto = 1000\n";
+
+fn file(folder: &Path, sweep: &str) -> PathBuf {
+    let course = "time_seconds,position_millimetres\n0.0,10.0\n0.4,10.0\n";
+    fs::write(folder.join("course.csv"), course).unwrap();
+    let path = folder.join("swept.toml");
+    fs::write(&path, format!("{BASE}{sweep}")).unwrap();
+    path
+}
+
+/// The files that must be the same however the sweep came to its end.
+fn results(folder: &Path) -> Vec<Vec<u8>> {
+    let names = ["rows.jsonl", "runs.csv", "runs.parquet", "report.html"];
+    names
+        .map(|name| fs::read(folder.join(name)).unwrap())
+        .into()
+}
+
+/// The whole sweep, undisturbed.
+fn whole(folder: &Path, path: &Path) -> PathBuf {
+    let runs = folder.join("whole");
+    let (code, stdout, stderr) = output(canrig(&runs, "sweep").arg(path));
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    assert!(stdout.contains("60 runs: "), "{stdout}");
+    only_run(&runs)
+}
+
+#[test]
+fn a_sweep_that_is_killed_goes_on_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let undisturbed = results(&whole(folder.path(), &path));
+    let runs = folder.path().join("killed");
+    let lines = || {
+        let text = fs::read(only_run(&runs).join("rows.jsonl")).unwrap_or_default();
+        text.iter().filter(|byte| **byte == b'\n').count()
+    };
+    let mut sweep = canrig(&runs, "sweep");
+    let sweep = sweep
+        .arg(&path)
+        .args(["--threads", "1"])
+        .stdout(Stdio::null());
+    let mut child = sweep.spawn().unwrap();
+    let is_begun = || runs.exists() && !self::runs(&runs).is_empty() && lines() > 5;
+    wait_until(&mut child, is_begun);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let done = lines();
+    assert!(
+        (6..=60).contains(&done),
+        "{done} lines: it was not killed on its way"
+    );
+
+    // Killed in the middle of a row.
+    let rows = only_run(&runs).join("rows.jsonl");
+    let mut torn = fs::read(&rows).unwrap();
+    torn.truncate(torn.len() - 10);
+    fs::write(&rows, torn).unwrap();
+    let (code, stdout, stderr) = output(canrig(&runs, "sweep").arg(&path));
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    // The first line is no row.
+    assert!(
+        stdout.contains(&format!("; {} are done", done - 2)),
+        "{stdout}"
+    );
+    assert!(stdout.contains("the last row was torn"), "{stdout}");
+    assert_eq!(results(&only_run(&runs)), undisturbed);
+
+    // Another sweep of the same name has a folder of its own.
+    file(folder.path(), &SWEEP.replace("0.05", "0.06"));
+    output(canrig(&runs, "sweep").arg(&path));
+    assert_eq!(self::runs(&runs).len(), 2);
+}
+
+fn wait_until(child: &mut Child, condition: impl Fn() -> bool) {
+    for _ in 0..6000 {
+        if condition() || child.try_wait().unwrap().is_some() {
+            return;
+        }
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn parts_together_are_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let undisturbed = results(&whole(folder.path(), &path));
+    let parts = folder.path().join("parts");
+    for part in ["1/3", "2/3", "3/3"] {
+        let (code, _, stderr) = output(canrig(&parts, "sweep").arg(&path).args(["--shard", part]));
+        assert_eq!(code, Some(1), "{stderr}");
+    }
+    let mut folders = runs(&parts);
+    folders.sort();
+    let merged = folder.path().join("merged");
+    let merge = |folders: &[PathBuf]| output(canrig(&merged, "merge").args(folders));
+
+    let (code, _, stderr) = merge(&folders[..2]);
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        stderr.contains("20 of 60 cases are missing: 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, …"),
+        "{stderr}"
+    );
+    let (code, stdout, stderr) = merge(&folders);
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stdout.contains("60 runs: "), "{stdout}");
+    assert_eq!(results(&only_run(&merged)), undisturbed);
+
+    file(folder.path(), &SWEEP.replace("0.05", "0.06"));
+    let other = folder.path().join("other");
+    output(canrig(&other, "sweep").arg(&path).args(["--shard", "3/3"]));
+    let (code, _, stderr) = merge(&[folders[0].clone(), folders[1].clone(), only_run(&other)]);
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        stderr.contains("is a part of another sweep than"),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn a_case_that_fails_does_so_by_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let swept = whole(folder.path(), &file(folder.path(), SWEEP));
+    let failing = swept.join("failing");
+    let mut cases = runs(&failing);
+    // The table that the scenarios name lies beside them.
+    cases.retain(|path| path.extension().is_some_and(|end| end == "toml"));
+    cases.sort();
+    let table = fs::read_to_string(swept.join("runs.csv")).unwrap();
+    let mut table = csv::Reader::from_reader(table.as_bytes());
+    let header = table.headers().unwrap().clone();
+    let column = |name: &str| header.iter().position(|one| one == name).unwrap();
+    let rows: Vec<csv::StringRecord> = table.records().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 60);
+    let failed = rows.iter().filter(|row| &row[column("verdict")] == "fail");
+    assert_eq!(failed.count(), cases.len());
+    assert!((1..60).contains(&cases.len()), "{cases:?}");
+
+    let runs = folder.path().join("alone");
+    let (code, stdout, _) = output(canrig(&runs, "simulate").arg(&cases[0]));
+    assert_eq!(code, Some(1), "{stdout}");
+    let verdict = fs::read_to_string(only_run(&runs).join("verdict.json")).unwrap();
+    let verdict: serde_json::Value = serde_json::from_str(&verdict).unwrap();
+    let name = cases[0].file_name().unwrap().to_str().unwrap();
+    let number = name.split('-').nth(1).unwrap();
+    let row = rows.iter().find(|row| &row[0] == number).unwrap();
+    assert_eq!(name, format!("case-{number}-{}.toml", &row[column("id")]));
+    assert_eq!(
+        row[column("verdict")],
+        *verdict["outcome"].as_str().unwrap()
+    );
+    assert_eq!(row[column("seed")], verdict["seed"].to_string());
+    let metrics = verdict["metrics"].as_array().unwrap();
+    assert!(metrics.iter().any(|metric| metric["name"] == FOLLOWS));
+    for metric in metrics {
+        let cell: f64 = row[column(metric["name"].as_str().unwrap())]
+            .parse()
+            .unwrap();
+        assert_eq!(Some(cell), metric["value"].as_f64(), "{metric}");
+    }
+}
+
+#[test]
+fn what_cannot_be_swept_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let output_folder = folder.path().join("runs");
+    let sweep = |text: &str| {
+        let path = file(folder.path(), text);
+        output(canrig(&output_folder, "sweep").arg(path))
+    };
+    let (code, _, stderr) = sweep(&SWEEP.replace("load_kilograms", "lod_kilograms"));
+    assert_eq!(code, Some(3));
+    for text in [
+        "did you mean `plant.mechanics.load_kilograms`?",
+        "swept.toml:26:24",
+    ] {
+        assert!(stderr.contains(text), "{text}: {stderr}");
+    }
+    let (code, _, stderr) = sweep("");
+    assert_eq!(code, Some(3));
+    assert!(stderr.contains("has no [sweep] table"), "{stderr}");
+    assert!(!output_folder.exists());
+
+    // Half of the draws are below what a load may be.
+    let normal = "[sweep]\ndraws = 10\n[[sweep.normal]]\nkey = \"plant.mechanics.load_kilograms\"\n\
+        mean = 0.001\nstandard_deviation = 0.001\n";
+    let (code, stdout, stderr) = sweep(normal);
+    assert_eq!(code, Some(3), "{stdout}{stderr}");
+    let table = fs::read_to_string(only_run(&output_folder).join("runs.csv")).unwrap();
+    let invalid = table
+        .lines()
+        .find(|line| line.contains(",invalid,"))
+        .unwrap();
+    assert!(invalid.contains("is out of range"), "{invalid}");
+    assert!(stdout.contains(" invalid"), "{stdout}");
+}
+
+#[test]
+fn other_commands_play_the_scenario_as_it_stands() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let (code, stdout, stderr) = output(canrig(&folder.path().join("runs"), "simulate").arg(&path));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    assert!(stdout.contains("plays its 60 runs"), "{stdout}");
+    let mut check = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (code, stdout, _) = output(check.arg("check").arg(&path));
+    assert_eq!(code, Some(0));
+    assert!(stdout.contains("swept, 60 runs in a sweep"), "{stdout}");
+}
