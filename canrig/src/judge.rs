@@ -6,7 +6,7 @@ mod sequences;
 mod signals;
 
 use scenario::Scenario;
-use scenario::timing::TimingLimits;
+use scenario::expect::Expect;
 
 use crate::events::{Event, Level};
 use crate::external::External;
@@ -56,9 +56,13 @@ pub fn judge_broken(timeline: &Timeline, scenario: &Scenario, error: &str) -> Ve
 
 /// Adds the timing of a run in real time and judges its limits. Where the timing is not trusted they are neither met nor
 /// missed, and the run cannot pass.
-pub fn judge_timing(verdict: &mut Verdict, timing: Timing, limits: &TimingLimits) {
+pub fn judge_timing(verdict: &mut Verdict, timing: Timing, expect: &Expect) {
     let untold = not_judged(&verdict.metrics);
-    let mut metrics = timing.metrics(limits);
+    let mut metrics = timing.metrics(&expect.timing);
+    for metric in &mut metrics {
+        let own = expect.requirements.get(&metric.name);
+        metric.requirements = own.cloned().unwrap_or_default();
+    }
     if !timing.distrust.is_empty() {
         metrics.iter_mut().for_each(|metric| metric.passed = None);
         // These are met by luck at worst, but missed by the machine.

@@ -143,7 +143,7 @@ pub fn run(
     }) = &ended
     {
         let timing = Timing::of(&frames, scenario, database, host.clone())?;
-        judge::judge_timing(&mut verdict, timing, &scenario.expect.timing);
+        judge::judge_timing(&mut verdict, timing, &scenario.expect);
     }
     let run = report::html::Run {
         text: &source.text,

@@ -468,6 +468,8 @@ mod tests {
 
     #[test]
     fn limits_on_time_pass_only_where_the_timing_is_trusted() {
+        use scenario::expect::Expect;
+
         use crate::judge::judge_timing;
         use crate::verdict::{Outcome, Verdict};
         use scenario::expect::Limit;
@@ -489,14 +491,21 @@ mod tests {
             };
             Some(limit)
         };
-        let mut limits = TimingLimits::default();
-        limits.round_trip_microseconds.p99 = max(800.0);
-        let outcome = |missed: f64, timing: Timing, limits: &TimingLimits| {
+        let name = "round_trip_microseconds_p99";
+        let mut limits = Expect {
+            requirements: [(name.to_owned(), vec!["REQ-1".to_owned()])].into(),
+            ..Expect::default()
+        };
+        limits.timing.round_trip_microseconds.p99 = max(800.0);
+        let outcome = |missed: f64, timing: Timing, limits: &Expect| {
             let mut verdict = Verdict::incomplete("hold", 1, "");
             verdict.metrics = vec![Metric::new("missed_cycles_percent", Ok(missed), max(0.1))];
             let passed = verdict.metrics[0].passed == Some(true);
             verdict.outcome = if passed { Outcome::Pass } else { Outcome::Fail };
             judge_timing(&mut verdict, timing, limits);
+            let row = verdict.metrics.iter().find(|metric| metric.name == name);
+            assert!(row.is_none_or(|row| row.requirements == ["REQ-1"]));
+            assert_eq!(row.is_some(), !limits.timing.is_empty());
             verdict.outcome
         };
         let refused = ["no priority"];
@@ -524,7 +533,7 @@ mod tests {
         assert_eq!(untold(700.0), Outcome::Inconclusive);
         assert_eq!(untold(900.0), Outcome::Fail);
         // Without limits on time the timing is only reported.
-        let none = TimingLimits::default();
+        let none = Expect::default();
         assert_eq!(outcome(0.0, timing(9e9, &refused), &none), Outcome::Pass);
         assert_eq!(
             outcome(0.5, timing(9e9, &refused), &none),

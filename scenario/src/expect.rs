@@ -99,7 +99,8 @@ pub struct Expect {
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub no_event: Vec<String>,
-    /// The requirements that single limits above test, by the limit's key: `overshoot_percent = ["REQ-12"]`.
+    /// The requirements that single limits test, by the limit's key, `overshoot_percent = ["REQ-12"]`; for those of
+    /// `[expect.timing]` by key and quantile, `round_trip_microseconds_p99 = ["REQ-13"]`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub requirements: BTreeMap<String, Requirements>,
     /// What signals must do, each in its window of time.

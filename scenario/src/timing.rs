@@ -70,6 +70,11 @@ impl TimingLimits {
         })
     }
 
+    /// The rows of the verdict that the limits become.
+    pub fn rows(&self) -> impl Iterator<Item = String> + use<> {
+        self.limits().map(|(path, _)| path.replace('.', "_"))
+    }
+
     /// True when no limit is given.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -88,6 +93,11 @@ mod tests {
         let paths: Vec<String> = limits.limits().map(|(path, _)| path).collect();
         let expected = ["round_trip_microseconds.p99", "round_trip_microseconds.max"];
         assert_eq!(paths, expected);
+        assert!(
+            limits
+                .rows()
+                .eq(expected.map(|path| path.replace('.', "_")))
+        );
         assert!(TimingLimits::default().is_empty() && !limits.is_empty());
     }
 }

@@ -128,7 +128,11 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     for folder in &args.runs {
         let (source, verdict) = read(folder)?;
         for (id, rows) in demanded(&source) {
-            let outcome = |row: &Option<String>| outcome_of(row.as_deref(), verdict.as_ref());
+            let untimed = untimed(&source, verdict.as_ref());
+            let outcome = |row: &Option<String>| match row {
+                Some(row) if untimed.contains(row) => Outcome::Inconclusive,
+                row => outcome_of(row.as_deref(), verdict.as_ref()),
+            };
             let rows: Vec<_> = rows
                 .into_iter()
                 .map(|row| (row.clone(), outcome(&row)))
@@ -202,6 +206,16 @@ fn demanded(source: &Source) -> BTreeMap<String, Vec<Option<String>>> {
         }
     }
     demanded
+}
+
+/// The rows on timing that a verdict does not have, since the run was in virtual time.
+fn untimed(source: &Source, verdict: Option<&Verdict>) -> Vec<String> {
+    let is_untimed = verdict.is_some_and(|verdict| {
+        let is_decided = matches!(verdict.outcome, Outcome::Pass | Outcome::Fail);
+        is_decided && verdict.timing.is_none()
+    });
+    let rows = source.scenario.expect.timing.rows();
+    rows.filter(|_| is_untimed).collect()
 }
 
 /// What a verdict says of a row, or of the whole run.

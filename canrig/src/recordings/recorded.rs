@@ -171,7 +171,7 @@ impl Recorded {
         }
         if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
             let timing = timing.again(&self.log.frames, scenario, self.database())?;
-            judge_timing(&mut verdict, timing, &scenario.expect.timing);
+            judge_timing(&mut verdict, timing, &scenario.expect);
         }
         Ok(verdict)
     }

@@ -2,6 +2,10 @@
 
 use scenario::Scenario;
 
+use crate::external::External;
+use crate::run::Source;
+use crate::sweep::plan::Plan;
+
 macro_rules! bases {
     ($($name:ident),*) => {
         $(
@@ -37,6 +41,19 @@ bases!(
     step_cold,
     step_other_truth
 );
+
+/// `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
+pub(super) fn plants() -> Plan {
+    let text = include_str!("../../../scenarios/sweeps/plants.toml");
+    let source = Source {
+        path: "plants.toml".into(),
+        text: text.to_owned(),
+        scenario: parse("plants.toml", text),
+        external: External::default(),
+        rig: None,
+    };
+    Plan::new(&source).expect("a test plays every plant")
+}
 
 fn parse(name: &str, text: &str) -> Scenario {
     let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());

@@ -1,13 +1,9 @@
-//! Many scenarios of one: other frequencies, plants, cycle times, sensors.
+//! Many scenarios of one: other frequencies, cycle times, sensors.
 
-use rand_core::{Rng, SeedableRng};
-use rand_pcg::Pcg64Mcg;
 use scenario::Scenario;
 use scenario::controller::CurrentRamp;
-use scenario::plant::{Plant, Sensor};
+use scenario::plant::Sensor;
 
-/// Seed of the perturbed plants.
-const PLANTS_SEED: u64 = 200;
 /// Least periods of a sine (PAPER, "Definitions").
 const PERIODS_MIN: f64 = 10.0;
 
@@ -21,51 +17,6 @@ pub fn at_frequency(base: &Scenario, hertz: f64) -> Scenario {
         scenario.duration_seconds = sine.from_seconds + PERIODS_MIN / hertz;
     }
     scenario
-}
-
-/// The scenario on plants that the controller does not know: independent uniform draws about the scenario's own plant
-/// (PAPER, "Robustness").
-pub fn on_perturbed_plants(base: Scenario, count: usize) -> impl Iterator<Item = Scenario> {
-    let mut generator = Pcg64Mcg::seed_from_u64(PLANTS_SEED);
-    (1..=count).map(move |number| {
-        let mut scenario = base.clone();
-        scenario.name += &format!(", plant {number}");
-        perturb(&mut scenario.plant, || uniform(&mut generator));
-        scenario
-    })
-}
-
-/// C ±10 %, h ±30 %, each transformation temperature ±5 °C, K0 ±20 %, load ±10 %, c ±50 %, R ±5 %. `draw` is uniform
-/// between −1 and 1.
-fn perturb(plant: &mut Plant, mut draw: impl FnMut() -> f64) {
-    let (heat, phase, mechanics) = (&mut plant.heat, &mut plant.phase, &mut plant.mechanics);
-    let parts = [
-        (&mut heat.conduction_watts_per_metre_kelvin, 0.1),
-        (&mut heat.convection_watts_per_square_metre_kelvin, 0.3),
-        // K0 is proportional to EA, Eq. (9).
-        (&mut mechanics.austenite_modulus_pascals, 0.2),
-        (&mut mechanics.load_kilograms, 0.1),
-        (&mut mechanics.damping_newton_seconds_per_metre, 0.5),
-        (&mut heat.resistance_ohms_per_metre, 0.05),
-    ];
-    for (value, part) in parts {
-        *value *= 1.0 + part * draw();
-    }
-    let temperatures = [
-        &mut phase.austenite_start_celsius,
-        &mut phase.austenite_finish_celsius,
-        &mut phase.martensite_start_celsius,
-        &mut phase.martensite_finish_celsius,
-    ];
-    for temperature in temperatures {
-        *temperature += 5.0 * draw();
-    }
-}
-
-/// Uniform between −1 and 1, in steps of 2⁻⁵².
-fn uniform(generator: &mut Pcg64Mcg) -> f64 {
-    const SCALE: f64 = 1.0 / (1_u64 << 52) as f64;
-    (generator.next_u64() >> 11) as f64 * SCALE - 1.0
 }
 
 /// The scenario with another time between two SYNCs.
@@ -158,26 +109,6 @@ mod tests {
             (window.from_seconds - 75.0).abs() < 1e-9
                 && (window.until_seconds - 105.0).abs() < 1e-9
         );
-    }
-
-    #[test]
-    fn perturbed_plants_are_the_same_each_time_and_fill_their_ranges() {
-        let base = bases::step();
-        let plants = || on_perturbed_plants(base.clone(), 200).map(|scenario| scenario.plant);
-        assert!(plants().eq(plants()));
-        let (low, high) = plants().fold((f64::MAX, f64::MIN), |(low, high), plant| {
-            let value = plant.phase.austenite_start_celsius;
-            (low.min(value), high.max(value))
-        });
-        assert!(
-            (48.0..48.5).contains(&low) && (57.5..=58.0).contains(&high),
-            "{low} {high}"
-        );
-        let moduli: f64 = plants()
-            .map(|plant| plant.mechanics.austenite_modulus_pascals / 75e9)
-            .sum();
-        assert!((moduli / 200.0 - 1.0).abs() < 0.03);
-        assert!(plants().all(|plant| plant.sensor == base.plant.sensor));
     }
 
     #[test]

@@ -5,7 +5,6 @@ use scenario::expect::{Expect, Limit};
 
 use super::bases;
 use super::experiment::{Effort, Evaluation, Experiment, Figure, Keep, Kept, Law, Run, span};
-use super::families::on_perturbed_plants;
 use super::number::{Number, at_most};
 use crate::distribution::{quantile, staircase};
 
@@ -33,16 +32,19 @@ fn plants(effort: Effort) -> Experiment {
         min: None,
         max: Some(UNSTABLE_SECONDS),
     };
-    let base = Scenario {
-        expect: Expect {
-            settling_time_seconds: Some(limit),
-            ..Expect::default()
-        },
-        ..bases::step()
+    let expect = Expect {
+        settling_time_seconds: Some(limit),
+        ..Expect::default()
     };
+    let plants: Vec<Scenario> = unknown_plants(count)
+        .map(|plant| Scenario {
+            expect: expect.clone(),
+            ..plant
+        })
+        .collect();
     let of_law = |law: Law| {
-        on_perturbed_plants(law.plays(&base), count)
-            .map(move |scenario| Run::new(law.name(), scenario, Keep::Verdict))
+        let played = plants.iter().map(move |plant| law.plays(plant));
+        played.map(move |scenario| Run::new(law.name(), scenario, Keep::Verdict))
     };
     Experiment {
         id: "robustness",
@@ -53,6 +55,15 @@ fn plants(effort: Effort) -> Experiment {
         runs: LAWS.into_iter().flat_map(of_law).collect(),
         evaluate: distributions,
     }
+}
+
+/// The first cases of `scenarios/sweeps/plants.toml`: as many plants as are drawn there, without noise.
+fn unknown_plants(count: usize) -> impl Iterator<Item = Scenario> {
+    let plan = bases::plants();
+    (1..=count).map(move |number| {
+        let scenario = plan.case(number).scenario();
+        scenario.expect("a test makes every plant")
+    })
 }
 
 fn distributions(runs: &[Kept]) -> Evaluation {
@@ -154,7 +165,56 @@ fn other_truth() -> Experiment {
 
 #[cfg(test)]
 mod tests {
+    use scenario::plant::Plant;
+
     use super::*;
+
+    #[test]
+    fn the_plants_differ_from_the_nominal_one_within_their_ranges_and_have_no_noise() {
+        let nominal = bases::step().plant;
+        let plants = || unknown_plants(PLANTS).map(|scenario| scenario.plant);
+        assert!(plants().all(|plant| plant.sensor == nominal.sensor));
+        let share = |low: f64, high: f64, of: &dyn Fn(&Plant) -> f64| {
+            let values = || plants().map(|plant| of(&plant) / of(&nominal) - 1.0);
+            let mean = values().sum::<f64>() / 200.0;
+            assert!((mean.abs() < 0.1 * (high - low)), "{mean}");
+            let (least, greatest) = values().fold((0.0, 0.0), |(least, greatest), value| {
+                (f64::min(least, value), f64::max(greatest, value))
+            });
+            let is_near = |value: f64, end: f64| value.abs() <= end.abs() && value / end > 0.9;
+            assert!(
+                is_near(least, low) && is_near(greatest, high),
+                "{least} {greatest}"
+            );
+        };
+        share(-0.1, 0.1, &|plant| {
+            plant.heat.conduction_watts_per_metre_kelvin
+        });
+        share(-0.3, 0.3, &|plant| {
+            plant.heat.convection_watts_per_square_metre_kelvin
+        });
+        share(-0.05, 0.05, &|plant| plant.heat.resistance_ohms_per_metre);
+        // K0 is proportional to EA, Eq. (9).
+        share(-0.2, 0.2, &|plant| {
+            plant.mechanics.austenite_modulus_pascals
+        });
+        share(-0.1, 0.1, &|plant| plant.mechanics.load_kilograms);
+        share(-0.5, 0.5, &|plant| {
+            plant.mechanics.damping_newton_seconds_per_metre
+        });
+        share(-5.0 / 53.0, 5.0 / 53.0, &|plant| {
+            plant.phase.austenite_start_celsius
+        });
+        share(-5.0 / 93.0, 5.0 / 93.0, &|plant| {
+            plant.phase.austenite_finish_celsius
+        });
+        share(-5.0 / 66.0, 5.0 / 66.0, &|plant| {
+            plant.phase.martensite_start_celsius
+        });
+        share(-5.0 / 34.0, 5.0 / 34.0, &|plant| {
+            plant.phase.martensite_finish_celsius
+        });
+    }
 
     #[test]
     fn a_p95_that_never_settled_is_none() {

@@ -37,11 +37,13 @@ fn undemanded(
     key: &str,
     scenario: &Scenario,
 ) -> Option<Problem> {
-    let given: Vec<&str> = scenario.expect.keys().collect();
-    if given.contains(&key) {
+    let timing = scenario.expect.timing.rows();
+    let given = scenario.expect.keys().map(str::to_owned);
+    let given: Vec<String> = given.chain(timing).collect();
+    if given.iter().any(|given| given == key) {
         return None;
     }
-    let label = match nearest(key, given.iter().copied()) {
+    let label = match nearest(key, given.iter().map(String::as_str)) {
         Some(meant) => format!("did you mean `{meant}`?"),
         None => "not demanded in [expect]".to_owned(),
     };
