@@ -12,6 +12,7 @@ mod external;
 mod faults;
 mod identify;
 mod lockstep;
+mod preflight;
 mod processes;
 mod replay;
 mod report;

@@ -122,6 +122,12 @@ impl<'a> Capture<'a> {
         self.watch.is_interrupted()
     }
 
+    /// Through which the threads of the run tell each other.
+    #[must_use]
+    pub fn watch(&self) -> &'a Watch {
+        self.watch
+    }
+
     /// All frames so far.
     #[must_use]
     pub fn frames(&self) -> &[Stamped] {

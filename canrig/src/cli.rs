@@ -21,6 +21,8 @@ Examples:
   canrig run step.toml --bus vcan0           over the kernel's SocketCAN
   canrig run step.toml --bus can0 --external drive
                                              with a real drive
+  canrig run step.toml --rig rig.toml --dry-run
+                                             only the checks before current flows
   canrig run scenarios/step.toml --viewer    and watch it while it runs
   canrig simulate scenarios/step.toml        in one process, at once
   canrig identify RUN                        the plant from a recording
@@ -182,6 +184,12 @@ pub struct RunArgs {
     /// `rig.toml` beside the first scenario goes with --external drive
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
+    /// End after the pre-flight of an external drive: interface, nodes, objects, direction under a slow heating ramp, stop
+    #[arg(long)]
+    pub dry_run: bool,
+    /// In the pre-flight, do not heat the wire until the load moves
+    #[arg(long)]
+    pub no_heating: bool,
     /// Fail unless the bus is the kernel's own, so that a CI job cannot skip it silently
     #[arg(long)]
     pub require_vcan: bool,

@@ -25,6 +25,7 @@ use crate::external::{External, ExternalNode};
 use crate::identify;
 use crate::manual;
 use crate::nodes;
+use crate::preflight::Preflight;
 use crate::recordings;
 use crate::report::terminal;
 use crate::reproduce;
@@ -37,7 +38,7 @@ use crate::tools::{self, ToolError};
 use crate::torture;
 use crate::verdict::{Outcome, Verdict};
 use crate::viewer::Viewers;
-use crate::world::{self, RunBus, WorldError};
+use crate::world::{self, End, RunBus, WorldError};
 
 /// Levels of folders that are searched for scenarios.
 const FOLDER_DEPTH_MAX: u32 = 8;
@@ -213,6 +214,11 @@ fn run(args: &RunArgs) -> Exit {
             return Exit::BenchFailed;
         }
     };
+    if args.dry_run && !external.has(ExternalNode::Drive) {
+        return usage(
+            "--dry-run needs --external drive or --rig: it checks a drive that canrig does not emulate",
+        );
+    }
     let (clock, lockstep) = match args.clock {
         ClockChoice::RealTime => ("real time", false),
         ClockChoice::Lockstep => ("lock-step", true),
@@ -244,21 +250,72 @@ fn run(args: &RunArgs) -> Exit {
         external.admits(scenario)?;
         rig.as_ref().map_or(Ok(()), |rig| rig.admits(scenario))
     };
+    let on = |source: Source| source.on(rig.clone(), external.clone());
+    let tell_address = |address: &BusAddress| tell_address(&args.play, address);
+    let tell_check = |line: &str| announce(&args.play, line);
+    let preflight = Preflight::new(!args.no_heating, &tell_check);
+    if args.dry_run {
+        return dry_run(args, on, admits, |source, watch| {
+            let parent = &args.play.output;
+            world::real_time::dry_run(source, parent, &bus, watch, &tell_address, &preflight)
+        });
+    }
     play(
         &args.play,
-        |source| source.on(rig.clone(), external.clone()),
+        on,
         when_full,
         admits,
         |source, folder, capture| {
             if lockstep {
                 world::processes::in_lockstep(&source.scenario, folder, capture, &bus)
             } else {
-                world::real_time::run(source, folder, capture, &bus, &|address| {
-                    tell_address(&args.play, address);
-                })
+                let tell = &tell_address;
+                world::real_time::run(source, folder, capture, &bus, tell, &preflight)
             }
         },
     )
+}
+
+/// The pre-flight of the first scenario, which stands for all: they share rig and bus.
+fn dry_run(
+    args: &RunArgs,
+    on: impl Fn(Source) -> Source,
+    admits: impl Fn(&Source) -> Result<(), String>,
+    preflight: impl FnOnce(&Source, &Watch) -> Result<End, WorldError>,
+) -> Exit {
+    let paths = match scenario_files(&args.play.scenarios, is_scenario) {
+        Ok(paths) => paths,
+        Err(error) => return usage(&error),
+    };
+    let Some(path) = paths.first() else {
+        return usage("no scenario is named");
+    };
+    let source = match Source::load(path) {
+        Ok(source) => on(source),
+        Err(error) => {
+            complain(&format!("{:?}", miette::Report::new(error)));
+            return Exit::ScenarioInvalid;
+        }
+    };
+    if let Err(reason) = admits(&source) {
+        complain(&format!("canrig: {}: {reason}", path.display()));
+        return Exit::ScenarioInvalid;
+    }
+    let watch = Watch::default();
+    let ended = world::observed(|| watch.interrupt(), || (), || preflight(&source, &watch));
+    match ended {
+        Ok(End::Completed) => Exit::Pass,
+        Ok(End::Interrupted) => Exit::Interrupted,
+        Err(error) => {
+            complain(&format!("canrig: {error}"));
+            Exit::BenchFailed
+        }
+    }
+}
+
+/// Rig files lie beside scenarios.
+fn is_scenario(path: &Path) -> bool {
+    !path.ends_with(RIG_FILE)
 }
 
 /// Faults of the bus need the modelled one; no real bus delays or loses frames as it is told.
@@ -320,7 +377,6 @@ fn play(
     admits: impl Fn(&Source) -> Result<(), String>,
     world: impl Fn(&Source, &RunFolder, &mut Capture<'_>) -> Result<World, WorldError>,
 ) -> Exit {
-    let is_scenario = |path: &Path| !path.ends_with(RIG_FILE);
     let paths = match scenario_files(&args.scenarios, is_scenario) {
         Ok(paths) => paths,
         Err(error) => return usage(&error),

@@ -25,6 +25,7 @@ pub mod judge;
 mod losses;
 pub mod manual;
 pub mod nodes;
+pub mod preflight;
 pub mod recording;
 pub mod recordings;
 pub mod report;

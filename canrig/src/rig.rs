@@ -94,6 +94,20 @@ impl LoadedRig {
                 source,
             })?,
         };
+        Self::of(path, rig, text, eds)
+    }
+
+    /// A rig file that lies nowhere, for a drive with the emulated one's EDS.
+    ///
+    /// # Errors
+    /// It is not valid.
+    pub fn of_text(text: &str) -> Result<Self, RigError> {
+        let rig = Rig::parse(text, RIG_FILE)?;
+        let eds = dbc::DRIVE_EDS.to_owned();
+        Self::of(Path::new(RIG_FILE), rig, text.to_owned(), eds)
+    }
+
+    fn of(path: &Path, rig: Rig, text: String, eds: String) -> Result<Self, RigError> {
         let drive = Drive::new(&eds, &rig.drive, rig.limits.current_amperes);
         let drive = drive.map_err(|source| RigError::Drive {
             rig: path.to_owned(),

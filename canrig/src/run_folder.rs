@@ -71,12 +71,29 @@ impl RunFolder {
         let mut verdict = Verdict::incomplete_of(scenario, unfinished);
         verdict.external = source.external.clone();
         folder.write_verdict(&verdict)?;
-        folder.write(file::SCENARIO, text.as_bytes())?;
-        folder.copy_tables(source)?;
-        if let Some(rig) = &source.rig {
-            folder.write_rig(rig)?;
-        }
+        folder.write_source(source)?;
         Ok(folder)
+    }
+
+    /// Makes the folder of a pre-flight, which has a recording but no verdict, under the same rules.
+    ///
+    /// # Errors
+    /// The folder or its files cannot be written.
+    pub fn create_for_preflight(parent: &Path, source: &Source) -> Result<Self, WriteError> {
+        let Source { scenario, text, .. } = source;
+        let folder = Self::create_named(parent, &scenario.name, scenario.seed, text)?;
+        folder.write_source(source)?;
+        Ok(folder)
+    }
+
+    /// What is played, so that the folder can be run and judged by itself.
+    fn write_source(&self, source: &Source) -> Result<(), WriteError> {
+        self.write(file::SCENARIO, source.text.as_bytes())?;
+        self.copy_tables(source)?;
+        source
+            .rig
+            .as_ref()
+            .map_or(Ok(()), |rig| self.write_rig(rig))
     }
 
     /// Makes the folder `<parent>/<name>-<hash>` with nothing in it, under the same rules.

@@ -9,6 +9,7 @@ pub mod counting_allocator;
 mod embedded_bus;
 pub mod hub;
 mod kernel_format;
+pub mod link;
 pub mod lockstep;
 pub mod private_bus;
 pub mod probe;

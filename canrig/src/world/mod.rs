@@ -2,6 +2,7 @@
 
 mod child;
 mod choice;
+pub(crate) mod line;
 pub mod lockstep;
 mod observer;
 pub mod processes;
@@ -105,6 +106,14 @@ pub enum WorldError {
     /// A limit of the rig was violated.
     #[error("canrig stopped the drive: {0}")]
     Violation(String),
+    /// A check before current may flow.
+    #[error("the pre-flight fails: {name}: {found}")]
+    Preflight {
+        /// Which check.
+        name: &'static str,
+        /// What was found.
+        found: String,
+    },
     /// The DBC lacks a signal.
     #[error(transparent)]
     Signal(#[from] SignalMissing),

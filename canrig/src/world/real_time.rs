@@ -1,56 +1,91 @@
 //! Real time: the processes keep their own time on a bus, and the bench listens.
 
+use std::path::Path;
 use std::thread::ScopedJoinHandle;
 use std::time::Duration;
 
-use canopen::Filter;
-use platform::bus::{self, Bus, BusAddress, BusError};
+use platform::bus::BusAddress;
 use platform::clock::Clock;
-use platform::hub::Hub;
-use platform::private_bus::PrivateBus;
 use platform::real_time::RunError;
-use platform::recorder::Recorder;
 use platform::scheduling;
-use platform::stop::StopSignal;
 use scenario::disturbance::Disturbance;
 
 use super::child::NodeProcess;
+use super::line::{Line, stop_signal};
 use super::processes::{Processes, runtime};
 use super::strikes::{Strike, Strikes};
-use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, RunBus, START_PATIENCE, WorldError};
-use crate::capture::Capture;
+use super::{CONTROLLER, End, PLANT_EMULATOR, RunBus, START_PATIENCE, WorldError};
+use crate::capture::{Capture, Watch};
 use crate::disturbance_node::DisturbanceProducer;
 use crate::external::ExternalNode;
-use crate::recording::Stamped;
+use crate::preflight::Preflight;
 use crate::run::{Source, World};
 use crate::run_folder::RunFolder;
 use crate::supervisor::Supervisor;
 use crate::timing::{Host, NodeReport};
 
 /// How often the recorded frames are taken and written.
-const COLLECT_PERIOD: Duration = Duration::from_millis(20);
+pub(super) const COLLECT_PERIOD: Duration = Duration::from_millis(20);
 /// What the controller needs beyond the bring-up until current flows, with some to spare.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
 /// A bus without a frame for so long has lost its manager.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
 
 /// Plays the scenario in real time, with controller and plant as processes unless they are external; `tell` gets the bus's
-/// address once it is there.
+/// address once it is there. A drive that is external passes the pre-flight first.
 ///
 /// # Errors
-/// A process or the bus failed, or the recording cannot be written.
+/// The pre-flight, a process or the bus failed, or the recording cannot be written.
 pub fn run(
     source: &Source,
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
     tell: &dyn Fn(&BusAddress),
+    preflight: &Preflight<'_>,
+) -> Result<World, WorldError> {
+    let mut line = Line::open(bus)?;
+    tell(&line.address);
+    let ready = preflight.make(source, folder.path(), bus, &mut line, capture.watch());
+    let ended = ready.and_then(|end| match end {
+        End::Interrupted => Ok(World { end, host: None }),
+        End::Completed => {
+            line.forget();
+            play(source, folder, capture, &mut line, &mut |_| false)
+        }
+    });
+    line.close(capture)?;
+    ended
+}
+
+/// Makes the pre-flight of a scenario alone, with a folder in `parent`.
+///
+/// # Errors
+/// What failed.
+pub fn dry_run(
+    source: &Source,
+    parent: &Path,
+    bus: &RunBus,
+    watch: &Watch,
+    tell: &dyn Fn(&BusAddress),
+    preflight: &Preflight<'_>,
+) -> Result<End, WorldError> {
+    let mut line = Line::open(bus)?;
+    tell(&line.address);
+    preflight.make(source, parent, bus, &mut line, watch)
+}
+
+/// Plays the scenario on a bus that is there, to its end or until what was recorded is enough.
+pub(crate) fn play(
+    source: &Source,
+    folder: &RunFolder,
+    capture: &mut Capture<'_>,
+    line: &mut Line,
+    is_enough: &mut dyn FnMut(&Capture<'_>) -> bool,
 ) -> Result<World, WorldError> {
     let (scenario, external) = (&source.scenario, &source.external);
     let runtime = runtime()?;
     let _entered = runtime.enter();
-    let mut line = Line::open(bus)?;
-    tell(&line.address);
     let start = |name, node| {
         let is_ours = !external.has(node);
         is_ours
@@ -71,14 +106,11 @@ pub fn run(
     let bench = DisturbanceProducer::new(&orders, source.database())?;
     let mut bench = bench.with_supervisor(supervisor);
     let mut voice = line.voice(&canopen::Node::filters(&bench))?;
-    let (stopper, stop) = StopSignal::manual().map_err(|source| WorldError::Spawn {
-        name: BENCH,
-        source,
-    })?;
+    let (stopper, stop) = stop_signal()?;
     let ended = std::thread::scope(|scope| {
         let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *voice, &stop));
         let end = runtime.block_on(async {
-            let run = follow(source, folder, &mut line, capture, &mut processes);
+            let run = follow(source, folder, line, capture, &mut processes, is_enough);
             let end = tokio::select! {
                 // Its error is told below.
                 () = ended(&bench) => Ok(End::Interrupted),
@@ -100,14 +132,12 @@ pub fn run(
             bench => end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench)),
         }
     });
-    let wall_clock_step = line.wall_clock_step();
-    line.close(capture)?;
     ended.map(|(end, [controller, plant_emulator])| World {
         end,
         host: Some(Host {
             controller: controller.map(|text| report(CONTROLLER, &text)),
             plant_emulator: plant_emulator.map(|text| report(PLANT_EMULATOR, &text)),
-            wall_clock_step,
+            wall_clock_step: line.wall_clock_step(),
             load: scheduling::machine_load(),
         }),
     })
@@ -136,6 +166,7 @@ async fn follow(
     line: &mut Line,
     capture: &mut Capture<'_>,
     processes: &mut Processes,
+    is_enough: &mut dyn FnMut(&Capture<'_>) -> bool,
 ) -> Result<End, WorldError> {
     let scenario = &source.scenario;
     let duration = Duration::from_secs_f64(scenario.duration_seconds);
@@ -155,6 +186,9 @@ async fn follow(
         }
         if capture.is_interrupted() {
             return Ok(End::Interrupted);
+        }
+        if is_enough(capture) {
+            return Ok(End::Completed);
         }
         while let Some(strike) = capture.scenario_time().and_then(|time| strikes.due(time)) {
             // Faults of an external controller are refused before the run.
@@ -194,83 +228,4 @@ fn start_patience(source: &Source) -> Duration {
     bring_up.map_or(START_PATIENCE, |bring_up| {
         START_PATIENCE.max(bring_up + ENABLE_PATIENCE)
     })
-}
-
-/// The bus of a run and the ear on it.
-struct Line {
-    address: BusAddress,
-    recorder: Recorder,
-    hub: Option<Hub>,
-    private: Option<PrivateBus>,
-}
-
-impl Line {
-    fn open(bus: &RunBus) -> Result<Self, WorldError> {
-        match bus {
-            RunBus::Embedded { .. } => {
-                let (hub, recorder) = Hub::start()?;
-                Ok(Self {
-                    address: hub.address(),
-                    recorder,
-                    hub: Some(hub),
-                    private: None,
-                })
-            }
-            RunBus::Interface(name) => {
-                let recorder = Recorder::on_interface(name)?;
-                Ok(Self {
-                    address: BusAddress::Interface(name.clone()),
-                    recorder,
-                    hub: None,
-                    private: None,
-                })
-            }
-            RunBus::Private => {
-                let mut private = PrivateBus::start()?;
-                Ok(Self {
-                    address: BusAddress::Private(private.process()),
-                    recorder: private.recorder()?,
-                    hub: None,
-                    private: Some(private),
-                })
-            }
-        }
-    }
-
-    /// The bench's own place on the bus.
-    fn voice(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
-        match &mut self.private {
-            Some(private) => private.voice(filters),
-            None => bus::open(&self.address, filters),
-        }
-    }
-
-    /// By how much the clock of the stamps was stepped; the hub's is monotonic.
-    fn wall_clock_step(&self) -> Duration {
-        if self.hub.is_some() {
-            Duration::ZERO
-        } else {
-            self.recorder.wall_clock_step()
-        }
-    }
-
-    /// Takes what was heard since the last time; `true` when there was something.
-    fn collect(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
-        let epoch = self.recorder.wall_epoch();
-        let mut has_heard = false;
-        while let Some(stamped) = self.recorder.next() {
-            capture.take(Stamped::new(epoch + stamped.time, stamped.frame));
-            has_heard = true;
-        }
-        capture.flush()?;
-        Ok(has_heard)
-    }
-
-    /// Ends the bus and takes the last frames, and how many were lost.
-    fn close(mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
-        self.recorder.stop();
-        self.hub = None;
-        capture.lose(self.recorder.lost());
-        self.collect(capture).map(|_| ())
-    }
 }

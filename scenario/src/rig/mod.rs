@@ -38,6 +38,9 @@ pub struct Rig {
     /// How long nodes wait for each other.
     #[serde(default)]
     pub timeouts: Timeouts,
+    /// What is tried before the first scenario.
+    #[serde(default)]
+    pub preflight: Preflight,
 }
 
 /// The interface to the bus and its cycle.
@@ -137,6 +140,9 @@ pub struct PositionObject {
     /// The object's value while the load rests on its stop.
     #[schemars(range(min = -2_147_483_648.0, max = 4_294_967_295.0))]
     pub units_at_stop: f64,
+    /// One step of the sensor (its LSB); the pre-flight waits for five of them.
+    #[schemars(range(min = 1e-6, max = 10.0))]
+    pub resolution_millimetres: f64,
 }
 
 impl Default for PositionObject {
@@ -145,6 +151,7 @@ impl Default for PositionObject {
             object: "0x6064".to_owned(),
             units_per_millimetre: 1000.0,
             units_at_stop: 0.0,
+            resolution_millimetres: 60.0 / 1024.0,
         }
     }
 }
@@ -228,6 +235,38 @@ impl Default for Timeouts {
             drive_lost_milliseconds: 100,
             controller_lost_milliseconds: 100,
             missing_positions_cycles: 20,
+        }
+    }
+}
+
+/// What is tried on the drive before the first scenario.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Preflight {
+    /// Heat slowly until the load moves; `false` tries everything but that.
+    pub heating: bool,
+    /// How fast the current rises, from 0 to the limit of the rig at most.
+    #[schemars(range(min = 0.001, max = 10.0))]
+    pub ramp_amperes_per_second: f64,
+    /// The load must move within this time.
+    #[schemars(range(min = 0.1, max = 600.0))]
+    pub heating_seconds_max: f64,
+    /// The current must be gone within this time after a quick stop (assumed: 100).
+    #[schemars(range(min = 1, max = 10_000))]
+    pub stop_milliseconds_max: u32,
+    /// How long the wire then cools before the first scenario (assumed: 5).
+    #[schemars(range(min = 0.0, max = 600.0))]
+    pub cooling_seconds: f64,
+}
+
+impl Default for Preflight {
+    fn default() -> Self {
+        Self {
+            heating: true,
+            ramp_amperes_per_second: 0.1,
+            heating_seconds_max: 20.0,
+            stop_milliseconds_max: 100,
+            cooling_seconds: 5.0,
         }
     }
 }

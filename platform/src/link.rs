@@ -1,0 +1,74 @@
+//! What the kernel tells of a CAN interface (netlink): its state, bit rate and error counters.
+
+use std::io;
+
+use socketcan::CanInterface;
+use socketcan::nl::{CanCtrlMode, CanState};
+
+/// A CAN interface. What its driver does not tell is `None`; a vcan tells only whether it is up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Link {
+    /// Whether it is up.
+    pub is_up: bool,
+    /// Bits per second.
+    pub bit_rate: Option<u32>,
+    /// The controller's error state.
+    pub state: Option<State>,
+    /// Transmit and receive error counters (ISO 11898-1).
+    pub errors: Option<[u16; 2]>,
+    /// It hears the bus, but neither acknowledges nor sends.
+    pub is_listen_only: bool,
+    /// It hears only itself.
+    pub is_loopback: bool,
+}
+
+/// Error state of a CAN controller, as the kernel has it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Both counters are below 96.
+    ErrorActive,
+    /// One is 96 or more.
+    ErrorWarning,
+    /// One is 128 or more.
+    ErrorPassive,
+    /// It takes no part in the bus.
+    BusOff,
+    /// It is stopped or asleep.
+    Stopped,
+}
+
+/// Asks the kernel about an interface of this process's network namespace.
+///
+/// # Errors
+/// There is no such interface, or the kernel does not answer.
+pub fn link(name: &str) -> io::Result<Link> {
+    let details = CanInterface::open(name)
+        .and_then(|interface| interface.details())
+        .map_err(io::Error::other)?;
+    let can = details.can;
+    let has = |mode| can.ctrl_mode.is_some_and(|modes| modes.has_mode(mode));
+    Ok(Link {
+        is_up: details.is_up,
+        // A controller that was never configured has 0.
+        bit_rate: can
+            .bit_timing
+            .map(|timing| timing.bitrate)
+            .filter(|rate| *rate != 0),
+        state: can.state.map(state),
+        errors: can
+            .berr_counter
+            .map(|counter| [counter.txerr, counter.rxerr]),
+        is_listen_only: has(CanCtrlMode::ListenOnly),
+        is_loopback: has(CanCtrlMode::Loopback),
+    })
+}
+
+fn state(state: CanState) -> State {
+    match state {
+        CanState::ErrorActive => State::ErrorActive,
+        CanState::ErrorWarning => State::ErrorWarning,
+        CanState::ErrorPassive => State::ErrorPassive,
+        CanState::BusOff => State::BusOff,
+        CanState::Stopped | CanState::Sleeping => State::Stopped,
+    }
+}
