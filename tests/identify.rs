@@ -42,7 +42,7 @@ impl Recording {
     }
 
     fn trace(&self) -> Trace {
-        Trace::load(&self.run, None, Database::sma_actuator()).unwrap()
+        Trace::load(&self.run, None, None).unwrap()
     }
 }
 
@@ -283,11 +283,13 @@ fn a_candump_log_serves_as_well_as_a_run_folder() {
     let text = fs::read_to_string(run.join("bus.log")).unwrap();
     fs::write(&log, text.replace(" can0 ", " vcan7 ")).unwrap();
     let database = Database::sma_actuator();
-    let trace = Trace::load(&log, Some(&run.join("scenario.toml")), database).unwrap();
+    let trace = Trace::load(&log, Some(&run.join("scenario.toml")), Some(database)).unwrap();
     let ours = excitation().trace();
     assert_eq!(trace.stretches, ours.stretches);
     assert_eq!(trace.positions_metres, ours.positions_metres);
-    let fault = Trace::load(&log, None, database).unwrap_err().to_string();
+    let fault = Trace::load(&log, None, Some(database))
+        .unwrap_err()
+        .to_string();
     assert!(fault.contains("--scenario"), "{fault}");
 }
 
@@ -311,6 +313,41 @@ fn a_recording_without_motion_is_refused() {
         message.contains("the load moves by 0.00 mm at most") && message.contains("up to 0.200 A"),
         "{message}"
     );
+}
+
+#[test]
+fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
+    let recording = Recording::of(&step_text(0.8, 4.0));
+    let emulated = recording.trace();
+    // The same drive as if it told no current and its sensor were of another kind.
+    let rig = "schema = 1\nname = \"silent\"\n[drive]\ncurrent = { object = \"\" }\n\
+        position = { resolution_millimetres = 0.025 }\n[limits]\ncurrent_amperes = 1.0\n\
+        position_millimetres = { min = -1.0, max = 59.5 }\nspeed_millimetres_per_second = 1e4\n";
+    fs::write(recording.run.join("rig.toml"), rig).unwrap();
+    let silent = recording.trace();
+    assert!((silent.sensor_step_metres() - 25e-6).abs() < 1e-12);
+    assert!(silent.sensor.span_millimetres >= 59.5);
+    // The commands tell when which current flowed, to the cycle.
+    assert_eq!(silent.positions_metres, emulated.positions_metres);
+    let pairs = silent
+        .currents_amperes
+        .iter()
+        .zip(&emulated.currents_amperes);
+    for ((commanded, measured), at) in pairs.zip(&silent.times_seconds) {
+        assert!(
+            (commanded - measured).abs() < 2e-3,
+            "{commanded} A, {measured} A at {at} s"
+        );
+    }
+    let heated = |stretch: &&canrig::identify::trace::Stretch| stretch.inputs.current_amperes > 0.0;
+    let begins = |trace: &Trace| {
+        let before = trace
+            .stretches
+            .iter()
+            .take_while(|stretch| !heated(stretch));
+        before.map(|stretch| stretch.duration_seconds).sum::<f64>()
+    };
+    assert!((begins(&silent) - begins(&emulated)).abs() < 1e-9);
 }
 
 #[test]

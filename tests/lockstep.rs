@@ -340,6 +340,10 @@ impl platform::bus::Bus for Sleeper {
     fn dropped(&self) -> u64 {
         0
     }
+
+    fn delayed(&self) -> u64 {
+        0
+    }
 }
 
 #[test]

@@ -2,11 +2,13 @@
 //!
 //! Latencies are differences of the receive stamps of one recorder; wake-up lateness is what the nodes' loops counted.
 
+use std::ops::Add;
 use std::time::Duration;
 
 use dbc::Database;
 use hdrhistogram::Histogram;
 use scenario::Scenario;
+use scenario::expect::Limit;
 use scenario::timing::{QuantileLimits, TimingLimits};
 use serde::{Deserialize, Serialize};
 
@@ -70,6 +72,9 @@ pub struct NodeReport {
     pub wake_up_lateness_microseconds: Quantiles,
     /// Frames that were lost before the node could take them.
     pub frames_dropped: u64,
+    /// Frames that waited for room in the full queue of the bus (ENOBUFS) before they were sent.
+    #[serde(default)]
+    pub frames_delayed: u64,
     /// What the system refused: priority, locked memory.
     pub refused: Vec<String>,
 }
@@ -162,6 +167,13 @@ impl Timing {
             .filter_map(|(name, report)| Some((name, report.as_ref()?)))
     }
 
+    /// Frames of the loops that waited for room in a full queue; none where all nodes are external.
+    fn frames_delayed(&self) -> Option<u64> {
+        self.loops()
+            .map(|(_, report)| report.frames_delayed)
+            .reduce(u64::add)
+    }
+
     /// The worse of the loops; none where all nodes are external.
     fn wake_up_lateness(&self) -> Option<Quantiles> {
         self.loops()
@@ -189,8 +201,17 @@ impl Timing {
     #[must_use]
     pub fn losses(&self) -> String {
         let losses = self.loops().map(|(name, report)| {
-            let (overruns, dropped) = (report.overruns, report.frames_dropped);
-            format!("{name}: {overruns} overruns, {dropped} frames dropped")
+            let NodeReport {
+                overruns,
+                frames_dropped,
+                frames_delayed,
+                ..
+            } = report;
+            let delayed = match frames_delayed {
+                0 => String::new(),
+                frames => format!(", {frames} frames delayed by a full queue of the bus"),
+            };
+            format!("{name}: {overruns} overruns, {frames_dropped} frames dropped{delayed}")
         });
         losses.collect::<Vec<_>>().join("; ")
     }
@@ -255,7 +276,18 @@ impl Timing {
             Some(self.round_trip_microseconds),
             limits.round_trip_microseconds,
         );
+        if limits.frames_delayed.is_some() {
+            metrics.push(self.judge_delayed(limits.frames_delayed));
+        }
         metrics
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "frames of one run")]
+    fn judge_delayed(&self, limit: Option<Limit>) -> Metric {
+        match self.frames_delayed() {
+            Some(frames) => Metric::new("frames_delayed", Ok(frames as f64), limit),
+            None => Metric::not_judged("frames_delayed", NO_LOOP.to_owned(), limit),
+        }
     }
 }
 

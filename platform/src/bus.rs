@@ -41,6 +41,9 @@ pub trait Bus: Send {
 
     /// Frames that were lost because they were not received in time, as far as known.
     fn dropped(&self) -> u64;
+
+    /// Frames that had to wait for room in a full queue before they were sent.
+    fn delayed(&self) -> u64;
 }
 
 /// Where a bus is: `can0`, `vcan0` (a SocketCAN interface), `embedded:/path/to/socket`, or `private:1234`.

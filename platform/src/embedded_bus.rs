@@ -34,6 +34,7 @@ pub(crate) struct EmbeddedBus {
     path: PathBuf,
     socket: OwnedFd,
     dropped: Cell<u64>,
+    delayed: u64,
 }
 
 impl EmbeddedBus {
@@ -46,6 +47,7 @@ impl EmbeddedBus {
             path: path.into(),
             socket: connect_to(path)?,
             dropped: Cell::new(0),
+            delayed: 0,
         };
         bus.check_owner()?;
         bus.join(filters)?;
@@ -138,6 +140,7 @@ impl Bus for EmbeddedBus {
                 Err(Errno::INTR) => {}
                 Err(Errno::PIPE | Errno::CONNRESET) => return Err(self.closed()),
                 Err(Errno::AGAIN) => {
+                    self.delayed += 1;
                     let ready = wait_ready(self.socket.as_fd(), PollFlags::OUT, SEND_PATIENCE)
                         .map_err(|errno| self.failed("send", errno))?;
                     if !ready {
@@ -166,6 +169,10 @@ impl Bus for EmbeddedBus {
     /// As the hub told last: it tells before the first frame after a loss.
     fn dropped(&self) -> u64 {
         self.dropped.get()
+    }
+
+    fn delayed(&self) -> u64 {
+        self.delayed
     }
 }
 

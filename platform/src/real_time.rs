@@ -47,6 +47,8 @@ pub struct RunReport {
     pub frames_sent: u64,
     /// Frames that were lost before the node could take them.
     pub frames_dropped: u64,
+    /// Frames that waited for room in a full queue before they were sent.
+    pub frames_delayed: u64,
 }
 
 impl RunReport {
@@ -59,6 +61,7 @@ impl RunReport {
             frames_received: 0,
             frames_sent: 0,
             frames_dropped: 0,
+            frames_delayed: 0,
         }
     }
 }
@@ -69,7 +72,7 @@ impl fmt::Display for RunReport {
         let late = |quantile: f64| self.lateness_nanoseconds.value_at_quantile(quantile) / 1000;
         write!(
             formatter,
-            "{} ticks, {} overruns, late by median {} us, p99 {} us, p99.9 {} us, max {} us; {} frames received, {} sent, {} dropped",
+            "{} ticks, {} overruns, late by median {} us, p99 {} us, p99.9 {} us, max {} us; {} frames received, {} sent, {} dropped, {} delayed by a full queue",
             self.ticks,
             self.overruns,
             late(0.5),
@@ -79,6 +82,7 @@ impl fmt::Display for RunReport {
             self.frames_received,
             self.frames_sent,
             self.frames_dropped,
+            self.frames_delayed,
         )
     }
 }
@@ -283,6 +287,7 @@ impl Cycle<'_> {
     fn into_report(self) -> RunReport {
         RunReport {
             frames_dropped: self.bus.dropped(),
+            frames_delayed: self.bus.delayed(),
             ..self.report
         }
     }

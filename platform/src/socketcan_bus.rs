@@ -26,6 +26,7 @@ const MEMINFO_DROPS: usize = 8;
 pub(crate) struct SocketCanBus {
     name: String,
     socket: CanSocket,
+    delayed: u64,
 }
 
 impl SocketCanBus {
@@ -46,6 +47,7 @@ impl SocketCanBus {
         let bus = Self {
             name: name.into(),
             socket,
+            delayed: 0,
         };
         set_filters(&bus.socket, filters).map_err(|error| bus.system("set its filters", error))?;
         bus.forget_unfiltered()?;
@@ -112,6 +114,7 @@ impl Bus for SocketCanBus {
                 Err(full @ (Errno::NOBUFS | Errno::AGAIN)) => full,
                 Err(errno) => return Err(self.failed("send", errno)),
             };
+            self.delayed += u64::from(clock.is_none());
             let patience =
                 SEND_PATIENCE.saturating_sub(clock.get_or_insert_with(Clock::start).now());
             if patience.is_zero() {
@@ -143,6 +146,10 @@ impl Bus for SocketCanBus {
 
     fn dropped(&self) -> u64 {
         kernel_drops(&self.socket)
+    }
+
+    fn delayed(&self) -> u64 {
+        self.delayed
     }
 }
 

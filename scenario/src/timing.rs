@@ -36,6 +36,10 @@ pub struct TimingLimits {
     pub position_to_command_microseconds: QuantileLimits,
     /// From the SYNC to the command.
     pub round_trip_microseconds: QuantileLimits,
+    /// Frames of canrig's nodes that waited for room in the full queue of the bus (ENOBUFS); one that waits for 50 ms ends
+    /// the run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames_delayed: Option<Limit>,
 }
 
 impl TimingLimits {
@@ -56,7 +60,9 @@ impl TimingLimits {
             ),
             ("round_trip_microseconds", self.round_trip_microseconds),
         ];
-        distributions.into_iter().flat_map(|(name, limits)| {
+        let delayed = self.frames_delayed;
+        let delayed = delayed.map(|limit| ("frames_delayed".to_owned(), limit));
+        let quantiles = distributions.into_iter().flat_map(|(name, limits)| {
             let limits = [
                 ("median", limits.median),
                 ("p99", limits.p99),
@@ -67,7 +73,8 @@ impl TimingLimits {
                 limit.map(|limit| (format!("{name}.{quantile}"), limit))
             };
             limits.into_iter().filter_map(given)
-        })
+        });
+        quantiles.chain(delayed)
     }
 
     /// The rows of the verdict that the limits become.

@@ -12,6 +12,7 @@ mod bench;
 mod bus;
 #[path = "../../platform/src/test_nodes.rs"]
 mod echo;
+mod hardware;
 #[path = "../support.rs"]
 mod support;
 
@@ -43,8 +44,13 @@ fn main() -> ExitCode {
         })
     });
     let of_bench = bench::TESTS.map(|(name, test)| isolated(name, test));
+    let of_hardware = hardware::TESTS.map(|(name, test)| isolated(name, test));
     let of_private_bus = bench::PRIVATE_BUS_TESTS.map(|(name, test)| Trial::test(name, test));
-    let trials = of_bus.into_iter().chain(of_bench).chain(of_private_bus);
+    let trials = of_bus
+        .into_iter()
+        .chain(of_bench)
+        .chain(of_hardware)
+        .chain(of_private_bus);
     let trials = trials.map(|trial| trial.with_ignored_flag(why_not.is_some()));
     // Real-time runs side by side would only wait for each other.
     let arguments = Arguments {

@@ -100,10 +100,7 @@ fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
 }
 
 fn load(args: &IdentifyArgs) -> Result<Vec<Trace>, Failure> {
-    let database = match &args.dbc {
-        None => Database::sma_actuator().clone(),
-        Some(path) => read_database(path)?,
-    };
+    let database = args.dbc.as_deref().map(read_database).transpose()?;
     if args.recordings.len() > RECORDINGS_MAX {
         return Err(Failure {
             message: format!(
@@ -117,7 +114,7 @@ fn load(args: &IdentifyArgs) -> Result<Vec<Trace>, Failure> {
     let traces = args
         .recordings
         .iter()
-        .map(|path| Trace::load(path, args.scenario.as_deref(), &database));
+        .map(|path| Trace::load(path, args.scenario.as_deref(), database.as_ref()));
     traces
         .collect::<Result<Vec<_>, _>>()
         .map_err(|error| invalid(&error))

@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 use dbc::Database;
 use plant_emulator::sma::Inputs;
 use scenario::plant::Sensor;
+use scenario::rig::Rig;
 use scenario::{Scenario, ScenarioError};
 
 use crate::recording::{self, Stamped};
+use crate::rig::{LoadedRig, RigError};
 use crate::run_folder::file;
 use crate::signals::{self, SignalMissing};
 use crate::timeline::{self, Timeline};
@@ -19,8 +21,12 @@ use dbc::scenario_clock::SYNC_COB_ID;
 const GRID_SECONDS: f64 = 0.01;
 /// Shortest recording, some time constants of the wire.
 const DURATION_SECONDS_MIN: f64 = 3.0;
-/// Longest gap that is bridged by holding the inputs.
+/// Longest gap that is bridged by holding the inputs …
 const GAP_SECONDS_MAX: f64 = 0.02;
+/// … or so many cycles where that is longer: without a SYNC the drive itself holds its command.
+const GAP_CYCLES_MAX: f64 = 2.5;
+/// A command that comes in the cycle of row k flows until row k + 2.
+const COMMAND_CYCLES: usize = 2;
 /// Most cycles without a position.
 const MISSED_PERCENT_MAX: f64 = 1.0;
 /// Least motion, in steps of the sensor.
@@ -52,6 +58,9 @@ pub enum Fault {
     /// The scenario is invalid.
     #[error("the scenario is invalid: {0}")]
     Scenario(Box<ScenarioError>),
+    /// The rig file is invalid.
+    #[error("the rig file is invalid: {0}")]
+    Rig(Box<RigError>),
     /// The plant has other parameters.
     #[error("its plant is `{0}`; identification knows the equations of the SMA actuator only")]
     OtherPlant(&'static str),
@@ -89,13 +98,15 @@ pub enum Fault {
     },
     /// A gap.
     #[error(
-        "it has a gap of {gap_seconds:.3} s at {at_seconds:.3} s (limit {GAP_SECONDS_MAX} s): the current in it is unknown"
+        "it has a gap of {gap_seconds:.3} s at {at_seconds:.3} s (limit {limit_seconds:.3} s): the current in it is unknown"
     )]
     Gap {
         /// Where.
         at_seconds: f64,
         /// How long.
         gap_seconds: f64,
+        /// Longest that is bridged.
+        limit_seconds: f64,
     },
     /// Many small gaps.
     #[error("{percent:.1} % of its cycles have no position (limit {MISSED_PERCENT_MAX} %)")]
@@ -175,14 +186,15 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Reads a run folder, or a log of `candump -L` together with the scenario that was played.
+    /// Reads a run folder, or a log of `candump -L` together with the scenario that was played. Frames mean what `database`
+    /// says, else what the rig file of the run says, else what the emulated drive's mean.
     ///
     /// # Errors
     /// It cannot be read, or identification cannot use it.
     pub fn load(
         path: &Path,
         scenario: Option<&Path>,
-        database: &Database,
+        database: Option<&Database>,
     ) -> Result<Self, RecordingError> {
         let at = |fault| RecordingError {
             path: path.to_owned(),
@@ -194,8 +206,15 @@ impl Trace {
             let scenario = scenario.ok_or_else(|| at(Fault::NoScenario))?;
             (path.to_owned(), scenario.to_owned())
         };
-        let scenario =
+        let mut scenario =
             Scenario::load(&scenario).map_err(|error| at(Fault::Scenario(Box::new(error))))?;
+        let rig = LoadedRig::in_folder(path).map_err(|error| at(Fault::Rig(Box::new(error))))?;
+        if let Some(loaded) = &rig {
+            scenario.bus = loaded.rig.bus.of_scenario();
+            scenario.plant.sensor = sensor_of(&loaded.rig);
+        }
+        let of_rig = rig.as_ref().map(|rig| &rig.database);
+        let database = database.or(of_rig).unwrap_or(Database::sma_actuator());
         let frames = read(&log).map_err(at)?;
         Self::from_frames(path, &frames, scenario, database).map_err(at)
     }
@@ -230,13 +249,10 @@ impl Trace {
             currents_amperes: Vec::new(),
         };
         let disturbances = Disturbances::of(timeline);
-        let current = timeline.current();
         let grid = cycles_per_sample(timeline.period_seconds);
-        for row in 1..timeline.cycle.len() {
-            // What the drive reports at a SYNC flowed until then; the other nodes' frames act at once.
-            let flowed = current[row..].iter().copied().find(|value| !value.is_nan());
+        for (row, current_amperes) in flowed(timeline).into_iter().enumerate().skip(1) {
             let inputs = Inputs {
-                current_amperes: flowed.unwrap_or(0.0),
+                current_amperes,
                 ..disturbances.at(row - 1)
             };
             #[expect(clippy::cast_precision_loss, reason = "a few cycles")]
@@ -273,6 +289,58 @@ impl Trace {
     #[must_use]
     pub fn sensor_step_metres(&self) -> f64 {
         sensor_step_millimetres(&self.sensor) * 1e-3
+    }
+}
+
+/// The current up to each row, in amperes.
+fn flowed(timeline: &Timeline) -> Vec<f64> {
+    let told = timeline.current();
+    if told.iter().all(|value| value.is_nan()) {
+        return commanded(timeline);
+    }
+    // What the drive reports at a SYNC flowed until then.
+    let mut flowed = told.to_vec();
+    let mut next = 0.0;
+    for value in flowed.iter_mut().rev() {
+        if value.is_nan() {
+            *value = next;
+        }
+        next = *value;
+    }
+    flowed
+}
+
+/// The command that acts up to each row, for a drive that does not tell its current: one computed from the sample of a
+/// SYNC acts from the next one on.
+fn commanded(timeline: &Timeline) -> Vec<f64> {
+    let name = signals::TARGET_CURRENT.split_once('.');
+    let column = name.and_then(|(_, name)| timeline.column(name));
+    let mut last = 0.0;
+    let held = column.into_iter().flat_map(|column| &column.values);
+    let held = held.map(|value| {
+        if !value.is_nan() {
+            last = *value;
+        }
+        last
+    });
+    let delayed = std::iter::repeat_n(0.0, COMMAND_CYCLES).chain(held);
+    delayed.take(timeline.cycle.len()).collect()
+}
+
+/// The sensor of a rig's drive: counts that reach over the travel.
+fn sensor_of(rig: &Rig) -> Sensor {
+    let step = rig.drive.position.resolution_millimetres;
+    let bits = libm::ceil(libm::log2(rig.limits.position_millimetres.max / step)).clamp(1.0, 24.0);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped just above"
+    )]
+    let resolution_bits = bits as u32;
+    Sensor {
+        resolution_bits,
+        span_millimetres: step * f64::from(1_u32 << resolution_bits),
+        ..Sensor::default()
     }
 }
 
@@ -387,7 +455,7 @@ fn check_plausible(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault
         ),
         (
             "current",
-            timeline.current(),
+            &flowed(timeline),
             "A",
             -0.05 * current_max,
             1.05 * current_max,
@@ -410,14 +478,16 @@ fn check_plausible(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault
 }
 
 fn check_gaps(timeline: &Timeline) -> Result<(), Fault> {
+    let limit_seconds = GAP_SECONDS_MAX.max(GAP_CYCLES_MAX * timeline.period_seconds);
     let mut last_seconds = 0.0;
     let rows = timeline.time_seconds.iter().zip(timeline.position());
     for (&time, _) in rows.filter(|(_, position)| !position.is_nan()) {
         let gap_seconds = time - last_seconds - timeline.period_seconds;
-        if gap_seconds > GAP_SECONDS_MAX {
+        if gap_seconds > limit_seconds {
             return Err(Fault::Gap {
                 at_seconds: last_seconds,
                 gap_seconds,
+                limit_seconds,
             });
         }
         last_seconds = time;
@@ -450,7 +520,7 @@ fn check_motion(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault> {
         return Err(Fault::NoMotion {
             millimetres,
             needed_millimetres,
-            current_amperes_max: largest(timeline.current()),
+            current_amperes_max: largest(&flowed(timeline)),
         });
     }
     Ok(())

@@ -45,8 +45,8 @@ pub(super) struct Heating<'a> {
     quick_stop: Option<Duration>,
     /// When the drive first showed that no current flows.
     without_current: Option<Duration>,
-    /// What flowed last.
-    last_amperes: Option<f64>,
+    /// The last sample after it.
+    after_stop: Option<Feedback>,
     nmt_stop: Option<Duration>,
     stopped: Option<Duration>,
     errors: Vec<String>,
@@ -69,7 +69,7 @@ impl<'a> Heating<'a> {
             has_moved: false,
             quick_stop: None,
             without_current: None,
-            last_amperes: None,
+            after_stop: None,
             nmt_stop: None,
             stopped: None,
             errors: Vec::new(),
@@ -155,7 +155,7 @@ impl<'a> Heating<'a> {
     }
 
     fn take_stop(&mut self, since: Duration, feedback: &Feedback) {
-        self.last_amperes = feedback.current_amperes;
+        self.after_stop = Some(*feedback);
         let is_enabled =
             State::from_statusword(feedback.statusword) == Some(State::OperationEnabled);
         let limit = NO_CURRENT * self.rig.rig.limits.current_amperes;
@@ -316,12 +316,16 @@ impl<'a> Heating<'a> {
                 milliseconds(after),
                 limit.as_millis()
             )),
-            (Some(_), None) => Found::Failed(match self.last_amperes {
-                Some(amperes) => format!(
+            (Some(_), None) => match self.after_stop.map(|sample| sample.current_amperes) {
+                // As when a limit was violated: NMT stop came at once.
+                None => Found::Missing("no sample came after it".to_owned()),
+                Some(Some(amperes)) => Found::Failed(format!(
                     "the drive does not obey: {amperes:.2} A flow on; switch it off by hand"
+                )),
+                Some(None) => Found::Failed(
+                    "the drive stays in Operation enabled; switch it off by hand".to_owned(),
                 ),
-                None => "the drive stays in Operation enabled; switch it off by hand".to_owned(),
-            }),
+            },
         };
         Step::new("quick stop", found)
     }

@@ -18,8 +18,15 @@ const PLOTS_MAX: usize = 6;
 /// The comparison for people at a terminal.
 #[must_use]
 pub fn to_text(comparison: &Comparison) -> String {
-    let mut signals =
-        terminal::empty_table(["signal", "differs by", "tolerance", "from", "result"]);
+    let mut signals = terminal::empty_table([
+        "signal",
+        "rms",
+        "differs by",
+        "tolerance",
+        "from",
+        "B later by",
+        "result",
+    ]);
     let differing: Vec<_> = comparison
         .signals
         .iter()
@@ -28,9 +35,11 @@ pub fn to_text(comparison: &Comparison) -> String {
     for signal in differing.iter().take(ROWS_MAX) {
         signals.add_row([
             Cell::new(signal.name.replace('_', " ")),
+            number(optional(signal.rms)),
             number(optional(signal.largest)),
             number(optional(signal.tolerance)),
             number(from(signal)),
+            number(lag(signal)),
             match signal.tolerance {
                 Some(_) => result(signal.agrees()),
                 None => Cell::new("not judged"),
@@ -106,6 +115,14 @@ fn from(signal: &SignalDifference) -> String {
         .map_or(String::new(), |time| format!("{time:.3} s"))
 }
 
+/// Nothing for a signal that comes neither earlier nor later.
+fn lag(signal: &SignalDifference) -> String {
+    match signal.lag_seconds {
+        Some(lag) if lag != 0.0 => format!("{lag:.3} s"),
+        _ => String::new(),
+    }
+}
+
 fn number(text: String) -> Cell {
     Cell::new(text).set_alignment(CellAlignment::Right)
 }
@@ -139,7 +156,7 @@ pub fn to_html(comparison: &Comparison, names: &[String; 2], runs: [&Timeline; 2
     page::page("Two runs compared", &body)
 }
 
-/// The position first, then what diverges most.
+/// The position first, then what diverges most; under each signal the difference.
 fn plots(comparison: &Comparison, [a, b]: [&Timeline; 2]) -> Vec<Markup> {
     let find = |name: &str| comparison.signals.iter().find(|signal| signal.name == name);
     let position = find("position_millimetres");
@@ -148,26 +165,58 @@ fn plots(comparison: &Comparison, [a, b]: [&Timeline; 2]) -> Vec<Markup> {
         .iter()
         .filter(|signal| !signal.agrees() && signal.name != "position_millimetres");
     let shown = position.into_iter().chain(diverging.take(PLOTS_MAX));
-    let plots = shown.map(|signal| {
-        let mut plot = Plot::over_time(signal.name.replace('_', " "), &signal.unit);
-        for (label, colour, run) in [("A", Colour::Run(0), a), ("B", Colour::Run(3), b)] {
-            let values = match run.column(&signal.name) {
-                Some(column) => &column.values,
-                None => &run.set_point_millimetres,
-            };
-            plot.draw(label, colour, Shape::Line, &run.time_seconds, values);
-        }
-        if let Some(from) = signal.diverges_at_seconds {
-            let everything = (f64::NEG_INFINITY, f64::INFINITY);
-            plot.patches.push(Patch {
-                class: "apart",
-                x: (from, f64::INFINITY),
-                y: everything,
-            });
-        }
-        plot.render()
-    });
+    let plots = shown.flat_map(|signal| [both(signal, [a, b]), difference(signal, [a, b])]);
     plots.collect()
+}
+
+fn values<'a>(run: &'a Timeline, signal: &SignalDifference) -> &'a [f64] {
+    match run.column(&signal.name) {
+        Some(column) => &column.values,
+        None => &run.set_point_millimetres,
+    }
+}
+
+fn both(signal: &SignalDifference, [a, b]: [&Timeline; 2]) -> Markup {
+    let mut plot = Plot::over_time(signal.name.replace('_', " "), &signal.unit);
+    for (label, colour, run) in [("A", Colour::Run(0), a), ("B", Colour::Run(3), b)] {
+        let values = values(run, signal);
+        plot.draw(label, colour, Shape::Line, &run.time_seconds, values);
+    }
+    plot.patches.extend(apart(signal));
+    plot.render()
+}
+
+/// B less A at the cycles of A, within the tolerance or not.
+fn difference(signal: &SignalDifference, [a, b]: [&Timeline; 2]) -> Markup {
+    let at = |cycle| {
+        let row = b.cycle.binary_search(cycle).ok()?;
+        values(b, signal).get(row).copied()
+    };
+    let rows = a.cycle.iter().zip(values(a, signal));
+    let differences: Vec<f64> = rows
+        .map(|(cycle, value)| at(cycle).unwrap_or(f64::NAN) - value)
+        .collect();
+    let title = format!("{}, B less A", signal.name.replace('_', " "));
+    let mut plot = Plot::over_time(title, &signal.unit);
+    let label = "difference";
+    plot.draw(
+        label,
+        Colour::Run(5),
+        Shape::Line,
+        &a.time_seconds,
+        &differences,
+    );
+    plot.patches.extend(apart(signal));
+    plot.render()
+}
+
+/// What lies behind the curves from where the runs diverge.
+fn apart(signal: &SignalDifference) -> Option<Patch> {
+    signal.diverges_at_seconds.map(|from| Patch {
+        class: "apart",
+        x: (from, f64::INFINITY),
+        y: (f64::NEG_INFINITY, f64::INFINITY),
+    })
 }
 
 fn metrics(metrics: &[MetricDifference]) -> Markup {
@@ -186,17 +235,19 @@ fn metrics(metrics: &[MetricDifference]) -> Markup {
 fn signals(signals: &[SignalDifference]) -> Markup {
     html! { div.wide { table {
         thead { tr {
-            th { "signal" } th { "unit" } th.number { "differs by at most" } th.number { "at (s)" } th.number { "tolerance" }
-            th.number { "diverges from (s)" } th.number { "in % of the cycles" } th { "result" }
+            th { "signal" } th { "unit" } th.number { "rms" } th.number { "differs by at most" } th.number { "at (s)" } th.number { "tolerance" }
+            th.number { "diverges from (s)" } th.number { "in % of the cycles" } th.number { "B later by" } th { "result" }
         } }
         tbody { @for signal in signals { tr {
             td { (signal.name.replace('_', " ")) }
             td { (signal.unit) }
+            td.number { (optional(signal.rms)) }
             td.number { (optional(signal.largest)) }
             td.number { (signal.largest_at_seconds.map_or(String::new(), |time| format!("{time:.3}"))) }
             td.number { (optional(signal.tolerance)) }
             td.number { (signal.diverges_at_seconds.map_or(String::new(), |time| format!("{time:.3}"))) }
             td.number { (terminal::significant(signal.beyond_percent)) }
+            td.number { (lag(signal)) }
             td { @if signal.tolerance.is_some() { (word(signal.agrees())) } @else { span.soft { "not judged" } } }
         } } }
     } } }

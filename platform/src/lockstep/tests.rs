@@ -310,6 +310,10 @@ impl Bus for TestWire {
     fn dropped(&self) -> u64 {
         0
     }
+
+    fn delayed(&self) -> u64 {
+        0
+    }
 }
 
 /// Announces one ping to an echo whose own 0x100 frames come back, with these frames on the wire.
