@@ -59,7 +59,7 @@ impl World {
         let scenario = Scenario::load(&path).unwrap();
         Self {
             controller: Counted::new(ControllerNode::new(&view).unwrap()),
-            rig: Counted::new(PlantEmulator::new(&scenario).unwrap()),
+            rig: Counted::new(PlantEmulator::new(&scenario, &scenario.plant).unwrap()),
             now: Duration::ZERO,
             // The bus itself must not count.
             to_controller: VecDeque::with_capacity(4096),

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use canopen::{CanFrame, Node};
+use controller::catalogue;
 use controller::law::{Command, Law, Measurement};
 use gungraun::{Callgrind, EventKind, LibraryBenchmarkConfig};
 use plant_emulator::PlantEmulator;
@@ -58,7 +59,7 @@ impl Cycle {
 /// When the table holds no law, or the law takes the load to rest on its stop.
 #[must_use]
 pub fn law_in_a_hold(controller: &Controller) -> (Law, Cycle) {
-    let mut law = Law::from_scenario(controller).expect("the table holds one law");
+    let mut law = catalogue::law(controller).expect("the table holds one law");
     for number in 0..1000 {
         let command = Cycle::new(number, 0.025, 0.025).step(&mut law);
         let on_stop = command.explanation.saturation.on_stop;
@@ -82,7 +83,7 @@ impl Bench {
     pub fn heated() -> Self {
         let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
         let scenario = Scenario::parse(SCENARIO, "bench.toml", no_table).expect("it is valid");
-        let emulator = PlantEmulator::new(&scenario).expect("the plant is valid");
+        let emulator = PlantEmulator::new(&scenario, &scenario.plant).expect("the plant is valid");
         let mut bench = Self {
             emulator,
             now: Duration::ZERO,

@@ -7,11 +7,11 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use plant_emulator::catalogue;
 use scenario::Scenario;
 
 use crate::capture::{Capture, Watch};
 use crate::console::Count;
+use crate::frames::Frames;
 use crate::recording::Stamped;
 use crate::run::{self, World};
 use crate::timeline::{self, Timeline};
@@ -248,7 +248,7 @@ pub fn play_one<T>(
     watch: &Watch,
     reduce: impl Fn(&Played<'_>) -> T,
 ) -> Result<T, Box<dyn std::error::Error>> {
-    let database = catalogue::database(scenario);
+    let database = Frames::of(scenario).database();
     let mut capture = Capture::in_memory(ScenarioClock::new(database)?, watch);
     let ended = world::lockstep::simulate(scenario, database, &mut capture);
     let ended = ended.map(World::in_virtual_time);

@@ -8,6 +8,7 @@ use platform::bus::BusAddress;
 
 use crate::external::ExternalNode;
 use crate::identify::start::Start;
+use crate::new::NewArgs;
 use crate::recordings::args::{CompareArgs, CoverageArgs, ExportArgs, ReplayArgs, ReportArgs};
 use crate::sweep::args::{MergeArgs, SweepArgs};
 use crate::tools::ToolBus;
@@ -37,6 +38,8 @@ Examples:
   canrig coverage runs/* --requirements requirements.csv
                                              which requirement is tested, and met?
   canrig export RUN -f blf -o run.blf        for another program
+  canrig new plant pendulum                  a plant of your own, in a crate of its own
+  canrig new law fuzzy                       a control law of your own
   canrig doctor                              is this machine fit for real time?
   canrig nodes --bus vcan0                   who is on the bus?
   canrig sdo read drive 0x6064               one object of a node in a run
@@ -100,6 +103,8 @@ pub enum Command {
     Merge(MergeArgs),
     /// Check scenario and rig files without playing them
     Check(CheckArgs),
+    /// Write the crate of a plant or a control law of your own, with a bench that knows it
+    New(NewArgs),
     /// Look at what of this machine serves a test bench, and how to mend what does not
     Doctor(DoctorArgs),
     /// Print the JSON Schema of scenario files, for editors

@@ -24,6 +24,7 @@ use crate::exit::Exit;
 use crate::external::{External, ExternalNode};
 use crate::identify;
 use crate::manual;
+use crate::new;
 use crate::nodes;
 use crate::preflight::Preflight;
 use crate::recordings;
@@ -67,6 +68,7 @@ pub fn execute(cli: Cli) -> Exit {
             });
             Exit::Pass
         }
+        Command::New(args) => new::new(&args),
         Command::Doctor(args) => doctor(&args),
         Command::Nodes(args) => {
             let listen = Duration::from_secs_f64(args.listen);

@@ -4,11 +4,12 @@ use std::fmt;
 
 use clap::ValueEnum;
 use dbc::Database;
-use plant_emulator::catalogue;
 use scenario::Scenario;
 use scenario::fault::FaultWindow;
 use scenario::fault::node::Node;
 use serde::{Deserialize, Serialize};
+
+use crate::frames::Frames;
 
 /// A node that may be somebody else's.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize, ValueEnum)]
@@ -88,10 +89,11 @@ impl External {
     /// What the frames of a scenario's bus mean. Beside a drive that is not the emulator nobody tells the truth.
     #[must_use]
     pub fn database(&self, scenario: &Scenario) -> &'static Database {
+        let frames = Frames::of(scenario);
         if self.has(ExternalNode::Drive) {
-            catalogue::database_without_truth(scenario)
+            frames.without_truth()
         } else {
-            catalogue::database(scenario)
+            frames.database()
         }
     }
 

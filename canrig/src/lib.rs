@@ -3,6 +3,7 @@
 //! A scenario file is played in one of several worlds (`world`), what was on the bus is recorded (`capture`,
 //! `recording`), decoded (`timeline`, `events`), judged (`judge`, `verdict`) and reported (`report`, `run_folder`); a `viewer` may look on through a `tap`. `tools` are for people who debug nodes.
 
+pub mod bench;
 pub mod bus_model;
 pub mod campaign;
 pub mod capture;
@@ -18,12 +19,14 @@ pub mod error_frames;
 pub mod events;
 pub mod exit;
 pub mod external;
+pub mod frames;
 pub mod gauge;
 pub mod harmonic;
 pub mod identify;
 pub mod judge;
 mod losses;
 pub mod manual;
+pub mod new;
 pub mod nodes;
 pub mod preflight;
 pub mod recording;
@@ -48,44 +51,7 @@ pub mod verdict;
 pub mod viewer;
 pub mod world;
 
-use std::process::ExitCode;
+pub use bench::Bench;
 
-use clap::Parser;
-use platform::process;
-
-use crate::cli::Cli;
-use crate::exit::Exit;
-
-/// Files, sockets and pipes that a run has open at once, with some to spare.
-const OPEN_FILES: u64 = 64;
 /// Longest file that a user names besides scenarios and recordings.
 const FILE_BYTES_MAX: u64 = 1 << 20;
-
-/// The program. A panic ends in exit code 70 and a message, after everything on the stack was cleaned up.
-#[must_use]
-pub fn main() -> ExitCode {
-    std::panic::set_hook(Box::new(console::report_panic));
-    let exit = std::panic::catch_unwind(|| match Cli::try_parse() {
-        Ok(cli) => execute(cli),
-        Err(error) => {
-            // The texts for --help and --version come as errors too.
-            let _ = error.print();
-            if error.use_stderr() {
-                Exit::Usage
-            } else {
-                Exit::Pass
-            }
-        }
-    });
-    exit.unwrap_or(Exit::Internal).into()
-}
-
-fn execute(cli: Cli) -> Exit {
-    match process::permit_open_files(OPEN_FILES) {
-        Ok(()) => commands::execute(cli),
-        Err(error) => {
-            console::complain(&error.to_string());
-            Exit::BenchFailed
-        }
-    }
-}

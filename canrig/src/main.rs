@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    canrig::main()
+    canrig::Bench::new().main()
 }

@@ -3,11 +3,12 @@
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use controller::drive::{Drive, Field, Scaled};
 use controller::node::ControllerError;
-use dbc::{Coding, Database, DbcError, Kind, Signal};
+use dbc::{Coding, Database, DbcError, Kind, LawTerm, Signal};
 use miette::Diagnostic;
 use plant_emulator::catalogue::TRUTH_MESSAGES;
 use scenario::rig::{PositionRange, Rig};
@@ -124,6 +125,18 @@ impl LoadedRig {
             eds,
             drive,
             database,
+        })
+    }
+
+    /// The same, led by a law with these terms of its own.
+    #[must_use]
+    pub fn led_by(this: Arc<Self>, terms: &[LawTerm]) -> Arc<Self> {
+        if terms.is_empty() {
+            return this;
+        }
+        Arc::new(Self {
+            database: this.database.with_law(terms),
+            ..Self::clone(&this)
         })
     }
 

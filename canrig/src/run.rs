@@ -5,11 +5,13 @@ use std::sync::Arc;
 use std::thread;
 
 use dbc::Database;
-use scenario::{Scenario, ScenarioError};
+use plant_emulator::{InvalidEmulator, catalogue};
+use scenario::{Objection, Scenario, ScenarioError};
 
 use crate::capture::{Capture, Watch};
 use crate::exit::Exit;
 use crate::external::External;
+use crate::frames::Frames;
 use crate::gauge::Gauge;
 use crate::judge::{self, judge, judge_broken};
 use crate::report;
@@ -44,7 +46,7 @@ impl Source {
     /// # Errors
     /// The file cannot be read or is no valid scenario.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        let (scenario, text) = Scenario::load_with_text(path, SignalNames::objections)?;
+        let (scenario, text) = Scenario::load_with_text(path, objections)?;
         Ok(Self {
             path: path.to_owned(),
             text,
@@ -60,6 +62,8 @@ impl Source {
         if let Some(loaded) = &rig {
             self.scenario.bus = loaded.rig.bus.of_scenario();
         }
+        let terms = Frames::of(&self.scenario).law_terms();
+        let rig = rig.map(|loaded| LoadedRig::led_by(loaded, terms));
         Self {
             external,
             rig,
@@ -75,6 +79,25 @@ impl Source {
             None => self.external.database(&self.scenario),
         }
     }
+}
+
+/// What only the bench knows to be wrong in a scenario: names of signals, and a plant that makes no physical sense.
+fn objections(scenario: &Scenario) -> Vec<Objection> {
+    let mut objections = SignalNames::objections(scenario);
+    if let Err(InvalidEmulator::Plant(invalid)) = catalogue::emulator(scenario) {
+        let plant = scenario.plant.name();
+        let path = match invalid.parameter() {
+            Some(parameter) => format!("plant.{plant}.{parameter}"),
+            None => format!("plant.{plant}"),
+        };
+        objections.push(Objection {
+            path,
+            message: format!("the plant `{plant}` makes no physical sense"),
+            label: invalid.to_string(),
+            help: None,
+        });
+    }
+    objections
 }
 
 /// What a run left.

@@ -1,13 +1,10 @@
 //! The signals of the bus by all their names: `message.signal`, `signal`, and the object behind it, as the EDS calls it.
 
-use std::collections::BTreeMap;
-use std::sync::LazyLock;
-
 use dbc::Database;
-use plant_emulator::catalogue;
 use scenario::{Objection, Scenario, nearest};
 
-use crate::tools::data_sheet::{self, DataSheet};
+use crate::frames::Frames;
+use crate::tools::data_sheet::DataSheet;
 
 /// Signals that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 10;
@@ -53,15 +50,10 @@ pub struct SignalNames {
 }
 
 impl SignalNames {
-    /// The names on the bus of a scenario's rig, collected once for each plant.
+    /// The names on the bus of a scenario's rig, collected once for each plant and law.
     #[must_use]
     pub fn of(scenario: &Scenario) -> &'static Self {
-        static NAMES: LazyLock<BTreeMap<&str, SignalNames>> = LazyLock::new(|| {
-            let sheets = data_sheet::of_the_rig();
-            let named = |(plant, database)| (plant, SignalNames::new(database, &sheets));
-            catalogue::databases().map(named).collect()
-        });
-        &NAMES[scenario.plant.name()]
+        Frames::of(scenario).names()
     }
 
     /// The names of a database's signals, with those of the objects behind them.
@@ -184,6 +176,7 @@ fn objection(path: String, error: &NameError) -> Objection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tools::data_sheet;
 
     fn of_the_actuator() -> SignalNames {
         SignalNames::new(Database::sma_actuator(), &data_sheet::of_the_rig())

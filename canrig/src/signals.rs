@@ -42,6 +42,14 @@ pub const COLUMN_MESSAGES: [&str; 9] = [
     "disturbance_rpdo1",
 ];
 
+/// Messages that not every rig has: a plant or a law with few signals of its own needs fewer.
+pub const OPTIONAL_MESSAGES: [&str; 4] = [
+    OTHER_PLANT_SIGNALS,
+    "controller_tpdo2",
+    "controller_tpdo3",
+    "controller_tpdo4",
+];
+
 /// The emulated plant's own signals, which no real drive measures: the columns of its messages less the true position.
 pub fn of_the_plant(database: &Database) -> impl Iterator<Item = &Signal> {
     let messages = [PLANT_SIGNALS, OTHER_PLANT_SIGNALS];

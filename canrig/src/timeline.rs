@@ -425,7 +425,7 @@ fn tracked_signals(database: &Database) -> Result<Vec<Tracked>, SignalMissing> {
     for name in COLUMN_MESSAGES {
         let message = match database.message(name) {
             Some(message) => message,
-            None if name == signals::OTHER_PLANT_SIGNALS => continue,
+            None if signals::OPTIONAL_MESSAGES.contains(&name) => continue,
             None => return Err(SignalMissing::new(name)),
         };
         for signal in &message.signals {

@@ -1,28 +1,96 @@
-//! The law's terms as objects 0x2200 to 0x2208, from where the controller's TPDOs take them.
+//! The law's terms as objects, from where the controller's TPDOs take them: 0x2200 to 0x2208, and from 0x2210 on those of
+//! a law that has terms of its own.
 
 use canopen::ObjectDictionary;
-use canopen::object_dictionary::Handle;
+use canopen::object_dictionary::{Access, DataType, Entry, Handle};
+use dbc::{LAW_TERMS_OBJECT, LawTerm};
 
-use crate::law::Explanation;
+use crate::law::{Explanation, Law};
 use crate::node::ControllerError;
+
+/// Communication and mapping of TPDO2 to TPDO4, which hold a law's own terms.
+const TPDOS: [[u16; 2]; 3] = [[0x1801, 0x1A01], [0x1802, 0x1A02], [0x1803, 0x1A03]];
+/// Own terms in a TPDO: each has 32 bits.
+const TERMS_IN_TPDO: usize = 2;
+const TERM_BITS: u32 = 32;
+/// Bit 31 of a COB-ID: the PDO does not exist (CiA 301, 7.5.2.37).
+const INVALID: u32 = 0x8000_0000;
 
 const MICRO: f64 = 1e6;
 const CENTI: f64 = 100.0;
 const FRACTION_STEPS: f64 = 50_000.0;
 
 /// Where the terms stand in the dictionary, found once.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct ExplanationObjects {
     first_to_last: [Handle; 9],
+    own: Vec<Handle>,
+}
+
+/// Puts a law's own terms into the dictionary of the shipped data sheet, and into TPDO2 to TPDO4 in place of the others. A
+/// law without own terms changes nothing.
+pub(crate) fn declare(dictionary: &mut ObjectDictionary, terms: &[LawTerm]) {
+    if terms.is_empty() {
+        return;
+    }
+    for (index, term) in own_objects().zip(terms) {
+        let start = 0.0_f32.to_le_bytes().to_vec();
+        let mut entry = Entry::new(
+            index,
+            0,
+            &term.name,
+            DataType::Real32,
+            Access::ReadOnly,
+            start,
+        );
+        entry.is_pdo_mappable = true;
+        dictionary.insert(entry);
+    }
+    let objects = Vec::from_iter(own_objects().take(terms.len()));
+    let mut pairs = objects.chunks(TERMS_IN_TPDO);
+    for [communication, mapping] in TPDOS {
+        let mapped = pairs.next().unwrap_or_default();
+        let count = mapped.len().to_le_bytes();
+        set_default(dictionary, mapping, 0, &count[..1]);
+        for (sub_index, object) in (1..).zip(mapped) {
+            let object = u32::from(*object) << 16 | TERM_BITS;
+            set_default(dictionary, mapping, sub_index, &object.to_le_bytes());
+        }
+        if mapped.is_empty() {
+            let cob_id = dictionary.unsigned(communication, 1).unwrap_or_default();
+            set_default(
+                dictionary,
+                communication,
+                1,
+                &(cob_id | INVALID).to_le_bytes(),
+            );
+        }
+    }
+}
+
+/// The objects of a law's own terms, in their order.
+fn own_objects() -> impl Iterator<Item = u16> {
+    LAW_TERMS_OBJECT..
+}
+
+/// Gives an object another default, and makes it its value.
+fn set_default(dictionary: &mut ObjectDictionary, index: u16, sub_index: u8, bytes: &[u8]) {
+    if let Ok(handle) = dictionary.find(index, sub_index) {
+        let entry = dictionary.entry(handle);
+        let (name, data_type, access) = (entry.name.clone(), entry.data_type, entry.access);
+        let twin = Entry::new(index, sub_index, &name, data_type, access, bytes.to_vec());
+        dictionary.insert(twin);
+    }
 }
 
 impl ExplanationObjects {
-    pub(crate) fn find(dictionary: &ObjectDictionary) -> Result<Self, ControllerError> {
+    pub(crate) fn find(dictionary: &ObjectDictionary, law: &Law) -> Result<Self, ControllerError> {
         let find = |index| {
             dictionary
                 .find(index, 0)
                 .map_err(|_| ControllerError::NoObject(index))
         };
+        let own = own_objects().take(law.terms().len()).map(find);
         Ok(Self {
             first_to_last: [
                 find(0x2200)?,
@@ -35,6 +103,7 @@ impl ExplanationObjects {
                 find(0x2207)?,
                 find(0x2208)?,
             ],
+            own: own.collect::<Result<_, _>>()?,
         })
     }
 
@@ -44,7 +113,7 @@ impl ExplanationObjects {
         clippy::cast_sign_loss,
         reason = "`as` cuts to the ends of the type, which is what is wanted"
     )]
-    pub(crate) fn store(&self, dictionary: &mut ObjectDictionary, terms: &Explanation) {
+    pub(crate) fn store(&self, dictionary: &mut ObjectDictionary, terms: &Explanation, law: &Law) {
         let micro = |value: f64| (libm::round(value * MICRO) as i32).to_le_bytes();
         let real = |value: f64| (value as f32).to_le_bytes();
         let temperature = libm::round(terms.estimated_temperature_celsius * CENTI) as i16;
@@ -65,6 +134,10 @@ impl ExplanationObjects {
         for (handle, value) in self.first_to_last.into_iter().zip(values) {
             let stored = dictionary.store(handle, value);
             debug_assert!(stored.is_ok(), "the EDS gives each object its type");
+        }
+        for (handle, value) in self.own.iter().zip(law.term_values()) {
+            let stored = dictionary.store(*handle, &real(value));
+            debug_assert!(stored.is_ok(), "each was declared with this type");
         }
     }
 }

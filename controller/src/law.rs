@@ -2,13 +2,9 @@
 
 use std::fmt;
 
-use scenario::controller::Controller;
+use dbc::LawTerm;
+use scenario::own::Parameters;
 use scenario::reference::SetPoint;
-
-use crate::open_loop::OpenLoop;
-use crate::pid::Pid;
-use crate::sliding_mode::SlidingMode;
-use crate::sliding_mode_paper::SlidingModePaper;
 
 /// Largest current in A; commands lie between 0, or what a law's table says, and this.
 pub const CURRENT_AMPERES_MAX: f64 = 1.0;
@@ -34,7 +30,7 @@ pub struct Command {
     pub explanation: Explanation,
 }
 
-/// The terms of a law worth recording; zero where a law has no such term.
+/// The terms of the shipped laws worth recording; zero where a law has no such term.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Explanation {
     /// Filtered reference position (0x2200).
@@ -81,12 +77,19 @@ impl Saturation {
 /// A control law: a table of the scenario in, constants in `self`, memory in `State`, a command out.
 ///
 /// The controller node owns the rest: the drive, SYNC, set-point, missing and implausible positions, and the objects in
-/// which the [`Explanation`] is told. An observer is the law's own: its state is a part of `State`.
+/// which the [`Explanation`] or the law's own [`Term`]s are told. An observer is the law's own: its state is a part of
+/// `State`.
 pub trait ControlLaw: fmt::Debug + Send + 'static {
-    /// Its table in the scenario.
-    type Config;
+    /// Its name, and that of its table in a scenario.
+    const NAME: &'static str;
+    /// Its parameters: what a scenario's table is read into.
+    type Config: Parameters;
     /// What it remembers from cycle to cycle. `Copy` owns nothing on the heap.
     type State: Copy + fmt::Debug + Send;
+
+    /// Terms of its own that are worth recording, at most [`LAW_TERMS_MAX`](dbc::LAW_TERMS_MAX), every 10th cycle. A law
+    /// with any tells of its [`Explanation`] the reference only: they take the place of the rest.
+    const TERMS: &'static [Term<Self::State>] = &[];
 
     /// Works out the constants.
     fn new(config: &Self::Config) -> Self;
@@ -104,6 +107,30 @@ pub trait ControlLaw: fmt::Debug + Send + 'static {
     ) -> Command;
 }
 
+/// A term of a law's own: a real number of 32 bits on the bus.
+#[derive(Debug)]
+pub struct Term<S> {
+    /// Its name in recording and report; the unit is its end.
+    pub name: &'static str,
+    /// The unit; empty for a number without one.
+    pub unit: &'static str,
+    /// What it is.
+    pub comment: &'static str,
+    /// Reads it after a step.
+    pub value: fn(&S) -> f64,
+}
+
+impl<S> Term<S> {
+    /// As the bus tells it.
+    pub(crate) fn described(&self) -> LawTerm {
+        LawTerm {
+            name: self.name.to_owned(),
+            unit: self.unit.to_owned(),
+            comment: self.comment.to_owned(),
+        }
+    }
+}
+
 /// A law with its memory.
 #[derive(Debug)]
 struct Running<L: ControlLaw> {
@@ -119,6 +146,12 @@ trait Step: fmt::Debug + Send {
         set_point: &SetPoint,
         period_seconds: f64,
     ) -> Command;
+
+    fn terms(&self) -> Vec<LawTerm>;
+
+    fn terms_count(&self) -> usize;
+
+    fn term_value(&self, place: usize) -> f64;
 }
 
 impl<L: ControlLaw> Step for Running<L> {
@@ -131,19 +164,23 @@ impl<L: ControlLaw> Step for Running<L> {
         self.law
             .step(&mut self.state, measurement, set_point, period_seconds)
     }
+
+    fn terms(&self) -> Vec<LawTerm> {
+        L::TERMS.iter().map(Term::described).collect()
+    }
+
+    fn terms_count(&self) -> usize {
+        L::TERMS.len()
+    }
+
+    fn term_value(&self, place: usize) -> f64 {
+        (L::TERMS[place].value)(&self.state)
+    }
 }
 
 /// What the controller node runs.
 #[derive(Debug)]
 pub struct Law(Box<dyn Step>);
-
-/// Why a `[controller]` table selects no law.
-#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum LawError {
-    /// No table or several.
-    #[error("the [controller] table must hold exactly one law, found {0}")]
-    NotExactlyOne(usize),
-}
 
 impl Law {
     /// A law with these constants, before its first cycle.
@@ -154,28 +191,15 @@ impl Law {
         Self(Box::new(Running { law, state }))
     }
 
-    /// The one law in a scenario's `[controller]` table, before its first cycle.
-    ///
-    /// # Errors
-    ///
-    /// [`LawError::NotExactlyOne`] when the table holds none or several.
-    pub fn from_scenario(controller: &Controller) -> Result<Self, LawError> {
-        let laws = [
-            controller
-                .sliding_mode
-                .as_ref()
-                .map(Self::of::<SlidingMode>),
-            (controller.sliding_mode_paper.as_ref()).map(Self::of::<SlidingModePaper>),
-            controller.pid.as_ref().map(Self::of::<Pid>),
-            controller.open_loop.as_ref().map(Self::of::<OpenLoop>),
-        ];
-        let mut laws = laws.into_iter().flatten();
-        match (laws.next(), laws.count()) {
-            (Some(law), 0) => Ok(law),
-            (first, others) => Err(LawError::NotExactlyOne(
-                usize::from(first.is_some()) + others,
-            )),
-        }
+    /// Its own terms, in their order.
+    #[must_use]
+    pub fn terms(&self) -> Vec<LawTerm> {
+        self.0.terms()
+    }
+
+    /// The values of its own terms after the latest step, in their order. Allocates nothing.
+    pub fn term_values(&self) -> impl Iterator<Item = f64> {
+        (0..self.0.terms_count()).map(|place| self.0.term_value(place))
     }
 
     /// Computes the command that acts from the next cycle on. Allocates nothing; finite for any measurement.
@@ -185,8 +209,20 @@ impl Law {
         set_point: &SetPoint,
         period_seconds: f64,
     ) -> Command {
-        self.0.step(measurement, set_point, period_seconds)
+        let command = self.0.step(measurement, set_point, period_seconds);
+        Command {
+            current_amperes: sound_current(command.current_amperes),
+            ..command
+        }
     }
+}
+
+/// A law from outside may ask for anything; what is no current at all is none.
+fn sound_current(current_amperes: f64) -> f64 {
+    if current_amperes.is_nan() {
+        return 0.0;
+    }
+    limited_current_from(-CURRENT_AMPERES_MAX, current_amperes)
 }
 
 /// A current as the bus carries it: from 0 to the largest and in whole thousandths of an ampere; not a number becomes 0.
@@ -218,8 +254,9 @@ pub fn current_of(squared_current: f64) -> (f64, Saturation) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::catalogue::law;
     use proptest::prelude::*;
-    use scenario::controller;
+    use scenario::controller::{self, Controller};
 
     fn all_laws() -> [Controller; 4] {
         let none = Controller::default();
@@ -244,32 +281,60 @@ mod tests {
     }
 
     #[test]
-    fn exactly_one_law_is_selected() {
-        let none = Controller::default();
-        assert_eq!(
-            Law::from_scenario(&none).unwrap_err(),
-            LawError::NotExactlyOne(0)
-        );
-        for one in all_laws() {
-            assert!(Law::from_scenario(&one).is_ok());
-        }
-        let two = Controller {
-            pid: Some(controller::Pid::default()),
-            open_loop: Some(controller::OpenLoop::default()),
-            ..none
-        };
-        assert_eq!(
-            Law::from_scenario(&two).unwrap_err(),
-            LawError::NotExactlyOne(2)
-        );
-    }
-
-    #[test]
     fn current_is_limited_and_in_whole_thousandths() {
         assert_eq!(limited_current(f64::NAN), 0.0);
         assert_eq!(limited_current(-1.0), 0.0);
         assert_eq!(limited_current(f64::INFINITY), 1.0);
         assert_eq!(limited_current(0.56789), 0.568);
+    }
+
+    /// Asks for whatever stands as the target, and tells it.
+    #[derive(Debug)]
+    struct Wild;
+
+    impl ControlLaw for Wild {
+        const NAME: &'static str = "wild";
+        type Config = controller::OpenLoop;
+        type State = f64;
+        const TERMS: &'static [Term<f64>] = &[Term {
+            name: "wish_amperes",
+            unit: "A",
+            comment: "What it asks for.",
+            value: |state| *state,
+        }];
+
+        fn new(_: &Self::Config) -> Self {
+            Self
+        }
+
+        fn start(&self) -> f64 {
+            0.0
+        }
+
+        fn step(&self, state: &mut f64, _: &Measurement, wish: &SetPoint, _: f64) -> Command {
+            *state = wish.position_metres;
+            Command {
+                current_amperes: wish.position_metres,
+                ..Command::default()
+            }
+        }
+    }
+
+    #[test]
+    fn whatever_a_law_asks_for_a_current_comes_out_and_the_wish_is_told() {
+        let mut law = Law::of::<Wild>(&controller::OpenLoop::default());
+        assert_eq!(law.terms()[0].name, "wish_amperes");
+        let wishes = [0.1234567, 7.0, -7.0, f64::INFINITY, f64::NAN];
+        for (wish, current) in wishes.into_iter().zip([0.123, 1.0, -1.0, 1.0, 0.0]) {
+            let set_point = SetPoint {
+                position_metres: wish,
+                ..SetPoint::default()
+            };
+            let command = law.step(&Measurement::default(), &set_point, 1e-3);
+            assert_eq!(command.current_amperes, current);
+            let told: Vec<u64> = law.term_values().map(f64::to_bits).collect();
+            assert_eq!(told, [wish.to_bits()]);
+        }
     }
 
     fn is_sound(command: &Command) -> bool {
@@ -300,7 +365,7 @@ mod tests {
             target in -0.1..0.1_f64,
         ) {
             for controller in all_laws() {
-                let mut law = Law::from_scenario(&controller).unwrap();
+                let mut law = law(&controller).unwrap();
                 for (cycle, &position_metres) in positions.iter().enumerate() {
                     let measurement = Measurement {
                         scenario_time_seconds: f64::from(u16::try_from(cycle).unwrap()) * 1e-3,

@@ -1,5 +1,6 @@
 //! The controller: control laws with observer and nominal model, and the node that runs them on the bus.
 
+pub mod catalogue;
 mod cause;
 pub mod drive;
 mod explanation;

@@ -17,10 +17,11 @@ use scenario::ControllerView;
 use scenario::reference::Trajectory;
 use scenario::rig::{Rig, Timeouts};
 
+use crate::catalogue::{self, LawError};
 use crate::cause::Cause;
 use crate::drive::{Drive, Feedback};
-use crate::explanation::ExplanationObjects;
-use crate::law::{Law, LawError, Measurement};
+use crate::explanation::{self, ExplanationObjects};
+use crate::law::{Law, Measurement};
 use crate::limits::LimitWatch;
 use crate::manager::{BringUp, Outcome};
 use crate::plausibility::Plausibility;
@@ -167,7 +168,9 @@ impl ControllerNode {
         timeouts: &Timeouts,
         limits: Option<LimitWatch>,
     ) -> Result<Self, ControllerError> {
-        let dictionary = eds::parse(controller_eds, CONTROLLER.get())?.dictionary;
+        let law = catalogue::law(&view.controller)?;
+        let mut dictionary = eds::parse(controller_eds, CONTROLLER.get())?.dictionary;
+        explanation::declare(&mut dictionary, &law.terms());
         // Checked here, since it is written only when the drive is configured.
         let watch = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, 1);
         watch.ok_or(ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
@@ -175,9 +178,9 @@ impl ControllerNode {
             u32::from(drive.node_id.get()) << 16 | u32::from(timeouts.drive_lost_milliseconds);
         let sync_period = view.bus.sync_period();
         let controller = Controller {
-            law: Law::from_scenario(&view.controller)?,
             trajectory: view.reference.trajectory(),
-            explanation: ExplanationObjects::find(&dictionary)?,
+            explanation: ExplanationObjects::find(&dictionary, &law)?,
+            law,
             bring_up: BringUp::new(&drive, sync_period, timeouts),
             drive,
             sync_period,
@@ -483,7 +486,7 @@ impl Controller {
         let period_seconds = self.sync_period.as_secs_f64();
         let command = self.law.step(&measurement, &set_point, period_seconds);
         self.explanation
-            .store(services.dictionary_mut(), &command.explanation);
+            .store(services.dictionary_mut(), &command.explanation, &self.law);
         command.current_amperes
     }
 

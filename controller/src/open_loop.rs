@@ -13,6 +13,7 @@ pub struct OpenLoop {
 }
 
 impl ControlLaw for OpenLoop {
+    const NAME: &'static str = "open_loop";
     type Config = Config;
     type State = ();
 

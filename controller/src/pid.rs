@@ -54,6 +54,7 @@ impl Pid {
 }
 
 impl ControlLaw for Pid {
+    const NAME: &'static str = "pid";
     type Config = Config;
     type State = State;
 

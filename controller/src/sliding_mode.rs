@@ -135,6 +135,7 @@ impl SlidingMode {
 }
 
 impl ControlLaw for SlidingMode {
+    const NAME: &'static str = "sliding_mode";
     type Config = Config;
     type State = State;
 

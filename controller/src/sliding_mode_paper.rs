@@ -44,6 +44,7 @@ impl SlidingModePaper {
 }
 
 impl ControlLaw for SlidingModePaper {
+    const NAME: &'static str = "sliding_mode_paper";
     type Config = Config;
     type State = State;
 

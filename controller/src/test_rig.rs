@@ -3,7 +3,8 @@
 use scenario::controller::{Controller, NominalModel as ModelConfig};
 use scenario::reference::SetPoint;
 
-use crate::law::{Command, Law, Measurement};
+use crate::catalogue::law;
+use crate::law::{Command, Measurement};
 use crate::nominal_model::NominalModel;
 
 /// Cycle of the rig.
@@ -41,7 +42,7 @@ pub(crate) fn run(
     seconds: f64,
     set_point: impl Fn(f64) -> SetPoint,
 ) -> Vec<Row> {
-    let mut law = Law::from_scenario(controller).unwrap();
+    let mut law = law(controller).unwrap();
     let plant = NominalModel::new(plant);
     let mut state = plant.start();
     let mut current = 0.0;

@@ -214,6 +214,13 @@ impl Database {
         Ok(database)
     }
 
+    /// Whether any message has a signal of this name.
+    #[must_use]
+    pub fn has_signal(&self, name: &str) -> bool {
+        let mut signals = self.messages.iter().flat_map(|message| &message.signals);
+        signals.any(|signal| signal.name == name)
+    }
+
     /// Messages in any order, each of which has been checked.
     pub(crate) fn of(mut messages: Vec<Message>) -> Self {
         messages.sort_by_key(|message| message.raw_id);

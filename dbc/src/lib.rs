@@ -16,6 +16,7 @@
 pub mod coding;
 pub mod database;
 pub mod error;
+mod law;
 mod plant;
 pub mod scenario_clock;
 
@@ -24,6 +25,7 @@ pub use database::{
     Database, Decoded, DecodedSignal, Message, MessageBuilder, Signal, SignalHandle,
 };
 pub use error::{DbcError, SignalMissing};
+pub use law::{LAW_TERMS_MAX, LAW_TERMS_OBJECT, LawTerm};
 pub use plant::PlantSignal;
 
 /// The frames of the rig (`sma_actuator.dbc`).

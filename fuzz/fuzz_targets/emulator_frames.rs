@@ -7,7 +7,7 @@ use plant_emulator::PlantEmulator;
 use plant_emulator::sma::Actuator;
 
 fuzz_target!(|bytes: &[u8]| {
-    let mut journey = Journey::new(PlantEmulator::<Actuator>::new(&SCENARIO).expect("the plant is valid"));
+    let mut journey = Journey::new(PlantEmulator::<Actuator>::new(&SCENARIO, &SCENARIO.plant).expect("the plant is valid"));
     journey.travel(bytes);
     expect_alive(&mut journey, 0x10, 0x0002_0192);
     assert_eq!(journey.node.inputs().current_amperes, 0.0);

@@ -1,50 +1,176 @@
-//! The plants that scenarios can choose, by name.
+//! The plants that scenarios can choose, by name: those that ship, and those that a bench of somebody else's brings.
 
-use std::sync::LazyLock;
+use std::sync::{LazyLock, OnceLock};
 
 use canopen::Node;
-use dbc::{Database, PlantSignal, Range};
+use dbc::{PlantSignal, Range};
 use scenario::Scenario;
+use scenario::own::{InvalidOwn, OwnTable, Section, is_name, tell};
 
 use crate::dc_motor::DcMotor;
-use crate::plant::{Plant, Signal};
+use crate::plant::{Plant, SIGNALS_MAX, Signal};
 use crate::sma::Actuator;
 use crate::{InvalidEmulator, PlantEmulator};
 
 /// What only an emulated plant tells; a real drive knows none of it, and may use the identifiers for something else.
 pub const TRUTH_MESSAGES: [&str; 3] = ["drive_tpdo2", "drive_tpdo3", "plant_truth"];
 
-/// A plant by its name: the emulator round it, and the frames that it puts on the bus.
-struct Kind {
+/// Name of the actuator of the paper.
+pub const SMA_ACTUATOR: &str = Actuator::NAME;
+
+type MakeEmulator = dyn Fn(&Scenario) -> Result<Box<dyn Node>, InvalidEmulator> + Send + Sync;
+
+/// A plant by its name: its own signals, and the emulator round it.
+pub struct Kind {
     name: &'static str,
-    emulator: fn(&Scenario) -> Result<Box<dyn Node>, InvalidEmulator>,
-    database: LazyLock<Database>,
-    without_truth: LazyLock<Database>,
+    signals: Vec<PlantSignal>,
+    emulator: Box<MakeEmulator>,
 }
 
 impl Kind {
-    const fn of<P: Plant>(name: &'static str) -> Self {
+    /// `config` gives the plant's parameters in a scenario.
+    fn of<P: Plant>(config: fn(&Scenario) -> Result<P::Config, InvalidEmulator>) -> Self {
+        let emulator = move |scenario: &Scenario| -> Result<Box<dyn Node>, InvalidEmulator> {
+            let config = config(scenario)?;
+            Ok(Box::new(PlantEmulator::<P>::new(scenario, &config)?))
+        };
         Self {
-            name,
-            without_truth: LazyLock::new(|| database_of::<P>().with_silent(&TRUTH_MESSAGES)),
-            emulator: |scenario| Ok(Box::new(PlantEmulator::<P>::new(scenario)?)),
-            database: LazyLock::new(database_of::<P>),
+            name: P::NAME,
+            signals: P::SIGNALS.iter().map(described).collect(),
+            emulator: Box::new(emulator),
+        }
+    }
+
+    /// The plant's name.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// The plant's own signals, as they are told on the bus.
+    #[must_use]
+    pub fn signals(&self) -> &[PlantSignal] {
+        &self.signals
+    }
+}
+
+/// A plant from outside, with the table that it has in a scenario.
+pub struct OwnPlant {
+    kind: Kind,
+    table: OwnTable,
+}
+
+impl OwnPlant {
+    /// The plant `P`.
+    #[must_use]
+    pub fn of<P: Plant>() -> Self {
+        let parameters = |scenario: &Scenario| {
+            let own = scenario.plant.own.as_ref();
+            let own = own.ok_or_else(|| InvalidEmulator::UnknownPlant(P::NAME.to_owned()))?;
+            Ok(own.parameters::<P::Config>()?)
+        };
+        Self {
+            kind: Kind::of::<P>(parameters),
+            table: OwnTable::of::<P::Config>(P::NAME).with_faults(P::FAULTS),
         }
     }
 }
 
-/// Name of the actuator of the paper.
-pub const SMA_ACTUATOR: &str = "sma_actuator";
+/// Why a plant from outside cannot be told.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum InvalidOwnPlant {
+    /// Its table cannot be one.
+    #[error(transparent)]
+    Table(#[from] InvalidOwn),
+    /// Too many signals.
+    #[error("the plant `{plant}` has {count} signals of its own (limit {SIGNALS_MAX})")]
+    TooManySignals {
+        /// The plant.
+        plant: &'static str,
+        /// How many.
+        count: usize,
+    },
+    /// A signal that cannot be told.
+    #[error("the signal `{signal}` of the plant `{plant}` {reason}")]
+    Signal {
+        /// The plant.
+        plant: &'static str,
+        /// The signal.
+        signal: String,
+        /// Why not.
+        reason: &'static str,
+    },
+}
 
-static KINDS: [Kind; 2] = [
-    Kind::of::<Actuator>(SMA_ACTUATOR),
-    Kind::of::<DcMotor>("dc_motor"),
-];
+static SHIPPED: LazyLock<[Kind; 2]> = LazyLock::new(|| {
+    [
+        Kind::of::<Actuator>(|scenario| Ok(scenario.plant.clone())),
+        Kind::of::<DcMotor>(|scenario| Ok(scenario.plant.dc_motor.clone().unwrap_or_default())),
+    ]
+});
 
-fn kind(scenario: &Scenario) -> Result<&'static Kind, InvalidEmulator> {
-    let name = scenario.plant.name();
-    let found = KINDS.iter().find(|kind| kind.name == name);
-    found.ok_or(InvalidEmulator::UnknownPlant(name))
+static OWN: OnceLock<Vec<Kind>> = OnceLock::new();
+
+/// Tells the plants from outside, once and before any scenario is read.
+///
+/// # Errors
+/// One of them has a name, parameters or signals that it cannot have.
+pub fn tell_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
+    plants.iter().try_for_each(|plant| check(&plant.kind))?;
+    let (kinds, tables) = plants
+        .into_iter()
+        .map(|plant| (plant.kind, plant.table))
+        .unzip();
+    tell(Section::Plant, tables)?;
+    OWN.set(kinds)
+        .map_err(|_| InvalidOwnPlant::Table(InvalidOwn::ToldAlready))
+}
+
+/// Whether the bus can carry a plant's signals.
+fn check(kind: &Kind) -> Result<(), InvalidOwnPlant> {
+    let (plant, count) = (kind.name, kind.signals.len());
+    if count > SIGNALS_MAX {
+        return Err(InvalidOwnPlant::TooManySignals { plant, count });
+    }
+    for (place, signal) in kind.signals.iter().enumerate() {
+        let is_double = kind.signals[..place]
+            .iter()
+            .any(|other| other.name == signal.name);
+        if let Some(reason) = flaw(signal).or(is_double.then_some("is there twice")) {
+            let signal = signal.name.clone();
+            return Err(InvalidOwnPlant::Signal {
+                plant,
+                signal,
+                reason,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// What is wrong with a signal by itself.
+fn flaw(signal: &PlantSignal) -> Option<&'static str> {
+    let Range { minimum, maximum } = signal.range;
+    let steps = [minimum, maximum].map(|limit| limit / signal.resolution);
+    let fits = match minimum < 0.0 {
+        true => steps[0] >= f64::from(i16::MIN) && steps[1] <= f64::from(i16::MAX),
+        false => steps[1] <= f64::from(u16::MAX),
+    };
+    if !is_name(&signal.name) {
+        return Some("needs a name of at most 64 small letters, digits and underscores");
+    }
+    if !(signal.resolution > 0.0 && signal.resolution.is_finite()) {
+        return Some("needs a number of steps per unit above 0");
+    }
+    if !(minimum < maximum) {
+        return Some("has an empty range");
+    }
+    (!fits).then_some("does not fit 16 bits over its range: take fewer steps per unit")
+}
+
+/// All plants, the shipped ones first.
+pub fn kinds() -> impl Iterator<Item = &'static Kind> {
+    SHIPPED.iter().chain(OWN.get().into_iter().flatten())
 }
 
 /// The emulator of the plant that a scenario chooses.
@@ -52,29 +178,10 @@ fn kind(scenario: &Scenario) -> Result<&'static Kind, InvalidEmulator> {
 /// # Errors
 /// The plant makes no sense.
 pub fn emulator(scenario: &Scenario) -> Result<Box<dyn Node>, InvalidEmulator> {
-    (kind(scenario)?.emulator)(scenario)
-}
-
-/// The frames of the rig with the plant that a scenario chooses.
-#[must_use]
-pub fn database(scenario: &Scenario) -> &'static Database {
-    kind(scenario).map_or_else(|_| Database::sma_actuator(), |kind| &*kind.database)
-}
-
-/// As [`database`] beside a drive that is not the emulator: nobody tells the truth.
-#[must_use]
-pub fn database_without_truth(scenario: &Scenario) -> &'static Database {
-    kind(scenario).map_or_else(|_| Database::sma_actuator(), |kind| &*kind.without_truth)
-}
-
-/// The names of all plants, each with the frames of its rig.
-pub fn databases() -> impl Iterator<Item = (&'static str, &'static Database)> {
-    KINDS.iter().map(|kind| (kind.name, &*kind.database))
-}
-
-fn database_of<P: Plant>() -> Database {
-    let signals: Vec<_> = P::SIGNALS.iter().map(described).collect();
-    Database::with_plant(&signals)
+    let name = scenario.plant.name();
+    let kind = kinds().find(|kind| kind.name == name);
+    let kind = kind.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))?;
+    (kind.emulator)(scenario)
 }
 
 fn described<P>(signal: &Signal<P>) -> PlantSignal {
@@ -93,14 +200,18 @@ mod tests {
     use std::time::Duration;
 
     use canopen::CanFrame;
+    use dbc::Database;
 
     use super::*;
 
+    fn database(name: &str) -> Database {
+        let kind = kinds().find(|kind| kind.name() == name).unwrap();
+        Database::with_plant(kind.signals())
+    }
+
     #[test]
     fn the_actuator_s_frames_are_those_of_the_shipped_dbc() {
-        let kind = KINDS.iter().find(|kind| kind.name == SMA_ACTUATOR);
-        let kind = kind.unwrap();
-        assert_eq!(&*kind.database, Database::sma_actuator());
+        assert_eq!(&database(SMA_ACTUATOR), Database::sma_actuator());
     }
 
     #[test]
@@ -116,8 +227,9 @@ mod tests {
             node.on_frame(Duration::from_millis(1), &CanFrame::new(id, data));
         }
         let told: Vec<_> = std::iter::from_fn(|| node.next_frame()).collect();
+        let database = database("dc_motor");
         let value = |path| {
-            let signal = database(&scenario).require(path).unwrap();
+            let signal = database.require(path).unwrap();
             told.iter().find_map(|frame| signal.decode(frame))
         };
         assert_eq!(value("drive_tpdo2.winding_temperature_celsius"), Some(31.0));
@@ -126,5 +238,35 @@ mod tests {
             Some(0.0)
         );
         assert_eq!(value("drive_tpdo3.spring_force_newtons"), Some(0.0));
+    }
+
+    #[test]
+    fn the_shipped_plants_could_come_from_outside() {
+        for kind in kinds() {
+            assert_eq!(check(kind), Ok(()), "{}", kind.name);
+        }
+    }
+
+    #[test]
+    fn a_signal_that_the_bus_cannot_carry_is_refused() {
+        let signal = |name: &str, resolution, minimum, maximum| PlantSignal {
+            name: name.to_owned(),
+            unit: String::new(),
+            comment: String::new(),
+            resolution,
+            range: Range { minimum, maximum },
+        };
+        assert_eq!(flaw(&signal("angle_degrees", 0.01, -180.0, 180.0)), None);
+        for (wrong, reason) in [
+            (signal("Angle (°)", 1.0, 0.0, 1.0), "name"),
+            (signal("angle", 0.0, 0.0, 1.0), "above 0"),
+            (signal("angle", f64::NAN, 0.0, 1.0), "above 0"),
+            (signal("angle", 1.0, 1.0, 1.0), "empty"),
+            (signal("angle", 1.0, f64::NAN, 1.0), "empty"),
+            (signal("angle", 0.001, -180.0, 180.0), "16 bits"),
+            (signal("angle", 1.0, 0.0, 65_536.0), "16 bits"),
+        ] {
+            assert!(flaw(&wrong).unwrap().contains(reason), "{wrong:?}");
+        }
     }
 }

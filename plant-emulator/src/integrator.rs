@@ -1,7 +1,8 @@
 //! The classical Runge-Kutta method of fourth order.
 
 /// One step of `duration_seconds` from `state`; `derivative` takes the time since the start of the step and a state.
-pub(crate) fn runge_kutta_4<const N: usize>(
+#[must_use]
+pub fn runge_kutta_4<const N: usize>(
     state: [f64; N],
     duration_seconds: f64,
     derivative: impl Fn(f64, &[f64; N]) -> [f64; N],

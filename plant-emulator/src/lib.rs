@@ -11,7 +11,7 @@ pub mod dc_motor;
 pub mod disturbance;
 pub mod drive;
 mod faults;
-mod integrator;
+pub mod integrator;
 mod objects;
 pub mod plant;
 mod rig;
@@ -55,7 +55,10 @@ pub enum InvalidEmulator {
     Plant(#[from] InvalidPlant),
     /// There is no such plant.
     #[error("there is no plant `{0}`")]
-    UnknownPlant(&'static str),
+    UnknownPlant(String),
+    /// The table of a plant from outside is that of another one.
+    #[error("plant: {0}")]
+    Parameters(#[from] toml::de::Error),
     /// A data sheet cannot be read.
     #[error("EDS of node {node_id}: {error}")]
     Eds {
@@ -195,12 +198,12 @@ impl<P: Plant> DriveNode<P> {
 }
 
 impl<P: Plant> PlantEmulator<P> {
-    /// The emulator of a scenario's plant, with the objects of the shipped data sheets.
+    /// The emulator of a plant with these parameters in a scenario, with the objects of the shipped data sheets.
     ///
     /// # Errors
     /// A plant that makes no sense, or a data sheet that does not suit.
-    pub fn new(scenario: &scenario::Scenario) -> Result<Self, InvalidEmulator> {
-        let plant = P::new(scenario)?;
+    pub fn new(scenario: &scenario::Scenario, config: &P::Config) -> Result<Self, InvalidEmulator> {
+        let plant = P::new(config)?;
         let wrong_id = scenario.fault.node.wrong_node_id.first();
         let drive_id = wrong_id.and_then(|fault| NodeId::new(fault.node_id));
         let drive_id = drive_id.unwrap_or(DRIVE_NODE_ID);

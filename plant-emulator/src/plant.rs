@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use scenario::Scenario;
 use scenario::fault::plant::PlantFaults;
+use scenario::own::Parameters;
 
 /// Most signals of its own that a plant may have: what fits TPDO2, beside the true position, and TPDO3.
 pub const SIGNALS_MAX: usize = 6;
@@ -12,25 +12,39 @@ pub const SIGNALS_MAX: usize = 6;
 ///
 /// The emulator owns the rest: the drive node, sensor, amplifier, I²t protection, their faults, and time.
 pub trait Plant: Clone + fmt::Debug + Send + 'static {
-    /// What can be wrong with it; by default nothing is.
+    /// Its name, and that of its table in a scenario.
+    const NAME: &'static str;
+
+    /// Its parameters: what a scenario's table is read into.
+    type Config: Parameters;
+
+    /// What can be wrong with it; by default nothing is. `()` for a plant to which no fault means anything.
     type Condition: Copy + fmt::Debug + Default + PartialEq + Send;
 
     /// Its own signals, at most [`SIGNALS_MAX`]: no real drive measures them, the emulated one tells them at every SYNC.
     const SIGNALS: &'static [Signal<Self>];
 
-    /// The plant of a scenario, at rest, without current and undisturbed.
+    /// The kinds of `[[fault.plant.…]]` that [`Plant::condition`] looks at; others are refused.
+    const FAULTS: &'static [&'static str] = &[];
+
+    /// The plant with these parameters, at rest, without current and undisturbed.
     ///
     /// # Errors
-    /// Its parameters make no physical sense.
-    fn new(scenario: &Scenario) -> Result<Self, InvalidPlant>;
+    /// The parameters make no physical sense.
+    fn new(config: &Self::Config) -> Result<Self, InvalidPlant>;
 
     /// What is wrong with it at a scenario time.
-    fn condition(faults: &PlantFaults, time_seconds: f64) -> Self::Condition;
+    fn condition(_faults: &PlantFaults, _time_seconds: f64) -> Self::Condition {
+        Self::Condition::default()
+    }
 
     /// Whether a current can flow through it.
-    fn conducts(condition: &Self::Condition) -> bool;
+    fn conducts(_condition: &Self::Condition) -> bool {
+        true
+    }
 
-    /// Lets time pass under constant inputs. Many short steps come to the same as one long one.
+    /// Lets time pass under constant inputs, a millisecond or less in most runs. Many short steps come to the same as one
+    /// long one.
     fn step(&mut self, duration_seconds: f64, inputs: &Inputs<Self::Condition>);
 
     /// What the position sensor sees.
@@ -47,7 +61,7 @@ pub struct Inputs<C> {
     pub current_amperes: f64,
     /// Multiplies the convection to the air; 1 in still air.
     pub convection_factor: f64,
-    /// Added to the load; the sum never falls below zero.
+    /// Added to the load. For the shipped plants a scenario never takes more than there is.
     pub added_load_kilograms: f64,
     /// What is wrong with the plant.
     pub condition: C,
@@ -127,25 +141,52 @@ pub enum InvalidPlant {
         /// The limit: one by the step size.
         limit_per_second: f64,
     },
+    /// Anything else, in words.
+    #[error("{0}")]
+    Other(String),
+}
+
+impl InvalidPlant {
+    /// The parameter that is to blame, where it is one.
+    #[must_use]
+    pub fn parameter(&self) -> Option<&'static str> {
+        match self {
+            Self::OutOfRange { name, .. } => Some(name),
+            Self::WrongOrder { cold_name, .. } => Some(cold_name),
+            Self::TooFast { .. } | Self::Other(_) => None,
+        }
+    }
 }
 
 /// Refuses a parameter that is not above 0.
-pub(crate) fn positive(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
+///
+/// # Errors
+/// So it is.
+pub fn positive(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
     require(name, value, "above 0", |value| value > 0.0)
 }
 
 /// Refuses a negative parameter.
-pub(crate) fn not_negative(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
+///
+/// # Errors
+/// So it is.
+pub fn not_negative(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
     require(name, value, "0 or above", |value| value >= 0.0)
 }
 
 /// Refuses a parameter that is no number.
-pub(crate) fn finite(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
+///
+/// # Errors
+/// So it is.
+pub fn finite(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
     require(name, value, "a finite number", |_| true)
 }
 
 /// Refuses a parameter that does not meet its requirement.
-pub(crate) fn require(
+///
+/// # Errors
+/// So it is.
+pub fn require(
     name: &'static str,
     value: f64,
     requirement: &'static str,
@@ -163,7 +204,10 @@ pub(crate) fn require(
 }
 
 /// Refuses a part that is faster than one by the integration step.
-pub(crate) fn follows(
+///
+/// # Errors
+/// So it is.
+pub fn follows(
     part: &'static str,
     rate_per_second: f64,
     step_seconds_max: f64,

@@ -321,7 +321,10 @@ fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
             problems.push(document.problem(&path, "two fans blow at a time", label));
         }
     }
-    let load_grams = scenario.plant.load_kilograms() * 1e3;
+    let Some(load_kilograms) = scenario.plant.load_kilograms() else {
+        return problems;
+    };
+    let load_grams = load_kilograms * 1e3;
     for (index, load) in scenario.disturbance.load.iter().enumerate() {
         if load_grams + load.added_grams <= 0.0 {
             let path = format!("disturbance.load.{index}.added_grams");

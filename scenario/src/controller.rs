@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::is_zero;
+use crate::own::Own;
 
 /// The control law; exactly one of these tables.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -21,12 +22,16 @@ pub struct Controller {
     /// A current profile without feedback.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub open_loop: Option<OpenLoop>,
+    /// The table of a law from outside, under its own name.
+    #[serde(flatten, skip_deserializing)]
+    #[schemars(skip)]
+    pub own: Option<Own>,
 }
 
 impl Controller {
     /// The name of the law's table.
     #[must_use]
-    pub fn law_name(&self) -> &'static str {
+    pub fn law_name(&self) -> &str {
         let laws = [
             (self.sliding_mode.is_some(), "sliding_mode"),
             (self.sliding_mode_paper.is_some(), "sliding_mode_paper"),
@@ -34,7 +39,8 @@ impl Controller {
             (self.open_loop.is_some(), "open_loop"),
         ];
         let chosen = laws.into_iter().find(|(is_chosen, _)| *is_chosen);
-        chosen.map_or("none", |(_, name)| name)
+        let own = self.own.as_ref().map(Own::name);
+        chosen.map(|(_, name)| name).or(own).unwrap_or("none")
     }
 }
 

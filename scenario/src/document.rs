@@ -7,6 +7,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::error::{Problem, Source};
+use crate::own;
 
 /// The document as a tree with spans.
 pub(crate) struct Document<'text> {
@@ -45,9 +46,11 @@ impl<'text> Document<'text> {
         self.root.get_ref()
     }
 
-    /// Builds a type from the document.
+    /// Builds a type from the document without the tables of plants and laws from outside.
     pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T, Problem> {
-        let deserializer = toml::Deserializer::from(self.root.clone());
+        let mut root = self.root.clone();
+        own::remove(root.get_mut());
+        let deserializer = toml::Deserializer::from(root);
         T::deserialize(deserializer).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
             self.source.problem(span, "invalid value", error.message())
@@ -91,10 +94,15 @@ impl<'text> Document<'text> {
     }
 
     fn value(&self, path: &str) -> Option<&DeValue<'text>> {
+        self.spanned(path).map(Spanned::get_ref)
+    }
+
+    /// The value at a path, with where it stands.
+    pub(crate) fn spanned(&self, path: &str) -> Option<&Spanned<DeValue<'text>>> {
         let mut names = path.split('.');
-        let mut value = self.root().get(names.next()?)?.get_ref();
+        let mut value = self.root().get(names.next()?)?;
         for name in names {
-            value = child(value, name)?.1.get_ref();
+            value = child(value.get_ref(), name)?.1;
         }
         Some(value)
     }

@@ -13,6 +13,7 @@ pub mod expect;
 pub mod fault;
 mod load;
 mod nearest;
+pub mod own;
 pub mod plant;
 pub mod profile;
 pub mod reference;

@@ -12,6 +12,7 @@ use serde::de::DeserializeOwned;
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
+use crate::own::{self, Own, Section};
 use crate::view::{ControllerView, HIDDEN_FROM_CONTROLLER};
 use crate::{Scenario, schema, structure};
 
@@ -93,6 +94,18 @@ impl Scenario {
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
         let (mut scenario, mut problems) =
             build::<Self>(&document, "the scenario").map_err(fail)?;
+        read_own(
+            &document,
+            Section::Plant,
+            &mut scenario.plant.own,
+            &mut problems,
+        );
+        read_own(
+            &document,
+            Section::Controller,
+            &mut scenario.controller.own,
+            &mut problems,
+        );
         let control = check::Control {
             duration_seconds: scenario.duration_seconds,
             controller: &scenario.controller,
@@ -145,6 +158,12 @@ impl ControllerView {
             document.remove(key);
         }
         let (mut view, mut problems) = build::<Self>(&document, "the scenario").map_err(fail)?;
+        read_own(
+            &document,
+            Section::Controller,
+            &mut view.controller.own,
+            &mut problems,
+        );
         let control = check::Control {
             duration_seconds: view.duration_seconds,
             controller: &view.controller,
@@ -219,6 +238,20 @@ pub(crate) fn build<T: DeserializeOwned + JsonSchema>(
         Ok(value) => Ok((value, problems)),
         Err(problem) if problems.is_empty() => Err(vec![problem]),
         Err(_) => Err(problems),
+    }
+}
+
+/// Reads the table of a plant or a law from outside; what the schema said of it already is not said twice.
+fn read_own(
+    document: &Document<'_>,
+    section: Section,
+    into: &mut Option<Own>,
+    problems: &mut Vec<Problem>,
+) {
+    match own::read(document, section) {
+        Ok(own) => *into = own,
+        Err(problem) if problems.is_empty() => problems.push(problem),
+        Err(_) => {}
     }
 }
 

@@ -5,6 +5,7 @@ use schemars::{JsonSchema, Schema};
 use serde_json::Value;
 
 use crate::Scenario;
+use crate::own;
 use crate::rig::Rig;
 
 /// The JSON Schema of scenario files, as committed in `scenarios/schema.json`.
@@ -19,15 +20,17 @@ pub fn rig_json_schema() -> String {
     format!("{:#}\n", schema_of::<Rig>())
 }
 
-/// The schema of a type; its definitions stand in `definitions`.
+/// The schema of a type, with the plants and laws from outside; its definitions stand in `definitions`.
 pub(crate) fn schema_of<T: JsonSchema>() -> Value {
     let settings = SchemaSettings::draft07().with_transform(TakeNullAway);
-    settings.into_generator().into_root_schema_for::<T>().into()
+    let mut schema = settings.into_generator().into_root_schema_for::<T>().into();
+    own::describe(&mut schema);
+    schema
 }
 
 /// TOML has no null: what is optional is left out, so "or null" only misleads.
 #[derive(Clone, Debug)]
-struct TakeNullAway;
+pub(crate) struct TakeNullAway;
 
 impl schemars::transform::Transform for TakeNullAway {
     fn transform(&mut self, schema: &mut Schema) {

@@ -4,11 +4,12 @@ use std::ops::Range;
 
 use serde_json::{Map, Value};
 use toml::Spanned;
-use toml::de::{DeArray, DeTable, DeValue};
+use toml::de::{DeArray, DeString, DeTable, DeValue};
 
 use crate::document::Document;
 use crate::error::{Problem, Source};
 use crate::nearest::nearest;
+use crate::own::{self, Section};
 
 /// Everything in the document that the schema does not admit; `what` names the whole for people.
 pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<Problem> {
@@ -53,6 +54,8 @@ impl<'a> Checker<'a> {
             (Some("string"), DeValue::String(text)) => self.string(path, span, text, schema),
             (Some("boolean"), DeValue::Boolean(_)) => {}
             (None, DeValue::String(text)) => self.choice(path, span, text, schema),
+            // Whatever a type from outside reads by itself.
+            (None, _) if schema.get("oneOf").is_none() => {}
             (expected, found) => {
                 let expected = match schema["items"]["type"].as_str() {
                     Some("string") => "an array of strings",
@@ -90,7 +93,7 @@ impl<'a> Checker<'a> {
                 }
                 None => {
                     let known = properties.unwrap_or(&no_properties);
-                    meant.extend(self.unknown_key(place, key.span(), name, known));
+                    meant.extend(self.unknown_key(place, key, value.get_ref(), known));
                 }
             }
         }
@@ -111,16 +114,28 @@ impl<'a> Checker<'a> {
     fn unknown_key(
         &mut self,
         place: &str,
-        span: Range<usize>,
-        name: &str,
+        key: &Spanned<DeString<'_>>,
+        value: &DeValue<'_>,
         known: &Map<String, Value>,
     ) -> Option<String> {
+        let name = key.get_ref().as_ref();
         let meant = nearest(name, known.keys().map(String::as_str));
+        let section = Section::ALL
+            .into_iter()
+            .find(|section| section.place() == place);
+        if let Some(section) = section.filter(|_| meant.is_none() && value.is_table()) {
+            let kind = section.kind();
+            let label = format!("this bench has no such {kind}");
+            self.report(key.span(), format!("unknown {kind} `{name}`"), label);
+            self.help(own::known(section));
+            return None;
+        }
         let label = match meant {
             Some(meant) => format!("did you mean `{meant}`?"),
             None => "not a key of the format".to_owned(),
         };
-        self.report(span, format!("unknown key `{name}` in {place}"), label);
+        let message = format!("unknown key `{name}` in {place}");
+        self.report(key.span(), message, label);
         let names: Vec<&str> = known.keys().map(String::as_str).collect();
         self.help(format!("known here: {}", names.join(", ")));
         meant.map(str::to_owned)
@@ -134,8 +149,10 @@ impl<'a> Checker<'a> {
             self.report(span, message, format!("at most {limit} are admitted"));
             return;
         }
-        let items = self.resolve(&schema["items"]);
-        for element in array {
+        for (place, element) in array.iter().enumerate() {
+            // A tuple has a schema for each place.
+            let items = schema["items"].get(place).unwrap_or(&schema["items"]);
+            let items = self.resolve(items);
             match element.get_ref() {
                 DeValue::Table(table) => {
                     self.table(&format!("[[{path}]]"), element.span(), table, items)

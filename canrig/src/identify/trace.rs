@@ -63,7 +63,7 @@ pub enum Fault {
     Rig(Box<RigError>),
     /// The plant has other parameters.
     #[error("its plant is `{0}`; identification knows the equations of the SMA actuator only")]
-    OtherPlant(&'static str),
+    OtherPlant(String),
     /// A log without its scenario.
     #[error(
         "a log alone does not tell the cycle time and the sensor; name the scenario that was played with --scenario"
@@ -230,7 +230,7 @@ impl Trace {
         database: &Database,
     ) -> Result<Self, Fault> {
         if scenario.plant.name() != plant_emulator::catalogue::SMA_ACTUATOR {
-            return Err(Fault::OtherPlant(scenario.plant.name()));
+            return Err(Fault::OtherPlant(scenario.plant.name().to_owned()));
         }
         let timeline = timeline::decode(frames, &scenario, database)?;
         check_frames(frames, database, &timeline)?;

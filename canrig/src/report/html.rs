@@ -2,16 +2,17 @@
 
 use std::time::Duration;
 
-use dbc::Database;
+use dbc::{Database, LawTerm};
 use maud::{Markup, html};
 use scenario::Scenario;
 use scenario::events::JudgedStep;
 
 use super::bus_timing::{BusTiming, Spread, histogram};
 use super::plot::{Colour, Extent, Patch, Plot, Shape};
-use super::{checks, page};
+use super::{checks, page, shown_unit};
 use crate::events::{Event, Level};
 use crate::external::ExternalNode;
+use crate::frames::Frames;
 use crate::judge::SETTLING_BAND;
 use crate::recording::Stamped;
 use crate::run_folder::file;
@@ -139,6 +140,27 @@ fn plots(run: &Run<'_>, database: &Database) -> Markup {
     } else {
         in_time.extend(of_another_plant(timeline, database));
     }
+    match Frames::of(run.scenario).law_terms() {
+        [] => in_time.extend(of_the_sliding_mode(timeline)),
+        terms => in_time.extend(of_own_terms(timeline, terms)),
+    }
+    for plot in &mut in_time {
+        plot.patches.extend(disturbances(run.scenario));
+    }
+    html! {
+        h2 { "Position" }
+        div.plots { (in_time[0].render()) }
+        h2 { "Signals" }
+        div.plots.even {
+            @for plot in &in_time[1..] { (plot.render()) }
+            @if has_wire { (hysteresis(timeline).render()) }
+        }
+        p.soft { "Green: settling band of a step. Yellow: a disturbance acts." }
+    }
+}
+
+/// The terms of the sliding-mode laws; the other shipped laws leave them 0.
+fn of_the_sliding_mode(timeline: &Timeline) -> [Plot<'_>; 2] {
     let mut sliding = of_signals(
         timeline,
         "Sliding variable",
@@ -168,20 +190,21 @@ fn plots(run: &Run<'_>, database: &Database) -> Markup {
     );
     // Their first values, far from the set-point, can be a thousand times the later ones.
     (sliding.extent, parts.extent) = (Extent::Typical, Extent::Typical);
-    in_time.extend([sliding, parts]);
-    for plot in &mut in_time {
-        plot.patches.extend(disturbances(run.scenario));
-    }
-    html! {
-        h2 { "Position" }
-        div.plots { (in_time[0].render()) }
-        h2 { "Signals" }
-        div.plots.even {
-            @for plot in &in_time[1..] { (plot.render()) }
-            @if has_wire { (hysteresis(timeline).render()) }
-        }
-        p.soft { "Green: settling band of a step. Yellow: a disturbance acts." }
-    }
+    [sliding, parts]
+}
+
+/// The terms of a law from outside, each by itself.
+fn of_own_terms<'a>(
+    timeline: &'a Timeline,
+    terms: &'a [LawTerm],
+) -> impl Iterator<Item = Plot<'a>> {
+    terms.iter().map(|term| {
+        let title = term.comment.trim_end_matches('.');
+        let drawn = [(term.name.as_str(), "law", Colour::Estimated)];
+        let mut plot = of_signals(timeline, title, shown_unit(&term.unit), &drawn);
+        plot.extent = Extent::Typical;
+        plot
+    })
 }
 
 /// The SMA actuator's own signals, with what a controller believes of them.
@@ -222,10 +245,7 @@ fn of_another_plant<'a>(
 ) -> impl Iterator<Item = Plot<'a>> {
     signals::of_the_plant(database).map(|signal| {
         let name = signal.name.as_str();
-        let unit = match signal.unit.as_str() {
-            "degC" => "°C",
-            unit => unit,
-        };
+        let unit = shown_unit(&signal.unit);
         of_signals(
             timeline,
             signal.comment.trim_end_matches('.'),

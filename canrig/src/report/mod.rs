@@ -21,3 +21,11 @@ pub mod rerun;
 pub mod sweep;
 pub mod terminal;
 mod thin;
+
+/// A unit of the DBC, as people write it.
+fn shown_unit(unit: &str) -> &str {
+    match unit {
+        "degC" => "°C",
+        unit => unit,
+    }
+}

@@ -6,7 +6,6 @@
 mod heat;
 mod motion;
 
-use scenario::Scenario;
 use scenario::fault::any_acts;
 use scenario::fault::plant::PlantFaults;
 
@@ -108,6 +107,8 @@ impl DcMotor {
 }
 
 impl Plant for DcMotor {
+    const NAME: &'static str = "dc_motor";
+    type Config = scenario::plant::DcMotor;
     type Condition = Condition;
 
     const SIGNALS: &'static [Signal<Self>] = &[
@@ -137,10 +138,11 @@ impl Plant for DcMotor {
         },
     ];
 
-    fn new(scenario: &Scenario) -> Result<Self, InvalidPlant> {
-        let config = scenario.plant.dc_motor.clone().unwrap_or_default();
-        check(&config)?;
-        Ok(Self::with(&config))
+    const FAULTS: &'static [&'static str] = scenario::plant::DcMotor::FAULTS;
+
+    fn new(config: &Self::Config) -> Result<Self, InvalidPlant> {
+        check(config)?;
+        Ok(Self::with(config))
     }
 
     fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {
@@ -148,10 +150,6 @@ impl Plant for DcMotor {
             is_jammed: any_acts(&faults.jammed_pulley, time_seconds),
             is_load_dropped: any_acts(&faults.dropped_load, time_seconds),
         }
-    }
-
-    fn conducts(_condition: &Condition) -> bool {
-        true
     }
 
     fn step(&mut self, duration_seconds: f64, inputs: &Inputs) {

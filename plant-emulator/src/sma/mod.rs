@@ -13,7 +13,6 @@ pub use validity::check;
 use wire::Mechanics;
 pub use wire::stress_pascals;
 
-use scenario::Scenario;
 use scenario::fault::plant::PlantFaults;
 
 use crate::integrator::runge_kutta_4;
@@ -272,6 +271,8 @@ impl Actuator {
 }
 
 impl Plant for Actuator {
+    const NAME: &'static str = "sma_actuator";
+    type Config = scenario::plant::Plant;
     type Condition = Condition;
 
     const SIGNALS: &'static [Signal<Self>] = &[
@@ -293,9 +294,12 @@ impl Plant for Actuator {
         },
     ];
 
-    fn new(scenario: &Scenario) -> Result<Self, InvalidPlant> {
-        check(&scenario.plant)?;
-        Ok(Self::new(&scenario.plant))
+    const FAULTS: &'static [&'static str] =
+        &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
+
+    fn new(config: &Self::Config) -> Result<Self, InvalidPlant> {
+        check(config)?;
+        Ok(Self::new(config))
     }
 
     fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {

@@ -63,7 +63,8 @@ impl Manager {
 
     pub(crate) fn with(scenario: &Scenario) -> Self {
         Self {
-            emulator: PlantEmulator::new(scenario).expect("the default plant is valid"),
+            emulator: PlantEmulator::new(scenario, &scenario.plant)
+                .expect("the default plant is valid"),
             now: Duration::ZERO,
             frames: Vec::new(),
             counter: 0,

@@ -3,11 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Heat, Mechanics, Phase};
-use crate::Scenario;
-use crate::document::Document;
-use crate::error::Problem;
-
 /// A DC motor lifts a load through gearbox, pinion and rack, against a spring. The motor is a maxon RE 25, 118743
 /// (12 V, 10 W, graphite brushes); its values are the data sheet's, all others are assumed.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -87,29 +82,14 @@ impl Default for DcMotor {
     }
 }
 
-/// A motor has no wire. What is written out of a scenario has the wire's tables too, as they are by default.
-pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let (plant, faults) = (&scenario.plant, &scenario.fault.plant);
-    let of_the_wire = [
-        ("plant.heat", plant.heat != Heat::default()),
-        ("plant.phase", plant.phase != Phase::default()),
-        ("plant.mechanics", plant.mechanics != Mechanics::default()),
-        ("fault.plant.ageing", !faults.ageing.is_empty()),
-        ("fault.plant.broken_wire", !faults.broken_wire.is_empty()),
-    ];
-    let given = of_the_wire.into_iter().filter(|(_, is_given)| *is_given);
-    let problem = |(path, _)| {
-        let message = format!("`{path}` is about a wire, and the plant is a DC motor");
-        let span = document.key_span(path);
-        let problem = document.source.problem(span, message, "has no place here");
-        problem.with_help("leave it out, or leave [plant.dc_motor] out for the SMA actuator")
-    };
-    given.map(problem).collect()
+impl DcMotor {
+    /// Faults of `[[fault.plant.…]]` that mean something to a motor.
+    pub const FAULTS: &'static [&'static str] = &["jammed_pulley", "dropped_load"];
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use crate::Scenario;
 
     fn parsed(more: &str) -> Result<Scenario, crate::ScenarioError> {
         let head = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
@@ -125,7 +105,7 @@ mod tests {
         ];
         for wire in wires {
             let error = format!("{:?}", miette::Report::new(parsed(wire).unwrap_err()));
-            assert!(error.contains("is about a wire"), "{error}");
+            assert!(error.contains("the plant"), "{error}");
         }
     }
 

@@ -120,6 +120,11 @@ impl Layout<'_> {
         if has(groups::HYSTERESIS) {
             middle.push(self.hysteresis(1.7)?);
         }
+        for view in groups::own_views(self.scenario) {
+            if has(view.style.group) {
+                middle.push(self.plot(&view.title, view.style.group, 1.0)?);
+            }
+        }
         let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
         let load = self.plot("Bus load (%)", "bus", 0.8)?;
         let rig = match rig::bounds(self.scenario) {

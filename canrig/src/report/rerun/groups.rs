@@ -2,8 +2,12 @@
 
 use std::collections::BTreeSet;
 
+use dbc::Database;
 use plant_emulator::catalogue::SMA_ACTUATOR;
 use scenario::Scenario;
+
+use crate::frames::Frames;
+use crate::report::shown_unit;
 
 /// How a signal is drawn.
 #[derive(Clone, Copy)]
@@ -112,11 +116,50 @@ const fn if_used(group: &'static str, label: &'static str, colour: [u8; 3]) -> S
     }
 }
 
-/// The style of a signal; those that no view shows are in the group [`OTHER`].
-pub(super) fn style(name: &str, is_used: bool) -> Style {
+/// A signal of a plant or a law that is drawn nowhere else: a group and a view of its own.
+pub(super) struct OwnView {
+    pub(super) title: String,
+    pub(super) style: Style,
+}
+
+/// The signals of a scenario's plant and law that need views of their own.
+pub(super) fn own_views(scenario: &Scenario) -> Vec<OwnView> {
+    let frames = Frames::of(scenario);
+    let signals = frames.plant_signals().iter();
+    let signals = signals.filter(|_| scenario.plant.own.is_some());
+    let signals = signals.map(|it| (it.name.as_str(), &it.unit, &it.comment, "true", GREEN));
+    let terms = frames.law_terms().iter();
+    let terms = terms.map(|it| (it.name.as_str(), &it.unit, &it.comment, "law", PINK));
+    let shipped = Database::sma_actuator();
+    // What is called like a shipped signal is drawn with it.
+    let own = signals
+        .chain(terms)
+        .filter(|(name, ..)| !shipped.has_signal(name));
+    let view = own.map(|(name, unit, comment, label, colour)| {
+        let comment = comment.trim_end_matches('.');
+        OwnView {
+            title: match shown_unit(unit) {
+                "" => comment.to_owned(),
+                unit => format!("{comment} ({unit})"),
+            },
+            style: always(name, label, colour),
+        }
+    });
+    view.collect()
+}
+
+fn known(name: &str) -> Option<Style> {
     let known = STYLES.iter().find(|(start, _)| name.starts_with(start));
-    let drawn = known.filter(|(_, style)| style.is_drawn_when_zero || is_used);
-    drawn.map_or(always(OTHER, "", GREY), |(_, style)| *style)
+    known.map(|(_, style)| *style)
+}
+
+/// The style of a signal; those that no view shows are in the group [`OTHER`].
+pub(super) fn style(name: &str, is_used: bool, own: &[OwnView]) -> Style {
+    if let Some(view) = own.iter().find(|view| view.style.group == name) {
+        return view.style;
+    }
+    let drawn = known(name).filter(|style| style.is_drawn_when_zero || is_used);
+    drawn.unwrap_or(always(OTHER, "", GREY))
 }
 
 /// Whether a node sends a signal in earnest.
@@ -126,11 +169,13 @@ pub(super) fn is_used(values: &[f64]) -> bool {
 
 /// The groups that a run will have, before anything was heard of it.
 pub(super) fn expected(scenario: &Scenario) -> BTreeSet<&'static str> {
-    let mut groups = BTreeSet::from(["error", "temperature"]);
+    let mut groups = BTreeSet::from(["error"]);
+    let own = own_views(scenario);
+    let signals = Frames::of(scenario).plant_signals().iter();
+    groups.extend(signals.map(|signal| style(&signal.name, true, &own).group));
+    groups.extend(own.iter().map(|view| view.style.group));
     if scenario.plant.name() == SMA_ACTUATOR {
-        groups.extend(["martensite_fraction", HYSTERESIS]);
-    } else {
-        groups.extend([MOTOR_SPEED, SPRING_FORCE]);
+        groups.insert(HYSTERESIS);
     }
     if !scenario.disturbance.commands().is_empty() {
         groups.insert(DISTURBANCE);

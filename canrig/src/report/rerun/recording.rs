@@ -12,7 +12,7 @@ use scenario::events::DisturbanceCommand;
 
 use super::blueprint::{self, Play};
 use super::bus::{self, BusReader};
-use super::groups::{self, Style};
+use super::groups::{self, OwnView, Style};
 use super::hysteresis::{self, Hysteresis};
 use super::rig::Rig;
 use super::times;
@@ -47,6 +47,8 @@ pub(crate) struct Recording<'a> {
     /// Paths that have their names and colours.
     styled: BTreeSet<String>,
     groups: BTreeSet<&'static str>,
+    /// The views of what only this plant and this law have.
+    own: Vec<OwnView>,
     /// Time of the last row or event.
     end_seconds: f64,
 }
@@ -71,6 +73,7 @@ impl<'a> Recording<'a> {
             used: BTreeSet::new(),
             styled: BTreeSet::new(),
             groups: BTreeSet::new(),
+            own: groups::own_views(scenario),
             end_seconds: 0.0,
         })
     }
@@ -184,7 +187,7 @@ impl<'a> Recording<'a> {
         if !self.used.contains(name) && groups::is_used(values) {
             self.used.insert(name.to_owned());
         }
-        groups::style(name, self.used.contains(name))
+        groups::style(name, self.used.contains(name), &self.own)
     }
 
     /// One signal as an entity of its group.

@@ -1,0 +1,109 @@
+//! A bench with plants and laws of somebody else's: every command of canrig, which knows them as it knows the shipped ones.
+
+use std::panic::AssertUnwindSafe;
+use std::process::ExitCode;
+
+use clap::Parser;
+use controller::catalogue::{InvalidOwnLaw, OwnLaw, tell_laws};
+use controller::law::ControlLaw;
+use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, tell_plants};
+use plant_emulator::plant::Plant;
+
+use crate::cli::Cli;
+use crate::exit::Exit;
+use crate::frames::Frames;
+use crate::{commands, console};
+
+/// Files, sockets and pipes that a run has open at once, with some to spare.
+const OPEN_FILES: u64 = 64;
+
+/// The program, before it runs.
+///
+/// The nodes are processes of the same program, so all of them know the same plants and laws.
+#[derive(Default)]
+#[must_use = "`main` runs it"]
+pub struct Bench {
+    plants: Vec<OwnPlant>,
+    laws: Vec<OwnLaw>,
+}
+
+/// Why a bench cannot begin: its author's mistake, not its user's.
+#[derive(Debug, thiserror::Error)]
+enum InvalidBench {
+    #[error(transparent)]
+    Plant(#[from] InvalidOwnPlant),
+    #[error(transparent)]
+    Law(#[from] InvalidOwnLaw),
+    #[error("{0}")]
+    Signals(String),
+}
+
+impl Bench {
+    /// canrig with the plants and laws that ship.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// A plant more, which scenarios choose by a table `[plant.NAME]`.
+    pub fn plant<P: Plant>(mut self) -> Self {
+        self.plants.push(OwnPlant::of::<P>());
+        self
+    }
+
+    /// A law more, which scenarios choose by a table `[controller.NAME]`.
+    pub fn law<L: ControlLaw>(mut self) -> Self {
+        self.laws.push(OwnLaw::of::<L>());
+        self
+    }
+
+    /// Does what the command line says. A panic ends in exit code 70 and a message, after everything on the stack was
+    /// cleaned up, and so does a plant or a law that cannot be one.
+    #[must_use]
+    pub fn main(self) -> ExitCode {
+        std::panic::set_hook(Box::new(console::report_panic));
+        // What a panic leaves of the bench is dropped with it.
+        let run = AssertUnwindSafe(|| match self.tell() {
+            Ok(()) => from_command_line(),
+            Err(error) => {
+                console::complain(&format!("canrig: this bench cannot begin: {error}"));
+                Exit::Internal
+            }
+        });
+        let exit = std::panic::catch_unwind(run);
+        exit.unwrap_or(Exit::Internal).into()
+    }
+
+    fn tell(self) -> Result<(), InvalidBench> {
+        if self.plants.is_empty() && self.laws.is_empty() {
+            return Ok(());
+        }
+        tell_plants(self.plants)?;
+        tell_laws(self.laws)?;
+        Frames::check_all().map_err(InvalidBench::Signals)
+    }
+}
+
+fn from_command_line() -> Exit {
+    match Cli::try_parse() {
+        Ok(cli) => execute(cli),
+        Err(error) => {
+            // The texts for --help and --version come as errors too.
+            let _ = error.print();
+            if error.use_stderr() {
+                Exit::Usage
+            } else {
+                Exit::Pass
+            }
+        }
+    }
+}
+
+fn execute(cli: Cli) -> Exit {
+    match platform::process::permit_open_files(OPEN_FILES) {
+        Ok(()) => commands::execute(cli),
+        Err(error) => {
+            console::complain(&error.to_string());
+            Exit::BenchFailed
+        }
+    }
+}

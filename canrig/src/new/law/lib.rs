@@ -1,0 +1,154 @@
+//! my_law: PI control with anti-windup. Put your law in its place.
+
+use controller::law::{Command, ControlLaw, Explanation, Measurement, Term};
+use scenario::reference::SetPoint;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+/// Largest current of the rig.
+const CURRENT_AMPERES_MAX: f64 = 1.0;
+
+/// The table `[controller.my_law]` of a scenario.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Proportional gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
+    pub proportional_amperes_per_metre: f64,
+    /// Integral gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
+    pub integral_amperes_per_metre_second: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            proportional_amperes_per_metre: 10.0,
+            integral_amperes_per_metre_second: 20.0,
+        }
+    }
+}
+
+/// The law: what does not change from cycle to cycle.
+#[derive(Clone, Debug)]
+pub struct MyLaw {
+    config: Config,
+}
+
+/// What the law remembers. Its own terms are read from here after each step.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct State {
+    position_metres: f64,
+    proportional_amperes: f64,
+    integral_amperes: f64,
+}
+
+impl ControlLaw for MyLaw {
+    const NAME: &'static str = "my_law";
+    type Config = Config;
+    type State = State;
+
+    /// What the controller tells of the law every 10th cycle: names in recording, report and `[[expect.signal]]`.
+    const TERMS: &'static [Term<State>] = &[
+        Term {
+            name: "proportional_part_amperes",
+            unit: "A",
+            comment: "Proportional part of the current.",
+            value: |state| state.proportional_amperes,
+        },
+        Term {
+            name: "integral_part_amperes",
+            unit: "A",
+            comment: "Integral part of the current.",
+            value: |state| state.integral_amperes,
+        },
+    ];
+
+    fn new(config: &Config) -> Self {
+        Self {
+            config: config.clone(),
+        }
+    }
+
+    fn start(&self) -> State {
+        State::default()
+    }
+
+    fn step(
+        &self,
+        state: &mut State,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+    ) -> Command {
+        // A cycle may bring no position; then the last one holds.
+        if measurement.position_metres.is_finite() {
+            state.position_metres = measurement.position_metres;
+        }
+        let error = set_point.position_metres - state.position_metres;
+        state.proportional_amperes = self.config.proportional_amperes_per_metre * error;
+        let step = self.config.integral_amperes_per_metre_second * error * period_seconds;
+        // The integral goes no further than a current can, so it does not wind up.
+        state.integral_amperes = (state.integral_amperes + step).clamp(0.0, CURRENT_AMPERES_MAX);
+        let current = state.proportional_amperes + state.integral_amperes;
+        Command {
+            current_amperes: current.clamp(0.0, CURRENT_AMPERES_MAX),
+            explanation: Explanation {
+                reference_position_metres: set_point.position_metres,
+                reference_velocity_metres_per_second: set_point.velocity_metres_per_second,
+                ..Explanation::default()
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_SECONDS: f64 = 1e-3;
+
+    /// One cycle at a position, on the way to 20 mm.
+    fn step(law: &MyLaw, state: &mut State, position_metres: f64) -> f64 {
+        let measurement = Measurement {
+            position_metres,
+            ..Measurement::default()
+        };
+        let set_point = SetPoint {
+            position_metres: 0.02,
+            ..SetPoint::default()
+        };
+        law.step(state, &measurement, &set_point, PERIOD_SECONDS)
+            .current_amperes
+    }
+
+    #[test]
+    fn the_current_is_the_sum_of_both_parts() {
+        let law = MyLaw::new(&Config::default());
+        let mut state = law.start();
+        for _ in 0..1000 {
+            step(&law, &mut state, 0.01);
+        }
+        // 10 A/m and, after a second, 20 A/m of 10 mm.
+        assert!((step(&law, &mut state, 0.01) - 0.3).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_long_way_off_does_not_wind_up() {
+        let law = MyLaw::new(&Config::default());
+        let mut state = law.start();
+        for _ in 0..100_000 {
+            step(&law, &mut state, -10.0);
+        }
+        assert!(state.integral_amperes <= CURRENT_AMPERES_MAX);
+    }
+
+    #[test]
+    fn a_missing_position_repeats_the_last() {
+        let law = MyLaw::new(&Config::default());
+        let mut state = law.start();
+        step(&law, &mut state, 0.01);
+        let held = step(&law, &mut state, f64::NAN);
+        assert!((held - step(&law, &mut state, 0.01)).abs() < 1e-3);
+    }
+}

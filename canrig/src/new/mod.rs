@@ -1,0 +1,276 @@
+//! `canrig new`: the crate of a plant or a law of one's own, which compiles, is tested and plays a scenario as it is.
+//!
+//! The crates in `plant/` and `law/` are written out with `my_plant` and `my_law` renamed.
+
+mod name;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use scenario::own::Section;
+
+use crate::console::{complain, say};
+use crate::exit::Exit;
+use name::{InvalidName, Name};
+
+/// The checkout that this program was built from. It may be gone, or on another machine.
+const BUILT_FROM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+/// How the skeletons call that checkout.
+const CHECKOUT: &str = "CANRIG";
+/// What cargo and the bench leave behind.
+const IGNORED: &str = "/target\n/runs\n";
+
+/// Arguments of `new`.
+#[derive(Args, Debug)]
+pub struct NewArgs {
+    /// What to write.
+    #[command(subcommand)]
+    pub what: What,
+}
+
+/// What a crate brings.
+#[derive(Debug, Subcommand)]
+pub enum What {
+    /// A plant: something that a current moves, behind the emulated drive
+    Plant(CrateArgs),
+    /// A control law: from a measurement and a set-point to a current
+    Law(CrateArgs),
+}
+
+/// The crate to write.
+#[derive(Args, Debug)]
+pub struct CrateArgs {
+    /// Name of the plant or law, of its table in scenarios and of the crate: small letters, digits and underscores
+    pub name: String,
+    /// Folder of the crate, which must not be there yet; the name if absent
+    #[arg(long, value_name = "FOLDER")]
+    pub path: Option<PathBuf>,
+    /// Checkout of canrig that the crate depends on; the one that this program was built from if absent
+    #[arg(long, value_name = "FOLDER")]
+    pub canrig: Option<PathBuf>,
+}
+
+/// The files of a crate, with a name in place of that of the thing.
+struct Skeleton {
+    section: Section,
+    name: &'static str,
+    manifest: &'static str,
+    library: &'static str,
+    program: &'static str,
+    scenario: &'static str,
+    readme: &'static str,
+}
+
+const PLANT: Skeleton = Skeleton {
+    section: Section::Plant,
+    name: "my_plant",
+    manifest: include_str!("plant/manifest.toml"),
+    library: include_str!("plant/lib.rs"),
+    program: include_str!("plant/main.rs"),
+    scenario: include_str!("plant/scenario.toml"),
+    readme: include_str!("plant/README.md"),
+};
+
+const LAW: Skeleton = Skeleton {
+    section: Section::Controller,
+    name: "my_law",
+    manifest: include_str!("law/manifest.toml"),
+    library: include_str!("law/lib.rs"),
+    program: include_str!("law/main.rs"),
+    scenario: include_str!("law/scenario.toml"),
+    readme: include_str!("law/README.md"),
+};
+
+/// Why no crate was written.
+#[derive(Debug, thiserror::Error)]
+enum NewError {
+    #[error(transparent)]
+    Name(#[from] InvalidName),
+    #[error("{} is there already; nothing is overwritten, so name another folder with --path", .0.display())]
+    Exists(PathBuf),
+    #[error("{} is no checkout of canrig: it has no canrig/Cargo.toml", .0.display())]
+    NoCheckout(PathBuf),
+    #[error(
+        "the sources that this canrig was built from are not on this machine; name a checkout with --canrig FOLDER"
+    )]
+    SourcesGone,
+    #[error("{} cannot be written: {source}", path.display())]
+    Write { path: PathBuf, source: io::Error },
+}
+
+impl NewError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Write { .. } => Exit::BenchFailed,
+            _ => Exit::Usage,
+        }
+    }
+}
+
+/// Writes the crate that the arguments ask for, and says what to do with it.
+#[must_use]
+pub fn new(args: &NewArgs) -> Exit {
+    let (skeleton, args) = match &args.what {
+        What::Plant(args) => (&PLANT, args),
+        What::Law(args) => (&LAW, args),
+    };
+    match written(skeleton, args) {
+        Ok(folder) => {
+            let (folder, name) = (folder.display(), &args.name);
+            say(&format!(
+                "{folder} has a bench of its own now:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
+                 The first build takes as long as canrig's own; with canrig's target folder in CARGO_TARGET_DIR it is shared."
+            ));
+            Exit::Pass
+        }
+        Err(error) => {
+            complain(&format!("canrig: {error}"));
+            error.exit()
+        }
+    }
+}
+
+fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<PathBuf, NewError> {
+    let name = Name::new(&args.name, skeleton.section)?;
+    let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name.snake()));
+    let checkout = checkout(args.canrig.as_deref())?;
+    if let Some(parent) = folder.parent() {
+        make(parent, |parent| fs::create_dir_all(parent))?;
+    }
+    // Of two that ask at once, one gets it.
+    fs::create_dir(&folder).map_err(|source| match source.kind() {
+        io::ErrorKind::AlreadyExists => NewError::Exists(folder.clone()),
+        _ => NewError::Write {
+            path: folder.clone(),
+            source,
+        },
+    })?;
+    for below in ["src", "scenarios"] {
+        make(&folder.join(below), |path| fs::create_dir(path))?;
+    }
+    for (path, text) in skeleton.files(&name, &checkout) {
+        make(&folder.join(path), |path| fs::write(path, &text))?;
+    }
+    // The versions that canrig is tested with; cargo adds the new crate.
+    let lock = checkout.join("Cargo.lock");
+    if lock.is_file() {
+        make(&folder.join("Cargo.lock"), |path| {
+            fs::copy(&lock, path).map(drop)
+        })?;
+    }
+    Ok(folder)
+}
+
+fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), NewError> {
+    make(path).map_err(|source| NewError::Write {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// The checkout to depend on, as an absolute path.
+fn checkout(named: Option<&Path>) -> Result<PathBuf, NewError> {
+    let is_canrig = |path: &Path| {
+        let manifest = fs::read_to_string(path.join("canrig/Cargo.toml"));
+        manifest.is_ok_and(|text| text.contains("name = \"canrig\""))
+    };
+    let path = named.unwrap_or(Path::new(BUILT_FROM));
+    match path.canonicalize() {
+        Ok(path) if is_canrig(&path) => Ok(path),
+        _ if named.is_none() => Err(NewError::SourcesGone),
+        _ => Err(NewError::NoCheckout(path.to_owned())),
+    }
+}
+
+impl Skeleton {
+    /// The files of the crate: where in its folder, and what.
+    fn files(&self, name: &Name, checkout: &Path) -> [(PathBuf, String); 6] {
+        let renamed = |text: &str| {
+            let text = text.replace(self.name, name.snake());
+            text.replace(&name::camel(self.name), &name.camel())
+        };
+        let checkout = escaped(&checkout.display().to_string());
+        let manifest = renamed(self.manifest).replace(CHECKOUT, &checkout);
+        let scenario = format!("scenarios/{}.toml", name.snake());
+        [
+            ("Cargo.toml".into(), manifest),
+            (".gitignore".into(), IGNORED.to_owned()),
+            ("README.md".into(), renamed(self.readme)),
+            ("src/lib.rs".into(), renamed(self.library)),
+            ("src/main.rs".into(), renamed(self.program)),
+            (scenario.into(), renamed(self.scenario)),
+        ]
+    }
+}
+
+/// A text between the quotes of a TOML string.
+fn escaped(text: &str) -> String {
+    text.replace('\\', "\\\\").replace('"', "\\\"")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn args(folder: &Path, name: &str) -> CrateArgs {
+        CrateArgs {
+            name: name.to_owned(),
+            path: Some(folder.join("deep/down")),
+            canrig: None,
+        }
+    }
+
+    #[test]
+    fn a_crate_is_written_once_and_nothing_of_the_skeleton_s_name_is_left() {
+        for skeleton in [&PLANT, &LAW] {
+            let folder = tempfile::tempdir().unwrap();
+            let args = args(folder.path(), "swing_arm");
+            let written_to = written(skeleton, &args).unwrap();
+            let scenario = written_to.join("scenarios/swing_arm.toml");
+            let text = fs::read_to_string(&scenario).unwrap();
+            assert!(text.contains(".swing_arm]"), "{text}");
+            let program = fs::read_to_string(written_to.join("src/main.rs")).unwrap();
+            assert!(program.contains("::<SwingArm>()"), "{program}");
+            for (path, text) in
+                skeleton.files(&Name::new("x1", skeleton.section).unwrap(), folder.path())
+            {
+                assert!(!text.to_lowercase().contains("my_"), "{}", path.display());
+                assert!(!text.contains("CANRIG"), "{}", path.display());
+            }
+            let again = written(skeleton, &args).unwrap_err();
+            assert!(matches!(again, NewError::Exists(_)), "{again}");
+            assert_eq!(fs::read_to_string(&scenario).unwrap(), text);
+        }
+    }
+
+    #[test]
+    fn what_is_no_checkout_is_refused_and_nothing_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let args = CrateArgs {
+            canrig: Some(folder.path().to_owned()),
+            ..args(folder.path(), "swing_arm")
+        };
+        assert!(matches!(
+            written(&PLANT, &args),
+            Err(NewError::NoCheckout(_))
+        ));
+        assert!(!folder.path().join("deep").exists());
+    }
+
+    #[test]
+    fn the_walk_throughs_show_what_the_skeletons_say() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+        for (page, skeleton) in [("your-plant.md", PLANT), ("your-law.md", LAW)] {
+            let page = fs::read_to_string(folder.join(page)).unwrap();
+            assert!(page.lines().count() < 100, "a walk is short");
+            let files = [skeleton.library, skeleton.program, skeleton.scenario];
+            for block in page.split("```").skip(1).step_by(2) {
+                let (kind, code) = block.split_once('\n').unwrap();
+                let is_shown = files.iter().any(|file| file.contains(code));
+                assert!(is_shown || kind == "sh", "not in the skeleton:\n{code}");
+            }
+        }
+    }
+}

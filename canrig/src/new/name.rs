@@ -1,0 +1,203 @@
+//! The name of a plant or a law, of its crate and of its type.
+
+use scenario::own::{InvalidOwn, Section, is_free};
+
+/// Names that Rust or cargo keeps to itself as those of crates.
+const KEPT: [&str; 58] = [
+    "abstract",
+    "alloc",
+    "as",
+    "async",
+    "await",
+    "become",
+    "box",
+    "break",
+    "build",
+    "const",
+    "continue",
+    "core",
+    "crate",
+    "deps",
+    "do",
+    "dyn",
+    "else",
+    "enum",
+    "examples",
+    "extern",
+    "false",
+    "final",
+    "fn",
+    "for",
+    "gen",
+    "if",
+    "impl",
+    "in",
+    "incremental",
+    "let",
+    "loop",
+    "macro",
+    "match",
+    "mod",
+    "move",
+    "mut",
+    "override",
+    "priv",
+    "proc_macro",
+    "pub",
+    "ref",
+    "return",
+    "self",
+    "static",
+    "std",
+    "struct",
+    "super",
+    "test",
+    "trait",
+    "true",
+    "try",
+    "type",
+    "typeof",
+    "unsafe",
+    "unsized",
+    "use",
+    "virtual",
+    "where",
+];
+/// Crates that the skeletons depend on, and their other modules and types in small letters.
+const TAKEN: [&str; 35] = [
+    "bench",
+    "box",
+    "canopen",
+    "canrig",
+    "clone",
+    "command",
+    "config",
+    "control_law",
+    "controller",
+    "copy",
+    "dbc",
+    "debug",
+    "default",
+    "deserialize",
+    "err",
+    "exit_code",
+    "explanation",
+    "faults",
+    "inputs",
+    "invalid_plant",
+    "json_schema",
+    "measurement",
+    "ok",
+    "option",
+    "plant",
+    "plant_emulator",
+    "platform",
+    "result",
+    "scenario",
+    "schemars",
+    "serde",
+    "set_point",
+    "signal",
+    "state",
+    "term",
+];
+
+/// Why a name cannot be one.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum InvalidName {
+    /// No table can be called so.
+    #[error(transparent)]
+    Table(#[from] InvalidOwn),
+    /// No crate can.
+    #[error(
+        "`{0}` has a meaning of its own in Rust, so a crate cannot be called so; take another name"
+    )]
+    Kept(String),
+    /// The skeleton itself has something of that name.
+    #[error("`{0}` is the name of something that the crate uses; take another name")]
+    Taken(String),
+    /// Two underscores in a row, or one at the end.
+    #[error("`{0}` makes no name of a type: single underscores between words, please")]
+    NoWords(String),
+}
+
+/// A valid name.
+pub(super) struct Name(String);
+
+impl Name {
+    /// Checks a name for a section's table, a crate and a type.
+    pub(super) fn new(text: &str, section: Section) -> Result<Self, InvalidName> {
+        is_free(section, text)?;
+        let name = text.to_owned();
+        // A number sticks to the word before it, so `a_1` and `a1` are the same type.
+        if text.split('_').any(str::is_empty) {
+            return Err(InvalidName::NoWords(name));
+        }
+        if KEPT.contains(&text) {
+            return Err(InvalidName::Kept(name));
+        }
+        if TAKEN.contains(&text) {
+            return Err(InvalidName::Taken(name));
+        }
+        Ok(Self(name))
+    }
+
+    /// As crates, modules and tables are written: `my_plant`.
+    pub(super) fn snake(&self) -> &str {
+        &self.0
+    }
+
+    /// As types are written: `MyPlant`.
+    pub(super) fn camel(&self) -> String {
+        camel(&self.0)
+    }
+}
+
+/// `my_plant` as a type: `MyPlant`.
+pub(super) fn camel(snake: &str) -> String {
+    let word = |word: &str| {
+        let (first, rest) = word.split_at(word.len().min(1));
+        first.to_uppercase() + rest
+    };
+    snake.split('_').map(word).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_tables_crates_and_types_are_told_from_others() {
+        let refused = |text: &str| {
+            Name::new(text, Section::Plant)
+                .err()
+                .map(|error| error.to_string())
+        };
+        assert_eq!(
+            Name::new("swing_arm_2", Section::Plant).unwrap().camel(),
+            "SwingArm2"
+        );
+        for text in ["pendulum", "a", "pid"] {
+            assert_eq!(refused(text), None, "{text}");
+        }
+        for (text, reason) in [
+            ("Pendulum", "cannot be the name of a table"),
+            ("my-plant", "cannot be the name of a table"),
+            ("../up", "cannot be the name of a table"),
+            ("", "cannot be the name of a table"),
+            ("heat", "another table already"),
+            ("dc_motor", "another table already"),
+            ("fn", "in Rust"),
+            ("test", "in Rust"),
+            ("config", "the crate uses"),
+            ("a__b", "underscores"),
+            ("a_", "underscores"),
+        ] {
+            assert!(
+                refused(text).is_some_and(|told| told.contains(reason)),
+                "{text}"
+            );
+        }
+        assert!(Name::new("pid", Section::Controller).is_err());
+    }
+}

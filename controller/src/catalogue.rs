@@ -1,0 +1,217 @@
+//! The laws that scenarios can choose, by name: those that ship, and those that a bench of somebody else's brings.
+
+use std::sync::OnceLock;
+
+use dbc::{LAW_TERMS_MAX, LawTerm};
+use scenario::controller::Controller;
+use scenario::own::{InvalidOwn, Own, OwnTable, Section, is_name, tell};
+
+use crate::law::{ControlLaw, Law};
+use crate::open_loop::OpenLoop;
+use crate::pid::Pid;
+use crate::sliding_mode::SlidingMode;
+use crate::sliding_mode_paper::SlidingModePaper;
+
+/// Why a `[controller]` table selects no law.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum LawError {
+    /// No table or several.
+    #[error("the [controller] table must hold exactly one law, found {0}")]
+    NotExactlyOne(usize),
+    /// A law from outside that nobody told.
+    #[error("there is no control law `{0}`")]
+    Unknown(String),
+    /// The table of a law from outside is that of another one.
+    #[error("controller: {0}")]
+    Parameters(#[from] toml::de::Error),
+}
+
+/// A law from outside, with the table that it has in a scenario.
+pub struct OwnLaw {
+    name: &'static str,
+    terms: Vec<LawTerm>,
+    table: OwnTable,
+    make: fn(&Own) -> Result<Law, LawError>,
+}
+
+impl OwnLaw {
+    /// The law `L`.
+    #[must_use]
+    pub fn of<L: ControlLaw>() -> Self {
+        Self {
+            name: L::NAME,
+            terms: L::TERMS.iter().map(|term| term.described()).collect(),
+            table: OwnTable::of::<L::Config>(L::NAME),
+            make: |own| Ok(Law::of::<L>(&own.parameters()?)),
+        }
+    }
+}
+
+/// Why a law from outside cannot be told.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum InvalidOwnLaw {
+    /// Its table cannot be one.
+    #[error(transparent)]
+    Table(#[from] InvalidOwn),
+    /// Too many terms.
+    #[error("the law `{law}` has {count} terms of its own (limit {LAW_TERMS_MAX})")]
+    TooManyTerms {
+        /// The law.
+        law: &'static str,
+        /// How many.
+        count: usize,
+    },
+    /// A term without a name of its own.
+    #[error(
+        "the term `{term}` of the law `{law}` needs a name of its own: at most 64 small letters, digits and underscores"
+    )]
+    Term {
+        /// The law.
+        law: &'static str,
+        /// The term.
+        term: String,
+    },
+}
+
+/// A law from outside that was told.
+struct Told {
+    name: &'static str,
+    terms: Vec<LawTerm>,
+    make: fn(&Own) -> Result<Law, LawError>,
+}
+
+static OWN: OnceLock<Vec<Told>> = OnceLock::new();
+
+/// Tells the laws from outside, once and before any scenario is read.
+///
+/// # Errors
+/// One of them has a name, parameters or terms that it cannot have.
+pub fn tell_laws(laws: Vec<OwnLaw>) -> Result<(), InvalidOwnLaw> {
+    laws.iter().try_for_each(check)?;
+    let (told, tables) = laws
+        .into_iter()
+        .map(|law| {
+            let OwnLaw {
+                name,
+                terms,
+                table,
+                make,
+            } = law;
+            (Told { name, terms, make }, table)
+        })
+        .unzip();
+    tell(Section::Controller, tables)?;
+    OWN.set(told)
+        .map_err(|_| InvalidOwnLaw::Table(InvalidOwn::ToldAlready))
+}
+
+/// Whether the bus can carry a law's terms.
+fn check(law: &OwnLaw) -> Result<(), InvalidOwnLaw> {
+    let count = law.terms.len();
+    if count > LAW_TERMS_MAX {
+        return Err(InvalidOwnLaw::TooManyTerms {
+            law: law.name,
+            count,
+        });
+    }
+    for (place, term) in law.terms.iter().enumerate() {
+        let mut before = law.terms[..place].iter();
+        if !is_name(&term.name) || before.any(|other| other.name == term.name) {
+            return Err(InvalidOwnLaw::Term {
+                law: law.name,
+                term: term.name.clone(),
+            });
+        }
+    }
+    Ok(())
+}
+
+fn told() -> &'static [Told] {
+    OWN.get().map_or(&[], Vec::as_slice)
+}
+
+/// The laws from outside, each with its terms; those that ship have none of their own.
+pub fn own_laws() -> impl Iterator<Item = (&'static str, &'static [LawTerm])> {
+    told().iter().map(|law| (law.name, law.terms.as_slice()))
+}
+
+/// The one law in a scenario's `[controller]` table, before its first cycle.
+///
+/// # Errors
+/// The table holds none or several, or one that nobody told.
+pub fn law(controller: &Controller) -> Result<Law, LawError> {
+    let shipped = [
+        (controller.sliding_mode.as_ref()).map(Law::of::<SlidingMode>),
+        (controller.sliding_mode_paper.as_ref()).map(Law::of::<SlidingModePaper>),
+        controller.pid.as_ref().map(Law::of::<Pid>),
+        controller.open_loop.as_ref().map(Law::of::<OpenLoop>),
+    ];
+    let own = controller.own.as_ref().map(own_law).transpose()?;
+    let mut laws = shipped.into_iter().chain([own]).flatten();
+    match (laws.next(), laws.count()) {
+        (Some(law), 0) => Ok(law),
+        (first, others) => Err(LawError::NotExactlyOne(
+            usize::from(first.is_some()) + others,
+        )),
+    }
+}
+
+fn own_law(own: &Own) -> Result<Law, LawError> {
+    let law = told().iter().find(|law| law.name == own.name());
+    let law = law.ok_or_else(|| LawError::Unknown(own.name().to_owned()))?;
+    (law.make)(own)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::controller;
+
+    #[test]
+    fn exactly_one_law_is_selected() {
+        let none = Controller::default();
+        assert_eq!(law(&none).unwrap_err(), LawError::NotExactlyOne(0));
+        let one = Controller {
+            sliding_mode: Some(controller::SlidingMode::default()),
+            ..none.clone()
+        };
+        assert!(law(&one).is_ok());
+        let two = Controller {
+            pid: Some(controller::Pid::default()),
+            open_loop: Some(controller::OpenLoop::default()),
+            ..none
+        };
+        assert_eq!(law(&two).unwrap_err(), LawError::NotExactlyOne(2));
+    }
+
+    #[test]
+    fn a_law_that_the_bus_cannot_tell_is_refused() {
+        let of = |names: &[&str]| OwnLaw {
+            terms: (names.iter())
+                .map(|name| LawTerm {
+                    name: (*name).to_owned(),
+                    unit: String::new(),
+                    comment: String::new(),
+                })
+                .collect(),
+            ..OwnLaw::of::<Pid>()
+        };
+        assert_eq!(check(&of(&["a", "b", "c", "d", "e", "f"])), Ok(()));
+        let seven = ["a", "b", "c", "d", "e", "f", "g"];
+        assert!(matches!(
+            check(&of(&seven)),
+            Err(InvalidOwnLaw::TooManyTerms { count: 7, .. })
+        ));
+        for names in [["a", "a"], ["a", "µ"]] {
+            assert!(matches!(
+                check(&of(&names)),
+                Err(InvalidOwnLaw::Term { .. })
+            ));
+        }
+        // It is there already.
+        assert!(matches!(
+            tell_laws(vec![OwnLaw::of::<Pid>()]),
+            Err(InvalidOwnLaw::Table(_))
+        ));
+    }
+}

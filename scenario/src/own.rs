@@ -1,0 +1,320 @@
+//! Plants and control laws from outside: their tables stand beside the shipped ones, each under its own name.
+//!
+//! They are told once, before anything is read; from then on schema and loader know them as they know the shipped ones.
+
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+use schemars::JsonSchema;
+use schemars::generate::SchemaSettings;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue, ValueDeserializer};
+
+use crate::Scenario;
+use crate::document::Document;
+use crate::error::Problem;
+use crate::schema::{TakeNullAway, schema_of};
+
+/// Longest name.
+const NAME_CHARACTERS_MAX: usize = 64;
+
+/// What a plant's or a law's parameters must be: what a scenario's table is read into, and described by. The schema gives
+/// types and ranges, `serde(default)` the defaults, `serde(deny_unknown_fields)` what does not belong there.
+pub trait Parameters: DeserializeOwned + JsonSchema {}
+
+impl<T: DeserializeOwned + JsonSchema> Parameters for T {}
+
+/// Which of a scenario's tables holds the plant's or the law's own.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Section {
+    /// `[plant.NAME]`.
+    Plant,
+    /// `[controller.NAME]`.
+    Controller,
+}
+
+impl Section {
+    pub(crate) const ALL: [Self; 2] = [Self::Plant, Self::Controller];
+
+    /// The section for people.
+    pub(crate) const fn place(self) -> &'static str {
+        match self {
+            Self::Plant => "[plant]",
+            Self::Controller => "[controller]",
+        }
+    }
+
+    /// What the section chooses.
+    pub(crate) const fn kind(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Controller => "control law",
+        }
+    }
+
+    /// Its key in a scenario.
+    const fn key(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Controller => "controller",
+        }
+    }
+
+    fn tables(self) -> &'static OnceLock<Vec<OwnTable>> {
+        static PLANTS: OnceLock<Vec<OwnTable>> = OnceLock::new();
+        static LAWS: OnceLock<Vec<OwnTable>> = OnceLock::new();
+        match self {
+            Self::Plant => &PLANTS,
+            Self::Controller => &LAWS,
+        }
+    }
+}
+
+/// The table of a plant or a law from outside.
+#[derive(Debug)]
+pub struct OwnTable {
+    name: &'static str,
+    /// Faults of `[[fault.plant.…]]` that mean something to the plant.
+    faults: &'static [&'static str],
+    schema: Value,
+    check: fn(Spanned<DeValue<'_>>) -> Result<(), toml::de::Error>,
+}
+
+impl OwnTable {
+    /// The table `name`, which holds these parameters.
+    #[must_use]
+    pub fn of<P: Parameters>(name: &'static str) -> Self {
+        // Without definitions of its own, which may be called like one of ours.
+        let mut settings = SchemaSettings::draft07().with_transform(TakeNullAway);
+        settings.inline_subschemas = true;
+        let mut schema: Value = settings.into_generator().into_root_schema_for::<P>().into();
+        if let Some(schema) = schema.as_object_mut() {
+            schema.remove("$schema");
+        }
+        Self {
+            name,
+            faults: &[],
+            schema,
+            check: |value| P::deserialize(ValueDeserializer::from(value)).map(drop),
+        }
+    }
+
+    /// The same for a plant to which these faults mean something.
+    #[must_use]
+    pub fn with_faults(self, faults: &'static [&'static str]) -> Self {
+        Self { faults, ..self }
+    }
+}
+
+/// Why a plant or a law cannot be told.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum InvalidOwn {
+    /// No name of a table.
+    #[error(
+        "`{0}` cannot be the name of a table: a name is at most 64 small letters, digits and underscores, a letter first"
+    )]
+    Name(String),
+    /// The name of something else.
+    #[error("[{}.{name}] is another table already", section.key())]
+    Taken {
+        /// Where.
+        section: Section,
+        /// The name.
+        name: String,
+    },
+    /// Parameters that are no table.
+    #[error("the parameters of `{0}` are no struct with named fields")]
+    NoTable(&'static str),
+    /// No such fault.
+    #[error("`{name}` names a fault `{fault}`, and there is no [[fault.plant.{fault}]]")]
+    Fault {
+        /// The plant.
+        name: &'static str,
+        /// The fault.
+        fault: &'static str,
+    },
+    /// Told twice, or after a scenario was read.
+    #[error("the plants and laws of a bench are told once")]
+    ToldAlready,
+}
+
+/// Tells all tables of a section, once and before anything is read.
+///
+/// # Errors
+/// One of them cannot be a table of the section.
+pub fn tell(section: Section, tables: Vec<OwnTable>) -> Result<(), InvalidOwn> {
+    let schema = schema_of::<Scenario>();
+    for (place, table) in tables.iter().enumerate() {
+        let name = table.name;
+        is_free(section, name)?;
+        if tables[..place].iter().any(|other| other.name == name) {
+            let name = name.to_owned();
+            return Err(InvalidOwn::Taken { section, name });
+        }
+        if table.schema["type"] != "object" {
+            return Err(InvalidOwn::NoTable(name));
+        }
+        let unknown = |fault: &&&str| !has_key(&schema, "PlantFaults", fault);
+        if let Some(fault) = table.faults.iter().find(unknown) {
+            return Err(InvalidOwn::Fault { name, fault });
+        }
+    }
+    section
+        .tables()
+        .set(tables)
+        .map_err(|_| InvalidOwn::ToldAlready)
+}
+
+/// Says so when a plant or a law cannot have a name.
+///
+/// # Errors
+/// It cannot be a table's, or is that of another one.
+pub fn is_free(section: Section, name: &str) -> Result<(), InvalidOwn> {
+    let schema = schema_of::<Scenario>();
+    if !is_name(name) {
+        return Err(InvalidOwn::Name(name.to_owned()));
+    }
+    if RESERVED.contains(&name) || has_key(&schema, definition_of(section), name) {
+        let name = name.to_owned();
+        return Err(InvalidOwn::Taken { section, name });
+    }
+    Ok(())
+}
+
+fn has_key(schema: &Value, definition: &str, key: &str) -> bool {
+    let properties = &schema["definitions"][definition]["properties"];
+    properties.get(key).is_some()
+}
+
+/// Names that mean something else without being keys.
+const RESERVED: [&str; 2] = ["sma_actuator", "none"];
+
+/// Whether a text can be the name of a table: small letters, digits and underscores, a letter first.
+#[must_use]
+pub fn is_name(text: &str) -> bool {
+    let is_part = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_';
+    text.len() <= NAME_CHARACTERS_MAX
+        && text.starts_with(|first: char| first.is_ascii_lowercase())
+        && text.bytes().all(is_part)
+}
+
+/// The tables of a section that come from outside.
+fn tables(section: Section) -> &'static [OwnTable] {
+    section.tables().get().map_or(&[], Vec::as_slice)
+}
+
+fn find(section: Section, name: &str) -> Option<&'static OwnTable> {
+    tables(section).iter().find(|table| table.name == name)
+}
+
+/// The faults of `[[fault.plant.…]]` that mean something to a plant from outside.
+pub(crate) fn faults_of(plant: &str) -> &'static [&'static str] {
+    find(Section::Plant, plant).map_or(&[], |table| table.faults)
+}
+
+/// Whether a plant from outside has this name.
+pub(crate) fn is_plant(name: &str) -> bool {
+    find(Section::Plant, name).is_some()
+}
+
+/// Which plants or laws there are, for people.
+pub(crate) fn known(section: Section) -> String {
+    let own = tables(section).iter().map(|table| table.name);
+    let (shipped, page): (&[&str], _) = match section {
+        Section::Plant => (&["dc_motor"], "docs/your-plant.md"),
+        Section::Controller => (
+            &["sliding_mode", "sliding_mode_paper", "pid", "open_loop"],
+            "docs/your-law.md",
+        ),
+    };
+    let names = Vec::from_iter(shipped.iter().copied().chain(own)).join(", ");
+    let without = match section {
+        Section::Plant => ", and without a plant's table the SMA actuator",
+        Section::Controller => "",
+    };
+    let kind = section.kind();
+    format!(
+        "known here: {names}{without}; a {kind} of your own is known to the bench that is built with it ({page})"
+    )
+}
+
+/// The name of a section's type in the schema.
+const fn definition_of(section: Section) -> &'static str {
+    match section {
+        Section::Plant => "Plant",
+        Section::Controller => "Controller",
+    }
+}
+
+/// Puts the tables from outside into a schema.
+pub(crate) fn describe(schema: &mut Value) {
+    for section in Section::ALL {
+        let place = format!("/definitions/{}/properties", definition_of(section));
+        let properties = schema.pointer_mut(&place);
+        let Some(properties) = properties.and_then(Value::as_object_mut) else {
+            continue;
+        };
+        for table in tables(section) {
+            properties.insert(table.name.to_owned(), table.schema.clone());
+        }
+    }
+}
+
+/// The table of a plant or a law from outside, as a scenario has it. Its parameters are checked.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct Own(BTreeMap<String, toml::Table>);
+
+impl Own {
+    /// The name of the plant or the law.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.0.keys().next().map_or("", String::as_str)
+    }
+
+    /// The parameters.
+    ///
+    /// # Errors
+    /// They are those of another plant or law.
+    pub fn parameters<P: Parameters>(&self) -> Result<P, toml::de::Error> {
+        let table = self.0.values().next().cloned().unwrap_or_default();
+        table.try_into()
+    }
+}
+
+/// Takes the tables from outside out of a document, since no type of ours has a field for them.
+pub(crate) fn remove(root: &mut DeTable<'_>) {
+    for section in Section::ALL {
+        let Some(value) = root.get_mut(section.key()) else {
+            continue;
+        };
+        if let DeValue::Table(table) = value.get_mut() {
+            for own in tables(section) {
+                table.remove(own.name);
+            }
+        }
+    }
+}
+
+/// The table from outside in a section of a document, if there is one.
+pub(crate) fn read(document: &Document<'_>, section: Section) -> Result<Option<Own>, Problem> {
+    let of_section = |own: &&OwnTable| document.keys(section.key()).contains(&own.name);
+    let Some(own) = tables(section).iter().find(of_section) else {
+        return Ok(None);
+    };
+    let path = format!("{}.{}", section.key(), own.name);
+    let invalid = |error: toml::de::Error| {
+        let span = error.span().unwrap_or_else(|| document.span(&path));
+        (document.source).problem(span, "invalid value", error.message())
+    };
+    let Some(value) = document.spanned(&path) else {
+        return Ok(None);
+    };
+    (own.check)(value.clone()).map_err(invalid)?;
+    let table = ValueDeserializer::from(value.clone());
+    let table = toml::Table::deserialize(table).map_err(invalid)?;
+    Ok(Some(Own(BTreeMap::from([(own.name.to_owned(), table)]))))
+}
