@@ -141,3 +141,47 @@ impl ExplanationObjects {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::eds;
+
+    fn dictionary(names: &[&str]) -> ObjectDictionary {
+        let term = |name: &&str| LawTerm {
+            name: (*name).to_owned(),
+            unit: String::new(),
+            comment: String::new(),
+        };
+        let terms: Vec<LawTerm> = names.iter().map(term).collect();
+        let mut dictionary = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap().dictionary;
+        declare(&mut dictionary, &terms);
+        dictionary
+    }
+
+    #[test]
+    fn own_terms_are_mapped_two_by_two_and_what_is_left_is_not_sent() {
+        let dictionary = dictionary(&["a", "b", "c"]);
+        let unsigned = |index, sub_index| dictionary.unsigned(index, sub_index).unwrap();
+        assert_eq!(
+            [0, 1, 2].map(|sub| unsigned(0x1A01, sub)),
+            [2, 0x2210_0020, 0x2211_0020]
+        );
+        assert_eq!([0, 1].map(|sub| unsigned(0x1A02, sub)), [1, 0x2212_0020]);
+        assert_eq!(unsigned(0x1A03, 0), 0);
+        let is_sent = |index| unsigned(index, 1) & INVALID == 0;
+        let sent = [0x1800, 0x1801, 0x1802, 0x1803].map(is_sent);
+        assert_eq!(sent, [true, true, true, false]);
+        let third = dictionary.entry(dictionary.find(0x2212, 0).unwrap());
+        assert_eq!(
+            (third.name.as_str(), third.data_type),
+            ("c", DataType::Real32)
+        );
+    }
+
+    #[test]
+    fn a_law_without_own_terms_has_the_shipped_dictionary() {
+        let shipped = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap().dictionary;
+        assert_eq!(dictionary(&[]).entries(), shipped.entries());
+    }
+}

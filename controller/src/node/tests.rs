@@ -1,11 +1,16 @@
 //! The controller against a drive of the test's own, in virtual time on a bus without delays.
 
-use canopen::cia402::{OptionCodes, StateMachine, Status};
+use canopen::cia402::{OptionCodes, State, StateMachine, Status};
+use canopen::emcy::ErrorCode;
+use canopen::nmt::{NmtCommand, NmtState};
 use canopen::object_dictionary::AbortCode;
 use canopen::pdo::WaitingPdo;
+use canopen::sync::Sync;
+use canopen::{Application, CommunicationLoss, Services};
 use proptest::prelude::*;
 
 use super::*;
+use crate::cause::Cause;
 
 const MILLISECOND: Duration = Duration::from_millis(1);
 /// Node-ID of the drive unless a rig file says otherwise.
