@@ -220,20 +220,18 @@ pub(crate) fn is_plant(name: &str) -> bool {
     find(Section::Plant, name).is_some()
 }
 
-/// Which plants or laws there are, for people.
-pub(crate) fn known(section: Section) -> String {
-    let own = tables(section).iter().map(|table| table.name);
-    let (shipped, page): (&[&str], _) = match section {
-        Section::Plant => (&["dc_motor"], "docs/your-plant.md"),
-        Section::Controller => (
-            &["sliding_mode", "sliding_mode_paper", "pid", "open_loop"],
-            "docs/your-law.md",
+/// Parts of a plant's rig, which stand beside a plant's own table.
+const RIG_PARTS: [&str; 5] = ["amplifier", "heat", "mechanics", "phase", "sensor"];
+
+/// Which plants or laws there are among the keys of a section, for people.
+pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -> String {
+    let names = Vec::from_iter(keys.filter(|key| !RIG_PARTS.contains(key))).join(", ");
+    let (without, page) = match section {
+        Section::Plant => (
+            ", and without a plant's table the SMA actuator",
+            "docs/your-plant.md",
         ),
-    };
-    let names = Vec::from_iter(shipped.iter().copied().chain(own)).join(", ");
-    let without = match section {
-        Section::Plant => ", and without a plant's table the SMA actuator",
-        Section::Controller => "",
+        Section::Controller => ("", "docs/your-law.md"),
     };
     let kind = section.kind();
     format!(

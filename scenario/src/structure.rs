@@ -127,7 +127,7 @@ impl<'a> Checker<'a> {
             let kind = section.kind();
             let label = format!("this bench has no such {kind}");
             self.report(key.span(), format!("unknown {kind} `{name}`"), label);
-            self.help(own::known(section));
+            self.help(own::known(section, known.keys().map(String::as_str)));
             return None;
         }
         let label = match meant {

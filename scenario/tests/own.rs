@@ -173,7 +173,7 @@ fn what_the_bench_does_not_have_is_named() {
         "[plant.rocket]\nthrust_newtons = 3.0\n",
         &[
             "unknown control law `fuzzy`",
-            "known here: sliding_mode, sliding_mode_paper, pid, open_loop, relay;",
+            "known here: open_loop, pid, relay, sliding_mode, sliding_mode_paper;",
             "unknown plant `rocket`",
             "known here: dc_motor, pendulum, and without a plant's table the SMA actuator;",
         ],

@@ -23,8 +23,8 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            proportional_amperes_per_metre: 10.0,
-            integral_amperes_per_metre_second: 20.0,
+            proportional_amperes_per_metre: 3.0,
+            integral_amperes_per_metre_second: 30.0,
         }
     }
 }
@@ -129,8 +129,8 @@ mod tests {
         for _ in 0..1000 {
             step(&law, &mut state, 0.01);
         }
-        // 10 A/m and, after a second, 20 A/m of 10 mm.
-        assert!((step(&law, &mut state, 0.01) - 0.3).abs() < 1e-3);
+        // 3 A/m and, after a second, 30 A/m of 10 mm.
+        assert!((step(&law, &mut state, 0.01) - 0.33).abs() < 1e-3);
     }
 
     #[test]
