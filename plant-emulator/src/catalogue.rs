@@ -151,7 +151,8 @@ fn check(kind: &Kind) -> Result<(), InvalidOwnPlant> {
 /// What is wrong with a signal by itself.
 fn flaw(signal: &PlantSignal) -> Option<&'static str> {
     let Range { minimum, maximum } = signal.range;
-    let steps = [minimum, maximum].map(|limit| limit / signal.resolution);
+    // As the bus rounds: -32.768 in steps of 0.001 are -32768.
+    let steps = [minimum, maximum].map(|limit| libm::round(limit / signal.resolution));
     let fits = match minimum < 0.0 {
         true => steps[0] >= f64::from(i16::MIN) && steps[1] <= f64::from(i16::MAX),
         false => steps[1] <= f64::from(u16::MAX),
@@ -257,6 +258,7 @@ mod tests {
             range: Range { minimum, maximum },
         };
         assert_eq!(flaw(&signal("angle_degrees", 0.01, -180.0, 180.0)), None);
+        assert_eq!(flaw(&signal("speed", 0.001, -32.768, 32.767)), None);
         for (wrong, reason) in [
             (signal("Angle (°)", 1.0, 0.0, 1.0), "name"),
             (signal("angle", 0.0, 0.0, 1.0), "above 0"),

@@ -248,10 +248,12 @@ fn read_own(
     into: &mut Option<Own>,
     problems: &mut Vec<Problem>,
 ) {
-    match own::read(document, section) {
-        Ok(own) => *into = own,
-        Err(problem) if problems.is_empty() => problems.push(problem),
-        Err(_) => {}
+    let Some((own, problem)) = own::read(document, section) else {
+        return;
+    };
+    *into = Some(own);
+    if problems.is_empty() {
+        problems.extend(problem);
     }
 }
 

@@ -297,22 +297,18 @@ pub(crate) fn remove(root: &mut DeTable<'_>) {
     }
 }
 
-/// The table from outside in a section of a document, if there is one.
-pub(crate) fn read(document: &Document<'_>, section: Section) -> Result<Option<Own>, Problem> {
+/// The table from outside in a section of a document, if there is one, and what its own type finds wrong with it.
+pub(crate) fn read(document: &Document<'_>, section: Section) -> Option<(Own, Option<Problem>)> {
     let of_section = |own: &&OwnTable| document.keys(section.key()).contains(&own.name);
-    let Some(own) = tables(section).iter().find(of_section) else {
-        return Ok(None);
-    };
+    let own = tables(section).iter().find(of_section)?;
     let path = format!("{}.{}", section.key(), own.name);
-    let invalid = |error: toml::de::Error| {
-        let span = error.span().unwrap_or_else(|| document.span(&path));
+    let value = document.spanned(&path)?;
+    let problem = |error: toml::de::Error| {
+        let span = error.span().unwrap_or_else(|| value.span());
         (document.source).problem(span, "invalid value", error.message())
     };
-    let Some(value) = document.spanned(&path) else {
-        return Ok(None);
-    };
-    (own.check)(value.clone()).map_err(invalid)?;
-    let table = ValueDeserializer::from(value.clone());
-    let table = toml::Table::deserialize(table).map_err(invalid)?;
-    Ok(Some(Own(BTreeMap::from([(own.name.to_owned(), table)]))))
+    let checked = (own.check)(value.clone()).err().map(problem);
+    let table = toml::Table::deserialize(ValueDeserializer::from(value.clone()));
+    let table = table.unwrap_or_default();
+    Some((Own(BTreeMap::from([(own.name.to_owned(), table)])), checked))
 }
