@@ -163,7 +163,8 @@ fn flaw(signal: &PlantSignal) -> Option<&'static str> {
     if !(signal.resolution > 0.0 && signal.resolution.is_finite()) {
         return Some("needs a number of steps per unit above 0");
     }
-    if !(minimum < maximum) {
+    let is_range = minimum < maximum;
+    if !is_range {
         return Some("has an empty range");
     }
     (!fits).then_some("does not fit 16 bits over its range: take fewer steps per unit")

@@ -54,8 +54,9 @@ fn told() {
     static TOLD: Once = Once::new();
     TOLD.call_once(|| {
         let pendulum = OwnTable::of::<Pendulum>("pendulum").with_faults(&["jammed_pulley"]);
-        tell(Section::Plant, vec![pendulum]).unwrap();
-        tell(Section::Controller, vec![OwnTable::of::<Relay>("relay")]).unwrap();
+        tell(Section::Plant, vec![pendulum]).expect("a table of a plant");
+        let relay = OwnTable::of::<Relay>("relay");
+        tell(Section::Controller, vec![relay]).expect("a table of a law");
     });
 }
 
@@ -77,7 +78,7 @@ const RELAY: &str = "[controller.relay]\ncurrent_amperes = 0.5\n";
 
 #[track_caller]
 fn refused(controller: &str, plant: &str, expected: &[&str]) {
-    let error = parsed(controller, plant).unwrap_err();
+    let error = parsed(controller, plant).expect_err("it is wrong");
     // However the lines were broken.
     let error = error.split_whitespace().collect::<Vec<_>>().join(" ");
     for expected in expected {
