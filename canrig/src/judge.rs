@@ -33,8 +33,8 @@ const BUS_LOAD: &str = "bus_load_percent";
 /// Metrics that a busy host makes worse.
 const HOST_METRICS: [&str; 2] = ["missed_cycles_percent", "sync_interval_milliseconds_max"];
 
-/// Judges a run that broke off. Only what the traffic tells is reported; a bus that is loaded beyond its limit is a
-/// failed limit, with what came of it as the reason.
+/// Judges a run that broke off. Only what the traffic tells is reported, and what went wrong until then; a bus that is
+/// loaded beyond its limit is a failed limit, with what came of it as the reason.
 #[must_use]
 pub fn judge_broken(timeline: &Timeline, scenario: &Scenario, error: &str) -> Verdict {
     let run = Run { timeline, scenario };
@@ -51,6 +51,7 @@ pub fn judge_broken(timeline: &Timeline, scenario: &Scenario, error: &str) -> Ve
         verdict.reason = Some(format!("{reason}; {error}"));
     }
     verdict.metrics = metrics;
+    verdict.losses = losses(timeline, scenario);
     verdict
 }
 

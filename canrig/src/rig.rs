@@ -18,8 +18,16 @@ use crate::FILE_BYTES_MAX;
 
 /// Default name of a rig file, beside the scenarios.
 pub const RIG_FILE: &str = "rig.toml";
-/// Messages of the drive whose identifiers are a function code and its node-ID.
-const NODE_MESSAGES: [(&str, u16); 6] = [
+/// Messages of the fan and load module; their identifiers are a function code and the node-ID.
+const FAN_MESSAGES: [(&str, u16); 5] = [
+    ("disturbance_emergency", 0x080),
+    ("disturbance_rpdo1", 0x200),
+    ("disturbance_sdo_answer", 0x580),
+    ("disturbance_sdo_request", 0x600),
+    ("disturbance_heartbeat", 0x700),
+];
+/// The same for the drive, but for its PDOs.
+const DRIVE_MESSAGES: [(&str, u16); 6] = [
     ("drive_emergency", 0x080),
     ("drive_sdo_answer", 0x580),
     ("drive_sdo_request", 0x600),
@@ -184,33 +192,42 @@ fn database(rig: &Rig, drive: &Drive) -> Result<Database, DbcError> {
     let [statusword, controlword] = drive.words();
     let [feedback_bytes, command_bytes] =
         drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok());
-    let mut database = Database::sma_actuator().with_silent(&TRUTH_MESSAGES);
-    for (name, function_code) in NODE_MESSAGES {
-        let id = function_code + u16::from(drive.node_id().get());
-        database = database.with_message(name, id, None, |signal| signal.coding)?;
-    }
     let heartbeat = rig.timeouts.drive_heartbeat_milliseconds;
-    database
+    let database = Database::sma_actuator()
+        .with_silent(&TRUTH_MESSAGES)
+        .with_identifiers(&identifiers(rig, drive))?
         .with_cycle_time("drive_heartbeat", heartbeat.into())
-        .with_message(
-            "drive_tpdo1",
-            drive.feedback_id(),
-            feedback_bytes,
-            |signal| match signal.name.as_str() {
+        .with_layout("drive_tpdo1", feedback_bytes, |signal| {
+            match signal.name.as_str() {
                 "position_millimetres" => scaled(drive.position()),
                 "current_amperes" => drive.current().map_or(signal.coding.absent(), scaled),
                 _ => in_word(signal, statusword),
-            },
-        )?
-        .with_message(
-            "drive_rpdo1",
-            drive.command_id(),
-            command_bytes,
-            |signal| match signal.name.as_str() {
+            }
+        })
+        .with_layout("drive_rpdo1", command_bytes, |signal| {
+            match signal.name.as_str() {
                 "target_current_amperes" => scaled(drive.target()),
                 _ => in_word(signal, controlword),
-            },
-        )
+            }
+        });
+    Ok(database)
+}
+
+/// Where the frames of drive, fan and load module are.
+fn identifiers(rig: &Rig, drive: &Drive) -> Vec<(&'static str, u16)> {
+    let of = |messages: &[(&'static str, u16)], node_id: u8| {
+        let messages = messages.iter();
+        let moved =
+            messages.map(|(name, function_code)| (*name, function_code + u16::from(node_id)));
+        moved.collect::<Vec<_>>()
+    };
+    let mut identifiers = of(&DRIVE_MESSAGES, drive.node_id().get());
+    identifiers.extend(of(&FAN_MESSAGES, rig.fan.node_id));
+    identifiers.extend([
+        ("drive_tpdo1", drive.feedback_id()),
+        ("drive_rpdo1", drive.command_id()),
+    ]);
+    identifiers
 }
 
 fn scaled(place: Scaled) -> Coding {
@@ -282,6 +299,20 @@ mod tests {
                 None
             );
         }
+    }
+
+    #[test]
+    fn the_fan_is_where_the_rig_file_says() {
+        let rig = load(&format!("{RIG}[fan]\nnode_id = 64\n")).unwrap();
+        let frame = CanFrame::new(0x240, &[0x88, 0x13, 0x85, 0xFF]);
+        let factor = rig.database.require(crate::signals::CONVECTION_FACTOR);
+        assert_eq!(factor.unwrap().decode(&frame), Some(5.0));
+        let heartbeat = CanFrame::new(0x740, &[5]);
+        let state = rig.database.require(crate::signals::FAN_STATE);
+        assert_eq!(state.unwrap().decode(&heartbeat), Some(5.0));
+        // Either may take the number that is the other's by default.
+        let swapped = RIG.replace("node_id = 32", "node_id = 17") + "[fan]\nnode_id = 16\n";
+        assert!(load(&swapped).is_ok());
     }
 
     #[test]

@@ -34,7 +34,7 @@ use sequence::{CONSUMER_HEARTBEAT_TIME, Controller};
 
 /// Node-ID of the controller.
 pub const CONTROLLER: NodeId = NodeId::new(0x01).expect("1 is a node id");
-/// Node-ID of the disturbance module.
+/// Node-ID of the disturbance module, unless a rig file gives it another.
 pub const DISTURBANCE: NodeId = NodeId::new(0x11).expect("17 is a node id");
 
 /// What has been counted since the start of the scenario.
@@ -76,7 +76,14 @@ impl ControllerNode {
     /// The scenario selects no law, or an EDS does not fit.
     pub fn new(view: &ControllerView) -> Result<Self, ControllerError> {
         let drive = Drive::from_eds(dbc::DRIVE_EDS)?;
-        Self::leading(view, dbc::CONTROLLER_EDS, drive, &Timeouts::default(), None)
+        let timeouts = Timeouts::default();
+        Self::leading(
+            view,
+            dbc::CONTROLLER_EDS,
+            (drive, DISTURBANCE),
+            &timeouts,
+            None,
+        )
     }
 
     /// As [`ControllerNode::new`], for the drive of a rig file, whose limits it obeys.
@@ -93,11 +100,13 @@ impl ControllerNode {
             ..view.clone()
         };
         let drive = Drive::new(drive_eds, &rig.drive, rig.limits.current_amperes)?;
+        let fan = rig.fan.node_id;
+        let fan = NodeId::new(fan).ok_or(ControllerError::NodeId(fan))?;
         let limits = LimitWatch::new(&rig.limits, view.bus.sync_period());
         Self::leading(
             &view,
             dbc::CONTROLLER_EDS,
-            drive,
+            (drive, fan),
             &rig.timeouts,
             Some(limits),
         )
@@ -106,7 +115,7 @@ impl ControllerNode {
     fn leading(
         view: &ControllerView,
         controller_eds: &str,
-        drive: Drive,
+        (drive, fan): (Drive, NodeId),
         timeouts: &Timeouts,
         limits: Option<LimitWatch>,
     ) -> Result<Self, ControllerError> {
@@ -125,6 +134,7 @@ impl ControllerNode {
             law,
             bring_up: BringUp::new(&drive, sync_period, timeouts),
             drive,
+            fan,
             sync_period,
             timeouts: *timeouts,
             watch,

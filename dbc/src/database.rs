@@ -240,29 +240,37 @@ impl Database {
         Self { messages }
     }
 
-    /// The same with a message elsewhere: under the identifier `id`, with `length_bytes` where that changes, and its signals
-    /// where `coding` says.
+    /// The same with messages under other identifiers, all of them at once.
     ///
     /// # Errors
-    /// Another message has the identifier.
-    pub fn with_message(
+    /// Two messages have the same then.
+    pub fn with_identifiers(&self, identifiers: &[(&str, u16)]) -> Result<Self, DbcError> {
+        let mut messages = self.messages.clone();
+        for (name, id) in identifiers {
+            let named = messages.iter_mut().filter(|message| message.name == *name);
+            named.for_each(|message| message.raw_id = (*id).into());
+        }
+        messages.sort_by_key(|message| message.raw_id);
+        refuse_duplicates(&messages)?;
+        Ok(Self { messages })
+    }
+
+    /// The same with another layout of a message: with `length_bytes` where that changes, and its signals where `coding` says.
+    #[must_use]
+    pub fn with_layout(
         &self,
         name: &str,
-        id: u16,
         length_bytes: Option<u8>,
         coding: impl Fn(&Signal) -> Coding,
-    ) -> Result<Self, DbcError> {
+    ) -> Self {
         let mut messages = self.messages.clone();
         for message in messages.iter_mut().filter(|message| message.name == name) {
-            message.raw_id = id.into();
             message.length_bytes = length_bytes.unwrap_or(message.length_bytes);
             for signal in &mut message.signals {
                 signal.coding = coding(signal);
             }
         }
-        messages.sort_by_key(|message| message.raw_id);
-        refuse_duplicates(&messages)?;
-        Ok(Self { messages })
+        Self { messages }
     }
 
     /// The same with another cycle time of a message.

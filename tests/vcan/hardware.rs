@@ -106,15 +106,15 @@ fn killed_bench() -> Result<(), Failed> {
 /// drive answers to the first with an emergency, the controller to the second with its safe state.
 fn bad_states() -> Result<(), Failed> {
     // It tells the emergency, and leaves Operational by it.
-    let passive = struck(&[(0x004, 0x20)])?;
+    let passive = struck(&[(0x004, 0x20)], "bench: error passive")?;
     assert!(passive.contains("the drive (node 16) "), "{passive}");
-    let off = struck(&[(0x040, 0), (0x100, 0)])?;
+    let off = struck(&[(0x040, 0), (0x100, 0)], "bench: bus-off")?;
     assert!(off.contains("the CAN controller went bus-off"), "{off}");
     Ok(())
 }
 
-/// What a run says that ends at such messages, without current; they are in its recording.
-fn struck(messages: &[(u32, u8)]) -> Result<String, Failed> {
+/// What a run says that ends at such messages, without current; they are in its recording, and what they told in its verdict.
+fn struck(messages: &[(u32, u8)], told: &str) -> Result<String, Failed> {
     let folder = tempfile::tempdir()?;
     let scenario = unhurried_scenario(folder.path(), 5.0);
     let runs = folder.path().join("runs");
@@ -133,6 +133,8 @@ fn struck(messages: &[(u32, u8)]) -> Result<String, Failed> {
     let ended = run.wait_with_output()?;
     let stderr = String::from_utf8(ended.stderr)?;
     assert_eq!(ended.status.code(), Some(4), "{stderr}");
+    let verdict = fs::read_to_string(only_run(&runs).join("verdict.json"))?;
+    assert!(verdict.contains(told), "{told} is not in\n{verdict}");
     let log = fs::read_to_string(only_run(&runs).join("bus.log"))?;
     for (class, _) in messages {
         let id = format!(" {:08X}#", ERROR_FLAG | class);
@@ -232,12 +234,21 @@ fn follow(commands: &[&str]) -> Result<String, Failed> {
     Ok(told)
 }
 
-/// The root mean squares that the comparisons print for the position.
+/// The root mean squares that the comparisons print for the position, which has no row where it is exactly the same.
 fn deviations(told: &str) -> Vec<f64> {
-    let cells = told.lines().filter_map(|line| {
+    let comparisons = told
+        .split("$ canrig ")
+        .filter(|part| part.starts_with("compare"));
+    let finished = comparisons.filter(|part| part.contains("exactly the same"));
+    finished.map(deviation).collect()
+}
+
+fn deviation(comparison: &str) -> f64 {
+    let cells = comparison.lines().filter_map(|line| {
         let mut cells = line.split('┆').map(str::trim);
         let is_position = cells.next() == Some("│ position millimetres");
         cells.next().filter(|_| is_position)
     });
-    cells.filter_map(|cell| cell.parse().ok()).collect()
+    let deviation = cells.filter_map(|cell| cell.parse().ok()).next();
+    deviation.unwrap_or(0.0)
 }

@@ -16,7 +16,6 @@ use std::time::Duration;
 
 use canopen::eds;
 use canopen::nmt::NodeId;
-use controller::node::DISTURBANCE;
 use dbc::scenario_clock::ScenarioClock;
 use platform::clock;
 use scenario::Scenario;
@@ -158,11 +157,9 @@ fn interview(rig: &LoadedRig, external: &External) -> Result<Interview, WorldErr
     let dictionary = dictionary
         .map_err(|error| cannot_be_made(&error))?
         .dictionary;
-    let fan: &[(NodeId, &str)] = match external.has(ExternalNode::Fan) {
-        true => &[(DISTURBANCE, "fan and load module")],
-        false => &[],
-    };
-    Ok(Interview::new(rig, dictionary, fan))
+    let fan = NodeId::new(rig.rig.fan.node_id).filter(|_| external.has(ExternalNode::Fan));
+    let fan = fan.map(|node_id| (node_id, "fan and load module"));
+    Ok(Interview::new(rig, dictionary, fan.as_slice()))
 }
 
 /// What is known of the emulated drive, and the limits that its wire has.

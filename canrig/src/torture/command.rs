@@ -5,6 +5,7 @@ use std::path::Path;
 
 use dbc::Database;
 use faults::Stream;
+use scenario::Scenario;
 
 use super::draw;
 use super::invariants::{Violation, violation};
@@ -31,10 +32,14 @@ pub fn torture(args: &TortureArgs) -> Exit {
             return Exit::ScenarioInvalid;
         }
     };
-    let duration_seconds = source.scenario.duration_seconds;
+    let Scenario {
+        plant,
+        duration_seconds,
+        ..
+    } = &source.scenario;
     let case = |index: usize| {
         let mut stream = Stream::named(args.seed, &format!("torture.{index}"));
-        let faults = draw::mix(&mut stream, duration_seconds);
+        let faults = draw::mix(&mut stream, plant, *duration_seconds);
         Case::new(&source.text, faults, stream.bits())
     };
     // The first one tells whether the scenario is fit for this at all.

@@ -1,6 +1,7 @@
 //! Draws faults. What is drawn covers all kinds, with parameters from harmless to severe (chosen, not measured).
 
 use faults::Stream;
+use scenario::plant::Plant;
 use toml::{Table, Value};
 
 /// Faults in one mix at most.
@@ -47,12 +48,15 @@ const BOOT_PROBABILITY: f64 = 0.1;
 const IDENTIFIERS: [i64; 5] = [0x080, 0x190, 0x210, 0x701, 0x710];
 const STATIONS: [&str; 3] = ["controller", "drive", "bench"];
 
-/// A mix of faults for a run of some length: the `[fault]` table.
-pub(super) fn mix(stream: &mut Stream, duration_seconds: f64) -> Table {
+/// A mix of faults for a run of some length, as far as they mean something to the plant: the `[fault]` table.
+pub(super) fn mix(stream: &mut Stream, plant: &Plant, duration_seconds: f64) -> Table {
     let mut faults = Table::new();
     for _ in 0..1 + stream.below(FAULTS_MAX) {
-        let kinds = LASTING.iter().map(|kind| (kind, true));
-        let kinds: Vec<_> = kinds
+        let lasting = LASTING
+            .iter()
+            .filter(|(group, kind)| *group != "plant" || plant.faults().contains(kind));
+        let kinds: Vec<_> = lasting
+            .map(|kind| (kind, true))
             .chain(INSTANT.iter().map(|kind| (kind, false)))
             .collect();
         let (&(group, kind), is_lasting) = *pick(stream, &kinds);
@@ -208,6 +212,8 @@ fn tenth_milliseconds(seconds: f64) -> f64 {
 mod tests {
     use std::collections::BTreeSet;
 
+    use scenario::Scenario;
+
     use super::*;
     use crate::torture::Case;
 
@@ -218,7 +224,7 @@ mod tests {
     fn every_mix_is_valid_and_all_kinds_are_drawn() {
         let mut drawn = BTreeSet::new();
         for seed in 0..1000 {
-            let faults = mix(&mut Stream::new(seed), 2.0);
+            let faults = mix(&mut Stream::new(seed), &Plant::default(), 2.0);
             let case = Case::new(BASE, faults, seed).unwrap();
             let scenario = case
                 .scenario()
@@ -247,8 +253,24 @@ mod tests {
     }
 
     #[test]
+    fn a_plant_meets_no_fault_that_means_nothing_to_it() {
+        let base = format!("{BASE}[plant.dc_motor]\n");
+        let scenario = Scenario::parse(&base, "t.toml", |_| unreachable!("no table")).unwrap();
+        let mut drawn = BTreeSet::new();
+        for seed in 0..300 {
+            let faults = mix(&mut Stream::new(seed), &scenario.plant, 2.0);
+            let case = Case::new(&base, faults, seed).unwrap();
+            let scenario = case
+                .scenario()
+                .unwrap_or_else(|problems| panic!("{problems}"));
+            drawn.extend(scenario.fault.windows().iter().map(|one| one.place.kind));
+        }
+        assert!(drawn.contains("dropped_load") && !drawn.contains("ageing"));
+    }
+
+    #[test]
     fn a_seed_gives_one_mix() {
-        let draw = |seed| mix(&mut Stream::new(seed), 2.0);
+        let draw = |seed| mix(&mut Stream::new(seed), &Plant::default(), 2.0);
         assert_eq!(draw(1), draw(1));
         assert_ne!(draw(1), draw(2));
     }

@@ -8,7 +8,6 @@ use canopen::nmt::{NmtCommand, NmtState, NodeId};
 use canopen::sync::Sync;
 use canopen::{Application, CanFrame, CommunicationLoss, Progress, Services};
 
-use super::DISTURBANCE;
 use super::phase::{Cycle, Phase};
 use super::sequence::Controller;
 use crate::cause::Cause;
@@ -94,8 +93,8 @@ impl Application for Controller {
     fn on_heartbeat(&mut self, services: &mut Services, node_id: NodeId, state: NmtState) {
         let is_ending = matches!(self.phase, Phase::Stopping { .. } | Phase::Ended);
         let waits = matches!(state, NmtState::Initialising | NmtState::PreOperational);
-        if node_id == DISTURBANCE && waits && !is_ending {
-            services.send_nmt(NmtCommand::Start, Some(DISTURBANCE));
+        if node_id == self.fan && waits && !is_ending {
+            services.send_nmt(NmtCommand::Start, Some(self.fan));
         }
         if node_id != self.drive.node_id {
             return;

@@ -5,12 +5,12 @@ use std::time::Duration;
 use canopen::Services;
 use canopen::cia402::{Command as DriveCommand, State};
 use canopen::emcy::EmergencyMessage;
-use canopen::nmt::NmtCommand;
+use canopen::nmt::{NmtCommand, NodeId};
 use scenario::reference::Trajectory;
 use scenario::rig::Timeouts;
 
+use super::Statistics;
 use super::phase::Phase;
-use super::{DISTURBANCE, Statistics};
 use crate::cause::Cause;
 use crate::drive::{Drive, Feedback};
 use crate::explanation::ExplanationObjects;
@@ -36,6 +36,8 @@ pub(super) struct Controller {
     pub(super) explanation: ExplanationObjects,
     pub(super) bring_up: BringUp,
     pub(super) drive: Drive,
+    /// The fan and load module.
+    pub(super) fan: NodeId,
     pub(super) sync_period: Duration,
     pub(super) timeouts: Timeouts,
     /// How the drive's heartbeat is watched: 0x1016:01 once the drive is configured.
@@ -154,7 +156,7 @@ impl Controller {
     /// NMT stop; the last thing that the controller does.
     pub(super) fn end(&mut self, services: &mut Services) {
         self.phase = Phase::Ended;
-        for node in [self.drive.node_id, DISTURBANCE] {
+        for node in [self.drive.node_id, self.fan] {
             services.send_nmt(NmtCommand::Stop, Some(node));
         }
         self.configure_self(services, 0, Duration::ZERO);

@@ -781,6 +781,23 @@ fn the_drive_of_a_rig_file_is_led_at_its_cycle_and_within_its_current() {
 }
 
 #[test]
+fn the_fan_of_a_rig_file_is_started_and_stopped_under_its_number() {
+    let mut rig = rig("{ min = -1.0, max = 45.0 }");
+    rig.fan.node_id = 64;
+    let mut bus = bus_of(&rig);
+    bus.run_until_running();
+    let fan = NodeId::new(64);
+    assert!(!bus.has_sent(&NmtCommand::Start.frame(fan)));
+    bus.controller
+        .on_frame(bus.now, &CanFrame::new(0x740, &[0x00]));
+    bus.settle();
+    assert!(bus.has_sent(&NmtCommand::Start.frame(fan)));
+    bus.controller.on_stop(bus.now);
+    assert_eq!(bus.ending(), Progress::Stopped);
+    assert!(bus.has_sent(&NmtCommand::Stop.frame(fan)));
+}
+
+#[test]
 fn a_position_beyond_the_rigs_limits_ends_the_run() {
     let mut bus = bus_of(&rig("{ min = -1.0, max = 0.55 }"));
     let expected = "limit of the rig: the position is 0.60 mm (limits -1 to 0.55 mm)";

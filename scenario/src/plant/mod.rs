@@ -49,6 +49,16 @@ impl Plant {
         }
     }
 
+    /// The faults of `[[fault.plant.…]]` that mean something to the plant.
+    #[must_use]
+    pub fn faults(&self) -> &'static [&'static str] {
+        match (&self.own, &self.dc_motor) {
+            (Some(own), _) => own::faults_of(own.name()),
+            (None, Some(_)) => DcMotor::FAULTS,
+            (None, None) => sma::FAULTS,
+        }
+    }
+
     /// What hangs on the plant, without what disturbances add; a plant from outside knows by itself.
     #[must_use]
     pub fn load_kilograms(&self) -> Option<f64> {
@@ -64,15 +74,15 @@ impl Plant {
 pub(crate) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     match scenario.plant.name() {
         "sma_actuator" => sma::check(document, &scenario.plant.phase),
-        "dc_motor" => without_wire(document, scenario, DcMotor::FAULTS),
-        own => without_wire(document, scenario, own::faults_of(own)),
+        _ => without_wire(document, scenario),
     }
 }
 
 /// A plant that is not the SMA actuator has no wire, no second plant's table, and only its own faults. What is written out
 /// of a scenario has the wire's tables too, as they are by default.
-fn without_wire(document: &Document<'_>, scenario: &Scenario, faults: &[&str]) -> Vec<Problem> {
+fn without_wire(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let (plant, name) = (&scenario.plant, scenario.plant.name());
+    let faults = plant.faults();
     let tables = [
         ("plant.heat", plant.heat != Heat::default()),
         ("plant.phase", plant.phase != Phase::default()),

@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 use crate::document::Document;
 use crate::error::Problem;
 
+/// Faults of `[[fault.plant.…]]` that mean something to the actuator: all.
+pub(super) const FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
+
 /// Heat balance of the wire, Eq. (1); all per metre of wire.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]

@@ -8,8 +8,6 @@ use crate::error::{Problem, ScenarioError, Source};
 use crate::load::{SCENARIO_BYTES_MAX, build, none_of, read_text};
 use crate::table;
 
-/// Node-IDs that are taken on every rig, and by whom.
-const TAKEN: [(u8, &str); 2] = [(1, "the controller"), (17, "the fan and load module")];
 /// What the file is for people.
 const KIND: &str = "rig file";
 
@@ -59,9 +57,14 @@ impl Rig {
 fn check(document: &Document<'_>, rig: &Rig) -> Vec<Problem> {
     let mut problems = Vec::from_iter(crate::check::name(document, &rig.name));
     let drive = &rig.drive;
-    if let Some((_, whose)) = TAKEN.iter().find(|(number, _)| *number == drive.node_id) {
+    if drive.node_id == rig.fan.node_id {
         let message = format!("node-ID {} is taken", drive.node_id);
-        problems.push(document.problem("drive.node_id", message, format!("it is {whose}'s")));
+        let path = match document.has("drive.node_id") {
+            true => "drive.node_id",
+            false => "fan.node_id",
+        };
+        let label = "drive, and fan and load module, have the same";
+        problems.push(document.problem(path, message, label));
     }
     if drive
         .eds

@@ -33,6 +33,9 @@ pub struct Rig {
     /// The drive; what is left out is as with the drive that canrig emulates.
     #[serde(default)]
     pub drive: Drive,
+    /// The fan and load module, where there is one.
+    #[serde(default)]
+    pub fan: Fan,
     /// What may never be, whatever a scenario says.
     pub limits: Limits,
     /// How long nodes wait for each other.
@@ -77,7 +80,7 @@ impl Default for RigBus {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Drive {
-    /// Its node-ID; 1 is the controller's and 17 the fan's.
+    /// Its node-ID; 1 is the controller's.
     #[schemars(range(min = 2, max = 127))]
     pub node_id: u8,
     /// Its EDS, beside the rig file; that of the emulated drive if left out.
@@ -105,6 +108,21 @@ impl Default for Drive {
             position: PositionObject::default(),
             current: CurrentObject::default(),
         }
+    }
+}
+
+/// The fan and load module: a CiA 401 node that takes the objects of `disturbance.eds` in its RPDO1.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Fan {
+    /// Its node-ID; 1 is the controller's.
+    #[schemars(range(min = 2, max = 127))]
+    pub node_id: u8,
+}
+
+impl Default for Fan {
+    fn default() -> Self {
+        Self { node_id: 17 }
     }
 }
 

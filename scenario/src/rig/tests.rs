@@ -43,7 +43,7 @@ fn an_error_underlines_its_place() {
         "rig.toml is not a valid rig file",
         "node-ID 17 is taken",
         "node_id = 17",
-        "it is the fan and load module's",
+        "drive, and fan and load module, have the same",
     ] {
         assert!(text.contains(part), "{part} is not in\n{text}");
     }
