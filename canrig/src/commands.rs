@@ -292,12 +292,9 @@ fn dry_run(
     let Some(path) = paths.first() else {
         return usage("no scenario is named");
     };
-    let source = match Source::load(path) {
+    let source = match Source::load_or_complain(path) {
         Ok(source) => on(source),
-        Err(error) => {
-            complain(&format!("{:?}", miette::Report::new(error)));
-            return Exit::ScenarioInvalid;
-        }
+        Err(exit) => return exit,
     };
     if let Err(reason) = admits(&source) {
         complain(&format!("canrig: {}: {reason}", path.display()));
@@ -387,11 +384,10 @@ fn play(
     let mut worst = Exit::Pass;
     let mut verdicts = Vec::new();
     for path in &paths {
-        let source = match Source::load(path) {
+        let source = match Source::load_or_complain(path) {
             Ok(source) => on(source),
-            Err(error) => {
-                complain(&format!("{:?}", miette::Report::new(error)));
-                worst = worst.max(Exit::ScenarioInvalid);
+            Err(exit) => {
+                worst = worst.max(exit);
                 continue;
             }
         };

@@ -9,6 +9,7 @@ use plant_emulator::{InvalidEmulator, catalogue};
 use scenario::{Objection, Scenario, ScenarioError};
 
 use crate::capture::{Capture, Watch};
+use crate::console::complain;
 use crate::exit::Exit;
 use crate::external::External;
 use crate::frames::Frames;
@@ -56,6 +57,17 @@ impl Source {
         })
     }
 
+    /// As [`Source::load`]; what is wrong with the file is told.
+    ///
+    /// # Errors
+    /// The exit code for it.
+    pub fn load_or_complain(path: &Path) -> Result<Self, Exit> {
+        Self::load(path).map_err(|error| {
+            complain(&format!("{:?}", miette::Report::new(error)));
+            Exit::ScenarioInvalid
+        })
+    }
+
     /// The same on a rig, whose bus takes the place of the scenario's.
     #[must_use]
     pub fn on(mut self, rig: Option<Arc<LoadedRig>>, external: External) -> Self {
@@ -84,7 +96,7 @@ impl Source {
 /// What only the bench knows to be wrong in a scenario: names of signals, and a plant that makes no physical sense.
 fn objections(scenario: &Scenario) -> Vec<Objection> {
     let mut objections = SignalNames::objections(scenario);
-    if let Err(InvalidEmulator::Plant(invalid)) = catalogue::emulator(scenario) {
+    if let Err(InvalidEmulator::Plant(invalid)) = catalogue::check(scenario) {
         let plant = scenario.plant.name();
         let path = match invalid.parameter() {
             Some(parameter) => format!("plant.{plant}.{parameter}"),

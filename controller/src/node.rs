@@ -80,7 +80,8 @@ impl ControllerNode {
         Self::leading(
             view,
             dbc::CONTROLLER_EDS,
-            (drive, DISTURBANCE),
+            drive,
+            DISTURBANCE,
             &timeouts,
             None,
         )
@@ -106,7 +107,8 @@ impl ControllerNode {
         Self::leading(
             &view,
             dbc::CONTROLLER_EDS,
-            (drive, fan),
+            drive,
+            fan,
             &rig.timeouts,
             Some(limits),
         )
@@ -115,7 +117,8 @@ impl ControllerNode {
     fn leading(
         view: &ControllerView,
         controller_eds: &str,
-        (drive, fan): (Drive, NodeId),
+        drive: Drive,
+        fan: NodeId,
         timeouts: &Timeouts,
         limits: Option<LimitWatch>,
     ) -> Result<Self, ControllerError> {

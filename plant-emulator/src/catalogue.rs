@@ -18,18 +18,24 @@ pub const TRUTH_MESSAGES: [&str; 3] = ["drive_tpdo2", "drive_tpdo3", "plant_trut
 /// Name of the actuator of the paper.
 pub const SMA_ACTUATOR: &str = Actuator::NAME;
 
-type MakeEmulator = dyn Fn(&Scenario) -> Result<Box<dyn Node>, InvalidEmulator> + Send + Sync;
+/// What is made of a scenario.
+type Make<T> = Box<dyn Fn(&Scenario) -> Result<T, InvalidEmulator> + Send + Sync>;
 
 /// A plant by its name: its own signals, and the emulator round it.
 pub struct Kind {
     name: &'static str,
     signals: Vec<PlantSignal>,
-    emulator: Box<MakeEmulator>,
+    check: Make<()>,
+    emulator: Make<Box<dyn Node>>,
 }
 
 impl Kind {
     /// `config` gives the plant's parameters in a scenario.
     fn of<P: Plant>(config: fn(&Scenario) -> Result<P::Config, InvalidEmulator>) -> Self {
+        let check = move |scenario: &Scenario| {
+            P::new(&config(scenario)?)?;
+            Ok(())
+        };
         let emulator = move |scenario: &Scenario| -> Result<Box<dyn Node>, InvalidEmulator> {
             let config = config(scenario)?;
             Ok(Box::new(PlantEmulator::<P>::new(scenario, &config)?))
@@ -37,6 +43,7 @@ impl Kind {
         Self {
             name: P::NAME,
             signals: P::SIGNALS.iter().map(described).collect(),
+            check: Box::new(check),
             emulator: Box::new(emulator),
         }
     }
@@ -116,7 +123,9 @@ static OWN: OnceLock<Vec<Kind>> = OnceLock::new();
 /// # Errors
 /// One of them has a name, parameters or signals that it cannot have.
 pub fn tell_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
-    plants.iter().try_for_each(|plant| check(&plant.kind))?;
+    plants
+        .iter()
+        .try_for_each(|plant| check_signals(&plant.kind))?;
     let (kinds, tables) = plants
         .into_iter()
         .map(|plant| (plant.kind, plant.table))
@@ -127,7 +136,7 @@ pub fn tell_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
 }
 
 /// Whether the bus can carry a plant's signals.
-fn check(kind: &Kind) -> Result<(), InvalidOwnPlant> {
+fn check_signals(kind: &Kind) -> Result<(), InvalidOwnPlant> {
     let (plant, count) = (kind.name, kind.signals.len());
     if count > SIGNALS_MAX {
         return Err(InvalidOwnPlant::TooManySignals { plant, count });
@@ -175,15 +184,26 @@ pub fn kinds() -> impl Iterator<Item = &'static Kind> {
     SHIPPED.iter().chain(OWN.get().into_iter().flatten())
 }
 
+/// Looks whether the plant that a scenario chooses makes sense, without an emulator round it.
+///
+/// # Errors
+/// It makes none.
+pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
+    (kind_of(scenario)?.check)(scenario)
+}
+
 /// The emulator of the plant that a scenario chooses.
 ///
 /// # Errors
 /// The plant makes no sense.
 pub fn emulator(scenario: &Scenario) -> Result<Box<dyn Node>, InvalidEmulator> {
+    (kind_of(scenario)?.emulator)(scenario)
+}
+
+fn kind_of(scenario: &Scenario) -> Result<&'static Kind, InvalidEmulator> {
     let name = scenario.plant.name();
     let kind = kinds().find(|kind| kind.name == name);
-    let kind = kind.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))?;
-    (kind.emulator)(scenario)
+    kind.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))
 }
 
 fn described<P>(signal: &Signal<P>) -> PlantSignal {
@@ -245,7 +265,7 @@ mod tests {
     #[test]
     fn the_shipped_plants_could_come_from_outside() {
         for kind in kinds() {
-            assert_eq!(check(kind), Ok(()), "{}", kind.name);
+            assert_eq!(check_signals(kind), Ok(()), "{}", kind.name);
         }
     }
 

@@ -43,12 +43,9 @@ impl SweepError {
 /// Does what the command line says.
 #[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
-    let source = match Source::load(&args.scenario) {
+    let source = match Source::load_or_complain(&args.scenario) {
         Ok(source) => source,
-        Err(error) => {
-            complain(&format!("{:?}", miette::Report::new(error)));
-            return Exit::ScenarioInvalid;
-        }
+        Err(exit) => return exit,
     };
     play(args, &source).unwrap_or_else(|error| {
         complain(&format!("canrig: {error}"));

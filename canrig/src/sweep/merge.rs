@@ -72,12 +72,9 @@ pub fn merge(args: &MergeArgs) -> Exit {
     let [first, ..] = args.shards.as_slice() else {
         return Exit::Usage;
     };
-    let source = match Source::load(&first.join(file::SCENARIO)) {
+    let source = match Source::load_or_complain(&first.join(file::SCENARIO)) {
         Ok(source) => source,
-        Err(error) => {
-            complain(&format!("{:?}", miette::Report::new(error)));
-            return Exit::ScenarioInvalid;
-        }
+        Err(exit) => return exit,
     };
     merged(args, &source).unwrap_or_else(|error| {
         complain(&format!("canrig: {error}"));

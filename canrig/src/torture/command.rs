@@ -25,12 +25,9 @@ const SHRUNK_MAX: usize = 5;
 /// Draws, plays, and tells what broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
-    let source = match Source::load(&args.scenario) {
+    let source = match Source::load_or_complain(&args.scenario) {
         Ok(source) => source,
-        Err(error) => {
-            complain(&format!("{:?}", miette::Report::new(error)));
-            return Exit::ScenarioInvalid;
-        }
+        Err(exit) => return exit,
     };
     let Scenario {
         plant,

@@ -50,15 +50,15 @@ const STATIONS: [&str; 3] = ["controller", "drive", "bench"];
 
 /// A mix of faults for a run of some length, as far as they mean something to the plant: the `[fault]` table.
 pub(super) fn mix(stream: &mut Stream, plant: &Plant, duration_seconds: f64) -> Table {
+    let lasting = LASTING
+        .iter()
+        .filter(|(group, kind)| *group != "plant" || plant.faults().contains(kind));
+    let kinds: Vec<_> = lasting
+        .map(|kind| (kind, true))
+        .chain(INSTANT.iter().map(|kind| (kind, false)))
+        .collect();
     let mut faults = Table::new();
     for _ in 0..1 + stream.below(FAULTS_MAX) {
-        let lasting = LASTING
-            .iter()
-            .filter(|(group, kind)| *group != "plant" || plant.faults().contains(kind));
-        let kinds: Vec<_> = lasting
-            .map(|kind| (kind, true))
-            .chain(INSTANT.iter().map(|kind| (kind, false)))
-            .collect();
         let (&(group, kind), is_lasting) = *pick(stream, &kinds);
         let mut fault = parameters(stream, group, kind);
         let from = tenth_milliseconds(stream.uniform() * 0.8 * duration_seconds);
