@@ -255,7 +255,10 @@ fn write_reports(
     database: &Database,
 ) -> Result<(), RunError> {
     let (timeline, verdict) = (run.timeline, run.verdict);
-    let signals = || Ok(folder.write(file::SIGNALS, &report::csv::to_csv(timeline))?);
+    let signals = || {
+        let write = |output: &mut _| report::csv::write(output, timeline);
+        Ok(folder.write_with(file::SIGNALS, write)?)
+    };
     let junit = || {
         let junit = report::junit::to_xml(std::slice::from_ref(verdict));
         let junit = junit.map_err(|error| RunError::report(file::JUNIT, &error))?;

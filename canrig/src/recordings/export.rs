@@ -53,7 +53,9 @@ fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
 
 fn csv_table(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
     let timeline = recorded.timeline()?;
-    Ok(csv::to_csv(&timeline))
+    let mut table = Vec::new();
+    csv::write(&mut table, &timeline).expect("memory takes all that is written");
+    Ok(table)
 }
 
 fn measurement(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {

@@ -11,15 +11,18 @@ use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 /// Stretches of time for which the load is told.
 const LOAD_STRETCHES: u32 = 200;
 
+/// A duration in the resolution of the recording.
+pub(super) type Microseconds = u64;
+
 /// The timing of one recording, from scenario time 0 to its end.
 #[derive(Clone, Debug, Default)]
 pub(super) struct BusTiming {
     /// Time between two SYNCs.
-    pub(super) cycles: Vec<Duration>,
+    pub(super) cycles: Vec<Microseconds>,
     /// From a SYNC to the drive's answer.
-    pub(super) answers: Vec<Duration>,
+    pub(super) answers: Vec<Microseconds>,
     /// From a SYNC to the controller's command.
-    pub(super) commands: Vec<Duration>,
+    pub(super) commands: Vec<Microseconds>,
     /// Middle of each stretch in scenario time.
     pub(super) load_seconds: Vec<f64>,
     /// Share of the time in which a frame was on the bus.
@@ -29,15 +32,15 @@ pub(super) struct BusTiming {
 /// What a set of durations comes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Spread {
-    pub(super) least: Duration,
-    pub(super) median: Duration,
-    pub(super) percentile_99: Duration,
-    pub(super) most: Duration,
+    pub(super) least: Microseconds,
+    pub(super) median: Microseconds,
+    pub(super) percentile_99: Microseconds,
+    pub(super) most: Microseconds,
 }
 
 impl Spread {
     /// Of no durations there is none.
-    pub(super) fn of(durations: &[Duration]) -> Option<Self> {
+    pub(super) fn of(durations: &[Microseconds]) -> Option<Self> {
         let mut sorted = durations.to_vec();
         sorted.sort_unstable();
         let (least, most) = (*sorted.first()?, *sorted.last()?);
@@ -82,11 +85,11 @@ impl BusTiming {
                 let before = sync.replace(*time);
                 timing
                     .cycles
-                    .extend(before.map(|before| time.saturating_sub(before)));
+                    .extend(before.map(|before| micros(time.saturating_sub(before))));
                 (is_answered, is_commanded) = (false, false);
                 continue;
             }
-            let since = time.saturating_sub(sync.unwrap_or(*time));
+            let since = micros(time.saturating_sub(sync.unwrap_or(*time)));
             if frame.raw_id() == answer && !std::mem::replace(&mut is_answered, true) {
                 timing.answers.push(since);
             }
@@ -151,14 +154,21 @@ impl Load {
     }
 }
 
+fn micros(duration: Duration) -> Microseconds {
+    u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
+}
+
 /// A histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
-pub(super) fn histogram(durations: &[Duration]) -> (Vec<f64>, Vec<f64>) {
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "microseconds stay far below 2^52"
+)]
+pub(super) fn histogram(durations: &[Microseconds]) -> (Vec<f64>, Vec<f64>) {
     const BINS: u32 = 60;
-    let Some(spread) = Spread::of(durations) else {
+    let (Some(least), Some(most)) = (durations.iter().min(), durations.iter().max()) else {
         return (Vec::new(), Vec::new());
     };
-    let micros = |duration: Duration| duration.as_secs_f64() * 1e6;
-    let (least, most) = (micros(spread.least), micros(spread.most));
+    let (least, most) = (*least as f64, *most as f64);
     // Whole microseconds, as the recording has them.
     let width = libm::ceil((most - least + 1.0) / f64::from(BINS)).max(1.0);
     let mut counts = vec![0u32; BINS as usize];
@@ -168,7 +178,7 @@ pub(super) fn histogram(durations: &[Duration]) -> (Vec<f64>, Vec<f64>) {
             clippy::cast_sign_loss,
             reason = "from 0 to the number of bins"
         )]
-        let bin = ((micros(*duration) - least) / width + 1e-6) as usize;
+        let bin = ((*duration as f64 - least) / width + 1e-6) as usize;
         counts[bin.min(BINS as usize - 1)] += 1;
     }
     let used = counts
@@ -201,24 +211,20 @@ mod tests {
 
     #[test]
     fn percentiles_are_ranks() {
-        let durations: Vec<Duration> = (1..=101).rev().map(Duration::from_micros).collect();
-        let spread = Spread::of(&durations).unwrap();
-        let micros = [
-            spread.least,
-            spread.median,
-            spread.percentile_99,
-            spread.most,
-        ]
-        .map(|value| value.as_micros());
-        assert_eq!(micros, [1, 51, 100, 101]);
+        let durations: Vec<Microseconds> = (1..=101).rev().collect();
+        let expected = Spread {
+            least: 1,
+            median: 51,
+            percentile_99: 100,
+            most: 101,
+        };
+        assert_eq!(Spread::of(&durations), Some(expected));
         assert_eq!(Spread::of(&[]), None);
     }
 
     #[test]
     fn a_histogram_counts_everything() {
-        let durations: Vec<Duration> = [1000, 1000, 1000, 1001, 1240]
-            .map(Duration::from_micros)
-            .to_vec();
+        let durations = [1000, 1000, 1000, 1001, 1240];
         let (edges, heights) = histogram(&durations);
         assert_eq!(edges.len(), heights.len());
         let total: f64 = heights[1..heights.len() - 1]

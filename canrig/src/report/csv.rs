@@ -1,5 +1,7 @@
 //! `signals.csv`: one row a cycle.
 
+use std::io::{self, Write};
+
 use crate::digits;
 use crate::timeline::Timeline;
 
@@ -9,18 +11,21 @@ const DECIMALS: usize = 7;
 const SCALE: u32 = 10_000_000;
 /// Whole numbers below this are exact.
 const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
-/// Room for a cell: more than one has on the average, since most hold few digits.
-const CELL_CAPACITY: usize = 6;
+/// The table goes on to the output in pieces of this size, which stay in the processor's cache.
+const PIECE: usize = 64 * 1024;
 
-/// The table as bytes. Names and numbers hold neither comma nor quote, so nothing needs quoting.
-#[must_use]
-pub fn to_csv(timeline: &Timeline) -> Vec<u8> {
-    let mut table = b"cycle,time_seconds,set_point_millimetres".to_vec();
+/// Writes the table. Names and numbers hold neither comma nor quote, so nothing needs quoting.
+///
+/// # Errors
+/// The output does not take it.
+pub fn write(mut output: impl Write, timeline: &Timeline) -> io::Result<()> {
+    let mut text = Vec::with_capacity(2 * PIECE);
+    text.extend_from_slice(b"cycle,time_seconds,set_point_millimetres");
     for column in &timeline.columns {
-        table.push(b',');
-        table.extend_from_slice(column.name.as_bytes());
+        text.push(b',');
+        text.extend_from_slice(column.name.as_bytes());
     }
-    table.push(b'\n');
+    text.push(b'\n');
     let own = [&timeline.time_seconds, &timeline.set_point_millimetres];
     let columns = timeline.columns.iter().map(|column| &column.values);
     let columns: Vec<&[f64]> = own
@@ -29,14 +34,19 @@ pub fn to_csv(timeline: &Timeline) -> Vec<u8> {
         .map(|values| &values[..])
         .collect();
     let mut before = vec![0; columns.len() + 1];
-    // A table that grows is copied again and again.
-    table.reserve(timeline.cycle.len() * columns.len() * CELL_CAPACITY);
     for (row, cycle) in timeline.cycle.iter().enumerate() {
-        digits::push(&mut table, *cycle, 1);
-        push_row(&mut table, &columns, row, &mut before);
-        table.push(b'\n');
+        if text.len() >= PIECE {
+            // The last row stays, since the next one is made of it.
+            let done = before[0];
+            output.write_all(&text[..done])?;
+            text.drain(..done);
+            before.iter_mut().for_each(|place| *place -= done);
+        }
+        digits::push(&mut text, *cycle, 1);
+        push_row(&mut text, &columns, row, &mut before);
+        text.push(b'\n');
     }
-    table
+    output.write_all(&text)
 }
 
 /// Appends the cells of a row. Most values are those of the row `before`, which tells where each of its cells begins and
@@ -88,10 +98,11 @@ fn push_number(table: &mut Vec<u8>, value: f64) {
     digits::push(table, scaled / scale, 1);
     let decimals = scaled % scale;
     if decimals > 0 {
+        // One digit more than there are, since an even number of them is written.
+        let digits = digits::fixed::<{ DECIMALS + 1 }>(10 * decimals);
+        let last = digits.iter().rposition(|digit| *digit != b'0');
         table.push(b'.');
-        digits::push(table, decimals, DECIMALS);
-        let zeros = table.iter().rev().take_while(|digit| **digit == b'0');
-        table.truncate(table.len() - zeros.count());
+        table.extend_from_slice(&digits[..=last.unwrap_or(0)]);
     }
 }
 

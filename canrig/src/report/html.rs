@@ -1,7 +1,5 @@
 //! `report.html`: one run on one page.
 
-use std::time::Duration;
-
 use dbc::{Database, LawTerm};
 use maud::{Markup, html};
 use scenario::Scenario;
@@ -442,7 +440,7 @@ fn bus(timing: &BusTiming, run: &Run<'_>) -> Markup {
             thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
             tbody { @for (name, durations) in &sets { @if let Some(spread) = Spread::of(durations) { tr {
                 td { (name) }
-                @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (micros(value)) } }
+                @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (value) } }
             } } } }
         } }
         @if let Some(timing) = &run.verdict.timing { (host(timing)) }
@@ -466,10 +464,6 @@ fn host(timing: &Timing) -> Markup {
         } }
         @for reason in &timing.distrust { p.unsure { "The timing is not trusted: " (reason) } }
     }
-}
-
-fn micros(duration: Duration) -> u128 {
-    duration.as_micros()
 }
 
 fn events(events: &[Event]) -> Markup {

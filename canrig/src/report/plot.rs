@@ -208,7 +208,16 @@ struct View {
 impl View {
     fn of(plot: &Plot<'_>) -> Self {
         let curves = || plot.curves.iter().map(|curve| curve.within(plot.x_range));
-        let all_x = curves().fold(NOTHING, |range, (x, _)| extended(range, x));
+        let all_x = plot.curves.iter().fold(NOTHING, |range, curve| {
+            let (x, _) = curve.within(plot.x_range);
+            match (curve.shape, x) {
+                // Over time the ends are the extremes.
+                (Shape::Line | Shape::Dashed | Shape::Area, [first, .., last]) => {
+                    extended(range, &[*first, *last])
+                }
+                _ => extended(range, x),
+            }
+        });
         let x = plot.x_range.unwrap_or_else(|| with_room(all_x));
         let patches = plot.patches.iter();
         let patches = patches.filter(|patch| patch.x.1 > x.0 && patch.x.0 < x.1);
