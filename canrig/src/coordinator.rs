@@ -398,10 +398,10 @@ impl<'a> Coordinator<'a> {
 
     /// Lets stations come back from bus-off.
     fn recover(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
-        let sequence = self.bus.bit_time(SEQUENCE_BITS);
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
+        let sequence = self.bus.bit_time(SEQUENCE_BITS);
         for (index, slot) in self.slots.iter_mut().enumerate() {
             let recovers_at = faults.states[index].recovers_at(sequence);
             if recovers_at.is_some_and(|time| time <= self.now) {

@@ -74,37 +74,30 @@ impl Bits {
         self.count += width;
     }
 
-    /// The CRC of ISO 11898-1, 10.4.2.6, byte by byte; zeros in front leave it zero.
+    /// The CRC of ISO 11898-1, 10.4.2.6. It is linear: the sum of what each byte adds at its place, counted from the end.
+    /// Zeros in front add nothing.
     fn crc(&self) -> u16 {
-        const TABLE: [u16; 256] = crc_table();
-        let bytes = self.bits.to_be_bytes();
-        let first = 16 - self.count.div_ceil(8) as usize;
-        bytes[first..].iter().fold(0, |crc, byte| {
-            let [_, high] = (crc >> 7).to_be_bytes();
-            (crc << 8 ^ TABLE[usize::from(high ^ byte)]) & 0x7FFF
-        })
+        const TABLE: [[u16; 256]; 16] = crc_table();
+        let bytes = self.bits.to_le_bytes();
+        let adds = bytes.iter().zip(&TABLE);
+        let adds = adds.take(self.count.div_ceil(8) as usize);
+        adds.fold(0, |crc, (byte, table)| crc ^ table[usize::from(*byte)])
     }
 
     /// Bits stuffed into these and the CRC behind them: after five equal bits comes one of the other kind, which counts
     /// for the next five.
     fn stuff_bits(&self, crc: u16) -> u32 {
-        const TABLE: [[Stuffed; 256]; Stuffed::STATES] = Stuffed::table();
+        const TABLE: [[Stuffed; Stuffed::STATES]; 256] = Stuffed::table();
         // Bits that alternate and end unlike the start of frame fill the first byte: they change nothing.
         const ALTERNATING: u128 = u128::from_ne_bytes([0b0101_0101; 16]);
         let count = self.count + CRC_BITS;
-        let bytes = (ALTERNATING << count | self.bits << CRC_BITS).to_be_bytes();
-        let (before, last) = bytes.split_at(14);
-        // The CRC joins at the end, so that the processor counts what stands before it meanwhile.
-        let [crc_high, crc_low] = crc.to_be_bytes();
-        let last = [last[0] | crc_high, last[1] | crc_low];
+        let bits = ALTERNATING << count | self.bits << CRC_BITS | u128::from(crc);
+        let bytes = bits.to_be_bytes();
         let start = Stuffed { bits: 0, state: 0 };
-        let stuffed = before
-            .iter()
-            .skip(16 - count.div_ceil(8) as usize)
-            .chain(&last)
-            .fold(start, |stuffed, byte| {
-                stuffed.and(TABLE[usize::from(stuffed.state)][usize::from(*byte)])
-            });
+        let first = bytes.len() - count.div_ceil(8) as usize;
+        let stuffed = bytes[first..].iter().fold(start, |stuffed, byte| {
+            stuffed.and(TABLE[usize::from(*byte)][usize::from(stuffed.state)])
+        });
         u32::from(stuffed.bits)
     }
 }
@@ -143,9 +136,9 @@ impl Stuffed {
         }
     }
 
-    /// For each state, what each byte does.
-    const fn table() -> [[Self; 256]; Self::STATES] {
-        let mut table = [[Self { bits: 0, state: 0 }; 256]; Self::STATES];
+    /// What each byte does in each state.
+    const fn table() -> [[Self; Self::STATES]; 256] {
+        let mut table = [[Self { bits: 0, state: 0 }; Self::STATES]; 256];
         let mut state: u8 = 0;
         while (state as usize) < Self::STATES {
             let mut byte: u16 = 0;
@@ -157,7 +150,7 @@ impl Stuffed {
                     let is_set = byte >> place & 1 == 1;
                     stuffed = stuffed.and(Self::after(stuffed.state, is_set as u8));
                 }
-                table[state as usize][byte as usize] = stuffed;
+                table[byte as usize][state as usize] = stuffed;
                 byte += 1;
             }
             state += 1;
@@ -166,22 +159,26 @@ impl Stuffed {
     }
 }
 
-/// What each byte adds to the CRC with the polynomial 0x4599.
-const fn crc_table() -> [u16; 256] {
-    let mut table = [0; 256];
+/// What each byte adds to the CRC with the polynomial 0x4599, by the number of bytes behind it.
+const fn crc_table() -> [[u16; 256]; 16] {
+    let mut table = [[0; 256]; 16];
     let mut byte: u16 = 0;
     while byte < 256 {
         let mut crc = byte << 7;
-        let mut bit = 0;
-        while bit < 8 {
-            let feedback = crc & 0x4000 != 0;
-            crc = (crc << 1) & 0x7FFF;
-            if feedback {
-                crc ^= 0x4599;
+        let mut behind = 0;
+        while behind < 16 {
+            let mut bit = 0;
+            while bit < 8 {
+                let feedback = crc & 0x4000 != 0;
+                crc = (crc << 1) & 0x7FFF;
+                if feedback {
+                    crc ^= 0x4599;
+                }
+                bit += 1;
             }
-            bit += 1;
+            table[behind][byte as usize] = crc;
+            behind += 1;
         }
-        table[byte as usize] = crc;
         byte += 1;
     }
     table
@@ -250,9 +247,10 @@ impl BusModel {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
-            reason = "a positive number of at most 200 000 bits x 1e6 ns"
+            reason = "a positive number of at most 200 000 bits x 1e6 ns, and rounded down on purpose"
         )]
-        let nanoseconds = (f64::from(bits) * self.nanoseconds_per_bit).round() as u64;
+        // The nearest whole number, without a call: a bit takes 1 ns or more, so the sum is exact where it matters.
+        let nanoseconds = (f64::from(bits) * self.nanoseconds_per_bit + 0.5) as u64;
         Duration::from_nanos(nanoseconds)
     }
 }
