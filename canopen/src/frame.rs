@@ -191,9 +191,11 @@ impl FilterSet {
 impl From<Vec<Filter>> for FilterSet {
     fn from(filters: Vec<Filter>) -> Self {
         let mut standard = Box::new([0; Self::WORDS]);
-        for id in 0..=0x7FF {
-            let frame = CanFrame::new(id, &[]);
-            if filters.iter().any(|filter| filter.accepts(&frame)) {
+        for filter in &filters {
+            let exact = (filter.id & 0x7FF) as u16;
+            let is_exact = filter.mask & 0x7FF == 0x7FF;
+            let ids = if is_exact { exact..=exact } else { 0..=0x7FF };
+            for id in ids.filter(|id| filter.accepts(&CanFrame::new(*id, &[]))) {
                 standard[usize::from(id / 64)] |= 1 << (id % 64);
             }
         }

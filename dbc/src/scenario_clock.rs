@@ -45,6 +45,7 @@ impl ScenarioClock {
     }
 
     /// Takes every frame of the bus in order; `true` when it is a SYNC of the scenario.
+    #[inline]
     pub fn on_frame(&mut self, time: Duration, frame: &CanFrame) -> bool {
         if frame.standard_id() == Some(SYNC_COB_ID) {
             if self.is_enabled && self.zero.is_none() {
@@ -70,6 +71,7 @@ impl ScenarioClock {
 
     /// Scenario time at a time of the frames' clock; `None` before it began.
     #[must_use]
+    #[inline]
     pub fn scenario_time(&self, time: Duration) -> Option<Duration> {
         self.zero.map(|zero| time.saturating_sub(zero))
     }

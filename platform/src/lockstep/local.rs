@@ -7,6 +7,9 @@ use canopen::{CanFrame, Filter, Node, Progress};
 use super::step::{StepError, Stepper};
 use super::{Answer, Audience, LockstepError, Participant};
 
+/// Frames of one step for which there is room from the beginning.
+const FRAMES_EXPECTED: usize = 8;
+
 /// A node in this process; the step happens in `begin`.
 pub struct Local<'a> {
     name: String,
@@ -62,7 +65,7 @@ impl Participant for Local<'_> {
     }
 
     fn begin_ahead(&mut self, to: Duration, until: Duration, frames: &[(Duration, CanFrame)]) {
-        let mut queued = Vec::new();
+        let mut queued = Vec::with_capacity(FRAMES_EXPECTED);
         let result = self
             .stepper
             .advance(self.node, (to, until), frames, &mut queued);

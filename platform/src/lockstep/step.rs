@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Node, Progress};
+use canopen::{CanFrame, FilterSet, Node, Progress};
 
 use super::Audience;
 use super::protocol::FRAMES_MAX;
@@ -54,6 +54,8 @@ pub(super) struct Stepper {
     next_deadline: Option<Duration>,
     /// How far the node is, as of the latest event.
     progress: Progress,
+    /// What the node takes without saying anything.
+    silent: FilterSet,
     audience: Audience,
 }
 
@@ -64,6 +66,7 @@ impl Stepper {
             now: Duration::ZERO,
             next_deadline: node.next_deadline(),
             progress: node.progress(),
+            silent: node.silent_filters().into(),
             audience: Audience::default(),
         }
     }
@@ -92,7 +95,7 @@ impl Stepper {
         queued: &mut Vec<(Duration, CanFrame)>,
     ) -> Result<Progress, StepError> {
         self.check_forwards(to)?;
-        for (at, frame) in frames {
+        for (place, (at, frame)) in frames.iter().enumerate() {
             if *at < self.now || *at > to {
                 return Err(StepError::FrameOutOfOrder {
                     frame: *frame,
@@ -107,6 +110,10 @@ impl Stepper {
             }
             self.now = *at;
             node.on_frame(self.now, frame);
+            let next = frames.get(place + 1);
+            if next.is_some_and(|(next, _)| self.needs_nothing_until(*next, frame)) {
+                continue;
+            }
             self.end_event(node, queued)?;
             if !self.is_running() {
                 return Ok(self.progress.clone());
@@ -116,6 +123,13 @@ impl Stepper {
         self.now = to;
         self.look_ahead(node, until, queued)?;
         Ok(self.progress.clone())
+    }
+
+    /// True when the node need not be asked after this frame: it took it in silence, and its next tick, which may only have
+    /// moved away, was not due before `next` anyway.
+    fn needs_nothing_until(&self, next: Duration, frame: &CanFrame) -> bool {
+        let is_due_before = |deadline| deadline < next;
+        self.silent.accepts(frame) && !self.next_deadline.is_some_and(is_due_before)
     }
 
     /// Goes on by the node's own deadlines, one instant after the other.
