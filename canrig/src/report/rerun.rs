@@ -6,6 +6,7 @@
 
 mod blueprint;
 mod bus;
+mod columns;
 mod file;
 mod groups;
 mod hysteresis;

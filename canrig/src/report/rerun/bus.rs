@@ -6,9 +6,9 @@ use dbc::Database;
 use rerun::{RecordingStream, RecordingStreamError, Scalars};
 use scenario::Scenario;
 
-use super::groups;
 use super::recording::line;
 use super::times::{self, Moment};
+use super::{columns, groups};
 use crate::recording::Stamped;
 use crate::signals::SignalMissing;
 use crate::timing::{CycleReader, Stage};
@@ -145,5 +145,5 @@ fn send(
     let times = times::columns(rows.iter().map(|(moment, _)| *moment));
     let values = Scalars::new(rows.iter().map(|(_, value)| *value)).columns_of_unit_batches()?;
     rows.clear();
-    stream.send_columns(path, times, values)
+    columns::send(stream, path, times, values)
 }

@@ -1,6 +1,7 @@
 //! `run.rrd` as a place where the SDK sends a recording.
 
 use std::fs::File;
+use std::io::BufWriter;
 use std::mem;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,13 +11,16 @@ use rerun::external::re_log_encoding::{EncodeError, Encoder, EncodingOptions};
 use rerun::log::LogMsg;
 use rerun::sink::{LogSink, SinkFlushError};
 
+/// Most of the messages are far shorter, and are handed on together.
+const BUFFER_BYTES: usize = 64 * 1024;
+
 /// A recording on its way to the disk. It is not compressed: that would halve it, and was the dearest single part of a
 /// whole simulation.
 #[derive(Clone)]
 pub(super) struct RecordingFile(Arc<Mutex<Output>>);
 
 struct Output {
-    encoder: Encoder<File>,
+    encoder: Encoder<BufWriter<File>>,
     /// What went wrong first; nothing is written after it.
     outcome: Result<(), EncodeError>,
 }
@@ -25,7 +29,8 @@ impl RecordingFile {
     pub(super) fn create(path: &Path) -> Result<Self, EncodeError> {
         let version = rerun::build_info().version;
         let options = EncodingOptions::PROTOBUF_UNCOMPRESSED;
-        let encoder = Encoder::new_eager(version, options, File::create(path)?)?;
+        let file = BufWriter::with_capacity(BUFFER_BYTES, File::create(path)?);
+        let encoder = Encoder::new_eager(version, options, file)?;
         let output = Output {
             encoder,
             outcome: Ok(()),
@@ -37,7 +42,8 @@ impl RecordingFile {
     pub(super) fn finish(&self) -> Result<(), EncodeError> {
         let mut output = self.output();
         mem::replace(&mut output.outcome, Ok(()))?;
-        output.encoder.finish()
+        output.encoder.finish()?;
+        output.encoder.flush_blocking()
     }
 
     fn output(&self) -> MutexGuard<'_, Output> {

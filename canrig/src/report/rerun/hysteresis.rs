@@ -5,8 +5,8 @@
 
 use rerun::{LineStrips2D, Points2D, Radius, RecordingStream, RecordingStreamError};
 
-use super::groups;
 use super::times::{self, Moment};
+use super::{columns, groups};
 use crate::timeline::Timeline;
 
 /// The signals (temperature, fraction): the truth where there is an emulator, else the observer's.
@@ -154,7 +154,12 @@ fn log_now(
     }
     let times = times::columns(points.iter().map(|point| point.moment));
     let places = Points2D::new(points.iter().map(|point| frame.place(point)));
-    stream.send_columns("hysteresis/now", times, places.columns_of_unit_batches()?)
+    columns::send(
+        stream,
+        "hysteresis/now",
+        times,
+        places.columns_of_unit_batches()?,
+    )
 }
 
 /// How the point looks.

@@ -12,6 +12,7 @@ use scenario::events::DisturbanceCommand;
 
 use super::blueprint::{self, Play};
 use super::bus::{self, BusReader};
+use super::columns;
 use super::groups::{self, OwnView, Style};
 use super::hysteresis::{self, Hysteresis};
 use super::rig::Rig;
@@ -212,7 +213,7 @@ impl<'a> Recording<'a> {
         }
         let values = rows.numbers().iter().map(|&row| values[row]);
         let scalars = Scalars::new(values).columns_of_unit_batches()?;
-        self.stream.send_columns(path, times, scalars)
+        columns::send(&self.stream, path, times, scalars)
     }
 
     /// The band that each judged step must settle in, as far as the piece goes.
@@ -240,7 +241,7 @@ impl<'a> Recording<'a> {
                 }
                 let scalars =
                     Scalars::new([step.to_millimetres + edge; 2]).columns_of_unit_batches()?;
-                self.stream.send_columns(path, times.clone(), scalars)?;
+                columns::send(&self.stream, path, times.clone(), scalars)?;
             }
         }
         Ok(())
@@ -263,8 +264,7 @@ impl<'a> Recording<'a> {
             .with_many_text(texts)
             .with_many_level(events.iter().map(level))
             .columns_of_unit_batches()?;
-        self.stream
-            .send_columns("events", times::columns(moments), rows)
+        columns::send(&self.stream, "events", times::columns(moments), rows)
     }
 }
 
@@ -324,21 +324,24 @@ pub(super) enum Rows {
 impl Rows {
     pub(super) fn of(values: &[f64], group: &str, known: Known) -> Self {
         let with_value = || (0..values.len()).filter(|&row| !values[row].is_nan());
+        let changes_max = match known {
+            _ if group == groups::OTHER => usize::MAX,
+            Known::Whole => values.len().div_ceil(CHANGES_SELDOM),
+            Known::SoFar => 0,
+        };
         let mut changes: Vec<usize> = Vec::new();
         let mut last = None;
         for row in with_value() {
             if last.is_none_or(|last: usize| values[last] != values[row]) {
+                if changes.len() + 1 >= changes_max {
+                    return Self::All(with_value().collect());
+                }
                 changes.push(row);
             }
             last = Some(row);
         }
-        let changes_seldom = known == Known::Whole && changes.len() * CHANGES_SELDOM < values.len();
-        if group == groups::OTHER || changes_seldom {
-            changes.extend(last.filter(|last| changes.last() != Some(last)));
-            Self::Changes(changes)
-        } else {
-            Self::All(with_value().collect())
-        }
+        changes.extend(last.filter(|last| changes.last() != Some(last)));
+        Self::Changes(changes)
     }
 
     fn numbers(&self) -> &[usize] {

@@ -9,8 +9,8 @@ use rerun::{
 };
 use scenario::Scenario;
 
-use super::groups;
 use super::times::{self, Moment};
+use super::{columns, groups};
 use crate::timeline::Timeline;
 
 /// From the wire's cold end to the pulleys.
@@ -121,7 +121,7 @@ impl Rig {
         }
         let times = times::columns(poses.iter().map(|pose| pose.moment));
         let send = |path: &str, columns: Vec<SerializedComponentColumn>| {
-            stream.send_columns(path, times.clone(), columns)
+            columns::send(stream, path, times.clone(), columns)
         };
         let strips = |strip: &dyn Fn(&Pose) -> Vec<[f32; 2]>| {
             LineStrips2D::update_fields().with_strips(poses.iter().map(strip))
