@@ -11,6 +11,7 @@ pub mod hub;
 mod kernel_format;
 pub mod link;
 pub mod lockstep;
+pub mod memory;
 pub mod private_bus;
 pub mod probe;
 pub mod process;

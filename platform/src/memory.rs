@@ -1,0 +1,22 @@
+//! What becomes of memory that was freed.
+#![expect(unsafe_code, reason = "mallopt has no safe wrapper")]
+
+/// Larger blocks come from the system one by one and go back to it at once.
+const BLOCK_BYTES_MAX: i32 = 8 << 20;
+/// So much stays with the process at the end of its heap.
+const KEPT_BYTES_MAX: i32 = 64 << 20;
+
+/// Lets memory that was freed stay with the process, which uses it again soon. Otherwise large buffers that are made and
+/// dropped in turn, as those of recordings are, come from the system anew each time, which clears each page of them.
+///
+/// Another C library than glibc does as it likes.
+pub fn keep_freed() {
+    #[cfg(target_env = "gnu")]
+    for (parameter, bytes) in [
+        (libc::M_MMAP_THRESHOLD, BLOCK_BYTES_MAX),
+        (libc::M_TRIM_THRESHOLD, KEPT_BYTES_MAX),
+    ] {
+        // SAFETY: changes how blocks are handed out from now on; those that are out stay valid.
+        unsafe { libc::mallopt(parameter, bytes) };
+    }
+}
