@@ -5,7 +5,9 @@
 use std::collections::BTreeSet;
 
 use rerun::datatypes::{Bool, Float32, Range1D, Range2D, Uuid};
-use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg};
+use rerun::external::re_log_types::{
+    BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreId, StoreInfo,
+};
 use rerun::external::re_sdk_types::blueprint::archetypes::{
     ContainerBlueprint, PanelBlueprint, PlotLegend, TextLogColumns, TimeAxis, TimePanelBlueprint,
     ViewBlueprint, ViewContents, ViewportBlueprint, VisualBounds2D,
@@ -15,7 +17,9 @@ use rerun::external::re_sdk_types::blueprint::components::{
     PanelState, PlayState, QueryExpression, RootContainer, RowShare, TextLogColumn, TimelineName,
 };
 use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
-use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
+use rerun::log::{Chunk, RowId};
+use rerun::time::Timeline;
+use rerun::{AsComponents, RecordingStream, RecordingStreamError, StoreKind};
 
 use scenario::Scenario;
 
@@ -40,35 +44,29 @@ pub(super) fn send(
     groups: &BTreeSet<&str>,
     play: Play,
 ) -> Result<()> {
-    let (stream, messages) = RecordingStreamBuilder::new(APPLICATION)
-        .enabled(true)
-        .recording_id("canrig layout")
-        .blueprint()
-        .memory()?;
-    stream.set_log_time_enabled(false);
-    stream.set_time_sequence("blueprint", 0);
+    let Some(info) = recording.store_info() else {
+        return Ok(());
+    };
+    let store_id = StoreId::new(StoreKind::Blueprint, APPLICATION, "canrig layout");
+    let info = StoreInfo {
+        store_id: store_id.clone(),
+        ..info
+    };
+    let row_id = *RowId::new();
     let mut layout = Layout {
-        stream: &stream,
+        messages: vec![SetStoreInfo { row_id, info }.into()],
+        store_id,
         scenario,
         play,
         places: 0,
     };
     layout.build(groups)?;
-    let messages = messages.take();
-    // What keeps them in memory keeps the stream too, with its threads, unless it is told that it is done.
-    stream.disconnect();
-    let id = messages.iter().find_map(|message| match message {
-        LogMsg::SetStoreInfo(info) => Some(info.info.store_id.clone()),
-        _ => None,
-    });
-    if let Some(blueprint_id) = id {
-        let command = BlueprintActivationCommand {
-            blueprint_id,
-            make_active: true,
-            make_default: true,
-        };
-        recording.send_blueprint(messages, command);
-    }
+    let command = BlueprintActivationCommand {
+        blueprint_id: layout.store_id,
+        make_active: true,
+        make_default: true,
+    };
+    recording.send_blueprint(layout.messages, command);
     Ok(())
 }
 
@@ -80,7 +78,8 @@ struct Place {
 }
 
 struct Layout<'a> {
-    stream: &'a RecordingStream,
+    store_id: StoreId,
+    messages: Vec<LogMsg>,
     scenario: &'a Scenario,
     play: Play,
     places: u8,
@@ -232,7 +231,7 @@ impl Layout<'_> {
         Ok(Place { id, path, share })
     }
 
-    fn viewport(&self, root: &Place) -> Result<()> {
+    fn viewport(&mut self, root: &Place) -> Result<()> {
         let viewport = ViewportBlueprint::new()
             .with_root_container(RootContainer(root.id))
             .with_auto_layout(AutoLayout(Bool(false)))
@@ -251,8 +250,13 @@ impl Layout<'_> {
         self.log("time_panel", &time_panel)
     }
 
-    fn log(&self, path: &str, what: &dyn AsComponents) -> Result<()> {
-        self.stream.log(path, what)
+    fn log(&mut self, path: &str, what: &dyn AsComponents) -> Result<()> {
+        let time = [(Timeline::new_sequence("blueprint"), 0)];
+        let chunk = Chunk::builder(path).with_archetype_auto_row(time, what);
+        let message = chunk.build()?.to_arrow_msg()?;
+        self.messages
+            .push(LogMsg::ArrowMsg(self.store_id.clone(), message));
+        Ok(())
     }
 
     /// Any names do that differ.
