@@ -247,47 +247,56 @@ impl World {
     }
 }
 
-/// Makes the files of a judged run, side by side: most of their time the disk works. The verdict comes last, since it
-/// says that the folder is complete.
+/// Makes the files of a judged run. The recording takes as long as all others, so they are made beside it. The verdict comes
+/// last, since it says that the folder is complete.
 fn write_reports(
     folder: &RunFolder,
     run: &report::html::Run<'_>,
     database: &Database,
 ) -> Result<(), RunError> {
-    let (timeline, verdict) = (run.timeline, run.verdict);
-    let signals = || {
-        let write = |output: &mut _| report::csv::write(output, timeline);
-        Ok(folder.write_with(file::SIGNALS, write)?)
-    };
-    let junit = || {
-        let junit = report::junit::to_xml(std::slice::from_ref(verdict));
-        let junit = junit.map_err(|error| RunError::report(file::JUNIT, &error))?;
-        Ok(folder.write(file::JUNIT, junit.as_bytes())?)
-    };
-    #[cfg(feature = "rerun")]
-    let recording = || {
-        let path = folder.path().join(file::RERUN);
-        report::rerun::write(&path, run.frames, timeline, verdict, run.scenario, database)
-            .map_err(|error| RunError::report(file::RERUN, &error))
-    };
-    let page = || {
-        let page = report::html::to_html(run, database)?;
-        Ok(folder.write(file::REPORT, page.as_bytes())?)
-    };
-    let works: &[&(dyn Fn() -> Result<(), RunError> + Sync)] = &[
-        &signals,
-        &junit,
-        #[cfg(feature = "rerun")]
-        &recording,
-        &page,
-    ];
     thread::scope(|scope| {
-        let threads: Vec<_> = works.iter().map(|work| scope.spawn(work)).collect();
-        threads.into_iter().try_for_each(|thread| {
-            thread
-                .join()
-                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-        })
+        let beside = scope.spawn(|| write_tables_and_page(folder, run, database));
+        let recorded = write_recording(folder, run, database);
+        beside
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+        recorded
     })?;
-    Ok(folder.write_verdict(verdict)?)
+    Ok(folder.write_verdict(run.verdict)?)
+}
+
+fn write_tables_and_page(
+    folder: &RunFolder,
+    run: &report::html::Run<'_>,
+    database: &Database,
+) -> Result<(), RunError> {
+    folder.write_with(file::SIGNALS, |output| {
+        report::csv::write(output, run.timeline)
+    })?;
+    let junit = report::junit::to_xml(std::slice::from_ref(run.verdict));
+    let junit = junit.map_err(|error| RunError::report(file::JUNIT, &error))?;
+    folder.write(file::JUNIT, junit.as_bytes())?;
+    let page = report::html::to_html(run, database)?;
+    Ok(folder.write(file::REPORT, page.as_bytes())?)
+}
+
+#[cfg(feature = "rerun")]
+fn write_recording(
+    folder: &RunFolder,
+    run: &report::html::Run<'_>,
+    database: &Database,
+) -> Result<(), RunError> {
+    let path = folder.path().join(file::RERUN);
+    let (frames, timeline, verdict) = (run.frames, run.timeline, run.verdict);
+    report::rerun::write(&path, frames, timeline, verdict, run.scenario, database)
+        .map_err(|error| RunError::report(file::RERUN, &error))
+}
+
+#[cfg(not(feature = "rerun"))]
+fn write_recording(
+    _folder: &RunFolder,
+    _run: &report::html::Run<'_>,
+    _database: &Database,
+) -> Result<(), RunError> {
+    Ok(())
 }

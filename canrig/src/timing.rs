@@ -405,6 +405,12 @@ impl CycleReader {
         })
     }
 
+    /// Scenario time of a frame that was taken; `None` before the scenario began.
+    #[cfg(feature = "rerun")]
+    pub(crate) fn scenario_time(&self, stamped: &Stamped) -> Option<Duration> {
+        self.clock.scenario_time(stamped.time)
+    }
+
     /// Takes every frame of the bus in order; what it is to its cycle, from scenario time 0 to `end`.
     pub(crate) fn take(&mut self, stamped: &Stamped, end: Duration) -> Option<Stage> {
         self.clock.on_frame(stamped.time, &stamped.frame);

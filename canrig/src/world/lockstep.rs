@@ -122,7 +122,9 @@ fn run_until(
 ) -> Result<End, WorldError> {
     coordinator.set_horizon(START_PATIENCE);
     for event in 0u32.. {
-        let now = coordinator.step(taps)?.ok_or(NO_START)?;
+        let Some(now) = coordinator.step(taps)? else {
+            return Err(NO_START);
+        };
         match taps.capture.scenario_time_at(now) {
             Some(time) if time >= end => break,
             Some(time) => coordinator.set_horizon(now - time + end),

@@ -12,7 +12,6 @@ use super::{columns, groups};
 use crate::recording::Stamped;
 use crate::signals::SignalMissing;
 use crate::timing::{CycleReader, Stage};
-use dbc::scenario_clock::ScenarioClock;
 
 /// Stretch of time for which a load is told.
 const LOAD_STRETCH_SECONDS: f64 = 0.1;
@@ -37,7 +36,6 @@ const TIMING: [(&str, &str, [u8; 3]); 3] = [
 
 /// What the stamps say, cycle by cycle.
 pub(crate) struct BusReader {
-    clock: ScenarioClock,
     cycle: CycleReader,
     period: Duration,
     end: Duration,
@@ -56,7 +54,6 @@ impl BusReader {
     /// The database lacks a signal.
     pub(crate) fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
         Ok(Self {
-            clock: ScenarioClock::new(database)?,
             cycle: CycleReader::new(database)?,
             period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),
             end: Duration::from_secs_f64(scenario.duration_seconds),
@@ -71,14 +68,14 @@ impl BusReader {
 
     /// Takes every frame of the bus in order.
     pub(crate) fn take(&mut self, stamped: &Stamped) {
-        self.clock.on_frame(stamped.time, &stamped.frame);
-        if let Some(time) = self.clock.scenario_time(stamped.time)
+        let stage = self.cycle.take(stamped, self.end);
+        if let Some(time) = self.cycle.scenario_time(stamped)
             && time < self.end
         {
             self.take_load(time, stamped.occupied_bits);
         }
         let micros = |time: Duration| time.as_secs_f64() * 1e6;
-        match self.cycle.take(stamped, self.end) {
+        match stage {
             Some(Stage::Sync { time }) => self.begin_cycle(time),
             Some(Stage::Position { after_sync }) => {
                 self.rows[1].push((self.now, micros(after_sync)))
