@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::real_time::{Started, in_real_time};
 use crate::support::{canrig, only_run, output, scenario};
 
 /// How long something may take on a busy machine.
@@ -25,7 +26,7 @@ fn scenario_text() -> String {
 
 /// A run that expects a node on its embedded bus.
 pub(crate) struct Run {
-    pub(crate) canrig: Child,
+    pub(crate) canrig: Started,
     /// What it prints.
     lines: BufReader<std::process::ChildStdout>,
     pub(crate) address: String,
@@ -76,7 +77,7 @@ impl Run {
         }
         let address = line["bus address: ".len()..].trim().to_owned();
         Self {
-            canrig,
+            canrig: Started::new(canrig),
             lines,
             address,
             scenario,
@@ -99,7 +100,7 @@ impl Run {
     pub(crate) fn told(mut self) -> (Option<i32>, String) {
         let mut text = String::new();
         self.lines.read_to_string(&mut text).unwrap();
-        let ended = self.canrig.wait_with_output().unwrap();
+        let ended = self.canrig.ended();
         text += &String::from_utf8(ended.stderr).unwrap();
         (ended.status.code(), text)
     }
@@ -152,55 +153,59 @@ fn values(run: &Path, column: &str) -> usize {
 
 #[test]
 fn beside_an_external_drive_nothing_is_guessed_and_a_limit_that_nobody_tells_does_not_pass() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = Run::expecting(folder.path(), "drive");
-    // The emulator tells temperatures, which must not be taken for those of the drive that it stands for.
-    let drive = run.start("plant-emulator");
-    let (code, text, run) = run.end();
-    stop(drive);
-    assert_eq!(code, Some(5), "{text}");
-    assert!(text.contains("only the emulated plant tells it"), "{text}");
-    let verdict = verdict(&run);
-    assert_eq!(verdict["external"], serde_json::json!(["drive"]));
-    for name in ["temperature_celsius", "maximum_deviation_millimetres"] {
-        let metric = metric(&verdict, name);
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let run = Run::expecting(folder.path(), "drive");
+        // The emulator tells temperatures, which must not be taken for those of the drive that it stands for.
+        let drive = run.start("plant-emulator");
+        let (code, text, run) = run.end();
+        stop(drive);
+        assert_eq!(code, Some(5), "{text}");
+        assert!(text.contains("only the emulated plant tells it"), "{text}");
+        let verdict = verdict(&run);
+        assert_eq!(verdict["external"], serde_json::json!(["drive"]));
+        for name in ["temperature_celsius", "maximum_deviation_millimetres"] {
+            let metric = metric(&verdict, name);
+            assert!(
+                metric["value"].is_null() && metric["passed"].is_null(),
+                "{metric}"
+            );
+        }
+        assert!(values(&run, "position_millimetres") > 20);
+        assert_eq!(values(&run, "wire_temperature_celsius"), 0);
         assert!(
-            metric["value"].is_null() && metric["passed"].is_null(),
-            "{metric}"
+            verdict["timing"]["plant_emulator"].is_null()
+                && verdict["timing"]["controller"].is_object()
         );
-    }
-    assert!(values(&run, "position_millimetres") > 20);
-    assert_eq!(values(&run, "wire_temperature_celsius"), 0);
-    assert!(
-        verdict["timing"]["plant_emulator"].is_null()
-            && verdict["timing"]["controller"].is_object()
-    );
-    let page = fs::read_to_string(run.join("report.html")).unwrap();
-    assert!(page.contains("are not available: the drive is external"));
-    // No command for a fan that is not there.
-    assert!(
-        !fs::read_to_string(run.join("bus.log"))
-            .unwrap()
-            .contains(" 211#")
-    );
+        let page = fs::read_to_string(run.join("report.html")).unwrap();
+        assert!(page.contains("are not available: the drive is external"));
+        // No command for a fan that is not there.
+        assert!(
+            !fs::read_to_string(run.join("bus.log"))
+                .unwrap()
+                .contains(" 211#")
+        );
 
-    replays_undecided_again(&run);
+        replays_undecided_again(&run);
+    });
 }
 
 #[test]
 fn an_external_controller_is_judged_like_ours() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = Run::expecting(folder.path(), "controller");
-    let controller = run.start("controller");
-    let (code, text, run) = run.end();
-    stop(controller);
-    // Beside a busy machine's 5 there is nothing that a hold could miss.
-    assert!(matches!(code, Some(0 | 5)), "{code:?}\n{text}");
-    let verdict = verdict(&run);
-    assert_eq!(verdict["external"], serde_json::json!(["controller"]));
-    assert!(metric(&verdict, "temperature_celsius")["value"].is_number());
-    assert!(values(&run, "wire_temperature_celsius") > 20);
-    assert!(verdict["timing"]["controller"].is_null());
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let run = Run::expecting(folder.path(), "controller");
+        let controller = run.start("controller");
+        let (code, text, run) = run.end();
+        stop(controller);
+        // Beside a busy machine's 5 there is nothing that a hold could miss.
+        assert!(matches!(code, Some(0 | 5)), "{code:?}\n{text}");
+        let verdict = verdict(&run);
+        assert_eq!(verdict["external"], serde_json::json!(["controller"]));
+        assert!(metric(&verdict, "temperature_celsius")["value"].is_number());
+        assert!(values(&run, "wire_temperature_celsius") > 20);
+        assert!(verdict["timing"]["controller"].is_null());
+    });
 }
 
 #[test]
@@ -235,71 +240,78 @@ fn what_cannot_be_external_is_refused() {
 
 #[test]
 fn a_rig_file_gives_the_cycle_and_goes_with_the_recording() {
-    let folder = tempfile::tempdir().unwrap();
-    // At such a cycle the law overshoots by far.
-    let rig = rig_file(folder.path(), 70.0);
-    let run = Run::with(folder.path(), &["--rig", rig.to_str().unwrap()]);
-    let drive = run.start("plant-emulator");
-    let (code, text, run) = run.end();
-    stop(drive);
-    assert_eq!(code, Some(5), "{text}");
-    assert!(text.contains("only the emulated plant tells it"), "{text}");
-    assert_eq!(verdict(&run)["external"], serde_json::json!(["drive"]));
-    // 3 s at the 50 ms of the rig file, where the scenario has 100 ms.
-    let rows = values(&run, "position_millimetres");
-    assert!((55..=60).contains(&rows), "{rows}");
-    replays_undecided_again(&run);
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        // At such a cycle the law overshoots by far.
+        let rig = rig_file(folder.path(), 70.0);
+        let run = Run::with(folder.path(), &["--rig", rig.to_str().unwrap()]);
+        let drive = run.start("plant-emulator");
+        let (code, text, run) = run.end();
+        stop(drive);
+        assert_eq!(code, Some(5), "{text}");
+        assert!(text.contains("only the emulated plant tells it"), "{text}");
+        assert_eq!(verdict(&run)["external"], serde_json::json!(["drive"]));
+        // 3 s at the 50 ms of the rig file, where the scenario has 100 ms.
+        let rows = values(&run, "position_millimetres");
+        assert!((55..=60).contains(&rows), "{rows}");
+        replays_undecided_again(&run);
+    });
 }
 
 #[test]
 fn canrig_stops_a_drive_that_a_foreign_controller_leads_beyond_a_limit() {
-    let folder = tempfile::tempdir().unwrap();
-    let rig = rig_file(folder.path(), 8.0);
-    let arguments = ["--rig", rig.to_str().unwrap(), "--external", "controller"];
-    let low = scenario_text().replace("position_millimetres = 10.0", "position_millimetres = 5.0");
-    let run = Run::of(&low, folder.path(), &arguments);
-    let drive = run.start("plant-emulator");
-    // It knows of no rig file and heads for 10 mm, at a cycle of its own.
-    let elsewhere = folder.path().join("elsewhere.toml");
-    fs::write(&elsewhere, scenario_text()).unwrap();
-    let controller = start(&run.address, "controller", &elsewhere);
-    let (code, text, run) = run.end();
-    stop(drive);
-    stop(controller);
-    assert_eq!(code, Some(4), "{text}");
-    let told = "canrig stopped the drive: limit of the rig: the position is";
-    assert!(text.contains(told), "{text}");
-    let log = fs::read_to_string(run.join("bus.log")).unwrap();
-    let (_, after) = log.split_once(" 000#0210\n").expect("NMT stop");
-    let is_heated = |line: &str| line.contains(" 190#37") && !line.ends_with("0000");
-    assert!(
-        !after.lines().any(is_heated),
-        "the current flows on:\n{after}"
-    );
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = rig_file(folder.path(), 8.0);
+        let arguments = ["--rig", rig.to_str().unwrap(), "--external", "controller"];
+        let low =
+            scenario_text().replace("position_millimetres = 10.0", "position_millimetres = 5.0");
+        let run = Run::of(&low, folder.path(), &arguments);
+        let drive = run.start("plant-emulator");
+        // It knows of no rig file and heads for 10 mm, at a cycle of its own.
+        let elsewhere = folder.path().join("elsewhere.toml");
+        fs::write(&elsewhere, scenario_text()).unwrap();
+        let controller = start(&run.address, "controller", &elsewhere);
+        let (code, text, run) = run.end();
+        stop(drive);
+        stop(controller);
+        assert_eq!(code, Some(4), "{text}");
+        let told = "canrig stopped the drive: limit of the rig: the position is";
+        assert!(text.contains(told), "{text}");
+        let log = fs::read_to_string(run.join("bus.log")).unwrap();
+        let (_, after) = log.split_once(" 000#0210\n").expect("NMT stop");
+        let is_heated = |line: &str| line.contains(" 190#37") && !line.ends_with("0000");
+        assert!(
+            !after.lines().any(is_heated),
+            "the current flows on:\n{after}"
+        );
+    });
 }
 
 #[test]
 fn ctrl_c_stops_a_drive_that_a_foreign_controller_leads() {
-    let folder = tempfile::tempdir().unwrap();
-    let rig = rig_file(folder.path(), 70.0);
-    let arguments = ["--rig", rig.to_str().unwrap(), "--external", "controller"];
-    let run = Run::with(folder.path(), &arguments);
-    let drive = run.start("plant-emulator");
-    let controller = start(&run.address, "controller", &run.scenario);
-    let log = || fs::read_to_string(only_run(&run.runs).join("bus.log")).unwrap_or_default();
-    let end = Instant::now() + PATIENCE;
-    while !log().contains(" 210#0F00") {
-        assert!(Instant::now() < end, "the drive is never led");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let canrig = Pid::from_raw(run.canrig.id().cast_signed()).unwrap();
-    kill_process(canrig, Signal::INT).unwrap();
-    let (code, text, run) = run.end();
-    stop(drive);
-    stop(controller);
-    assert_eq!(code, Some(130), "{text}");
-    let log = fs::read_to_string(run.join("bus.log")).unwrap();
-    assert!(log.contains(" 000#0210"), "no NMT stop:\n{log}");
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = rig_file(folder.path(), 70.0);
+        let arguments = ["--rig", rig.to_str().unwrap(), "--external", "controller"];
+        let run = Run::with(folder.path(), &arguments);
+        let drive = run.start("plant-emulator");
+        let controller = start(&run.address, "controller", &run.scenario);
+        let log = || fs::read_to_string(only_run(&run.runs).join("bus.log")).unwrap_or_default();
+        let end = Instant::now() + PATIENCE;
+        while !log().contains(" 210#0F00") {
+            assert!(Instant::now() < end, "the drive is never led");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let canrig = Pid::from_raw(run.canrig.id().cast_signed()).unwrap();
+        kill_process(canrig, Signal::INT).unwrap();
+        let (code, text, run) = run.end();
+        stop(drive);
+        stop(controller);
+        assert_eq!(code, Some(130), "{text}");
+        let log = fs::read_to_string(run.join("bus.log")).unwrap();
+        assert!(log.contains(" 000#0210"), "no NMT stop:\n{log}");
+    });
 }
 
 #[test]

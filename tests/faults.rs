@@ -9,6 +9,7 @@ use canrig::campaign::{Campaign, Played};
 use canrig::verdict::Outcome;
 use scenario::Scenario;
 
+use crate::real_time::in_real_time;
 use crate::support::{
     canrig, only_run, output, root, scenario, short_scenario, unhurried_scenario,
 };
@@ -164,22 +165,25 @@ fn faults_leave_the_same_bytes_in_one_process_and_in_three() {
 /// In real time the controller's process is killed; the run goes on and shows that the drive takes the current away.
 #[test]
 fn a_crash_in_real_time_is_a_kill() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = unhurried_scenario(folder.path(), 3.0);
-    let fault = "[[fault.node.crash]]\nfrom_seconds = 1.5\nnode = \"controller\"\n\
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = unhurried_scenario(folder.path(), 3.0);
+        let fault = "[[fault.node.crash]]\nfrom_seconds = 1.5\nnode = \"controller\"\n\
                  [expect]\nsafe_state = true\nemcy = [\"drive 0x8100\"]\n";
-    fs::write(&path, fs::read_to_string(&path).unwrap() + fault).unwrap();
-    let runs = folder.path().join("runs");
-    let (_, stdout, stderr) = output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(&path));
-    let verdict = fs::read_to_string(only_run(&runs).join("verdict.json")).unwrap();
-    let verdict: serde_json::Value = serde_json::from_str(&verdict).unwrap();
-    let passed = |name: &str| {
-        let metrics = verdict["metrics"].as_array().unwrap().iter();
-        let mut found = metrics.filter(|metric| metric["name"] == name);
-        found.next().unwrap()["passed"].clone()
-    };
-    assert_eq!(passed("safe_state"), true, "{stdout}\n{stderr}");
-    assert_eq!(passed("emcy"), true, "{stdout}\n{stderr}");
+        fs::write(&path, fs::read_to_string(&path).unwrap() + fault).unwrap();
+        let runs = folder.path().join("runs");
+        let (_, stdout, stderr) =
+            output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(&path));
+        let verdict = fs::read_to_string(only_run(&runs).join("verdict.json")).unwrap();
+        let verdict: serde_json::Value = serde_json::from_str(&verdict).unwrap();
+        let passed = |name: &str| {
+            let metrics = verdict["metrics"].as_array().unwrap().iter();
+            let mut found = metrics.filter(|metric| metric["name"] == name);
+            found.next().unwrap()["passed"].clone()
+        };
+        assert_eq!(passed("safe_state"), true, "{stdout}\n{stderr}");
+        assert_eq!(passed("emcy"), true, "{stdout}\n{stderr}");
+    });
 }
 
 #[test]

@@ -14,6 +14,7 @@ mod identify;
 mod lockstep;
 mod preflight;
 mod processes;
+mod real_time;
 mod replay;
 mod report;
 mod reproduce;

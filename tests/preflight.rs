@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::external::{PATIENCE, Run, start, stop};
+use crate::real_time::in_real_time;
 
 /// A scenario for bench and emulator; the emulator's has faults that the bench does not know of.
 fn scenario_text(faults: &str) -> String {
@@ -69,176 +70,196 @@ fn fails((code, text): (Option<i32>, String), line: &str) {
 
 #[test]
 fn every_check_passes_on_the_emulator() {
-    let (code, text) = flown("", "");
-    assert_eq!(code, Some(0), "{text}");
-    let passed = [
-        "✓ interface",
-        "· bit rate",
-        "✓ other manager none is heard",
-        "✓ nodes         found: drive (node 16)",
-        "✓ identity      as in the EDS",
-        "✓ objects       8 read, 4 written",
-        "✓ configuration PDOs 0x190 (8 bytes) and 0x210 (4 bytes)",
-        "✓ drive         Operation enabled",
-        "✓ position      0.00 to 0.00 mm without current",
-        "✓ direction     rises by ",
-        "✓ quick stop    no current after ",
-        "✓ NMT stop      Stopped in a heartbeat after ",
-        "✓ error frames  none",
-    ];
-    for line in passed {
-        assert!(text.contains(line), "{line} is not in\n{text}");
-    }
-    // That was all.
-    assert!(!text.contains("metric"), "{text}");
+    in_real_time(|| {
+        let (code, text) = flown("", "");
+        assert_eq!(code, Some(0), "{text}");
+        let passed = [
+            "✓ interface",
+            "· bit rate",
+            "✓ other manager none is heard",
+            "✓ nodes         found: drive (node 16)",
+            "✓ identity      as in the EDS",
+            "✓ objects       8 read, 4 written",
+            "✓ configuration PDOs 0x190 (8 bytes) and 0x210 (4 bytes)",
+            "✓ drive         Operation enabled",
+            "✓ position      0.00 to 0.00 mm without current",
+            "✓ direction     rises by ",
+            "✓ quick stop    no current after ",
+            "✓ NMT stop      Stopped in a heartbeat after ",
+            "✓ error frames  none",
+        ];
+        for line in passed {
+            assert!(text.contains(line), "{line} is not in\n{text}");
+        }
+        // That was all.
+        assert!(!text.contains("metric"), "{text}");
+    });
 }
 
 #[test]
 fn a_run_begins_with_the_pre_flight_and_heating_can_be_declined() {
-    let folder = tempfile::tempdir().unwrap();
-    let rig = rig_file(folder.path(), "", 20.0);
-    let arguments = ["--rig", rig.to_str().unwrap(), "--no-heating"];
-    let run = Run::of(&scenario_text(""), folder.path(), &arguments);
-    let drive = run.start("plant-emulator");
-    let (code, text, run) = run.end();
-    stop(drive);
-    // A busy machine may leave the scenario undecided.
-    assert!(matches!(code, Some(0 | 5)), "{code:?} {text}");
-    assert!(text.contains("· direction     not heated"), "{text}");
-    assert!(text.contains("run folder"), "{text}");
-    let flights = fs::read_dir(&run).unwrap();
-    let flights = flights.filter(|entry| {
-        let name = entry.as_ref().unwrap().file_name();
-        name.to_string_lossy().starts_with("pre-flight-")
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = rig_file(folder.path(), "", 20.0);
+        let arguments = ["--rig", rig.to_str().unwrap(), "--no-heating"];
+        let run = Run::of(&scenario_text(""), folder.path(), &arguments);
+        let drive = run.start("plant-emulator");
+        let (code, text, run) = run.end();
+        stop(drive);
+        // A busy machine may leave the scenario undecided.
+        assert!(matches!(code, Some(0 | 5)), "{code:?} {text}");
+        assert!(text.contains("· direction     not heated"), "{text}");
+        assert!(text.contains("run folder"), "{text}");
+        let flights = fs::read_dir(&run).unwrap();
+        let flights = flights.filter(|entry| {
+            let name = entry.as_ref().unwrap().file_name();
+            name.to_string_lossy().starts_with("pre-flight-")
+        });
+        let flight = flights.last().expect("the pre-flight is kept").unwrap();
+        let log = fs::read_to_string(flight.path().join("bus.log")).unwrap();
+        assert!(log.contains(" 000#0210"), "no NMT stop:\n{log}");
     });
-    let flight = flights.last().expect("the pre-flight is kept").unwrap();
-    let log = fs::read_to_string(flight.path().join("bus.log")).unwrap();
-    assert!(log.contains(" 000#0210"), "no NMT stop:\n{log}");
 }
 
 #[test]
 fn nobody_there_and_somebody_else_leading_are_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let rig = rig_file(folder.path(), "", 1.0);
-    let absent = dry_run(folder.path(), &rig).told();
-    fails(
-        absent,
-        "nodes         drive (node 16) answered no SDO for 1 s",
-    );
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = rig_file(folder.path(), "", 1.0);
+        let absent = dry_run(folder.path(), &rig).told();
+        fails(
+            absent,
+            "nodes         drive (node 16) answered no SDO for 1 s",
+        );
 
-    let folder = tempfile::tempdir().unwrap();
-    let rig = rig_file(folder.path(), "", 20.0);
-    let run = dry_run(folder.path(), &rig);
-    let other = run.start("controller");
-    let told = run.told();
-    stop(other);
-    fails(told, "other manager ");
+        let folder = tempfile::tempdir().unwrap();
+        let rig = rig_file(folder.path(), "", 20.0);
+        let run = dry_run(folder.path(), &rig);
+        let other = run.start("controller");
+        let told = run.told();
+        stop(other);
+        fails(told, "other manager ");
+    });
 }
 
 #[test]
 fn another_drive_and_objects_that_it_has_not_are_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let eds = dbc::DRIVE_EDS.replace("DefaultValue=0x00020192", "DefaultValue=0x00030192");
-    assert_ne!(eds, dbc::DRIVE_EDS);
-    fs::write(folder.path().join("other.eds"), eds).unwrap();
-    let other = flown_in(folder.path(), "eds = \"other.eds\"", "");
-    fails(
-        other,
-        "identity      0x1000:00 (Device type) is 0x20192, in the EDS 0x30192",
-    );
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let eds = dbc::DRIVE_EDS.replace("DefaultValue=0x00020192", "DefaultValue=0x00030192");
+        assert_ne!(eds, dbc::DRIVE_EDS);
+        fs::write(folder.path().join("other.eds"), eds).unwrap();
+        let other = flown_in(folder.path(), "eds = \"other.eds\"", "");
+        fails(
+            other,
+            "identity      0x1000:00 (Device type) is 0x20192, in the EDS 0x30192",
+        );
 
-    let folder = tempfile::tempdir().unwrap();
-    let eds = dbc::DRIVE_EDS.replace("6064", "6063");
-    fs::write(folder.path().join("other.eds"), eds).unwrap();
-    let drive = "eds = \"other.eds\"\nposition = { object = \"0x6063\" }";
-    let other = flown_in(folder.path(), drive, "");
-    fails(other, "objects       0x6063:00 ");
+        let folder = tempfile::tempdir().unwrap();
+        let eds = dbc::DRIVE_EDS.replace("6064", "6063");
+        fs::write(folder.path().join("other.eds"), eds).unwrap();
+        let drive = "eds = \"other.eds\"\nposition = { object = \"0x6063\" }";
+        let other = flown_in(folder.path(), drive, "");
+        fails(other, "objects       0x6063:00 ");
+    });
 }
 
 #[test]
 fn an_object_that_the_drive_does_not_map_is_told() {
-    // It is there, of the right kind and writable, but in no PDO.
-    let other = flown("current = { object = \"0x1017\" }", "");
-    fails(
-        other,
-        "configuration the drive did not take 0x10170010 for ",
-    );
+    in_real_time(|| {
+        // It is there, of the right kind and writable, but in no PDO.
+        let other = flown("current = { object = \"0x1017\" }", "");
+        fails(
+            other,
+            "configuration the drive did not take 0x10170010 for ",
+        );
+    });
 }
 
 #[test]
 fn a_position_that_cannot_be_is_told_before_current_flows() {
-    let other = flown("position = { units_at_stop = 50000.0 }", "");
-    fails(
-        other,
-        "position      -50.00 to -50.00 mm without current, beyond the limits",
-    );
-    let noise = "[plant.sensor]\nnoise_millimetres_rms = 0.3\n";
-    fails(flown("", noise), "position      it moves from ");
+    in_real_time(|| {
+        let other = flown("position = { units_at_stop = 50000.0 }", "");
+        fails(
+            other,
+            "position      -50.00 to -50.00 mm without current, beyond the limits",
+        );
+        let noise = "[plant.sensor]\nnoise_millimetres_rms = 0.3\n";
+        fails(flown("", noise), "position      it moves from ");
+    });
 }
 
 #[test]
 fn a_wrong_sign_and_a_load_that_does_not_move_are_told() {
-    let other = flown("position = { units_per_millimetre = -1000.0 }", "");
-    fails(other, "direction     falls by ");
-    let dead = "[[fault.amplifier.dead]]\nfrom_seconds = 0.0\n";
-    fails(flown("", dead), "direction     ");
+    in_real_time(|| {
+        let other = flown("position = { units_per_millimetre = -1000.0 }", "");
+        fails(other, "direction     falls by ");
+        let dead = "[[fault.amplifier.dead]]\nfrom_seconds = 0.0\n";
+        fails(flown("", dead), "direction     ");
+    });
 }
 
 #[test]
 fn a_current_that_nobody_commands_is_told() {
-    let stuck = "[[fault.amplifier.stuck_on]]\nfrom_seconds = 1.2\ncurrent_amperes = 0.7\n";
-    let told = "direction     the drive (node 16) ";
-    fails(flown("", stuck), told);
+    in_real_time(|| {
+        let stuck = "[[fault.amplifier.stuck_on]]\nfrom_seconds = 1.2\ncurrent_amperes = 0.7\n";
+        let told = "direction     the drive (node 16) ";
+        fails(flown("", stuck), told);
+    });
 }
 
 #[test]
 fn a_limit_of_the_rig_holds_under_the_ramp_too() {
-    // 0x6064 is the position in micrometres, so 30 mm are told as 60 mm.
-    let drive = "position = { units_per_millimetre = 500.0, resolution_millimetres = 10.0 }";
-    let other = flown(drive, "");
-    // No motion is seen, so the load rises on until the limit.
-    fails(
-        other,
-        "direction     canrig stopped the drive: limit of the rig: the position is ",
-    );
+    in_real_time(|| {
+        // 0x6064 is the position in micrometres, so 30 mm are told as 60 mm.
+        let drive = "position = { units_per_millimetre = 500.0, resolution_millimetres = 10.0 }";
+        let other = flown(drive, "");
+        // No motion is seen, so the load rises on until the limit.
+        fails(
+            other,
+            "direction     canrig stopped the drive: limit of the rig: the position is ",
+        );
+    });
 }
 
 #[test]
 fn ctrl_c_under_the_ramp_takes_the_current_away() {
-    let folder = tempfile::tempdir().unwrap();
-    // Motion that is never reached.
-    let rig = rig_file(
-        folder.path(),
-        "position = { resolution_millimetres = 10.0 }",
-        20.0,
-    );
-    let run = dry_run(folder.path(), &rig);
-    let drive = run.start("plant-emulator");
-    let log = || {
-        let runs = fs::read_dir(&run.runs).into_iter().flatten();
-        let logs = runs.map(|run| run.unwrap().path().join("bus.log"));
-        logs.filter_map(|log| fs::read_to_string(log).ok())
-            .last()
-            .unwrap_or_default()
-    };
-    // A command of 256 mA or more while the drive is enabled.
-    let is_heated = |log: &str| {
-        log.lines()
-            .any(|line| line.contains(" 210#0F00") && !line.ends_with("00"))
-    };
-    let end = Instant::now() + PATIENCE;
-    while !is_heated(&log()) {
-        assert!(Instant::now() < end, "the drive is never heated");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let canrig = Pid::from_raw(run.canrig.id().cast_signed()).unwrap();
-    kill_process(canrig, Signal::INT).unwrap();
-    let (code, text, folder) = run.end();
-    stop(drive);
-    assert_eq!(code, Some(130), "{text}");
-    let log = fs::read_to_string(folder.join("bus.log")).unwrap();
-    let (_, after) = log.split_once(" 210#02000000\n").expect("quick stop");
-    assert!(after.contains(" 000#0210"), "no NMT stop:\n{after}");
-    let told = after.lines().rev().find(|line| line.contains(" 190#"));
-    assert!(told.is_some_and(|line| line.ends_with("0000")), "{told:?}");
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        // Motion that is never reached.
+        let rig = rig_file(
+            folder.path(),
+            "position = { resolution_millimetres = 10.0 }",
+            20.0,
+        );
+        let run = dry_run(folder.path(), &rig);
+        let drive = run.start("plant-emulator");
+        let log = || {
+            let runs = fs::read_dir(&run.runs).into_iter().flatten();
+            let logs = runs.map(|run| run.unwrap().path().join("bus.log"));
+            logs.filter_map(|log| fs::read_to_string(log).ok())
+                .last()
+                .unwrap_or_default()
+        };
+        // A command of 256 mA or more while the drive is enabled.
+        let is_heated = |log: &str| {
+            log.lines()
+                .any(|line| line.contains(" 210#0F00") && !line.ends_with("00"))
+        };
+        let end = Instant::now() + PATIENCE;
+        while !is_heated(&log()) {
+            assert!(Instant::now() < end, "the drive is never heated");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let canrig = Pid::from_raw(run.canrig.id().cast_signed()).unwrap();
+        kill_process(canrig, Signal::INT).unwrap();
+        let (code, text, folder) = run.end();
+        stop(drive);
+        assert_eq!(code, Some(130), "{text}");
+        let log = fs::read_to_string(folder.join("bus.log")).unwrap();
+        let (_, after) = log.split_once(" 210#02000000\n").expect("quick stop");
+        assert!(after.contains(" 000#0210"), "no NMT stop:\n{after}");
+        let told = after.lines().rev().find(|line| line.contains(" 190#"));
+        assert!(told.is_some_and(|line| line.ends_with("0000")), "{told:?}");
+    });
 }

@@ -2,11 +2,12 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 
+use crate::real_time::{Started, in_real_time};
 use crate::support::{canrig, only_run, output, scenario, unhurried_scenario};
 
 /// How long something may take on a busy machine.
@@ -14,7 +15,7 @@ const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A run in real time that goes on for some seconds.
 struct Run {
-    canrig: Child,
+    canrig: Started,
     folder: tempfile::TempDir,
 }
 
@@ -34,7 +35,7 @@ impl Run {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
         let run = Self {
-            canrig: canrig.spawn().unwrap(),
+            canrig: Started::new(canrig.spawn().unwrap()),
             folder,
         };
         wait_for("the scenario to begin", || run.has_heated());
@@ -80,7 +81,7 @@ impl Run {
     }
 
     fn end(self) -> (Option<i32>, String, tempfile::TempDir) {
-        let ended = self.canrig.wait_with_output().unwrap();
+        let ended = self.canrig.ended();
         let text =
             String::from_utf8(ended.stdout).unwrap() + &String::from_utf8(ended.stderr).unwrap();
         (ended.status.code(), text, self.folder)
@@ -119,32 +120,36 @@ fn verdict(folder: &Path) -> serde_json::Value {
 
 #[test]
 fn a_killed_controller_is_named_and_nothing_stays() {
-    let run = Run::start("step.toml", "real-time");
-    let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
-    kill_process(controller, Signal::KILL).unwrap();
-    let (code, text, folder) = run.end();
-    assert_eq!(code, Some(4), "{text}");
-    assert!(
-        text.contains("the controller was killed by signal 9"),
-        "{text}"
-    );
-    assert!(is_gone(controller) && is_gone(plant_emulator));
-    assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+    in_real_time(|| {
+        let run = Run::start("step.toml", "real-time");
+        let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
+        kill_process(controller, Signal::KILL).unwrap();
+        let (code, text, folder) = run.end();
+        assert_eq!(code, Some(4), "{text}");
+        assert!(
+            text.contains("the controller was killed by signal 9"),
+            "{text}"
+        );
+        assert!(is_gone(controller) && is_gone(plant_emulator));
+        assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+    });
 }
 
 #[test]
 fn a_killed_plant_emulator_is_named_and_nothing_stays() {
-    let run = Run::start("step.toml", "real-time");
-    let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
-    kill_process(plant_emulator, Signal::KILL).unwrap();
-    let (code, text, folder) = run.end();
-    assert_eq!(code, Some(4), "{text}");
-    assert!(
-        text.contains("the plant-emulator was killed by signal 9"),
-        "{text}"
-    );
-    assert!(is_gone(controller) && is_gone(plant_emulator));
-    assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+    in_real_time(|| {
+        let run = Run::start("step.toml", "real-time");
+        let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
+        kill_process(plant_emulator, Signal::KILL).unwrap();
+        let (code, text, folder) = run.end();
+        assert_eq!(code, Some(4), "{text}");
+        assert!(
+            text.contains("the plant-emulator was killed by signal 9"),
+            "{text}"
+        );
+        assert!(is_gone(controller) && is_gone(plant_emulator));
+        assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+    });
 }
 
 #[test]
@@ -164,69 +169,75 @@ fn a_node_killed_in_lockstep_is_named_and_nothing_stays() {
 
 #[test]
 fn a_killed_bench_leaves_no_process_and_no_socket() {
-    let mut run = Run::start("step.toml", "real-time");
-    let nodes = [run.node("controller"), run.node("plant-emulator")];
-    kill_process(run.id(), Signal::KILL).unwrap();
-    run.canrig.wait().unwrap();
-    wait_for("the nodes to end", || {
-        nodes.iter().all(|node| is_gone(*node))
+    in_real_time(|| {
+        let mut run = Run::start("step.toml", "real-time");
+        let nodes = [run.node("controller"), run.node("plant-emulator")];
+        kill_process(run.id(), Signal::KILL).unwrap();
+        run.canrig.wait().unwrap();
+        wait_for("the nodes to end", || {
+            nodes.iter().all(|node| is_gone(*node))
+        });
+        let runtime = run.folder.path().join("runtime");
+        wait_for("the socket to be removed", || {
+            fs::read_dir(&runtime).unwrap().next().is_none()
+        });
+        assert_eq!(verdict(run.folder.path())["outcome"], "incomplete");
     });
-    let runtime = run.folder.path().join("runtime");
-    wait_for("the socket to be removed", || {
-        fs::read_dir(&runtime).unwrap().next().is_none()
-    });
-    assert_eq!(verdict(run.folder.path())["outcome"], "incomplete");
 }
 
 #[test]
 fn an_interrupted_run_ends_with_the_current_at_0() {
-    let run = Run::start("step.toml", "real-time");
-    let nodes = [run.node("controller"), run.node("plant-emulator")];
-    kill_process(run.id(), Signal::INT).unwrap();
-    let log = || run.log();
-    wait_for("the nodes to end", || {
-        nodes.iter().all(|node| is_gone(*node))
+    in_real_time(|| {
+        let run = Run::start("step.toml", "real-time");
+        let nodes = [run.node("controller"), run.node("plant-emulator")];
+        kill_process(run.id(), Signal::INT).unwrap();
+        let log = || run.log();
+        wait_for("the nodes to end", || {
+            nodes.iter().all(|node| is_gone(*node))
+        });
+        wait_for("the current to be taken away", || {
+            last_command(&log()).ends_with("0000")
+        });
+        let (code, text, folder) = run.end();
+        assert_eq!(code, Some(130), "{text}");
+        let verdict = verdict(folder.path());
+        assert_eq!(verdict["reason"], "interrupted by the user");
     });
-    wait_for("the current to be taken away", || {
-        last_command(&log()).ends_with("0000")
-    });
-    let (code, text, folder) = run.end();
-    assert_eq!(code, Some(130), "{text}");
-    let verdict = verdict(folder.path());
-    assert_eq!(verdict["reason"], "interrupted by the user");
 }
 
 #[test]
 fn real_time_on_the_embedded_bus_is_recorded_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let short = unhurried_scenario(folder.path(), 3.0);
-    let runs = folder.path().join("runs");
-    let (code, stdout, stderr) =
-        output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(short));
-    // On a busy machine the timing may decide nothing; then the program says so.
-    assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
-    let run = only_run(&runs);
-    for name in [
-        "scenario.toml",
-        "bus.log",
-        "signals.csv",
-        "verdict.json",
-        "junit.xml",
-    ] {
-        assert!(run.join(name).exists(), "{name} is missing");
-    }
-    assert!(!stdout.contains("lost"), "{stdout}");
-    let verdict = fs::read_to_string(run.join("verdict.json")).unwrap();
-    let verdict: serde_json::Value = serde_json::from_str(&verdict).unwrap();
-    let timing = &verdict["timing"];
-    for name in ["sync_to_position", "position_to_command", "round_trip"] {
-        let median = timing[format!("{name}_microseconds")]["median"].as_f64();
-        assert!(median.is_some_and(|median| median > 0.0), "{timing}");
-    }
-    assert!(
-        timing["controller"]["ticks"].as_u64() > Some(20),
-        "{timing}"
-    );
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let short = unhurried_scenario(folder.path(), 3.0);
+        let runs = folder.path().join("runs");
+        let (code, stdout, stderr) =
+            output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(short));
+        // On a busy machine the timing may decide nothing; then the program says so.
+        assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
+        let run = only_run(&runs);
+        for name in [
+            "scenario.toml",
+            "bus.log",
+            "signals.csv",
+            "verdict.json",
+            "junit.xml",
+        ] {
+            assert!(run.join(name).exists(), "{name} is missing");
+        }
+        assert!(!stdout.contains("lost"), "{stdout}");
+        let verdict = fs::read_to_string(run.join("verdict.json")).unwrap();
+        let verdict: serde_json::Value = serde_json::from_str(&verdict).unwrap();
+        let timing = &verdict["timing"];
+        for name in ["sync_to_position", "position_to_command", "round_trip"] {
+            let median = timing[format!("{name}_microseconds")]["median"].as_f64();
+            assert!(median.is_some_and(|median| median > 0.0), "{timing}");
+        }
+        assert!(
+            timing["controller"]["ticks"].as_u64() > Some(20),
+            "{timing}"
+        );
+    });
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::real_time::in_real_time;
 use crate::support::{canrig, only_run, output, scenario, short_scenario, unhurried_scenario};
 
 /// The program with a command that makes no runs.
@@ -223,15 +224,17 @@ fn completions_and_manual_know_every_command() {
 
 #[test]
 fn a_run_in_real_time_gives_its_verdict_again_with_its_timing() {
-    let folder = tempfile::tempdir().unwrap();
-    let runs = folder.path().join("runs");
-    let short = unhurried_scenario(folder.path(), 2.0);
-    let (of_run, ..) = output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(short));
-    let run = only_run(&runs);
-    let stored = fs::read_to_string(run.join("verdict.json")).unwrap();
-    assert!(stored.contains("wake_up_lateness"), "{stored}");
-    let (code, stdout, stderr) = tool(&["replay", "--json", text(&run)]);
-    assert_eq!((code, stdout), (of_run, stored), "{stderr}");
-    let page = fs::read_to_string(run.join("report.html")).unwrap();
-    assert!(page.contains("wake-up lateness, controller"));
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let runs = folder.path().join("runs");
+        let short = unhurried_scenario(folder.path(), 2.0);
+        let (of_run, ..) = output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(short));
+        let run = only_run(&runs);
+        let stored = fs::read_to_string(run.join("verdict.json")).unwrap();
+        assert!(stored.contains("wake_up_lateness"), "{stored}");
+        let (code, stdout, stderr) = tool(&["replay", "--json", text(&run)]);
+        assert_eq!((code, stdout), (of_run, stored), "{stderr}");
+        let page = fs::read_to_string(run.join("report.html")).unwrap();
+        assert!(page.contains("wake-up lateness, controller"));
+    });
 }

@@ -10,6 +10,7 @@ use platform::hub::Hub;
 use platform::recorder::Recorder;
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::real_time::{Started, in_real_time};
 use crate::support::{canrig, output, scenario, unhurried_scenario};
 
 /// How long something may take on a busy machine.
@@ -35,7 +36,7 @@ fn tool(runtime: &Path, arguments: &[&str]) -> Command {
 
 /// A run in real time, with its bus in a folder of its own.
 struct Run {
-    canrig: Child,
+    canrig: Started,
     folder: tempfile::TempDir,
 }
 
@@ -52,6 +53,7 @@ impl Run {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
+        let canrig = Started::new(canrig);
         let run = Self { canrig, folder };
         wait_for("the controller to lead the drive", || {
             run.log().contains(" 210#0F00")
@@ -80,7 +82,7 @@ impl Run {
     fn end(self) -> (String, String) {
         kill_process(Pid::from_child(&self.canrig), Signal::INT).unwrap();
         let Self { canrig, folder } = self;
-        let ended = canrig.wait_with_output().unwrap();
+        let ended = canrig.ended();
         let run = fs::read_dir(folder.path().join("runs"))
             .unwrap()
             .next()
@@ -99,81 +101,85 @@ fn frames(log: &str, id: &str) -> usize {
 
 #[test]
 fn tools_join_a_run_and_leave_the_controllers_sdo_channel_alone() {
-    let run = Run::start();
-    let [request, answer] = ["610", "590"].map(|id| frames(&run.log(), id));
-    assert!(
-        request > 10 && answer > 10,
-        "the controller configured the drive by SDO"
-    );
+    in_real_time(|| {
+        let run = Run::start();
+        let [request, answer] = ["610", "590"].map(|id| frames(&run.log(), id));
+        assert!(
+            request > 10 && answer > 10,
+            "the controller configured the drive by SDO"
+        );
 
-    let (code, stdout, stderr) = run.tool(&["nodes"]);
-    assert_eq!(code, Some(0), "{stderr}");
-    let row = |node: &str| {
-        let row = stdout.lines().find(|line| line.contains(node));
-        row.unwrap_or_else(|| panic!("no {node} in {stdout}"))
-            .to_owned()
-    };
-    for (node, words) in [
-        ("1 (0x01)", &["operational", "controller.eds"][..]),
-        ("16 (0x10)", &["operational", "CiA 402", "drive.eds"]),
-        (
-            "17 (0x11)",
-            &["operational", "not asked", "disturbance.eds?"],
-        ),
-    ] {
-        let row = row(node);
-        words
-            .iter()
-            .for_each(|word| assert!(row.contains(word), "{word} in {row}"));
-    }
-
-    let (code, stdout, stderr) = run.tool(&["sdo", "read", "drive", "Modes of operation display"]);
-    assert_eq!(
-        (code, stdout.as_str()),
-        (
-            Some(0),
-            "0x6061:00  Modes of operation display (INTEGER8) = 10\n"
-        ),
-        "{stderr}"
-    );
-    let (code, stdout, stderr) = run.tool(&["sdo", "write", "0x10", "1017", "30"]);
-    assert_eq!(code, Some(0), "{stderr}");
-    assert_eq!(
-        stdout,
-        "0x1017:00  Producer heartbeat time (UNSIGNED16) = 30 (0x001E)  written\n"
-    );
-    let (code, _, stderr) = run.tool(&["sdo", "write", "drive", "Statusword", "0"]);
-    assert_eq!(code, Some(4));
-    assert_eq!(
-        stderr,
-        "canrig: object 0x6041:00 of node 0x10: abort 0x0601_0002: attempt to write a read only object\n"
-    );
-    let (code, _, stderr) = run.tool(&["sdo", "read", "disturbance", "6411:1"]);
-    assert_eq!(code, Some(4));
-    assert!(
-        stderr.contains("the default SDO channel of node 17 belongs to the running controller"),
-        "{stderr}"
-    );
-
-    let (code, stdout, stderr) = run.tool(&["monitor", "--only", "drive_tpdo1", "--count", "5"]);
-    assert_eq!(code, Some(0), "{stderr}");
-    assert_eq!(stdout.lines().count(), 5, "{stdout}");
-    for line in stdout.lines() {
-        for part in [
-            "190  drive_tpdo1",
-            "statusword_state=\"operation enabled\"",
-            " mm  current_amperes=",
+        let (code, stdout, stderr) = run.tool(&["nodes"]);
+        assert_eq!(code, Some(0), "{stderr}");
+        let row = |node: &str| {
+            let row = stdout.lines().find(|line| line.contains(node));
+            row.unwrap_or_else(|| panic!("no {node} in {stdout}"))
+                .to_owned()
+        };
+        for (node, words) in [
+            ("1 (0x01)", &["operational", "controller.eds"][..]),
+            ("16 (0x10)", &["operational", "CiA 402", "drive.eds"]),
+            (
+                "17 (0x11)",
+                &["operational", "not asked", "disturbance.eds?"],
+            ),
         ] {
-            assert!(line.contains(part), "{part} in {line}");
+            let row = row(node);
+            words
+                .iter()
+                .for_each(|word| assert!(row.contains(word), "{word} in {row}"));
         }
-    }
 
-    let (printed, log) = run.end();
-    assert!(printed.contains("bus address: embedded:"), "{printed}");
-    // The drive's second channel was used, and nobody but the controller spoke on any default channel of a slave.
-    assert!(frames(&log, "690") >= 8 && frames(&log, "6D0") >= 8);
-    assert_eq!(["610", "590"].map(|id| frames(&log, id)), [request, answer]);
-    assert_eq!(frames(&log, "611"), 0);
+        let (code, stdout, stderr) =
+            run.tool(&["sdo", "read", "drive", "Modes of operation display"]);
+        assert_eq!(
+            (code, stdout.as_str()),
+            (
+                Some(0),
+                "0x6061:00  Modes of operation display (INTEGER8) = 10\n"
+            ),
+            "{stderr}"
+        );
+        let (code, stdout, stderr) = run.tool(&["sdo", "write", "0x10", "1017", "30"]);
+        assert_eq!(code, Some(0), "{stderr}");
+        assert_eq!(
+            stdout,
+            "0x1017:00  Producer heartbeat time (UNSIGNED16) = 30 (0x001E)  written\n"
+        );
+        let (code, _, stderr) = run.tool(&["sdo", "write", "drive", "Statusword", "0"]);
+        assert_eq!(code, Some(4));
+        assert_eq!(
+            stderr,
+            "canrig: object 0x6041:00 of node 0x10: abort 0x0601_0002: attempt to write a read only object\n"
+        );
+        let (code, _, stderr) = run.tool(&["sdo", "read", "disturbance", "6411:1"]);
+        assert_eq!(code, Some(4));
+        assert!(
+            stderr.contains("the default SDO channel of node 17 belongs to the running controller"),
+            "{stderr}"
+        );
+
+        let (code, stdout, stderr) =
+            run.tool(&["monitor", "--only", "drive_tpdo1", "--count", "5"]);
+        assert_eq!(code, Some(0), "{stderr}");
+        assert_eq!(stdout.lines().count(), 5, "{stdout}");
+        for line in stdout.lines() {
+            for part in [
+                "190  drive_tpdo1",
+                "statusword_state=\"operation enabled\"",
+                " mm  current_amperes=",
+            ] {
+                assert!(line.contains(part), "{part} in {line}");
+            }
+        }
+
+        let (printed, log) = run.end();
+        assert!(printed.contains("bus address: embedded:"), "{printed}");
+        // The drive's second channel was used, and nobody but the controller spoke on any default channel of a slave.
+        assert!(frames(&log, "690") >= 8 && frames(&log, "6D0") >= 8);
+        assert_eq!(["610", "590"].map(|id| frames(&log, id)), [request, answer]);
+        assert_eq!(frames(&log, "611"), 0);
+    });
 }
 
 /// A bus of the test's own, with the plant emulator on it and no manager.
@@ -230,87 +236,93 @@ impl Drop for Bench {
 
 #[test]
 fn without_a_controller_every_node_answers() {
-    let mut bench = Bench::start();
-    let (code, stdout, stderr) = bench.tool(&["nodes"]);
-    assert_eq!(code, Some(0), "{stderr}");
-    for (node, eds) in [
-        ("16 (0x10)", " drive.eds"),
-        ("17 (0x11)", " disturbance.eds"),
-    ] {
-        let row = stdout.lines().find(|line| line.contains(node));
-        let row = row.unwrap_or_else(|| panic!("no {node} in {stdout}"));
+    in_real_time(|| {
+        let mut bench = Bench::start();
+        let (code, stdout, stderr) = bench.tool(&["nodes"]);
+        assert_eq!(code, Some(0), "{stderr}");
+        for (node, eds) in [
+            ("16 (0x10)", " drive.eds"),
+            ("17 (0x11)", " disturbance.eds"),
+        ] {
+            let row = stdout.lines().find(|line| line.contains(node));
+            let row = row.unwrap_or_else(|| panic!("no {node} in {stdout}"));
+            assert!(
+                row.contains("pre-operational") && row.contains(eds),
+                "{row}"
+            );
+        }
         assert!(
-            row.contains("pre-operational") && row.contains(eds),
-            "{row}"
+            !stdout.contains("not asked") && !stdout.contains("controller"),
+            "{stdout}"
         );
-    }
-    assert!(
-        !stdout.contains("not asked") && !stdout.contains("controller"),
-        "{stdout}"
-    );
 
-    let object = ["disturbance", "6411:2"];
-    let (code, stdout, stderr) = bench.tool(&["sdo", "write", object[0], object[1], "-300"]);
-    assert_eq!(code, Some(0), "{stderr}");
-    assert!(stdout.contains("added_load_grams=-30.0 g"), "{stdout}");
-    let (_, stdout, _) = bench.tool(&["sdo", "read", object[0], object[1]]);
-    assert!(
-        stdout.starts_with("0x6411:02  Added load (INTEGER16) = -300\n"),
-        "{stdout}"
-    );
-    let name = bench
-        .tool(&["sdo", "read", "drive", "Manufacturer device name"])
-        .1;
-    assert_eq!(
-        name,
-        "0x1008:00  Manufacturer device name (VISIBLE_STRING) = \"SMA wire drive\"\n"
-    );
-    let mut ids =
-        std::iter::from_fn(|| bench.recorder.next()).map(|stamped| stamped.frame.standard_id());
-    assert!(
-        ids.any(|id| id == Some(0x67F)),
-        "no node-ID was left out of the call"
-    );
+        let object = ["disturbance", "6411:2"];
+        let (code, stdout, stderr) = bench.tool(&["sdo", "write", object[0], object[1], "-300"]);
+        assert_eq!(code, Some(0), "{stderr}");
+        assert!(stdout.contains("added_load_grams=-30.0 g"), "{stdout}");
+        let (_, stdout, _) = bench.tool(&["sdo", "read", object[0], object[1]]);
+        assert!(
+            stdout.starts_with("0x6411:02  Added load (INTEGER16) = -300\n"),
+            "{stdout}"
+        );
+        let name = bench
+            .tool(&["sdo", "read", "drive", "Manufacturer device name"])
+            .1;
+        assert_eq!(
+            name,
+            "0x1008:00  Manufacturer device name (VISIBLE_STRING) = \"SMA wire drive\"\n"
+        );
+        let mut ids =
+            std::iter::from_fn(|| bench.recorder.next()).map(|stamped| stamped.frame.standard_id());
+        assert!(
+            ids.any(|id| id == Some(0x67F)),
+            "no node-ID was left out of the call"
+        );
+    });
 }
 
 #[test]
 fn monitor_decodes_changes_and_ends_at_its_time() {
-    let bench = Bench::start();
-    let start = Instant::now();
-    let (code, stdout, stderr) = bench.tool(&["monitor", "--changes", "--duration", "1"]);
-    assert_eq!(code, Some(0), "{stderr}");
-    assert!((Duration::from_secs(1)..PATIENCE).contains(&start.elapsed()));
-    let heartbeats: Vec<_> = stdout
-        .lines()
-        .filter(|line| line.contains("drive_heartbeat"))
-        .collect();
-    assert_eq!(heartbeats.len(), 1, "the state did not change: {stdout}");
-    assert!(
-        heartbeats[0].contains("nmt_state=\"pre-operational\""),
-        "{}",
-        heartbeats[0]
-    );
+    in_real_time(|| {
+        let bench = Bench::start();
+        let start = Instant::now();
+        let (code, stdout, stderr) = bench.tool(&["monitor", "--changes", "--duration", "1"]);
+        assert_eq!(code, Some(0), "{stderr}");
+        assert!((Duration::from_secs(1)..PATIENCE).contains(&start.elapsed()));
+        let heartbeats: Vec<_> = stdout
+            .lines()
+            .filter(|line| line.contains("drive_heartbeat"))
+            .collect();
+        assert_eq!(heartbeats.len(), 1, "the state did not change: {stdout}");
+        assert!(
+            heartbeats[0].contains("nmt_state=\"pre-operational\""),
+            "{}",
+            heartbeats[0]
+        );
+    });
 }
 
 #[test]
 fn ctrl_c_ends_the_monitor_cleanly() {
-    let bench = Bench::start();
-    let arguments = ["monitor", "--bus", &bench.hub.address().to_string()];
-    let monitor = tool(bench.runtime.path(), &arguments)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    std::thread::sleep(Duration::from_millis(500));
-    kill_process(Pid::from_child(&monitor), Signal::INT).unwrap();
-    let ended = monitor.wait_with_output().unwrap();
-    assert_eq!(ended.status.code(), Some(0), "{ended:?}");
-    assert!(ended.stderr.is_empty(), "{ended:?}");
-    let text = String::from_utf8(ended.stdout).unwrap();
-    assert!(
-        text.contains("drive_heartbeat") && text.ends_with('\n'),
-        "{text}"
-    );
+    in_real_time(|| {
+        let bench = Bench::start();
+        let arguments = ["monitor", "--bus", &bench.hub.address().to_string()];
+        let monitor = tool(bench.runtime.path(), &arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(500));
+        kill_process(Pid::from_child(&monitor), Signal::INT).unwrap();
+        let ended = monitor.wait_with_output().unwrap();
+        assert_eq!(ended.status.code(), Some(0), "{ended:?}");
+        assert!(ended.stderr.is_empty(), "{ended:?}");
+        let text = String::from_utf8(ended.stdout).unwrap();
+        assert!(
+            text.contains("drive_heartbeat") && text.ends_with('\n'),
+            "{text}"
+        );
+    });
 }
 
 #[test]
@@ -364,19 +376,21 @@ fn what_the_user_got_wrong_is_told() {
 
 #[test]
 fn a_silent_bus_has_no_node() {
-    let (hub, _recorder) = Hub::start().unwrap();
-    let BusAddress::Embedded(path) = hub.address() else {
-        panic!("a hub's address is its socket");
-    };
-    let runtime = tempfile::tempdir().unwrap();
-    let address = format!("embedded:{}", path.display());
-    let (code, stdout, _) = output(&mut tool(
-        runtime.path(),
-        &["nodes", "--listen", "0.2", "--bus", &address],
-    ));
-    assert_eq!(code, Some(0));
-    assert_eq!(
-        stdout,
-        "no node: no heartbeat in 0.2 s and no answer to SDO\n"
-    );
+    in_real_time(|| {
+        let (hub, _recorder) = Hub::start().unwrap();
+        let BusAddress::Embedded(path) = hub.address() else {
+            panic!("a hub's address is its socket");
+        };
+        let runtime = tempfile::tempdir().unwrap();
+        let address = format!("embedded:{}", path.display());
+        let (code, stdout, _) = output(&mut tool(
+            runtime.path(),
+            &["nodes", "--listen", "0.2", "--bus", &address],
+        ));
+        assert_eq!(code, Some(0));
+        assert_eq!(
+            stdout,
+            "no node: no heartbeat in 0.2 s and no answer to SDO\n"
+        );
+    });
 }

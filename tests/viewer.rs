@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use rerun::external::re_log_encoding::Decoder;
 use rerun::log::{Chunk, LogMsg};
 
+use crate::real_time::in_real_time;
 use crate::support::{canrig, only_run, output, scenario, short_scenario};
 
 /// Everything of a recording but the random numbers of its chunks and rows, and which chunks there are.
@@ -137,19 +138,21 @@ fn an_absent_paused_or_killed_viewer_changes_no_byte_and_holds_up_no_end() {
 
 #[test]
 fn in_real_time_a_paused_viewer_costs_no_frame_and_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let short = short_scenario(folder.path(), 2.0);
-    let (viewer, port) = Viewer::named("paused");
-    let runs = folder.path().join("runs");
-    let mut command = canrig(&runs, "run");
-    let command = command.args(["--bus", "embedded", "--rerun-connect", &port]);
-    let (code, stdout, stderr) = output(command.arg(short));
-    // On a busy machine the timing may decide nothing; then the program says so.
-    assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
-    assert!(!stdout.contains("lost"), "{stdout}");
-    assert!(stderr.contains("missed the end of the run"), "{stderr}");
-    assert!(only_run(&runs).join("run.rrd").exists());
-    viewer.end();
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let short = short_scenario(folder.path(), 2.0);
+        let (viewer, port) = Viewer::named("paused");
+        let runs = folder.path().join("runs");
+        let mut command = canrig(&runs, "run");
+        let command = command.args(["--bus", "embedded", "--rerun-connect", &port]);
+        let (code, stdout, stderr) = output(command.arg(short));
+        // On a busy machine the timing may decide nothing; then the program says so.
+        assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
+        assert!(!stdout.contains("lost"), "{stdout}");
+        assert!(stderr.contains("missed the end of the run"), "{stderr}");
+        assert!(only_run(&runs).join("run.rrd").exists());
+        viewer.end();
+    });
 }
 
 #[test]

@@ -189,7 +189,7 @@ fn undecided(timeline: &Timeline, scenario: &Scenario) -> Option<(Outcome, Optio
         return None;
     }
     let (reached, tolerance) = if is_sound {
-        (timeline.end_seconds(), 1.5 * timeline.period_seconds)
+        (timeline.due_seconds(), 1.5 * timeline.period_seconds)
     } else {
         (timeline.last_frame_seconds, FAULTY_END_SECONDS)
     };

@@ -36,6 +36,8 @@ pub struct Timeline {
     pub cycle: Vec<u64>,
     /// Scenario time per row: the cycle's number times the period.
     pub time_seconds: Vec<f64>,
+    /// The cycles that should have begun by the latest SYNC, up to the scenario's end.
+    pub cycles_due: u64,
     /// The raw set-point of the scenario per row; NaN where the scenario has none.
     pub set_point_millimetres: Vec<f64>,
     /// All signals.
@@ -106,13 +108,18 @@ impl Timeline {
             .map_or(0.0, |time| time + self.period_seconds)
     }
 
-    /// Cycles that never began or in which the drive was silent, by all cycles up to the last.
+    /// Scenario time at the end of the last cycle that was due.
+    #[must_use]
+    pub fn due_seconds(&self) -> f64 {
+        start_seconds(self.cycles_due, self.period_seconds)
+    }
+
+    /// Cycles that never began or in which the drive was silent, by all that were due.
     #[must_use]
     pub fn missed_cycles_percent(&self) -> f64 {
-        let Some(last) = self.cycle.last() else {
+        if self.cycles_due == 0 {
             return 0.0;
-        };
-        let expected = *last + 1;
+        }
         let served = self
             .position()
             .iter()
@@ -122,8 +129,8 @@ impl Timeline {
             clippy::cast_precision_loss,
             reason = "cycle counts stay far below 2^52"
         )]
-        let (expected, served) = (expected as f64, served as f64);
-        100.0 * (expected - served) / expected
+        let (due, served) = (self.cycles_due as f64, served as f64);
+        100.0 * (due - served) / due
     }
 }
 
@@ -154,6 +161,7 @@ pub(crate) struct Reader {
     signals_of_id: BTreeMap<u32, Vec<(usize, SignalHandle)>>,
     latest: Vec<f64>,
     cycle: Vec<u64>,
+    cycles_due: u64,
     columns: Vec<Vec<f64>>,
 }
 
@@ -190,6 +198,7 @@ impl Reader {
             signals,
             signals_of_id,
             cycle: Vec::new(),
+            cycles_due: 0,
         })
     }
 
@@ -229,6 +238,8 @@ impl Reader {
     }
 
     fn begin_cycle(&mut self, number: u64) {
+        let due = number.saturating_add(1).min(self.end_cycle);
+        self.cycles_due = self.cycles_due.max(due);
         let is_new = self.cycle.last().is_none_or(|last| number > *last);
         if !is_new || number >= self.end_cycle {
             return;
@@ -310,6 +321,7 @@ impl Reader {
             set_point_millimetres: set_points(scenario, &time_seconds),
             cycle,
             time_seconds,
+            cycles_due: self.cycles_due,
             position: place(signals::POSITION)?,
             current: place(signals::CURRENT)?,
             columns,

@@ -13,6 +13,9 @@ mod bus;
 #[path = "../../platform/src/test_nodes.rs"]
 mod echo;
 mod hardware;
+#[path = "../real_time.rs"]
+#[expect(dead_code, reason = "these tests tell by a result what went wrong")]
+mod real_time;
 #[path = "../support.rs"]
 mod support;
 
@@ -21,6 +24,8 @@ use std::process::{Command, ExitCode};
 use libtest_mimic::{Arguments, Failed, Trial};
 use platform::counting_allocator::CountingAllocator;
 use platform::probe;
+
+use real_time::while_time_flows;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -104,13 +109,15 @@ fn isolated(
             return test();
         }
         let this = std::env::current_exe()?;
-        let mut test = in_namespace(&this.to_string_lossy());
-        let test = test.env(INSIDE, "1").args(["--exact", name]).output()?;
-        if test.status.success() {
-            return Ok(());
-        }
-        let [stdout, stderr] =
-            [test.stdout, test.stderr].map(|told| String::from_utf8_lossy(&told).into_owned());
-        Err(format!("{stdout}\n{stderr}").into())
+        while_time_flows(|| {
+            let mut test = in_namespace(&this.to_string_lossy());
+            let test = test.env(INSIDE, "1").args(["--exact", name]).output()?;
+            if test.status.success() {
+                return Ok(());
+            }
+            let [stdout, stderr] =
+                [test.stdout, test.stderr].map(|told| String::from_utf8_lossy(&told).into_owned());
+            Err(format!("{stdout}\n{stderr}").into())
+        })
     })
 }

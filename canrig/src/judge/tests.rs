@@ -224,6 +224,21 @@ fn what_comes_after_the_end_is_no_part_of_the_last_cycle() {
 }
 
 #[test]
+fn cycles_that_are_missing_at_the_end_are_missed_ones() {
+    let mut late = frames(3985, |_| Some(35.0));
+    assert_eq!(
+        verdict_of(&scenario(""), &late, 0).outcome,
+        Outcome::Incomplete
+    );
+    // A SYNC after the end tells that the scenario ended: the machine stood still for 15 ms, not the run.
+    let after_end = Duration::from_micros(4_001_300);
+    late.push(Stamped::new(after_end, CanFrame::new(0x080, &[1])));
+    let verdict = verdict_of(&scenario(""), &late, 0);
+    assert_eq!(value(&verdict, "missed_cycles_percent"), Some(0.375));
+    assert_eq!(verdict.outcome, Outcome::Pass);
+}
+
+#[test]
 fn a_bad_recording_decides_nothing() {
     let whole = frames(4000, |cycle| {
         Some(step_response(1.1)(f64::from(cycle) / 1e3))

@@ -1,0 +1,106 @@
+//! Tests in real time on machines that stand still now and then: a virtual machine that is held up for 60 ms loses its drive,
+//! as it should. What fails beside such a stall tells nothing and is tried again; what fails without one fails.
+
+use std::ops::{Deref, DerefMut};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::process::{Child, Output};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+
+/// What the most patient nodes here hardly notice: a controller gives its drive up after 20 cycles, 20 ms at the least.
+const STALL: Duration = Duration::from_millis(15);
+const ATTEMPTS: u32 = 10;
+
+/// Runs the body of a test, again if it panics while the machine stands still.
+pub(crate) fn in_real_time(test: impl Fn()) {
+    if let Err(panic) = while_time_flows(|| catch_unwind(AssertUnwindSafe(&test))) {
+        resume_unwind(panic);
+    }
+}
+
+/// Does something, again while it fails and the machine stood still meanwhile. It may not panic.
+#[expect(clippy::print_stdout, reason = "shown with a test that fails")]
+pub(crate) fn while_time_flows<E>(mut attempt: impl FnMut() -> Result<(), E>) -> Result<(), E> {
+    for _ in 1..ATTEMPTS {
+        let (result, stall) = watched(&mut attempt);
+        if result.is_ok() || stall < STALL {
+            return result;
+        }
+        println!("the machine stood still for {stall:?}: once more");
+    }
+    attempt()
+}
+
+/// What something comes to, and for how long a processor did not run who only sleeps.
+fn watched<T>(work: impl FnOnce() -> T) -> (T, Duration) {
+    let processors = sched_getaffinity(None).expect("a process may ask for its processors");
+    let is_over = &AtomicBool::new(false);
+    thread::scope(|scope| {
+        let of_process = (0..CpuSet::MAX_CPU).filter(|processor| processors.is_set(*processor));
+        let watches: Vec<_> = of_process
+            .map(|processor| scope.spawn(move || longest_stall(processor, is_over)))
+            .collect();
+        let result = work();
+        is_over.store(true, Ordering::Relaxed);
+        let stalls = watches.into_iter().map(|watch| watch.join());
+        let longest = stalls
+            .map(|stall| stall.expect("a watch cannot panic"))
+            .max();
+        (result, longest.unwrap_or_default())
+    })
+}
+
+fn longest_stall(processor: usize, is_over: &AtomicBool) -> Duration {
+    let mut here = CpuSet::new();
+    here.set(processor);
+    // Refused, it watches where it is.
+    let _ = sched_setaffinity(None, &here);
+    let mut longest = Duration::ZERO;
+    while !is_over.load(Ordering::Relaxed) {
+        let before = Instant::now();
+        thread::sleep(Duration::from_millis(2));
+        longest = longest.max(before.elapsed());
+    }
+    longest
+}
+
+/// A process that does not outlive a test that fails.
+pub(crate) struct Started(Option<Child>);
+
+impl Started {
+    pub(crate) fn new(child: Child) -> Self {
+        Self(Some(child))
+    }
+
+    /// Waits for its own end; what it printed.
+    pub(crate) fn ended(mut self) -> Output {
+        let child = self.0.take().expect("it is taken out here only");
+        child.wait_with_output().expect("a child can be waited for")
+    }
+}
+
+impl Deref for Started {
+    type Target = Child;
+
+    fn deref(&self) -> &Child {
+        self.0.as_ref().expect("it is taken out at its end only")
+    }
+}
+
+impl DerefMut for Started {
+    fn deref_mut(&mut self) -> &mut Child {
+        self.0.as_mut().expect("it is taken out at its end only")
+    }
+}
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.0.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
