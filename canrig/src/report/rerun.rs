@@ -6,10 +6,10 @@
 
 mod blueprint;
 mod bus;
-mod columns;
 mod file;
 mod groups;
 mod hysteresis;
+mod output;
 mod recording;
 mod rig;
 #[cfg(test)]
@@ -21,8 +21,10 @@ use std::io;
 use std::path::Path;
 
 use dbc::Database;
+use rerun::archetypes::RecordingInfo;
 use rerun::external::re_log_encoding::EncodeError;
-use rerun::{RecordingStreamBuilder, RecordingStreamError};
+use rerun::external::re_log_types::{StoreId, StoreInfo};
+use rerun::{EntityPath, RecordingStreamError, StoreKind, new_store_info};
 use scenario::Scenario;
 use sha2::{Digest, Sha256};
 
@@ -33,6 +35,7 @@ use crate::verdict::Verdict;
 
 pub(crate) use bus::BusReader;
 use file::RecordingFile;
+use output::send_static;
 pub(crate) use recording::{Known, Recording};
 
 /// The viewer keeps one layout per application.
@@ -70,20 +73,20 @@ pub fn write(
     let mut bus = BusReader::new(scenario, database)?;
     frames.iter().for_each(|stamped| bus.take(stamped));
     let partial = path.with_added_extension("partial");
-    let file = RecordingFile::create(&partial)?;
-    let stream = RecordingStreamBuilder::new(APPLICATION)
-        .enabled(true) // whatever the environment variable RERUN says
-        .recording_id(recording_id(timeline, verdict))
-        .send_properties(true) // recording_id() has switched it off
-        .recording_name(&scenario.name)
-        .recording_started(0_i64)
-        .buffered()?;
-    stream.set_sink(Box::new(file.clone()));
-    let mut recording = Recording::begin(stream, scenario, Known::Whole)?;
+    let id = recording_id(timeline, verdict);
+    let info = StoreInfo {
+        store_id: StoreId::new(StoreKind::Recording, APPLICATION, id),
+        ..new_store_info(APPLICATION)
+    };
+    let mut file = RecordingFile::create(&partial, info)?;
+    let properties = RecordingInfo::new()
+        .with_name(scenario.name.as_str())
+        .with_start_time(0_i64);
+    send_static(&mut file, EntityPath::properties(), &properties)?;
+    let mut recording = Recording::begin(file, scenario, Known::Whole)?;
     recording.log(timeline, &mut bus)?;
     recording.log_verdict(verdict)?;
-    drop(recording.finish()?); // hands everything to the file
-    file.finish()?;
+    recording.finish()?.finish()?;
     Ok(fs::rename(partial, path)?)
 }
 

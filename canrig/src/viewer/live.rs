@@ -84,6 +84,7 @@ fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
             ..ChunkBatcherConfig::DEFAULT
         })
         .connect_grpc_opts(url)?;
+    stream.set_log_time_enabled(false);
     Ok(stream)
 }
 
@@ -113,7 +114,7 @@ fn follow(
             reader.take_piece(scenario)?
         };
         recording.log(&piece, &mut bus)?;
-        flush(recording.stream())?;
+        flush(recording.output())?;
         if is_last {
             break;
         }
@@ -124,7 +125,7 @@ fn follow(
     if let Ok(verdict) = judged.recv() {
         recording.log_verdict(&verdict)?;
     }
-    flush(recording.stream())
+    flush(recording.output())
 }
 
 /// Waits until the viewer has everything: no more than a piece is ever on the way, however slow or paused the viewer is.

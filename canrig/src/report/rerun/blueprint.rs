@@ -19,10 +19,11 @@ use rerun::external::re_sdk_types::blueprint::components::{
 use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use rerun::log::{Chunk, RowId};
 use rerun::time::Timeline;
-use rerun::{AsComponents, RecordingStream, RecordingStreamError, StoreKind};
+use rerun::{AsComponents, RecordingStreamError, StoreKind};
 
 use scenario::Scenario;
 
+use super::output::Output;
 use super::times::RUN_TIME;
 use super::{APPLICATION, groups, hysteresis, rig};
 
@@ -39,12 +40,12 @@ pub(crate) enum Play {
 
 /// Sends the layout.
 pub(super) fn send(
-    recording: &RecordingStream,
+    output: &mut impl Output,
     scenario: &Scenario,
     groups: &BTreeSet<&str>,
     play: Play,
 ) -> Result<()> {
-    let Some(info) = recording.store_info() else {
+    let Some(info) = output.info() else {
         return Ok(());
     };
     let store_id = StoreId::new(StoreKind::Blueprint, APPLICATION, "canrig layout");
@@ -66,7 +67,7 @@ pub(super) fn send(
         make_active: true,
         make_default: true,
     };
-    recording.send_blueprint(layout.messages, command);
+    output.send_layout(layout.messages, command);
     Ok(())
 }
 

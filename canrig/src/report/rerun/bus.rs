@@ -3,12 +3,13 @@
 use std::time::Duration;
 
 use dbc::Database;
-use rerun::{RecordingStream, RecordingStreamError, Scalars};
+use rerun::{RecordingStreamError, Scalars};
 use scenario::Scenario;
 
+use super::groups;
+use super::output::{Output, send_rows, send_static};
 use super::recording::line;
 use super::times::{self, Moment};
-use super::{columns, groups};
 use crate::recording::Stamped;
 use crate::signals::SignalMissing;
 use crate::timing::{CycleReader, Stage};
@@ -113,26 +114,30 @@ impl BusReader {
     }
 
     /// Logs what there is since the last time.
-    pub(super) fn log(&mut self, stream: &RecordingStream) -> Result<(), RecordingStreamError> {
+    pub(super) fn log(&mut self, output: &mut impl Output) -> Result<(), RecordingStreamError> {
         for ((name, _, _), rows) in TIMING.iter().zip(&mut self.rows) {
-            send(stream, &format!("{}/{name}", groups::TIMING), rows)?;
+            send(output, &format!("{}/{name}", groups::TIMING), rows)?;
         }
-        send(stream, LOAD, &mut self.loads)
+        send(output, LOAD, &mut self.loads)
     }
 }
 
 const LOAD: &str = "bus/load_percent";
 
 /// Names and colours.
-pub(super) fn log_styles(stream: &RecordingStream) -> Result<(), RecordingStreamError> {
+pub(super) fn log_styles(output: &mut impl Output) -> Result<(), RecordingStreamError> {
     for (name, label, colour) in TIMING {
-        stream.log_static(format!("{}/{name}", groups::TIMING), &line(label, colour))?;
+        send_static(
+            output,
+            format!("{}/{name}", groups::TIMING),
+            &line(label, colour),
+        )?;
     }
-    stream.log_static(LOAD, &line("bus load", groups::GREEN))
+    send_static(output, LOAD, &line("bus load", groups::GREEN))
 }
 
 fn send(
-    stream: &RecordingStream,
+    output: &mut impl Output,
     path: &str,
     rows: &mut Vec<(Moment, f64)>,
 ) -> Result<(), RecordingStreamError> {
@@ -142,5 +147,5 @@ fn send(
     let times = times::columns(rows.iter().map(|(moment, _)| *moment));
     let values = Scalars::new(rows.iter().map(|(_, value)| *value)).columns_of_unit_batches()?;
     rows.clear();
-    columns::send(stream, path, times, values)
+    send_rows(output, path, times, values)
 }

@@ -3,10 +3,11 @@
 //! The viewer has no plot of one signal over another, so the plot is drawn: a frame with its numbers, the whole path,
 //! and a point that moves with the time.
 
-use rerun::{LineStrips2D, Points2D, Radius, RecordingStream, RecordingStreamError};
+use rerun::{LineStrips2D, Points2D, Radius, RecordingStreamError};
 
+use super::groups;
+use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
-use super::{columns, groups};
 use crate::timeline::Timeline;
 
 /// The signals (temperature, fraction): the truth where there is an emulator, else the observer's.
@@ -59,7 +60,7 @@ impl Hysteresis {
     /// Draws what a piece of the run adds.
     pub(super) fn log(
         &mut self,
-        stream: &RecordingStream,
+        output: &mut impl Output,
         timeline: &Timeline,
     ) -> Result<(), RecordingStreamError> {
         let Some((temperature, fraction)) = signals(timeline) else {
@@ -81,7 +82,7 @@ impl Hysteresis {
             return Ok(());
         };
         if is_new_frame {
-            frame.log(stream)?;
+            frame.log(output)?;
         }
         // In another frame everything is in another place.
         let first = if is_new_frame { 0 } else { self.points.len() };
@@ -93,12 +94,12 @@ impl Hysteresis {
                 last = Some(here);
             }
         }
-        log_now(stream, frame, &self.points[first..])?;
+        log_now(output, frame, &self.points[first..])?;
         self.is_path_old |= first < self.points.len();
         let now_seconds = timeline.end_seconds();
         if now_seconds - self.drawn_at_seconds >= PATH_PERIOD_SECONDS {
             self.drawn_at_seconds = now_seconds;
-            self.log_path(stream)?;
+            self.log_path(output)?;
         }
         Ok(())
     }
@@ -122,7 +123,7 @@ impl Hysteresis {
     /// Draws the whole path, which stands still while the point moves along it, unless it is drawn.
     pub(super) fn log_path(
         &mut self,
-        stream: &RecordingStream,
+        output: &mut impl Output,
     ) -> Result<(), RecordingStreamError> {
         let Some(frame) = self.frame.as_ref().filter(|_| self.is_path_old) else {
             return Ok(());
@@ -139,13 +140,13 @@ impl Hysteresis {
                 number % 2 == 0
             });
         }
-        stream.log_static("hysteresis/path", &strip)
+        send_static(output, "hysteresis/path", &strip)
     }
 }
 
 /// The point that moves with the time.
 fn log_now(
-    stream: &RecordingStream,
+    output: &mut impl Output,
     frame: &Frame,
     points: &[Point],
 ) -> Result<(), RecordingStreamError> {
@@ -154,8 +155,8 @@ fn log_now(
     }
     let times = times::columns(points.iter().map(|point| point.moment));
     let places = Points2D::new(points.iter().map(|point| frame.place(point)));
-    columns::send(
-        stream,
+    send_rows(
+        output,
         "hysteresis/now",
         times,
         places.columns_of_unit_batches()?,
@@ -163,11 +164,11 @@ fn log_now(
 }
 
 /// How the point looks.
-pub(super) fn log_style(stream: &RecordingStream) -> Result<(), RecordingStreamError> {
+pub(super) fn log_style(output: &mut impl Output) -> Result<(), RecordingStreamError> {
     let look = Points2D::update_fields()
         .with_colors([groups::ORANGE])
         .with_radii([Radius::new_ui_points(5.0)]);
-    stream.log_static("hysteresis/now", &look)
+    send_static(output, "hysteresis/now", &look)
 }
 
 fn distance(a: [f32; 2], b: [f32; 2]) -> f64 {
@@ -269,7 +270,7 @@ impl Frame {
         Self::at(right, self.fraction.part(point.fraction))
     }
 
-    fn log(&self, stream: &RecordingStream) -> Result<(), RecordingStreamError> {
+    fn log(&self, output: &mut impl Output) -> Result<(), RecordingStreamError> {
         let mut lines: Vec<[[f32; 2]; 2]> = Vec::new();
         let mut numbers: Vec<([f32; 2], String)> = Vec::new();
         for celsius in self.celsius.lines() {
@@ -286,14 +287,14 @@ impl Frame {
         let lines = LineStrips2D::new(lines)
             .with_colors([groups::GREY])
             .with_radii([Radius::new_ui_points(0.5)]);
-        stream.log_static("hysteresis/frame", &lines)?;
+        send_static(output, "hysteresis/frame", &lines)?;
         let (places, texts): (Vec<_>, Vec<_>) = numbers.into_iter().unzip();
         let numbers = Points2D::new(places)
             .with_labels(texts)
             .with_show_labels(true)
             .with_colors([groups::GREY])
             .with_radii([Radius::new_ui_points(0.0)]);
-        stream.log_static("hysteresis/numbers", &numbers)
+        send_static(output, "hysteresis/numbers", &numbers)
     }
 }
 

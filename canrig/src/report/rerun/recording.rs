@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use rerun::{
-    AnyValues, RecordingStream, RecordingStreamError, Scalars, SeriesLines, TextDocument, TextLog,
+    AnyValues, EntityPath, RecordingStreamError, Scalars, SeriesLines, TextDocument, TextLog,
     TextLogLevel, TimeColumn,
     components::{AggregationPolicy, InterpolationMode, Text},
 };
@@ -12,9 +12,9 @@ use scenario::events::DisturbanceCommand;
 
 use super::blueprint::{self, Play};
 use super::bus::{self, BusReader};
-use super::columns;
 use super::groups::{self, OwnView, Style};
 use super::hysteresis::{self, Hysteresis};
+use super::output::{Output, send_rows, send_static};
 use super::rig::Rig;
 use super::times;
 use crate::events::{Event, Level};
@@ -36,8 +36,8 @@ pub(crate) enum Known {
 }
 
 /// A run on its way to a file or a viewer.
-pub(crate) struct Recording<'a> {
-    stream: RecordingStream,
+pub(crate) struct Recording<'a, O> {
+    output: O,
     scenario: &'a Scenario,
     known: Known,
     hysteresis: Hysteresis,
@@ -54,19 +54,18 @@ pub(crate) struct Recording<'a> {
     end_seconds: f64,
 }
 
-impl<'a> Recording<'a> {
+impl<'a, O: Output> Recording<'a, O> {
     /// A recording with nothing in it but what never changes.
     pub(crate) fn begin(
-        stream: RecordingStream,
+        mut output: O,
         scenario: &'a Scenario,
         known: Known,
     ) -> Result<Self, RecordingStreamError> {
-        stream.set_log_time_enabled(false);
-        bus::log_styles(&stream)?;
-        hysteresis::log_style(&stream)?;
-        let rig = Rig::draw(&stream, scenario)?;
+        bus::log_styles(&mut output)?;
+        hysteresis::log_style(&mut output)?;
+        let rig = Rig::draw(&mut output, scenario)?;
         Ok(Self {
-            stream,
+            output,
             scenario,
             known,
             rig,
@@ -80,14 +79,14 @@ impl<'a> Recording<'a> {
     }
 
     /// Where it goes.
-    pub(crate) fn stream(&self) -> &RecordingStream {
-        &self.stream
+    pub(crate) fn output(&self) -> &O {
+        &self.output
     }
 
     /// Sends the layout of a run that has just begun, with all that may come.
-    pub(crate) fn expect_all(&self) -> Result<(), RecordingStreamError> {
+    pub(crate) fn expect_all(&mut self) -> Result<(), RecordingStreamError> {
         let groups = groups::expected(self.scenario);
-        blueprint::send(&self.stream, self.scenario, &groups, Play::Following)
+        blueprint::send(&mut self.output, self.scenario, &groups, Play::Following)
     }
 
     /// Logs a piece of the run.
@@ -97,9 +96,9 @@ impl<'a> Recording<'a> {
         bus: &mut BusReader,
     ) -> Result<(), RecordingStreamError> {
         self.log_signals(timeline)?;
-        self.hysteresis.log(&self.stream, timeline)?;
+        self.hysteresis.log(&mut self.output, timeline)?;
         if let Some(rig) = &mut self.rig {
-            rig.log(&self.stream, timeline)?;
+            rig.log(&mut self.output, timeline)?;
         }
         self.log_settling_bands(timeline)?;
         self.log_events(timeline.period_seconds, &timeline.events)?;
@@ -109,23 +108,23 @@ impl<'a> Recording<'a> {
             .map_or(0.0, |event| event.time_seconds);
         let end_seconds = timeline.end_seconds().max(last_event);
         self.end_seconds = self.end_seconds.max(end_seconds);
-        bus.log(&self.stream)
+        bus.log(&mut self.output)
     }
 
     /// Sends the layout of what there is.
-    pub(crate) fn finish(mut self) -> Result<RecordingStream, RecordingStreamError> {
+    pub(crate) fn finish(mut self) -> Result<O, RecordingStreamError> {
         if self.hysteresis.is_there() {
             self.groups.insert(groups::HYSTERESIS);
         }
-        blueprint::send(&self.stream, self.scenario, &self.groups, Play::Paused)?;
-        Ok(self.stream)
+        blueprint::send(&mut self.output, self.scenario, &self.groups, Play::Paused)?;
+        Ok(self.output)
     }
 
     /// The end: the verdict as a page, as the last event, and as the recording's properties.
     pub(crate) fn log_verdict(&mut self, verdict: &Verdict) -> Result<(), RecordingStreamError> {
-        self.hysteresis.log_path(&self.stream)?;
+        self.hysteresis.log_path(&mut self.output)?;
         let page = TextDocument::from_markdown(page(verdict));
-        self.stream.log_static("verdict", &page)?;
+        send_static(&mut self.output, "verdict", &page)?;
         let event = Event {
             time_seconds: self.end_seconds,
             level: match verdict.outcome {
@@ -142,7 +141,8 @@ impl<'a> Recording<'a> {
             .with_component::<Text>("outcome", [text(verdict.outcome.word())])
             .with_component::<Text>("seed", [text(&verdict.seed.to_string())])
             .with_component::<Text>("canrig_version", [text(verdict.version)]);
-        self.stream.send_property("run", &properties)
+        let path = EntityPath::properties().join(&EntityPath::from("run"));
+        send_static(&mut self.output, path, &properties)
     }
 
     /// Set-point, error, disturbances and all signals of the bus.
@@ -208,12 +208,12 @@ impl<'a> Recording<'a> {
             } else {
                 line(style.label, style.colour)
             });
-            self.stream.log_static(path.as_str(), &look)?;
+            send_static(&mut self.output, path.as_str(), &look)?;
             self.styled.insert(path.clone());
         }
         let values = rows.numbers().iter().map(|&row| values[row]);
         let scalars = Scalars::new(values).columns_of_unit_batches()?;
-        columns::send(&self.stream, path, times, scalars)
+        send_rows(&mut self.output, path, times, scalars)
     }
 
     /// The band that each judged step must settle in, as far as the piece goes.
@@ -236,12 +236,12 @@ impl<'a> Recording<'a> {
                 let path = format!("position/settling_band/step_{number}/{side}_millimetres");
                 if !self.styled.contains(&path) {
                     let look = line("settling band", groups::GREY).with_widths([1.0]);
-                    self.stream.log_static(path.as_str(), &look)?;
+                    send_static(&mut self.output, path.as_str(), &look)?;
                     self.styled.insert(path.clone());
                 }
                 let scalars =
                     Scalars::new([step.to_millimetres + edge; 2]).columns_of_unit_batches()?;
-                columns::send(&self.stream, path, times.clone(), scalars)?;
+                send_rows(&mut self.output, path, times.clone(), scalars)?;
             }
         }
         Ok(())
@@ -249,7 +249,7 @@ impl<'a> Recording<'a> {
 
     /// What happened.
     fn log_events(
-        &self,
+        &mut self,
         period_seconds: f64,
         events: &[Event],
     ) -> Result<(), RecordingStreamError> {
@@ -264,7 +264,7 @@ impl<'a> Recording<'a> {
             .with_many_text(texts)
             .with_many_level(events.iter().map(level))
             .columns_of_unit_batches()?;
-        columns::send(&self.stream, "events", times::columns(moments), rows)
+        send_rows(&mut self.output, "events", times::columns(moments), rows)
     }
 }
 

@@ -4,13 +4,13 @@ use std::f64::consts::TAU;
 
 use plant_emulator::catalogue::SMA_ACTUATOR;
 use rerun::{
-    Boxes2D, Color, LineStrips2D, Points2D, Radius, RecordingStream, RecordingStreamError,
-    SerializedComponentColumn,
+    Boxes2D, Color, LineStrips2D, Points2D, Radius, RecordingStreamError, SerializedComponentColumn,
 };
 use scenario::Scenario;
 
+use super::groups;
+use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
-use super::{columns, groups};
 use crate::timeline::Timeline;
 
 /// From the wire's cold end to the pulleys.
@@ -65,7 +65,7 @@ impl Rig {
 
     /// Draws what stands still.
     pub(super) fn draw(
-        stream: &RecordingStream,
+        output: &mut impl Output,
         scenario: &Scenario,
     ) -> Result<Option<Self>, RecordingStreamError> {
         let Some(rig) = Self::of(scenario) else {
@@ -76,43 +76,43 @@ impl Rig {
         let lines = LineStrips2D::new([anchor].into_iter().chain(circles))
             .with_colors([groups::GREY])
             .with_radii([Radius::new_ui_points(1.0)]);
-        stream.log_static("rig/frame", &lines)?;
+        send_static(output, "rig/frame", &lines)?;
         let [left, right] = [0.08, 0.72].map(|part| part * rig.wire);
         let cooler = Boxes2D::from_mins_and_sizes([place(left, 3.0)], [place(right - left, 8.0)])
             .with_colors([[70, 90, 120]])
             .with_labels(["cooling element"])
             .with_show_labels(true);
-        stream.log_static("rig/cooling_element", &cooler)?;
+        send_static(output, "rig/cooling_element", &cooler)?;
         let thin = [Radius::new_ui_points(1.0)];
         let cord = LineStrips2D::update_fields()
             .with_colors([groups::GREY])
             .with_radii(thin);
         for name in ["rig/lead", "rig/cord", "rig/spoke"] {
-            stream.log_static(name, &cord)?;
+            send_static(output, name, &cord)?;
         }
         let wire = LineStrips2D::update_fields().with_radii([Radius::new_ui_points(3.0)]);
-        stream.log_static("rig/wire", &wire)?;
+        send_static(output, "rig/wire", &wire)?;
         let temperature = Points2D::new([place(0.4 * rig.wire, -18.0)])
             .with_radii([Radius::new_ui_points(0.0)])
             .with_show_labels(true);
-        stream.log_static("rig/temperature", &temperature)?;
+        send_static(output, "rig/temperature", &temperature)?;
         let [width, height] = LOAD;
         let load = Boxes2D::from_half_sizes([place(width, height)])
             .with_colors([groups::SKY])
             .with_radii([Radius::new_ui_points(1.5)])
             .with_show_labels(true);
-        stream.log_static("rig/load", &load)?;
+        send_static(output, "rig/load", &load)?;
         let target = LineStrips2D::update_fields()
             .with_colors([groups::ORANGE])
             .with_radii(thin);
-        stream.log_static("rig/set_point", &target)?;
+        send_static(output, "rig/set_point", &target)?;
         Ok(Some(rig))
     }
 
     /// Draws what moves in a piece of the run.
     pub(super) fn log(
         &mut self,
-        stream: &RecordingStream,
+        output: &mut impl Output,
         timeline: &Timeline,
     ) -> Result<(), RecordingStreamError> {
         let poses = self.new_poses(timeline);
@@ -120,8 +120,8 @@ impl Rig {
             return Ok(());
         }
         let times = times::columns(poses.iter().map(|pose| pose.moment));
-        let send = |path: &str, columns: Vec<SerializedComponentColumn>| {
-            columns::send(stream, path, times.clone(), columns)
+        let mut send = |path: &str, columns: Vec<SerializedComponentColumn>| {
+            send_rows(output, path, times.clone(), columns)
         };
         let strips = |strip: &dyn Fn(&Pose) -> Vec<[f32; 2]>| {
             LineStrips2D::update_fields().with_strips(poses.iter().map(strip))

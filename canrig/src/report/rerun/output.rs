@@ -1,0 +1,72 @@
+//! Where a recording goes, in chunks: rows of one entity.
+
+use std::iter;
+
+use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, StoreInfo};
+use rerun::log::{Chunk, ChunkId, RowId};
+use rerun::{
+    AsComponents, EntityPath, RecordingStream, RecordingStreamError, SerializedComponentColumn,
+    TimeColumn, TimePoint,
+};
+
+/// A file, or a viewer.
+pub(crate) trait Output {
+    /// Which recording it is; none when it goes nowhere.
+    fn info(&self) -> Option<StoreInfo>;
+
+    /// Takes rows of one entity.
+    fn send(&mut self, chunk: Chunk);
+
+    /// Takes a layout, and the command to show it.
+    fn send_layout(&mut self, layout: Vec<LogMsg>, show: BlueprintActivationCommand);
+}
+
+impl Output for RecordingStream {
+    fn info(&self) -> Option<StoreInfo> {
+        self.store_info()
+    }
+
+    fn send(&mut self, chunk: Chunk) {
+        self.send_chunk(chunk);
+    }
+
+    fn send_layout(&mut self, layout: Vec<LogMsg>, show: BlueprintActivationCommand) {
+        self.send_blueprint(layout, show);
+    }
+}
+
+/// Sends what never changes of an entity.
+pub(super) fn send_static(
+    output: &mut impl Output,
+    path: impl Into<EntityPath>,
+    what: &dyn AsComponents,
+) -> Result<(), RecordingStreamError> {
+    let chunk = Chunk::builder(path).with_archetype_auto_row(TimePoint::default(), what);
+    output.send(chunk.build()?);
+    Ok(())
+}
+
+/// Sends rows with their times. The SDK's constructors sort them first, although nearly all are in the order of time
+/// already.
+pub(super) fn send_rows(
+    output: &mut impl Output,
+    path: impl Into<EntityPath>,
+    times: [TimeColumn; 2],
+    columns: impl IntoIterator<Item = SerializedComponentColumn>,
+) -> Result<(), RecordingStreamError> {
+    let (id, path) = (ChunkId::new(), path.into());
+    let is_in_order = times.iter().all(TimeColumn::is_sorted);
+    let count = times[0].num_rows();
+    let times = times.map(|times| (*times.timeline().name(), times));
+    let times = times.into_iter().collect();
+    let columns = columns.into_iter().collect();
+    let chunk = if is_in_order {
+        let rows = iter::successors(Some(RowId::new()), |row| Some(row.next()));
+        let rows: Vec<RowId> = rows.take(count).collect();
+        Chunk::from_native_row_ids(id, path, Some(true), &rows, times, columns)
+    } else {
+        Chunk::from_auto_row_ids(id, path, times, columns)
+    };
+    output.send(chunk?);
+    Ok(())
+}
