@@ -143,6 +143,27 @@ struct Tracked {
     is_measured: bool,
 }
 
+/// A signal with its column and its latest value.
+struct Decoded {
+    column: usize,
+    handle: SignalHandle,
+    /// The bits that gave the value.
+    bits: Option<u64>,
+    value: f64,
+}
+
+impl Decoded {
+    /// As [`SignalHandle::decode`]. Most signals have the bits that they had before, and so the value.
+    fn decode(&mut self, frame: &CanFrame) -> Option<f64> {
+        let bits = self.handle.bits(frame)?;
+        if self.bits != Some(bits) {
+            self.bits = Some(bits);
+            self.value = self.handle.decode(frame)?;
+        }
+        Some(self.value)
+    }
+}
+
 /// What the frames say, cycle by cycle.
 pub(crate) struct Reader {
     clock: ScenarioClock,
@@ -157,8 +178,10 @@ pub(crate) struct Reader {
     last_frame: Duration,
     traffic: Traffic,
     signals: Vec<Tracked>,
-    /// The signals of each message, with their columns.
-    signals_of_id: BTreeMap<u32, Vec<(usize, SignalHandle)>>,
+    /// The signals of each message.
+    signals_of_id: BTreeMap<u32, Vec<Decoded>>,
+    /// The columns of measured values.
+    measured: Vec<usize>,
     latest: Vec<f64>,
     cycle: Vec<u64>,
     cycles_due: u64,
@@ -177,8 +200,15 @@ impl Reader {
             signals_of_id
                 .entry(signal.handle.raw_id())
                 .or_default()
-                .push((column, signal.handle));
+                .push(Decoded {
+                    column,
+                    handle: signal.handle,
+                    bits: None,
+                    value: f64::NAN,
+                });
         }
+        let columns = 0..signals.len();
+        let measured = columns.filter(|column| signals[*column].is_measured);
         let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
         let end = Duration::from_secs_f64(scenario.duration_seconds);
         Ok(Self {
@@ -195,6 +225,7 @@ impl Reader {
             traffic: Traffic::new(scenario),
             latest: vec![f64::NAN; signals.len()],
             columns: vec![Vec::new(); signals.len()],
+            measured: measured.collect(),
             signals,
             signals_of_id,
             cycle: Vec::new(),
@@ -245,10 +276,8 @@ impl Reader {
             return;
         }
         self.cycle.push(number);
-        for (latest, signal) in self.latest.iter_mut().zip(&self.signals) {
-            if signal.is_measured {
-                *latest = f64::NAN;
-            }
+        for column in &self.measured {
+            self.latest[*column] = f64::NAN;
         }
         for (column, latest) in self.columns.iter_mut().zip(&self.latest) {
             column.push(*latest);
@@ -256,15 +285,15 @@ impl Reader {
     }
 
     fn take_signals(&mut self, frame: &CanFrame) {
-        let Some(signals) = self.signals_of_id.get(&frame.raw_id()) else {
+        let Some(signals) = self.signals_of_id.get_mut(&frame.raw_id()) else {
             return;
         };
-        for &(column, handle) in signals {
-            let Some(value) = handle.decode(frame) else {
+        for signal in signals {
+            let Some(value) = signal.decode(frame) else {
                 continue;
             };
-            self.latest[column] = value;
-            if let Some(last) = self.columns[column].last_mut() {
+            self.latest[signal.column] = value;
+            if let Some(last) = self.columns[signal.column].last_mut() {
                 *last = value;
             }
         }

@@ -81,6 +81,8 @@ impl Signal {
 pub struct SignalHandle {
     raw_id: u32,
     payload_bytes: usize,
+    /// The bits of the signal in the payload, byte 0 lowest.
+    mask: u64,
     coding: Coding,
 }
 
@@ -97,6 +99,14 @@ impl SignalHandle {
     pub fn decode(&self, frame: &CanFrame) -> Option<f64> {
         let is_there = frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes;
         is_there.then(|| self.coding.decode(&frame.buffer()))
+    }
+
+    /// The bits that the value is made of, wherever they stand in the payload; `None` as for [`SignalHandle::decode`].
+    #[must_use]
+    #[inline]
+    pub fn bits(&self, frame: &CanFrame) -> Option<u64> {
+        let is_there = frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes;
+        is_there.then(|| u64::from_le_bytes(frame.buffer()) & self.mask)
     }
 
     /// Writes a physical value into a payload; see [`Coding::encode`] for values out of range.
@@ -313,10 +323,20 @@ impl Database {
     /// A handle for a signal, by `message.signal`.
     #[must_use]
     pub fn signal(&self, path: &str) -> Option<SignalHandle> {
-        self.find(path).map(|(message, signal)| SignalHandle {
-            raw_id: message.raw_id,
-            payload_bytes: signal.coding.payload_bytes(),
-            coding: signal.coding,
+        self.find(path).map(|(message, signal)| {
+            let payload_bytes = signal.coding.payload_bytes();
+            // A signal that no payload has is longer than any.
+            let is_somewhere = payload_bytes <= size_of::<u64>();
+            SignalHandle {
+                raw_id: message.raw_id,
+                payload_bytes,
+                mask: if is_somewhere {
+                    signal.coding.occupied_bits()
+                } else {
+                    0
+                },
+                coding: signal.coding,
+            }
         })
     }
 
