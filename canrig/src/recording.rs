@@ -18,7 +18,7 @@ const UNREADABLE_BYTES_MAX: usize = 1 << 20;
 /// Enough for every line that is written.
 const LINE_CAPACITY: usize = 64;
 /// Lines that are handed on together.
-const LINES_PER_WRITE: usize = 1024;
+const LINES_PER_WRITE: usize = 4096;
 
 /// A frame and when its last bit passed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -22,7 +22,7 @@ const FRAMES_PER_CYCLE: f64 = 5.0;
 /// Frames for which there is room from the beginning; a longer run gets more as it goes on.
 const FRAMES_EXPECTED_MAX: f64 = 1e6;
 /// Events between two looks at the disk and at the user's wish to stop.
-const EVENTS_PER_FLUSH: u32 = 4096;
+const EVENTS_PER_FLUSH: u32 = 8192;
 
 const NO_START: WorldError = WorldError::NoStart {
     patience: START_PATIENCE,
