@@ -4,15 +4,11 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::real_time::{Started, in_real_time};
+use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output, scenario};
-
-/// How long something may take on a busy machine.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A warm hold that no busy machine bends, with limits on the wire's temperature and on a disturbance that nothing exceeds: 1 A
 /// for ever heats the wire to 138 °C.
@@ -298,11 +294,7 @@ fn ctrl_c_stops_a_drive_that_a_foreign_controller_leads() {
         let drive = run.start("plant-emulator");
         let controller = start(&run.address, "controller", &run.scenario);
         let log = || fs::read_to_string(only_run(&run.runs).join("bus.log")).unwrap_or_default();
-        let end = Instant::now() + PATIENCE;
-        while !log().contains(" 210#0F00") {
-            assert!(Instant::now() < end, "the drive is never led");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        wait_for("the drive to be led", || log().contains(" 210#0F00"));
         let canrig = Pid::from_raw(run.canrig.id().cast_signed()).unwrap();
         kill_process(canrig, Signal::INT).unwrap();
         let (code, text, run) = run.end();

@@ -306,6 +306,15 @@ fn complaint(run: &Path, arguments: &[&str]) -> String {
 }
 
 #[test]
+fn a_recording_that_is_not_there_is_told() {
+    let message = complaint(Path::new("/nowhere"), &[]);
+    assert!(
+        message.contains("/nowhere: it cannot be read: No such file"),
+        "{message}"
+    );
+}
+
+#[test]
 fn a_recording_without_motion_is_refused() {
     let recording = Recording::of(&step_text(0.2, 4.0));
     let message = complaint(&recording.run, &[]);

@@ -3,12 +3,11 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::external::{PATIENCE, Run, start, stop};
-use crate::real_time::in_real_time;
+use crate::external::{Run, start, stop};
+use crate::real_time::{in_real_time, wait_for};
 
 /// A scenario for bench and emulator; the emulator's has faults that the bench does not know of.
 fn scenario_text(faults: &str) -> String {
@@ -246,11 +245,7 @@ fn ctrl_c_under_the_ramp_takes_the_current_away() {
             log.lines()
                 .any(|line| line.contains(" 210#0F00") && !line.ends_with("00"))
         };
-        let end = Instant::now() + PATIENCE;
-        while !is_heated(&log()) {
-            assert!(Instant::now() < end, "the drive is never heated");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        wait_for("the drive to be heated", || is_heated(&log()));
         let canrig = Pid::from_raw(run.canrig.id().cast_signed()).unwrap();
         kill_process(canrig, Signal::INT).unwrap();
         let (code, text, folder) = run.end();

@@ -3,15 +3,13 @@
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 
-use crate::real_time::{Started, in_real_time};
+use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output, scenario, unhurried_scenario};
 
-/// How long something may take on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(30);
+const NODES: [&str; 2] = ["controller", "plant-emulator"];
 
 /// A run in real time that goes on for some seconds.
 struct Run {
@@ -88,14 +86,6 @@ impl Run {
     }
 }
 
-fn wait_for(what: &str, condition: impl Fn() -> bool) {
-    let start = Instant::now();
-    while !condition() {
-        assert!(start.elapsed() < PATIENCE, "waited too long for {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
-
 fn is_gone(pid: Pid) -> bool {
     // A zombie without a parent to collect it counts as gone.
     let stat =
@@ -118,52 +108,30 @@ fn verdict(folder: &Path) -> serde_json::Value {
     serde_json::from_str(&fs::read_to_string(run.join("verdict.json")).unwrap()).unwrap()
 }
 
-#[test]
-fn a_killed_controller_is_named_and_nothing_stays() {
-    in_real_time(|| {
-        let run = Run::start("step.toml", "real-time");
-        let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
-        kill_process(controller, Signal::KILL).unwrap();
-        let (code, text, folder) = run.end();
-        assert_eq!(code, Some(4), "{text}");
-        assert!(
-            text.contains("the controller was killed by signal 9"),
-            "{text}"
-        );
-        assert!(is_gone(controller) && is_gone(plant_emulator));
-        assert_eq!(verdict(folder.path())["outcome"], "incomplete");
-    });
+/// A node that is killed ends the run, which says who it was.
+fn is_named_and_nothing_stays(victim: &str, scenario: &str, clock: &str) {
+    let run = Run::start(scenario, clock);
+    let nodes = NODES.map(|node| run.node(node));
+    kill_process(run.node(victim), Signal::KILL).unwrap();
+    let (code, text, folder) = run.end();
+    assert_eq!(code, Some(4), "{text}");
+    let told = format!("the {victim} was killed by signal 9");
+    assert!(text.contains(&told), "{text}");
+    assert!(nodes.iter().all(|node| is_gone(*node)));
+    assert_eq!(verdict(folder.path())["outcome"], "incomplete");
 }
 
 #[test]
-fn a_killed_plant_emulator_is_named_and_nothing_stays() {
-    in_real_time(|| {
-        let run = Run::start("step.toml", "real-time");
-        let (controller, plant_emulator) = (run.node("controller"), run.node("plant-emulator"));
-        kill_process(plant_emulator, Signal::KILL).unwrap();
-        let (code, text, folder) = run.end();
-        assert_eq!(code, Some(4), "{text}");
-        assert!(
-            text.contains("the plant-emulator was killed by signal 9"),
-            "{text}"
-        );
-        assert!(is_gone(controller) && is_gone(plant_emulator));
-        assert_eq!(verdict(folder.path())["outcome"], "incomplete");
-    });
+fn a_node_killed_in_real_time_is_named_and_nothing_stays() {
+    for victim in NODES {
+        in_real_time(|| is_named_and_nothing_stays(victim, "step.toml", "real-time"));
+    }
 }
 
 #[test]
 fn a_node_killed_in_lockstep_is_named_and_nothing_stays() {
-    for victim in ["controller", "plant-emulator"] {
-        let run = Run::start("sine_20s.toml", "lockstep");
-        let nodes = [run.node("controller"), run.node("plant-emulator")];
-        kill_process(run.node(victim), Signal::KILL).unwrap();
-        let (code, text, folder) = run.end();
-        assert_eq!(code, Some(4), "{text}");
-        let told = format!("the {victim} was killed by signal 9");
-        assert!(text.contains(&told), "{text}");
-        assert!(nodes.iter().all(|node| is_gone(*node)));
-        assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+    for victim in NODES {
+        is_named_and_nothing_stays(victim, "sine_20s.toml", "lockstep");
     }
 }
 
@@ -171,7 +139,7 @@ fn a_node_killed_in_lockstep_is_named_and_nothing_stays() {
 fn a_killed_bench_leaves_no_process_and_no_socket() {
     in_real_time(|| {
         let mut run = Run::start("step.toml", "real-time");
-        let nodes = [run.node("controller"), run.node("plant-emulator")];
+        let nodes = NODES.map(|node| run.node(node));
         kill_process(run.id(), Signal::KILL).unwrap();
         run.canrig.wait().unwrap();
         wait_for("the nodes to end", || {
@@ -189,7 +157,7 @@ fn a_killed_bench_leaves_no_process_and_no_socket() {
 fn an_interrupted_run_ends_with_the_current_at_0() {
     in_real_time(|| {
         let run = Run::start("step.toml", "real-time");
-        let nodes = [run.node("controller"), run.node("plant-emulator")];
+        let nodes = NODES.map(|node| run.node(node));
         kill_process(run.id(), Signal::INT).unwrap();
         let log = || run.log();
         wait_for("the nodes to end", || {

@@ -13,6 +13,8 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 /// What the most patient nodes here hardly notice: a controller gives its drive up after 20 cycles, 20 ms at the least.
 const STALL: Duration = Duration::from_millis(15);
 const ATTEMPTS: u32 = 10;
+/// How long something may take on a busy machine.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Runs the body of a test, again if it panics while the machine stands still.
 pub(crate) fn in_real_time(test: impl Fn()) {
@@ -65,6 +67,15 @@ fn longest_stall(processor: usize, is_over: &AtomicBool) -> Duration {
         longest = longest.max(before.elapsed());
     }
     longest
+}
+
+/// Waits until something has happened.
+pub(crate) fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !condition() {
+        assert!(start.elapsed() < PATIENCE, "waited too long for {what}");
+        thread::sleep(Duration::from_millis(20));
+    }
 }
 
 /// A process that does not outlive a test that fails.

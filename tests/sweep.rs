@@ -118,6 +118,9 @@ fn parts_together_are_the_whole() {
     let merged = folder.path().join("merged");
     let merge = |folders: &[PathBuf]| output(canrig(&merged, "merge").args(folders));
 
+    let (code, _, stderr) = merge(&[folder.path().to_owned()]);
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(stderr.contains("is no folder of a sweep"), "{stderr}");
     let (code, _, stderr) = merge(&folders[..2]);
     assert_eq!(code, Some(3), "{stderr}");
     assert!(

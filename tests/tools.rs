@@ -10,19 +10,8 @@ use platform::hub::Hub;
 use platform::recorder::Recorder;
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::real_time::{Started, in_real_time};
+use crate::real_time::{PATIENCE, Started, in_real_time, wait_for};
 use crate::support::{canrig, output, scenario, unhurried_scenario};
-
-/// How long something may take on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(30);
-
-fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !condition() {
-        assert!(start.elapsed() < PATIENCE, "waited too long for {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
 
 /// A tool; it finds embedded buses in `runtime` only.
 fn tool(runtime: &Path, arguments: &[&str]) -> Command {

@@ -200,7 +200,11 @@ impl Trace {
             path: path.to_owned(),
             fault,
         };
-        let (log, scenario) = if path.is_dir() {
+        let metadata = path.metadata().map_err(|source| {
+            let name = "it".to_owned();
+            at(Fault::Read { name, source })
+        })?;
+        let (log, scenario) = if metadata.is_dir() {
             (path.join(file::BUS_LOG), path.join(file::SCENARIO))
         } else {
             let scenario = scenario.ok_or_else(|| at(Fault::NoScenario))?;

@@ -72,6 +72,14 @@ pub fn merge(args: &MergeArgs) -> Exit {
     let [first, ..] = args.shards.as_slice() else {
         return Exit::Usage;
     };
+    let is_sweep = |path: &&PathBuf| path.join(file::SCENARIO).exists();
+    if let Some(other) = args.shards.iter().find(|path| !is_sweep(path)) {
+        let (path, name) = (other.display(), file::SCENARIO);
+        complain(&format!(
+            "canrig: {path} is no folder of a sweep: there is no {name} in it"
+        ));
+        return Exit::ScenarioInvalid;
+    }
     let source = match Source::load_or_complain(&first.join(file::SCENARIO)) {
         Ok(source) => source,
         Err(exit) => return exit,
