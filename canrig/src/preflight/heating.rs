@@ -242,9 +242,7 @@ impl<'a> Heating<'a> {
     fn at_rest(&self) -> Step {
         let found = match (self.position(), self.rest) {
             (Err(text), _) => Found::Failed(text),
-            (Ok(()), Some((low, high))) if self.is_rest_over => {
-                Found::Passed(format!("{low:.2} to {high:.2} mm without current"))
-            }
+            (Ok(()), Some((low, high))) if self.is_rest_over => Found::Passed(at_rest(low, high)),
             _ => Found::Missing("the drive told none for a second".to_owned()),
         };
         Step::new("position", found)
@@ -258,8 +256,10 @@ impl<'a> Heating<'a> {
         let range = self.rig.rig.limits.position_millimetres;
         if low < range.min || high > range.max {
             return Err(format!(
-                "{low:.2} to {high:.2} mm without current, beyond the limits of the rig ({} to {} mm): look at units_at_stop and units_per_millimetre",
-                range.min, range.max
+                "{}, beyond the limits of the rig ({} to {} mm): look at units_at_stop and units_per_millimetre",
+                at_rest(low, high),
+                range.min,
+                range.max
             ));
         }
         if let Some(rail) = [low, high]
@@ -272,7 +272,8 @@ impl<'a> Heating<'a> {
         }
         if high - low >= self.motion_millimetres() {
             return Err(format!(
-                "it moves from {low:.2} to {high:.2} mm without current: noise, or resolution_millimetres is too small"
+                "it moves from {}: noise, or resolution_millimetres is too small",
+                at_rest(low, high)
             ));
         }
         Ok(())
@@ -391,6 +392,12 @@ fn rail(position: &Scaled, millimetres: f64) -> Option<f64> {
         .find(|extreme| raw.to_bits() == extreme.to_bits())
 }
 
+/// Where the load rests, to the hundredth of a millimetre; a zero has no sign.
+fn at_rest(low: f64, high: f64) -> String {
+    let [low, high] = [low, high].map(|at| (100.0 * at).round() / 100.0 + 0.0);
+    format!("{low:.2} to {high:.2} mm without current")
+}
+
 #[cfg(test)]
 mod tests {
     use canopen::frame::ERROR_FLAG;
@@ -501,6 +508,12 @@ mod tests {
         no_nmt.hear(CanFrame::new(0x710, &[5]));
         let (lines, _) = no_nmt.told();
         assert!(lines.ends_with("the drive does not obey NMT"), "{lines}");
+    }
+
+    #[test]
+    fn a_zero_at_rest_has_no_sign() {
+        let text = at_rest(-0.004, 0.004);
+        assert_eq!(text, "0.00 to 0.00 mm without current");
     }
 
     #[test]
