@@ -92,6 +92,14 @@ impl Run {
         (code, text, only_run(&runs))
     }
 
+    /// The same beside one of our nodes, which stops after it.
+    pub(crate) fn end_beside(self, role: &str) -> (Option<i32>, String, PathBuf) {
+        let node = self.start(role);
+        let ended = self.end();
+        stop(node);
+        ended
+    }
+
     /// Exit code, and what was printed.
     pub(crate) fn told(mut self) -> (Option<i32>, String) {
         let mut text = String::new();
@@ -153,9 +161,7 @@ fn beside_an_external_drive_nothing_is_guessed_and_a_limit_that_nobody_tells_doe
         let folder = tempfile::tempdir().unwrap();
         let run = Run::expecting(folder.path(), "drive");
         // The emulator tells temperatures, which must not be taken for those of the drive that it stands for.
-        let drive = run.start("plant-emulator");
-        let (code, text, run) = run.end();
-        stop(drive);
+        let (code, text, run) = run.end_beside("plant-emulator");
         assert_eq!(code, Some(5), "{text}");
         assert!(text.contains("only the emulated plant tells it"), "{text}");
         let verdict = verdict(&run);
@@ -191,9 +197,7 @@ fn an_external_controller_is_judged_like_ours() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let run = Run::expecting(folder.path(), "controller");
-        let controller = run.start("controller");
-        let (code, text, run) = run.end();
-        stop(controller);
+        let (code, text, run) = run.end_beside("controller");
         // Beside a busy machine's 5 there is nothing that a hold could miss.
         assert!(matches!(code, Some(0 | 5)), "{code:?}\n{text}");
         let verdict = verdict(&run);
@@ -241,9 +245,7 @@ fn a_rig_file_gives_the_cycle_and_goes_with_the_recording() {
         // At such a cycle the law overshoots by far.
         let rig = rig_file(folder.path(), 70.0);
         let run = Run::with(folder.path(), &["--rig", rig.to_str().unwrap()]);
-        let drive = run.start("plant-emulator");
-        let (code, text, run) = run.end();
-        stop(drive);
+        let (code, text, run) = run.end_beside("plant-emulator");
         assert_eq!(code, Some(5), "{text}");
         assert!(text.contains("only the emulated plant tells it"), "{text}");
         assert_eq!(verdict(&run)["external"], serde_json::json!(["drive"]));

@@ -93,20 +93,25 @@ impl SignalHandle {
         self.raw_id
     }
 
+    #[inline]
+    fn is_in(&self, frame: &CanFrame) -> bool {
+        frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes
+    }
+
     /// The physical value; `None` for a frame with another identifier or too short for the signal.
     #[must_use]
     #[inline]
     pub fn decode(&self, frame: &CanFrame) -> Option<f64> {
-        let is_there = frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes;
-        is_there.then(|| self.coding.decode(&frame.buffer()))
+        self.is_in(frame)
+            .then(|| self.coding.decode(&frame.buffer()))
     }
 
     /// The bits that the value is made of, wherever they stand in the payload; `None` as for [`SignalHandle::decode`].
     #[must_use]
     #[inline]
     pub fn bits(&self, frame: &CanFrame) -> Option<u64> {
-        let is_there = frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes;
-        is_there.then(|| u64::from_le_bytes(frame.buffer()) & self.mask)
+        self.is_in(frame)
+            .then(|| u64::from_le_bytes(frame.buffer()) & self.mask)
     }
 
     /// Writes a physical value into a payload; see [`Coding::encode`] for values out of range.

@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::BufWriter;
-use std::mem;
 use std::path::Path;
 
 use rerun::external::re_log_encoding::{EncodeError, Encoder, EncodingOptions};
@@ -40,7 +39,7 @@ impl RecordingFile {
 
     /// Writes the table of contents.
     pub(super) fn finish(mut self) -> Result<(), EncodeError> {
-        mem::replace(&mut self.outcome, Ok(()))?;
+        self.outcome?;
         self.encoder.finish()?;
         self.encoder.flush_blocking()
     }
