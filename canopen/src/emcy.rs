@@ -200,6 +200,7 @@ impl Emcy {
     }
 
     /// Ends a condition, if it is active.
+    #[inline]
     pub(crate) fn clear(
         &mut self,
         dictionary: &mut ObjectDictionary,
@@ -218,11 +219,13 @@ impl Emcy {
     }
 
     /// True while a condition is active.
+    #[inline]
     pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
         self.active.contains(&Condition { code, source })
     }
 
     /// The next message, when the inhibit time has passed.
+    #[inline]
     pub(crate) fn next_frame(&mut self, now: Duration) -> Option<CanFrame> {
         let cob_id = self.cob_id?;
         if now < self.next_allowed {

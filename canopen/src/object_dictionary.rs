@@ -285,18 +285,21 @@ impl Entry {
 
     /// The value, little-endian.
     #[must_use]
+    #[inline]
     pub fn value(&self) -> &[u8] {
         &self.value
     }
 
     /// The value as an integer; 0 for types that are none.
     #[must_use]
+    #[inline]
     pub fn as_integer(&self) -> i128 {
         integer_from_le(self.data_type, &self.value)
     }
 
     /// Bytes as an integer of this object's type; 0 for types that are none.
     #[must_use]
+    #[inline]
     pub fn decode_integer(&self, bytes: &[u8]) -> i128 {
         integer_from_le(self.data_type, bytes)
     }
@@ -326,6 +329,7 @@ impl Entry {
 }
 
 /// Little-endian bytes as an integer, sign-extended by type; 0 for types that are no integers.
+#[inline]
 fn integer_from_le(data_type: DataType, bytes: &[u8]) -> i128 {
     if matches!(data_type.size_bytes(), None | Some(0)) || data_type.is_real() {
         return 0;
@@ -399,6 +403,7 @@ impl ObjectDictionary {
 
     /// The sub-object at a handle.
     #[must_use]
+    #[inline]
     pub fn entry(&self, handle: Handle) -> &Entry {
         &self.entries[handle.0]
     }
@@ -413,6 +418,7 @@ impl ObjectDictionary {
     ///
     /// # Errors
     /// A numeric value of another length than the type's.
+    #[inline]
     pub fn store(&mut self, handle: Handle, bytes: &[u8]) -> Result<(), AbortCode> {
         let entry = &mut self.entries[handle.0];
         // A numeric value has the length of its type, so this is the way of all of them.

@@ -419,13 +419,19 @@ impl Rpdo {
     }
 
     /// True when frames with this identifier are for this PDO.
+    #[inline]
     pub(crate) fn listens_to(&self, id: u16) -> bool {
         self.parameters.cob_id == Some(id) && self.mapping.length > 0
     }
 
     /// True when nothing happens before a SYNC, whatever arrives: neither its data nor the end of a dead-line.
     pub(crate) fn is_silent(&self) -> bool {
-        self.is_synchronous() && self.parameters.event_timer.is_none()
+        self.is_synchronous() && !self.is_timed()
+    }
+
+    /// True when it may have a deadline.
+    pub(crate) fn is_timed(&self) -> bool {
+        self.parameters.event_timer.is_some()
     }
 
     /// Forgets what was received (Operational left, or new configuration).
@@ -435,11 +441,13 @@ impl Rpdo {
     }
 
     /// True when what arrives now must wait for a SYNC.
+    #[inline]
     pub(crate) fn is_synchronous(&self) -> bool {
         self.parameters.is_synchronous()
     }
 
     /// True when a payload is longer than the mapping.
+    #[inline]
     pub(crate) fn is_exceeded_by(&self, data: &[u8]) -> bool {
         data.len() > self.mapping.length
     }
@@ -476,6 +484,7 @@ impl Rpdo {
     }
 
     /// Puts what waited into the dictionary; false when nothing did.
+    #[inline]
     pub(crate) fn on_sync(&mut self, dictionary: &mut ObjectDictionary) -> bool {
         let waiting = self.waiting.take();
         if let Some(data) = &waiting {
@@ -485,6 +494,7 @@ impl Rpdo {
     }
 
     /// True once when the dead-line has passed.
+    #[inline]
     pub(crate) fn has_timed_out(&mut self, now: Duration) -> bool {
         let has_timed_out = self.deadline.is_some_and(|deadline| now >= deadline);
         if has_timed_out {
@@ -576,6 +586,7 @@ impl Tpdo {
     }
 
     /// The frame to send at this SYNC.
+    #[inline]
     pub(crate) fn on_sync(
         &mut self,
         sync: &Sync,
@@ -599,6 +610,7 @@ impl Tpdo {
     }
 
     /// The frame to send at `now` because of an event or the event timer.
+    #[inline]
     pub(crate) fn on_tick(
         &mut self,
         now: Duration,
@@ -656,7 +668,8 @@ impl Tpdo {
         self.is_started && self.parameters.cob_id.is_some() && self.mapping.length > 0
     }
 
-    fn is_event_driven(&self) -> bool {
+    /// True when it goes by events or by time, so that it may have a deadline.
+    pub(crate) fn is_event_driven(&self) -> bool {
         self.parameters.transmission_type >= 254
     }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::cob_id::CobId;
 use crate::frame::CanFrame;
 use crate::nmt::NodeId;
-use crate::node::earliest;
+use crate::node::earlier;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo_server::{Access, SdoServer};
 
@@ -99,6 +99,7 @@ impl SdoServers {
     }
 
     /// True when a frame with this identifier is a request.
+    #[inline]
     pub(crate) fn listens_to(&self, id: u16) -> bool {
         self.servers().any(|server| server.request_id() == id)
     }
@@ -111,18 +112,25 @@ impl SdoServers {
     }
 
     /// Ends transfers whose client is silent.
+    #[inline]
     pub(crate) fn on_tick(&mut self, now: Duration) {
         self.servers_mut().for_each(|server| server.on_tick(now));
     }
 
     /// The next answer.
+    #[inline]
     pub(crate) fn next_frame(&mut self) -> Option<CanFrame> {
-        self.servers_mut().find_map(SdoServer::next_frame)
+        let answer = self.default.next_frame();
+        let mut additional = self.additional.iter_mut();
+        answer.or_else(|| additional.find_map(|channel| channel.server.as_mut()?.next_frame()))
     }
 
     /// When the next client's time passes.
+    #[inline]
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
-        earliest(self.servers().map(SdoServer::next_deadline))
+        let additional = self.additional.iter();
+        let deadlines = additional.map(|channel| channel.server.as_ref()?.next_deadline());
+        deadlines.fold(self.default.next_deadline(), earlier)
     }
 
     fn servers(&self) -> impl Iterator<Item = &SdoServer> {

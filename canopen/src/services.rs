@@ -40,6 +40,8 @@ pub struct Services {
     pub(crate) sync_producer: SyncProducer,
     pub(crate) rpdos: Vec<Rpdo>,
     pub(crate) tpdos: Vec<Tpdo>,
+    /// Any PDO may have a deadline; seldom so, and asked after every event.
+    has_timed_pdos: bool,
     pub(crate) heartbeat: HeartbeatProducer,
     pub(crate) monitors: HeartbeatConsumer,
     pub(crate) emcy: Emcy,
@@ -58,7 +60,7 @@ impl Services {
     ) -> Result<Self, InvalidPdo> {
         dictionary.restore_defaults(0x0000..=0xFFFF);
         let (rpdos, tpdos) = read_pdos(&dictionary)?;
-        Ok(Self {
+        let mut services = Self {
             now: Duration::ZERO,
             node_id,
             state: NmtState::Initialising,
@@ -67,13 +69,16 @@ impl Services {
             sync_producer: SyncProducer::new(&dictionary),
             rpdos,
             tpdos,
+            has_timed_pdos: false,
             heartbeat: HeartbeatProducer::default(),
             monitors: HeartbeatConsumer::new(&dictionary),
             emcy: Emcy::new(&dictionary),
             output: VecDeque::with_capacity(OUTPUT_LENGTH),
             dropped_frames: 0,
             dictionary,
-        })
+        };
+        services.look_for_timed_pdos();
+        Ok(services)
     }
 
     /// The time of the call that is going on, since the node's start.
@@ -188,11 +193,13 @@ impl Services {
     }
 
     /// Ends an error of one RPDO or node.
+    #[inline]
     pub(crate) fn clear_from(&mut self, code: ErrorCode, source: u16) {
         self.emcy.clear(&mut self.dictionary, code, source);
     }
 
     /// True while an error of one RPDO or node is active.
+    #[inline]
     pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
         self.emcy.is_active(code, source)
     }
@@ -259,6 +266,7 @@ impl Services {
             tpdo.stop();
             tpdo.configure(self.now, dictionary);
         }
+        self.look_for_timed_pdos();
         self.output.clear();
     }
 
@@ -286,6 +294,7 @@ impl Services {
     }
 
     /// The oldest frame in the output.
+    #[inline]
     pub(crate) fn next_output(&mut self) -> Option<CanFrame> {
         let frame = self.output.pop_front();
         if frame.is_some() || !self.state.allows_sdo() {
@@ -307,12 +316,19 @@ impl Services {
             self.sync.next_deadline(),
             self.sync_producer.next_deadline(),
         );
+        let pdos = self.has_timed_pdos.then(|| self.next_pdo_deadline());
+        earlier(earlier(heartbeats, syncs), earlier(emcy, pdos.flatten()))
+    }
+
+    fn next_pdo_deadline(&self) -> Option<Duration> {
         let rpdos = earliest(self.rpdos.iter().map(Rpdo::next_deadline));
         let tpdos = earliest(self.tpdos.iter().map(Tpdo::next_deadline));
-        earlier(
-            earlier(heartbeats, syncs),
-            earlier(emcy, earlier(rpdos, tpdos)),
-        )
+        earlier(rpdos, tpdos)
+    }
+
+    fn look_for_timed_pdos(&mut self) {
+        self.has_timed_pdos =
+            self.rpdos.iter().any(Rpdo::is_timed) || self.tpdos.iter().any(Tpdo::is_event_driven);
     }
 
     fn configure_pdo(&mut self, place: Place) {
@@ -330,6 +346,7 @@ impl Services {
                 }
             }
         }
+        self.look_for_timed_pdos();
     }
 
     fn configure_sync(&mut self) {

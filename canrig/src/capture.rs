@@ -110,10 +110,10 @@ impl<'a> Capture<'a> {
             .and_then(|last| self.clock.scenario_time(last.time))
     }
 
-    /// Scenario time at a time of the frames' clock; `None` before the scenario began.
+    /// When the scenario began, on the clock of the frames; `None` before.
     #[must_use]
-    pub fn scenario_time_at(&self, time: Duration) -> Option<Duration> {
-        self.clock.scenario_time(time)
+    pub fn zero(&self) -> Option<Duration> {
+        self.clock.zero()
     }
 
     /// Whether the user wants the run to end.

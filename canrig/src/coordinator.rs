@@ -11,7 +11,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, FilterSet, Progress, earlier, earliest};
+use canopen::{CanFrame, Filter, FilterSet, Progress, earliest};
 use platform::lockstep::{Answer, Audience, LockstepError, Participant};
 
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
@@ -73,6 +73,9 @@ pub enum CoordinatorError {
 /// A frame and the time from which it waits, or at which it arrived.
 type Timed = (Duration, CanFrame);
 
+/// The time of what will not happen by itself.
+const NEVER: Duration = Duration::MAX;
+
 struct Slot<'a> {
     participant: &'a mut dyn Participant,
     /// What it listens to.
@@ -94,11 +97,17 @@ struct Slot<'a> {
     /// How far it has gone.
     reached: Duration,
     progress: Progress,
+    /// From when on its first waiting frame takes part in the arbitration. Asked at every event, like the next, while
+    /// few events change them.
+    sends_at: Duration,
+    /// The earliest time at which it may queue something that is not known yet; [`NEVER`] when it has stopped or when only
+    /// a frame can wake it.
+    may_speak_at: Duration,
 }
 
 impl<'a> Slot<'a> {
     fn new(participant: &'a mut dyn Participant) -> Self {
-        Self {
+        let mut slot = Self {
             next_deadline: participant.next_deadline(),
             heard: participant.filters().to_vec().into(),
             silent: participant.silent_filters().to_vec().into(),
@@ -110,37 +119,40 @@ impl<'a> Slot<'a> {
             suspended_until: Duration::ZERO,
             reached: Duration::ZERO,
             progress: Progress::Running,
-        }
+            sends_at: NEVER,
+            may_speak_at: NEVER,
+        };
+        slot.look_ahead();
+        slot
     }
 
-    /// The earliest time at which it may queue something that is not known yet; none when it has stopped or when only
-    /// a frame can wake it.
-    fn may_speak_at(&self) -> Option<Duration> {
-        match self.progress {
+    /// Works out when it may speak and send, after a change of what that depends on.
+    fn look_ahead(&mut self) {
+        let speaks = match self.progress {
             Progress::Running if self.must_hear => self.inbox.last().map(|(time, _)| *time),
             Progress::Running => self.next_deadline,
             _ => None,
-        }
-    }
-
-    /// The frame with which it takes part in the arbitration, and from when on.
-    fn head(&self) -> Option<(Duration, &CanFrame)> {
-        let (time, frame) = self.outbox.front()?;
-        Some(((*time).max(self.suspended_until), frame))
-    }
-
-    /// The earliest time at which it has something to send or may get it.
-    fn next_event(&self) -> Option<Duration> {
-        let waiting = self.head().map(|(time, _)| time);
-        earlier(waiting, self.may_speak_at())
+        };
+        self.may_speak_at = speaks.unwrap_or(NEVER);
+        let first = self.outbox.front();
+        self.sends_at = first.map_or(NEVER, |(time, _)| (*time).max(self.suspended_until));
     }
 
     /// Takes a frame from the bus, if it is for this participant.
     fn hear(&mut self, time: Duration, frame: CanFrame) {
         if self.progress == Progress::Running && self.heard.accepts(&frame) {
             self.inbox.push((time, frame));
-            self.must_hear |= !self.silent.accepts(&frame);
+            if !self.silent.accepts(&frame) {
+                self.must_hear = true;
+                self.may_speak_at = time;
+            }
         }
+    }
+
+    /// Takes the frame out with which it takes part in the arbitration.
+    fn take_first(&mut self) {
+        self.outbox.pop_front();
+        self.look_ahead();
     }
 }
 
@@ -213,15 +225,17 @@ impl<'a> Coordinator<'a> {
             self.pass(&passed, wire)?;
             return Ok(Some(self.now));
         }
-        let next = earliest(self.slots.iter().map(Slot::next_event));
-        let Some(time) = earlier(next, self.next_fault()) else {
+        let next = self.slots.iter().fold(NEVER, |next, slot| {
+            next.min(slot.sends_at).min(slot.may_speak_at)
+        });
+        let next = self.next_fault().map_or(next, |fault| fault.min(next));
+        if next == NEVER {
             return Ok(None);
-        };
-        self.now = self.now.max(time).max(self.bus.free_at());
+        }
+        self.now = self.now.max(next).max(self.bus.free_at());
         self.recover(wire)?;
         for index in 0..self.slots.len() {
-            let is_due = |time| time <= self.now;
-            if self.slots[index].may_speak_at().is_some_and(is_due) {
+            if self.slots[index].may_speak_at <= self.now {
                 self.ask(index)?;
             }
         }
@@ -270,20 +284,13 @@ impl<'a> Coordinator<'a> {
         slot.progress == Progress::Stopped && slot.outbox.is_empty() && !is_sending
     }
 
-    /// The first frame of each outbox, with its time and its sender.
-    fn heads(&self) -> impl Iterator<Item = (Duration, &CanFrame, usize)> {
-        let slots = self.slots.iter().enumerate();
-        slots.filter_map(|(index, slot)| {
-            let (time, frame) = slot.head()?;
-            Some((time, frame, index))
-        })
-    }
-
-    /// The lowest identifier among the waiting heads goes on the bus.
+    /// The lowest identifier among the first frames of all outboxes goes on the bus.
     fn arbitrate(&mut self) {
-        let waiting = self.heads().filter(|(time, ..)| *time <= self.now);
-        let winner = waiting
-            .map(|(_, frame, index)| (arbitration_key(frame), index))
+        let slots = self.slots.iter().enumerate();
+        let waiting = slots.filter(|(_, slot)| slot.sends_at <= self.now);
+        let firsts = waiting.filter_map(|(index, slot)| Some((index, slot.outbox.front()?)));
+        let winner = firsts
+            .map(|(index, (_, frame))| (arbitration_key(frame), index))
             .min();
         if let Some(faults) = &mut self.faults
             && let Some(frame) = faults.foreign(self.now)
@@ -306,7 +313,7 @@ impl<'a> Coordinator<'a> {
             Some((bits, faults.states[sender].activity() == Activity::Passive))
         });
         let Some((bits, is_passive)) = disturbed else {
-            self.slots[sender].outbox.pop_front();
+            self.slots[sender].take_first();
             self.transmit(Some(sender), frame);
             return;
         };
@@ -387,6 +394,7 @@ impl<'a> Coordinator<'a> {
             } else if after == Activity::Passive && Some(index) == passed.sender {
                 slot.suspended_until = free_at + self.bus.bit_time(SUSPEND_BITS);
             }
+            slot.look_ahead();
             if after != before {
                 let message = state.message(number, false);
                 wire.put(self.now, &message, 0)?;
@@ -452,7 +460,7 @@ impl<'a> Coordinator<'a> {
                 return self.now;
             }
             if at != index {
-                next = slot.may_speak_at().map_or(next, |time| time.min(next));
+                next = next.min(slot.may_speak_at);
             }
         }
         next.max(self.now)
@@ -474,18 +482,21 @@ impl<'a> Coordinator<'a> {
     fn finish(&mut self, index: usize) -> Result<(), CoordinatorError> {
         let slot = &mut self.slots[index];
         let Answer {
-            frames,
+            mut frames,
             next_deadline,
             reached,
             progress,
         } = slot.participant.finish()?;
         match &mut self.faults {
-            None => slot.outbox.extend(frames),
+            None => slot.outbox.extend(&frames),
             Some(faults) => faults.queue(index, &frames, &mut slot.outbox),
         }
+        frames.clear();
+        slot.participant.reuse(frames);
         slot.next_deadline = next_deadline;
         slot.reached = reached;
         slot.progress = progress;
+        slot.look_ahead();
         if let Progress::Failed(reason) = &slot.progress {
             return Err(CoordinatorError::Failed {
                 name: slot.participant.name().to_owned(),

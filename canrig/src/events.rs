@@ -7,6 +7,7 @@ use dbc::{Database, Message, Signal, SignalHandle};
 use scenario::Scenario;
 use scenario::expect::Emergency;
 
+use crate::by_identifier::ByIdentifier;
 use crate::error_frames::{self, ErrorMessage};
 use crate::recording::Stamped;
 
@@ -68,7 +69,7 @@ struct Source {
 
 /// Reads events from frames: every change of a state, every NMT command, every emergency.
 pub(crate) struct EventReader {
-    sources: BTreeMap<u32, Source>,
+    sources: ByIdentifier<Source>,
     events: Vec<(Duration, Level, String)>,
     emergencies: Vec<(Duration, Emergency)>,
     /// When each was last told.
@@ -104,7 +105,7 @@ impl EventReader {
             self.take_error(stamped.time, message);
             return;
         }
-        let Some(source) = self.sources.get_mut(&stamped.frame.raw_id()) else {
+        let Some(source) = self.sources.get_mut(stamped.frame.raw_id()) else {
             return;
         };
         let Some(value) = source.signal.decode(&stamped.frame) else {

@@ -5,6 +5,7 @@
 
 pub mod bench;
 pub mod bus_model;
+mod by_identifier;
 pub mod campaign;
 pub mod capture;
 pub mod cli;

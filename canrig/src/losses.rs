@@ -5,6 +5,7 @@ use std::time::Duration;
 use dbc::Database;
 use scenario::Scenario;
 
+use crate::by_identifier::ByIdentifier;
 use crate::events::{Event, Level};
 use crate::recording::Stamped;
 
@@ -29,7 +30,6 @@ const HEARTBEATS: [(&str, &str); 3] = [
 
 /// One message that must keep coming.
 struct Watched {
-    raw_id: u32,
     what: &'static str,
     limit: Duration,
     /// In scenario time.
@@ -38,7 +38,7 @@ struct Watched {
 
 /// Watches from the start of the scenario to its end.
 pub(crate) struct LossReader {
-    watched: Vec<Watched>,
+    watched: ByIdentifier<Watched>,
     end: Duration,
     latest: Duration,
     events: Vec<Event>,
@@ -53,12 +53,12 @@ impl LossReader {
         let watched = watched.filter_map(|(name, what, limit)| {
             let message = database.message(name)?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
-            Some(Watched {
-                raw_id: message.raw_id,
+            let watched = Watched {
                 what,
                 limit: limit.unwrap_or(HEARTBEATS_MAX * period),
                 last: None,
-            })
+            };
+            Some((message.raw_id, watched))
         });
         Self {
             watched: watched.collect(),
@@ -73,23 +73,23 @@ impl LossReader {
             return;
         };
         self.latest = time;
-        let raw_id = stamped.frame.raw_id();
-        for watched in self.watched.iter_mut().filter(|one| one.raw_id == raw_id) {
-            let last = watched.last.replace(time).unwrap_or_default();
-            let silent = time.saturating_sub(last);
-            if silent > watched.limit {
-                let what = watched.what;
-                let text = format!("loss: no {what} for {} ms", silent.as_millis());
-                self.events.push(event(last, Level::Error, text));
-                let text = format!("{what} is back");
-                self.events.push(event(time, Level::Info, text));
-            }
+        let Some(watched) = self.watched.get_mut(stamped.frame.raw_id()) else {
+            return;
+        };
+        let last = watched.last.replace(time).unwrap_or_default();
+        let silent = time.saturating_sub(last);
+        if silent > watched.limit {
+            let what = watched.what;
+            let text = format!("loss: no {what} for {} ms", silent.as_millis());
+            self.events.push(event(last, Level::Error, text));
+            let text = format!("{what} is back");
+            self.events.push(event(time, Level::Info, text));
         }
     }
 
     /// All losses, those that last among them.
     pub(crate) fn take_all(&mut self) -> Vec<Event> {
-        for watched in &self.watched {
+        for watched in self.watched.values() {
             let Some(last) = watched.last else { continue };
             if self.latest.saturating_sub(last) > watched.limit {
                 let text = format!("loss: no {} from here on", watched.what);

@@ -7,6 +7,7 @@ use canopen::CanFrame;
 use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 
+use crate::by_identifier::ByIdentifier;
 use crate::events::{Event, EventReader, ToldEmergency};
 use crate::losses::LossReader;
 use crate::recording::Stamped;
@@ -179,7 +180,7 @@ pub(crate) struct Reader {
     traffic: Traffic,
     signals: Vec<Tracked>,
     /// The signals of each message.
-    signals_of_id: BTreeMap<u32, Vec<Decoded>>,
+    signals_of_id: ByIdentifier<Vec<Decoded>>,
     /// The columns of measured values.
     measured: Vec<usize>,
     latest: Vec<f64>,
@@ -227,7 +228,7 @@ impl Reader {
             columns: vec![Vec::new(); signals.len()],
             measured: measured.collect(),
             signals,
-            signals_of_id,
+            signals_of_id: signals_of_id.into_iter().collect(),
             cycle: Vec::new(),
             cycles_due: 0,
         })
@@ -285,7 +286,7 @@ impl Reader {
     }
 
     fn take_signals(&mut self, frame: &CanFrame) {
-        let Some(signals) = self.signals_of_id.get_mut(&frame.raw_id()) else {
+        let Some(signals) = self.signals_of_id.get_mut(frame.raw_id()) else {
             return;
         };
         for signal in signals {

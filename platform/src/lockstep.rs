@@ -86,6 +86,9 @@ pub trait Participant {
     /// When the node's process is gone, silent for 10 s of wall time, or breaks the protocol; when the step itself was
     /// impossible.
     fn finish(&mut self) -> Result<Answer, LockstepError>;
+
+    /// Takes back the list of an answer's frames, emptied, so that the next answer needs no memory of its own.
+    fn reuse(&mut self, _emptied: Vec<(Duration, CanFrame)>) {}
 }
 
 /// Why the coordinator got no answer.

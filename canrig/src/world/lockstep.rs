@@ -125,9 +125,9 @@ fn run_until(
         let Some(now) = coordinator.step(taps)? else {
             return Err(NO_START);
         };
-        match taps.capture.scenario_time_at(now) {
-            Some(time) if time >= end => break,
-            Some(time) => coordinator.set_horizon(now - time + end),
+        match taps.capture.zero() {
+            Some(zero) if now >= zero + end => break,
+            Some(zero) => coordinator.set_horizon(zero + end),
             // A fault that keeps the scenario from beginning is seen to its end.
             None if now > START_PATIENCE && is_faulty => break,
             None if now > START_PATIENCE => return Err(NO_START),

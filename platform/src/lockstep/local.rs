@@ -7,9 +7,6 @@ use canopen::{CanFrame, Filter, Node, Progress};
 use super::step::{StepError, Stepper};
 use super::{Answer, Audience, LockstepError, Participant};
 
-/// Frames of one step for which there is room from the beginning.
-const FRAMES_EXPECTED: usize = 8;
-
 /// A node in this process; the step happens in `begin`.
 pub struct Local<'a> {
     name: String,
@@ -18,6 +15,8 @@ pub struct Local<'a> {
     node: &'a mut dyn Node,
     stepper: Stepper,
     answer: Option<Result<Answer, StepError>>,
+    /// The list for the next answer's frames.
+    spare: Vec<(Duration, CanFrame)>,
 }
 
 impl<'a> Local<'a> {
@@ -30,6 +29,7 @@ impl<'a> Local<'a> {
             stepper: Stepper::new(node),
             node,
             answer: None,
+            spare: Vec::new(),
         }
     }
 
@@ -65,7 +65,7 @@ impl Participant for Local<'_> {
     }
 
     fn begin_ahead(&mut self, to: Duration, until: Duration, frames: &[(Duration, CanFrame)]) {
-        let mut queued = Vec::with_capacity(FRAMES_EXPECTED);
+        let mut queued = std::mem::take(&mut self.spare);
         let result = self
             .stepper
             .advance(self.node, (to, until), frames, &mut queued);
@@ -89,5 +89,9 @@ impl Participant for Local<'_> {
                 name: self.name.clone(),
             }),
         }
+    }
+
+    fn reuse(&mut self, emptied: Vec<(Duration, CanFrame)>) {
+        self.spare = emptied;
     }
 }
