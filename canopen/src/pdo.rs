@@ -225,12 +225,15 @@ fn is_direction_allowed(access: Access, direction: Direction) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mapping {
     slots: [Slot; OBJECTS_MAX as usize],
+    /// Slots in use.
+    count: usize,
     length: usize,
 }
 
 impl Mapping {
     const EMPTY: Self = Self {
         slots: [Slot::UNUSED; OBJECTS_MAX as usize],
+        count: 0,
         length: 0,
     };
 
@@ -244,7 +247,10 @@ impl Mapping {
         if count > OBJECTS_MAX {
             return Err(AbortCode::PDO_TOO_LONG);
         }
-        let mut mapping = Self::EMPTY;
+        let mut mapping = Self {
+            count: usize::from(count),
+            ..Self::EMPTY
+        };
         for (sub_index, slot) in (1..=count).zip(&mut mapping.slots) {
             let handle = dictionary.find(index, sub_index)?;
             let entry = u32::try_from(dictionary.entry(handle).as_integer());
@@ -284,7 +290,7 @@ impl Mapping {
     /// Each object with its place in the PDO.
     fn ranges(&self) -> impl Iterator<Item = (std::ops::Range<usize>, Handle)> + '_ {
         let mut start = 0;
-        self.slots.iter().filter_map(move |slot| {
+        self.slots[..self.count].iter().filter_map(move |slot| {
             let range = start..start + usize::from(slot.size_bytes);
             start = range.end;
             slot.handle.map(|handle| (range, handle))

@@ -1,10 +1,10 @@
 //! A recording, decoded: one row a cycle, and the events between them.
 
-use std::collections::BTreeMap;
+use std::ops::Range;
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::{Database, SignalHandle};
+use dbc::{Database, Signal, SignalHandle};
 use scenario::Scenario;
 
 use crate::by_identifier::ByIdentifier;
@@ -142,26 +142,45 @@ struct Tracked {
     unit: String,
     /// Measured values belong to their cycle; everything else holds until it changes.
     is_measured: bool,
+    /// The bits that were decoded last, and their value.
+    decoded: (Option<u64>, f64),
+    /// The value at the end of the latest row.
+    latest: f64,
+    rows: Vec<f64>,
 }
 
-/// A signal with its column and its latest value.
-struct Decoded {
-    column: usize,
-    handle: SignalHandle,
-    /// The bits that gave the value.
-    bits: Option<u64>,
-    value: f64,
-}
-
-impl Decoded {
-    /// As [`SignalHandle::decode`]. Most signals have the bits that they had before, and so the value.
-    fn decode(&mut self, frame: &CanFrame) -> Option<f64> {
-        let bits = self.handle.bits(frame)?;
-        if self.bits != Some(bits) {
-            self.bits = Some(bits);
-            self.value = self.handle.decode(frame)?;
+impl Tracked {
+    fn new(handle: SignalHandle, signal: &Signal, is_measured: bool) -> Self {
+        Self {
+            handle,
+            name: signal.name.clone(),
+            unit: signal.unit.clone(),
+            is_measured,
+            decoded: (None, f64::NAN),
+            latest: f64::NAN,
+            rows: Vec::new(),
         }
-        Some(self.value)
+    }
+
+    fn begin_cycle(&mut self) {
+        if self.is_measured {
+            self.latest = f64::NAN;
+        }
+        self.rows.push(self.latest);
+    }
+
+    /// Most signals have the bits that they had before, and so the value.
+    fn take(&mut self, frame: &CanFrame) {
+        let Some(bits) = self.handle.bits(frame) else {
+            return;
+        };
+        if self.decoded.0 != Some(bits) {
+            self.decoded = (Some(bits), self.handle.decode(frame).unwrap_or(f64::NAN));
+        }
+        self.latest = self.decoded.1;
+        if let Some(last) = self.rows.last_mut() {
+            *last = self.latest;
+        }
     }
 }
 
@@ -178,15 +197,12 @@ pub(crate) struct Reader {
     traces: TraceReader,
     last_frame: Duration,
     traffic: Traffic,
+    /// Those of each message side by side.
     signals: Vec<Tracked>,
-    /// The signals of each message.
-    signals_of_id: ByIdentifier<Vec<Decoded>>,
-    /// The columns of measured values.
-    measured: Vec<usize>,
-    latest: Vec<f64>,
+    /// Where the signals of each message are.
+    signals_of_id: ByIdentifier<Range<usize>>,
     cycle: Vec<u64>,
     cycles_due: u64,
-    columns: Vec<Vec<f64>>,
 }
 
 impl Reader {
@@ -196,20 +212,12 @@ impl Reader {
     /// The database lacks a signal that the bench needs.
     pub(crate) fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
         let signals = tracked_signals(database)?;
-        let mut signals_of_id: BTreeMap<u32, Vec<_>> = BTreeMap::new();
-        for (column, signal) in signals.iter().enumerate() {
-            signals_of_id
-                .entry(signal.handle.raw_id())
-                .or_default()
-                .push(Decoded {
-                    column,
-                    handle: signal.handle,
-                    bits: None,
-                    value: f64::NAN,
-                });
-        }
-        let columns = 0..signals.len();
-        let measured = columns.filter(|column| signals[*column].is_measured);
+        let messages =
+            signals.chunk_by(|left, right| left.handle.raw_id() == right.handle.raw_id());
+        let signals_of_id = messages.scan(0, |end, message| {
+            let first = std::mem::replace(end, *end + message.len());
+            Some((message[0].handle.raw_id(), first..*end))
+        });
         let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
         let end = Duration::from_secs_f64(scenario.duration_seconds);
         Ok(Self {
@@ -224,11 +232,8 @@ impl Reader {
             traces: TraceReader::new(scenario, database),
             last_frame: Duration::ZERO,
             traffic: Traffic::new(scenario),
-            latest: vec![f64::NAN; signals.len()],
-            columns: vec![Vec::new(); signals.len()],
-            measured: measured.collect(),
+            signals_of_id: signals_of_id.collect(),
             signals,
-            signals_of_id: signals_of_id.into_iter().collect(),
             cycle: Vec::new(),
             cycles_due: 0,
         })
@@ -239,9 +244,8 @@ impl Reader {
         let cycles = usize::try_from(self.end_cycle).unwrap_or(usize::MAX);
         let rows = cycles.min(frames);
         self.cycle.reserve(rows);
-        self.columns
-            .iter_mut()
-            .for_each(|column| column.reserve(rows));
+        let signals = self.signals.iter_mut();
+        signals.for_each(|signal| signal.rows.reserve(rows));
     }
 
     /// Takes every frame of the bus in order.
@@ -260,7 +264,9 @@ impl Reader {
             Some(time) if time >= self.end => {}
             _ => self.take_signals(&stamped.frame),
         }
-        self.traces.take(stamped, time, self.cycle_seconds());
+        if !self.traces.is_empty() {
+            self.traces.take(stamped, time, self.cycle_seconds());
+        }
     }
 
     /// When the latest cycle began.
@@ -277,26 +283,13 @@ impl Reader {
             return;
         }
         self.cycle.push(number);
-        for column in &self.measured {
-            self.latest[*column] = f64::NAN;
-        }
-        for (column, latest) in self.columns.iter_mut().zip(&self.latest) {
-            column.push(*latest);
-        }
+        self.signals.iter_mut().for_each(Tracked::begin_cycle);
     }
 
     fn take_signals(&mut self, frame: &CanFrame) {
-        let Some(signals) = self.signals_of_id.get_mut(frame.raw_id()) else {
-            return;
-        };
-        for signal in signals {
-            let Some(value) = signal.decode(frame) else {
-                continue;
-            };
-            self.latest[signal.column] = value;
-            if let Some(last) = self.columns[signal.column].last_mut() {
-                *last = value;
-            }
+        if let Some(places) = self.signals_of_id.get_mut(frame.raw_id()) {
+            let signals = self.signals[places.clone()].iter_mut();
+            signals.for_each(|signal| signal.take(frame));
         }
     }
 
@@ -330,14 +323,12 @@ impl Reader {
             .iter()
             .map(|cycle| start_seconds(*cycle, period_seconds))
             .collect();
-        let columns = self.signals.iter().zip(&mut self.columns);
-        let columns: Vec<Column> = columns
-            .map(|(signal, values)| Column {
-                name: signal.name.clone(),
-                unit: signal.unit.clone(),
-                values: take_front(values, rows),
-            })
-            .collect();
+        let columns = self.signals.iter_mut().map(|signal| Column {
+            name: signal.name.clone(),
+            unit: signal.unit.clone(),
+            values: take_front(&mut signal.rows, rows),
+        });
+        let columns: Vec<Column> = columns.collect();
         let zero = self.events.zero();
         let place = |path: &str| {
             let name = path.split_once('.').map_or(path, |(_, name)| name);
@@ -473,12 +464,7 @@ fn tracked_signals(database: &Database) -> Result<Vec<Tracked>, SignalMissing> {
         for signal in &message.signals {
             let handle = database.require(&format!("{name}.{}", signal.name))?;
             let is_measured = signals::POSITION.starts_with(name);
-            tracked.push(Tracked {
-                handle,
-                name: signal.name.clone(),
-                unit: signal.unit.clone(),
-                is_measured,
-            });
+            tracked.push(Tracked::new(handle, signal, is_measured));
         }
     }
     Ok(tracked)

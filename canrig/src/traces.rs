@@ -68,6 +68,11 @@ impl TraceReader {
         }
     }
 
+    /// The scenario names no signal.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.collected.is_empty()
+    }
+
     /// Takes a frame with its scenario time and the start of its cycle.
     pub(crate) fn take(
         &mut self,

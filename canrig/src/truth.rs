@@ -40,6 +40,9 @@ impl TruthReader {
     }
 
     pub(crate) fn take(&mut self, stamped: &Stamped) {
+        if stamped.frame.raw_id() != self.time.raw_id() {
+            return;
+        }
         let decode = |signal: &SignalHandle| signal.decode(&stamped.frame);
         let Some(time_seconds) = decode(&self.time) else {
             return;

@@ -83,8 +83,10 @@ impl<P: Plant> Objects<P> {
 
     /// 0x6060.
     pub(super) fn mode(&self, dictionary: &ObjectDictionary) -> i8 {
-        let value = objects::integer16(dictionary, self.mode);
-        i8::try_from(value).unwrap_or_default()
+        let [mode] = *dictionary.entry(self.mode).value() else {
+            return 0;
+        };
+        mode.cast_signed()
     }
 
     /// 0x6071 in permille of the rated torque.
