@@ -2,7 +2,7 @@
 
 use std::iter;
 
-use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, StoreInfo};
+use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreInfo};
 use rerun::log::{Chunk, ChunkId, RowId};
 use rerun::{
     AsComponents, EntityPath, RecordingStream, RecordingStreamError, SerializedComponentColumn,
@@ -18,7 +18,12 @@ pub(crate) trait Output {
     fn send(&mut self, chunk: Chunk);
 
     /// Takes a layout, and the command to show it.
-    fn send_layout(&mut self, layout: Vec<LogMsg>, show: BlueprintActivationCommand);
+    fn send_layout(
+        &mut self,
+        info: StoreInfo,
+        layout: Vec<Chunk>,
+        show: BlueprintActivationCommand,
+    ) -> Result<(), RecordingStreamError>;
 }
 
 impl Output for RecordingStream {
@@ -30,9 +35,26 @@ impl Output for RecordingStream {
         self.send_chunk(chunk);
     }
 
-    fn send_layout(&mut self, layout: Vec<LogMsg>, show: BlueprintActivationCommand) {
-        self.send_blueprint(layout, show);
+    fn send_layout(
+        &mut self,
+        info: StoreInfo,
+        layout: Vec<Chunk>,
+        show: BlueprintActivationCommand,
+    ) -> Result<(), RecordingStreamError> {
+        let store = info.store_id.clone();
+        let mut messages = vec![begin(info)];
+        for chunk in layout {
+            messages.push(LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg()?));
+        }
+        self.send_blueprint(messages, show);
+        Ok(())
     }
+}
+
+/// The first message of a recording or a layout.
+pub(super) fn begin(info: StoreInfo) -> LogMsg {
+    let row_id = *RowId::new();
+    SetStoreInfo { row_id, info }.into()
 }
 
 /// Sends what never changes of an entity.
