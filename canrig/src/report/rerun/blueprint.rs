@@ -198,6 +198,7 @@ impl Layout<'_> {
             .with_display_name(title)
             .with_space_origin(format!("/{group}"));
         self.log(&path, &view)?;
+        // Without it the viewer shows nothing.
         let contents = ViewContents::new([QueryExpression("$origin/**".into())]);
         self.log(&format!("{path}/ViewContents"), &contents)?;
         Ok(Place { id, path, share })

@@ -16,7 +16,11 @@ use re_protos::external::prost::encoding::{WireType, encode_key, encode_varint};
 use re_protos::log_msg::v1alpha1::{ArrowMsg, Encoding, RrdFooter, RrdManifest};
 use re_span::Span;
 use rerun::RecordingStreamError;
-use rerun::external::arrow::ipc::writer::StreamWriter;
+use rerun::external::arrow::array::RecordBatch;
+use rerun::external::arrow::error::ArrowError;
+use rerun::external::arrow::ipc::writer::{
+    DictionaryTracker, IpcDataGenerator, IpcWriteOptions, write_message,
+};
 use rerun::external::re_log_encoding::{
     self as encoding, CodecError, Encodable, EncodeError, EncodingOptions, MessageHeader,
     MessageKind, RRD_FOURCC, RrdManifestBuilder, StreamFooter, StreamHeader, ToTransport,
@@ -26,12 +30,14 @@ use rerun::log::Chunk;
 
 use super::output::{Output, begin};
 
-type Result = std::result::Result<(), EncodeError>;
+type Written = Result<(), EncodeError>;
 
 /// Most of the messages are far shorter, and are handed on together.
 const BUFFER_BYTES: usize = 64 * 1024;
 /// Number of the field `payload` of an `ArrowMsg`.
 const PAYLOAD_FIELD: u32 = 5;
+/// The end of an Arrow stream.
+const END_OF_STREAM: [u8; 8] = [0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0];
 
 /// A recording on its way to the disk. It is not compressed: that would halve it, and was the dearest single part of a
 /// whole simulation. Nor does a stream of the SDK lie between, whose threads and queues serve those who may not wait.
@@ -41,20 +47,17 @@ pub(super) struct RecordingFile {
     bytes_written: u64,
     /// What lies where, of the recording and of its layout.
     contents: BTreeMap<StoreId, RrdManifestBuilder>,
-    /// The rows of the last chunk: their room is used again.
-    payload: Vec<u8>,
     /// What went wrong first; nothing is written after it.
-    outcome: Result,
+    outcome: Written,
 }
 
 impl RecordingFile {
-    pub(super) fn create(path: &Path, info: StoreInfo) -> std::result::Result<Self, EncodeError> {
+    pub(super) fn create(path: &Path, info: StoreInfo) -> Result<Self, EncodeError> {
         let mut file = Self {
             info: info.clone(),
             file: BufWriter::with_capacity(BUFFER_BYTES, File::create(path)?),
             bytes_written: 0,
             contents: BTreeMap::new(),
-            payload: Vec::new(),
             outcome: Ok(()),
         };
         file.write_part(&StreamHeader {
@@ -66,11 +69,16 @@ impl RecordingFile {
         Ok(file)
     }
 
+    /// Writes what is still missing.
+    pub(super) fn finish(mut self) -> Written {
+        self.then(Self::write_table);
+        self.outcome
+    }
+
     /// Writes the table of contents: it is the last message, and the last bytes say where it is.
-    pub(super) fn finish(mut self) -> Result {
-        mem::replace(&mut self.outcome, Ok(()))?;
+    fn write_table(&mut self) -> Written {
         let manifests = mem::take(&mut self.contents).into_iter();
-        let manifests: std::result::Result<_, _> = manifests.map(manifest).collect();
+        let manifests: Result<_, CodecError> = manifests.map(manifest).collect();
         let table = RrdFooter {
             manifests: manifests?,
         };
@@ -86,23 +94,16 @@ impl RecordingFile {
     }
 
     /// Does what is to be done if nothing went wrong yet.
-    fn then(&mut self, write: impl FnOnce(&mut Self) -> Result) {
+    fn then(&mut self, write: impl FnOnce(&mut Self) -> Written) {
         if self.outcome.is_ok() {
             self.outcome = write(self);
         }
     }
 
-    fn write_chunk(&mut self, store: &StoreId, chunk: &Chunk) -> Result {
+    fn write_chunk(&mut self, store: &StoreId, chunk: &Chunk) -> Written {
         let batch = chunk.to_chunk_batch()?;
-        let mut payload = mem::take(&mut self.payload);
-        payload.clear();
-        let writer = StreamWriter::try_new(&mut payload, batch.schema_ref());
-        let written = writer.and_then(|mut writer| {
-            writer.write(&batch)?;
-            writer.finish()
-        });
-        written.map_err(CodecError::ArrowSerialization)?;
-        let payload_bytes = payload.len() as u64;
+        let (head, rows) = ipc_stream(&batch).map_err(CodecError::ArrowSerialization)?;
+        let payload_bytes = (head.len() + rows.len() + END_OF_STREAM.len()) as u64;
         let message = ArrowMsg {
             store_id: Some(store.clone().into()),
             chunk_id: Some(chunk.id().as_tuid().into()),
@@ -112,7 +113,7 @@ impl RecordingFile {
             is_static: Some(chunk.is_static()),
             ..ArrowMsg::default()
         };
-        // Its payload follows as the last field, so that the rows are not copied once more.
+        // The payload follows as the last field, so that the rows are not copied into the message first.
         let mut message = message.encode_to_vec();
         encode_key(PAYLOAD_FIELD, WireType::LengthDelimited, &mut message);
         encode_varint(payload_bytes, &mut message);
@@ -120,33 +121,50 @@ impl RecordingFile {
         let kind = MessageKind::ArrowMsg;
         self.write_part(&MessageHeader { kind, len })?;
         let span = Span::from_start_len(self.bytes_written, len);
-        self.write(&message)?;
-        self.write(&payload)?;
-        self.payload = payload;
+        for piece in [&message[..], &head, &rows, &END_OF_STREAM] {
+            self.write(piece)?;
+        }
         let contents = self.contents.entry(store.clone()).or_default();
         Ok(contents.append(&batch, span, payload_bytes)?)
     }
 
-    fn write_message(&mut self, message: &LogMsg) -> Result {
+    fn write_message(&mut self, message: &LogMsg) -> Written {
         self.write_part(&message.to_transport(encoding::Compression::Off)?)
     }
 
-    fn write_part(&mut self, part: &impl Encodable) -> Result {
+    fn write_part(&mut self, part: &impl Encodable) -> Written {
         let mut bytes = Vec::new();
         part.to_rrd_bytes(&mut bytes)?;
         self.write(&bytes)
     }
 
-    fn write(&mut self, bytes: &[u8]) -> Result {
+    fn write(&mut self, bytes: &[u8]) -> Written {
         self.bytes_written += bytes.len() as u64;
         Ok(self.file.write_all(bytes)?)
     }
 }
 
+/// Rows as an Arrow stream that lacks its end: what says where they are, and the rows themselves.
+fn ipc_stream(batch: &RecordBatch) -> Result<(Vec<u8>, Vec<u8>), ArrowError> {
+    let (encoder, options) = (IpcDataGenerator::default(), IpcWriteOptions::default());
+    let mut dictionaries = DictionaryTracker::new(false);
+    let schema = encoder.schema_to_bytes_with_dictionary_tracker(
+        batch.schema_ref(),
+        &mut dictionaries,
+        &options,
+    );
+    // No column has a dictionary.
+    let (_, mut encoded) =
+        encoder.encode(batch, &mut dictionaries, &options, &mut Default::default())?;
+    let rows = mem::take(&mut encoded.arrow_data);
+    let mut head = Vec::new();
+    write_message(&mut head, schema, &options)?;
+    write_message(&mut head, encoded, &options)?;
+    Ok((head, rows))
+}
+
 /// The table of contents of a recording or a layout. Whoever reads it checks it, so it is not checked here.
-fn manifest(
-    (store, contents): (StoreId, RrdManifestBuilder),
-) -> std::result::Result<RrdManifest, CodecError> {
+fn manifest((store, contents): (StoreId, RrdManifestBuilder)) -> Result<RrdManifest, CodecError> {
     let contents = contents.build(store)?;
     let schema = (&contents.sorbet_schema).try_into();
     Ok(RrdManifest {
@@ -172,7 +190,7 @@ impl Output for RecordingFile {
         info: StoreInfo,
         layout: Vec<Chunk>,
         show: BlueprintActivationCommand,
-    ) -> std::result::Result<(), RecordingStreamError> {
+    ) -> Result<(), RecordingStreamError> {
         let store = info.store_id.clone();
         self.then(|file| {
             file.write_message(&begin(info))?;
