@@ -1,12 +1,15 @@
 //! Where a recording goes, in chunks: rows of one entity.
 
-use std::iter;
+use std::sync::Arc;
 
+use rerun::external::arrow::array::{FixedSizeBinaryArray, Float64Array, ListArray};
+use rerun::external::arrow::buffer::{Buffer, OffsetBuffer};
+use rerun::external::arrow::datatypes::{DataType, Field};
 use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreInfo};
 use rerun::log::{Chunk, ChunkId, RowId};
 use rerun::{
-    AsComponents, EntityPath, RecordingStream, RecordingStreamError, SerializedComponentColumn,
-    TimeColumn, TimePoint,
+    AsComponents, EntityPath, RecordingStream, RecordingStreamError, Scalars,
+    SerializedComponentColumn, TimeColumn, TimePoint,
 };
 
 /// A file, or a viewer.
@@ -68,6 +71,21 @@ pub(super) fn send_static(
     Ok(())
 }
 
+/// Sends rows of one number each. The SDK takes numbers one by one; here their array is the one that is written.
+pub(super) fn send_scalars(
+    output: &mut impl Output,
+    path: impl Into<EntityPath>,
+    times: [TimeColumn; 2],
+    values: Vec<f64>,
+) -> Result<(), RecordingStreamError> {
+    let item = Field::new_list_field(DataType::Float64, true);
+    let one_each = OffsetBuffer::from_repeated_length(1, values.len());
+    let values = Arc::new(Float64Array::from(values));
+    let rows = ListArray::new(Arc::new(item), one_each, values, None);
+    let column = SerializedComponentColumn::new(rows, Scalars::descriptor_scalars());
+    send_rows(output, path, times, [column])
+}
+
 /// Sends rows with their times. The SDK's constructors sort them first, although nearly all are in the order of time
 /// already.
 pub(super) fn send_rows(
@@ -83,12 +101,17 @@ pub(super) fn send_rows(
     let times = times.into_iter().collect();
     let columns = columns.into_iter().collect();
     let chunk = if is_in_order {
-        let rows = iter::successors(Some(RowId::new()), |row| Some(row.next()));
-        let rows: Vec<RowId> = rows.take(count).collect();
-        Chunk::from_native_row_ids(id, path, Some(true), &rows, times, columns)
+        Chunk::new(id, path, Some(true), row_ids(count), times, columns)
     } else {
         Chunk::from_auto_row_ids(id, path, times, columns)
     };
     output.send(chunk?);
     Ok(())
+}
+
+/// Identifiers for so many rows, one after the other.
+fn row_ids(count: usize) -> FixedSizeBinaryArray {
+    let first = RowId::new().as_u128();
+    let ids: Vec<[u8; 16]> = (first..).take(count).map(u128::to_be_bytes).collect();
+    FixedSizeBinaryArray::new(16, Buffer::from_vec(ids.into_flattened()), None)
 }

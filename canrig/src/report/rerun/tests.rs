@@ -144,7 +144,8 @@ fn every_value_of_the_timeline_is_in_the_file() {
     let series = scalars(&path);
     let mut compared = 0;
     for column in &timeline.columns {
-        let Style { group, .. } = groups::style(&column.name, groups::is_used(&column.values), &[]);
+        let is_used = || groups::is_used(&column.values);
+        let Style { group, .. } = groups::style(&column.name, is_used, &[]);
         let rows = series
             .get(&format!("/{group}/{}", column.name))
             .cloned()
