@@ -405,19 +405,22 @@ impl CycleReader {
         })
     }
 
-    /// Scenario time of a frame that was taken; `None` before the scenario began.
-    #[cfg(feature = "rerun")]
-    pub(crate) fn scenario_time(&self, stamped: &Stamped) -> Option<Duration> {
+    /// Takes every frame of the bus in order; what it is to its cycle, from scenario time 0 to `end`.
+    pub(crate) fn take(&mut self, stamped: &Stamped, end: Duration) -> Option<Stage> {
+        let time = self.hear(stamped).filter(|time| *time < end)?;
+        self.stage(stamped, time)
+    }
+
+    /// Hears every frame of the bus in order; its scenario time, `None` before the scenario began.
+    #[inline]
+    pub(crate) fn hear(&mut self, stamped: &Stamped) -> Option<Duration> {
+        self.clock.on_frame(stamped.time, &stamped.frame);
         self.clock.scenario_time(stamped.time)
     }
 
-    /// Takes every frame of the bus in order; what it is to its cycle, from scenario time 0 to `end`.
-    pub(crate) fn take(&mut self, stamped: &Stamped, end: Duration) -> Option<Stage> {
-        self.clock.on_frame(stamped.time, &stamped.frame);
-        let time = self.clock.scenario_time(stamped.time)?;
-        if time >= end {
-            return None;
-        }
+    /// What a frame that was heard is to its cycle.
+    #[inline]
+    pub(crate) fn stage(&mut self, stamped: &Stamped, time: Duration) -> Option<Stage> {
         let since = |before: Duration| stamped.time.saturating_sub(before);
         let id = stamped.frame.raw_id();
         if id == u32::from(SYNC_COB_ID) {

@@ -5,9 +5,7 @@
 use std::collections::BTreeSet;
 
 use rerun::datatypes::{Bool, Float32, Range1D, Range2D, Uuid};
-use rerun::external::re_log_types::{
-    BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreId, StoreInfo,
-};
+use rerun::external::re_log_types::{BlueprintActivationCommand, StoreId, StoreInfo};
 use rerun::external::re_sdk_types::blueprint::archetypes::{
     ContainerBlueprint, PanelBlueprint, PlotLegend, TextLogColumns, TimeAxis, TimePanelBlueprint,
     ViewBlueprint, ViewContents, ViewportBlueprint, VisualBounds2D,
@@ -17,7 +15,7 @@ use rerun::external::re_sdk_types::blueprint::components::{
     PanelState, PlayState, QueryExpression, RootContainer, RowShare, TextLogColumn, TimelineName,
 };
 use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
-use rerun::log::{Chunk, RowId};
+use rerun::log::Chunk;
 use rerun::time::Timeline;
 use rerun::{AsComponents, RecordingStreamError, StoreKind};
 
@@ -48,27 +46,23 @@ pub(super) fn send(
     let Some(info) = output.info() else {
         return Ok(());
     };
-    let store_id = StoreId::new(StoreKind::Blueprint, APPLICATION, "canrig layout");
     let info = StoreInfo {
-        store_id: store_id.clone(),
+        store_id: StoreId::new(StoreKind::Blueprint, APPLICATION, "canrig layout"),
         ..info
     };
-    let row_id = *RowId::new();
     let mut layout = Layout {
-        messages: vec![SetStoreInfo { row_id, info }.into()],
-        store_id,
+        chunks: Vec::new(),
         scenario,
         play,
         places: 0,
     };
     layout.build(groups)?;
     let command = BlueprintActivationCommand {
-        blueprint_id: layout.store_id,
+        blueprint_id: info.store_id.clone(),
         make_active: true,
         make_default: true,
     };
-    output.send_layout(layout.messages, command);
-    Ok(())
+    output.send_layout(info, layout.chunks, command)
 }
 
 /// A view or container, and its share of the room.
@@ -79,8 +73,7 @@ struct Place {
 }
 
 struct Layout<'a> {
-    store_id: StoreId,
-    messages: Vec<LogMsg>,
+    chunks: Vec<Chunk>,
     scenario: &'a Scenario,
     play: Play,
     places: u8,
@@ -205,6 +198,7 @@ impl Layout<'_> {
             .with_display_name(title)
             .with_space_origin(format!("/{group}"));
         self.log(&path, &view)?;
+        // Without it the viewer shows nothing.
         let contents = ViewContents::new([QueryExpression("$origin/**".into())]);
         self.log(&format!("{path}/ViewContents"), &contents)?;
         Ok(Place { id, path, share })
@@ -254,9 +248,7 @@ impl Layout<'_> {
     fn log(&mut self, path: &str, what: &dyn AsComponents) -> Result<()> {
         let time = [(Timeline::new_sequence("blueprint"), 0)];
         let chunk = Chunk::builder(path).with_archetype_auto_row(time, what);
-        let message = chunk.build()?.to_arrow_msg()?;
-        self.messages
-            .push(LogMsg::ArrowMsg(self.store_id.clone(), message));
+        self.chunks.push(chunk.build()?);
         Ok(())
     }
 

@@ -1,13 +1,14 @@
 //! How punctual the cycles were and how busy the bus, from the stamps of the recording.
 
+use std::mem;
 use std::time::Duration;
 
 use dbc::Database;
-use rerun::{RecordingStreamError, Scalars};
+use rerun::RecordingStreamError;
 use scenario::Scenario;
 
 use super::groups;
-use super::output::{Output, send_rows, send_static};
+use super::output::{Output, send_scalars, send_static};
 use super::recording::line;
 use super::times::{self, Moment};
 use crate::recording::Stamped;
@@ -35,17 +36,32 @@ const TIMING: [(&str, &str, [u8; 3]); 3] = [
     ),
 ];
 
+/// Rows of one signal.
+#[derive(Default)]
+struct Series {
+    moments: Vec<Moment>,
+    values: Vec<f64>,
+}
+
+impl Series {
+    fn push(&mut self, moment: Moment, value: f64) {
+        self.moments.push(moment);
+        self.values.push(value);
+    }
+}
+
 /// What the stamps say, cycle by cycle.
 pub(crate) struct BusReader {
     cycle: CycleReader,
     period: Duration,
     end: Duration,
     bits_per_second: f64,
-    rows: [Vec<(Moment, f64)>; 3],
+    timing: [Series; 3],
     now: Moment,
     stretch: f64,
+    stretch_end_seconds: f64,
     bits: u32,
-    loads: Vec<(Moment, f64)>,
+    loads: Series,
 }
 
 impl BusReader {
@@ -59,30 +75,30 @@ impl BusReader {
             period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),
             end: Duration::from_secs_f64(scenario.duration_seconds),
             bits_per_second: 1e3 * f64::from(scenario.bus.bitrate_kilobits_per_second),
-            rows: [const { Vec::new() }; 3],
+            timing: Default::default(),
             now: times::moment_at(0.0, 1.0),
             stretch: 1.0,
+            stretch_end_seconds: LOAD_STRETCH_SECONDS,
             bits: 0,
-            loads: Vec::new(),
+            loads: Series::default(),
         })
     }
 
     /// Takes every frame of the bus in order.
     pub(crate) fn take(&mut self, stamped: &Stamped) {
-        let stage = self.cycle.take(stamped, self.end);
-        if let Some(time) = self.cycle.scenario_time(stamped)
-            && time < self.end
-        {
-            self.take_load(time, stamped.occupied_bits);
-        }
+        let time = self.cycle.hear(stamped).filter(|time| *time < self.end);
+        let Some(time) = time else {
+            return;
+        };
+        self.take_load(time, stamped.occupied_bits);
         let micros = |time: Duration| time.as_secs_f64() * 1e6;
-        match stage {
+        match self.cycle.stage(stamped, time) {
             Some(Stage::Sync { time }) => self.begin_cycle(time),
             Some(Stage::Position { after_sync }) => {
-                self.rows[1].push((self.now, micros(after_sync)))
+                self.timing[1].push(self.now, micros(after_sync));
             }
             Some(Stage::Command { after_sync, .. }) => {
-                self.rows[2].push((self.now, micros(after_sync)));
+                self.timing[2].push(self.now, micros(after_sync));
             }
             None => {}
         }
@@ -90,24 +106,22 @@ impl BusReader {
 
     fn begin_cycle(&mut self, time: Duration) {
         let period_seconds = self.period.as_secs_f64();
-        let number = libm::round(time.as_secs_f64() / period_seconds);
+        let number = (time.as_secs_f64() / period_seconds).round();
         let due_seconds = number * period_seconds;
         self.now = times::moment_at(due_seconds, period_seconds);
         let lateness = 1e6 * (time.as_secs_f64() - due_seconds);
-        self.rows[0].push((self.now, libm::round(lateness)));
+        self.timing[0].push(self.now, lateness.round());
     }
 
     /// Counts bits; a stretch that is over becomes a row at its end.
     fn take_load(&mut self, time: Duration, bits: u32) {
-        while time.as_secs_f64() >= self.stretch * LOAD_STRETCH_SECONDS {
-            let end = times::moment_at(
-                self.stretch * LOAD_STRETCH_SECONDS,
-                self.period.as_secs_f64(),
-            );
+        while time.as_secs_f64() >= self.stretch_end_seconds {
+            let end = times::moment_at(self.stretch_end_seconds, self.period.as_secs_f64());
             let capacity = self.bits_per_second * LOAD_STRETCH_SECONDS;
-            self.loads
-                .push((end, 100.0 * f64::from(self.bits) / capacity));
+            let load = 100.0 * f64::from(self.bits) / capacity;
+            self.loads.push(end, load);
             self.stretch += 1.0;
+            self.stretch_end_seconds = self.stretch * LOAD_STRETCH_SECONDS;
             self.bits = 0;
         }
         self.bits += bits;
@@ -115,10 +129,22 @@ impl BusReader {
 
     /// Logs what there is since the last time.
     pub(super) fn log(&mut self, output: &mut impl Output) -> Result<(), RecordingStreamError> {
-        for ((name, _, _), rows) in TIMING.iter().zip(&mut self.rows) {
-            send(output, &format!("{}/{name}", groups::TIMING), rows)?;
+        let names = TIMING.map(|(name, ..)| format!("{}/{name}", groups::TIMING));
+        let names = names.into_iter().chain([LOAD.to_owned()]);
+        // Most cycles have a row of each timing, so the times are made once.
+        let mut times = (Vec::new(), times::columns([].into_iter()));
+        for (name, series) in names.zip(self.timing.iter_mut().chain([&mut self.loads])) {
+            let Series { moments, values } = mem::take(series);
+            if values.is_empty() {
+                continue;
+            }
+            if moments != times.0 {
+                let columns = times::columns(moments.iter().copied());
+                times = (moments, columns);
+            }
+            send_scalars(output, name, times.1.clone(), values)?;
         }
-        send(output, LOAD, &mut self.loads)
+        Ok(())
     }
 }
 
@@ -134,18 +160,4 @@ pub(super) fn log_styles(output: &mut impl Output) -> Result<(), RecordingStream
         )?;
     }
     send_static(output, LOAD, &line("bus load", groups::GREEN))
-}
-
-fn send(
-    output: &mut impl Output,
-    path: &str,
-    rows: &mut Vec<(Moment, f64)>,
-) -> Result<(), RecordingStreamError> {
-    if rows.is_empty() {
-        return Ok(());
-    }
-    let times = times::columns(rows.iter().map(|(moment, _)| *moment));
-    let values = Scalars::new(rows.iter().map(|(_, value)| *value)).columns_of_unit_batches()?;
-    rows.clear();
-    send_rows(output, path, times, values)
 }

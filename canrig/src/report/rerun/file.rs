@@ -1,54 +1,178 @@
 //! `run.rrd` as a place where a recording goes.
+//!
+//! All parts of the file are the SDK's, but it is put together here. The SDK's own writer takes messages, and parses
+//! each of them back into the chunk that it was made of, twice: to learn whether it is static, and for the table of
+//! contents. That was the dearest part of the file.
 
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
+use std::mem;
 use std::path::Path;
 
-use rerun::external::re_log_encoding::{EncodeError, Encoder, EncodingOptions};
-use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreInfo};
-use rerun::log::{Chunk, RowId};
+use re_protos::common::v1alpha1::Compression;
+use re_protos::external::prost::Message;
+use re_protos::external::prost::encoding::{WireType, encode_key, encode_varint};
+use re_protos::log_msg::v1alpha1::{ArrowMsg, Encoding, RrdFooter, RrdManifest};
+use re_span::Span;
+use rerun::RecordingStreamError;
+use rerun::external::arrow::array::RecordBatch;
+use rerun::external::arrow::error::ArrowError;
+use rerun::external::arrow::ipc::writer::{
+    DictionaryTracker, IpcDataGenerator, IpcWriteOptions, write_message,
+};
+use rerun::external::re_log_encoding::{
+    self as encoding, CodecError, Encodable, EncodeError, EncodingOptions, MessageHeader,
+    MessageKind, RRD_FOURCC, RrdManifestBuilder, StreamFooter, StreamHeader, ToTransport,
+};
+use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, StoreId, StoreInfo};
+use rerun::log::Chunk;
 
-use super::output::Output;
+use super::output::{Output, begin};
+
+type Written = Result<(), EncodeError>;
 
 /// Most of the messages are far shorter, and are handed on together.
 const BUFFER_BYTES: usize = 64 * 1024;
+/// Number of the field `payload` of an `ArrowMsg`.
+const PAYLOAD_FIELD: u32 = 5;
+/// The end of an Arrow stream.
+const END_OF_STREAM: [u8; 8] = [0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0];
 
 /// A recording on its way to the disk. It is not compressed: that would halve it, and was the dearest single part of a
 /// whole simulation. Nor does a stream of the SDK lie between, whose threads and queues serve those who may not wait.
 pub(super) struct RecordingFile {
     info: StoreInfo,
-    encoder: Encoder<BufWriter<File>>,
+    file: BufWriter<File>,
+    bytes_written: u64,
+    /// What lies where, of the recording and of its layout.
+    contents: BTreeMap<StoreId, RrdManifestBuilder>,
     /// What went wrong first; nothing is written after it.
-    outcome: Result<(), EncodeError>,
+    outcome: Written,
 }
 
 impl RecordingFile {
     pub(super) fn create(path: &Path, info: StoreInfo) -> Result<Self, EncodeError> {
-        let version = rerun::build_info().version;
-        let options = EncodingOptions::PROTOBUF_UNCOMPRESSED;
-        let file = BufWriter::with_capacity(BUFFER_BYTES, File::create(path)?);
         let mut file = Self {
             info: info.clone(),
-            encoder: Encoder::new_eager(version, options, file)?,
+            file: BufWriter::with_capacity(BUFFER_BYTES, File::create(path)?),
+            bytes_written: 0,
+            contents: BTreeMap::new(),
             outcome: Ok(()),
         };
-        let row_id = *RowId::new();
-        file.write(&SetStoreInfo { row_id, info }.into());
+        file.write_part(&StreamHeader {
+            fourcc: RRD_FOURCC,
+            version: rerun::build_info().version.to_bytes(),
+            options: EncodingOptions::PROTOBUF_UNCOMPRESSED,
+        })?;
+        file.write_message(&begin(info))?;
         Ok(file)
     }
 
-    /// Writes the table of contents.
-    pub(super) fn finish(mut self) -> Result<(), EncodeError> {
-        self.outcome?;
-        self.encoder.finish()?;
-        self.encoder.flush_blocking()
+    /// Writes what is still missing.
+    pub(super) fn finish(mut self) -> Written {
+        self.then(Self::write_table);
+        self.outcome
     }
 
-    fn write(&mut self, message: &LogMsg) {
+    /// Writes the table of contents: it is the last message, and the last bytes say where it is.
+    fn write_table(&mut self) -> Written {
+        let manifests = mem::take(&mut self.contents).into_iter();
+        let manifests: Result<_, CodecError> = manifests.map(manifest).collect();
+        let table = RrdFooter {
+            manifests: manifests?,
+        };
+        let table = table.encode_to_vec();
+        self.write_part(&MessageHeader {
+            kind: MessageKind::End,
+            len: table.len() as u64,
+        })?;
+        let place = self.bytes_written;
+        self.write(&table)?;
+        self.write_part(&StreamFooter::from_rrd_footer_bytes(place, &table))?;
+        Ok(self.file.flush()?)
+    }
+
+    /// Does what is to be done if nothing went wrong yet.
+    fn then(&mut self, write: impl FnOnce(&mut Self) -> Written) {
         if self.outcome.is_ok() {
-            self.outcome = self.encoder.append(message).map(|_| ());
+            self.outcome = write(self);
         }
     }
+
+    fn write_chunk(&mut self, store: &StoreId, chunk: &Chunk) -> Written {
+        let batch = chunk.to_chunk_batch()?;
+        let (head, rows) = ipc_stream(&batch).map_err(CodecError::ArrowSerialization)?;
+        let payload_bytes = (head.len() + rows.len() + END_OF_STREAM.len()) as u64;
+        let message = ArrowMsg {
+            store_id: Some(store.clone().into()),
+            chunk_id: Some(chunk.id().as_tuid().into()),
+            compression: Compression::None.into(),
+            uncompressed_size: payload_bytes,
+            encoding: Encoding::ArrowIpc.into(),
+            is_static: Some(chunk.is_static()),
+            ..ArrowMsg::default()
+        };
+        // The payload follows as the last field, so that the rows are not copied into the message first.
+        let mut message = message.encode_to_vec();
+        encode_key(PAYLOAD_FIELD, WireType::LengthDelimited, &mut message);
+        encode_varint(payload_bytes, &mut message);
+        let len = message.len() as u64 + payload_bytes;
+        let kind = MessageKind::ArrowMsg;
+        self.write_part(&MessageHeader { kind, len })?;
+        let span = Span::from_start_len(self.bytes_written, len);
+        for piece in [&message[..], &head, &rows, &END_OF_STREAM] {
+            self.write(piece)?;
+        }
+        let contents = self.contents.entry(store.clone()).or_default();
+        Ok(contents.append(&batch, span, payload_bytes)?)
+    }
+
+    fn write_message(&mut self, message: &LogMsg) -> Written {
+        self.write_part(&message.to_transport(encoding::Compression::Off)?)
+    }
+
+    fn write_part(&mut self, part: &impl Encodable) -> Written {
+        let mut bytes = Vec::new();
+        part.to_rrd_bytes(&mut bytes)?;
+        self.write(&bytes)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Written {
+        self.bytes_written += bytes.len() as u64;
+        Ok(self.file.write_all(bytes)?)
+    }
+}
+
+/// Rows as an Arrow stream that lacks its end: what says where they are, and the rows themselves.
+fn ipc_stream(batch: &RecordBatch) -> Result<(Vec<u8>, Vec<u8>), ArrowError> {
+    let (encoder, options) = (IpcDataGenerator::default(), IpcWriteOptions::default());
+    let mut dictionaries = DictionaryTracker::new(false);
+    let schema = encoder.schema_to_bytes_with_dictionary_tracker(
+        batch.schema_ref(),
+        &mut dictionaries,
+        &options,
+    );
+    // No column has a dictionary.
+    let (_, mut encoded) =
+        encoder.encode(batch, &mut dictionaries, &options, &mut Default::default())?;
+    let rows = mem::take(&mut encoded.arrow_data);
+    let mut head = Vec::new();
+    write_message(&mut head, schema, &options)?;
+    write_message(&mut head, encoded, &options)?;
+    Ok((head, rows))
+}
+
+/// The table of contents of a recording or a layout. Whoever reads it checks it, so it is not checked here.
+fn manifest((store, contents): (StoreId, RrdManifestBuilder)) -> Result<RrdManifest, CodecError> {
+    let contents = contents.build(store)?;
+    let schema = (&contents.sorbet_schema).try_into();
+    Ok(RrdManifest {
+        store_id: Some(contents.store_id.into()),
+        sorbet_schema_sha256: Some(contents.sorbet_schema_sha256.to_vec().into()),
+        sorbet_schema: Some(schema.map_err(CodecError::ArrowSerialization)?),
+        data: Some(contents.data.into()),
+    })
 }
 
 impl Output for RecordingFile {
@@ -57,15 +181,24 @@ impl Output for RecordingFile {
     }
 
     fn send(&mut self, chunk: Chunk) {
-        match chunk.to_arrow_msg() {
-            Ok(message) => self.write(&LogMsg::ArrowMsg(self.info.store_id.clone(), message)),
-            Err(error) if self.outcome.is_ok() => self.outcome = Err(error.into()),
-            Err(_) => {}
-        }
+        let store = self.info.store_id.clone();
+        self.then(|file| file.write_chunk(&store, &chunk));
     }
 
-    fn send_layout(&mut self, layout: Vec<LogMsg>, show: BlueprintActivationCommand) {
-        layout.iter().for_each(|message| self.write(message));
-        self.write(&show.into());
+    fn send_layout(
+        &mut self,
+        info: StoreInfo,
+        layout: Vec<Chunk>,
+        show: BlueprintActivationCommand,
+    ) -> Result<(), RecordingStreamError> {
+        let store = info.store_id.clone();
+        self.then(|file| {
+            file.write_message(&begin(info))?;
+            for chunk in &layout {
+                file.write_chunk(&store, chunk)?;
+            }
+            file.write_message(&show.into())
+        });
+        Ok(())
     }
 }

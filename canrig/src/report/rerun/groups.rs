@@ -154,11 +154,11 @@ fn known(name: &str) -> Option<Style> {
 }
 
 /// The style of a signal; those that no view shows are in the group [`OTHER`].
-pub(super) fn style(name: &str, is_used: bool, own: &[OwnView]) -> Style {
+pub(super) fn style(name: &str, is_used: impl FnOnce() -> bool, own: &[OwnView]) -> Style {
     if let Some(view) = own.iter().find(|view| view.style.group == name) {
         return view.style;
     }
-    let drawn = known(name).filter(|style| style.is_drawn_when_zero || is_used);
+    let drawn = known(name).filter(|style| style.is_drawn_when_zero || is_used());
     drawn.unwrap_or(always(OTHER, "", GREY))
 }
 
@@ -172,7 +172,7 @@ pub(super) fn expected(scenario: &Scenario) -> BTreeSet<&'static str> {
     let mut groups = BTreeSet::from(["error"]);
     let own = own_views(scenario);
     let signals = Frames::of(scenario).plant_signals().iter();
-    groups.extend(signals.map(|signal| style(&signal.name, true, &own).group));
+    groups.extend(signals.map(|signal| style(&signal.name, || true, &own).group));
     groups.extend(own.iter().map(|view| view.style.group));
     if scenario.plant.name() == SMA_ACTUATOR {
         groups.insert(HYSTERESIS);

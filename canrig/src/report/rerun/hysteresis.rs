@@ -40,6 +40,12 @@ struct Point {
     fraction: f64,
 }
 
+impl Point {
+    fn place(&self, frame: &Frame) -> [f32; 2] {
+        frame.place(self.celsius, self.fraction)
+    }
+}
+
 /// The path so far, and the frame that holds it.
 #[derive(Default)]
 pub(super) struct Hysteresis {
@@ -66,18 +72,10 @@ impl Hysteresis {
         let Some((temperature, fraction)) = signals(timeline) else {
             return Ok(());
         };
-        let rows = (0..timeline.cycle.len()).map(|row| Point {
-            moment: if row == 0 && self.points.is_empty() {
-                times::first_moment(timeline, row)
-            } else {
-                times::moment(timeline, row)
-            },
-            celsius: temperature[row],
-            fraction: fraction[row],
-        });
-        let rows = rows.filter(|point| point.celsius.is_finite() && point.fraction.is_finite());
-        let rows: Vec<Point> = rows.collect();
-        let is_new_frame = self.widen(&rows);
+        let rows = temperature.iter().zip(fraction).enumerate();
+        let rows =
+            rows.filter(|(_, (celsius, fraction))| celsius.is_finite() && fraction.is_finite());
+        let is_new_frame = self.widen(rows.clone().map(|(_, values)| values));
         let Some(frame) = &self.frame else {
             return Ok(());
         };
@@ -86,13 +84,23 @@ impl Hysteresis {
         }
         // In another frame everything is in another place.
         let first = if is_new_frame { 0 } else { self.points.len() };
-        let mut last = self.points.last().map(|point| frame.place(point));
-        for point in rows {
-            let here = frame.place(&point);
-            if last.is_none_or(|last| distance(here, last) >= STEP) {
-                self.points.push(point);
-                last = Some(here);
+        let mut last = self.points.last().map(|point| point.place(frame));
+        for (row, (&celsius, &fraction)) in rows {
+            let here = frame.place(celsius, fraction);
+            if last.is_some_and(|last| !is_far(here, last)) {
+                continue;
             }
+            let moment = if row == 0 && last.is_none() {
+                times::first_moment(timeline, row)
+            } else {
+                times::moment(timeline, row)
+            };
+            self.points.push(Point {
+                moment,
+                celsius,
+                fraction,
+            });
+            last = Some(here);
         }
         log_now(output, frame, &self.points[first..])?;
         self.is_path_old |= first < self.points.len();
@@ -105,10 +113,10 @@ impl Hysteresis {
     }
 
     /// Takes the values into the axes; `true` when the frame is another now.
-    fn widen(&mut self, points: &[Point]) -> bool {
-        for point in points {
-            self.celsius.take(point.celsius);
-            self.fraction.take(point.fraction);
+    fn widen<'a>(&mut self, values: impl Iterator<Item = (&'a f64, &'a f64)>) -> bool {
+        for (celsius, fraction) in values {
+            self.celsius.take(*celsius);
+            self.fraction.take(*fraction);
         }
         let celsius = Axis::new(&self.celsius, &GRID_CELSIUS);
         let fraction = Axis::new(&self.fraction, &GRID_FRACTION);
@@ -129,7 +137,7 @@ impl Hysteresis {
             return Ok(());
         };
         self.is_path_old = false;
-        let path: Vec<[f32; 2]> = self.points.iter().map(|point| frame.place(point)).collect();
+        let path: Vec<[f32; 2]> = self.points.iter().map(|point| point.place(frame)).collect();
         let strip = LineStrips2D::new([path])
             .with_colors([groups::GREEN])
             .with_radii([Radius::new_ui_points(1.0)]);
@@ -154,7 +162,7 @@ fn log_now(
         return Ok(());
     }
     let times = times::columns(points.iter().map(|point| point.moment));
-    let places = Points2D::new(points.iter().map(|point| frame.place(point)));
+    let places = Points2D::new(points.iter().map(|point| point.place(frame)));
     send_rows(
         output,
         "hysteresis/now",
@@ -171,8 +179,9 @@ pub(super) fn log_style(output: &mut impl Output) -> Result<(), RecordingStreamE
     send_static(output, "hysteresis/now", &look)
 }
 
-fn distance(a: [f32; 2], b: [f32; 2]) -> f64 {
-    f64::from(a[0] - b[0]).hypot(f64::from(a[1] - b[1]))
+fn is_far(a: [f32; 2], b: [f32; 2]) -> bool {
+    let [right, down] = [a[0] - b[0], a[1] - b[1]].map(f64::from);
+    right * right + down * down >= STEP * STEP
 }
 
 fn signals(timeline: &Timeline) -> Option<(&[f64], &[f64])> {
@@ -265,9 +274,9 @@ impl Frame {
         [(right * WIDTH) as f32, ((1.0 - up) * HEIGHT) as f32]
     }
 
-    fn place(&self, point: &Point) -> [f32; 2] {
-        let right = self.celsius.part(point.celsius);
-        Self::at(right, self.fraction.part(point.fraction))
+    fn place(&self, celsius: f64, fraction: f64) -> [f32; 2] {
+        let right = self.celsius.part(celsius);
+        Self::at(right, self.fraction.part(fraction))
     }
 
     fn log(&self, output: &mut impl Output) -> Result<(), RecordingStreamError> {

@@ -1,12 +1,15 @@
 //! Where a recording goes, in chunks: rows of one entity.
 
-use std::iter;
+use std::sync::Arc;
 
-use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, StoreInfo};
+use rerun::external::arrow::array::{FixedSizeBinaryArray, Float64Array, ListArray};
+use rerun::external::arrow::buffer::{Buffer, OffsetBuffer};
+use rerun::external::arrow::datatypes::{DataType, Field};
+use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreInfo};
 use rerun::log::{Chunk, ChunkId, RowId};
 use rerun::{
-    AsComponents, EntityPath, RecordingStream, RecordingStreamError, SerializedComponentColumn,
-    TimeColumn, TimePoint,
+    AsComponents, EntityPath, RecordingStream, RecordingStreamError, Scalars,
+    SerializedComponentColumn, TimeColumn, TimePoint,
 };
 
 /// A file, or a viewer.
@@ -18,7 +21,12 @@ pub(crate) trait Output {
     fn send(&mut self, chunk: Chunk);
 
     /// Takes a layout, and the command to show it.
-    fn send_layout(&mut self, layout: Vec<LogMsg>, show: BlueprintActivationCommand);
+    fn send_layout(
+        &mut self,
+        info: StoreInfo,
+        layout: Vec<Chunk>,
+        show: BlueprintActivationCommand,
+    ) -> Result<(), RecordingStreamError>;
 }
 
 impl Output for RecordingStream {
@@ -30,9 +38,26 @@ impl Output for RecordingStream {
         self.send_chunk(chunk);
     }
 
-    fn send_layout(&mut self, layout: Vec<LogMsg>, show: BlueprintActivationCommand) {
-        self.send_blueprint(layout, show);
+    fn send_layout(
+        &mut self,
+        info: StoreInfo,
+        layout: Vec<Chunk>,
+        show: BlueprintActivationCommand,
+    ) -> Result<(), RecordingStreamError> {
+        let store = info.store_id.clone();
+        let mut messages = vec![begin(info)];
+        for chunk in layout {
+            messages.push(LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg()?));
+        }
+        self.send_blueprint(messages, show);
+        Ok(())
     }
+}
+
+/// The first message of a recording or a layout.
+pub(super) fn begin(info: StoreInfo) -> LogMsg {
+    let row_id = *RowId::new();
+    SetStoreInfo { row_id, info }.into()
 }
 
 /// Sends what never changes of an entity.
@@ -44,6 +69,21 @@ pub(super) fn send_static(
     let chunk = Chunk::builder(path).with_archetype_auto_row(TimePoint::default(), what);
     output.send(chunk.build()?);
     Ok(())
+}
+
+/// Sends rows of one number each. The SDK takes numbers one by one; here their array is the one that is written.
+pub(super) fn send_scalars(
+    output: &mut impl Output,
+    path: impl Into<EntityPath>,
+    times: [TimeColumn; 2],
+    values: Vec<f64>,
+) -> Result<(), RecordingStreamError> {
+    let item = Field::new_list_field(DataType::Float64, true);
+    let one_each = OffsetBuffer::from_repeated_length(1, values.len());
+    let values = Arc::new(Float64Array::from(values));
+    let rows = ListArray::new(Arc::new(item), one_each, values, None);
+    let column = SerializedComponentColumn::new(rows, Scalars::descriptor_scalars());
+    send_rows(output, path, times, [column])
 }
 
 /// Sends rows with their times. The SDK's constructors sort them first, although nearly all are in the order of time
@@ -61,12 +101,17 @@ pub(super) fn send_rows(
     let times = times.into_iter().collect();
     let columns = columns.into_iter().collect();
     let chunk = if is_in_order {
-        let rows = iter::successors(Some(RowId::new()), |row| Some(row.next()));
-        let rows: Vec<RowId> = rows.take(count).collect();
-        Chunk::from_native_row_ids(id, path, Some(true), &rows, times, columns)
+        Chunk::new(id, path, Some(true), row_ids(count), times, columns)
     } else {
         Chunk::from_auto_row_ids(id, path, times, columns)
     };
     output.send(chunk?);
     Ok(())
+}
+
+/// Identifiers for so many rows, one after the other.
+fn row_ids(count: usize) -> FixedSizeBinaryArray {
+    let first = RowId::new().as_u128();
+    let ids: Vec<[u8; 16]> = (first..).take(count).map(u128::to_be_bytes).collect();
+    FixedSizeBinaryArray::new(16, Buffer::from_vec(ids.into_flattened()), None)
 }

@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use rerun::{
-    AnyValues, EntityPath, RecordingStreamError, Scalars, SeriesLines, TextDocument, TextLog,
-    TextLogLevel, TimeColumn,
+    AnyValues, EntityPath, RecordingStreamError, SeriesLines, TextDocument, TextLog, TextLogLevel,
+    TimeColumn,
     components::{AggregationPolicy, InterpolationMode, Text},
 };
 use scenario::Scenario;
@@ -14,7 +14,7 @@ use super::blueprint::{self, Play};
 use super::bus::{self, BusReader};
 use super::groups::{self, OwnView, Style};
 use super::hysteresis::{self, Hysteresis};
-use super::output::{Output, send_rows, send_static};
+use super::output::{Output, send_rows, send_scalars, send_static};
 use super::rig::Rig;
 use super::times;
 use crate::events::{Event, Level};
@@ -185,10 +185,10 @@ impl<'a, O: Output> Recording<'a, O> {
     }
 
     fn style(&mut self, name: &str, values: &[f64]) -> Style {
-        if !self.used.contains(name) && groups::is_used(values) {
-            self.used.insert(name.to_owned());
-        }
-        groups::style(name, self.used.contains(name), &self.own)
+        let used = &mut self.used;
+        let is_used =
+            || used.contains(name) || groups::is_used(values) && used.insert(name.to_owned());
+        groups::style(name, is_used, &self.own)
     }
 
     /// One signal as an entity of its group.
@@ -212,8 +212,7 @@ impl<'a, O: Output> Recording<'a, O> {
             self.styled.insert(path.clone());
         }
         let values = rows.numbers().iter().map(|&row| values[row]);
-        let scalars = Scalars::new(values).columns_of_unit_batches()?;
-        send_rows(&mut self.output, path, times, scalars)
+        send_scalars(&mut self.output, path, times, values.collect())
     }
 
     /// The band that each judged step must settle in, as far as the piece goes.
@@ -239,9 +238,8 @@ impl<'a, O: Output> Recording<'a, O> {
                     send_static(&mut self.output, path.as_str(), &look)?;
                     self.styled.insert(path.clone());
                 }
-                let scalars =
-                    Scalars::new([step.to_millimetres + edge; 2]).columns_of_unit_batches()?;
-                send_rows(&mut self.output, path, times.clone(), scalars)?;
+                let values = vec![step.to_millimetres + edge; 2];
+                send_scalars(&mut self.output, path, times.clone(), values)?;
             }
         }
         Ok(())
@@ -323,23 +321,25 @@ pub(super) enum Rows {
 
 impl Rows {
     pub(super) fn of(values: &[f64], group: &str, known: Known) -> Self {
-        let with_value = || (0..values.len()).filter(|&row| !values[row].is_nan());
         let changes_max = match known {
             _ if group == groups::OTHER => usize::MAX,
             Known::Whole => values.len().div_ceil(CHANGES_SELDOM),
             Known::SoFar => 0,
         };
         let mut changes: Vec<usize> = Vec::new();
-        let mut last = None;
-        for row in with_value() {
-            if last.is_none_or(|last: usize| values[last] != values[row]) {
-                if changes.len() + 1 >= changes_max {
-                    return Self::All(with_value().collect());
-                }
-                changes.push(row);
+        let (mut held, mut rest) = (f64::NAN, values.iter());
+        while let Some(&value) = rest.find(|value| **value != held) {
+            if value.is_nan() {
+                continue;
             }
-            last = Some(row);
+            if changes.len() + 1 >= changes_max {
+                let rows = 0..values.len();
+                return Self::All(rows.filter(|&row| !values[row].is_nan()).collect());
+            }
+            changes.push(values.len() - rest.len() - 1);
+            held = value;
         }
+        let last = values.iter().rposition(|value| !value.is_nan());
         changes.extend(last.filter(|last| changes.last() != Some(last)));
         Self::Changes(changes)
     }

@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
-use rerun::external::re_log_encoding::Decoder;
+use re_protos::log_msg::v1alpha1::{ArrowMsg, RrdFooter};
+use rerun::external::re_log_encoding::{Decodable, Decoder, StreamFooter, ToApplication};
 use rerun::log::{Chunk, LogMsg};
 use rerun::{Scalars, SeriesLines};
 
@@ -143,7 +144,8 @@ fn every_value_of_the_timeline_is_in_the_file() {
     let series = scalars(&path);
     let mut compared = 0;
     for column in &timeline.columns {
-        let Style { group, .. } = groups::style(&column.name, groups::is_used(&column.values), &[]);
+        let is_used = || groups::is_used(&column.values);
+        let Style { group, .. } = groups::style(&column.name, is_used, &[]);
         let rows = series
             .get(&format!("/{group}/{}", column.name))
             .cloned()
@@ -225,6 +227,38 @@ fn the_settling_band_is_that_of_the_verdict() {
         band.as_slice(),
         [(100_000_000, 100, 36.25), (300_000_000, 300, 36.25)]
     );
+}
+
+#[test]
+fn the_table_of_contents_says_where_each_chunk_is() {
+    let (_folder, path, _) = written();
+    let bytes = fs::read(&path).unwrap();
+    let piece = |begin: u64, length: u64| {
+        let [begin, length] = [begin, length].map(|number| usize::try_from(number).unwrap());
+        &bytes[begin..begin + length]
+    };
+    let (_, end) = bytes.split_at(bytes.len() - StreamFooter::ENCODED_SIZE_BYTES);
+    let end = StreamFooter::from_rrd_bytes(end).unwrap();
+    let place = end.entries[0].rrd_footer_byte_span_from_start_excluding_header;
+    let table = RrdFooter::from_rrd_bytes(piece(place.start, place.len)).unwrap();
+    let table = table.to_application(()).unwrap();
+    assert_eq!(table.manifests.len(), 2);
+    for (store, contents) in &table.manifests {
+        contents.sanity_check_heavy().unwrap();
+        let begins = contents.col_chunk_byte_offset().unwrap();
+        let lengths = contents.col_chunk_byte_size().unwrap();
+        let ids = contents.col_chunk_id().unwrap();
+        let mut found = 0;
+        for ((begin, length), id) in begins.zip(lengths).zip(ids) {
+            let message = ArrowMsg::from_rrd_bytes(piece(begin, length)).unwrap();
+            let message = message.to_application(()).unwrap();
+            assert_eq!(message.chunk_id, id.as_tuid());
+            found += 1;
+        }
+        if store.is_recording() {
+            assert_eq!(found, chunks(&path).len());
+        }
+    }
 }
 
 #[test]

@@ -39,7 +39,7 @@ pub(super) fn first_moment(timeline: &Timeline, row: usize) -> Moment {
 pub(super) fn moment_at(seconds: f64, period_seconds: f64) -> Moment {
     Moment {
         seconds,
-        cycle: whole(libm::floor(seconds / period_seconds + 1e-6)),
+        cycle: whole((seconds / period_seconds + 1e-6).floor()),
     }
 }
 
@@ -47,7 +47,7 @@ pub(super) fn moment_at(seconds: f64, period_seconds: f64) -> Moment {
 pub(super) fn columns(moments: impl Iterator<Item = Moment> + Clone) -> [TimeColumn; 2] {
     let nanoseconds = moments
         .clone()
-        .map(|moment| whole(libm::round(moment.seconds * 1e9)));
+        .map(|moment| whole((moment.seconds * 1e9).round()));
     [
         TimeColumn::new_duration_nanos(RUN_TIME, nanoseconds),
         TimeColumn::new_sequence(CYCLE, moments.map(|moment| moment.cycle)),
