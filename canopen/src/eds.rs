@@ -8,7 +8,7 @@ use crate::object_dictionary::{Access, DataType, Entry, ObjectDictionary};
 mod ini;
 mod value;
 
-use ini::{Item, Section, Sections};
+use ini::{Item, Name, Section, Sections};
 
 /// Longest text that is read.
 pub const MAX_TEXT_BYTES: usize = 4 << 20;
@@ -124,20 +124,15 @@ pub fn parse(text: &str, node_id: u8) -> Result<Eds, EdsError> {
     check_compact_pdos(&sections, node_id)?;
     let mut reader = Reader {
         node_id,
-        entries: BTreeMap::new(),
+        dictionary: ObjectDictionary::new(),
         warnings: Vec::new(),
     };
     reader.check_object_lists(&sections)?;
     for (index, object) in objects(&sections)? {
         reader.object(index, &object)?;
     }
-    let mut dictionary = ObjectDictionary::new();
-    reader
-        .entries
-        .into_values()
-        .for_each(|entry| dictionary.insert(entry));
     Ok(Eds {
-        dictionary,
+        dictionary: reader.dictionary,
         device,
         dummies: dummies(&sections, node_id)?,
         warnings: reader.warnings,
@@ -156,7 +151,7 @@ struct Object<'s, 't> {
 /// Groups the sections `[1018]`, `[1018sub1]`, `[1018Name]` and `[1018Value]` by index.
 fn objects<'s, 't>(sections: &'s Sections<'t>) -> Result<BTreeMap<u16, Object<'s, 't>>, EdsError> {
     let mut objects: BTreeMap<u16, Object<'s, 't>> = BTreeMap::new();
-    for (name, section) in sections {
+    for (Name(name), section) in sections {
         let Some((index, suffix)) = name.split_at_checked(4).and_then(|(index, suffix)| {
             let is_index = index.bytes().all(|letter| letter.is_ascii_hexdigit());
             let index = is_index.then(|| u16::from_str_radix(index, 16).ok())?;
@@ -164,7 +159,8 @@ fn objects<'s, 't>(sections: &'s Sections<'t>) -> Result<BTreeMap<u16, Object<'s
         }) else {
             continue;
         };
-        match suffix {
+        let suffix = suffix.to_ascii_lowercase();
+        match suffix.as_str() {
             "" => objects.entry(index).or_default().main = Some(section),
             "name" => objects.entry(index).or_default().names = Some(section),
             "value" => objects.entry(index).or_default().values = Some(section),
@@ -177,9 +173,11 @@ fn objects<'s, 't>(sections: &'s Sections<'t>) -> Result<BTreeMap<u16, Object<'s
                     .filter(|_| !digits.starts_with('+'))
                     .ok_or_else(|| section.error(format!("\"{digits}\" is not a sub-index")))?;
                 let subs = &mut objects.entry(index).or_default().subs;
-                if let Some(first) = subs.insert(sub_index, section) {
-                    let reason = format!("the sub-object stands in line {} already", first.line);
-                    return Err(section.error(reason));
+                if let Some(other) = subs.insert(sub_index, section) {
+                    let first = section.line.min(other.line);
+                    let second = if section.line > first { section } else { other };
+                    let reason = format!("the sub-object stands in line {first} already");
+                    return Err(second.error(reason));
                 }
             }
         }
@@ -190,7 +188,7 @@ fn objects<'s, 't>(sections: &'s Sections<'t>) -> Result<BTreeMap<u16, Object<'s
 /// Collects sub-objects.
 struct Reader {
     node_id: u8,
-    entries: BTreeMap<(u16, u8), Entry>,
+    dictionary: ObjectDictionary,
     warnings: Vec<EdsError>,
 }
 
@@ -200,13 +198,13 @@ impl Reader {
         let lists = ["mandatoryobjects", "optionalobjects", "manufacturerobjects"];
         for item in lists
             .iter()
-            .filter_map(|list| sections.get(*list))
+            .filter_map(|list| sections.get(&Name(list)))
             .flat_map(Section::items)
             .filter(|item| item.key.bytes().all(|letter| letter.is_ascii_digit()))
         {
             let index =
                 value::integer(item.value, self.node_id).map_err(|reason| item.error(reason))?;
-            if !sections.contains_key(&format!("{index:04x}")) {
+            if !sections.contains_key(&Name(&format!("{index:04x}"))) {
                 let reason = format!("there is no section [{index:04X}]");
                 self.warnings.push(item.error(reason));
             }
@@ -394,8 +392,8 @@ impl Reader {
 
     /// Keeps a sub-object.
     fn add(&mut self, entry: Entry, section: &Section<'_>) -> Result<(), EdsError> {
-        self.entries.insert((entry.index, entry.sub_index), entry);
-        if self.entries.len() > MAX_ENTRIES {
+        self.dictionary.insert(entry);
+        if self.dictionary.entries().len() > MAX_ENTRIES {
             return Err(section.error(format!("more than {MAX_ENTRIES} sub-objects")));
         }
         Ok(())
@@ -423,20 +421,24 @@ fn integer_at<T: Copy + Into<i128> + TryFrom<i128>>(
 
 /// Reads `AccessType`.
 fn access(item: &Item<'_>) -> Result<Access, EdsError> {
-    Ok(match item.value.to_ascii_lowercase().as_str() {
-        "ro" => Access::ReadOnly,
-        "wo" => Access::WriteOnly,
-        "rw" => Access::ReadWrite,
-        "rwr" => Access::ReadWriteRead,
-        "rww" => Access::ReadWriteWrite,
-        "const" => Access::Constant,
-        _ => return Err(item.error("expected ro, wo, rw, rwr, rww or const")),
-    })
+    let words = [
+        ("ro", Access::ReadOnly),
+        ("wo", Access::WriteOnly),
+        ("rw", Access::ReadWrite),
+        ("rwr", Access::ReadWriteRead),
+        ("rww", Access::ReadWriteWrite),
+        ("const", Access::Constant),
+    ];
+    let mut words = words.into_iter();
+    let found = words.find(|(word, _)| item.value.eq_ignore_ascii_case(word));
+    found
+        .map(|(_, access)| access)
+        .ok_or_else(|| item.error("expected ro, wo, rw, rwr, rww or const"))
 }
 
 /// Reads `[DeviceInfo]`.
 fn device_info(sections: &Sections<'_>, node_id: u8) -> Result<DeviceInfo, EdsError> {
-    let Some(section) = sections.get("deviceinfo") else {
+    let Some(section) = sections.get(&Name("deviceinfo")) else {
         return Ok(DeviceInfo::default());
     };
     let text = |key| {
@@ -471,7 +473,7 @@ fn device_info(sections: &Sections<'_>, node_id: u8) -> Result<DeviceInfo, EdsEr
 
 /// Refuses an EDS that leaves PDOs undescribed by `CompactPDO`, because their mapping would be a guess.
 fn check_compact_pdos(sections: &Sections<'_>, node_id: u8) -> Result<(), EdsError> {
-    let Some(section) = sections.get("deviceinfo") else {
+    let Some(section) = sections.get(&Name("deviceinfo")) else {
         return Ok(());
     };
     let Some(item) = section.get("compactpdo") else {
@@ -482,7 +484,7 @@ fn check_compact_pdos(sections: &Sections<'_>, node_id: u8) -> Result<(), EdsErr
     }
     for (count_key, first) in [("nrofrxpdo", "1400"), ("nroftxpdo", "1800")] {
         let count = integer_at(section, count_key, node_id, 512_u16)?.unwrap_or(0);
-        if count > 0 && !sections.contains_key(first) {
+        if count > 0 && !sections.contains_key(&Name(first)) {
             return Err(item.error("compact PDOs are not supported: describe each PDO"));
         }
     }
@@ -491,7 +493,7 @@ fn check_compact_pdos(sections: &Sections<'_>, node_id: u8) -> Result<(), EdsErr
 
 /// Reads `[DummyUsage]`.
 fn dummies(sections: &Sections<'_>, node_id: u8) -> Result<Vec<u16>, EdsError> {
-    let Some(section) = sections.get("dummyusage") else {
+    let Some(section) = sections.get(&Name("dummyusage")) else {
         return Ok(Vec::new());
     };
     let mut indices = Vec::new();

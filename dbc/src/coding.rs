@@ -2,11 +2,13 @@
 
 use std::cmp::Ordering;
 
+use serde::{Deserialize, Serialize};
+
 /// A bit that no payload has.
 const BEYOND_PAYLOAD: u8 = 64;
 
 /// Order of the bytes (DBC `@1` and `@0`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ByteOrder {
     /// Intel; CANopen's own order.
     LittleEndian,
@@ -15,7 +17,7 @@ pub enum ByteOrder {
 }
 
 /// What the bits are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Kind {
     /// Unsigned integer.
     Unsigned,
@@ -28,7 +30,7 @@ pub enum Kind {
 }
 
 /// Lowest and highest physical value.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Range {
     /// Lowest.
     pub minimum: f64,
@@ -39,7 +41,7 @@ pub struct Range {
 /// Where a signal lies in a payload and how its bits become a physical value. Made by [`crate::Database::parse`],
 /// which lets only those through that pass [`Coding::check`].
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Coding {
     /// DBC start bit: of the lowest bit if little-endian, of the highest if big-endian.
     pub start_bit: u8,
@@ -61,7 +63,7 @@ pub struct Coding {
 
 /// How a factor is used. Dividing by the 1000 of a factor 0.001 gives the decimal number that a log would show, while
 /// multiplying by 0.001 is off in the last place.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Scale {
     Multiply(f64),
     /// By the inverse of the factor, where that is a whole number.

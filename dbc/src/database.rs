@@ -1,35 +1,25 @@
-//! Messages and signals by name, from a DBC file.
+//! Messages and signals by name.
 
 use std::collections::BTreeSet;
-use std::sync::LazyLock;
 
-use can_dbc::{Dbc, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType};
 use canopen::CanFrame;
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
+use serde::{Deserialize, Serialize};
 
-use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
+use crate::coding::Coding;
 use crate::error::{DbcError, SignalMissing};
-
-/// Pseudo-message in which Vector's tools keep signals that belong to no message.
-const UNUSED_SIGNALS: &str = "VECTOR__INDEPENDENT_SIG_MSG";
-/// Attribute with the full name of a signal whose DBC name had to stay within 32 characters.
-const LONG_NAME: &str = "SystemSignalLongSymbol";
-/// Attribute with the object behind a signal, such as `0x6064:00`.
-const OBJECT: &str = "CanopenObject";
-/// Attribute with the cycle time of a message.
-const CYCLE_TIME: &str = "GenMsgCycleTime";
 
 /// The kernel's three flags together, which no frame has.
 const NO_FRAME: u32 = EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG;
 
 /// All messages of a DBC file, by identifier.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Database {
     messages: Vec<Message>,
 }
 
 /// One message.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Message {
     /// Name.
     pub name: String,
@@ -48,7 +38,7 @@ pub struct Message {
 }
 
 /// One signal of a message.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Signal {
     /// Name.
     pub name: String,
@@ -193,42 +183,6 @@ impl<'a> Decoded<'a> {
 }
 
 impl Database {
-    /// Longest text that is parsed.
-    pub const TEXT_BYTES_MAX: usize = 1 << 20;
-
-    /// The frames of the rig, read once.
-    ///
-    /// # Panics
-    /// Never: a test parses the file that is compiled in.
-    #[must_use]
-    pub fn sma_actuator() -> &'static Self {
-        static DATABASE: LazyLock<Database> = LazyLock::new(|| {
-            Database::parse(crate::SMA_ACTUATOR).expect("the file is compiled in and tested")
-        });
-        &DATABASE
-    }
-
-    /// Reads a DBC file. Overlapping signals, multiplexed signals, and payloads beyond 8 bytes are refused.
-    ///
-    /// # Errors
-    /// [`DbcError`] names the message and signal.
-    pub fn parse(text: &str) -> Result<Self, DbcError> {
-        let (bytes, limit) = (text.len(), Self::TEXT_BYTES_MAX);
-        if bytes > limit {
-            return Err(DbcError::TextTooLong { bytes, limit });
-        }
-        let dbc = Dbc::try_from(text).map_err(|error| DbcError::Syntax(error.to_string()))?;
-        let messages: Result<Vec<_>, _> = dbc
-            .messages
-            .iter()
-            .filter(|message| message.name != UNUSED_SIGNALS)
-            .map(|message| read_message(&dbc, message))
-            .collect();
-        let database = Self::of(messages?);
-        refuse_duplicates(&database.messages)?;
-        Ok(database)
-    }
-
     /// Whether any message has a signal of this name.
     #[must_use]
     pub fn has_signal(&self, name: &str) -> bool {
@@ -382,7 +336,7 @@ impl Database {
 }
 
 /// Refuses two messages of one identifier (neighbours, since sorted) or one name.
-fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
+pub(crate) fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
     let mut names = BTreeSet::new();
     let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id;
     let same_id = messages.windows(2).find(|pair| is_double(pair));
@@ -401,163 +355,10 @@ fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
     }
 }
 
-/// A message with its signals.
-fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcError> {
-    let raw_id = message.id.raw();
-    if matches!(message.id, MessageId::Standard(id) if id > 0x7FF) {
-        return Err(DbcError::Identifier {
-            message: message.name.clone(),
-            id: raw_id,
-        });
-    }
-    let length_bytes = u8::try_from(message.size)
-        .ok()
-        .filter(|bytes| *bytes <= 8)
-        .ok_or_else(|| DbcError::MessageTooLong {
-            message: message.name.clone(),
-            bytes: message.size,
-        })?;
-    let signals: Result<Vec<_>, _> = message
-        .signals
-        .iter()
-        .map(|signal| read_signal(dbc, message, signal))
-        .collect();
-    let signals = signals?;
-    refuse_overlap(&message.name, &signals)?;
-    let cycle_time = dbc.resolved_message_attribute(message.id, CYCLE_TIME);
-    Ok(Message {
-        name: message.name.clone(),
-        raw_id,
-        length_bytes,
-        sender: message.transmitter.clone(),
-        cycle_time_milliseconds: match cycle_time {
-            Some(can_dbc::AttributeValue::Uint(milliseconds)) => *milliseconds,
-            _ => 0,
-        },
-        comment: dbc
-            .message_comment(message.id)
-            .unwrap_or_default()
-            .to_owned(),
-        signals,
-    })
-}
-
-/// Refuses two signals of one name or with common bits.
-fn refuse_overlap(message: &str, signals: &[Signal]) -> Result<(), DbcError> {
-    for (place, second) in signals.iter().enumerate() {
-        let bits = second.coding.occupied_bits();
-        for first in &signals[..place] {
-            if first.name == second.name {
-                return Err(DbcError::DuplicateSignal {
-                    message: message.to_owned(),
-                    signal: first.name.clone(),
-                });
-            }
-            if first.coding.occupied_bits() & bits != 0 {
-                return Err(DbcError::Overlap {
-                    message: message.to_owned(),
-                    first: first.name.clone(),
-                    second: second.name.clone(),
-                });
-            }
-        }
-    }
-    Ok(())
-}
-
-/// A signal with its labels and attributes.
-fn read_signal(
-    dbc: &Dbc,
-    message: &can_dbc::Message,
-    signal: &can_dbc::Signal,
-) -> Result<Signal, DbcError> {
-    let refuse = |reason| DbcError::Signal {
-        message: message.name.clone(),
-        signal: signal.name.clone(),
-        reason,
-    };
-    if signal.multiplexer_indicator != MultiplexIndicator::Plain {
-        return Err(refuse("multiplexed signals are not supported"));
-    }
-    let extended_type = dbc.extended_value_type_for_signal(message.id, &signal.name);
-    let coding = read_coding(signal, extended_type).map_err(refuse)?;
-    coding
-        .check(usize::try_from(message.size).unwrap_or(0))
-        .map_err(refuse)?;
-    let attribute = |name| match dbc.signal_attribute(message.id, &signal.name, name) {
-        Some(can_dbc::AttributeValue::String(text)) => text.clone(),
-        _ => String::new(),
-    };
-    let long_name = attribute(LONG_NAME);
-    let labels = dbc.value_descriptions_for_signal(message.id, &signal.name);
-    let comment = dbc.signal_comment(message.id, &signal.name);
-    Ok(Signal {
-        name: if long_name.is_empty() {
-            signal.name.clone()
-        } else {
-            long_name
-        },
-        unit: signal.unit.clone(),
-        coding,
-        labels: labels
-            .unwrap_or_default()
-            .iter()
-            .map(|label| (label.id, label.description.clone()))
-            .collect(),
-        receivers: signal.receivers.clone(),
-        object: attribute(OBJECT),
-        comment: comment.unwrap_or_default().to_owned(),
-    })
-}
-
-/// Bits and scaling of a signal, not yet checked.
-fn read_coding(
-    signal: &can_dbc::Signal,
-    extended_type: Option<&SignalExtendedValueType>,
-) -> Result<Coding, &'static str> {
-    let small = |number: u64| u8::try_from(number).map_err(|_| "reaches beyond the payload");
-    let range = Range {
-        minimum: number(signal.min),
-        maximum: number(signal.max),
-    };
-    let has_range = range.minimum != 0.0 || range.maximum != 0.0;
-    Ok(Coding {
-        start_bit: small(signal.start_bit)?,
-        length_bits: small(signal.size)?,
-        byte_order: match signal.byte_order {
-            can_dbc::ByteOrder::LittleEndian => ByteOrder::LittleEndian,
-            can_dbc::ByteOrder::BigEndian => ByteOrder::BigEndian,
-        },
-        kind: match (extended_type, signal.value_type) {
-            (Some(SignalExtendedValueType::IEEEfloat32Bit), _) => Kind::Float32,
-            (Some(SignalExtendedValueType::IEEEdouble64bit), _) => Kind::Float64,
-            (_, can_dbc::ValueType::Signed) => Kind::Signed,
-            (_, can_dbc::ValueType::Unsigned) => Kind::Unsigned,
-        },
-        factor: signal.factor,
-        offset: signal.offset,
-        scale: Scale::new(signal.factor),
-        range: has_range.then_some(range),
-    })
-}
-
-/// A limit as a float.
-fn number(value: NumericValue) -> f64 {
-    match value {
-        NumericValue::Uint(value) => value as f64,
-        NumericValue::Int(value) => value as f64,
-        NumericValue::Double(value) => value,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A file with these messages and, behind them, these lines.
-    fn parse(messages: &str) -> Result<Database, DbcError> {
-        Database::parse(&format!("VERSION \"\"\n\nBS_:\n\nBU_: a b\n\n{messages}\n"))
-    }
+    use crate::coding::Kind;
 
     #[test]
     fn a_signal_is_found_decoded_and_labelled_by_name() {
@@ -690,81 +491,5 @@ mod tests {
             position.decode(&CanFrame::new(0x190, &payload)),
             Some(35.004)
         );
-    }
-
-    #[test]
-    fn vectors_pseudo_message_is_passed_over() {
-        let text = "BO_ 3221225472 VECTOR__INDEPENDENT_SIG_MSG: 0 Vector__XXX\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" a\n";
-        assert!(parse(text).unwrap().messages().is_empty());
-    }
-
-    #[test]
-    fn what_cannot_be_coded_is_refused_with_its_name() {
-        let cases = [
-            (
-                "BO_ 1 m: 8 a\n SG_ s M : 0|8@1+ (1,0) [0|0] \"\" b",
-                "signal m.s: multiplexed",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 0|0@1+ (1,0) [0|0] \"\" b",
-                "length is not 1 to 64 bits",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 1|64@1+ (1,0) [0|0] \"\" b",
-                "reaches beyond the payload",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 300|1@1+ (1,0) [0|0] \"\" b",
-                "reaches beyond the payload",
-            ),
-            (
-                "BO_ 1 m: 2 a\n SG_ s : 8|9@0+ (1,0) [0|0] \"\" b",
-                "reaches beyond the payload",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (0,0) [0|0] \"\" b",
-                "factor is 0",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1e999,0) [0|0] \"\" b",
-                "not finite",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [2|1] \"\" b",
-                "range is empty",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 0|16@1- (1,0) [0|0] \"\" b\n\nSIG_VALTYPE_ 1 s : 1;",
-                "needs 32 bits",
-            ),
-            ("BO_ 1 m: 9 a\n", "message m has 9 bytes"),
-            ("BO_ 2048 m: 8 a\n", "0x800 exceeds 11 bits"),
-            (
-                "BO_ 1 m: 8 a\n\nBO_ 1 n: 8 a\n",
-                "messages m and n have the same",
-            ),
-            (
-                "BO_ 1 m: 8 a\n\nBO_ 2 m: 8 a\n",
-                "messages m and m have the same",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n SG_ t : 0|1@0+ (1,0) [0|0] \"\" b",
-                "message m: signals s and t overlap",
-            ),
-            (
-                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n SG_ s : 8|8@1+ (1,0) [0|0] \"\" b",
-                "message m has two signals s",
-            ),
-            ("nonsense", "DBC syntax"),
-        ];
-        for (text, expected) in cases {
-            let error = parse(text).expect_err(text).to_string();
-            assert!(error.contains(expected), "{text}: {error}");
-        }
-        let long = " ".repeat(Database::TEXT_BYTES_MAX + 1);
-        assert!(matches!(
-            Database::parse(&long),
-            Err(DbcError::TextTooLong { .. })
-        ));
     }
 }

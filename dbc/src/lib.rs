@@ -13,10 +13,13 @@
 //! assert_eq!(position.decode(&frame), Some(10.0));
 //! ```
 
+use std::sync::LazyLock;
+
 pub mod coding;
 pub mod database;
 pub mod error;
 mod law;
+mod parse;
 mod plant;
 pub mod scenario_clock;
 
@@ -36,3 +39,31 @@ pub const DRIVE_EDS: &str = include_str!("../drive.eds");
 pub const DISTURBANCE_EDS: &str = include_str!("../disturbance.eds");
 /// The controller, node 0x01 (`controller.eds`).
 pub const CONTROLLER_EDS: &str = include_str!("../controller.eds");
+
+impl Database {
+    /// The frames of the rig: [`SMA_ACTUATOR`] as the build script read it, which spares every run its text.
+    ///
+    /// # Panics
+    /// Never: a test takes what is compiled in.
+    #[must_use]
+    pub fn sma_actuator() -> &'static Self {
+        static DATABASE: LazyLock<Database> = LazyLock::new(|| {
+            let read = include_bytes!(concat!(env!("OUT_DIR"), "/sma_actuator.postcard"));
+            postcard::from_bytes(read).expect("written by the build script from this type")
+        });
+        &DATABASE
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_build_script_left_is_what_the_text_says() {
+        assert_eq!(
+            Database::parse(SMA_ACTUATOR).as_ref(),
+            Ok(Database::sma_actuator())
+        );
+    }
+}

@@ -6,8 +6,8 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use crate::check;
 use crate::document::Document;
@@ -93,7 +93,7 @@ impl Scenario {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
         let (mut scenario, mut problems) =
-            build::<Self>(&document, "the scenario").map_err(fail)?;
+            build::<Self>(&document, "the scenario", &schema::SCENARIO).map_err(fail)?;
         read_own(
             &document,
             Section::Plant,
@@ -157,7 +157,8 @@ impl ControllerView {
         for key in HIDDEN_FROM_CONTROLLER {
             document.remove(key);
         }
-        let (mut view, mut problems) = build::<Self>(&document, "the scenario").map_err(fail)?;
+        let (mut view, mut problems) =
+            build::<Self>(&document, "the scenario", &schema::CONTROLLER_VIEW).map_err(fail)?;
         read_own(
             &document,
             Section::Controller,
@@ -228,12 +229,13 @@ pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
 }
 
 /// Builds a type from the document. With it come the problems that did not prevent that, such as values out of range.
-/// `what` names the whole for people.
-pub(crate) fn build<T: DeserializeOwned + JsonSchema>(
+/// `what` names the whole for people, and `schema` is that of the type.
+pub(crate) fn build<T: DeserializeOwned>(
     document: &Document<'_>,
     what: &str,
+    schema: &Value,
 ) -> Result<(T, Vec<Problem>), Vec<Problem>> {
-    let problems = structure::check(document, what, &schema::schema_of::<T>());
+    let problems = structure::check(document, what, schema);
     match document.deserialize() {
         Ok(value) => Ok((value, problems)),
         Err(problem) if problems.is_empty() => Err(vec![problem]),

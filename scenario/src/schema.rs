@@ -1,5 +1,7 @@
 //! The JSON Schemas of scenario and rig files: what editors complete from and what the loader checks against.
 
+use std::sync::LazyLock;
+
 use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema};
 use serde_json::Value;
@@ -7,6 +9,14 @@ use serde_json::Value;
 use crate::Scenario;
 use crate::own;
 use crate::rig::Rig;
+use crate::view::ControllerView;
+
+/// What scenario files are checked against. To make a schema takes most of the time that loading takes, so each is made once.
+pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(schema_of::<Scenario>);
+/// What the controller checks of scenario files.
+pub(crate) static CONTROLLER_VIEW: LazyLock<Value> = LazyLock::new(schema_of::<ControllerView>);
+/// What rig files are checked against.
+pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<Rig>);
 
 /// The JSON Schema of scenario files, as committed in `scenarios/schema.json`.
 #[must_use]

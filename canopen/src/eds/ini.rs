@@ -2,12 +2,40 @@
 //!
 //! Written by hand because errors need line numbers and a repeated section or key must be an error, not a silent merge.
 
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 use super::EdsError;
 
 /// Longest line; CiA 306-1 allows 255 characters.
 const MAX_LINE_BYTES: usize = 1024;
+
+/// The name of a section or a key, whose case does not matter. Shorter ones come first, since the length tells most apart.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Name<'t>(pub(super) &'t str);
+
+impl Ord for Name<'_> {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let lower_case = |name: &Self| name.0.bytes().map(|letter| letter.to_ascii_lowercase());
+        let by_length = self.0.len().cmp(&other.0.len());
+        by_length.then_with(|| lower_case(self).cmp(lower_case(other)))
+    }
+}
+
+impl PartialOrd for Name<'_> {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for Name<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Name<'_> {}
 
 /// One `key=value` line.
 #[derive(Clone, Copy, Debug)]
@@ -36,13 +64,15 @@ impl Item<'_> {
 pub(super) struct Section<'t> {
     pub(super) line: usize,
     pub(super) name: &'t str,
-    items: BTreeMap<String, Item<'t>>,
+    items: BTreeMap<Name<'t>, Item<'t>>,
 }
 
 impl<'t> Section<'t> {
-    /// The item with this key (lower case); `None` when it is absent or its value is empty.
-    pub(super) fn get(&self, key: &str) -> Option<&Item<'t>> {
-        self.items.get(key).filter(|item| !item.value.is_empty())
+    /// The item with this key; `None` when it is absent or its value is empty.
+    pub(super) fn get<'s>(&'s self, key: &'s str) -> Option<&'s Item<'t>> {
+        self.items
+            .get(&Name(key))
+            .filter(|item| !item.value.is_empty())
     }
 
     /// All items, sorted by key.
@@ -62,15 +92,16 @@ impl<'t> Section<'t> {
     }
 }
 
-/// Sections by their lower-case names.
-pub(super) type Sections<'t> = BTreeMap<String, Section<'t>>;
+/// Sections by their names.
+pub(super) type Sections<'t> = BTreeMap<Name<'t>, Section<'t>>;
 
 /// Splits a text into sections.
 pub(super) fn read(text: &str) -> Result<Sections<'_>, EdsError> {
     let mut sections = Sections::new();
     let mut current = None;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    for (number, line) in (1..).zip(text.lines()) {
+    for (number, line) in (1..).zip(split(text, b'\n')) {
+        let line = line.strip_suffix('\r').unwrap_or(line);
         if line.len() > MAX_LINE_BYTES {
             let reason = format!("the line has {} bytes (limit {MAX_LINE_BYTES})", line.len());
             return Err(EdsError::at_line(number, reason));
@@ -110,17 +141,17 @@ fn header(number: usize, line: &str) -> Result<Section<'_>, EdsError> {
 
 /// Adds a `key=value` line to a section.
 fn add_item<'t>(section: &mut Section<'t>, number: usize, line: &'t str) -> Result<(), EdsError> {
-    let (key, value) = line.split_once('=').ok_or_else(|| EdsError {
+    let (key, value) = cut(line, b'=').ok_or_else(|| EdsError {
         line: number,
         ..section.error(format!("expected key=value, found \"{line}\""))
     })?;
     let item = Item {
         line: number,
         section: section.name,
-        key: key.trim(),
+        key: key.trim_end(),
         value: without_comment(value),
     };
-    match section.items.insert(item.key.to_ascii_lowercase(), item) {
+    match section.items.insert(Name(item.key), item) {
         Some(first) => Err(item.error(format!("the key stands in line {} already", first.line))),
         None => Ok(()),
     }
@@ -131,20 +162,43 @@ fn finish<'t>(sections: &mut Sections<'t>, section: Option<Section<'t>>) -> Resu
     let Some(section) = section else {
         return Ok(());
     };
-    let name = section.name.to_ascii_lowercase();
-    if let Some(first) = sections.get(&name) {
-        let reason = format!("the section stands in line {} already", first.line);
-        return Err(section.error(reason));
+    match sections.entry(Name(section.name)) {
+        Entry::Vacant(place) => {
+            place.insert(section);
+            Ok(())
+        }
+        Entry::Occupied(first) => {
+            let reason = format!("the section stands in line {} already", first.get().line);
+            Err(section.error(reason))
+        }
     }
-    sections.insert(name, section);
-    Ok(())
 }
 
 /// The value without a trailing comment: a semicolon at its start or after a blank.
 fn without_comment(value: &str) -> &str {
-    let is_comment = |(place, _): &(usize, &str)| {
-        value[..*place].is_empty() || value[..*place].ends_with([' ', '\t'])
+    let mut before = b' ';
+    let begins_comment = |letter: u8| {
+        let is_after_blank = matches!(std::mem::replace(&mut before, letter), b' ' | b'\t');
+        letter == b';' && is_after_blank
     };
-    let end = value.match_indices(';').find(is_comment);
-    value[..end.map_or(value.len(), |(place, _)| place)].trim()
+    let end = value.bytes().position(begins_comment);
+    value[..end.unwrap_or(value.len())].trim()
+}
+
+/// The pieces of a text between these ASCII letters. They are so short that the standard library's search, which looks at
+/// many bytes at once, would take longer.
+pub(super) fn split(text: &str, letter: u8) -> impl Iterator<Item = &str> {
+    let mut rest = Some(text);
+    std::iter::from_fn(move || {
+        let text = rest?;
+        let (piece, behind) = cut(text, letter).unzip();
+        rest = behind;
+        Some(piece.unwrap_or(text))
+    })
+}
+
+/// What stands before and behind the first of these ASCII letters.
+fn cut(text: &str, letter: u8) -> Option<(&str, &str)> {
+    let place = text.bytes().position(|byte| byte == letter)?;
+    Some((&text[..place], &text[place + 1..]))
 }

@@ -13,7 +13,7 @@ use crate::error::Problem;
 use crate::nearest::nearest;
 use crate::structure::{broken_limit, resolve};
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
-use crate::{Scenario, schema, sweep};
+use crate::{schema, sweep};
 
 /// Tables that are not swept: the format's own, and checks, whose names in the verdict tell their windows and limits.
 const NOT_SWEPT: [&str; 4] = ["schema", "sweep", "expect.signal", "expect.sequence"];
@@ -23,10 +23,9 @@ pub(crate) fn check(document: &Document<'_>, sweep: Option<&mut Sweep>) -> Vec<P
     let Some(sweep) = sweep else {
         return Vec::new();
     };
-    let schema = schema::schema_of::<Scenario>();
     let mut checker = Checker {
         document,
-        keys: Keys::of(&schema, document),
+        keys: Keys::of(&schema::SCENARIO, document),
         has_few_runs: sweep.runs() <= RUNS_MAX,
         seen: BTreeSet::new(),
         problems: Vec::new(),

@@ -6,7 +6,7 @@ use super::{ObjectAddress, Rig};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::load::{SCENARIO_BYTES_MAX, build, none_of, read_text};
-use crate::table;
+use crate::{schema, table};
 
 /// What the file is for people.
 const KIND: &str = "rig file";
@@ -33,7 +33,8 @@ impl Rig {
     pub fn parse(text: &str, file_name: &str) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
-        let (rig, mut problems) = build::<Self>(&document, "the rig file").map_err(fail)?;
+        let (rig, mut problems) =
+            build::<Self>(&document, "the rig file", &schema::RIG).map_err(fail)?;
         problems.extend(check(&document, &rig));
         none_of(problems, rig).map_err(fail)
     }

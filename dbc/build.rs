@@ -1,0 +1,34 @@
+//! Reads `sma_actuator.dbc` for [`Database::sma_actuator`], by the code that reads DBC files at run time.
+#![allow(
+    dead_code,
+    unfulfilled_lint_expectations,
+    unreachable_pub,
+    reason = "the library's modules, of which only what reads a file is used"
+)]
+
+use std::path::Path;
+use std::{env, fs};
+
+use database::Database;
+
+#[path = "src/coding.rs"]
+mod coding;
+#[path = "src/database.rs"]
+mod database;
+#[path = "src/error.rs"]
+mod error;
+#[path = "src/parse.rs"]
+mod parse;
+
+const SMA_ACTUATOR: &str = include_str!("sma_actuator.dbc");
+
+fn main() {
+    // Whatever it is made of is compiled in, and a new build script runs again.
+    println!("cargo::rerun-if-changed=build.rs");
+    let database =
+        Database::parse(SMA_ACTUATOR).unwrap_or_else(|error| panic!("sma_actuator.dbc: {error}"));
+    let bytes = postcard::to_extend(&database, Vec::new()).expect("a database is plain data");
+    let folder = env::var_os("OUT_DIR").expect("cargo gives one");
+    let path = Path::new(&folder).join("sma_actuator.postcard");
+    fs::write(&path, bytes).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+}
