@@ -53,35 +53,50 @@ impl Stamped {
 impl fmt::Display for Stamped {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut line = Vec::with_capacity(LINE_CAPACITY);
-        push_line(&mut line, self);
+        Line::new().push(&mut line, self);
         formatter.write_str(&String::from_utf8_lossy(&line))
     }
 }
 
-/// Appends the frame as candump writes it. Recordings have many frames, hence without the machinery of `format!`.
-fn push_line(line: &mut Vec<u8>, stamped: &Stamped) {
-    line.push(b'(');
-    match stamped.time.as_secs() {
-        seconds @ 0..10_000_000_000 => line.extend_from_slice(&digits::fixed::<10>(seconds)),
-        seconds => digits::push(line, seconds, 10),
+/// What writes lines without the machinery of `format!`, since recordings have many: a usual line, each part of which has
+/// its place.
+struct Line {
+    text: [u8; 45],
+    /// Those in the text; thousands of frames have the same.
+    seconds: u64,
+}
+
+impl Line {
+    const fn new() -> Self {
+        Self {
+            text: *b"(0000000000.000000) can0 000#0000000000000000",
+            seconds: 0,
+        }
     }
-    line.push(b'.');
-    line.extend_from_slice(&digits::fixed::<6>(stamped.time.subsec_micros().into()));
-    line.extend_from_slice(b") can0 ");
-    let Some(id) = stamped.frame.standard_id() else {
-        line.extend_from_slice(stamped.frame.to_string().as_bytes());
-        return;
-    };
-    let [high, low] = id.to_be_bytes();
-    line.push(digits::HEXADECIMAL[usize::from(high)][1]);
-    line.extend_from_slice(&digits::HEXADECIMAL[usize::from(low)]);
-    line.push(b'#');
-    let data = stamped.frame.data();
-    let mut pairs = [[0; 2]; 8];
-    for (pair, byte) in pairs.iter_mut().zip(data) {
-        *pair = digits::HEXADECIMAL[usize::from(*byte)];
+
+    /// Appends the frame as candump writes it.
+    fn push(&mut self, lines: &mut Vec<u8>, stamped: &Stamped) {
+        let (seconds, micros) = (stamped.time.as_secs(), stamped.time.subsec_micros());
+        let (Some(id), 0..10_000_000_000) = (stamped.frame.standard_id(), seconds) else {
+            let line = format!("({seconds:010}.{micros:06}) can0 {}", stamped.frame);
+            lines.extend_from_slice(line.as_bytes());
+            return;
+        };
+        if seconds != self.seconds {
+            self.text[1..11].copy_from_slice(&digits::fixed::<10>(seconds));
+            self.seconds = seconds;
+        }
+        self.text[12..18].copy_from_slice(&digits::fixed::<6>(micros.into()));
+        let [high, low] = id.to_be_bytes();
+        self.text[25] = digits::HEXADECIMAL[usize::from(high)][1];
+        self.text[26..28].copy_from_slice(&digits::HEXADECIMAL[usize::from(low)]);
+        // Eight bytes in any case, which is sooner done than to count them.
+        let data = self.text[29..].as_chunks_mut::<2>().0;
+        for (pair, byte) in data.iter_mut().zip(stamped.frame.buffer()) {
+            *pair = digits::HEXADECIMAL[usize::from(byte)];
+        }
+        lines.extend_from_slice(&self.text[..29 + 2 * stamped.frame.data().len()]);
     }
-    line.extend_from_slice(pairs[..data.len()].as_flattened());
 }
 
 /// Why a line is no frame.
@@ -170,11 +185,12 @@ fn hexadecimal(digits: &str) -> Option<u32> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_log(mut output: impl Write, frames: &[Stamped]) -> io::Result<()> {
+    let mut line = Line::new();
     let mut lines = Vec::with_capacity(LINES_PER_WRITE.min(frames.len()) * LINE_CAPACITY);
     for frames in frames.chunks(LINES_PER_WRITE) {
         lines.clear();
         for stamped in frames {
-            push_line(&mut lines, stamped);
+            line.push(&mut lines, stamped);
             lines.push(b'\n');
         }
         output.write_all(&lines)?;

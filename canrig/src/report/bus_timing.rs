@@ -68,28 +68,28 @@ impl BusTiming {
         let answer = database.require(signals::POSITION)?.raw_id();
         let command = database.require(signals::TARGET_CURRENT)?.raw_id();
         let mut clock = ScenarioClock::new(database)?;
+        let begins = |stamped: &Stamped| clock.on_frame(stamped.time, &stamped.frame);
+        let frames = &frames[frames.iter().position(begins).unwrap_or(frames.len())..];
+        let zero = frames.first().map_or(0, |first| nanos(first.time));
+        let duration = Duration::from_secs_f64(duration_seconds);
         let mut timing = Self::default();
-        let mut load = Load::new(duration_seconds, bitrate_kilobits_per_second);
+        let mut load = Load::new(duration, bitrate_kilobits_per_second);
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
         for stamped in frames {
-            let Stamped { time, frame, .. } = stamped;
-            let is_sync = clock.on_frame(*time, frame);
-            let Some(scenario_time) = clock.scenario_time(*time) else {
-                continue;
-            };
-            if scenario_time.as_secs_f64() >= duration_seconds {
+            let (now, frame) = (nanos(stamped.time), &stamped.frame);
+            let scenario_time = now.saturating_sub(zero);
+            if scenario_time >= nanos(duration) {
                 break;
             }
             load.take(scenario_time, stamped.occupied_bits);
-            if is_sync && frame.standard_id() == Some(SYNC_COB_ID) {
-                let before = sync.replace(*time);
-                timing
-                    .cycles
-                    .extend(before.map(|before| micros(time.saturating_sub(before))));
+            if frame.standard_id() == Some(SYNC_COB_ID) {
+                let before = sync.replace(now);
+                let cycle = before.map(|before| now.saturating_sub(before) / 1000);
+                timing.cycles.extend(cycle);
                 (is_answered, is_commanded) = (false, false);
                 continue;
             }
-            let since = micros(time.saturating_sub(sync.unwrap_or(*time)));
+            let since = now.saturating_sub(sync.unwrap_or(now)) / 1000;
             if frame.raw_id() == answer && !std::mem::replace(&mut is_answered, true) {
                 timing.answers.push(since);
             }
@@ -110,8 +110,8 @@ struct Load {
 }
 
 impl Load {
-    fn new(duration_seconds: f64, bitrate_kilobits_per_second: u32) -> Self {
-        let stretch = Duration::from_secs_f64(duration_seconds) / LOAD_STRETCHES;
+    fn new(duration: Duration, bitrate_kilobits_per_second: u32) -> Self {
+        let stretch = duration / LOAD_STRETCHES;
         Self {
             stretch: stretch.max(Duration::from_millis(10)),
             bitrate_kilobits_per_second: f64::from(bitrate_kilobits_per_second),
@@ -119,9 +119,8 @@ impl Load {
         }
     }
 
-    fn take(&mut self, time: Duration, bits: u32) {
-        let place = time.as_nanos() / self.stretch.as_nanos();
-        let Some(place) = usize::try_from(place)
+    fn take(&mut self, nanoseconds: u64, bits: u32) {
+        let Some(place) = usize::try_from(nanoseconds / nanos(self.stretch))
             .ok()
             .filter(|place| *place <= LOAD_STRETCHES as usize)
         else {
@@ -154,8 +153,9 @@ impl Load {
     }
 }
 
-fn micros(duration: Duration) -> Microseconds {
-    u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
+/// Nanoseconds, as a number that a processor divides at once.
+fn nanos(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// A histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.

@@ -9,6 +9,10 @@ use crate::timeline::Timeline;
 const DECIMALS: usize = 7;
 /// Ten to the power of the decimals.
 const SCALE: u32 = 10_000_000;
+/// Longest text of a number with decimals: ten places, the point, an even number of decimals.
+const CELL: usize = POINT + 1 + DECIMALS + 1;
+/// Where the point stands in it.
+const POINT: usize = 10;
 /// Whole numbers below this are exact.
 const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
 /// The table goes on to the output in pieces of this size: they stay in the processor's cache, and are large enough for the
@@ -34,45 +38,57 @@ pub fn write(mut output: impl Write, timeline: &Timeline) -> io::Result<()> {
         .chain(columns)
         .map(|values| &values[..])
         .collect();
-    let mut before = vec![0; columns.len() + 1];
+    let mut rows = Rows::of(&columns);
     for (row, cycle) in timeline.cycle.iter().enumerate() {
         if text.len() >= PIECE {
             // The last row stays, since the next one is made of it.
-            let done = before[0];
-            output.write_all(&text[..done])?;
-            text.drain(..done);
-            before.iter_mut().for_each(|place| *place -= done);
+            output.write_all(&text[..rows.last])?;
+            text.drain(..std::mem::take(&mut rows.last));
         }
-        digits::push(&mut text, *cycle, 1);
-        push_row(&mut text, &columns, row, &mut before);
+        digits::push(&mut text, *cycle);
+        rows.push(&mut text, row);
         text.push(b'\n');
     }
     output.write_all(&text)
 }
 
-/// Appends the cells of a row. Most values are those of the row `before`, which tells where each of its cells begins and
-/// where the last one ends: stretches of such values are copied as text.
-fn push_row(table: &mut Vec<u8>, columns: &[&[f64]], row: usize, before: &mut [usize]) {
-    // The text of the values that are to be copied.
-    let mut held = 0..0;
-    for (place, values) in columns.iter().enumerate() {
-        let old = before[place]..before[place + 1];
-        if row > 0 && values[row].to_bits() == values[row - 1].to_bits() {
-            before[place] = table.len() + held.len();
-            if held.is_empty() {
-                held = old;
-            } else {
-                held.end = old.end;
-            }
-            continue;
+/// Makes one row of another.
+struct Rows<'a> {
+    /// The values of each column, and how long the text of the last one is.
+    columns: Vec<(&'a [f64], usize)>,
+    /// Where the cells of the last row begin.
+    last: usize,
+}
+
+impl<'a> Rows<'a> {
+    fn of(columns: &[&'a [f64]]) -> Self {
+        Self {
+            columns: columns.iter().map(|values| (*values, 0)).collect(),
+            last: 0,
         }
-        table.extend_from_within(std::mem::take(&mut held));
-        before[place] = table.len();
-        table.push(b',');
-        push_number(table, values[row]);
     }
-    table.extend_from_within(held);
-    before[columns.len()] = table.len();
+
+    /// Appends the cells of a row. Most values are those of the row before: stretches of such are copied as text.
+    fn push(&mut self, table: &mut Vec<u8>, row: usize) {
+        let mut held = self.last..self.last;
+        self.last = table.len();
+        for (values, length) in &mut self.columns {
+            if row > 0 && values[row].to_bits() == values[row - 1].to_bits() {
+                held.end += *length;
+                continue;
+            }
+            if !held.is_empty() {
+                table.extend_from_within(held.clone());
+            }
+            held.start = held.end + *length;
+            held.end = held.start;
+            let begin = table.len();
+            table.push(b',');
+            push_number(table, values[row]);
+            *length = table.len() - begin;
+        }
+        table.extend_from_within(held);
+    }
 }
 
 /// A fixed number of decimals without trailing zeros; nothing where there is no value.
@@ -92,19 +108,28 @@ fn push_number(table: &mut Vec<u8>, value: f64) {
         reason = "below 2^53, and rounded down on purpose"
     )]
     let scaled = scaled as u64;
+    let (whole, decimals) = (scaled / u64::from(SCALE), scaled % u64::from(SCALE));
+    let mut text = [b'.'; CELL];
+    // One digit more than there are, since an even number of them is written.
+    let digits = digits::fixed::<{ DECIMALS + 1 }>(10 * decimals);
+    text[POINT + 1..].copy_from_slice(&digits);
+    let mut first = digits::put(&mut text[..POINT], whole);
     if value.is_sign_negative() && scaled > 0 {
-        table.push(b'-');
+        first -= 1;
+        text[first] = b'-';
     }
-    let scale = u64::from(SCALE);
-    digits::push(table, scaled / scale, 1);
-    let decimals = scaled % scale;
-    if decimals > 0 {
-        // One digit more than there are, since an even number of them is written.
-        let digits = digits::fixed::<{ DECIMALS + 1 }>(10 * decimals);
-        let last = digits.iter().rposition(|digit| *digit != b'0');
-        table.push(b'.');
-        table.extend_from_slice(&digits[..=last.unwrap_or(0)]);
-    }
+    let end = if decimals > 0 {
+        CELL - zeros_behind(digits)
+    } else {
+        POINT
+    };
+    table.extend_from_slice(&text[first..end]);
+}
+
+/// How many zeros stand at the end: read as one number, they are its highest bytes.
+fn zeros_behind(digits: [u8; DECIMALS + 1]) -> usize {
+    const ZEROS: u64 = u64::from_le_bytes([b'0'; DECIMALS + 1]);
+    (u64::from_le_bytes(digits) ^ ZEROS).leading_zeros() as usize / 8
 }
 
 #[cfg(test)]
@@ -130,6 +155,7 @@ mod tests {
             -0.5,
             f64::NAN,
             100.0,
+            -900_719_925.25,
             1e12,
         ]
         .map(number);
@@ -143,6 +169,7 @@ mod tests {
             "-0.5",
             "",
             "100",
+            "-900719925.25",
             "1000000000000",
         ];
         assert_eq!(texts, expected);
@@ -155,10 +182,10 @@ mod tests {
             let value = |number: u8| [f64::NAN, -1.5, 1000.0][usize::from(number)];
             let columns: Vec<Vec<f64>> = (0..4).map(|place| table.iter().map(|row| value(row[place])).collect()).collect();
             let columns: Vec<&[f64]> = columns.iter().map(|values| &values[..]).collect();
-            let (mut text, mut before) = (b"head".to_vec(), [0; 5]);
+            let (mut text, mut rows) = (b"head".to_vec(), Rows::of(&columns));
             let mut expected = "head".to_owned();
             for (index, row) in table.iter().enumerate() {
-                push_row(&mut text, &columns, index, &mut before);
+                rows.push(&mut text, index);
                 text.push(b'\n');
                 let cells = row.map(|place| format!(",{}", number(value(place))));
                 expected += &(cells.concat() + "\n");

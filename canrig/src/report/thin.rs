@@ -15,23 +15,18 @@ const CELL: i32 = 4;
 pub(super) fn over_time(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
     let mut lines = Vec::new();
     let mut line = Polyline::new();
-    let mut column: Option<Column> = None;
-    for point in points {
-        let point = whole(point);
-        if let (Some(column), Some(point)) = (&mut column, point)
-            && column.takes(point)
-        {
+    let mut points = points.map(whole).peekable();
+    while let Some(point) = points.next() {
+        let Some(point) = point else {
+            end(&mut line, &mut lines);
             continue;
+        };
+        let mut column = Column::new(point);
+        while let Some(Some(point)) =
+            points.next_if(|point| point.is_some_and(|point| column.has(point)))
+        {
+            column.take(point);
         }
-        if let Some(column) = column.take() {
-            column.end(&mut line);
-        }
-        match point {
-            Some(point) => column = Some(Column::new(point)),
-            None => end(&mut line, &mut lines),
-        }
-    }
-    if let Some(column) = column {
         column.end(&mut line);
     }
     end(&mut line, &mut lines);
@@ -91,11 +86,11 @@ impl Column {
         }
     }
 
-    /// Takes a point of this column; `false` when it is one of another.
-    fn takes(&mut self, point: (i32, i32)) -> bool {
-        if point.0 / COLUMN != self.number {
-            return false;
-        }
+    fn has(&self, point: (i32, i32)) -> bool {
+        point.0 / COLUMN == self.number
+    }
+
+    fn take(&mut self, point: (i32, i32)) {
         if point.1 < self.lowest.1.1 {
             self.lowest = (self.count, point);
         }
@@ -104,7 +99,6 @@ impl Column {
         }
         self.last = point;
         self.count += 1;
-        true
     }
 
     fn end(self, line: &mut Polyline) {
