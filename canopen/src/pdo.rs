@@ -310,13 +310,7 @@ pub struct WaitingPdo {
 impl WaitingPdo {
     /// The integer that an object will get; `None` when it is not mapped here.
     #[must_use]
-    pub fn integer(
-        &self,
-        dictionary: &ObjectDictionary,
-        index: u16,
-        sub_index: u8,
-    ) -> Option<i128> {
-        let wanted = dictionary.find(index, sub_index).ok()?;
+    pub fn integer(&self, dictionary: &ObjectDictionary, wanted: Handle) -> Option<i128> {
         let (range, handle) = self
             .mapping
             .ranges()

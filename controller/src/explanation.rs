@@ -120,21 +120,19 @@ impl ExplanationObjects {
         let fraction =
             libm::round(terms.estimated_martensite_fraction.clamp(0.0, 1.0) * FRACTION_STEPS)
                 as u16;
-        let values: [&[u8]; 9] = [
-            &micro(terms.reference_position_metres),
-            &micro(terms.reference_velocity_metres_per_second),
-            &temperature.to_le_bytes(),
-            &fraction.to_le_bytes(),
-            &micro(terms.estimated_velocity_metres_per_second),
-            &real(terms.sliding_variable_metres_per_second_squared),
-            &[terms.saturation.bits()],
-            &real(terms.equivalent_part_square_amperes),
-            &real(terms.switching_part_square_amperes),
-        ];
-        for (handle, value) in self.first_to_last.into_iter().zip(values) {
-            let stored = dictionary.store(handle, value);
+        let mut store = |place: usize, value: &[u8]| {
+            let stored = dictionary.store(self.first_to_last[place], value);
             debug_assert!(stored.is_ok(), "the EDS gives each object its type");
-        }
+        };
+        store(0, &micro(terms.reference_position_metres));
+        store(1, &micro(terms.reference_velocity_metres_per_second));
+        store(2, &temperature.to_le_bytes());
+        store(3, &fraction.to_le_bytes());
+        store(4, &micro(terms.estimated_velocity_metres_per_second));
+        store(5, &real(terms.sliding_variable_metres_per_second_squared));
+        store(6, &[terms.saturation.bits()]);
+        store(7, &real(terms.equivalent_part_square_amperes));
+        store(8, &real(terms.switching_part_square_amperes));
         for (handle, value) in self.own.iter().zip(law.term_values()) {
             let stored = dictionary.store(*handle, &real(value));
             debug_assert!(stored.is_ok(), "each was declared with this type");

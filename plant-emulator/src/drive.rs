@@ -376,8 +376,7 @@ impl<P: Plant> Application for Drive<P> {
 
     fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
         let dictionary = services.dictionary();
-        let controlword = waiting.integer(dictionary, cia402::CONTROLWORD, 0);
-        if let Some(controlword) = controlword.and_then(|value| u16::try_from(value).ok()) {
+        if let Some(controlword) = self.objects.waiting_controlword(dictionary, waiting) {
             let codes = self.codes(services);
             self.machine.on_waiting_controlword(controlword, &codes);
             self.settle(services);

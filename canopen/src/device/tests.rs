@@ -64,7 +64,8 @@ impl Application for Listener {
 
     fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
         let dictionary = services.dictionary();
-        let controlword = waiting.integer(dictionary, CONTROLWORD, 0).unwrap_or(-1);
+        let wanted = dictionary.find(CONTROLWORD, 0).unwrap();
+        let controlword = waiting.integer(dictionary, wanted).unwrap_or(-1);
         let current = dictionary.integer(CONTROLWORD, 0).unwrap_or(-1);
         self.heard
             .push(Heard::Waiting(waiting.number, controlword, current));

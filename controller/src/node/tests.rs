@@ -71,7 +71,9 @@ impl Application for TestDrive {
     }
 
     fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
-        let controlword = waiting.integer(services.dictionary(), 0x6040, 0).unwrap();
+        let dictionary = services.dictionary();
+        let wanted = dictionary.find(0x6040, 0).unwrap();
+        let controlword = waiting.integer(dictionary, wanted).unwrap();
         let controlword = u16::try_from(controlword).unwrap();
         self.machine
             .on_waiting_controlword(controlword, &OptionCodes::default());

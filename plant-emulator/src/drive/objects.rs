@@ -3,6 +3,7 @@
 use canopen::ObjectDictionary;
 use canopen::cia402;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
+use canopen::pdo::WaitingPdo;
 
 use crate::objects::{self, MissingObject};
 use crate::plant::{Plant, SIGNALS_MAX, Signal};
@@ -79,6 +80,15 @@ impl<P: Plant> Objects<P> {
     /// 0x6040.
     pub(super) fn controlword(&self, dictionary: &ObjectDictionary) -> u16 {
         unsigned16(dictionary, self.controlword)
+    }
+
+    /// 0x6040 as it will be from the next SYNC on; none where the PDO does not hold it.
+    pub(super) fn waiting_controlword(
+        &self,
+        dictionary: &ObjectDictionary,
+        waiting: &WaitingPdo,
+    ) -> Option<u16> {
+        u16::try_from(waiting.integer(dictionary, self.controlword)?).ok()
     }
 
     /// 0x6060.

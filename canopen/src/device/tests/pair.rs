@@ -47,7 +47,9 @@ impl Application for Drive {
     }
 
     fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
-        let controlword = waiting.integer(services.dictionary(), CONTROLWORD, 0);
+        let dictionary = services.dictionary();
+        let wanted = dictionary.find(CONTROLWORD, 0).unwrap();
+        let controlword = waiting.integer(dictionary, wanted);
         let controlword = u16::try_from(controlword.unwrap()).unwrap();
         self.machine
             .on_waiting_controlword(controlword, &OptionCodes::default());
