@@ -8,12 +8,21 @@ const KEPT_BYTES_MAX: i32 = 64 << 20;
 /// The heap grows by so much at once, which most runs do not exceed.
 const GROWTH_BYTES: i32 = 16 << 20;
 
-/// Lets memory that was freed stay with the process, which uses it again soon. Otherwise large buffers that are made and
-/// dropped in turn, as those of recordings are, come from the system anew each time, which clears each page of them.
+/// Prepares the heap for recordings, whose large buffers are made and dropped in turn.
 ///
 /// Another C library than glibc does as it likes.
-pub fn keep_freed() {
+pub fn prepare_heap() {
     #[cfg(target_env = "gnu")]
+    {
+        keep_freed();
+        prefer_large_pages();
+    }
+}
+
+/// Lets memory that was freed stay with the process, which uses it again soon. Otherwise it comes from the system anew each
+/// time, which clears each page of it.
+#[cfg(target_env = "gnu")]
+fn keep_freed() {
     for (parameter, bytes) in [
         (libc::M_MMAP_THRESHOLD, BLOCK_BYTES_MAX),
         (libc::M_TRIM_THRESHOLD, KEPT_BYTES_MAX),
@@ -22,8 +31,6 @@ pub fn keep_freed() {
         // SAFETY: changes how blocks are handed out from now on; those that are out stay valid.
         unsafe { libc::mallopt(parameter, bytes) };
     }
-    #[cfg(target_env = "gnu")]
-    prefer_large_pages();
 }
 
 /// Asks for large pages for the heap that comes next: every small page costs a trap when it is touched first, thousands in
