@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::cob_id::CobId;
 use crate::frame::CanFrame;
 use crate::nmt::NodeId;
-use crate::node::earlier;
+use crate::node::earliest;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo_server::{Access, SdoServer};
 
@@ -120,17 +120,13 @@ impl SdoServers {
     /// The next answer.
     #[inline]
     pub(crate) fn next_frame(&mut self) -> Option<CanFrame> {
-        let answer = self.default.next_frame();
-        let mut additional = self.additional.iter_mut();
-        answer.or_else(|| additional.find_map(|channel| channel.server.as_mut()?.next_frame()))
+        self.servers_mut().find_map(SdoServer::next_frame)
     }
 
     /// When the next client's time passes.
     #[inline]
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
-        let additional = self.additional.iter();
-        let deadlines = additional.map(|channel| channel.server.as_ref()?.next_deadline());
-        deadlines.fold(self.default.next_deadline(), earlier)
+        earliest(self.servers().map(SdoServer::next_deadline))
     }
 
     fn servers(&self) -> impl Iterator<Item = &SdoServer> {
