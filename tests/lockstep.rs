@@ -144,21 +144,22 @@ impl platform::lockstep::Participant for Asked<'_> {
         self.0.next_deadline()
     }
 
-    fn begin_ahead(
+    fn advance(
         &mut self,
         to: Duration,
         _until: Duration,
         frames: &[(Duration, canopen::CanFrame)],
-    ) {
-        self.0.begin(to, frames);
+        answer: &mut platform::lockstep::Answer,
+    ) -> Result<(), platform::lockstep::LockstepError> {
+        self.0.advance(to, to, frames, answer)
     }
 
-    fn begin_stop(&mut self, at: Duration) {
-        self.0.begin_stop(at);
-    }
-
-    fn finish(&mut self) -> Result<platform::lockstep::Answer, platform::lockstep::LockstepError> {
-        self.0.finish()
+    fn stop(
+        &mut self,
+        at: Duration,
+        answer: &mut platform::lockstep::Answer,
+    ) -> Result<(), platform::lockstep::LockstepError> {
+        self.0.stop(at, answer)
     }
 }
 

@@ -188,7 +188,7 @@ impl<A: Application> Device<A> {
         } else if self.sdo.listens_to(id) {
             self.on_sdo_frame(frame);
         } else if self.services.rpdos.iter().any(|rpdo| rpdo.listens_to(id)) {
-            self.on_rpdo_frame(id, data);
+            self.on_rpdo_frame(id, frame);
         } else if (0x701..=0x77F).contains(&id) {
             self.on_heartbeat_frame(id, data);
         } else if (0x081..=0x0FF).contains(&id) {
@@ -249,18 +249,18 @@ impl<A: Application> Device<A> {
         self.sdo.configure(&self.services.dictionary);
     }
 
-    fn on_rpdo_frame(&mut self, id: u16, data: &[u8]) {
+    fn on_rpdo_frame(&mut self, id: u16, frame: &CanFrame) {
         if self.services.state != NmtState::Operational {
             return;
         }
         for place in 0..self.services.rpdos.len() {
             if self.services.rpdos[place].listens_to(id) {
-                self.receive(place, data);
+                self.receive(place, frame);
             }
         }
     }
 
-    fn receive(&mut self, place: usize, data: &[u8]) {
+    fn receive(&mut self, place: usize, frame: &CanFrame) {
         let Services {
             rpdos,
             dictionary,
@@ -272,8 +272,8 @@ impl<A: Application> Device<A> {
         if rpdo.is_synchronous() && !sync.is_window_open(*now) {
             return;
         }
-        let (number, is_exceeded) = (rpdo.number(), rpdo.is_exceeded_by(data));
-        let received = rpdo.on_frame(*now, dictionary, data);
+        let (number, is_exceeded) = (rpdo.number(), rpdo.is_exceeded_by(frame));
+        let received = rpdo.on_frame(*now, dictionary, frame);
         if matches!(received, Received::TooShort) {
             self.services.raise_from(ErrorCode::PDO_TOO_SHORT, number);
             return;

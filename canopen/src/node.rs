@@ -23,9 +23,10 @@ pub fn earlier(left: Option<Duration>, right: Option<Duration>) -> Option<Durati
 }
 
 /// How far a node is.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Progress {
     /// The node works.
+    #[default]
     Running,
     /// The node was asked to stop, has reached its safe state and has nothing more to say.
     Stopped,

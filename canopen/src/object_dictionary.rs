@@ -329,6 +329,17 @@ impl Entry {
 }
 
 /// Little-endian bytes as an integer, sign-extended by type; 0 for types that are no integers.
+/// Copies a value. Told the widths of every cycle, the compiler makes no call of them.
+#[inline]
+pub(crate) fn copy(to: &mut [u8], from: &[u8]) {
+    match from.len() {
+        1 => to.copy_from_slice(&from[..1]),
+        2 => to.copy_from_slice(&from[..2]),
+        4 => to.copy_from_slice(&from[..4]),
+        _ => to.copy_from_slice(from),
+    }
+}
+
 #[inline]
 fn integer_from_le(data_type: DataType, bytes: &[u8]) -> i128 {
     if matches!(data_type.size_bytes(), None | Some(0)) || data_type.is_real() {
@@ -423,7 +434,7 @@ impl ObjectDictionary {
         let entry = &mut self.entries[handle.0];
         // A numeric value has the length of its type, so this is the way of all of them.
         if entry.value.len() == bytes.len() {
-            entry.value.copy_from_slice(bytes);
+            copy(&mut entry.value, bytes);
             return Ok(());
         }
         if entry.data_type.size_bytes().is_some() {

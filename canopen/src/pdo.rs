@@ -9,7 +9,7 @@ use std::time::Duration;
 use crate::cob_id::CobId;
 use crate::frame::CanFrame;
 use crate::node::earlier;
-use crate::object_dictionary::{AbortCode, Access, Handle, ObjectDictionary};
+use crate::object_dictionary::{AbortCode, Access, Handle, ObjectDictionary, copy};
 use crate::sync::Sync;
 
 const RPDO_PARAMETERS: u16 = 0x1400;
@@ -27,7 +27,7 @@ const EVENT_TIMER: u8 = 5;
 const SYNC_START: u8 = 6;
 
 const OBJECTS_MAX: u8 = 8;
-const LENGTH_MAX: usize = 8;
+const LENGTH_MAX: u8 = 8;
 
 /// The way of a PDO as seen from its node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -227,7 +227,7 @@ pub struct Mapping {
     slots: [Slot; OBJECTS_MAX as usize],
     /// Slots in use.
     count: usize,
-    length: usize,
+    length: u8,
 }
 
 impl Mapping {
@@ -256,7 +256,7 @@ impl Mapping {
             let entry = u32::try_from(dictionary.entry(handle).as_integer());
             let entry = entry.map_err(|_| AbortCode::NOT_MAPPABLE)?;
             *slot = Slot::new(dictionary, entry, direction)?;
-            mapping.length += usize::from(slot.size_bytes);
+            mapping.length += slot.size_bytes;
         }
         if mapping.length > LENGTH_MAX {
             return Err(AbortCode::PDO_TOO_LONG);
@@ -267,14 +267,14 @@ impl Mapping {
     /// Bytes on the wire.
     #[must_use]
     pub fn length(&self) -> usize {
-        self.length
+        usize::from(self.length)
     }
 
     /// The bytes of the PDO from the dictionary.
     fn pack(&self, dictionary: &ObjectDictionary) -> [u8; 8] {
         let mut data = [0; 8];
         for (range, handle) in self.ranges() {
-            data[range].copy_from_slice(dictionary.entry(handle).value());
+            copy(&mut data[range], dictionary.entry(handle).value());
         }
         data
     }
@@ -448,8 +448,8 @@ impl Rpdo {
 
     /// True when a payload is longer than the mapping.
     #[inline]
-    pub(crate) fn is_exceeded_by(&self, data: &[u8]) -> bool {
-        data.len() > self.mapping.length
+    pub(crate) fn is_exceeded_by(&self, frame: &CanFrame) -> bool {
+        frame.data().len() > self.mapping.length()
     }
 
     /// Takes the payload of a frame; the dead-line (sub-index 5) runs from here.
@@ -457,20 +457,17 @@ impl Rpdo {
         &mut self,
         now: Duration,
         dictionary: &mut ObjectDictionary,
-        data: &[u8],
+        frame: &CanFrame,
     ) -> Received {
-        if data.len() < self.mapping.length {
+        if frame.data().len() < self.mapping.length() {
             return Received::TooShort;
         }
         self.deadline = self.parameters.event_timer.map(|timer| now + timer);
-        let mut buffer = [0; 8];
-        let length = data.len().min(LENGTH_MAX);
-        buffer[..length].copy_from_slice(&data[..length]);
         if !self.is_synchronous() {
-            self.mapping.unpack(dictionary, &buffer);
+            self.mapping.unpack(dictionary, &frame.buffer());
             return Received::Stored;
         }
-        self.waiting = Some(buffer);
+        self.waiting = Some(frame.buffer());
         Received::Waiting
     }
 
@@ -675,7 +672,7 @@ impl Tpdo {
 
     fn frame(&self, data: &[u8; 8]) -> Option<CanFrame> {
         let cob_id = self.parameters.cob_id?;
-        Some(CanFrame::new(cob_id, &data[..self.mapping.length]))
+        CanFrame::from_raw(u32::from(cob_id), self.mapping.length, *data)
     }
 
     /// Counts SYNCs and says whether this is the period's last. A lost SYNC counts by the counter, so that the phase

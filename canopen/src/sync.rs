@@ -261,12 +261,20 @@ impl SyncProducer {
     pub(crate) fn on_tick(&mut self, now: Duration) -> Option<(CanFrame, Sync)> {
         let (period, cob_id) = (self.period()?, self.parameters.cob_id?);
         let due = self.next.filter(|next| now >= *next)?;
+        self.next = Some(due + period);
+        if now >= due + period {
+            self.skip(due, now, period);
+        }
+        Some(self.sync(cob_id))
+    }
+
+    /// Leaves out the deadlines up to `now` that are multiples of the period after `due`.
+    fn skip(&mut self, due: Duration, now: Duration, period: Duration) {
         let late_by_nanoseconds = (now - due).as_nanos();
         let missed = u64::try_from(late_by_nanoseconds / period.as_nanos()).unwrap_or(u64::MAX);
         self.overruns = self.overruns.saturating_add(missed);
         let remainder = u64::try_from(late_by_nanoseconds % period.as_nanos()).unwrap_or(0);
         self.next = Some(now - Duration::from_nanos(remainder) + period);
-        Some(self.sync(cob_id))
     }
 
     /// When the next SYNC is due.

@@ -16,13 +16,15 @@ use platform::lockstep::{Answer, Audience, LockstepError, Participant};
 
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
 use crate::bus_model::faults::{BusFaults, is_truth};
-use crate::bus_model::{BusModel, SUSPEND_BITS, arbitration_key, frame_bits};
+use crate::bus_model::{
+    BusModel, Nanoseconds, SUSPEND_BITS, arbitration_key, frame_bits, nanoseconds,
+};
 
 /// Frames that one participant may have waiting; more means that the bus cannot carry what it sends.
 const QUEUE_LIMIT: usize = 10_000;
 
 /// How far a participant goes ahead at most, so that one that never speaks does not run away.
-const LOOK_AHEAD_MAX: Duration = Duration::from_millis(100);
+const LOOK_AHEAD_MAX: Nanoseconds = 100_000_000;
 
 /// Where the winners of the arbitration go besides their addressees.
 pub trait Wire {
@@ -74,7 +76,7 @@ pub enum CoordinatorError {
 type Timed = (Duration, CanFrame);
 
 /// The time of what will not happen by itself.
-const NEVER: Duration = Duration::MAX;
+const NEVER: Nanoseconds = Nanoseconds::MAX;
 
 struct Slot<'a> {
     participant: &'a mut dyn Participant,
@@ -91,24 +93,24 @@ struct Slot<'a> {
     /// What it has queued, oldest first: a frame takes part in the arbitration from its time on.
     outbox: VecDeque<Timed>,
     /// An error passive station may not send before.
-    suspended_until: Duration,
-    /// When it wants its next tick.
-    next_deadline: Option<Duration>,
-    /// How far it has gone.
-    reached: Duration,
-    progress: Progress,
+    suspended_until: Nanoseconds,
+    /// What it said last.
+    answer: Answer,
     /// From when on its first waiting frame takes part in the arbitration. Asked at every event, like the next, while
     /// few events change them.
-    sends_at: Duration,
+    sends_at: Nanoseconds,
     /// The earliest time at which it may queue something that is not known yet; [`NEVER`] when it has stopped or when only
     /// a frame can wake it.
-    may_speak_at: Duration,
+    may_speak_at: Nanoseconds,
 }
 
 impl<'a> Slot<'a> {
     fn new(participant: &'a mut dyn Participant) -> Self {
-        let mut slot = Self {
+        let answer = Answer {
             next_deadline: participant.next_deadline(),
+            ..Answer::default()
+        };
+        let mut slot = Self {
             heard: participant.filters().to_vec().into(),
             silent: participant.silent_filters().to_vec().into(),
             participant,
@@ -116,9 +118,8 @@ impl<'a> Slot<'a> {
             inbox: Vec::new(),
             must_hear: false,
             outbox: VecDeque::new(),
-            suspended_until: Duration::ZERO,
-            reached: Duration::ZERO,
-            progress: Progress::Running,
+            suspended_until: 0,
+            answer,
             sends_at: NEVER,
             may_speak_at: NEVER,
         };
@@ -128,20 +129,22 @@ impl<'a> Slot<'a> {
 
     /// Works out when it may speak and send, after a change of what that depends on.
     fn look_ahead(&mut self) {
-        let speaks = match self.progress {
+        let speaks = match self.answer.progress {
             Progress::Running if self.must_hear => self.inbox.last().map(|(time, _)| *time),
-            Progress::Running => self.next_deadline,
+            Progress::Running => self.answer.next_deadline,
             _ => None,
         };
-        self.may_speak_at = speaks.unwrap_or(NEVER);
+        self.may_speak_at = speaks.map_or(NEVER, nanoseconds);
         let first = self.outbox.front();
-        self.sends_at = first.map_or(NEVER, |(time, _)| (*time).max(self.suspended_until));
+        self.sends_at = first.map_or(NEVER, |(time, _)| {
+            nanoseconds(*time).max(self.suspended_until)
+        });
     }
 
     /// Takes a frame from the bus, if it is for this participant.
-    fn hear(&mut self, time: Duration, frame: CanFrame) {
-        if self.progress == Progress::Running && self.heard.accepts(&frame) {
-            self.inbox.push((time, frame));
+    fn hear(&mut self, time: Nanoseconds, frame: CanFrame) {
+        if self.answer.progress == Progress::Running && self.heard.accepts(&frame) {
+            self.inbox.push((Duration::from_nanos(time), frame));
             if !self.silent.accepts(&frame) {
                 self.must_hear = true;
                 self.may_speak_at = time;
@@ -160,8 +163,8 @@ struct InFlight {
     frame: CanFrame,
     /// None for a foreign node.
     sender: Option<usize>,
-    start: Duration,
-    end: Duration,
+    start: Nanoseconds,
+    end: Nanoseconds,
     occupied_bits: u32,
     /// An error ended it; its sender tries again.
     is_disturbed: bool,
@@ -173,9 +176,9 @@ pub struct Coordinator<'a> {
     bus: BusModel,
     faults: Option<BusFaults>,
     in_flight: Option<InFlight>,
-    now: Duration,
+    now: Nanoseconds,
     /// Nobody goes ahead beyond this time, at which somebody may be asked to stop.
-    horizon: Duration,
+    horizon: Nanoseconds,
 }
 
 impl<'a> Coordinator<'a> {
@@ -196,8 +199,8 @@ impl<'a> Coordinator<'a> {
             bus: BusModel::new(bitrate_kilobits_per_second),
             faults: None,
             in_flight: None,
-            now: Duration::ZERO,
-            horizon: Duration::MAX,
+            now: 0,
+            horizon: NEVER,
         }
     }
 
@@ -211,7 +214,7 @@ impl<'a> Coordinator<'a> {
     /// The virtual time.
     #[must_use]
     pub fn now(&self) -> Duration {
-        self.now
+        Duration::from_nanos(self.now)
     }
 
     /// Goes to the next event, the end of a frame or the start of one, and returns its time, or `None` when nothing
@@ -223,12 +226,12 @@ impl<'a> Coordinator<'a> {
         if let Some(passed) = self.in_flight.take() {
             self.now = passed.end;
             self.pass(&passed, wire)?;
-            return Ok(Some(self.now));
+            return Ok(Some(self.now()));
         }
         let next = self.slots.iter().fold(NEVER, |next, slot| {
             next.min(slot.sends_at).min(slot.may_speak_at)
         });
-        let next = self.next_fault().map_or(next, |fault| fault.min(next));
+        let next = self.next_fault().min(next);
         if next == NEVER {
             return Ok(None);
         }
@@ -240,12 +243,12 @@ impl<'a> Coordinator<'a> {
             }
         }
         self.arbitrate();
-        Ok(Some(self.now))
+        Ok(Some(self.now()))
     }
 
     /// Lets nobody go ahead beyond a time.
     pub fn set_horizon(&mut self, horizon: Duration) {
-        self.horizon = horizon;
+        self.horizon = nanoseconds(horizon);
     }
 
     /// Goes on until nobody is ahead any more, so that a participant may be asked to stop now: what it then says must not
@@ -255,7 +258,11 @@ impl<'a> Coordinator<'a> {
     /// As [`Coordinator::step`].
     pub fn settle(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
         self.horizon = self.now;
-        while self.slots.iter().any(|slot| slot.reached > self.now) {
+        while self
+            .slots
+            .iter()
+            .any(|slot| slot.answer.reached > self.now())
+        {
             self.step(wire)?;
         }
         Ok(())
@@ -267,10 +274,11 @@ impl<'a> Coordinator<'a> {
     /// It failed or does not answer.
     pub fn stop(&mut self, index: usize) -> Result<(), CoordinatorError> {
         // One that has gone ahead cannot go back.
-        let at = self.now.max(self.slots[index].reached);
+        let at = self.now().max(self.slots[index].answer.reached);
         self.advance(index, at, at)?;
-        self.slots[index].participant.begin_stop(at);
-        self.finish(index)
+        let slot = &mut self.slots[index];
+        slot.participant.stop(at, &mut slot.answer)?;
+        self.take_answer(index)
     }
 
     /// True when a participant has reached its safe state and everything it had to say has passed.
@@ -281,7 +289,7 @@ impl<'a> Coordinator<'a> {
             .in_flight
             .as_ref()
             .is_some_and(|passed| passed.sender == Some(index));
-        slot.progress == Progress::Stopped && slot.outbox.is_empty() && !is_sending
+        slot.answer.progress == Progress::Stopped && slot.outbox.is_empty() && !is_sending
     }
 
     /// The lowest identifier among the first frames of all outboxes goes on the bus.
@@ -292,11 +300,12 @@ impl<'a> Coordinator<'a> {
         let winner = firsts
             .map(|(index, (_, frame))| (arbitration_key(frame), index))
             .min();
+        let now = self.now();
         if let Some(faults) = &mut self.faults
-            && let Some(frame) = faults.foreign(self.now)
+            && let Some(frame) = faults.foreign(now)
             && winner.is_none_or(|(key, _)| arbitration_key(&frame) < key)
         {
-            faults.take_foreign(self.now);
+            faults.take_foreign(now);
             self.transmit(None, frame);
         } else if let Some((_, sender)) = winner {
             self.send(sender);
@@ -308,8 +317,9 @@ impl<'a> Coordinator<'a> {
         let Some((_, frame)) = self.slots[sender].outbox.front().copied() else {
             return;
         };
+        let now = self.now();
         let disturbed = self.faults.as_mut().and_then(|faults| {
-            let bits = faults.disturbs(sender, self.now, &frame, frame_bits(&frame))?;
+            let bits = faults.disturbs(sender, now, &frame, frame_bits(&frame))?;
             Some((bits, faults.states[sender].activity() == Activity::Passive))
         });
         let Some((bits, is_passive)) = disturbed else {
@@ -342,8 +352,9 @@ impl<'a> Coordinator<'a> {
 
     /// The end of a transmission: who listens hears the frame, or all count the error.
     fn pass(&mut self, passed: &InFlight, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+        let now = self.now();
         if !passed.is_disturbed {
-            wire.put(self.now, &passed.frame, passed.occupied_bits)?;
+            wire.put(now, &passed.frame, passed.occupied_bits)?;
         }
         let Some(faults) = &mut self.faults else {
             for (index, slot) in self.slots.iter_mut().enumerate() {
@@ -354,12 +365,12 @@ impl<'a> Coordinator<'a> {
             return Ok(());
         };
         if !passed.is_disturbed {
-            faults.observe(self.now, &passed.frame);
+            faults.observe(now, &passed.frame);
             for (index, slot) in self.slots.iter_mut().enumerate() {
                 let is_off = faults.states[index].activity() == Activity::Off;
                 let is_for_it = Some(index) != passed.sender && !is_off;
                 let is_heard = is_for_it && slot.heard.accepts(&passed.frame);
-                if is_heard && !faults.misses(index, self.now, &passed.frame) {
+                if is_heard && !faults.misses(index, now, &passed.frame) {
                     slot.hear(self.now, passed.frame);
                 }
             }
@@ -373,7 +384,9 @@ impl<'a> Coordinator<'a> {
         passed: &InFlight,
         wire: &mut dyn Wire,
     ) -> Result<(), CoordinatorError> {
-        let (free_at, sequence) = (self.bus.free_at(), self.bus.bit_time(SEQUENCE_BITS));
+        let (now, start) = (self.now(), Duration::from_nanos(passed.start));
+        let free_at = Duration::from_nanos(self.bus.free_at());
+        let sequence = self.sequence();
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
@@ -382,7 +395,7 @@ impl<'a> Coordinator<'a> {
             let state = &mut faults.states[index];
             let before = state.activity();
             match (before, Some(index) == passed.sender, passed.is_disturbed) {
-                (Activity::Off, ..) => state.on_bus_used(passed.start, free_at, sequence),
+                (Activity::Off, ..) => state.on_bus_used(start, free_at, sequence),
                 (_, true, true) => state.on_transmit_error(free_at),
                 (_, false, true) => state.on_receive_error(),
                 (_, true, false) => state.on_transmitted(),
@@ -392,12 +405,12 @@ impl<'a> Coordinator<'a> {
             if after == Activity::Off {
                 slot.outbox.retain(|(_, frame)| is_truth(frame));
             } else if after == Activity::Passive && Some(index) == passed.sender {
-                slot.suspended_until = free_at + self.bus.bit_time(SUSPEND_BITS);
+                slot.suspended_until = self.bus.free_at() + self.bus.bit_time(SUSPEND_BITS);
             }
             slot.look_ahead();
             if after != before {
                 let message = state.message(number, false);
-                wire.put(self.now, &message, 0)?;
+                wire.put(now, &message, 0)?;
                 slot.hear(self.now, message);
             }
         }
@@ -406,51 +419,60 @@ impl<'a> Coordinator<'a> {
 
     /// Lets stations come back from bus-off.
     fn recover(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+        let (now, sequence) = (self.now(), self.sequence());
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
-        let sequence = self.bus.bit_time(SEQUENCE_BITS);
         for (index, slot) in self.slots.iter_mut().enumerate() {
             let recovers_at = faults.states[index].recovers_at(sequence);
-            if recovers_at.is_some_and(|time| time <= self.now) {
+            if recovers_at.is_some_and(|time| time <= now) {
                 faults.states[index].recover();
                 let number = faults.node_number(index);
                 let message = faults.states[index].message(number, true);
-                wire.put(self.now, &message, 0)?;
+                wire.put(now, &message, 0)?;
                 slot.hear(self.now, message);
             }
         }
         Ok(())
     }
 
+    /// How long the idle bus takes for what counts towards the end of bus-off.
+    fn sequence(&self) -> Duration {
+        Duration::from_nanos(self.bus.bit_time(SEQUENCE_BITS))
+    }
+
     /// When a fault next does something by itself.
-    fn next_fault(&self) -> Option<Duration> {
-        let faults = self.faults.as_ref()?;
-        let sequence = self.bus.bit_time(SEQUENCE_BITS);
+    fn next_fault(&self) -> Nanoseconds {
+        let Some(faults) = &self.faults else {
+            return NEVER;
+        };
+        let sequence = self.sequence();
         let recoveries = faults
             .states
             .iter()
             .map(|state| state.recovers_at(sequence));
-        let foreign = faults.next_foreign(self.now.max(self.bus.free_at()));
-        earliest(recoveries.chain([foreign]))
+        let free_at = Duration::from_nanos(self.now.max(self.bus.free_at()));
+        let foreign = faults.next_foreign(free_at);
+        earliest(recoveries.chain([foreign])).map_or(NEVER, nanoseconds)
     }
 
     /// Gives a participant what has arrived for it and lets it go as far as nobody can reach it.
     fn ask(&mut self, index: usize) -> Result<(), CoordinatorError> {
-        self.advance(index, self.now, self.unreachable_until(index))
+        let until = Duration::from_nanos(self.unreachable_until(index));
+        self.advance(index, self.now(), until)
     }
 
     /// The time before which no frame can arrive at a participant that is not an answer to its own. While the bus is
     /// idle: when no frame waits that is for it or may be answered, whoever speaks next speaks at a known time, and
     /// what is said then arrives later.
-    fn unreachable_until(&self, index: usize) -> Duration {
+    fn unreachable_until(&self, index: usize) -> Nanoseconds {
         let hearer = &self.slots[index];
         let mut next = self.horizon.min(self.now + LOOK_AHEAD_MAX);
         if let Some(faults) = &self.faults {
             if faults.forbids_look_ahead() {
                 return self.now;
             }
-            next = self.next_fault().map_or(next, |time| time.min(next));
+            next = self.next_fault().min(next);
         }
         for (at, slot) in self.slots.iter().enumerate() {
             let may_reach = |(_, frame): &Timed| {
@@ -473,31 +495,21 @@ impl<'a> Coordinator<'a> {
         until: Duration,
     ) -> Result<(), CoordinatorError> {
         let slot = &mut self.slots[index];
-        slot.participant.begin_ahead(to, until, &slot.inbox);
+        slot.participant
+            .advance(to, until, &slot.inbox, &mut slot.answer)?;
         slot.inbox.clear();
         slot.must_hear = false;
-        self.finish(index)
+        self.take_answer(index)
     }
 
-    fn finish(&mut self, index: usize) -> Result<(), CoordinatorError> {
+    fn take_answer(&mut self, index: usize) -> Result<(), CoordinatorError> {
         let slot = &mut self.slots[index];
-        let Answer {
-            mut frames,
-            next_deadline,
-            reached,
-            progress,
-        } = slot.participant.finish()?;
         match &mut self.faults {
-            None => slot.outbox.extend(&frames),
-            Some(faults) => faults.queue(index, &frames, &mut slot.outbox),
+            None => slot.outbox.extend(&slot.answer.frames),
+            Some(faults) => faults.queue(index, &slot.answer.frames, &mut slot.outbox),
         }
-        frames.clear();
-        slot.participant.reuse(frames);
-        slot.next_deadline = next_deadline;
-        slot.reached = reached;
-        slot.progress = progress;
         slot.look_ahead();
-        if let Progress::Failed(reason) = &slot.progress {
+        if let Progress::Failed(reason) = &slot.answer.progress {
             return Err(CoordinatorError::Failed {
                 name: slot.participant.name().to_owned(),
                 reason: reason.clone(),

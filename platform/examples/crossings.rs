@@ -10,7 +10,7 @@ use canopen::{CanFrame, Filter, Node, Progress};
 use platform::bus::{self, Bus, BusAddress};
 use platform::clock::Clock;
 use platform::hub::Hub;
-use platform::lockstep::{self, Local, Participant, Remote};
+use platform::lockstep::{self, Answer, Local, Participant, Remote};
 use platform::process;
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
@@ -125,8 +125,7 @@ fn measure_lockstep() -> Outcome<()> {
         (&mut plant, &mut plant_child),
         (&mut controller, &mut controller_child),
     ] {
-        participant.begin_stop(PERIOD * ROUNDS);
-        participant.finish()?;
+        participant.stop(PERIOD * ROUNDS, &mut Answer::default())?;
         child.wait()?;
     }
 
@@ -158,13 +157,14 @@ fn follower(name: &str, hears: u16, says: u16) -> Outcome<(Child, Remote)> {
 /// The frame of each goes to the other, in turn.
 fn cycles(plant: &mut impl Participant, controller: &mut impl Participant) -> Outcome<Duration> {
     let mut frames = vec![(Duration::ZERO, CanFrame::new(1, &[0; 8]))];
+    let mut answer = Answer::default();
     let clock = Clock::start();
     for round in 0..ROUNDS {
         let now = PERIOD * round;
         for participant in [plant as &mut dyn Participant, controller] {
             frames[0].0 = now;
-            participant.begin(now, &frames);
-            frames = participant.finish()?.frames;
+            participant.advance(now, now, &frames, &mut answer)?;
+            std::mem::swap(&mut frames, &mut answer.frames);
             if frames.len() != 1 {
                 return Err("not one frame was answered".into());
             }

@@ -35,7 +35,7 @@ pub use remote::{ANSWER_PATIENCE, Remote, channel};
 pub use step::StepError;
 
 /// What a participant did in a step.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Answer {
     /// The frames that it queued, oldest first, each with the time at which it was queued.
     pub frames: Vec<(Duration, CanFrame)>,
@@ -49,8 +49,7 @@ pub struct Answer {
 
 /// A node as the coordinator sees it.
 ///
-/// Each `begin` is followed by one [`Participant::finish`]; between the two the coordinator may begin others, so that
-/// processes work in parallel.
+/// Answers are written over the one before, whose memory they use: a participant is asked thousands of times a second.
 pub trait Participant {
     /// The name for messages, such as "controller".
     fn name(&self) -> &str;
@@ -67,28 +66,26 @@ pub trait Participant {
     /// When the node wants its next tick, as of the last answer; a new node wants one at once.
     fn next_deadline(&self) -> Option<Duration>;
 
-    /// Starts the step up to and including `to` with the frames delivered on the way, in order of time, each not later
-    /// than `to`. An error is told by [`Participant::finish`].
-    fn begin(&mut self, to: Duration, frames: &[(Duration, CanFrame)]) {
-        self.begin_ahead(to, to, frames);
-    }
-
-    /// As [`Participant::begin`], and then on to `until`, as long as no frame is queued that somebody may answer. No
-    /// frame may be delivered later that is not after `until`, unless it answers one of the node's own.
-    fn begin_ahead(&mut self, to: Duration, until: Duration, frames: &[(Duration, CanFrame)]);
-
-    /// Asks the node for its safe state at `at`, which is not before its current time.
-    fn begin_stop(&mut self, at: Duration);
-
-    /// The answer to what was begun last.
+    /// Steps up to and including `to` with the frames delivered on the way, in order of time, each not later than `to`;
+    /// then on to `until`, as long as no frame is queued that somebody may answer. No frame may be delivered later that is
+    /// not after `until`, unless it answers one of the node's own.
     ///
     /// # Errors
     /// When the node's process is gone, silent for 10 s of wall time, or breaks the protocol; when the step itself was
     /// impossible.
-    fn finish(&mut self) -> Result<Answer, LockstepError>;
+    fn advance(
+        &mut self,
+        to: Duration,
+        until: Duration,
+        frames: &[(Duration, CanFrame)],
+        answer: &mut Answer,
+    ) -> Result<(), LockstepError>;
 
-    /// Takes back the list of an answer's frames, emptied, so that the next answer needs no memory of its own.
-    fn reuse(&mut self, _emptied: Vec<(Duration, CanFrame)>) {}
+    /// Asks the node for its safe state at `at`, which is not before its current time.
+    ///
+    /// # Errors
+    /// As [`Participant::advance`].
+    fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), LockstepError>;
 }
 
 /// Why the coordinator got no answer.
@@ -123,12 +120,6 @@ pub enum LockstepError {
         name: String,
         /// What was wrong.
         source: StepError,
-    },
-    /// [`Participant::finish`] without a `begin`, or two without one.
-    #[error("{name} was asked for an answer to nothing")]
-    NothingBegun {
-        /// The participant.
-        name: String,
     },
     /// The side channel failed.
     #[error("the side channel to {name} failed: {source}")]

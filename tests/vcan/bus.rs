@@ -8,7 +8,7 @@ use canopen::{CanFrame, Filter, Node, Progress};
 use platform::bus::{self, Bus, BusError};
 use platform::clock::Clock;
 use platform::counting_allocator::allocations;
-use platform::lockstep::{FollowError, Participant, Remote, channel, follow};
+use platform::lockstep::{Answer, FollowError, Participant, Remote, channel, follow};
 use platform::real_time;
 use platform::recorder::Recorder;
 use platform::stop::StopSignal;
@@ -194,14 +194,16 @@ fn step_over_wire(name: &'static str, on_wire: &[CanFrame]) -> (Progress, Result
     for frame in on_wire {
         coordinator.send(frame).unwrap();
     }
-    remote.begin(MS / 2, &[(MS / 2, frame(0x100, 1))]);
-    let answer = remote.finish().unwrap();
-    if answer.progress == Progress::Running {
-        assert_eq!(answer.frames[1], (MS / 2, frame(0x101, 1)));
-        remote.begin_stop(MS);
-        remote.finish().unwrap();
+    let (mut answer, now) = (Answer::default(), MS / 2);
+    remote
+        .advance(now, now, &[(now, frame(0x100, 1))], &mut answer)
+        .unwrap();
+    let progress = answer.progress.clone();
+    if progress == Progress::Running {
+        assert_eq!(answer.frames[1], (now, frame(0x101, 1)));
+        remote.stop(MS, &mut answer).unwrap();
     }
-    (answer.progress, echo.join().unwrap())
+    (progress, echo.join().unwrap())
 }
 
 fn carries_the_frames_of_lock_step() {

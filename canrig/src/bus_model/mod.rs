@@ -7,6 +7,17 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 
+/// Virtual time. 64 bits last for 584 years, and are compared and added in one step, which a [`Duration`] is not; every
+/// frame takes dozens of such steps.
+pub type Nanoseconds = u64;
+
+/// A time as a number; the last one for all that come later.
+#[must_use]
+#[inline]
+pub fn nanoseconds(time: Duration) -> Nanoseconds {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
+
 /// Recessive bits between two frames (intermission).
 const INTERFRAME_BITS: u32 = 3;
 
@@ -45,9 +56,9 @@ pub fn frame_bits(frame: &CanFrame) -> u32 {
             count: 1 + 11 + 7,
         }
     };
-    if !frame.is_remote() {
-        let data = u64::from_be_bytes(frame.buffer());
-        bits.push(u128::from(data) >> (64 - 8 * length), 8 * length);
+    if !frame.is_remote() && length > 0 {
+        let data = u64::from_be_bytes(frame.buffer()) >> (64 - 8 * length);
+        bits.push(u128::from(data), 8 * length);
     }
     bits.count + CRC_BITS + bits.stuff_bits(bits.crc()) + UNSTUFFED_TAIL_BITS
 }
@@ -87,22 +98,26 @@ impl Bits {
     /// Bits stuffed into these and the CRC behind them: after five equal bits comes one of the other kind, which counts
     /// for the next five.
     fn stuff_bits(&self, crc: u16) -> u32 {
-        const TABLE: [[Stuffed; Stuffed::STATES]; 256] = Stuffed::table();
+        const TABLE: [[u8; Stuffed::STATES]; 256] = Stuffed::table();
         // Bits that alternate and end unlike the start of frame fill the first byte: they change nothing.
-        const ALTERNATING: u128 = u128::from_ne_bytes([0b0101_0101; 16]);
+        const ALTERNATING: u8 = 0b0101_0101;
         let count = self.count + CRC_BITS;
-        let bits = ALTERNATING << count | self.bits << CRC_BITS | u128::from(crc);
-        let bytes = bits.to_be_bytes();
-        let start = Stuffed { bits: 0, state: 0 };
+        let mut bytes = (self.bits << CRC_BITS | u128::from(crc)).to_be_bytes();
         let first = bytes.len() - count.div_ceil(8) as usize;
-        let stuffed = bytes[first..].iter().fold(start, |stuffed, byte| {
-            stuffed.and(TABLE[usize::from(*byte)][usize::from(stuffed.state)])
+        if count % 8 > 0 {
+            bytes[first] |= ALTERNATING << (count % 8);
+        }
+        let stuffed = bytes[first..].iter().fold(0, |stuffed: u32, byte| {
+            let state = stuffed % Stuffed::ONE;
+            let after = TABLE[usize::from(*byte)][state as usize];
+            (stuffed - state).wrapping_add(u32::from(after))
         });
-        u32::from(stuffed.bits)
+        stuffed / Stuffed::ONE
     }
 }
 
 /// How many bits were stuffed, and what the next ones depend on: twice the number of equal bits so far, plus their kind.
+/// There may be no bit yet, or one to four equal bits of either kind.
 #[derive(Clone, Copy)]
 struct Stuffed {
     bits: u8,
@@ -110,15 +125,11 @@ struct Stuffed {
 }
 
 impl Stuffed {
-    /// No bit yet, or one to four equal bits of either kind.
-    const STATES: usize = 10;
-
-    const fn and(self, next: Self) -> Self {
-        Self {
-            bits: self.bits + next.bits,
-            state: next.state,
-        }
-    }
+    /// Ten of these are in use.
+    const STATES: usize = 16;
+    const STATES_IN_USE: u8 = 10;
+    /// One stuffed bit where both are one number.
+    const ONE: u32 = Self::STATES as u32;
 
     const fn after(state: u8, bit: u8) -> Self {
         let (run, kind) = (state / 2, state % 2);
@@ -136,11 +147,11 @@ impl Stuffed {
         }
     }
 
-    /// What each byte does in each state.
-    const fn table() -> [[Self; Self::STATES]; 256] {
-        let mut table = [[Self { bits: 0, state: 0 }; Self::STATES]; 256];
+    /// What each byte does in each state, as one number.
+    const fn table() -> [[u8; Self::STATES]; 256] {
+        let mut table = [[0; Self::STATES]; 256];
         let mut state: u8 = 0;
-        while (state as usize) < Self::STATES {
+        while state < Self::STATES_IN_USE {
             let mut byte: u16 = 0;
             while byte < 256 {
                 let mut stuffed = Self { bits: 0, state };
@@ -148,9 +159,12 @@ impl Stuffed {
                 while place > 0 {
                     place -= 1;
                     let is_set = byte >> place & 1 == 1;
-                    stuffed = stuffed.and(Self::after(stuffed.state, is_set as u8));
+                    let next = Self::after(stuffed.state, is_set as u8);
+                    stuffed.bits += next.bits;
+                    stuffed.state = next.state;
                 }
-                table[byte as usize][state as usize] = stuffed;
+                table[byte as usize][state as usize] =
+                    stuffed.bits * Self::STATES as u8 + stuffed.state;
                 byte += 1;
             }
             state += 1;
@@ -200,7 +214,7 @@ pub fn arbitration_key(frame: &CanFrame) -> u32 {
 #[derive(Debug)]
 pub struct BusModel {
     nanoseconds_per_bit: f64,
-    free_at: Duration,
+    free_at: Nanoseconds,
 }
 
 impl BusModel {
@@ -210,19 +224,19 @@ impl BusModel {
         let nanoseconds_per_bit = 1e6 / f64::from(bitrate_kilobits_per_second);
         Self {
             nanoseconds_per_bit,
-            free_at: Duration::ZERO,
+            free_at: 0,
         }
     }
 
     /// When the next frame may start.
     #[must_use]
-    pub fn free_at(&self) -> Duration {
+    pub fn free_at(&self) -> Nanoseconds {
         self.free_at
     }
 
     /// Puts a frame on the idle bus. Returns when its last bit has passed, and how many bits it takes, as
     /// [`occupied_bits`].
-    pub fn transmit(&mut self, start: Duration, frame: &CanFrame) -> (Duration, u32) {
+    pub fn transmit(&mut self, start: Nanoseconds, frame: &CanFrame) -> (Nanoseconds, u32) {
         let occupied = occupied_bits(frame);
         let end = start + self.bit_time(occupied - INTERFRAME_BITS);
         self.free_at = start + self.bit_time(occupied);
@@ -230,7 +244,7 @@ impl BusModel {
     }
 
     /// A transmission that is disturbed after some bits: error flags and delimiter follow. Returns when they have passed.
-    pub fn disturb(&mut self, start: Duration, bits: u32, is_passive: bool) -> Duration {
+    pub fn disturb(&mut self, start: Nanoseconds, bits: u32, is_passive: bool) -> Nanoseconds {
         let flags = if is_passive {
             PASSIVE_FLAG_BITS
         } else {
@@ -243,15 +257,15 @@ impl BusModel {
 
     /// How long a number of bits takes.
     #[must_use]
-    pub fn bit_time(&self, bits: u32) -> Duration {
+    pub fn bit_time(&self, bits: u32) -> Nanoseconds {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "a positive number of at most 200 000 bits x 1e6 ns, and rounded down on purpose"
         )]
         // The nearest whole number, without a call: a bit takes 1 ns or more, so the sum is exact where it matters.
-        let nanoseconds = (f64::from(bits) * self.nanoseconds_per_bit + 0.5) as u64;
-        Duration::from_nanos(nanoseconds)
+        let nearest = (f64::from(bits) * self.nanoseconds_per_bit + 0.5) as Nanoseconds;
+        nearest
     }
 }
 

@@ -121,17 +121,23 @@ fn run_until(
     is_faulty: bool,
 ) -> Result<End, WorldError> {
     coordinator.set_horizon(START_PATIENCE);
+    let mut until = None;
     for event in 0u32.. {
         let Some(now) = coordinator.step(taps)? else {
             return Err(NO_START);
         };
-        match taps.capture.zero() {
-            Some(zero) if now >= zero + end => break,
-            Some(zero) => coordinator.set_horizon(zero + end),
+        match until {
+            Some(until) if now >= until => break,
+            Some(_) => {}
             // A fault that keeps the scenario from beginning is seen to its end.
             None if now > START_PATIENCE && is_faulty => break,
             None if now > START_PATIENCE => return Err(NO_START),
-            _ => {}
+            None => {
+                until = taps.capture.zero().map(|zero| zero + end);
+                until
+                    .into_iter()
+                    .for_each(|until| coordinator.set_horizon(until));
+            }
         }
         if event % EVENTS_PER_FLUSH == 0 {
             taps.capture.flush()?;

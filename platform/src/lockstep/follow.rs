@@ -81,9 +81,7 @@ pub fn follow(
         delivered: Vec::with_capacity(FRAMES_MAX),
         answer: Answer {
             frames: Vec::with_capacity(FRAMES_MAX),
-            next_deadline: None,
-            reached: Duration::ZERO,
-            progress: Progress::Running,
+            ..Answer::default()
         },
     }
     .run(node)
@@ -132,24 +130,20 @@ impl Follower<'_> {
     /// Does what the packet asks and writes the answer.
     fn serve(&mut self, node: &mut dyn Node) -> Result<Served, FollowError> {
         let request = protocol::decode_request(&self.packet, &mut self.delivered)?;
-        self.answer.frames.clear();
-        let queued = &mut self.answer.frames;
-        self.answer.progress = match request {
+        match request {
             Request::Advance { to, until } => {
                 if let Some(wire) = &mut self.wire {
                     wire.replace_with_copies(&mut self.delivered)?;
                 }
                 self.stepper
-                    .advance(node, (to, until), &self.delivered, queued)?
+                    .advance(node, (to, until), &self.delivered, &mut self.answer)?;
             }
-            Request::Stop { at } => self.stepper.stop(node, at, queued)?,
+            Request::Stop { at } => self.stepper.stop(node, at, &mut self.answer)?,
             Request::Audience(audience) => {
                 self.stepper.meet(audience);
                 return Ok(Served::NothingToAnswer);
             }
-        };
-        self.answer.next_deadline = self.stepper.next_deadline();
-        self.answer.reached = self.stepper.now();
+        }
         if let Some(wire) = &mut self.wire {
             wire.expect_own(&self.answer.frames);
         }

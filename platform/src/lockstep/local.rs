@@ -2,21 +2,18 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Node, Progress};
+use canopen::{CanFrame, Filter, Node};
 
 use super::step::{StepError, Stepper};
 use super::{Answer, Audience, LockstepError, Participant};
 
-/// A node in this process; the step happens in `begin`.
+/// A node in this process.
 pub struct Local<'a> {
     name: String,
     filters: Vec<Filter>,
     silent_filters: Vec<Filter>,
     node: &'a mut dyn Node,
     stepper: Stepper,
-    answer: Option<Result<Answer, StepError>>,
-    /// The list for the next answer's frames.
-    spare: Vec<(Duration, CanFrame)>,
 }
 
 impl<'a> Local<'a> {
@@ -28,18 +25,12 @@ impl<'a> Local<'a> {
             silent_filters: node.silent_filters(),
             stepper: Stepper::new(node),
             node,
-            answer: None,
-            spare: Vec::new(),
         }
     }
 
-    fn answer(&mut self, result: Result<Progress, StepError>, frames: Vec<(Duration, CanFrame)>) {
-        self.answer = Some(result.map(|progress| Answer {
-            frames,
-            next_deadline: self.stepper.next_deadline(),
-            reached: self.stepper.now(),
-            progress,
-        }));
+    fn error(&self, source: StepError) -> LockstepError {
+        let name = self.name.clone();
+        LockstepError::Step { name, source }
     }
 }
 
@@ -64,34 +55,19 @@ impl Participant for Local<'_> {
         self.stepper.meet(audience.clone());
     }
 
-    fn begin_ahead(&mut self, to: Duration, until: Duration, frames: &[(Duration, CanFrame)]) {
-        let mut queued = std::mem::take(&mut self.spare);
-        let result = self
-            .stepper
-            .advance(self.node, (to, until), frames, &mut queued);
-        self.answer(result, queued);
+    fn advance(
+        &mut self,
+        to: Duration,
+        until: Duration,
+        frames: &[(Duration, CanFrame)],
+        answer: &mut Answer,
+    ) -> Result<(), LockstepError> {
+        let step = self.stepper.advance(self.node, (to, until), frames, answer);
+        step.map_err(|error| self.error(error))
     }
 
-    fn begin_stop(&mut self, at: Duration) {
-        let mut queued = Vec::new();
-        let result = self.stepper.stop(self.node, at, &mut queued);
-        self.answer(result, queued);
-    }
-
-    fn finish(&mut self) -> Result<Answer, LockstepError> {
-        match self.answer.take() {
-            Some(Ok(answer)) => Ok(answer),
-            Some(Err(source)) => Err(LockstepError::Step {
-                name: self.name.clone(),
-                source,
-            }),
-            None => Err(LockstepError::NothingBegun {
-                name: self.name.clone(),
-            }),
-        }
-    }
-
-    fn reuse(&mut self, emptied: Vec<(Duration, CanFrame)>) {
-        self.spare = emptied;
+    fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), LockstepError> {
+        let step = self.stepper.stop(self.node, at, answer);
+        step.map_err(|error| self.error(error))
     }
 }

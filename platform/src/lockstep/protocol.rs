@@ -224,17 +224,16 @@ pub(super) fn encode_done(packet: &mut Vec<u8>, answer: &Answer) -> Result<(), P
     Ok(())
 }
 
-/// Reads a Done.
-pub(super) fn decode_done(packet: &[u8]) -> Result<Answer, ProtocolError> {
+/// Reads a Done over the answer before.
+pub(super) fn decode_done(packet: &[u8], answer: &mut Answer) -> Result<(), ProtocolError> {
     let mut reader = Reader::new(packet);
     reader.expect_kind(DONE, "done")?;
     let progress = reader.u8()?;
     let count = reader.u16()?;
-    let next_deadline = reader.deadline()?;
-    let reached = Duration::from_nanos(reader.u64()?);
-    let mut frames = Vec::with_capacity(usize::from(count).min(FRAMES_MAX));
-    reader.frames(count, &mut frames)?;
-    let progress = match progress {
+    answer.next_deadline = reader.deadline()?;
+    answer.reached = Duration::from_nanos(reader.u64()?);
+    reader.frames(count, &mut answer.frames)?;
+    answer.progress = match progress {
         0 => Progress::Running,
         1 => Progress::Stopped,
         2 => Progress::Failed(String::from_utf8_lossy(reader.rest()).into_owned()),
@@ -245,13 +244,7 @@ pub(super) fn decode_done(packet: &[u8]) -> Result<Answer, ProtocolError> {
             });
         }
     };
-    reader.end()?;
-    Ok(Answer {
-        frames,
-        next_deadline,
-        reached,
-        progress,
-    })
+    reader.end()
 }
 
 fn write_header(packet: &mut Vec<u8>, kind: u8, second: u8, count: usize, time: u64) {
@@ -367,7 +360,9 @@ impl<'a> Reader<'a> {
         count: u16,
         frames: &mut Vec<(Duration, CanFrame)>,
     ) -> Result<(), ProtocolError> {
-        for _ in 0..limited(usize::from(count), "frames", FRAMES_MAX)? {
+        let count = limited(usize::from(count), "frames", FRAMES_MAX)?;
+        frames.clear();
+        for _ in 0..count {
             let at = Duration::from_nanos(self.u64()?);
             let id = self.u32()?;
             let length = self.u8()?;

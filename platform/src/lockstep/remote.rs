@@ -38,7 +38,6 @@ pub struct Remote {
     silent_filters: Vec<Filter>,
     next_deadline: Option<Duration>,
     packet: Vec<u8>,
-    begun: Option<Result<(), Failure>>,
 }
 
 /// What went wrong on the channel, not yet with the participant's name.
@@ -73,7 +72,6 @@ impl Remote {
             silent_filters: Vec::new(),
             next_deadline: None,
             packet: Vec::with_capacity(PACKET_MAX),
-            begun: None,
         };
         set_socket_timeout(&remote.channel, Timeout::Recv, Some(patience))
             .map_err(|errno| remote.error(Failure::Channel(errno)))?;
@@ -86,19 +84,22 @@ impl Remote {
         Ok(remote)
     }
 
-    /// Sends what an encoder wrote to the packet; a failure is kept for `finish`.
-    fn send(&mut self, encoded: Result<(), ProtocolError>) {
-        self.begun = Some(match encoded {
-            Err(error) => Err(Failure::Protocol(error)),
-            // One packet at a time is under way and it is smaller than the socket's buffer, so this never waits.
-            Ok(()) => rustix::net::send(
-                &self.channel,
-                &self.packet,
-                SendFlags::NOSIGNAL | SendFlags::DONTWAIT,
-            )
-            .map(drop)
-            .map_err(Failure::Channel),
-        });
+    /// Sends what an encoder wrote to the packet.
+    fn send(&mut self, encoded: Result<(), ProtocolError>) -> Result<(), LockstepError> {
+        encoded.map_err(|error| self.error(Failure::Protocol(error)))?;
+        // One packet at a time is under way and it is smaller than the socket's buffer, so this never waits.
+        let flags = SendFlags::NOSIGNAL | SendFlags::DONTWAIT;
+        let sent = rustix::net::send(&self.channel, &self.packet, flags);
+        sent.map(drop)
+            .map_err(|errno| self.error(Failure::Channel(errno)))
+    }
+
+    fn read_answer(&mut self, answer: &mut Answer) -> Result<(), LockstepError> {
+        self.receive()?;
+        protocol::decode_done(&self.packet, answer)
+            .map_err(|error| self.error(Failure::Protocol(error)))?;
+        self.next_deadline = answer.next_deadline;
+        Ok(())
     }
 
     fn receive(&mut self) -> Result<(), LockstepError> {
@@ -147,34 +148,25 @@ impl Participant for Remote {
     /// Nothing is answered to it; a channel that fails now fails at the first step too.
     fn meet(&mut self, audience: &Audience) {
         let encoded = protocol::encode_audience(&mut self.packet, audience);
-        self.send(encoded);
+        let _ = self.send(encoded);
     }
 
-    fn begin_ahead(&mut self, to: Duration, until: Duration, frames: &[(Duration, CanFrame)]) {
+    fn advance(
+        &mut self,
+        to: Duration,
+        until: Duration,
+        frames: &[(Duration, CanFrame)],
+        answer: &mut Answer,
+    ) -> Result<(), LockstepError> {
         let encoded = protocol::encode_advance(&mut self.packet, to, until, frames);
-        self.send(encoded);
+        self.send(encoded)?;
+        self.read_answer(answer)
     }
 
-    fn begin_stop(&mut self, at: Duration) {
+    fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), LockstepError> {
         let encoded = protocol::encode_stop(&mut self.packet, at);
-        self.send(encoded);
-    }
-
-    fn finish(&mut self) -> Result<Answer, LockstepError> {
-        match self.begun.take() {
-            Some(Ok(())) => {}
-            Some(Err(failure)) => return Err(self.error(failure)),
-            None => {
-                return Err(LockstepError::NothingBegun {
-                    name: self.name.clone(),
-                });
-            }
-        }
-        self.receive()?;
-        let answer = protocol::decode_done(&self.packet)
-            .map_err(|error| self.error(Failure::Protocol(error)))?;
-        self.next_deadline = answer.next_deadline;
-        Ok(answer)
+        self.send(encoded)?;
+        self.read_answer(answer)
     }
 }
 

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use canopen::{CanFrame, FilterSet, Node, Progress};
 
-use super::Audience;
 use super::protocol::FRAMES_MAX;
+use super::{Answer, Audience};
 
 /// Ticks that a node may want at one instant before it counts as stuck.
 const TICKS_PER_INSTANT_MAX: u32 = 1000;
@@ -76,24 +76,32 @@ impl Stepper {
         self.next_deadline
     }
 
-    /// The node's time.
-    pub(super) fn now(&self) -> Duration {
-        self.now
-    }
-
     /// Remembers who listens.
     pub(super) fn meet(&mut self, audience: Audience) {
         self.audience = audience;
     }
 
-    /// Advances the node to `to`, then on to `until` if it may; what it queues is added to `queued`.
+    /// Advances the node to `to`, then on to `until` if it may.
     pub(super) fn advance(
+        &mut self,
+        node: &mut dyn Node,
+        times: (Duration, Duration),
+        frames: &[(Duration, CanFrame)],
+        answer: &mut Answer,
+    ) -> Result<(), StepError> {
+        answer.frames.clear();
+        self.go(node, times, frames, &mut answer.frames)?;
+        self.tell(answer);
+        Ok(())
+    }
+
+    fn go(
         &mut self,
         node: &mut dyn Node,
         (to, until): (Duration, Duration),
         frames: &[(Duration, CanFrame)],
         queued: &mut Vec<(Duration, CanFrame)>,
-    ) -> Result<Progress, StepError> {
+    ) -> Result<(), StepError> {
         self.check_forwards(to)?;
         for (place, (at, frame)) in frames.iter().enumerate() {
             if *at < self.now || *at > to {
@@ -106,7 +114,7 @@ impl Stepper {
             }
             self.tick_until(node, queued, |deadline| deadline < *at)?;
             if !self.is_running() {
-                return Ok(self.progress.clone());
+                return Ok(());
             }
             self.now = *at;
             node.on_frame(self.now, frame);
@@ -116,13 +124,19 @@ impl Stepper {
             }
             self.end_event(node, queued)?;
             if !self.is_running() {
-                return Ok(self.progress.clone());
+                return Ok(());
             }
         }
         self.tick_until(node, queued, |deadline| deadline <= to)?;
         self.now = to;
-        self.look_ahead(node, until, queued)?;
-        Ok(self.progress.clone())
+        self.look_ahead(node, until, queued)
+    }
+
+    /// How far the node has come, beside the frames that it has queued.
+    fn tell(&self, answer: &mut Answer) {
+        answer.next_deadline = self.next_deadline;
+        answer.reached = self.now;
+        answer.progress.clone_from(&self.progress);
     }
 
     /// True when the node need not be asked after this frame: it took it in silence, and its next tick, which may only have
@@ -161,13 +175,15 @@ impl Stepper {
         &mut self,
         node: &mut dyn Node,
         at: Duration,
-        queued: &mut Vec<(Duration, CanFrame)>,
-    ) -> Result<Progress, StepError> {
+        answer: &mut Answer,
+    ) -> Result<(), StepError> {
+        answer.frames.clear();
         self.check_forwards(at)?;
         self.now = at;
         node.on_stop(at);
-        self.end_event(node, queued)?;
-        Ok(self.progress.clone())
+        self.end_event(node, &mut answer.frames)?;
+        self.tell(answer);
+        Ok(())
     }
 
     /// Ticks the node at each deadline that is `due`. A deadline in the past is met now: time never goes back.

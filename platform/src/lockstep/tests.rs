@@ -8,6 +8,7 @@ use canopen::{CanFrame, Filter, Progress};
 use rustix::net::SendFlags;
 
 use super::protocol::*;
+use super::remote::receive_packet;
 use super::*;
 use crate::bus::{Bus, BusError};
 use crate::test_nodes::Echo;
@@ -29,18 +30,31 @@ fn remote_echo() -> (Remote, JoinHandle<Result<(), FollowError>>) {
     (Remote::accept("echo", ours).unwrap(), echo)
 }
 
+fn step(
+    participant: &mut dyn Participant,
+    to: Duration,
+    frames: &[(Duration, CanFrame)],
+) -> Result<Answer, LockstepError> {
+    let mut answer = Answer::default();
+    participant.advance(to, to, frames, &mut answer)?;
+    Ok(answer)
+}
+
+fn stop(participant: &mut dyn Participant, at: Duration) -> Answer {
+    let mut answer = Answer::default();
+    participant.stop(at, &mut answer).unwrap();
+    answer
+}
+
 /// Steps a participant through a fixed story.
 fn story(participant: &mut dyn Participant) -> Vec<Answer> {
-    let mut answers = vec![];
-    participant.begin(Duration::ZERO, &[]);
-    answers.push(participant.finish().unwrap());
-    participant.begin(ms(2), &[(MS / 2, ping(1)), (MS, ping(2)), (MS, ping(3))]);
-    answers.push(participant.finish().unwrap());
-    participant.begin(ms(2), &[(ms(2), ping(4))]);
-    answers.push(participant.finish().unwrap());
-    participant.begin_stop(ms(3));
-    answers.push(participant.finish().unwrap());
-    answers
+    let delivered = [(MS / 2, ping(1)), (MS, ping(2)), (MS, ping(3))];
+    vec![
+        step(participant, Duration::ZERO, &[]).unwrap(),
+        step(participant, ms(2), &delivered).unwrap(),
+        step(participant, ms(2), &[(ms(2), ping(4))]).unwrap(),
+        stop(participant, ms(3)),
+    ]
 }
 
 #[test]
@@ -86,32 +100,26 @@ fn frames_come_before_a_tick_at_the_same_time_and_after_an_earlier_one() {
 fn impossible_steps_are_errors() {
     let mut node = Echo::new(MS);
     let mut local = Local::new("echo", &mut node);
-    local.begin(ms(2), &[(ms(3), ping(0))]);
-    let error = local.finish().unwrap_err().to_string();
+    let error = step(&mut local, ms(2), &[(ms(3), ping(0))])
+        .unwrap_err()
+        .to_string();
     assert_eq!(
         error,
         "echo could not be stepped: frame 100#00 at 3ms is out of order in the step from 0ns to 2ms"
     );
-    local.begin(ms(5), &[]);
-    local.finish().unwrap();
-    local.begin(ms(4), &[]);
-    let error = local.finish().unwrap_err().to_string();
+    step(&mut local, ms(5), &[]).unwrap();
+    let error = step(&mut local, ms(4), &[]).unwrap_err().to_string();
     assert_eq!(
         error,
         "echo could not be stepped: time would go back from 5ms to 4ms"
     );
-    assert!(matches!(
-        local.finish(),
-        Err(LockstepError::NothingBegun { .. })
-    ));
 }
 
 #[test]
 fn a_deadline_that_does_not_move_is_an_error_and_not_a_hang() {
     let mut node = Echo::new(Duration::ZERO);
     let mut local = Local::new("echo", &mut node);
-    local.begin(ms(2), &[]);
-    let error = local.finish().unwrap_err();
+    let error = step(&mut local, ms(2), &[]).unwrap_err();
     assert!(matches!(
         error,
         LockstepError::Step {
@@ -125,9 +133,8 @@ fn a_deadline_that_does_not_move_is_an_error_and_not_a_hang() {
 fn more_frames_than_an_answer_holds_is_an_error() {
     let mut node = Echo::new(Duration::from_micros(1));
     let mut local = Local::new("echo", &mut node);
-    local.begin(ms(3), &[]);
     assert!(matches!(
-        local.finish(),
+        step(&mut local, ms(3), &[]),
         Err(LockstepError::Step {
             source: StepError::TooManyFrames,
             ..
@@ -138,8 +145,7 @@ fn more_frames_than_an_answer_holds_is_an_error() {
 #[test]
 fn a_failed_node_says_why_on_both_sides() {
     let (mut remote, echo) = remote_echo();
-    remote.begin(MS, &[(MS, CanFrame::new(0x1FF, &[]))]);
-    let answer = remote.finish().unwrap();
+    let answer = step(&mut remote, MS, &[(MS, CanFrame::new(0x1FF, &[]))]).unwrap();
     assert_eq!(
         answer.progress,
         Progress::Failed("the echo was told to fail".into())
@@ -151,8 +157,10 @@ fn a_failed_node_says_why_on_both_sides() {
 #[test]
 fn a_step_that_the_remote_node_cannot_do_is_its_failure() {
     let (mut remote, echo) = remote_echo();
-    remote.begin(ms(2), &[(ms(3), ping(0))]);
-    let Progress::Failed(text) = remote.finish().unwrap().progress else {
+    let Progress::Failed(text) = step(&mut remote, ms(2), &[(ms(3), ping(0))])
+        .unwrap()
+        .progress
+    else {
         panic!("an impossible step was answered");
     };
     assert!(text.contains("out of order"), "{text}");
@@ -177,8 +185,10 @@ fn a_dead_process_is_named() {
     send(&theirs, &hello_packet());
     let mut remote = Remote::accept("controller", ours).unwrap();
     drop(theirs);
-    remote.begin(MS, &[]);
-    assert!(matches!(remote.finish(), Err(LockstepError::Ended { .. })));
+    assert!(matches!(
+        step(&mut remote, MS, &[]),
+        Err(LockstepError::Ended { .. })
+    ));
 }
 
 #[test]
@@ -186,9 +196,11 @@ fn a_process_that_dies_in_the_middle_of_a_step_is_named() {
     let (ours, theirs) = channel().unwrap();
     send(&theirs, &hello_packet());
     let mut remote = Remote::accept("controller", ours).unwrap();
-    remote.begin(MS, &[]);
-    drop(theirs);
-    assert!(matches!(remote.finish(), Err(LockstepError::Ended { .. })));
+    let dying =
+        std::thread::spawn(move || receive_packet(&theirs, &mut Vec::with_capacity(PACKET_MAX)));
+    let error = step(&mut remote, MS, &[]).unwrap_err();
+    assert!(matches!(error, LockstepError::Ended { .. }), "{error}");
+    dying.join().unwrap().unwrap();
 }
 
 #[test]
@@ -196,8 +208,7 @@ fn a_silent_process_is_named() {
     let (ours, theirs) = channel().unwrap();
     send(&theirs, &hello_packet());
     let mut remote = Remote::accept_within("plant", ours, ms(30)).unwrap();
-    remote.begin(MS, &[]);
-    let error = remote.finish().unwrap_err();
+    let error = step(&mut remote, MS, &[]).unwrap_err();
     assert!(
         matches!(error, LockstepError::NoAnswer { .. }),
         "{error}: not the right error"
@@ -225,20 +236,21 @@ fn malformed_answers_are_errors() {
         progress: Progress::Running,
     };
     encode_done(&mut done, &answer).unwrap();
-    assert_eq!(decode_done(&done), Ok(answer));
+    let decode = |packet: &[u8]| {
+        let mut decoded = story(&mut Local::new("echo", &mut Echo::new(MS))).remove(1);
+        decode_done(packet, &mut decoded).map(|()| decoded)
+    };
+    assert_eq!(decode(&done), Ok(answer));
     for end in 0..done.len() {
         assert!(
-            matches!(
-                decode_done(&done[..end]),
-                Err(ProtocolError::TooShort { .. })
-            ),
+            matches!(decode(&done[..end]), Err(ProtocolError::TooShort { .. })),
             "cut at {end}"
         );
     }
     let with = |index: usize, value: u8| {
         let mut packet = done.clone();
         packet[index] = value;
-        decode_done(&packet).unwrap_err().to_string()
+        decode(&packet).unwrap_err().to_string()
     };
     assert_eq!(with(0, 9), "message kind 9 where done was due");
     assert_eq!(with(1, 7), "progress is 7");
@@ -276,14 +288,14 @@ fn the_largest_step_fits_one_packet() {
     let (ours, theirs) = channel().unwrap();
     let echo = std::thread::spawn(move || follow(&mut node, theirs, None));
     let mut remote = Remote::accept("echo", ours).unwrap();
-    remote.begin(MS, &frames);
-    assert_eq!(remote.finish().unwrap().frames.len(), FRAMES_MAX);
-    remote.begin_stop(MS);
-    remote.finish().unwrap();
+    assert_eq!(
+        step(&mut remote, MS, &frames).unwrap().frames.len(),
+        FRAMES_MAX
+    );
+    stop(&mut remote, MS);
     echo.join().unwrap().unwrap();
-    remote.begin(MS, &[frames, vec![(MS, ping(2))]].concat());
     assert!(matches!(
-        remote.finish(),
+        step(&mut remote, MS, &[frames, vec![(MS, ping(2))]].concat()),
         Err(LockstepError::Protocol { .. })
     ));
 }
@@ -332,8 +344,7 @@ fn announced_with(on_wire: &[CanFrame]) -> (Answer, Result<(), FollowError>) {
         follow(&mut node, theirs, Some(&mut wire))
     });
     let mut remote = Remote::accept("echo", ours).unwrap();
-    remote.begin(MS / 2, &[(MS / 2, ping(1))]);
-    let answer = remote.finish().unwrap();
+    let answer = step(&mut remote, MS / 2, &[(MS / 2, ping(1))]).unwrap();
     drop(remote);
     (answer, echo.join().unwrap())
 }
@@ -417,15 +428,13 @@ fn own_frames_that_come_back_are_not_delivered() {
         follow(&mut node, theirs, Some(&mut wire)).map(|()| node.1)
     });
     let mut remote = Remote::accept("talker", ours).unwrap();
-    remote.begin(Duration::ZERO, &[]);
-    let queued = remote.finish().unwrap().frames;
+    let queued = step(&mut remote, Duration::ZERO, &[]).unwrap().frames;
     assert_eq!(queued.len(), 2);
     // The coordinator puts its frames on the wire in another order, then another node's.
     for frame in [ping(2), ping(1), ping(9)] {
         sender.send(frame).unwrap();
     }
-    remote.begin(MS, &[(MS, ping(9))]);
-    remote.finish().unwrap();
+    step(&mut remote, MS, &[(MS, ping(9))]).unwrap();
     assert_eq!(talker.join().unwrap().unwrap(), [ping(9)]);
 }
 
@@ -434,8 +443,11 @@ fn ahead(audience: Option<&Audience>, participant: &mut dyn Participant) -> Answ
     if let Some(audience) = audience {
         participant.meet(audience);
     }
-    participant.begin_ahead(MS / 2, ms(3), &[]);
-    participant.finish().unwrap()
+    let mut answer = Answer::default();
+    participant
+        .advance(MS / 2, ms(3), &[], &mut answer)
+        .unwrap();
+    answer
 }
 
 #[test]
