@@ -142,10 +142,10 @@ impl<'a> Slot<'a> {
     }
 
     /// Takes a frame from the bus, if it is for this participant.
-    fn hear(&mut self, time: Nanoseconds, frame: CanFrame) {
-        if self.answer.progress == Progress::Running && self.heard.accepts(&frame) {
-            self.inbox.push((Duration::from_nanos(time), frame));
-            if !self.silent.accepts(&frame) {
+    fn hear(&mut self, time: Nanoseconds, frame: &CanFrame) {
+        if self.answer.progress == Progress::Running && self.heard.accepts(frame) {
+            self.inbox.push((Duration::from_nanos(time), *frame));
+            if !self.silent.accepts(frame) {
                 self.must_hear = true;
                 self.may_speak_at = time;
             }
@@ -159,6 +159,7 @@ impl<'a> Slot<'a> {
     }
 }
 
+#[derive(Clone, Copy)]
 struct InFlight {
     frame: CanFrame,
     /// None for a foreign node.
@@ -223,9 +224,9 @@ impl<'a> Coordinator<'a> {
     /// # Errors
     /// A participant or the wire failed.
     pub fn step(&mut self, wire: &mut dyn Wire) -> Result<Option<Duration>, CoordinatorError> {
-        if let Some(passed) = self.in_flight.take() {
+        if let Some(passed) = &self.in_flight {
             self.now = passed.end;
-            self.pass(&passed, wire)?;
+            self.pass(wire)?;
             return Ok(Some(self.now()));
         }
         let next = self.slots.iter().fold(NEVER, |next, slot| {
@@ -350,28 +351,46 @@ impl<'a> Coordinator<'a> {
         });
     }
 
-    /// The end of a transmission: who listens hears the frame, or all count the error.
-    fn pass(&mut self, passed: &InFlight, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+    /// The end of a transmission: who listens hears the frame.
+    fn pass(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
         let now = self.now();
-        if !passed.is_disturbed {
-            wire.put(now, &passed.frame, passed.occupied_bits)?;
+        let Some(passed) = &self.in_flight else {
+            return Ok(());
+        };
+        if self.faults.is_some() {
+            let passed = *passed;
+            self.in_flight = None;
+            return self.pass_with_faults(&passed, wire);
         }
-        let Some(faults) = &mut self.faults else {
-            for (index, slot) in self.slots.iter_mut().enumerate() {
-                if Some(index) != passed.sender {
-                    slot.hear(self.now, passed.frame);
-                }
+        wire.put(now, &passed.frame, passed.occupied_bits)?;
+        for (index, slot) in self.slots.iter_mut().enumerate() {
+            if Some(index) != passed.sender {
+                slot.hear(self.now, &passed.frame);
             }
+        }
+        self.in_flight = None;
+        Ok(())
+    }
+
+    /// As [`Coordinator::pass`], where not all may hear it, or all count the error.
+    fn pass_with_faults(
+        &mut self,
+        passed: &InFlight,
+        wire: &mut dyn Wire,
+    ) -> Result<(), CoordinatorError> {
+        let now = self.now();
+        let Some(faults) = &mut self.faults else {
             return Ok(());
         };
         if !passed.is_disturbed {
+            wire.put(now, &passed.frame, passed.occupied_bits)?;
             faults.observe(now, &passed.frame);
             for (index, slot) in self.slots.iter_mut().enumerate() {
                 let is_off = faults.states[index].activity() == Activity::Off;
                 let is_for_it = Some(index) != passed.sender && !is_off;
                 let is_heard = is_for_it && slot.heard.accepts(&passed.frame);
                 if is_heard && !faults.misses(index, now, &passed.frame) {
-                    slot.hear(self.now, passed.frame);
+                    slot.hear(self.now, &passed.frame);
                 }
             }
         }
@@ -411,7 +430,7 @@ impl<'a> Coordinator<'a> {
             if after != before {
                 let message = state.message(number, false);
                 wire.put(now, &message, 0)?;
-                slot.hear(self.now, message);
+                slot.hear(self.now, &message);
             }
         }
         Ok(())
@@ -430,7 +449,7 @@ impl<'a> Coordinator<'a> {
                 let number = faults.node_number(index);
                 let message = faults.states[index].message(number, true);
                 wire.put(now, &message, 0)?;
-                slot.hear(self.now, message);
+                slot.hear(self.now, &message);
             }
         }
         Ok(())

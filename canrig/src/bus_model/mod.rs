@@ -98,13 +98,13 @@ impl Bits {
     /// Bits stuffed into these and the CRC behind them: after five equal bits comes one of the other kind, which counts
     /// for the next five.
     fn stuff_bits(&self, crc: u16) -> u32 {
-        const TABLE: [[u8; Stuffed::STATES]; 256] = Stuffed::table();
+        const TABLE: [[u8; Stuffed::STATES as usize]; 256] = Stuffed::table();
         // Bits that alternate and end unlike the start of frame fill the first byte: they change nothing.
         const ALTERNATING: u8 = 0b0101_0101;
         let count = self.count + CRC_BITS;
         let mut bytes = (self.bits << CRC_BITS | u128::from(crc)).to_be_bytes();
         let first = bytes.len() - count.div_ceil(8) as usize;
-        if count % 8 > 0 {
+        if !count.is_multiple_of(8) {
             bytes[first] |= ALTERNATING << (count % 8);
         }
         let stuffed = bytes[first..].iter().fold(0, |stuffed: u32, byte| {
@@ -126,7 +126,7 @@ struct Stuffed {
 
 impl Stuffed {
     /// Ten of these are in use.
-    const STATES: usize = 16;
+    const STATES: u8 = 16;
     const STATES_IN_USE: u8 = 10;
     /// One stuffed bit where both are one number.
     const ONE: u32 = Self::STATES as u32;
@@ -148,8 +148,8 @@ impl Stuffed {
     }
 
     /// What each byte does in each state, as one number.
-    const fn table() -> [[u8; Self::STATES]; 256] {
-        let mut table = [[0; Self::STATES]; 256];
+    const fn table() -> [[u8; Self::STATES as usize]; 256] {
+        let mut table = [[0; Self::STATES as usize]; 256];
         let mut state: u8 = 0;
         while state < Self::STATES_IN_USE {
             let mut byte: u16 = 0;
@@ -163,8 +163,7 @@ impl Stuffed {
                     stuffed.bits += next.bits;
                     stuffed.state = next.state;
                 }
-                table[byte as usize][state as usize] =
-                    stuffed.bits * Self::STATES as u8 + stuffed.state;
+                table[byte as usize][state as usize] = stuffed.bits * Self::STATES + stuffed.state;
                 byte += 1;
             }
             state += 1;
@@ -210,10 +209,15 @@ pub fn arbitration_key(frame: &CanFrame) -> u32 {
     }
 }
 
+/// More bits than a frame takes, disturbed or not.
+const FRAME_BITS_END: usize = 256;
+
 /// The wire: at most one frame at a time.
 #[derive(Debug)]
 pub struct BusModel {
     nanoseconds_per_bit: f64,
+    /// How long as many bits as frames have take, since each frame asks twice.
+    frame_times: [Nanoseconds; FRAME_BITS_END],
     free_at: Nanoseconds,
 }
 
@@ -222,8 +226,13 @@ impl BusModel {
     #[must_use]
     pub fn new(bitrate_kilobits_per_second: u32) -> Self {
         let nanoseconds_per_bit = 1e6 / f64::from(bitrate_kilobits_per_second);
+        let mut frame_times = [0; FRAME_BITS_END];
+        for (bits, time) in (0..).zip(&mut frame_times) {
+            *time = bit_time(bits, nanoseconds_per_bit);
+        }
         Self {
             nanoseconds_per_bit,
+            frame_times,
             free_at: 0,
         }
     }
@@ -258,15 +267,18 @@ impl BusModel {
     /// How long a number of bits takes.
     #[must_use]
     pub fn bit_time(&self, bits: u32) -> Nanoseconds {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a positive number of at most 200 000 bits x 1e6 ns, and rounded down on purpose"
-        )]
-        // The nearest whole number, without a call: a bit takes 1 ns or more, so the sum is exact where it matters.
-        let nearest = (f64::from(bits) * self.nanoseconds_per_bit + 0.5) as Nanoseconds;
-        nearest
+        let known = self.frame_times.get(bits as usize);
+        known.map_or_else(|| bit_time(bits, self.nanoseconds_per_bit), |time| *time)
     }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a positive number of at most 200 000 bits x 1e6 ns"
+)]
+fn bit_time(bits: u32, nanoseconds_per_bit: f64) -> Nanoseconds {
+    libm::round(f64::from(bits) * nanoseconds_per_bit) as Nanoseconds
 }
 
 #[cfg(test)]
