@@ -138,10 +138,15 @@ impl<P: Plant> Drive<P> {
         convection_factor: f64,
         added_load_kilograms: f64,
     ) {
+        let present = self.rig.inputs();
+        let acting = (present.convection_factor, present.added_load_kilograms);
+        if acting == (convection_factor, added_load_kilograms) {
+            return;
+        }
         let inputs = Inputs {
             convection_factor,
             added_load_kilograms,
-            ..*self.rig.inputs()
+            ..*present
         };
         self.act_on_plant(now, inputs);
     }
@@ -378,8 +383,11 @@ impl<P: Plant> Application for Drive<P> {
         let dictionary = services.dictionary();
         if let Some(controlword) = self.objects.waiting_controlword(dictionary, waiting) {
             let codes = self.codes(services);
+            let before = self.machine;
             self.machine.on_waiting_controlword(controlword, &codes);
-            self.settle(services);
+            if self.machine != before {
+                self.settle(services);
+            }
         }
     }
 

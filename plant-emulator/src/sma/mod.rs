@@ -6,12 +6,14 @@ mod phase;
 mod validity;
 mod wire;
 
-use heat::HeatBalance;
+use heat::{HeatBalance, Heating};
 pub use phase::Branch;
 use phase::Transformation;
 pub use validity::check;
-use wire::Mechanics;
 pub use wire::stress_pascals;
+use wire::{Load, Mechanics};
+
+use std::borrow::Borrow;
 
 use scenario::fault::plant::PlantFaults;
 
@@ -79,6 +81,14 @@ impl Inputs {
     }
 }
 
+/// What inputs come to in the equations.
+#[derive(Clone, Copy, Debug)]
+struct Acting {
+    heating: Heating,
+    load: Load,
+    condition: Condition,
+}
+
 /// What is integrated.
 #[derive(Clone, Copy, Debug)]
 struct State {
@@ -132,12 +142,34 @@ impl Actuator {
     /// Lets `duration_seconds` pass under constant inputs, in equal steps of the longest step or less, a small excess
     /// apart.
     pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
-        self.advance_varying(duration_seconds, |_| *inputs);
+        let acting = self.acting(inputs);
+        self.advance_under(duration_seconds, |_, _| &acting);
     }
 
     /// As [`Actuator::advance`], with inputs that are a continuous function of the seconds since the call; where they
     /// jump, the caller divides the time into two calls.
     pub fn advance_varying(&mut self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) {
+        self.advance_under(duration_seconds, |actuator, time| {
+            actuator.acting(&inputs(time))
+        });
+    }
+
+    fn acting(&self, inputs: &Inputs) -> Acting {
+        Acting {
+            heating: self
+                .heat
+                .heating(inputs.heating_amperes(), inputs.convection_factor),
+            load: self.mechanics.load(inputs.added_load_kilograms()),
+            condition: inputs.condition,
+        }
+    }
+
+    /// What acts may be the same all the time, or be worked out for each instant.
+    fn advance_under<A: Borrow<Acting>>(
+        &mut self,
+        duration_seconds: f64,
+        acting: impl Fn(&Self, f64) -> A,
+    ) {
         if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
             return;
         }
@@ -146,40 +178,44 @@ impl Actuator {
         let mut index = 0.0;
         while index < steps {
             let start = index * step_seconds;
-            self.step(step_seconds, |time| inputs(start + time));
+            self.step(step_seconds, |actuator, time| {
+                acting(actuator, start + time)
+            });
             index += 1.0;
         }
     }
 
     /// One step. The branch follows the sign of `dT/dt` at its start; where varying inputs change the sign inside,
     /// the step is divided there (PAPER E2). Constant inputs never do: Eq. (1) then goes to its equilibrium monotonically.
-    fn step(&mut self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) {
-        let rate_before = self.rate_kelvin_per_second(&self.state, &inputs(0.0));
+    fn step<A: Borrow<Acting>>(&mut self, duration_seconds: f64, acting: impl Fn(&Self, f64) -> A) {
+        let rate_before = self.rate_kelvin_per_second(&self.state, acting(self, 0.0).borrow());
         self.phase
             .follow(rate_before, self.state.temperature_celsius);
-        let end = self.integrated(duration_seconds, &inputs);
-        let rate_after = self.rate_kelvin_per_second(&end, &inputs(duration_seconds));
+        let end = self.integrated(duration_seconds, |time| acting(self, time));
+        let acting_after = acting(self, duration_seconds);
+        let rate_after = self.rate_kelvin_per_second(&end, acting_after.borrow());
         if rate_before * rate_after >= 0.0 {
             self.state = end;
             return;
         }
         let turn = duration_seconds * rate_before / (rate_before - rate_after);
-        self.state = self.integrated(turn, &inputs);
+        self.state = self.integrated(turn, |time| acting(self, time));
         self.phase
             .follow(rate_after, self.state.temperature_celsius);
-        self.state = self.integrated(duration_seconds - turn, |time| inputs(turn + time));
+        self.state = self.integrated(duration_seconds - turn, |time| acting(self, turn + time));
     }
 
-    fn rate_kelvin_per_second(&self, state: &State, inputs: &Inputs) -> f64 {
-        self.heat.rate_kelvin_per_second(
-            state.temperature_celsius,
-            inputs.heating_amperes(),
-            inputs.convection_factor,
-        )
+    fn rate_kelvin_per_second(&self, state: &State, acting: &Acting) -> f64 {
+        self.heat
+            .rate_kelvin_per_second(state.temperature_celsius, &acting.heating)
     }
 
     /// The state one step later on the present branch; an impact on the stop is inelastic (PAPER E6).
-    fn integrated(&self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) -> State {
+    fn integrated<A: Borrow<Acting>>(
+        &self,
+        duration_seconds: f64,
+        acting: impl Fn(f64) -> A,
+    ) -> State {
         let state = [
             self.state.temperature_celsius,
             self.state.position_metres,
@@ -187,10 +223,10 @@ impl Actuator {
         ];
         let [temperature_celsius, position, velocity] =
             runge_kutta_4(state, duration_seconds, |time, state| {
-                self.derivative(state, &inputs(time))
+                self.derivative(state, acting(time).borrow())
             });
         let is_beyond = position < 0.0;
-        let is_stopped = is_beyond || inputs(0.0).condition.is_pulley_jammed;
+        let is_stopped = is_beyond || acting(0.0).borrow().condition.is_pulley_jammed;
         State {
             temperature_celsius,
             position_metres: if is_beyond { 0.0 } else { position },
@@ -198,29 +234,27 @@ impl Actuator {
         }
     }
 
-    /// `(dT/dt, ẋ, ẍ)` from Eq. (1), (2) and (7), with the stop at `x = 0`.
+    /// `(dT/dt, ẋ, ẍ)` from Eq. (1), (2) and (7), with the stop at `x = 0`. A step asks four times in a row: without the
+    /// calls what comes out of one stays in registers for the next.
+    #[inline(always)]
     fn derivative(
         &self,
         &[temperature, position, velocity]: &[f64; 3],
-        inputs: &Inputs,
+        acting: &Acting,
     ) -> [f64; 3] {
-        let rate = self.heat.rate_kelvin_per_second(
-            temperature,
-            inputs.heating_amperes(),
-            inputs.convection_factor,
-        );
+        let rate = self
+            .heat
+            .rate_kelvin_per_second(temperature, &acting.heating);
         let fraction = self.phase.martensite_fraction(temperature);
-        let tension = if inputs.condition.is_wire_broken {
+        let tension = if acting.condition.is_wire_broken {
             0.0
         } else {
-            let strain_factor = inputs.condition.recoverable_strain_factor;
+            let strain_factor = acting.condition.recoverable_strain_factor;
             self.mechanics
                 .tension_newtons(fraction, position, strain_factor)
         };
-        let acceleration =
-            self.mechanics
-                .acceleration(tension, velocity, inputs.added_load_kilograms());
-        let is_jammed = inputs.condition.is_pulley_jammed;
+        let acceleration = self.mechanics.acceleration(tension, velocity, &acting.load);
+        let is_jammed = acting.condition.is_pulley_jammed;
         if is_jammed || wire::is_resting(position, velocity, acceleration) {
             [rate, 0.0, 0.0]
         } else {

@@ -32,6 +32,7 @@ impl Sigmoid {
     }
 
     /// `1 + exp(slope (T − centre))`.
+    #[inline]
     fn denominator(&self, temperature_celsius: f64) -> f64 {
         let exponent = self.slope * (temperature_celsius - self.centre_celsius);
         1.0 + libm::exp(exponent.clamp(-EXPONENT_MAX, EXPONENT_MAX))
@@ -74,6 +75,7 @@ impl Transformation {
     /// Heating: `ξ = ξm / (1 + exp(aA (T − bA)))`.
     /// Cooling, with the slope of Eq. (10) (PAPER E1): `ξ = (1 − ξA) / (1 + e) + ξA` with `e = exp(aM (T − bM))`,
     /// written as `1 − ξ = (1 − ξA) / (1 + 1/e)`, which loses no digits in the cold.
+    #[inline]
     pub(super) fn martensite_fraction(&self, temperature_celsius: f64) -> f64 {
         let fraction = match self.branch {
             Branch::Heating => self.amplitude / self.heating.denominator(temperature_celsius),
