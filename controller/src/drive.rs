@@ -148,24 +148,16 @@ pub struct Field {
 }
 
 impl Field {
-    /// `None` when the frame is too short.
+    /// From a PDO's 8 bytes as an integer. Shifting to the top drops what lies above the field, shifting down again what
+    /// lies below it.
     #[inline]
-    fn read(self, frame: &CanFrame) -> Option<i64> {
-        if frame.data().len() < self.end_byte() {
-            return None;
-        }
-        // Shifting to the top drops what lies above the field, shifting down again what lies below it.
-        let at_top = u64::from_le_bytes(frame.buffer()) << self.bits_above();
-        Some(if self.is_signed {
+    fn read(self, data: u64) -> i64 {
+        let at_top = data << self.bits_above();
+        if self.is_signed {
             at_top.cast_signed() >> self.unused_bits()
         } else {
             (at_top >> self.unused_bits()).cast_signed()
-        })
-    }
-
-    #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
-    fn read_number(self, frame: &CanFrame) -> Option<f64> {
-        self.read(frame).map(|raw| raw as f64)
+        }
     }
 
     /// A value where it lies in a PDO of 8 bytes, all else 0.
@@ -210,8 +202,13 @@ pub struct Scaled {
 }
 
 impl Scaled {
-    fn read(&self, frame: &CanFrame) -> Option<f64> {
-        Some((self.field.read_number(frame)? - self.offset) / self.units)
+    #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
+    fn steps_from_zero(&self, data: u64) -> f64 {
+        self.field.read(data) as f64 - self.offset
+    }
+
+    fn read(&self, data: u64) -> f64 {
+        self.steps_from_zero(data) / self.units
     }
 }
 
@@ -371,23 +368,21 @@ impl Drive {
         {
             return None;
         }
-        Some(Feedback {
-            statusword: u16::try_from(self.statusword.read(frame)?).ok()?,
-            position_metres: self.position_metres(frame)?,
-            current_amperes: self.current.and_then(|current| current.read(frame)),
-        })
-    }
-
-    fn position_metres(&self, frame: &CanFrame) -> Option<f64> {
+        let data = u64::from_le_bytes(frame.buffer());
         let metres_per_unit = METRES_PER_MILLIMETRE / self.position.units;
-        Some((self.position.field.read_number(frame)? - self.position.offset) * metres_per_unit)
+        Some(Feedback {
+            statusword: u16::try_from(self.statusword.read(data)).ok()?,
+            position_metres: self.position.steps_from_zero(data) * metres_per_unit,
+            current_amperes: self.current.map(|current| current.read(data)),
+        })
     }
 
     /// The commanded current in RPDO1; `None` for other frames and when it is too short.
     #[must_use]
     pub fn decode_target(&self, frame: &CanFrame) -> Option<f64> {
-        let is_command = frame.standard_id() == Some(self.command.id());
-        is_command.then(|| self.target.read(frame)).flatten()
+        let is_command = frame.standard_id() == Some(self.command.id())
+            && frame.data().len() >= self.target.field.end_byte();
+        is_command.then(|| self.target.read(u64::from_le_bytes(frame.buffer())))
     }
 
     /// RPDO1; the current is limited to what the drive may be given and its object can hold.

@@ -17,7 +17,7 @@ use std::borrow::Borrow;
 
 use scenario::fault::plant::PlantFaults;
 
-use crate::integrator::runge_kutta_4;
+use crate::integrator::runge_kutta_4_from;
 use crate::plant::{self, InvalidPlant, Plant, Signal};
 
 /// Longest integration step. The reference trajectories are met a hundredfold within their tolerance with it.
@@ -89,7 +89,7 @@ struct Acting {
     condition: Condition,
 }
 
-/// What is integrated.
+/// What is integrated, and what follows from it.
 #[derive(Clone, Copy, Debug)]
 struct State {
     /// `T`.
@@ -98,6 +98,8 @@ struct State {
     position_metres: f64,
     /// `ẋ`.
     velocity_metres_per_second: f64,
+    /// `ξ` at `T` on the present branch.
+    martensite_fraction: f64,
 }
 
 /// The actuator: wire, cooling element, pulley and load.
@@ -116,14 +118,17 @@ impl Actuator {
     #[must_use]
     pub fn new(plant: &scenario::plant::Plant) -> Self {
         let heat = HeatBalance::new(&plant.heat);
+        let phase = Transformation::new(&plant.phase);
+        let temperature_celsius = heat.equilibrium_celsius(0.0, 1.0);
         let state = State {
-            temperature_celsius: heat.equilibrium_celsius(0.0, 1.0),
+            temperature_celsius,
             position_metres: 0.0,
             velocity_metres_per_second: 0.0,
+            martensite_fraction: phase.martensite_fraction(temperature_celsius),
         };
         Self {
             heat,
-            phase: Transformation::new(&plant.phase),
+            phase,
             mechanics: Mechanics::new(&plant.mechanics),
             state,
             step_seconds_max: STEP_SECONDS_MAX,
@@ -189,8 +194,7 @@ impl Actuator {
     /// the step is divided there (PAPER E2). Constant inputs never do: Eq. (1) then goes to its equilibrium monotonically.
     fn step<A: Borrow<Acting>>(&mut self, duration_seconds: f64, acting: impl Fn(&Self, f64) -> A) {
         let rate_before = self.rate_kelvin_per_second(&self.state, acting(self, 0.0).borrow());
-        self.phase
-            .follow(rate_before, self.state.temperature_celsius);
+        self.follow(rate_before);
         let end = self.integrated(duration_seconds, |time| acting(self, time));
         let acting_after = acting(self, duration_seconds);
         let rate_after = self.rate_kelvin_per_second(&end, acting_after.borrow());
@@ -200,9 +204,16 @@ impl Actuator {
         }
         let turn = duration_seconds * rate_before / (rate_before - rate_after);
         self.state = self.integrated(turn, |time| acting(self, time));
-        self.phase
-            .follow(rate_after, self.state.temperature_celsius);
+        self.follow(rate_after);
         self.state = self.integrated(duration_seconds - turn, |time| acting(self, turn + time));
+    }
+
+    /// Follows the sign of `dT/dt`. The fraction is continuous in a turn, but for the last bits.
+    fn follow(&mut self, rate_kelvin_per_second: f64) {
+        let temperature = self.state.temperature_celsius;
+        if self.phase.follow(rate_kelvin_per_second, temperature) {
+            self.state.martensite_fraction = self.phase.martensite_fraction(temperature);
+        }
     }
 
     fn rate_kelvin_per_second(&self, state: &State, acting: &Acting) -> f64 {
@@ -221,9 +232,12 @@ impl Actuator {
             self.state.position_metres,
             self.state.velocity_metres_per_second,
         ];
+        let fraction = self.state.martensite_fraction;
+        let at_start = self.derivative(&state, fraction, acting(0.0).borrow());
         let [temperature_celsius, position, velocity] =
-            runge_kutta_4(state, duration_seconds, |time, state| {
-                self.derivative(state, acting(time).borrow())
+            runge_kutta_4_from(state, at_start, duration_seconds, |time, state| {
+                let fraction = self.phase.martensite_fraction(state[0]);
+                self.derivative(state, fraction, acting(time).borrow())
             });
         let is_beyond = position < 0.0;
         let is_stopped = is_beyond || acting(0.0).borrow().condition.is_pulley_jammed;
@@ -231,21 +245,21 @@ impl Actuator {
             temperature_celsius,
             position_metres: if is_beyond { 0.0 } else { position },
             velocity_metres_per_second: if is_stopped { 0.0 } else { velocity },
+            martensite_fraction: self.phase.martensite_fraction(temperature_celsius),
         }
     }
 
-    /// `(dT/dt, ẋ, ẍ)` from Eq. (1), (2) and (7), with the stop at `x = 0`. A step asks four times in a row: without the
-    /// calls what comes out of one stays in registers for the next.
-    #[inline(always)]
+    /// `(dT/dt, ẋ, ẍ)` from Eq. (1), (2) and (7), with the stop at `x = 0`.
+    #[inline]
     fn derivative(
         &self,
         &[temperature, position, velocity]: &[f64; 3],
+        fraction: f64,
         acting: &Acting,
     ) -> [f64; 3] {
         let rate = self
             .heat
             .rate_kelvin_per_second(temperature, &acting.heating);
-        let fraction = self.phase.martensite_fraction(temperature);
         let tension = if acting.condition.is_wire_broken {
             0.0
         } else {
@@ -271,8 +285,7 @@ impl Actuator {
     /// `ξ`, from 0 (austenite) to 1 (martensite).
     #[must_use]
     pub fn martensite_fraction(&self) -> f64 {
-        self.phase
-            .martensite_fraction(self.state.temperature_celsius)
+        self.state.martensite_fraction
     }
 
     /// `x`, height of the load above its stop.

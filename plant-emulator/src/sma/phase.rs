@@ -86,17 +86,17 @@ impl Transformation {
 
     /// Follows the sign of `dT/dt`; zero keeps the branch. On a turn at `(Tr, ξr)` the new branch goes through that
     /// point (PAPER E2): `ξm = ξr (1 + exp(aA (Tr − bA)))`, and `ξA = (ξr (1 + e) − 1) / e`, that is
-    /// `1 − ξA = (1 − ξr) (1 + 1/e)`.
-    pub(super) fn follow(&mut self, rate_kelvin_per_second: f64, temperature_celsius: f64) {
+    /// `1 − ξA = (1 − ξr) (1 + 1/e)`. True on a turn.
+    pub(super) fn follow(&mut self, rate_kelvin_per_second: f64, temperature_celsius: f64) -> bool {
         let branch = if rate_kelvin_per_second > 0.0 {
             Branch::Heating
         } else if rate_kelvin_per_second < 0.0 {
             Branch::Cooling
         } else {
-            return;
+            return false;
         };
         if branch == self.branch {
-            return;
+            return false;
         }
         let fraction = self.martensite_fraction(temperature_celsius);
         self.amplitude = match branch {
@@ -104,6 +104,7 @@ impl Transformation {
             Branch::Cooling => (1.0 - fraction) * self.cooling.denominator(temperature_celsius),
         };
         self.branch = branch;
+        true
     }
 }
 
