@@ -66,12 +66,7 @@ impl Pdo {
             .iter()
             .position(|entry| *entry == object.entry)?;
         let start_byte = bytes_of(&self.entries[..place]);
-        let is_inside = start_byte + object.length_bytes <= 8;
-        is_inside.then_some(Field {
-            start_byte,
-            length_bytes: object.length_bytes,
-            is_signed: object.is_signed,
-        })
+        Field::new(start_byte, object.length_bytes, object.is_signed)
     }
 
     /// The PDO with these objects: as the EDS maps it if they are all there, else with them alone.
@@ -145,40 +140,46 @@ pub struct Field {
     pub length_bytes: usize,
     /// Two's complement.
     pub is_signed: bool,
+    /// Bits above it in a PDO of 8 bytes.
+    bits_above: usize,
+    /// Bits of an integer of 8 bytes that it has not.
+    unused_bits: usize,
 }
 
 impl Field {
+    /// `None` where a PDO ends before it does.
+    fn new(start_byte: usize, length_bytes: usize, is_signed: bool) -> Option<Self> {
+        let bytes_above = 8_usize.checked_sub(start_byte + length_bytes)?;
+        Some(Self {
+            start_byte,
+            length_bytes,
+            is_signed,
+            bits_above: 8 * bytes_above,
+            unused_bits: 64 - 8 * length_bytes,
+        })
+    }
+
     /// From a PDO's 8 bytes as an integer. Shifting to the top drops what lies above the field, shifting down again what
     /// lies below it.
     #[inline]
     fn read(self, data: u64) -> i64 {
-        let at_top = data << self.bits_above();
+        let at_top = data << self.bits_above;
         if self.is_signed {
-            at_top.cast_signed() >> self.unused_bits()
+            at_top.cast_signed() >> self.unused_bits
         } else {
-            (at_top >> self.unused_bits()).cast_signed()
+            (at_top >> self.unused_bits).cast_signed()
         }
     }
 
     /// A value where it lies in a PDO of 8 bytes, all else 0.
     #[inline]
     fn placed(self, value: i64) -> u64 {
-        let at_top = value.cast_unsigned() << self.unused_bits();
-        at_top >> self.bits_above()
+        let at_top = value.cast_unsigned() << self.unused_bits;
+        at_top >> self.bits_above
     }
 
     fn end_byte(self) -> usize {
         self.start_byte + self.length_bytes
-    }
-
-    /// Bits of a PDO of 8 bytes above the field.
-    fn bits_above(self) -> usize {
-        64 - 8 * self.end_byte()
-    }
-
-    /// Bits of an integer of 8 bytes that the field has not.
-    fn unused_bits(self) -> usize {
-        64 - 8 * self.length_bytes
     }
 
     /// The largest value.

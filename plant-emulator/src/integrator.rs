@@ -22,9 +22,11 @@ pub fn runge_kutta_4_from<const N: usize>(
 ) -> [f64; N] {
     let half = 0.5 * duration_seconds;
     let mut slopes = [at_start; 4];
+    let mut slope = at_start;
     // One call that is done three times, not three calls: so the derivative is compiled into the loop.
-    for (stage, seconds) in [(1, half), (2, half), (3, duration_seconds)] {
-        slopes[stage] = derivative(seconds, &along(&state, seconds, &slopes[stage - 1]));
+    for (place, seconds) in slopes[1..].iter_mut().zip([half, half, duration_seconds]) {
+        slope = derivative(seconds, &along(&state, seconds, &slope));
+        *place = slope;
     }
     let [k1, k2, k3, k4] = slopes;
     let mean = std::array::from_fn(|i| (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]) / 6.0);
