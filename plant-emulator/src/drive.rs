@@ -279,6 +279,13 @@ impl<P: Plant> Drive<P> {
             .set_status(services.dictionary_mut(), statusword, mode);
     }
 
+    /// Settles after a PDO, which mostly leaves machine and mode as they were.
+    fn settle_after(&mut self, before: StateMachine, services: &mut Services) {
+        if self.machine != before || self.objects.is_mode_new(services.dictionary()) {
+            self.settle(services);
+        }
+    }
+
     /// A current that is not what is commanded, for some time, is a fault, over when it is again.
     fn supervise_current(&mut self, services: &mut Services) {
         let deviation = self.rig.inputs().current_amperes - self.commanded_amperes;
@@ -375,8 +382,9 @@ impl<P: Plant> Application for Drive<P> {
 
     fn on_rpdo(&mut self, services: &mut Services, _number: u16) {
         let controlword = self.objects.controlword(services.dictionary());
+        let before = self.machine;
         self.obey(controlword, services);
-        self.settle(services);
+        self.settle_after(before, services);
     }
 
     fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
@@ -385,9 +393,7 @@ impl<P: Plant> Application for Drive<P> {
             let codes = self.codes(services);
             let before = self.machine;
             self.machine.on_waiting_controlword(controlword, &codes);
-            if self.machine != before {
-                self.settle(services);
-            }
+            self.settle_after(before, services);
         }
     }
 

@@ -96,6 +96,11 @@ impl<P: Plant> Objects<P> {
         i8::from_le_bytes(bytes(dictionary, self.mode))
     }
 
+    /// True where 0x6061 does not show 0x6060 yet.
+    pub(super) fn is_mode_new(&self, dictionary: &ObjectDictionary) -> bool {
+        self.mode(dictionary) != i8::from_le_bytes(bytes(dictionary, self.mode_display))
+    }
+
     /// 0x6071 in permille of the rated torque.
     pub(super) fn target_torque_permille(&self, dictionary: &ObjectDictionary) -> i16 {
         i16::from_le_bytes(bytes(dictionary, self.target_torque))
