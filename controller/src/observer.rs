@@ -306,6 +306,75 @@ mod tests {
         assert!((truth.martensite_fraction - estimate.martensite_fraction).abs() < 1e-12);
     }
 
+    fn components(state: &ModelState) -> [f64; STATES] {
+        [
+            state.position_metres,
+            state.velocity_metres_per_second,
+            state.martensite_fraction,
+            state.temperature_celsius,
+            state.unknown_heating_kelvins_per_second,
+        ]
+    }
+
+    fn model_state([x, v, fraction, temperature, heating]: [f64; STATES]) -> ModelState {
+        ModelState {
+            position_metres: x,
+            velocity_metres_per_second: v,
+            martensite_fraction: fraction,
+            temperature_celsius: temperature,
+            unknown_heating_kelvins_per_second: heating,
+        }
+    }
+
+    #[test]
+    fn the_transition_is_the_derivative_of_a_step_of_the_model() {
+        let observer = Observer::new(&Config::default(), nominal());
+        let start = [0.02, 0.05, 0.6, 70.0, 0.5];
+        for squared_current in [0.0, 1.0] {
+            let step = |start| {
+                let state = model_state(start);
+                let end = observer
+                    .model
+                    .advance(&state, squared_current, PERIOD_SECONDS);
+                Vector::from(components(&end))
+            };
+            let warming = observer.model.warming(&model_state(start), squared_current);
+            let transition = observer.transition(&model_state(start), &warming, PERIOD_SECONDS);
+            for component in 0..STATES {
+                let mut direction = [0.0; STATES];
+                direction[component] = 1.0;
+                let mut beyond = start;
+                beyond[component] += 1e-6;
+                let found = Vector::from(transition.apply(direction));
+                let expected = (step(beyond) - step(start)) / 1e-6;
+                for (found, expected) in found.iter().zip(&expected) {
+                    // What is left is of the third order in the period.
+                    let error = (found - expected).abs();
+                    assert!(
+                        error < 5e-3 * expected.abs().max(1e-3),
+                        "{component} {found} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_covariance_is_carried_as_by_the_whole_matrix() {
+        let transition = Transition {
+            position: [1.1, 0.2, -0.3],
+            velocity: [-0.4, 0.9, 0.5, 0.1, 0.7],
+            fraction: [0.8, -0.2, 0.6],
+            temperature: [0.95, 0.3],
+        };
+        let columns = Matrix::identity().data.0;
+        let columns = columns.map(|column| Vector::from(transition.apply(column)));
+        let whole = Matrix::from_columns(&columns);
+        let covariance = Matrix::from_iterator((1..=25_u32).map(|number| f64::from(number % 7)));
+        let difference = transition.carry(&covariance) - whole * covariance * whole.transpose();
+        assert!(difference.amax() < 1e-13, "{difference}");
+    }
+
     #[test]
     fn temperature_and_fraction_follow_through_minor_loops() {
         let current = |time: f64| {
