@@ -5,6 +5,7 @@ use canopen::{CanFrame, ObjectDictionary, cia402, eds};
 use scenario::rig::{self, ObjectAddress};
 
 use crate::node::ControllerError;
+use crate::rounding::to_be_cut;
 
 const METRES_PER_MILLIMETRE: f64 = 1e-3;
 /// Rated current of the emulated drive (0x6075).
@@ -65,12 +66,7 @@ impl Pdo {
             .iter()
             .position(|entry| *entry == object.entry)?;
         let start_byte = bytes_of(&self.entries[..place]);
-        let is_inside = start_byte + object.length_bytes <= 8;
-        is_inside.then_some(Field {
-            start_byte,
-            length_bytes: object.length_bytes,
-            is_signed: object.is_signed,
-        })
+        Field::new(start_byte, object.length_bytes, object.is_signed)
     }
 
     /// The PDO with these objects: as the EDS maps it if they are all there, else with them alone.
@@ -144,30 +140,46 @@ pub struct Field {
     pub length_bytes: usize,
     /// Two's complement.
     pub is_signed: bool,
+    /// Bits above it in a PDO of 8 bytes.
+    bits_above: usize,
+    /// Bits of an integer of 8 bytes that it has not.
+    unused_bits: usize,
 }
 
 impl Field {
-    fn read(self, data: &[u8]) -> Option<i64> {
-        let bytes = data.get(self.start_byte..self.start_byte + self.length_bytes)?;
-        let mut buffer = [0; 8];
-        buffer[..self.length_bytes].copy_from_slice(bytes);
-        let unused = 64 - 8 * self.length_bytes;
-        let unsigned = i64::from_le_bytes(buffer);
-        Some(if self.is_signed {
-            unsigned << unused >> unused
-        } else {
-            unsigned
+    /// `None` where a PDO ends before it does.
+    fn new(start_byte: usize, length_bytes: usize, is_signed: bool) -> Option<Self> {
+        let bytes_above = 8_usize.checked_sub(start_byte + length_bytes)?;
+        Some(Self {
+            start_byte,
+            length_bytes,
+            is_signed,
+            bits_above: 8 * bytes_above,
+            unused_bits: 64 - 8 * length_bytes,
         })
     }
 
-    #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
-    fn read_number(self, data: &[u8]) -> Option<f64> {
-        self.read(data).map(|raw| raw as f64)
+    /// From a PDO's 8 bytes as an integer. Shifting to the top drops what lies above the field, shifting down again what
+    /// lies below it.
+    #[inline]
+    fn read(self, data: u64) -> i64 {
+        let at_top = data << self.bits_above;
+        if self.is_signed {
+            at_top.cast_signed() >> self.unused_bits
+        } else {
+            (at_top >> self.unused_bits).cast_signed()
+        }
     }
 
-    fn write(self, value: i64, data: &mut [u8]) {
-        let bytes = value.to_le_bytes();
-        data[self.start_byte..][..self.length_bytes].copy_from_slice(&bytes[..self.length_bytes]);
+    /// A value where it lies in a PDO of 8 bytes, all else 0.
+    #[inline]
+    fn placed(self, value: i64) -> u64 {
+        let at_top = value.cast_unsigned() << self.unused_bits;
+        at_top >> self.bits_above
+    }
+
+    fn end_byte(self) -> usize {
+        self.start_byte + self.length_bytes
     }
 
     /// The largest value.
@@ -191,8 +203,13 @@ pub struct Scaled {
 }
 
 impl Scaled {
-    fn read(&self, data: &[u8]) -> Option<f64> {
-        Some((self.field.read_number(data)? - self.offset) / self.units)
+    #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
+    fn steps_from_zero(&self, data: u64) -> f64 {
+        self.field.read(data) as f64 - self.offset
+    }
+
+    fn read(&self, data: u64) -> f64 {
+        self.steps_from_zero(data) / self.units
     }
 }
 
@@ -214,8 +231,8 @@ pub struct Drive {
     current: Option<Scaled>,
     controlword: Field,
     target: Scaled,
-    /// No command goes beyond it.
-    current_amperes_max: f64,
+    /// No command goes beyond it; whole units of the target.
+    target_max: f64,
 }
 
 impl Drive {
@@ -271,6 +288,12 @@ impl Drive {
         let current = current
             .map(|object| missing(&feedback, &object))
             .transpose()?;
+        let target = scaled(
+            missing(&command, &target)?,
+            rig.command.units_per_ampere,
+            0.0,
+        );
+        let units_max = libm::floor(current_amperes_max * target.units);
         Ok(Self {
             node_id,
             statusword: missing(&feedback, &statusword)?,
@@ -281,13 +304,9 @@ impl Drive {
             ),
             current: current.map(|field| scaled(field, rig.current.units_per_ampere, 0.0)),
             controlword: missing(&command, &controlword)?,
-            target: scaled(
-                missing(&command, &target)?,
-                rig.command.units_per_ampere,
-                0.0,
-            ),
+            target,
+            target_max: units_max.min(target.field.max()),
             mode_of_operation: rig.mode_of_operation,
-            current_amperes_max,
             dictionary,
             feedback,
             command,
@@ -345,36 +364,32 @@ impl Drive {
     /// The content of TPDO1; `None` for other frames and when it is too short.
     #[must_use]
     pub fn decode(&self, frame: &CanFrame) -> Option<Feedback> {
-        let data = frame.data();
         if frame.standard_id() != Some(self.feedback.id())
-            || data.len() < self.feedback.length_bytes()
+            || frame.data().len() < self.feedback.length_bytes()
         {
             return None;
         }
-        Some(Feedback {
-            statusword: u16::try_from(self.statusword.read(data)?).ok()?,
-            position_metres: self.position_metres(data)?,
-            current_amperes: self.current.and_then(|current| current.read(data)),
-        })
-    }
-
-    fn position_metres(&self, data: &[u8]) -> Option<f64> {
+        let data = u64::from_le_bytes(frame.buffer());
         let metres_per_unit = METRES_PER_MILLIMETRE / self.position.units;
-        Some((self.position.field.read_number(data)? - self.position.offset) * metres_per_unit)
+        Some(Feedback {
+            statusword: u16::try_from(self.statusword.read(data)).ok()?,
+            position_metres: self.position.steps_from_zero(data) * metres_per_unit,
+            current_amperes: self.current.map(|current| current.read(data)),
+        })
     }
 
     /// The commanded current in RPDO1; `None` for other frames and when it is too short.
     #[must_use]
     pub fn decode_target(&self, frame: &CanFrame) -> Option<f64> {
-        let is_command = frame.standard_id() == Some(self.command.id());
-        is_command.then(|| self.target.read(frame.data())).flatten()
+        let is_command = frame.standard_id() == Some(self.command.id())
+            && frame.data().len() >= self.target.field.end_byte();
+        is_command.then(|| self.target.read(u64::from_le_bytes(frame.buffer())))
     }
 
     /// RPDO1; the current is limited to what the drive may be given and its object can hold.
     #[must_use]
     pub fn encode(&self, controlword: u16, current_amperes: f64) -> CanFrame {
-        let units = libm::floor(self.current_amperes_max * self.target.units);
-        let max = units.min(self.target.field.max());
+        let max = self.target_max;
         let min = if self.target.field.is_signed {
             -max
         } else {
@@ -382,12 +397,11 @@ impl Drive {
         };
         #[expect(
             clippy::cast_possible_truncation,
-            reason = "limited to the object's range"
+            reason = "limited to the object's range, whose ends are whole"
         )]
-        let target = libm::round(current_amperes * self.target.units).clamp(min, max) as i64;
-        let mut data = [0; 8];
-        self.controlword.write(i64::from(controlword), &mut data);
-        self.target.field.write(target, &mut data);
+        let target = to_be_cut(current_amperes * self.target.units).clamp(min, max) as i64;
+        let controlword = self.controlword.placed(i64::from(controlword));
+        let data = (controlword | self.target.field.placed(target)).to_le_bytes();
         CanFrame::new(self.command.id(), &data[..self.command.length_bytes()])
     }
 }

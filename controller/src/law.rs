@@ -6,6 +6,8 @@ use dbc::LawTerm;
 use scenario::own::Parameters;
 use scenario::reference::SetPoint;
 
+use crate::rounding::to_be_cut;
+
 /// Largest current in A; commands lie between 0, or what a law's table says, and this.
 pub const CURRENT_AMPERES_MAX: f64 = 1.0;
 
@@ -236,7 +238,9 @@ pub fn limited_current(current_amperes: f64) -> f64 {
 pub fn limited_current_from(amperes_min: f64, current_amperes: f64) -> f64 {
     // `clamp` would keep a NaN.
     let limited = current_amperes.max(amperes_min).min(CURRENT_AMPERES_MAX);
-    libm::round(limited * 1000.0) / 1000.0
+    #[expect(clippy::cast_possible_truncation, reason = "cut on purpose")]
+    let thousandths = to_be_cut(limited * 1000.0) as i32;
+    f64::from(thousandths) / 1000.0
 }
 
 /// The current of a wanted `u = i²`, and which limit it met.

@@ -72,6 +72,15 @@ pub struct Slope {
     pub by_temperature: f64,
 }
 
+/// How fast the wire warms, and how the fraction follows on the branch that it takes.
+#[derive(Clone, Copy, Debug)]
+pub struct Warming {
+    /// `dT/dt`.
+    pub kelvins_per_second: f64,
+    /// `dξ/dT`.
+    pub slope: Slope,
+}
+
 /// A branch of Eq. (2) with the constants that Eq. (10) calls `ξ0` and `k`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BranchCurve {
@@ -81,6 +90,55 @@ pub struct BranchCurve {
     pub span: f64,
     /// `k`: 0 for heating, `ξA` for cooling.
     pub floor: f64,
+}
+
+/// The model at a state and an acceleration: what all jerks and currents there have in common.
+#[derive(Clone, Copy, Debug)]
+pub struct LocalModel<'a> {
+    model: &'a NominalModel,
+    state: &'a State,
+    /// The jerk of the motion alone, in m/s³.
+    mechanical_jerk: f64,
+    /// Derivative of the acceleration with respect to `ξ`.
+    acceleration_by_fraction: f64,
+    /// `dξ/dT` in 1/K on either branch.
+    heating_per_kelvin: f64,
+    cooling_per_kelvin: f64,
+}
+
+impl LocalModel<'_> {
+    /// Rate of the fraction in 1/s that gives a jerk in m/s³, Eq. (13) solved for `dξ/dt`.
+    #[must_use]
+    pub fn fraction_rate(&self, jerk: f64) -> f64 {
+        (jerk - self.mechanical_jerk) / self.acceleration_by_fraction.min(-AUTHORITY_MIN)
+    }
+
+    /// `u = i²` in A² that gives a jerk in m/s³: Eq. (13) and (10) solved for `u`, on the branch that the wanted `dξ/dt`
+    /// takes (PAPER E9).
+    #[must_use]
+    pub fn squared_current_for_jerk(&self, jerk: f64) -> f64 {
+        let fraction_rate = self.fraction_rate(jerk);
+        let per_kelvin = self.per_kelvin(NominalModel::branch(-fraction_rate));
+        self.model.squared_current(
+            self.state,
+            fraction_rate / per_kelvin.min(-SLOPE_PER_KELVIN_MIN),
+        )
+    }
+
+    /// Jerk in m/s³ at `u = i²` in A², Eq. (13).
+    #[must_use]
+    pub fn jerk(&self, squared_current: f64) -> f64 {
+        let rate = self.model.temperature_rate(self.state, squared_current);
+        let per_kelvin = self.per_kelvin(NominalModel::branch(rate));
+        self.mechanical_jerk + self.acceleration_by_fraction * per_kelvin * rate
+    }
+
+    fn per_kelvin(&self, branch: Branch) -> f64 {
+        match branch {
+            Branch::Heating => self.heating_per_kelvin,
+            Branch::Cooling => self.cooling_per_kelvin,
+        }
+    }
 }
 
 /// The model with its constants worked out.
@@ -100,6 +158,12 @@ pub struct NominalModel {
     inertia: f64,
     weight: f64,
     damping: f64,
+    /// Derivative of the heating rate with respect to temperature in 1/s, Eq. (1).
+    temperature_rate_by_temperature: f64,
+    /// Denominators and the constant one of the derivatives of Eq. (7).
+    acceleration_by_position_denominator: f64,
+    acceleration_by_velocity: f64,
+    acceleration_by_fraction_denominator: f64,
 }
 
 impl NominalModel {
@@ -113,9 +177,14 @@ impl NominalModel {
         let elongation = config.recoverable_strain * config.wire_length_metres;
         let radius = config.wire_diameter_metres / 2.0;
         let outer = config.outer_pulley_radius_metres;
+        let heat_capacity =
+            config.mass_kilograms_per_metre * config.specific_heat_joules_per_kilogram_kelvin;
+        let ratio = outer / config.inner_pulley_radius_metres;
+        let inertia =
+            config.pulley_inertia_kilogram_square_metres / (outer * outer) + config.load_kilograms;
+        let damping = config.damping_newton_seconds_per_metre;
         Self {
-            heat_capacity: config.mass_kilograms_per_metre
-                * config.specific_heat_joules_per_kilogram_kelvin,
+            heat_capacity,
             resistance: config.resistance_ohms_per_metre,
             loss,
             rest_temperature: (convection * config.ambient_celsius
@@ -132,11 +201,14 @@ impl NominalModel {
             austenite_stiffness: config.austenite_modulus_pascals * PI * radius * radius
                 / (config.wire_length_metres - elongation),
             elongation,
-            ratio: outer / config.inner_pulley_radius_metres,
-            inertia: config.pulley_inertia_kilogram_square_metres / (outer * outer)
-                + config.load_kilograms,
+            ratio,
+            inertia,
             weight: config.load_kilograms * GRAVITY,
-            damping: config.damping_newton_seconds_per_metre,
+            damping,
+            temperature_rate_by_temperature: -loss / heat_capacity,
+            acceleration_by_position_denominator: ratio * ratio * inertia,
+            acceleration_by_velocity: -damping / inertia,
+            acceleration_by_fraction_denominator: ratio * inertia,
         }
     }
 
@@ -158,6 +230,7 @@ impl NominalModel {
 
     /// Heating rate in K/s at `u = i²` in A², Eq. (1).
     #[must_use]
+    #[inline]
     pub fn temperature_rate(&self, state: &State, squared_current: f64) -> f64 {
         (self.resistance * squared_current
             - self.loss * (state.temperature_celsius - self.rest_temperature))
@@ -167,6 +240,7 @@ impl NominalModel {
 
     /// `u = i²` in A² that gives a heating rate, Eq. (1) solved for `i²`.
     #[must_use]
+    #[inline]
     pub fn squared_current(&self, state: &State, temperature_rate: f64) -> f64 {
         let unforced = self.temperature_rate(state, 0.0);
         (temperature_rate - unforced) * self.heat_capacity / self.resistance
@@ -174,12 +248,14 @@ impl NominalModel {
 
     /// Derivative of the heating rate with respect to temperature in 1/s, Eq. (1).
     #[must_use]
+    #[inline]
     pub fn temperature_rate_by_temperature(&self) -> f64 {
-        -self.loss / self.heat_capacity
+        self.temperature_rate_by_temperature
     }
 
     /// The branch that a heating rate takes.
     #[must_use]
+    #[inline]
     pub fn branch(temperature_rate: f64) -> Branch {
         if temperature_rate < 0.0 {
             Branch::Cooling
@@ -193,6 +269,7 @@ impl NominalModel {
     /// Heating: `ξ = ξm / (1 + E)` with `E = exp(aA (T − bA))` has `dξ/dT = −aA ξ E / (1 + E)`.
     /// Cooling: `ξ = (1 − ξA) / (1 + e) + ξA` with `e = exp(aM (T − bM))` has `dξ/dT = −aM (1 − ξ) / (1 + e)`.
     #[must_use]
+    #[inline]
     pub fn slope(&self, state: &State, branch: Branch) -> Slope {
         let fraction = state.martensite_fraction;
         let (a, _) = self.transformation(branch);
@@ -209,6 +286,17 @@ impl NominalModel {
                 by_fraction: a * martensite,
                 by_temperature: a * a * (1.0 - fraction) * austenite * martensite,
             },
+        }
+    }
+
+    /// How the wire warms at `u = i²` in A², Eq. (1) and (10).
+    #[must_use]
+    #[inline]
+    pub fn warming(&self, state: &State, squared_current: f64) -> Warming {
+        let kelvins_per_second = self.temperature_rate(state, squared_current);
+        Warming {
+            kelvins_per_second,
+            slope: self.slope(state, Self::branch(kelvins_per_second)),
         }
     }
 
@@ -257,12 +345,14 @@ impl NominalModel {
 
     /// Stiffness of the wire in N/m, Eq. (9).
     #[must_use]
+    #[inline]
     pub fn stiffness(&self, martensite_fraction: f64) -> f64 {
         self.austenite_stiffness * (1.0 - martensite_fraction)
     }
 
     /// Acceleration in m/s² without the stop, Eq. (7); a wire does not push (PAPER E6).
     #[must_use]
+    #[inline]
     pub fn acceleration(&self, state: &State) -> f64 {
         let stretch = self.elongation - state.position_metres / self.ratio;
         let tension = (self.stiffness(state.martensite_fraction) * stretch).max(0.0);
@@ -272,46 +362,31 @@ impl NominalModel {
 
     /// Derivatives of the acceleration with respect to position, velocity and fraction, Eq. (7).
     #[must_use]
+    #[inline]
     pub fn acceleration_gradient(&self, state: &State) -> (f64, f64, f64) {
         let stretch = (self.elongation - state.position_metres / self.ratio).max(0.0);
         let stiffness = self.stiffness(state.martensite_fraction);
         (
-            -stiffness / (self.ratio * self.ratio * self.inertia),
-            -self.damping / self.inertia,
-            -self.austenite_stiffness * stretch / (self.ratio * self.inertia),
+            -stiffness / self.acceleration_by_position_denominator,
+            self.acceleration_by_velocity,
+            -self.austenite_stiffness * stretch / self.acceleration_by_fraction_denominator,
         )
     }
 
-    /// Rate of the fraction in 1/s that gives a jerk in m/s³ at an acceleration in m/s², Eq. (13) solved for `dξ/dt`.
+    /// The model at a state with an acceleration in m/s².
     #[must_use]
-    pub fn fraction_rate(&self, state: &State, acceleration: f64, jerk: f64) -> f64 {
+    #[inline]
+    pub fn at<'a>(&'a self, state: &'a State, acceleration: f64) -> LocalModel<'a> {
         let (by_position, by_velocity, by_fraction) = self.acceleration_gradient(state);
-        let mechanical =
-            by_position * state.velocity_metres_per_second + by_velocity * acceleration;
-        (jerk - mechanical) / by_fraction.min(-AUTHORITY_MIN)
-    }
-
-    /// `u = i²` in A² that gives a jerk in m/s³ at an acceleration in m/s²: Eq. (13) and (10) solved for `u`, on the branch
-    /// that the wanted `dξ/dt` takes (PAPER E9).
-    #[must_use]
-    pub fn squared_current_for_jerk(&self, state: &State, acceleration: f64, jerk: f64) -> f64 {
-        let fraction_rate = self.fraction_rate(state, acceleration, jerk);
-        let slope = self.slope(state, Self::branch(-fraction_rate));
-        self.squared_current(
+        LocalModel {
+            model: self,
             state,
-            fraction_rate / slope.per_kelvin.min(-SLOPE_PER_KELVIN_MIN),
-        )
-    }
-
-    /// Jerk in m/s³ at `u = i²` in A², Eq. (13).
-    #[must_use]
-    pub fn jerk(&self, state: &State, acceleration: f64, squared_current: f64) -> f64 {
-        let (by_position, by_velocity, by_fraction) = self.acceleration_gradient(state);
-        let rate = self.temperature_rate(state, squared_current);
-        let slope = self.slope(state, Self::branch(rate)).per_kelvin;
-        by_position * state.velocity_metres_per_second
-            + by_velocity * acceleration
-            + by_fraction * slope * rate
+            mechanical_jerk: by_position * state.velocity_metres_per_second
+                + by_velocity * acceleration,
+            acceleration_by_fraction: by_fraction,
+            heating_per_kelvin: self.slope(state, Branch::Heating).per_kelvin,
+            cooling_per_kelvin: self.slope(state, Branch::Cooling).per_kelvin,
+        }
     }
 
     /// Fraction at which the wire just holds the load at rest, Eq. (12).
@@ -336,6 +411,7 @@ impl NominalModel {
 
     /// True where the load rests on the stop at `x = 0` and the wire cannot lift it (PAPER E6).
     #[must_use]
+    #[inline]
     pub fn rests_on_stop(&self, state: &State) -> bool {
         state.position_metres <= 0.0
             && state.velocity_metres_per_second <= 0.0
@@ -345,22 +421,45 @@ impl NominalModel {
     /// The state after a time at constant `u = i²` in A².
     #[must_use]
     pub fn advance(&self, state: &State, squared_current: f64, seconds: f64) -> State {
+        let warming = self.warming(state, squared_current);
+        self.advance_from(state, &warming, squared_current, seconds)
+    }
+
+    /// As [`NominalModel::advance`], for who knows how the wire warms in this state.
+    #[must_use]
+    pub fn advance_from(
+        &self,
+        state: &State,
+        warming: &Warming,
+        squared_current: f64,
+        seconds: f64,
+    ) -> State {
         let mut steps = 1;
         while steps < INTEGRATOR_STEPS_MAX && f64::from(steps) * INTEGRATOR_STEP_SECONDS < seconds {
             steps += 1;
         }
         let step = seconds / f64::from(steps);
-        (0..steps).fold(*state, |state, _| {
-            self.integrate(&state, squared_current, step)
+        let first = self.integrate(state, warming, squared_current, step);
+        (1..steps).fold(first, |state, _| {
+            let warming = self.warming(&state, squared_current);
+            self.integrate(&state, &warming, squared_current, step)
         })
     }
 
     /// One step of the classical Runge-Kutta method, then the inelastic stop (PAPER E6).
-    fn integrate(&self, state: &State, squared_current: f64, step: f64) -> State {
-        let k1 = self.rate(state, squared_current);
-        let k2 = self.rate(&moved(state, &k1, step / 2.0), squared_current);
-        let k3 = self.rate(&moved(state, &k2, step / 2.0), squared_current);
-        let k4 = self.rate(&moved(state, &k3, step), squared_current);
+    fn integrate(
+        &self,
+        state: &State,
+        warming: &Warming,
+        squared_current: f64,
+        step: f64,
+    ) -> State {
+        let after =
+            |rate: &Rate, seconds| self.rate_of(&moved(state, rate, seconds), squared_current);
+        let k1 = self.rate(state, warming);
+        let k2 = after(&k1, step / 2.0);
+        let k3 = after(&k2, step / 2.0);
+        let k4 = after(&k3, step);
         let mean = |f: fn(&Rate) -> f64| (f(&k1) + 2.0 * f(&k2) + 2.0 * f(&k3) + f(&k4)) / 6.0;
         let rate = Rate {
             position: mean(|k| k.position),
@@ -371,9 +470,15 @@ impl NominalModel {
         stopped(moved(state, &rate, step))
     }
 
-    fn rate(&self, state: &State, squared_current: f64) -> Rate {
-        let temperature = self.temperature_rate(state, squared_current);
-        let slope = self.slope(state, Self::branch(temperature));
+    // A step asks three times in a row; without the calls what comes out of one stays in registers for the next.
+    #[inline(always)]
+    fn rate_of(&self, state: &State, squared_current: f64) -> Rate {
+        self.rate(state, &self.warming(state, squared_current))
+    }
+
+    #[inline(always)]
+    fn rate(&self, state: &State, warming: &Warming) -> Rate {
+        let temperature = warming.kelvins_per_second;
         let resting = self.rests_on_stop(state);
         Rate {
             position: if resting {
@@ -386,7 +491,7 @@ impl NominalModel {
             } else {
                 self.acceleration(state)
             },
-            fraction: slope.per_kelvin * temperature,
+            fraction: warming.slope.per_kelvin * temperature,
             temperature,
         }
     }
@@ -491,10 +596,9 @@ mod tests {
     fn jerk_and_current_are_each_others_inverse() {
         let model = model();
         let state = warm();
-        let acceleration = model.acceleration(&state);
+        let local = model.at(&state, model.acceleration(&state));
         for squared_current in [0.0, 0.2, 0.5, 1.0] {
-            let jerk = model.jerk(&state, acceleration, squared_current);
-            let back = model.squared_current_for_jerk(&state, acceleration, jerk);
+            let back = local.squared_current_for_jerk(local.jerk(squared_current));
             assert!((back - squared_current).abs() < 1e-9, "{squared_current}");
         }
     }
@@ -505,7 +609,7 @@ mod tests {
         let before = warm();
         let after = model.advance(&before, 0.8, 1e-6);
         let difference = (model.acceleration(&after) - model.acceleration(&before)) / 1e-6;
-        let jerk = model.jerk(&before, model.acceleration(&before), 0.8);
+        let jerk = model.at(&before, model.acceleration(&before)).jerk(0.8);
         assert!(
             (jerk - difference).abs() < 1e-3 * jerk.abs(),
             "{jerk} {difference}"

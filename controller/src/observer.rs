@@ -3,10 +3,12 @@
 //! The filter predicts to the instant at which the command of this cycle acts, so the one cycle of delay is accounted
 //! for. On the stop the position says nothing about the fraction: there the model runs alone until the load lifts.
 
+use core::ops::{Add, Mul};
+
 use nalgebra::{SMatrix, SVector};
 use scenario::controller::Observer as Config;
 
-use crate::nominal_model::{Branch, NominalModel, State as ModelState};
+use crate::nominal_model::{Branch, NominalModel, State as ModelState, Warming};
 
 const STATES: usize = 5;
 const POSITION: usize = 0;
@@ -149,45 +151,105 @@ impl Observer {
     }
 
     fn predict(&self, state: &mut State, squared_current: f64, seconds: f64) {
-        let transition = self.transition(&state.model, squared_current, seconds);
-        state.model = self.model.advance(&state.model, squared_current, seconds);
-        state.covariance = transition * state.covariance * transition.transpose();
+        let warming = self.model.warming(&state.model, squared_current);
+        let transition = self.transition(&state.model, &warming, seconds);
+        state.model = self
+            .model
+            .advance_from(&state.model, &warming, squared_current, seconds);
+        state.covariance = transition.carry(&state.covariance);
         // On the stop nothing is learnt, so the doubt does not grow either.
         if !self.model.rests_on_stop(&state.model) {
-            let drift = self.drift.component_mul(&self.drift) * seconds;
-            state.covariance += Matrix::from_diagonal(&drift);
+            for component in 0..STATES {
+                let drift = self.drift[component];
+                state.covariance[(component, component)] += drift * drift * seconds;
+            }
         }
     }
 
-    /// Transition matrix to second order in time: the exponential of the model's Jacobian.
-    fn transition(&self, state: &ModelState, squared_current: f64, seconds: f64) -> Matrix {
-        let jacobian = self.jacobian(state, squared_current) * seconds;
-        let mut transition = Matrix::identity() + jacobian + jacobian * jacobian * 0.5;
+    /// Transition to second order in time: the exponential of the model's Jacobian, from Eq. (1), (7) and (10).
+    fn transition(&self, state: &ModelState, warming: &Warming, seconds: f64) -> Transition {
+        let (by_position, by_velocity, by_fraction) = self.model.acceleration_gradient(state);
+        let (rate, slope) = (warming.kelvins_per_second, &warming.slope);
+        let rate_by_temperature = self.model.temperature_rate_by_temperature();
+        let by_temperature = slope.by_temperature * rate + slope.per_kelvin * rate_by_temperature;
+        // The rows of the Jacobian times the period, where they are not 0: those of position and temperature have the
+        // period itself for the rate of the one and for the unknown heating of the other.
+        let [vx, vv, vf] = [by_position, by_velocity, by_fraction].map(|by| by * seconds);
+        let [ff, ft, fh] =
+            [slope.by_fraction * rate, by_temperature, slope.per_kelvin].map(|by| by * seconds);
+        let tt = rate_by_temperature * seconds;
+        let mut transition = Transition {
+            position: [
+                1.0 + 0.5 * (seconds * vx),
+                seconds + 0.5 * (seconds * vv),
+                0.5 * (seconds * vf),
+            ],
+            velocity: [
+                vx + 0.5 * (vv * vx),
+                1.0 + vv + 0.5 * (vx * seconds + vv * vv),
+                vf + 0.5 * (vv * vf + vf * ff),
+                0.5 * (vf * ft),
+                0.5 * (vf * fh),
+            ],
+            fraction: [
+                1.0 + ff + 0.5 * (ff * ff),
+                ft + 0.5 * (ff * ft + ft * tt),
+                fh + 0.5 * (ff * fh + ft * seconds),
+            ],
+            temperature: [1.0 + tt + 0.5 * (tt * tt), seconds + 0.5 * (tt * seconds)],
+        };
         if self.model.rests_on_stop(state) {
-            transition.fill_row(POSITION, 0.0);
-            transition.fill_row(VELOCITY, 0.0);
+            transition.position.fill(0.0);
+            transition.velocity.fill(0.0);
         }
         transition
     }
+}
 
-    /// Jacobian of the model, Eq. (1), (7) and (10).
-    fn jacobian(&self, state: &ModelState, squared_current: f64) -> Matrix {
-        let (by_position, by_velocity, by_fraction) = self.model.acceleration_gradient(state);
-        let rate = self.model.temperature_rate(state, squared_current);
-        let rate_by_temperature = self.model.temperature_rate_by_temperature();
-        let slope = self.model.slope(state, NominalModel::branch(rate));
-        let mut jacobian = Matrix::zeros();
-        jacobian[(POSITION, VELOCITY)] = 1.0;
-        jacobian[(VELOCITY, POSITION)] = by_position;
-        jacobian[(VELOCITY, VELOCITY)] = by_velocity;
-        jacobian[(VELOCITY, FRACTION)] = by_fraction;
-        jacobian[(FRACTION, FRACTION)] = slope.by_fraction * rate;
-        jacobian[(FRACTION, TEMPERATURE)] =
-            slope.by_temperature * rate + slope.per_kelvin * rate_by_temperature;
-        jacobian[(FRACTION, HEATING)] = slope.per_kelvin;
-        jacobian[(TEMPERATURE, TEMPERATURE)] = rate_by_temperature;
-        jacobian[(TEMPERATURE, HEATING)] = 1.0;
-        jacobian
+/// A transition matrix `Φ`: its rows from the diagonal on or, for the velocity, whole, as far as they are not 0. The
+/// unknown heating stays as it is.
+#[derive(Clone, Copy, Debug)]
+struct Transition {
+    position: [f64; 3],
+    velocity: [f64; 5],
+    fraction: [f64; 3],
+    temperature: [f64; 2],
+}
+
+impl Transition {
+    /// `Φ P Φᵀ` of a covariance `P`: first each column of `P` is carried, then the columns of the result are mixed alike.
+    fn carry(&self, covariance: &Matrix) -> Matrix {
+        let [a, b, c, d, e] = covariance.data.0;
+        let carried = |column| Vector::from(self.apply(column));
+        Matrix::from_columns(&self.apply([
+            carried(a),
+            carried(b),
+            carried(c),
+            carried(d),
+            carried(e),
+        ]))
+    }
+
+    /// `Φ` times a column of five numbers or of five vectors.
+    #[inline]
+    fn apply<T>(
+        &self,
+        [position, velocity, fraction, temperature, heating]: [T; STATES],
+    ) -> [T; STATES]
+    where
+        T: Copy + Mul<f64, Output = T> + Add<Output = T>,
+    {
+        let [xx, xv, xf] = self.position;
+        let [vx, vv, vf, vt, vh] = self.velocity;
+        let [ff, ft, fh] = self.fraction;
+        let [tt, th] = self.temperature;
+        [
+            position * xx + velocity * xv + fraction * xf,
+            position * vx + velocity * vv + fraction * vf + temperature * vt + heating * vh,
+            fraction * ff + temperature * ft + heating * fh,
+            temperature * tt + heating * th,
+            heating,
+        ]
     }
 }
 
@@ -242,6 +304,75 @@ mod tests {
         assert_eq!(truth.position_metres, 0.0);
         assert!((truth.temperature_celsius - estimate.temperature_celsius).abs() < 1e-9);
         assert!((truth.martensite_fraction - estimate.martensite_fraction).abs() < 1e-12);
+    }
+
+    fn components(state: &ModelState) -> [f64; STATES] {
+        [
+            state.position_metres,
+            state.velocity_metres_per_second,
+            state.martensite_fraction,
+            state.temperature_celsius,
+            state.unknown_heating_kelvins_per_second,
+        ]
+    }
+
+    fn model_state([x, v, fraction, temperature, heating]: [f64; STATES]) -> ModelState {
+        ModelState {
+            position_metres: x,
+            velocity_metres_per_second: v,
+            martensite_fraction: fraction,
+            temperature_celsius: temperature,
+            unknown_heating_kelvins_per_second: heating,
+        }
+    }
+
+    #[test]
+    fn the_transition_is_the_derivative_of_a_step_of_the_model() {
+        let observer = Observer::new(&Config::default(), nominal());
+        let start = [0.02, 0.05, 0.6, 70.0, 0.5];
+        for squared_current in [0.0, 1.0] {
+            let step = |start| {
+                let state = model_state(start);
+                let end = observer
+                    .model
+                    .advance(&state, squared_current, PERIOD_SECONDS);
+                Vector::from(components(&end))
+            };
+            let warming = observer.model.warming(&model_state(start), squared_current);
+            let transition = observer.transition(&model_state(start), &warming, PERIOD_SECONDS);
+            for component in 0..STATES {
+                let mut direction = [0.0; STATES];
+                direction[component] = 1.0;
+                let mut beyond = start;
+                beyond[component] += 1e-6;
+                let found = Vector::from(transition.apply(direction));
+                let expected = (step(beyond) - step(start)) / 1e-6;
+                for (found, expected) in found.iter().zip(&expected) {
+                    // What is left is of the third order in the period.
+                    let error = (found - expected).abs();
+                    assert!(
+                        error < 5e-3 * expected.abs().max(1e-3),
+                        "{component} {found} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_covariance_is_carried_as_by_the_whole_matrix() {
+        let transition = Transition {
+            position: [1.1, 0.2, -0.3],
+            velocity: [-0.4, 0.9, 0.5, 0.1, 0.7],
+            fraction: [0.8, -0.2, 0.6],
+            temperature: [0.95, 0.3],
+        };
+        let columns = Matrix::identity().data.0;
+        let columns = columns.map(|column| Vector::from(transition.apply(column)));
+        let whole = Matrix::from_columns(&columns);
+        let covariance = Matrix::from_iterator((1..=25_u32).map(|number| f64::from(number % 7)));
+        let difference = transition.carry(&covariance) - whole * covariance * whole.transpose();
+        assert!(difference.amax() < 1e-13, "{difference}");
     }
 
     #[test]

@@ -11,6 +11,9 @@ const MEMORY_SECONDS: f64 = 0.5;
 /// Shortest move that counts, in metres.
 const MOVE_METRES_MIN: f64 = 1e-6;
 
+/// By how much a cube must be greater than another for its root to be greater too, however both are rounded.
+const CERTAINTY: f64 = 1.0 + 1e-9;
+
 /// A point of a trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Point {
@@ -199,13 +202,24 @@ impl ReferenceFilter {
         let left = (target - state.point.position_metres).abs();
         let faded = state.move_metres * (1.0 - (seconds / MEMORY_SECONDS).min(1.0));
         state.move_metres = faded.max(left).max(MOVE_METRES_MIN);
-        let launch = libm::cbrt(self.launch_jerk_metres_per_second_cubed / state.move_metres);
         let share = left / state.move_metres;
         let rise = self.landing_ratio * self.landing_ratio - 1.0;
-        let poles = self.landing_ratio * launch / libm::sqrt(1.0 + rise * share * share);
+        let slowing = libm::sqrt(1.0 + rise * share * share);
+        let launch_cubed = self.launch_jerk_metres_per_second_cubed / state.move_metres;
         CriticallyDamped {
-            poles_radians_per_second: poles.min(self.poles_radians_per_second_max),
+            poles_radians_per_second: self.poles(launch_cubed, slowing),
         }
+    }
+
+    /// The poles within their limit, from the cube of those at the move's start.
+    fn poles(&self, launch_cubed: f64, slowing: f64) -> f64 {
+        let max = self.poles_radians_per_second_max;
+        let launch_max = max * slowing / self.landing_ratio;
+        // Near the target and in a hold the limit binds, and the root need not be drawn.
+        if launch_cubed > CERTAINTY * launch_max * launch_max * launch_max {
+            return max;
+        }
+        (self.landing_ratio * libm::cbrt(launch_cubed) / slowing).min(max)
     }
 }
 

@@ -4,7 +4,7 @@ use scenario::controller::SlidingMode as Config;
 use scenario::reference::SetPoint;
 
 use crate::law::{Command, ControlLaw, Explanation, Measurement, SQUARED_CURRENT_MAX, current_of};
-use crate::nominal_model::{NominalModel, State as ModelState};
+use crate::nominal_model::{LocalModel, NominalModel, State as ModelState};
 use crate::observer::{self, Observer};
 use crate::reference_filter::{self, JerkRange, Point, Reference, ReferenceFilter};
 
@@ -85,16 +85,13 @@ impl SlidingMode {
     /// Only the side towards the target binds, so that a load that cannot be braked does not drag the reference along.
     fn followable(
         &self,
-        estimate: &ModelState,
+        local: &LocalModel<'_>,
         position: &Point,
         reference: &Point,
         target: f64,
     ) -> JerkRange {
-        let model = &self.observer.model;
-        let acceleration = position.acceleration_metres_per_second_squared;
         let correction = self.surface.correction(position, reference);
-        let jerk_at =
-            |squared_current| model.jerk(estimate, acceleration, squared_current) - correction;
+        let jerk_at = |squared_current| local.jerk(squared_current) - correction;
         if target >= reference.position_metres {
             JerkRange {
                 max: jerk_at(SQUARED_CURRENT_MAX),
@@ -111,26 +108,22 @@ impl SlidingMode {
     /// The reference for this cycle; on the stop it waits until the load lifts.
     fn reference(
         &self,
-        state: &mut State,
+        reference: &mut reference_filter::State,
+        local: &LocalModel<'_>,
         position: &Point,
         set_point: &SetPoint,
         on_stop: bool,
         period_seconds: f64,
     ) -> Reference {
         let followable = if on_stop {
-            state.reference = reference_filter::State::default();
+            *reference = reference_filter::State::default();
             JerkRange::UNLIMITED
         } else {
-            let target = self.reference_filter.target(&state.reference, set_point);
-            self.followable(
-                &state.observer.model,
-                position,
-                &state.reference.point,
-                target,
-            )
+            let target = self.reference_filter.target(reference, set_point);
+            self.followable(local, position, &reference.point, target)
         };
         self.reference_filter
-            .step(&mut state.reference, set_point, &followable, period_seconds)
+            .step(reference, set_point, &followable, period_seconds)
     }
 }
 
@@ -183,22 +176,28 @@ impl ControlLaw for SlidingMode {
         let estimate = state.observer.model;
         let position = point_of(model, &estimate);
         let on_stop = model.rests_on_stop(&estimate);
-        let reference = self.reference(state, &position, set_point, on_stop, period_seconds);
+        let local = model.at(&estimate, position.acceleration_metres_per_second_squared);
+        let reference = self.reference(
+            &mut state.reference,
+            &local,
+            &position,
+            set_point,
+            on_stop,
+            period_seconds,
+        );
         let wanted = self.surface.wanted_jerk(&position, &reference);
-        let acceleration = position.acceleration_metres_per_second_squared;
-        let part = |jerk| model.squared_current_for_jerk(&estimate, acceleration, jerk);
         // A load that shall stay on the stop needs no current.
         let idle = on_stop && set_point.position_metres <= 0.0;
         let squared_current = if idle {
             0.0
         } else {
-            part(wanted.equivalent + wanted.switching)
+            local.squared_current_for_jerk(wanted.equivalent + wanted.switching)
         };
         let mut command = command(
             &estimate,
             &reference,
             &wanted,
-            part(wanted.equivalent),
+            local.squared_current_for_jerk(wanted.equivalent),
             squared_current,
         );
         command.explanation.saturation.on_stop = on_stop;

@@ -104,20 +104,17 @@ impl ControlLaw for SlidingModePaper {
         );
         let wanted = self.surface.wanted_jerk(&state.filtered, &reference);
         let jerk = wanted.equivalent + wanted.switching;
-        let branch = NominalModel::branch(-self.model.fraction_rate(&estimate, acceleration, jerk));
+        let local = self.model.at(&estimate, acceleration);
+        let branch = NominalModel::branch(-local.fraction_rate(jerk));
         if branch != state.curve.branch {
             state.curve = self.model.curve_through(&estimate, branch);
         }
-        let part = |jerk| {
-            self.model
-                .squared_current_for_jerk(&estimate, acceleration, jerk)
-        };
         command(
             &estimate,
             &reference,
             &wanted,
-            part(wanted.equivalent),
-            part(jerk),
+            local.squared_current_for_jerk(wanted.equivalent),
+            local.squared_current_for_jerk(jerk),
         )
     }
 }

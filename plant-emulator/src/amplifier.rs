@@ -2,6 +2,8 @@
 
 use scenario::plant;
 
+use crate::objects::rounded_i16;
+
 /// Largest resolution of the digital-to-analogue converter.
 pub const RESOLUTION_BITS_MAX: u32 = 24;
 
@@ -54,13 +56,7 @@ impl Amplifier {
     /// A current in permille of the rated current, as 0x6078 reports it.
     #[must_use]
     pub fn permille(&self, current_amperes: f64) -> i16 {
-        let permille = libm::round(current_amperes / self.rated_amperes * 1e3);
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "clamped to the range of the type; the cast makes 0 of NaN"
-        )]
-        let permille = permille.clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16;
-        permille
+        rounded_i16(current_amperes / self.rated_amperes * 1e3)
     }
 }
 

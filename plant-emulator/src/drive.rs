@@ -138,10 +138,15 @@ impl<P: Plant> Drive<P> {
         convection_factor: f64,
         added_load_kilograms: f64,
     ) {
+        let present = self.rig.inputs();
+        let acting = (present.convection_factor, present.added_load_kilograms);
+        if acting == (convection_factor, added_load_kilograms) {
+            return;
+        }
         let inputs = Inputs {
             convection_factor,
             added_load_kilograms,
-            ..*self.rig.inputs()
+            ..*present
         };
         self.act_on_plant(now, inputs);
     }
@@ -274,6 +279,13 @@ impl<P: Plant> Drive<P> {
             .set_status(services.dictionary_mut(), statusword, mode);
     }
 
+    /// Settles after a PDO, which mostly leaves machine and mode as they were.
+    fn settle_after(&mut self, before: StateMachine, services: &mut Services) {
+        if self.machine != before || self.objects.is_mode_new(services.dictionary()) {
+            self.settle(services);
+        }
+    }
+
     /// A current that is not what is commanded, for some time, is a fault, over when it is again.
     fn supervise_current(&mut self, services: &mut Services) {
         let deviation = self.rig.inputs().current_amperes - self.commanded_amperes;
@@ -370,16 +382,18 @@ impl<P: Plant> Application for Drive<P> {
 
     fn on_rpdo(&mut self, services: &mut Services, _number: u16) {
         let controlword = self.objects.controlword(services.dictionary());
+        let before = self.machine;
         self.obey(controlword, services);
-        self.settle(services);
+        self.settle_after(before, services);
     }
 
     fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
         let dictionary = services.dictionary();
         if let Some(controlword) = self.objects.waiting_controlword(dictionary, waiting) {
             let codes = self.codes(services);
+            let before = self.machine;
             self.machine.on_waiting_controlword(controlword, &codes);
-            self.settle(services);
+            self.settle_after(before, services);
         }
     }
 

@@ -7,11 +7,28 @@ pub fn runge_kutta_4<const N: usize>(
     duration_seconds: f64,
     derivative: impl Fn(f64, &[f64; N]) -> [f64; N],
 ) -> [f64; N] {
+    let at_start = derivative(0.0, &state);
+    runge_kutta_4_from(state, at_start, duration_seconds, derivative)
+}
+
+/// As [`runge_kutta_4`], where the derivative at the start is known.
+#[must_use]
+#[inline]
+pub fn runge_kutta_4_from<const N: usize>(
+    state: [f64; N],
+    at_start: [f64; N],
+    duration_seconds: f64,
+    derivative: impl Fn(f64, &[f64; N]) -> [f64; N],
+) -> [f64; N] {
     let half = 0.5 * duration_seconds;
-    let k1 = derivative(0.0, &state);
-    let k2 = derivative(half, &along(&state, half, &k1));
-    let k3 = derivative(half, &along(&state, half, &k2));
-    let k4 = derivative(duration_seconds, &along(&state, duration_seconds, &k3));
+    let mut slopes = [at_start; 4];
+    let mut slope = at_start;
+    // One call that is done three times, not three calls: so the derivative is compiled into the loop.
+    for (place, seconds) in slopes[1..].iter_mut().zip([half, half, duration_seconds]) {
+        slope = derivative(seconds, &along(&state, seconds, &slope));
+        *place = slope;
+    }
+    let [k1, k2, k3, k4] = slopes;
     let mean = std::array::from_fn(|i| (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]) / 6.0);
     along(&state, duration_seconds, &mean)
 }

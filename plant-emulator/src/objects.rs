@@ -45,34 +45,46 @@ pub(crate) fn integer16(dictionary: &ObjectDictionary, handle: Handle) -> i16 {
     i16::try_from(value.clamp(*limits.start(), *limits.end())).unwrap_or_default()
 }
 
+/// The largest number below a half: a half itself would take the number below it over the edge.
+const HALF: f64 = 0.5 - f64::EPSILON / 4.0;
+
+/// What a cast to an integer, which cuts, makes the nearest one as `libm::round` has it: halves go away from zero.
+#[inline]
+pub(crate) fn to_be_cut(value: f64) -> f64 {
+    value + HALF.copysign(value)
+}
+
 /// A number rounded to the nearest integer, saturated; 0 for NaN.
+#[inline]
 pub(crate) fn rounded_i32(value: f64) -> i32 {
     #[expect(
         clippy::cast_possible_truncation,
         reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
     )]
-    let rounded = libm::round(value) as i32;
+    let rounded = to_be_cut(value) as i32;
     rounded
 }
 
 /// As [`rounded_i32`], for 16 bits with sign.
+#[inline]
 pub(crate) fn rounded_i16(value: f64) -> i16 {
     #[expect(
         clippy::cast_possible_truncation,
         reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
     )]
-    let rounded = libm::round(value) as i16;
+    let rounded = to_be_cut(value) as i16;
     rounded
 }
 
 /// As [`rounded_i32`], for 16 bits without sign.
+#[inline]
 pub(crate) fn rounded_u16(value: f64) -> u16 {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
     )]
-    let rounded = libm::round(value) as u16;
+    let rounded = to_be_cut(value) as u16;
     rounded
 }
 

@@ -29,9 +29,11 @@ impl<P: Plant> Rig<P> {
     /// Brings the plant to `now`, under the inputs that have acted so far, and tells how much time that was.
     pub(crate) fn advance_to(&mut self, now: Duration) -> Duration {
         let elapsed = now.saturating_sub(self.time);
-        self.plant
-            .step(elapsed.min(CATCH_UP_MAX).as_secs_f64(), &self.inputs);
-        self.time = self.time.max(now);
+        if !elapsed.is_zero() {
+            self.plant
+                .step(elapsed.min(CATCH_UP_MAX).as_secs_f64(), &self.inputs);
+            self.time = now;
+        }
         elapsed
     }
 

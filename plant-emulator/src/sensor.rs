@@ -3,6 +3,8 @@
 use faults::Stream;
 use scenario::plant;
 
+use crate::objects::to_be_cut;
+
 /// Largest resolution that the converter emulates.
 pub const RESOLUTION_BITS_MAX: u32 = 24;
 
@@ -56,7 +58,7 @@ impl PositionSensor {
         if self.noise_metres_rms > 0.0 {
             position += self.noise_metres_rms * self.stream.normal();
         }
-        let counts = libm::round(position / self.count_metres);
+        let counts = to_be_cut(position / self.count_metres);
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,

@@ -93,15 +93,17 @@ impl<P: Plant> Objects<P> {
 
     /// 0x6060.
     pub(super) fn mode(&self, dictionary: &ObjectDictionary) -> i8 {
-        let [mode] = *dictionary.entry(self.mode).value() else {
-            return 0;
-        };
-        mode.cast_signed()
+        i8::from_le_bytes(bytes(dictionary, self.mode))
+    }
+
+    /// True where 0x6061 does not show 0x6060 yet.
+    pub(super) fn is_mode_new(&self, dictionary: &ObjectDictionary) -> bool {
+        self.mode(dictionary) != i8::from_le_bytes(bytes(dictionary, self.mode_display))
     }
 
     /// 0x6071 in permille of the rated torque.
     pub(super) fn target_torque_permille(&self, dictionary: &ObjectDictionary) -> i16 {
-        objects::integer16(dictionary, self.target_torque)
+        i16::from_le_bytes(bytes(dictionary, self.target_torque))
     }
 
     /// 0x6072 and 0x6073 in permille of the rated values.
@@ -249,9 +251,16 @@ fn raw<P>(signal: &Signal<P>, plant: &P) -> [u8; 2] {
 }
 
 fn unsigned16(dictionary: &ObjectDictionary, handle: Handle) -> u16 {
-    u16::try_from(dictionary.entry(handle).as_integer()).unwrap_or_default()
+    u16::from_le_bytes(bytes(dictionary, handle))
 }
 
 fn unsigned32(dictionary: &ObjectDictionary, handle: Handle) -> f64 {
-    f64::from(u32::try_from(dictionary.entry(handle).as_integer()).unwrap_or_default())
+    f64::from(u32::from_le_bytes(bytes(dictionary, handle)))
+}
+
+/// A value, whose width is that of the object's type, as [`objects::find`] has made sure.
+#[inline]
+fn bytes<const N: usize>(dictionary: &ObjectDictionary, handle: Handle) -> [u8; N] {
+    let value = dictionary.entry(handle).value();
+    <[u8; N]>::try_from(value).unwrap_or([0; N])
 }

@@ -19,6 +19,15 @@ pub(super) struct HeatBalance {
     cooling_element_celsius: f64,
 }
 
+/// What acts on the wire's heat, per metre of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Heating {
+    /// `i² R`, W/m.
+    joule: f64,
+    /// `h A` with the fan, W/(m K).
+    convection: f64,
+}
+
 impl HeatBalance {
     pub(super) fn new(config: &plant::Heat) -> Self {
         Self {
@@ -34,18 +43,25 @@ impl HeatBalance {
         }
     }
 
-    /// `dT/dt` in K/s, Eq. (1): `m cp dT/dt = i² R − h A (T − Tamb) − C (T − Tp)`, a fan multiplying `h`.
+    /// What a current and a fan, which multiplies `h`, do to the heat.
+    #[inline]
+    pub(super) fn heating(&self, current_amperes: f64, convection_factor: f64) -> Heating {
+        Heating {
+            joule: current_amperes * current_amperes * self.resistance,
+            convection: convection_factor * self.convection,
+        }
+    }
+
+    /// `dT/dt` in K/s, Eq. (1): `m cp dT/dt = i² R − h A (T − Tamb) − C (T − Tp)`.
+    #[inline]
     pub(super) fn rate_kelvin_per_second(
         &self,
         temperature_celsius: f64,
-        current_amperes: f64,
-        convection_factor: f64,
+        heating: &Heating,
     ) -> f64 {
-        let joule = current_amperes * current_amperes * self.resistance;
-        let convection =
-            convection_factor * self.convection * (temperature_celsius - self.ambient_celsius);
+        let convection = heating.convection * (temperature_celsius - self.ambient_celsius);
         let conduction = self.conduction * (temperature_celsius - self.cooling_element_celsius);
-        self.inverse_heat_capacity * (joule - convection - conduction)
+        self.inverse_heat_capacity * (heating.joule - convection - conduction)
     }
 
     /// Inverse of the time constant of Eq. (1): `(h A + C) / (m cp)`.
@@ -74,13 +90,16 @@ mod tests {
         assert!((cold - 15.084_735_31).abs() < 1e-8, "{cold}");
         let hot = heat.equilibrium_celsius(1.0, 1.0);
         assert!((hot - 138.44).abs() < 0.01, "{hot}");
-        assert!(heat.rate_kelvin_per_second(hot, 1.0, 1.0).abs() < 1e-11);
+        let rate = heat.rate_kelvin_per_second(hot, &heat.heating(1.0, 1.0));
+        assert!(rate.abs() < 1e-11);
     }
 
     #[test]
     fn a_fan_cools_a_hot_wire_faster_and_warms_a_cold_one() {
         let heat = HeatBalance::new(&plant::Heat::default());
-        let rate = |temperature, factor| heat.rate_kelvin_per_second(temperature, 0.0, factor);
+        let rate = |temperature, factor| {
+            heat.rate_kelvin_per_second(temperature, &heat.heating(0.0, factor))
+        };
         assert!(rate(80.0, 5.0) < rate(80.0, 1.0));
         assert!(rate(10.0, 5.0) > rate(10.0, 1.0));
     }

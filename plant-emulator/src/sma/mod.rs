@@ -6,16 +6,18 @@ mod phase;
 mod validity;
 mod wire;
 
-use heat::HeatBalance;
+use heat::{HeatBalance, Heating};
 pub use phase::Branch;
 use phase::Transformation;
 pub use validity::check;
-use wire::Mechanics;
 pub use wire::stress_pascals;
+use wire::{Load, Mechanics};
+
+use std::borrow::Borrow;
 
 use scenario::fault::plant::PlantFaults;
 
-use crate::integrator::runge_kutta_4;
+use crate::integrator::runge_kutta_4_from;
 use crate::plant::{self, InvalidPlant, Plant, Signal};
 
 /// Longest integration step. The reference trajectories are met a hundredfold within their tolerance with it.
@@ -79,7 +81,15 @@ impl Inputs {
     }
 }
 
-/// What is integrated.
+/// What inputs come to in the equations.
+#[derive(Clone, Copy, Debug)]
+struct Acting {
+    heating: Heating,
+    load: Load,
+    condition: Condition,
+}
+
+/// What is integrated, and what follows from it.
 #[derive(Clone, Copy, Debug)]
 struct State {
     /// `T`.
@@ -88,6 +98,8 @@ struct State {
     position_metres: f64,
     /// `ẋ`.
     velocity_metres_per_second: f64,
+    /// `ξ` at `T` on the present branch.
+    martensite_fraction: f64,
 }
 
 /// The actuator: wire, cooling element, pulley and load.
@@ -106,14 +118,17 @@ impl Actuator {
     #[must_use]
     pub fn new(plant: &scenario::plant::Plant) -> Self {
         let heat = HeatBalance::new(&plant.heat);
+        let phase = Transformation::new(&plant.phase);
+        let temperature_celsius = heat.equilibrium_celsius(0.0, 1.0);
         let state = State {
-            temperature_celsius: heat.equilibrium_celsius(0.0, 1.0),
+            temperature_celsius,
             position_metres: 0.0,
             velocity_metres_per_second: 0.0,
+            martensite_fraction: phase.martensite_fraction(temperature_celsius),
         };
         Self {
             heat,
-            phase: Transformation::new(&plant.phase),
+            phase,
             mechanics: Mechanics::new(&plant.mechanics),
             state,
             step_seconds_max: STEP_SECONDS_MAX,
@@ -132,12 +147,34 @@ impl Actuator {
     /// Lets `duration_seconds` pass under constant inputs, in equal steps of the longest step or less, a small excess
     /// apart.
     pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
-        self.advance_varying(duration_seconds, |_| *inputs);
+        let acting = self.acting(inputs);
+        self.advance_under(duration_seconds, |_, _| &acting);
     }
 
     /// As [`Actuator::advance`], with inputs that are a continuous function of the seconds since the call; where they
     /// jump, the caller divides the time into two calls.
     pub fn advance_varying(&mut self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) {
+        self.advance_under(duration_seconds, |actuator, time| {
+            actuator.acting(&inputs(time))
+        });
+    }
+
+    fn acting(&self, inputs: &Inputs) -> Acting {
+        Acting {
+            heating: self
+                .heat
+                .heating(inputs.heating_amperes(), inputs.convection_factor),
+            load: self.mechanics.load(inputs.added_load_kilograms()),
+            condition: inputs.condition,
+        }
+    }
+
+    /// What acts may be the same all the time, or be worked out for each instant.
+    fn advance_under<A: Borrow<Acting>>(
+        &mut self,
+        duration_seconds: f64,
+        acting: impl Fn(&Self, f64) -> A,
+    ) {
         if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
             return;
         }
@@ -146,81 +183,92 @@ impl Actuator {
         let mut index = 0.0;
         while index < steps {
             let start = index * step_seconds;
-            self.step(step_seconds, |time| inputs(start + time));
+            self.step(step_seconds, |actuator, time| {
+                acting(actuator, start + time)
+            });
             index += 1.0;
         }
     }
 
     /// One step. The branch follows the sign of `dT/dt` at its start; where varying inputs change the sign inside,
     /// the step is divided there (PAPER E2). Constant inputs never do: Eq. (1) then goes to its equilibrium monotonically.
-    fn step(&mut self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) {
-        let rate_before = self.rate_kelvin_per_second(&self.state, &inputs(0.0));
-        self.phase
-            .follow(rate_before, self.state.temperature_celsius);
-        let end = self.integrated(duration_seconds, &inputs);
-        let rate_after = self.rate_kelvin_per_second(&end, &inputs(duration_seconds));
+    fn step<A: Borrow<Acting>>(&mut self, duration_seconds: f64, acting: impl Fn(&Self, f64) -> A) {
+        let rate_before = self.rate_kelvin_per_second(&self.state, acting(self, 0.0).borrow());
+        self.follow(rate_before);
+        let end = self.integrated(duration_seconds, |time| acting(self, time));
+        let acting_after = acting(self, duration_seconds);
+        let rate_after = self.rate_kelvin_per_second(&end, acting_after.borrow());
         if rate_before * rate_after >= 0.0 {
             self.state = end;
             return;
         }
         let turn = duration_seconds * rate_before / (rate_before - rate_after);
-        self.state = self.integrated(turn, &inputs);
-        self.phase
-            .follow(rate_after, self.state.temperature_celsius);
-        self.state = self.integrated(duration_seconds - turn, |time| inputs(turn + time));
+        self.state = self.integrated(turn, |time| acting(self, time));
+        self.follow(rate_after);
+        self.state = self.integrated(duration_seconds - turn, |time| acting(self, turn + time));
     }
 
-    fn rate_kelvin_per_second(&self, state: &State, inputs: &Inputs) -> f64 {
-        self.heat.rate_kelvin_per_second(
-            state.temperature_celsius,
-            inputs.heating_amperes(),
-            inputs.convection_factor,
-        )
+    /// Follows the sign of `dT/dt`. The fraction is continuous in a turn, but for the last bits.
+    fn follow(&mut self, rate_kelvin_per_second: f64) {
+        let temperature = self.state.temperature_celsius;
+        if self.phase.follow(rate_kelvin_per_second, temperature) {
+            self.state.martensite_fraction = self.phase.martensite_fraction(temperature);
+        }
+    }
+
+    fn rate_kelvin_per_second(&self, state: &State, acting: &Acting) -> f64 {
+        self.heat
+            .rate_kelvin_per_second(state.temperature_celsius, &acting.heating)
     }
 
     /// The state one step later on the present branch; an impact on the stop is inelastic (PAPER E6).
-    fn integrated(&self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) -> State {
+    fn integrated<A: Borrow<Acting>>(
+        &self,
+        duration_seconds: f64,
+        acting: impl Fn(f64) -> A,
+    ) -> State {
         let state = [
             self.state.temperature_celsius,
             self.state.position_metres,
             self.state.velocity_metres_per_second,
         ];
+        let fraction = self.state.martensite_fraction;
+        let at_start = self.derivative(&state, fraction, acting(0.0).borrow());
         let [temperature_celsius, position, velocity] =
-            runge_kutta_4(state, duration_seconds, |time, state| {
-                self.derivative(state, &inputs(time))
+            runge_kutta_4_from(state, at_start, duration_seconds, |time, state| {
+                let fraction = self.phase.martensite_fraction(state[0]);
+                self.derivative(state, fraction, acting(time).borrow())
             });
         let is_beyond = position < 0.0;
-        let is_stopped = is_beyond || inputs(0.0).condition.is_pulley_jammed;
+        let is_stopped = is_beyond || acting(0.0).borrow().condition.is_pulley_jammed;
         State {
             temperature_celsius,
             position_metres: if is_beyond { 0.0 } else { position },
             velocity_metres_per_second: if is_stopped { 0.0 } else { velocity },
+            martensite_fraction: self.phase.martensite_fraction(temperature_celsius),
         }
     }
 
     /// `(dT/dt, ẋ, ẍ)` from Eq. (1), (2) and (7), with the stop at `x = 0`.
+    #[inline]
     fn derivative(
         &self,
         &[temperature, position, velocity]: &[f64; 3],
-        inputs: &Inputs,
+        fraction: f64,
+        acting: &Acting,
     ) -> [f64; 3] {
-        let rate = self.heat.rate_kelvin_per_second(
-            temperature,
-            inputs.heating_amperes(),
-            inputs.convection_factor,
-        );
-        let fraction = self.phase.martensite_fraction(temperature);
-        let tension = if inputs.condition.is_wire_broken {
+        let rate = self
+            .heat
+            .rate_kelvin_per_second(temperature, &acting.heating);
+        let tension = if acting.condition.is_wire_broken {
             0.0
         } else {
-            let strain_factor = inputs.condition.recoverable_strain_factor;
+            let strain_factor = acting.condition.recoverable_strain_factor;
             self.mechanics
                 .tension_newtons(fraction, position, strain_factor)
         };
-        let acceleration =
-            self.mechanics
-                .acceleration(tension, velocity, inputs.added_load_kilograms());
-        let is_jammed = inputs.condition.is_pulley_jammed;
+        let acceleration = self.mechanics.acceleration(tension, velocity, &acting.load);
+        let is_jammed = acting.condition.is_pulley_jammed;
         if is_jammed || wire::is_resting(position, velocity, acceleration) {
             [rate, 0.0, 0.0]
         } else {
@@ -237,8 +285,7 @@ impl Actuator {
     /// `ξ`, from 0 (austenite) to 1 (martensite).
     #[must_use]
     pub fn martensite_fraction(&self) -> f64 {
-        self.phase
-            .martensite_fraction(self.state.temperature_celsius)
+        self.state.martensite_fraction
     }
 
     /// `x`, height of the load above its stop.

@@ -32,6 +32,7 @@ impl Sigmoid {
     }
 
     /// `1 + exp(slope (T − centre))`.
+    #[inline]
     fn denominator(&self, temperature_celsius: f64) -> f64 {
         let exponent = self.slope * (temperature_celsius - self.centre_celsius);
         1.0 + libm::exp(exponent.clamp(-EXPONENT_MAX, EXPONENT_MAX))
@@ -74,6 +75,7 @@ impl Transformation {
     /// Heating: `ξ = ξm / (1 + exp(aA (T − bA)))`.
     /// Cooling, with the slope of Eq. (10) (PAPER E1): `ξ = (1 − ξA) / (1 + e) + ξA` with `e = exp(aM (T − bM))`,
     /// written as `1 − ξ = (1 − ξA) / (1 + 1/e)`, which loses no digits in the cold.
+    #[inline]
     pub(super) fn martensite_fraction(&self, temperature_celsius: f64) -> f64 {
         let fraction = match self.branch {
             Branch::Heating => self.amplitude / self.heating.denominator(temperature_celsius),
@@ -84,17 +86,17 @@ impl Transformation {
 
     /// Follows the sign of `dT/dt`; zero keeps the branch. On a turn at `(Tr, ξr)` the new branch goes through that
     /// point (PAPER E2): `ξm = ξr (1 + exp(aA (Tr − bA)))`, and `ξA = (ξr (1 + e) − 1) / e`, that is
-    /// `1 − ξA = (1 − ξr) (1 + 1/e)`.
-    pub(super) fn follow(&mut self, rate_kelvin_per_second: f64, temperature_celsius: f64) {
+    /// `1 − ξA = (1 − ξr) (1 + 1/e)`. True on a turn.
+    pub(super) fn follow(&mut self, rate_kelvin_per_second: f64, temperature_celsius: f64) -> bool {
         let branch = if rate_kelvin_per_second > 0.0 {
             Branch::Heating
         } else if rate_kelvin_per_second < 0.0 {
             Branch::Cooling
         } else {
-            return;
+            return false;
         };
         if branch == self.branch {
-            return;
+            return false;
         }
         let fraction = self.martensite_fraction(temperature_celsius);
         self.amplitude = match branch {
@@ -102,6 +104,7 @@ impl Transformation {
             Branch::Cooling => (1.0 - fraction) * self.cooling.denominator(temperature_celsius),
         };
         self.branch = branch;
+        true
     }
 }
 

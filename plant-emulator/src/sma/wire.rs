@@ -31,6 +31,15 @@ pub(super) struct Mechanics {
     damping: f64,
 }
 
+/// What the wire has to move.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Load {
+    /// `mL g`, N.
+    weight_newtons: f64,
+    /// `J / r2² + mL`, kg.
+    inertia_kilograms: f64,
+}
+
 impl Mechanics {
     pub(super) fn new(config: &plant::Mechanics) -> Self {
         let radius = 0.5 * config.wire_diameter_metres;
@@ -53,13 +62,25 @@ impl Mechanics {
     }
 
     /// `ε = (Δ − x/n) / l0`; a worn wire has less of `Δ`.
+    #[inline]
     fn strain(&self, position_metres: f64, strain_factor: f64) -> f64 {
         (self.recoverable_elongation * strain_factor - position_metres * self.inverse_transmission)
             * self.inverse_austenite_length
     }
 
+    /// The load with what is added to it; it cannot weigh less than nothing.
+    #[inline]
+    pub(super) fn load(&self, added_load_kilograms: f64) -> Load {
+        let load = (self.load + added_load_kilograms).max(0.0);
+        Load {
+            weight_newtons: load * GRAVITY,
+            inertia_kilograms: self.pulley_mass + load,
+        }
+    }
+
     /// `T2 = Awire σ` in N. Eq. (9) leaves `σ = (1 − ξ) EA ε`; the full law, Eq. (3)-(5), adds the martensite's
     /// `ξ EM min(ε, ε_my)`. A wire cannot push (PAPER E6).
+    #[inline]
     pub(super) fn tension_newtons(
         &self,
         martensite_fraction: f64,
@@ -72,6 +93,7 @@ impl Mechanics {
         )
     }
 
+    #[inline]
     fn tension_at(&self, martensite_fraction: f64, strain: f64) -> f64 {
         let strain = strain.max(0.0);
         let austenite = (1.0 - martensite_fraction) * self.austenite_stiffness * strain;
@@ -101,17 +123,17 @@ impl Mechanics {
     }
 
     /// `ẍ` in m/s², Eq. (7): `(J/r2² + mL) ẍ + c ẋ = −mL g + T2/n`, as if there were no stop.
+    #[inline]
     pub(super) fn acceleration(
         &self,
         tension_newtons: f64,
         velocity_metres_per_second: f64,
-        added_load_kilograms: f64,
+        load: &Load,
     ) -> f64 {
-        let load = (self.load + added_load_kilograms).max(0.0);
         let force = tension_newtons * self.inverse_transmission
-            - load * GRAVITY
+            - load.weight_newtons
             - self.damping * velocity_metres_per_second;
-        force / (self.pulley_mass + load)
+        force / load.inertia_kilograms
     }
 }
 
@@ -122,6 +144,7 @@ pub fn stress_pascals(config: &plant::Mechanics, martensite_fraction: f64, strai
 }
 
 /// True while the load rests on its stop at `x = 0` (PAPER E6).
+#[inline]
 pub(super) fn is_resting(position_metres: f64, velocity: f64, acceleration: f64) -> bool {
     position_metres <= 0.0 && velocity <= 0.0 && acceleration <= 0.0
 }
@@ -175,7 +198,8 @@ mod tests {
 
     #[test]
     fn a_load_cannot_weigh_less_than_nothing() {
-        let acceleration = mechanics(StressStrain::AusteniteOnly).acceleration(0.0, 0.0, -1.0);
-        assert_eq!(acceleration, 0.0);
+        let mechanics = mechanics(StressStrain::AusteniteOnly);
+        let load = mechanics.load(-1.0);
+        assert_eq!(mechanics.acceleration(0.0, 0.0, &load), 0.0);
     }
 }
