@@ -5,7 +5,7 @@ use canopen::{CanFrame, ObjectDictionary, cia402, eds};
 use scenario::rig::{self, ObjectAddress};
 
 use crate::node::ControllerError;
-use crate::rounding::to_be_cut;
+use canopen::rounding::to_be_cut;
 
 const METRES_PER_MILLIMETRE: f64 = 1e-3;
 /// Rated current of the emulated drive (0x6075).

@@ -7,7 +7,7 @@ use dbc::{LAW_TERMS_OBJECT, LawTerm};
 
 use crate::law::{Explanation, Law};
 use crate::node::ControllerError;
-use crate::rounding::to_be_cut;
+use canopen::rounding::to_be_cut;
 
 /// Communication and mapping of TPDO2 to TPDO4, which hold a law's own terms.
 const TPDOS: [[u16; 2]; 3] = [[0x1801, 0x1A01], [0x1802, 0x1A02], [0x1803, 0x1A03]];

@@ -6,7 +6,7 @@ use dbc::LawTerm;
 use scenario::own::Parameters;
 use scenario::reference::SetPoint;
 
-use crate::rounding::to_be_cut;
+use canopen::rounding::to_be_cut;
 
 /// Largest current in A; commands lie between 0, or what a law's table says, and this.
 pub const CURRENT_AMPERES_MAX: f64 = 1.0;

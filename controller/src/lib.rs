@@ -14,7 +14,6 @@ pub mod open_loop;
 pub mod pid;
 mod plausibility;
 pub mod reference_filter;
-mod rounding;
 pub mod sliding_mode;
 pub mod sliding_mode_paper;
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use canopen::ObjectDictionary;
 use canopen::object_dictionary::{DataType, Handle};
+use canopen::rounding::to_be_cut;
 
 /// The data sheet lacks an object that the application needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -43,15 +44,6 @@ pub(crate) fn integer16(dictionary: &ObjectDictionary, handle: Handle) -> i16 {
     let limits = i128::from(i16::MIN)..=i128::from(i16::MAX);
     let value = dictionary.entry(handle).as_integer();
     i16::try_from(value.clamp(*limits.start(), *limits.end())).unwrap_or_default()
-}
-
-/// The largest number below a half: a half itself would take the number below it over the edge.
-const HALF: f64 = 0.5 - f64::EPSILON / 4.0;
-
-/// What a cast to an integer, which cuts, makes the nearest one as `libm::round` has it: halves go away from zero.
-#[inline]
-pub(crate) fn to_be_cut(value: f64) -> f64 {
-    value + HALF.copysign(value)
 }
 
 /// A number rounded to the nearest integer, saturated; 0 for NaN.

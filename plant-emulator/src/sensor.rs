@@ -3,7 +3,7 @@
 use faults::Stream;
 use scenario::plant;
 
-use crate::objects::to_be_cut;
+use canopen::rounding::to_be_cut;
 
 /// Largest resolution that the converter emulates.
 pub const RESOLUTION_BITS_MAX: u32 = 24;

@@ -1,12 +1,13 @@
-//! The nearest integer, as `libm::round` has it, in fewer steps: where the result is an integer anyway, its cast does the
-//! cutting.
+//! The nearest integer, as `libm::round` has it, in fewer steps: where a number becomes an object's integer, the cast does
+//! the cutting.
 
 /// The largest number below a half: a half itself would take the number below it over the edge.
 const HALF: f64 = 0.5 - f64::EPSILON / 4.0;
 
 /// What a cast to an integer, which cuts, makes the nearest one; halves go away from zero.
+#[must_use]
 #[inline]
-pub(crate) fn to_be_cut(value: f64) -> f64 {
+pub fn to_be_cut(value: f64) -> f64 {
     value + HALF.copysign(value)
 }
 
