@@ -6,7 +6,7 @@ use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 use scenario::reference::Trajectory;
 
-use crate::recording::{Stamped, nanoseconds};
+use crate::recording::{Nanoseconds, Stamped, nanoseconds};
 use crate::signals::{self, SignalMissing};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
@@ -66,16 +66,16 @@ impl Gauge {
             error_millimetres: set_point
                 .zip(position)
                 .map(|(set_point, position)| set_point - position),
-            lateness: lateness.max(),
+            lateness: lateness.max().map(Duration::from_nanos),
         })
     }
 
     /// By how much a SYNC came after the nearest whole cycle; zero when it came before.
-    fn lateness(&self, time: Duration) -> Duration {
+    fn lateness(&self, time: Duration) -> Nanoseconds {
         let period = nanoseconds(self.period).max(1);
         let half = period / 2;
         let since = nanoseconds(time).saturating_add(half) % period;
-        Duration::from_nanos(since.saturating_sub(half))
+        since.saturating_sub(half)
     }
 }
 

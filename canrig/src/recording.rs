@@ -54,7 +54,8 @@ pub(crate) type Nanoseconds = u64;
 
 /// The whole of a duration.
 pub(crate) fn nanoseconds(duration: Duration) -> Nanoseconds {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+    let seconds = duration.as_secs().saturating_mul(1_000_000_000);
+    seconds.saturating_add(duration.subsec_nanos().into())
 }
 
 /// One line of `candump -L`, with the interface written as `can0` in every world.
@@ -83,7 +84,7 @@ impl Line {
     }
 
     /// Appends the frame as candump writes it, and the end of the line.
-    #[inline]
+    #[inline(always)]
     fn push(&mut self, lines: &mut Vec<u8>, stamped: &Stamped) {
         let seconds = stamped.time.as_secs();
         let (Some(id), 0..10_000_000_000) = (stamped.frame.standard_id(), seconds) else {

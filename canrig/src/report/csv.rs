@@ -13,11 +13,13 @@ const SCALE: u32 = 10_000_000;
 const CELL: usize = POINT + 1 + DECIMALS + 1;
 /// Where the point stands in it: behind the comma, a sign and nine digits.
 const POINT: usize = 11;
-/// Whole numbers below this are exact.
-const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
+/// Numbers from here on have no decimal that is known: that many decimals of them are no whole numbers below 2^53.
+const LARGE: f64 = (9_007_199_254_740_992.0 - 0.5) / SCALE as f64;
 /// The table goes on to the output in pieces of this size: they stay in the processor's cache, and are large enough for the
 /// system to take them page after page at once.
 const PIECE: usize = 256 * 1024;
+/// Cells that are kept, a power of two: most measured values come again soon.
+const KEPT: usize = 2048;
 /// Rows in which changes are looked for together.
 const ROWS: usize = 128;
 
@@ -57,6 +59,7 @@ pub fn write(mut output: impl Write, timeline: &Timeline) -> io::Result<()> {
 /// Makes one row of another.
 struct Rows<'a> {
     columns: &'a [&'a [f64]],
+    cells: Cells,
     /// Of each 64 columns, a bit for each that changes, in each of some rows.
     changed: Vec<[u64; ROWS]>,
     /// Where the cells of the last row begin.
@@ -69,6 +72,7 @@ impl<'a> Rows<'a> {
     fn of(columns: &'a [&'a [f64]]) -> Self {
         Self {
             columns,
+            cells: Cells::new(),
             changed: vec![[0; ROWS]; columns.len().div_ceil(64)],
             last: 0,
             ends: vec![0; columns.len()],
@@ -99,7 +103,7 @@ impl<'a> Rows<'a> {
                     table.extend_from_within(held..held_end);
                 }
                 held = last + self.ends[column].wrapping_sub(longer);
-                push_cell(table, self.columns[column][row]);
+                self.cells.push(table, self.columns[column][row]);
                 let more = (table.len() - self.last).wrapping_sub(self.ends[column]);
                 if more != 0 {
                     let ends = self.ends[column..].iter_mut();
@@ -122,60 +126,111 @@ impl<'a> Rows<'a> {
             } else {
                 &mut words[..]
             };
-            for (place, values) in columns.iter().enumerate() {
+            for (values, place) in columns.iter().zip(0..) {
                 let before = &values[row.saturating_sub(1)..];
+                let bit = 1 << place;
                 for ((word, before), value) in words.iter_mut().zip(before).zip(&before[1..]) {
-                    *word |= u64::from(before.to_bits() != value.to_bits()) << place;
+                    let is_same = before.to_bits() == value.to_bits();
+                    *word |= if is_same { 0 } else { bit };
                 }
             }
         }
     }
 }
 
-/// A comma and a fixed number of decimals without trailing zeros; the comma alone where there is no value.
-fn push_cell(table: &mut Vec<u8>, value: f64) {
-    let scaled = value.abs() * f64::from(SCALE) + 0.5;
-    if value.is_nan() || scaled >= EXACT_MAX {
+/// The texts of numbers, with a comma before each.
+struct Cells(Vec<Cell>);
+
+impl Cells {
+    fn new() -> Self {
+        Self(vec![Cell::of(0.0); KEPT])
+    }
+
+    /// Appends a comma and a fixed number of decimals without trailing zeros; the comma alone where there is no value.
+    fn push(&mut self, table: &mut Vec<u8>, value: f64) {
+        if value.abs() < LARGE {
+            let cell = self.find(value);
+            // As many bytes as a cell may have are sooner copied than just those of this one.
+            let end = table.len() + cell.length;
+            table.extend_from_slice(&cell.text);
+            table.truncate(end);
+            return;
+        }
         table.push(b',');
         if !value.is_nan() {
             // So large that no decimal is known.
             table.extend_from_slice(value.to_string().as_bytes());
         }
-        return;
     }
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "below 2^53, and rounded down on purpose"
-    )]
-    let (whole, decimals) = {
-        // By way of a signed number, which the processor has an instruction for.
-        let scaled = scaled as i64 as u64;
-        (
-            scaled / u64::from(SCALE),
-            (scaled % u64::from(SCALE)) as u32,
-        )
-    };
-    let mut text = [b'.'; POINT + CELL];
-    // One digit more than there are, since an even number of them is written.
-    let digits = digits::eight(10 * decimals);
-    text[POINT + 1..CELL].copy_from_slice(&digits);
-    let mut first = digits::put(&mut text[..POINT], whole);
-    if value.is_sign_negative() && (whole, decimals) != (0, 0) {
+
+    /// The cell of a number that is not large. Each has one place, where the latest of several stays.
+    fn find(&mut self, value: f64) -> &Cell {
+        /// Spreads neighbouring numbers over the places.
+        const SPREAD: u64 = 0x9E37_79B9_7F4A_7C15;
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "as many bits as there are places"
+        )]
+        let place = (value.to_bits().wrapping_mul(SPREAD) >> (64 - KEPT.ilog2())) as usize;
+        let cell = &mut self.0[place % KEPT];
+        if cell.bits != value.to_bits() {
+            *cell = Cell::of(value);
+        }
+        cell
+    }
+}
+
+/// The text of one number.
+#[derive(Clone, Copy)]
+struct Cell {
+    /// The number.
+    bits: u64,
+    text: [u8; CELL],
+    /// The bytes of it that count.
+    length: usize,
+}
+
+impl Cell {
+    /// Of a number that is not large.
+    fn of(value: f64) -> Self {
+        let scaled = value.abs() * f64::from(SCALE) + 0.5;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "below 2^53, and rounded down on purpose"
+        )]
+        let (whole, decimals) = {
+            // By way of a signed number, which the processor has an instruction for.
+            let scaled = scaled as i64 as u64;
+            (
+                scaled / u64::from(SCALE),
+                (scaled % u64::from(SCALE)) as u32,
+            )
+        };
+        let mut text = [b'.'; POINT + CELL];
+        // One digit more than there are, since an even number of them is written.
+        let digits = digits::eight(10 * decimals);
+        text[POINT + 1..CELL].copy_from_slice(&digits);
+        let mut first = digits::put(&mut text[..POINT], whole);
+        if value.is_sign_negative() && (whole, decimals) != (0, 0) {
+            first -= 1;
+            text[first] = b'-';
+        }
         first -= 1;
-        text[first] = b'-';
+        text[first] = b',';
+        let end = if decimals > 0 {
+            CELL - zeros_behind(digits)
+        } else {
+            POINT
+        };
+        let mut cell = Self {
+            bits: value.to_bits(),
+            text: [0; CELL],
+            length: end - first,
+        };
+        cell.text.copy_from_slice(&text[first..first + CELL]);
+        cell
     }
-    first -= 1;
-    text[first] = b',';
-    let end = if decimals > 0 {
-        CELL - zeros_behind(digits)
-    } else {
-        POINT
-    };
-    // As many bytes as a cell may have are sooner copied than just those of this one.
-    let length = table.len() + end - first;
-    table.extend_from_slice(&text[first..first + CELL]);
-    table.truncate(length);
 }
 
 /// How many zeros stand at the end: read as one number, they are its highest bytes.
@@ -191,7 +246,7 @@ mod tests {
 
     fn number(value: f64) -> String {
         let mut text = Vec::new();
-        push_cell(&mut text, value);
+        Cells::new().push(&mut text, value);
         let text = String::from_utf8(text).unwrap();
         text.strip_prefix(',').unwrap().to_owned()
     }

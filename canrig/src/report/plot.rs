@@ -1,5 +1,6 @@
 //! Plots for the HTML pages: curves as SVG that stretches to the width of its place, axes as text of constant size.
 
+use std::cmp::Ordering;
 use std::fmt::Write;
 
 use maud::{Markup, PreEscaped, html};
@@ -426,10 +427,12 @@ fn typical(mut values: Vec<f64>) -> (f64, f64) {
     if tail == 0 {
         return whole;
     }
-    let (_, low, _) = values.select_nth_unstable_by(tail, f64::total_cmp);
+    // They are finite, so the plain comparison does.
+    let order = |left: &f64, right: &f64| left.partial_cmp(right).unwrap_or(Ordering::Equal);
+    let (_, low, _) = values.select_nth_unstable_by(tail, order);
     let low = *low;
     let last = values.len() - 1 - tail;
-    let (_, high, _) = values.select_nth_unstable_by(last, f64::total_cmp);
+    let (_, high, _) = values.select_nth_unstable_by(last, order);
     let (low, high) = with_room((low, *high));
     let room = (high - low) * 0.5;
     let cut = (

@@ -53,7 +53,12 @@ pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
     let mut line = Polyline::new();
     let mut passed = Passed::new();
     let mut last = None;
+    let mut before = None;
     for point in points {
+        // What is held for several cycles is the same point for all of them.
+        if before.replace(point) == Some(point) {
+            continue;
+        }
         let Some(point) = whole(point) else {
             end(&mut line, &mut lines);
             last = None;
