@@ -164,8 +164,11 @@ impl Tracked {
 
     /// Has all rows before this one.
     fn fill(&mut self, row: usize) {
-        if self.rows.len() < row {
-            self.rows.resize(row, self.latest);
+        match row.saturating_sub(self.rows.len()) {
+            0 => {}
+            // That of a signal which changes in each cycle.
+            1 => self.rows.push(self.latest),
+            _ => self.rows.resize(row, self.latest),
         }
     }
 }
@@ -573,4 +576,87 @@ fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Vec<f64> {
         .iter()
         .map(|time| trajectory.at(*time).position_metres * 1e3)
         .collect()
+}
+
+#[cfg(all(test, feature = "rerun"))]
+mod tests {
+    use super::*;
+    use crate::signals::STATUSWORD;
+    use proptest::prelude::*;
+
+    /// A signal that is read cycle by cycle.
+    struct Simple {
+        handle: SignalHandle,
+        is_measured: bool,
+        latest: f64,
+        rows: Vec<f64>,
+    }
+
+    impl Simple {
+        fn begin_cycle(&mut self) {
+            if self.is_measured {
+                self.latest = f64::NAN;
+            }
+            self.rows.push(self.latest);
+        }
+
+        fn take(&mut self, frame: &CanFrame) {
+            if let Some(value) = self.handle.decode(frame) {
+                self.latest = value;
+                self.rows
+                    .last_mut()
+                    .into_iter()
+                    .for_each(|last| *last = value);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn rows_hold_what_was_told_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
+            let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
+            let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+            let database = Database::sma_actuator();
+            let paths = [signals::POSITION, signals::CURRENT, STATUSWORD, signals::TARGET_CURRENT];
+            let mut expected = paths.map(|path| Simple {
+                handle: database.require(path).unwrap(),
+                is_measured: path.starts_with("drive_tpdo1"),
+                latest: f64::NAN,
+                rows: Vec::new(),
+            });
+            let ids = [0, 3].map(|place: usize| u16::try_from(expected[place].handle.raw_id()).unwrap());
+            let mut enabled = database.builder("drive_tpdo1").unwrap();
+            enabled.set(&expected[2].handle, 55.0);
+            let sync = CanFrame::new(SYNC_COB_ID, &[]);
+            let mut reader = Reader::new(&scenario, database).unwrap();
+            let mut pieces = Vec::new();
+            let mut micros = 0;
+            for (kind, byte, length) in [(8, 0, 0), (0, 0, 0)].into_iter().chain(steps) {
+                let told = |id| CanFrame::new(id, &[byte & 3; 8][..length]);
+                let frame = match kind {
+                    0 | 1 => sync,
+                    2..5 => told(ids[0]),
+                    5 | 6 => told(ids[1]),
+                    7 => {
+                        pieces.push(reader.take_piece(&scenario).unwrap());
+                        continue;
+                    }
+                    _ => enabled.frame(),
+                };
+                if frame == sync {
+                    micros += 1000 * (1 + u64::from(byte % 3));
+                    expected.iter_mut().for_each(Simple::begin_cycle);
+                }
+                expected.iter_mut().for_each(|signal| signal.take(&frame));
+                reader.take(&Stamped::new(Duration::from_micros(micros), frame));
+            }
+            pieces.push(reader.take_rest(&scenario).unwrap());
+            for (path, signal) in paths.iter().zip(&expected) {
+                let (_, name) = path.split_once('.').unwrap();
+                let rows = pieces.iter().flat_map(|piece| &piece.column(name).unwrap().values);
+                let bits = |rows: Vec<f64>| rows.into_iter().map(f64::to_bits).collect::<Vec<_>>();
+                prop_assert_eq!(bits(rows.copied().collect()), bits(signal.rows.clone()), "{}", path);
+            }
+        }
+    }
 }
