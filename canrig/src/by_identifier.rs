@@ -21,6 +21,16 @@ impl<T> ByIdentifier<T> {
         self.things.get_mut(place).map(|(_, thing)| thing)
     }
 
+    /// The identifiers of all things.
+    pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        self.things.iter().map(|(id, _)| *id)
+    }
+
+    /// All things, in the order in which they came.
+    pub(crate) fn values_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        self.things.iter_mut().map(|(_, thing)| thing)
+    }
+
     /// All things, in the order in which they came.
     pub(crate) fn values(&self) -> impl Iterator<Item = &T> {
         self.things.iter().map(|(_, thing)| thing)

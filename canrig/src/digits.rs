@@ -39,15 +39,19 @@ pub(crate) fn put(text: &mut [u8], mut number: u64) -> usize {
     first
 }
 
-/// A number with just so many digits, an even number of them; what does not fit is cut off in front.
-pub(crate) fn fixed<const WIDTH: usize>(mut number: u64) -> [u8; WIDTH] {
-    const { assert!(WIDTH.is_multiple_of(2)) }
-    let mut digits = [b'0'; WIDTH];
-    for pair in digits.rchunks_exact_mut(2) {
-        pair.copy_from_slice(&last_two(number));
-        number /= 100;
+/// The eight digits of a number with no more, worked out side by side.
+pub(crate) fn eight(number: u32) -> [u8; 8] {
+    /// The quotients of what stands in each of the equal parts of a word, by way of a product that is shifted.
+    const fn quotients(parts: u64, factor: u64, shift: u32, mask: u64) -> u64 {
+        parts.wrapping_mul(factor) >> shift & mask
     }
-    digits
+    // The first digit goes into the lowest byte, so what comes first in the number is lower in the word.
+    let word = u64::from(number % 10_000) << 32 | u64::from(number / 10_000);
+    let hundreds = quotients(word, 10_486, 20, 0x0000_007F_0000_007F);
+    let word = word.wrapping_sub(100 * hundreds) << 16 | hundreds;
+    let tens = quotients(word, 103, 10, 0x000F_000F_000F_000F);
+    let word = word.wrapping_sub(10 * tens) << 8 | tens;
+    (word | u64::from_le_bytes([b'0'; 8])).to_le_bytes()
 }
 
 fn last_two(number: u64) -> [u8; 2] {
@@ -73,8 +77,8 @@ mod tests {
         }
 
         #[test]
-        fn a_fixed_width_is_kept(number in 0u64..1_000_000) {
-            prop_assert_eq!(fixed::<6>(number).to_vec(), format!("{number:06}").into_bytes());
+        fn eight_digits_are_kept(number in 0u32..100_000_000) {
+            prop_assert_eq!(eight(number).to_vec(), format!("{number:08}").into_bytes());
         }
 
         #[test]

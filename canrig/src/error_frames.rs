@@ -70,10 +70,12 @@ pub struct ErrorMessage {
 
 /// Reads an error message; none if the frame is an ordinary one.
 #[must_use]
+#[inline]
 pub fn read(frame: &CanFrame) -> Option<ErrorMessage> {
-    if !frame.is_error() {
-        return None;
-    }
+    frame.is_error().then(|| told(frame))
+}
+
+fn told(frame: &CanFrame) -> ErrorMessage {
     let class = frame.raw_id();
     let [_, controller, protocol, _, _, node, ..] = frame.buffer();
     let has = |class_bit: u32| class & class_bit != 0;
@@ -101,12 +103,12 @@ pub fn read(frame: &CanFrame) -> Option<ErrorMessage> {
     if words.is_empty() {
         words.push("error not told further");
     }
-    Some(ErrorMessage {
+    ErrorMessage {
         node,
         text: words.join(", "),
         is_good,
         is_state,
-    })
+    }
 }
 
 #[cfg(test)]

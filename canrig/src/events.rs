@@ -62,7 +62,9 @@ struct Source {
     definition: Signal,
     kind: Kind,
     node: String,
+    /// The latest value, and the bits that it was made of.
     last: Option<f64>,
+    last_bits: Option<u64>,
     /// What explains an emergency further.
     cause: Option<(SignalHandle, Signal)>,
 }
@@ -74,7 +76,6 @@ pub(crate) struct EventReader {
     emergencies: Vec<(Duration, Emergency)>,
     /// When each was last told.
     bus_errors: BTreeMap<String, Duration>,
-    zero: Option<Duration>,
     told_until_seconds: f64,
 }
 
@@ -92,15 +93,16 @@ impl EventReader {
             events: Vec::new(),
             emergencies: Vec::new(),
             bus_errors: BTreeMap::new(),
-            zero: None,
             told_until_seconds: f64::NEG_INFINITY,
         }
     }
 
-    pub(crate) fn take(&mut self, stamped: &Stamped, scenario_time: Option<Duration>) {
-        if let (None, Some(time)) = (self.zero, scenario_time) {
-            self.zero = Some(stamped.time.saturating_sub(time));
-        }
+    /// The identifiers of the messages that make events; errors of the bus make some besides.
+    pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        self.sources.raw_ids()
+    }
+
+    pub(crate) fn take(&mut self, stamped: &Stamped) {
         if let Some(message) = error_frames::read(&stamped.frame) {
             self.take_error(stamped.time, message);
             return;
@@ -108,12 +110,14 @@ impl EventReader {
         let Some(source) = self.sources.get_mut(stamped.frame.raw_id()) else {
             return;
         };
+        let bits = source.signal.bits(&stamped.frame);
+        if source.kind == Kind::State && source.last_bits == bits {
+            return;
+        }
         let Some(value) = source.signal.decode(&stamped.frame) else {
             return;
         };
-        if source.kind == Kind::State && source.last == Some(value) {
-            return;
-        }
+        source.last_bits = bits;
         let before = source
             .last
             .replace(value)
@@ -163,14 +167,9 @@ impl EventReader {
         self.events.push((time, level, text));
     }
 
-    /// When the scenario began, on the recording's clock.
-    pub(crate) fn zero(&self) -> Option<Duration> {
-        self.zero
-    }
-
-    /// The emergencies in the order of time.
-    pub(crate) fn emergencies(&self) -> Vec<ToldEmergency> {
-        let zero = self.zero.unwrap_or_default().as_secs_f64();
+    /// The emergencies in the order of time; the scenario began at `zero`, on the recording's clock.
+    pub(crate) fn emergencies(&self, zero: Option<Duration>) -> Vec<ToldEmergency> {
+        let zero = zero.unwrap_or_default().as_secs_f64();
         let told = self.emergencies.iter();
         told.map(|(time, emergency)| ToldEmergency {
             time_seconds: time.as_secs_f64() - zero,
@@ -181,11 +180,16 @@ impl EventReader {
 
     /// What happened since the last time, and what the scenario did before `until_seconds`, in the order of time. Before
     /// scenario time 0 is known there is nothing, unless `until_seconds` is infinite.
-    pub(crate) fn take_until(&mut self, until_seconds: f64, scenario: &Scenario) -> Vec<Event> {
-        if self.zero.is_none() && until_seconds.is_finite() {
+    pub(crate) fn take_until(
+        &mut self,
+        until_seconds: f64,
+        scenario: &Scenario,
+        zero: Option<Duration>,
+    ) -> Vec<Event> {
+        if zero.is_none() && until_seconds.is_finite() {
             return Vec::new();
         }
-        let zero = self.zero.unwrap_or_default();
+        let zero = zero.unwrap_or_default();
         let from_seconds = std::mem::replace(&mut self.told_until_seconds, until_seconds);
         let mut events: Vec<Event> = Vec::new();
         for (time, level, text) in self.events.drain(..) {
@@ -233,6 +237,7 @@ fn source(database: &Database, message: &Message) -> Option<Source> {
             kind,
             node,
             last: None,
+            last_bits: None,
             cause: cause(database, &message.name),
         })
     })

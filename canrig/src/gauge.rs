@@ -6,7 +6,7 @@ use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 use scenario::reference::Trajectory;
 
-use crate::recording::Stamped;
+use crate::recording::{Nanoseconds, Stamped, nanoseconds};
 use crate::signals::{self, SignalMissing};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
@@ -58,23 +58,24 @@ impl Gauge {
         let syncs = frames
             .iter()
             .filter(|stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID));
-        let lateness = syncs.filter_map(|sync| self.lateness(clock.scenario_time(sync.time)?));
+        let lateness =
+            syncs.filter_map(|sync| Some(self.lateness(clock.scenario_time(sync.time)?)));
         Some(Reading {
             time,
             position_millimetres: position,
             error_millimetres: set_point
                 .zip(position)
                 .map(|(set_point, position)| set_point - position),
-            lateness: lateness.max(),
+            lateness: lateness.max().map(Duration::from_nanos),
         })
     }
 
     /// By how much a SYNC came after the nearest whole cycle; zero when it came before.
-    fn lateness(&self, time: Duration) -> Option<Duration> {
-        let half = self.period / 2;
-        let nanos = (time + half).as_nanos() % self.period.as_nanos().max(1);
-        let since = Duration::from_nanos(u64::try_from(nanos).ok()?);
-        Some(since.saturating_sub(half))
+    fn lateness(&self, time: Duration) -> Nanoseconds {
+        let period = nanoseconds(self.period).max(1);
+        let half = period / 2;
+        let since = nanoseconds(time).saturating_add(half) % period;
+        since.saturating_sub(half)
     }
 }
 

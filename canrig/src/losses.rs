@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
+use canopen::CanFrame;
 use dbc::Database;
 use scenario::Scenario;
 
 use crate::by_identifier::ByIdentifier;
 use crate::events::{Event, Level};
-use crate::recording::Stamped;
+use crate::recording::{Nanoseconds, nanoseconds};
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
 const PERIODS_MAX: u32 = 20;
@@ -31,16 +32,16 @@ const HEARTBEATS: [(&str, &str); 3] = [
 /// One message that must keep coming.
 struct Watched {
     what: &'static str,
-    limit: Duration,
+    limit: Nanoseconds,
     /// In scenario time.
-    last: Option<Duration>,
+    last: Option<Nanoseconds>,
 }
 
 /// Watches from the start of the scenario to its end.
 pub(crate) struct LossReader {
     watched: ByIdentifier<Watched>,
-    end: Duration,
-    latest: Duration,
+    end: Nanoseconds,
+    latest: Nanoseconds,
     events: Vec<Event>,
 }
 
@@ -55,32 +56,44 @@ impl LossReader {
             let period = Duration::from_millis(message.cycle_time_milliseconds);
             let watched = Watched {
                 what,
-                limit: limit.unwrap_or(HEARTBEATS_MAX * period),
+                limit: nanoseconds(limit.unwrap_or(HEARTBEATS_MAX * period)),
                 last: None,
             };
             Some((message.raw_id, watched))
         });
         Self {
             watched: watched.collect(),
-            end: Duration::from_secs_f64(scenario.duration_seconds),
-            latest: Duration::ZERO,
+            end: nanoseconds(Duration::from_secs_f64(scenario.duration_seconds)),
+            latest: 0,
             events: Vec::new(),
         }
     }
 
-    pub(crate) fn take(&mut self, stamped: &Stamped, scenario_time: Option<Duration>) {
-        let Some(time) = scenario_time.filter(|time| *time <= self.end) else {
+    /// The identifiers of the messages that are watched.
+    pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        self.watched.raw_ids()
+    }
+
+    /// Takes the scenario time of every frame.
+    pub(crate) fn pass(&mut self, scenario_time: Nanoseconds) {
+        if scenario_time <= self.end {
+            self.latest = scenario_time;
+        }
+    }
+
+    /// Takes a frame of a message that is watched.
+    pub(crate) fn take(&mut self, frame: &CanFrame, time: Nanoseconds) {
+        if time > self.end {
             return;
-        };
-        self.latest = time;
-        let Some(watched) = self.watched.get_mut(stamped.frame.raw_id()) else {
+        }
+        let Some(watched) = self.watched.get_mut(frame.raw_id()) else {
             return;
         };
         let last = watched.last.replace(time).unwrap_or_default();
         let silent = time.saturating_sub(last);
         if silent > watched.limit {
             let what = watched.what;
-            let text = format!("loss: no {what} for {} ms", silent.as_millis());
+            let text = format!("loss: no {what} for {} ms", silent / 1_000_000);
             self.events.push(event(last, Level::Error, text));
             let text = format!("{what} is back");
             self.events.push(event(time, Level::Info, text));
@@ -100,9 +113,9 @@ impl LossReader {
     }
 }
 
-fn event(time: Duration, level: Level, text: String) -> Event {
+fn event(time: Nanoseconds, level: Level, text: String) -> Event {
     Event {
-        time_seconds: time.as_secs_f64(),
+        time_seconds: Duration::from_nanos(time).as_secs_f64(),
         level,
         text,
     }

@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use canopen::CanFrame;
 use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 
-use crate::recording::Stamped;
+use crate::recording::{Nanoseconds, nanoseconds};
 use crate::signal_names::SignalNames;
 use crate::signals::COLUMN_MESSAGES;
 
@@ -45,7 +46,7 @@ struct Collected {
 /// Collects the samples from the frames.
 pub(crate) struct TraceReader {
     collected: Vec<Collected>,
-    end: Duration,
+    end: Nanoseconds,
 }
 
 impl TraceReader {
@@ -64,7 +65,7 @@ impl TraceReader {
         }
         Self {
             collected: collected.into_values().collect(),
-            end: Duration::from_secs_f64(scenario.duration_seconds),
+            end: nanoseconds(Duration::from_secs_f64(scenario.duration_seconds)),
         }
     }
 
@@ -76,19 +77,20 @@ impl TraceReader {
     /// Takes a frame with its scenario time and the start of its cycle.
     pub(crate) fn take(
         &mut self,
-        stamped: &Stamped,
-        scenario_time: Option<Duration>,
+        frame: &CanFrame,
+        scenario_time: Option<Nanoseconds>,
         cycle_seconds: Option<f64>,
     ) {
         let Some(time) = scenario_time.filter(|time| *time < self.end) else {
             return;
         };
+        let time_seconds = Duration::from_nanos(time).as_secs_f64();
         for collected in &mut self.collected {
-            let Some(value) = collected.handle.decode(&stamped.frame) else {
+            let Some(value) = collected.handle.decode(frame) else {
                 continue;
             };
             let of_cycle = cycle_seconds.filter(|_| collected.follows_sync);
-            let time_seconds = of_cycle.unwrap_or(time.as_secs_f64());
+            let time_seconds = of_cycle.unwrap_or(time_seconds);
             let samples = &mut collected.trace.samples;
             // The latest of a cycle counts, as in `signals.csv`; a clock that went back leaves no order behind.
             while samples

@@ -39,10 +39,12 @@ impl TruthReader {
         })
     }
 
+    /// The identifier of the messages.
+    pub(crate) fn raw_id(&self) -> u32 {
+        self.time.raw_id()
+    }
+
     pub(crate) fn take(&mut self, stamped: &Stamped) {
-        if stamped.frame.raw_id() != self.time.raw_id() {
-            return;
-        }
         let decode = |signal: &SignalHandle| signal.decode(&stamped.frame);
         let Some(time_seconds) = decode(&self.time) else {
             return;

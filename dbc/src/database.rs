@@ -83,6 +83,13 @@ impl SignalHandle {
         self.raw_id
     }
 
+    /// The bits of the signal in a payload, byte 0 lowest; the value is made of nothing else.
+    #[must_use]
+    #[inline]
+    pub fn mask(&self) -> u64 {
+        self.mask
+    }
+
     #[inline]
     fn is_in(&self, frame: &CanFrame) -> bool {
         frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use dbc::Database;
 
-use crate::recording::Stamped;
+use crate::recording::{Stamped, nanoseconds};
 use crate::signals::{self, SignalMissing};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
@@ -14,7 +14,7 @@ const LOAD_STRETCHES: u32 = 200;
 /// A duration in the resolution of the recording.
 pub(super) type Microseconds = u64;
 
-/// The timing of one recording, from scenario time 0 to its end.
+/// The timing of one recording, from scenario time 0 to its end. Durations are sorted.
 #[derive(Clone, Debug, Default)]
 pub(super) struct BusTiming {
     /// Time between two SYNCs.
@@ -40,9 +40,7 @@ pub(super) struct Spread {
 
 impl Spread {
     /// Of no durations there is none.
-    pub(super) fn of(durations: &[Microseconds]) -> Option<Self> {
-        let mut sorted = durations.to_vec();
-        sorted.sort_unstable();
+    pub(super) fn of(sorted: &[Microseconds]) -> Option<Self> {
         let (least, most) = (*sorted.first()?, *sorted.last()?);
         let rank = |percent: usize| sorted[(sorted.len() - 1) * percent / 100];
         Some(Self {
@@ -70,33 +68,33 @@ impl BusTiming {
         let mut clock = ScenarioClock::new(database)?;
         let begins = |stamped: &Stamped| clock.on_frame(stamped.time, &stamped.frame);
         let frames = &frames[frames.iter().position(begins).unwrap_or(frames.len())..];
-        let zero = frames.first().map_or(0, |first| nanos(first.time));
+        let zero = frames.first().map_or(0, |first| nanoseconds(first.time));
         let duration = Duration::from_secs_f64(duration_seconds);
+        let end = nanoseconds(duration);
         let mut timing = Self::default();
         let mut load = Load::new(duration, bitrate_kilobits_per_second);
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
         for stamped in frames {
-            let (now, frame) = (nanos(stamped.time), &stamped.frame);
+            let now = nanoseconds(stamped.time);
             let scenario_time = now.saturating_sub(zero);
-            if scenario_time >= nanos(duration) {
+            if scenario_time >= end {
                 break;
             }
             load.take(scenario_time, stamped.occupied_bits);
-            if frame.standard_id() == Some(SYNC_COB_ID) {
-                let before = sync.replace(now);
-                let cycle = before.map(|before| now.saturating_sub(before) / 1000);
-                timing.cycles.extend(cycle);
+            let since_sync = |sync: u64| now.saturating_sub(sync) / 1000;
+            let id = stamped.frame.raw_id();
+            if id == u32::from(SYNC_COB_ID) {
+                timing.cycles.extend(sync.replace(now).map(since_sync));
                 (is_answered, is_commanded) = (false, false);
-                continue;
-            }
-            let since = now.saturating_sub(sync.unwrap_or(now)) / 1000;
-            if frame.raw_id() == answer && !std::mem::replace(&mut is_answered, true) {
-                timing.answers.push(since);
-            }
-            if frame.raw_id() == command && !std::mem::replace(&mut is_commanded, true) {
-                timing.commands.push(since);
+            } else if id == answer && !std::mem::replace(&mut is_answered, true) {
+                timing.answers.extend(sync.map(since_sync));
+            } else if id == command && !std::mem::replace(&mut is_commanded, true) {
+                timing.commands.extend(sync.map(since_sync));
             }
         }
+        timing.cycles.sort_unstable();
+        timing.answers.sort_unstable();
+        timing.commands.sort_unstable();
         (timing.load_seconds, timing.load_percent) = load.finish();
         Ok(timing)
     }
@@ -104,23 +102,23 @@ impl BusTiming {
 
 /// Counts the bits in each stretch of time.
 struct Load {
-    stretch: Duration,
+    stretch_nanoseconds: u64,
     bitrate_kilobits_per_second: f64,
     bits: Vec<u64>,
 }
 
 impl Load {
     fn new(duration: Duration, bitrate_kilobits_per_second: u32) -> Self {
-        let stretch = duration / LOAD_STRETCHES;
+        let stretch = Duration::from_millis(10).max(duration / LOAD_STRETCHES);
         Self {
-            stretch: stretch.max(Duration::from_millis(10)),
+            stretch_nanoseconds: nanoseconds(stretch),
             bitrate_kilobits_per_second: f64::from(bitrate_kilobits_per_second),
             bits: Vec::new(),
         }
     }
 
     fn take(&mut self, nanoseconds: u64, bits: u32) {
-        let Some(place) = usize::try_from(nanoseconds / nanos(self.stretch))
+        let Some(place) = usize::try_from(nanoseconds / self.stretch_nanoseconds)
             .ok()
             .filter(|place| *place <= LOAD_STRETCHES as usize)
         else {
@@ -137,7 +135,7 @@ impl Load {
         if self.bits.len() > 1 {
             self.bits.pop();
         }
-        let seconds = self.stretch.as_secs_f64();
+        let seconds = Duration::from_nanos(self.stretch_nanoseconds).as_secs_f64();
         #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let middles = (0..self.bits.len())
             .map(|place| (place as f64 + 0.5) * seconds)
@@ -153,33 +151,28 @@ impl Load {
     }
 }
 
-/// Nanoseconds, as a number that a processor divides at once.
-fn nanos(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
-}
-
 /// A histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
 #[expect(
     clippy::cast_precision_loss,
     reason = "microseconds stay far below 2^52"
 )]
-pub(super) fn histogram(durations: &[Microseconds]) -> (Vec<f64>, Vec<f64>) {
+pub(super) fn histogram(sorted: &[Microseconds]) -> (Vec<f64>, Vec<f64>) {
     const BINS: u32 = 60;
-    let (Some(least), Some(most)) = (durations.iter().min(), durations.iter().max()) else {
+    let (Some(least), Some(most)) = (sorted.first(), sorted.last()) else {
         return (Vec::new(), Vec::new());
     };
     let (least, most) = (*least as f64, *most as f64);
     // Whole microseconds, as the recording has them.
     let width = libm::ceil((most - least + 1.0) / f64::from(BINS)).max(1.0);
-    let mut counts = vec![0u32; BINS as usize];
-    for duration in durations {
+    let mut counts = vec![0; BINS as usize];
+    for same in sorted.chunk_by(u64::eq) {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "from 0 to the number of bins"
         )]
-        let bin = ((*duration as f64 - least) / width + 1e-6) as usize;
-        counts[bin.min(BINS as usize - 1)] += 1;
+        let bin = ((same[0] as f64 - least) / width + 1e-6) as usize;
+        counts[bin.min(BINS as usize - 1)] += same.len();
     }
     let used = counts
         .iter()
@@ -191,7 +184,7 @@ pub(super) fn histogram(durations: &[Microseconds]) -> (Vec<f64>, Vec<f64>) {
         let height = if *count == 0 {
             FLOOR
         } else {
-            libm::log10(f64::from(*count))
+            libm::log10(*count as f64)
         };
         corners.0.extend([left, left + width]);
         corners.1.extend([height, height]);
@@ -211,7 +204,7 @@ mod tests {
 
     #[test]
     fn percentiles_are_ranks() {
-        let durations: Vec<Microseconds> = (1..=101).rev().collect();
+        let durations: Vec<Microseconds> = (1..=101).collect();
         let expected = Spread {
             least: 1,
             median: 51,

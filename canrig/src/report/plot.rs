@@ -1,10 +1,12 @@
 //! Plots for the HTML pages: curves as SVG that stretches to the width of its place, axes as text of constant size.
 
+use std::cmp::Ordering;
 use std::fmt::Write;
 
 use maud::{Markup, PreEscaped, html};
 
 use super::thin::{self, Polyline};
+use crate::digits;
 
 /// Size of the drawing in its own units; it is stretched to the place that the page gives it.
 pub(super) const WIDTH: f64 = 3200.0;
@@ -303,10 +305,9 @@ impl View {
     fn curve(&self, curve: &Curve<'_>) -> String {
         let (x, y) = curve.within(Some(self.x));
         let scale = self.scale();
-        let points = x.iter().zip(y).map(|(x, y)| scale.place(*x, *y));
         let lines = match curve.shape {
-            Shape::Path => thin::path(points),
-            _ => thin::over_time(points),
+            Shape::Path => thin::path(x.iter().zip(y).map(|(x, y)| scale.place(*x, *y))),
+            _ => thin::over_time(x, y, &scale),
         };
         let class = curve.colour.class();
         let (more, close) = match curve.shape {
@@ -322,63 +323,88 @@ impl View {
 }
 
 /// From values to the drawing's units, by way of the upper left corner.
-struct Scale {
-    x: f64,
-    y: f64,
-    right: f64,
-    down: f64,
+pub(super) struct Scale {
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) right: f64,
+    pub(super) down: f64,
 }
 
 impl Scale {
+    /// Units from the left.
+    pub(super) fn along(&self, x: f64) -> f64 {
+        (x - self.x) * self.right
+    }
+
+    /// Units from the top.
+    pub(super) fn down(&self, y: f64) -> f64 {
+        (y - self.y) * self.down
+    }
+
     fn place(&self, x: f64, y: f64) -> (f64, f64) {
-        ((x - self.x) * self.right, (y - self.y) * self.down)
+        (self.along(x), self.down(y))
     }
 }
 
 /// The commands of an SVG path, in steps from point to point; with `close`, each down to the lower edge and back.
 fn path_data(lines: &[Polyline], close: bool) -> String {
-    let mut data = String::new();
+    let mut data = Vec::new();
     for line in lines {
         let Some((mut last, rest)) = line.split_first().map(|(first, rest)| (*first, rest)) else {
             continue;
         };
         let start = last;
-        push_pair(&mut data, "M", last);
-        // A single point is drawn as a dot, by the round ends of a line without length.
-        data.push_str(if rest.is_empty() { "h0" } else { "l" });
+        push_pair(&mut data, b'M', last);
+        if rest.is_empty() {
+            // A single point is drawn as a dot, by the round ends of a line without length.
+            data.extend_from_slice(b"h0");
+        }
         for (number, point) in rest.iter().enumerate() {
-            let gap = if number == 0 { "" } else { " " };
-            push_pair(&mut data, gap, (point.0 - last.0, point.1 - last.1));
+            let before = if number == 0 { b'l' } else { b' ' };
+            push_pair(&mut data, before, (point.0 - last.0, point.1 - last.1));
             last = *point;
         }
         if close {
-            let _ = write!(data, "V{HEIGHT}H{}z", start.0);
+            let back = format!("V{HEIGHT}H{}z", start.0);
+            data.extend_from_slice(back.as_bytes());
         }
     }
-    data
+    String::from_utf8(data).unwrap_or_default()
 }
 
-fn push_pair(data: &mut String, before: &str, pair: (i32, i32)) {
-    let mut digits = itoa::Buffer::new();
-    data.push_str(before);
-    data.push_str(digits.format(pair.0));
-    data.push(' ');
-    data.push_str(digits.format(pair.1));
+fn push_pair(data: &mut Vec<u8>, before: u8, pair: (i32, i32)) {
+    // Room for two numbers of ten digits with their signs, and what stands before each.
+    let mut text = [b' '; 24];
+    let first = put_signed(&mut text, pair.1) - 1;
+    let first = put_signed(&mut text[..first], pair.0) - 1;
+    text[first] = before;
+    data.extend_from_slice(&text[first..]);
+}
+
+/// Writes a number at the end of a text, and tells where it begins.
+fn put_signed(text: &mut [u8], number: i32) -> usize {
+    let first = digits::put(text, number.unsigned_abs().into());
+    if number >= 0 {
+        return first;
+    }
+    text[first - 1] = b'-';
+    first - 1
 }
 
 /// The range of no values.
 const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 
-/// A range with the finite ones of these values in it. Among the many variables of its callers its two would lie in
-/// memory, which doubles the time.
-#[inline(never)]
-fn extended((mut low, mut high): (f64, f64), values: &[f64]) -> (f64, f64) {
-    for &value in values.iter().filter(|value| value.is_finite()) {
-        // Neither is ever NaN, so the plain comparison does, and every curve of every plot passes here.
-        low = if value < low { value } else { low };
-        high = if value > high { value } else { high };
-    }
-    (low, high)
+/// A range with the finite ones of these values in it.
+fn extended(range: (f64, f64), values: &[f64]) -> (f64, f64) {
+    let within = |(low, high): (f64, f64), part: (f64, f64)| (low.min(part.0), high.max(part.1));
+    // Values that are not finite are rare, and look like their neighbours.
+    values.chunks(256).fold(range, |range, values| {
+        if let Some(part) = thin::finite_range(values) {
+            return within(range, part);
+        }
+        let finite = values.iter().filter(|value| value.is_finite());
+        finite.fold(range, |range, value| within(range, (*value, *value)))
+    })
 }
 
 /// A range that can be drawn: nothing becomes 0 to 1, and a constant gets room above and below.
@@ -401,10 +427,12 @@ fn typical(mut values: Vec<f64>) -> (f64, f64) {
     if tail == 0 {
         return whole;
     }
-    let (_, low, _) = values.select_nth_unstable_by(tail, f64::total_cmp);
+    // They are finite, so the plain comparison does.
+    let order = |left: &f64, right: &f64| left.partial_cmp(right).unwrap_or(Ordering::Equal);
+    let (_, low, _) = values.select_nth_unstable_by(tail, order);
     let low = *low;
     let last = values.len() - 1 - tail;
-    let (_, high, _) = values.select_nth_unstable_by(last, f64::total_cmp);
+    let (_, high, _) = values.select_nth_unstable_by(last, order);
     let (low, high) = with_room((low, *high));
     let room = (high - low) * 0.5;
     let cut = (

@@ -1,6 +1,6 @@
 //! Leaves out the points of a curve that nobody can see, so that a page stays small however long the run was.
 
-use super::plot::{HEIGHT, WIDTH};
+use super::plot::{HEIGHT, Scale, WIDTH};
 
 /// Points that are joined, in whole units of the drawing.
 pub(super) type Polyline = Vec<(i32, i32)>;
@@ -12,22 +12,36 @@ const CELL: i32 = 4;
 
 /// A curve over time: of each pixel column the first, the lowest, the highest and the last point. A point that is not
 /// finite interrupts it.
-pub(super) fn over_time(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
+pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &Scale) -> Vec<Polyline> {
     let mut lines = Vec::new();
     let mut line = Polyline::new();
-    let mut points = points.map(whole).peekable();
-    while let Some(point) = points.next() {
-        let Some(point) = point else {
+    while let [first, ..] = x {
+        let until = column_end(scale.along(*first));
+        let inside = x.iter().take_while(|x| scale.along(**x) < until);
+        let Some(last) = inside.count().checked_sub(1) else {
+            // The first point is nowhere.
             end(&mut line, &mut lines);
+            (x, y) = (&x[1..], &y[1..]);
             continue;
         };
-        let mut column = Column::new(point);
-        while let Some(Some(point)) =
-            points.next_if(|point| point.is_some_and(|point| column.has(point)))
-        {
-            column.take(point);
+        let column = Column {
+            x: &x[..=last],
+            y: &y[..=last],
+            scale,
+        };
+        (x, y) = (&x[last + 1..], &y[last + 1..]);
+        if let Some(range) = finite_range(column.y) {
+            column.draw(range, &mut line);
+            continue;
         }
-        column.end(&mut line);
+        for (number, part) in column.parts().enumerate() {
+            if number > 0 {
+                end(&mut line, &mut lines);
+            }
+            if let Some(range) = finite_range(part.y) {
+                part.draw(range, &mut line);
+            }
+        }
     }
     end(&mut line, &mut lines);
     lines
@@ -39,7 +53,12 @@ pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
     let mut line = Polyline::new();
     let mut passed = Passed::new();
     let mut last = None;
+    let mut before = None;
     for point in points {
+        // What is held for several cycles is the same point for all of them.
+        if before.replace(point) == Some(point) {
+            continue;
+        }
         let Some(point) = whole(point) else {
             end(&mut line, &mut lines);
             last = None;
@@ -64,51 +83,74 @@ pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
     lines
 }
 
-/// The points of one pixel column, each with its place in the order of time.
-struct Column {
-    number: i32,
-    count: u32,
-    first: (i32, i32),
-    last: (i32, i32),
-    lowest: (u32, (i32, i32)),
-    highest: (u32, (i32, i32)),
+/// Where the pixel column of a place ends: from there on, whole units belong to the next.
+fn column_end(place: f64) -> f64 {
+    f64::from((nearest(place) / COLUMN + 1) * COLUMN) - 0.5
 }
 
-impl Column {
-    fn new(point: (i32, i32)) -> Self {
-        Self {
-            number: point.0 / COLUMN,
-            count: 1,
-            first: point,
-            last: point,
-            lowest: (0, point),
-            highest: (0, point),
-        }
+/// The least and the greatest of some values; nothing unless there are some and all are finite.
+pub(super) fn finite_range(values: &[f64]) -> Option<(f64, f64)> {
+    // Two at a time, as the processor takes them.
+    let (mut low, mut high, mut sum) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], [0.0; 2]);
+    let mut take = |lane: usize, value: f64| {
+        low[lane] = if value < low[lane] { value } else { low[lane] };
+        high[lane] = if value > high[lane] {
+            value
+        } else {
+            high[lane]
+        };
+        // Once not finite, it stays so.
+        sum[lane] += value;
+    };
+    let (pairs, rest) = values.as_chunks::<2>();
+    for [first, second] in pairs {
+        take(0, *first);
+        take(1, *second);
+    }
+    rest.iter().for_each(|value| take(0, *value));
+    let is_finite = !values.is_empty() && (sum[0] + sum[1]).is_finite();
+    is_finite.then(|| (low[0].min(low[1]), high[0].max(high[1])))
+}
+
+/// The points of one pixel column.
+struct Column<'a> {
+    x: &'a [f64],
+    y: &'a [f64],
+    scale: &'a Scale,
+}
+
+impl<'a> Column<'a> {
+    /// What lies between points that are not finite.
+    fn parts(&self) -> impl Iterator<Item = Self> {
+        let mut x = self.x;
+        self.y.split(|y| !y.is_finite()).map(move |y| {
+            let (of_part, rest) = x.split_at(y.len());
+            x = rest.get(1..).unwrap_or_default();
+            Self {
+                x: of_part,
+                y,
+                scale: self.scale,
+            }
+        })
     }
 
-    fn has(&self, point: (i32, i32)) -> bool {
-        point.0 / COLUMN == self.number
-    }
-
-    fn take(&mut self, point: (i32, i32)) {
-        if point.1 < self.lowest.1.1 {
-            self.lowest = (self.count, point);
+    fn draw(&self, (low, high): (f64, f64), line: &mut Polyline) {
+        let height = |y: f64| nearest(self.scale.down(y));
+        let point = |place: usize| {
+            let x = nearest(self.scale.along(self.x[place]));
+            (x, height(self.y[place]))
+        };
+        push(line, point(0));
+        let (bottom, top) = (height(low), height(high));
+        if bottom != top {
+            let first_at = |wanted| self.y.iter().position(|y| height(*y) == wanted);
+            let mut extremes = [bottom, top].map(|wanted| first_at(wanted).unwrap_or(0));
+            extremes.sort_unstable();
+            for place in extremes {
+                push(line, point(place));
+            }
         }
-        if point.1 > self.highest.1.1 {
-            self.highest = (self.count, point);
-        }
-        self.last = point;
-        self.count += 1;
-    }
-
-    fn end(self, line: &mut Polyline) {
-        let (mut early, mut late) = (self.lowest, self.highest);
-        if early.0 > late.0 {
-            (early, late) = (late, early);
-        }
-        for point in [self.first, early.1, late.1, self.last] {
-            push(line, point);
-        }
+        push(line, point(self.y.len() - 1));
     }
 }
 
@@ -132,18 +174,20 @@ fn end(line: &mut Polyline, lines: &mut Vec<Polyline>) {
 
 /// The nearest whole units; nothing for what is not finite.
 fn whole((x, y): (f64, f64)) -> Option<(i32, i32)> {
+    (x.is_finite() && y.is_finite()).then(|| (nearest(x), nearest(y)))
+}
+
+/// The nearest whole unit.
+fn nearest(value: f64) -> i32 {
     /// The largest number below a half: a half itself would take the number below it over the edge.
     const HALF: f64 = 0.5 - f64::EPSILON / 4.0;
-    let rounded = |value: f64| {
-        let value = value.clamp(-1e6, 1e6);
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "clamped to far less than i32, and cut on purpose"
-        )]
-        let value = (value + HALF.copysign(value)) as i32;
-        value
-    };
-    (x.is_finite() && y.is_finite()).then(|| (rounded(x), rounded(y)))
+    let value = value.clamp(-1e6, 1e6);
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "clamped to far less than i32, and cut on purpose"
+    )]
+    let value = (value + HALF.copysign(value)) as i32;
+    value
 }
 
 fn cell((x, y): (i32, i32)) -> (i32, i32) {
@@ -188,13 +232,28 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// A drawing whose units are those of the values.
+    fn thinned(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
+        let (x, y): (Vec<f64>, Vec<f64>) = points.unzip();
+        over_time(
+            &x,
+            &y,
+            &Scale {
+                x: 0.0,
+                y: 0.0,
+                right: 1.0,
+                down: 1.0,
+            },
+        )
+    }
+
     #[test]
     fn a_peak_of_one_sample_stays() {
         let points = (0..100_000).map(|sample| {
             let y = if sample == 50_123 { 900.0 } else { 500.0 };
             (f64::from(sample) * WIDTH / 1e5, y)
         });
-        let lines = over_time(points);
+        let lines = thinned(points);
         assert_eq!(lines.len(), 1);
         assert!(lines[0].iter().any(|point| point.1 == 900), "{lines:?}");
         assert!(lines[0].len() < 10, "{lines:?}");
@@ -205,7 +264,7 @@ mod tests {
         let nan = (f64::NAN, f64::NAN);
         let points = [(0.0, 1.0), (100.0, 2.0), nan, (200.0, 3.0), nan, nan];
         assert_eq!(
-            over_time(points.into_iter()),
+            thinned(points.into_iter()),
             [vec![(0, 1), (100, 2)], vec![(200, 3)]]
         );
     }
@@ -256,7 +315,7 @@ mod tests {
         fn the_size_is_bounded(values in prop::collection::vec(prop_oneof![9 => -1e9..1e9f64, 1 => Just(f64::NAN)], 0..20_000)) {
             let count = values.len() as f64;
             let points = values.iter().enumerate().map(|(number, value)| (number as f64 * WIDTH / count, *value));
-            let lines = over_time(points);
+            let lines = thinned(points);
             let columns = usize::try_from(Passed::COLUMNS).unwrap() + 1;
             let gaps = values.iter().filter(|value| value.is_nan()).count();
             prop_assert!(lines.iter().map(Vec::len).sum::<usize>() <= 4 * (columns + gaps));
