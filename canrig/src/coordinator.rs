@@ -16,9 +16,8 @@ use platform::lockstep::{Answer, Audience, LockstepError, Participant};
 
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
 use crate::bus_model::faults::{BusFaults, is_truth};
-use crate::bus_model::{
-    BusModel, Nanoseconds, SUSPEND_BITS, arbitration_key, frame_bits, nanoseconds,
-};
+use crate::bus_model::{BusModel, SUSPEND_BITS, arbitration_key, frame_bits};
+use crate::nanoseconds::{Nanoseconds, nanoseconds};
 
 /// Frames that one participant may have waiting; more means that the bus cannot carry what it sends.
 const QUEUE_LIMIT: usize = 10_000;

@@ -6,7 +6,8 @@ use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 use scenario::reference::Trajectory;
 
-use crate::recording::{Nanoseconds, Stamped, nanoseconds};
+use crate::nanoseconds::{Nanoseconds, nanoseconds};
+use crate::recording::Stamped;
 use crate::signals::{self, SignalMissing};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 

@@ -27,6 +27,7 @@ pub mod identify;
 pub mod judge;
 mod losses;
 pub mod manual;
+pub mod nanoseconds;
 pub mod new;
 pub mod nodes;
 pub mod preflight;

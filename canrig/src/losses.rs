@@ -8,7 +8,7 @@ use scenario::Scenario;
 
 use crate::by_identifier::ByIdentifier;
 use crate::events::{Event, Level};
-use crate::recording::{Nanoseconds, nanoseconds};
+use crate::nanoseconds::{Nanoseconds, nanoseconds};
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
 const PERIODS_MAX: u32 = 20;

@@ -49,15 +49,6 @@ impl Stamped {
     }
 }
 
-/// A duration in 64 bits, which last for 584 years and are worked with much faster than with others.
-pub(crate) type Nanoseconds = u64;
-
-/// The whole of a duration.
-pub(crate) fn nanoseconds(duration: Duration) -> Nanoseconds {
-    let seconds = duration.as_secs().saturating_mul(1_000_000_000);
-    seconds.saturating_add(duration.subsec_nanos().into())
-}
-
 /// One line of `candump -L`, with the interface written as `can0` in every world.
 impl fmt::Display for Stamped {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -7,7 +7,7 @@ use canopen::CanFrame;
 use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 
-use crate::recording::{Nanoseconds, nanoseconds};
+use crate::nanoseconds::{Nanoseconds, nanoseconds};
 use crate::signal_names::SignalNames;
 use crate::signals::COLUMN_MESSAGES;
 

@@ -3,20 +3,9 @@
 pub mod error_state;
 pub mod faults;
 
-use std::time::Duration;
-
 use canopen::CanFrame;
 
-/// Virtual time. 64 bits last for 584 years, and are compared and added in one step, which a [`Duration`] is not; every
-/// frame takes dozens of such steps.
-pub type Nanoseconds = u64;
-
-/// A time as a number; the last one for all that come later.
-#[must_use]
-#[inline]
-pub fn nanoseconds(time: Duration) -> Nanoseconds {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
-}
+use crate::nanoseconds::Nanoseconds;
 
 /// Recessive bits between two frames (intermission).
 const INTERFRAME_BITS: u32 = 3;

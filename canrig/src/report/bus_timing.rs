@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use dbc::Database;
 
-use crate::recording::{Stamped, nanoseconds};
+use crate::nanoseconds::nanoseconds;
+use crate::recording::Stamped;
 use crate::signals::{self, SignalMissing};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 

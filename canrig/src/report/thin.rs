@@ -1,5 +1,7 @@
 //! Leaves out the points of a curve that nobody can see, so that a page stays small however long the run was.
 
+use canopen::rounding::to_be_cut;
+
 use super::plot::{HEIGHT, Scale, WIDTH};
 
 /// Points that are joined, in whole units of the drawing.
@@ -179,14 +181,12 @@ fn whole((x, y): (f64, f64)) -> Option<(i32, i32)> {
 
 /// The nearest whole unit.
 fn nearest(value: f64) -> i32 {
-    /// The largest number below a half: a half itself would take the number below it over the edge.
-    const HALF: f64 = 0.5 - f64::EPSILON / 4.0;
     let value = value.clamp(-1e6, 1e6);
     #[expect(
         clippy::cast_possible_truncation,
         reason = "clamped to far less than i32, and cut on purpose"
     )]
-    let value = (value + HALF.copysign(value)) as i32;
+    let value = to_be_cut(value) as i32;
     value
 }
 
