@@ -38,6 +38,8 @@ type Written = Result<(), EncodeError>;
 const BUFFER_BYTES: usize = 64 * 1024;
 /// Number of the field `payload` of an `ArrowMsg`.
 const PAYLOAD_FIELD: u32 = 5;
+/// What lies around two messages of an Arrow stream.
+const FRAMES_BYTES_MAX: usize = 2 * (8 + 64);
 /// The end of an Arrow stream.
 const END_OF_STREAM: [u8; 8] = [0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0];
 
@@ -164,7 +166,8 @@ fn ipc_stream(batch: &RecordBatch) -> Result<(Vec<u8>, Vec<u8>), ArrowError> {
     let (_, mut encoded) =
         encoder.encode(batch, &mut dictionaries, &options, &mut Default::default())?;
     let rows = mem::take(&mut encoded.arrow_data);
-    let mut head = Vec::new();
+    let bytes = schema.ipc_message.len() + encoded.ipc_message.len();
+    let mut head = Vec::with_capacity(bytes + FRAMES_BYTES_MAX);
     write_message(&mut head, schema, &options)?;
     write_message(&mut head, encoded, &options)?;
     Ok((head, rows))
