@@ -3,7 +3,7 @@
 //! The SDK makes the same table of chunks that were already taken apart: it puts each together again, and encodes what
 //! all columns are called twice, the first time to hash it.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use re_protos::common::v1alpha1::{Compression, DataframePart, EncoderVersion, Schema};
@@ -20,7 +20,7 @@ use rerun::external::arrow::datatypes::{self as arrow, Field};
 use rerun::external::arrow::error::ArrowError;
 use rerun::external::arrow::ipc::writer::StreamWriter;
 use rerun::external::re_log_encoding::RawRrdManifest;
-use rerun::external::re_log_types::{AbsoluteTimeRange, StoreId, TimeInt};
+use rerun::external::re_log_types::{AbsoluteTimeRange, EntityPathHash, StoreId, TimeInt};
 use rerun::log::{Chunk, ChunkId};
 use rerun::time::Timeline;
 use rerun::{ComponentDescriptor, ComponentIdentifier, EntityPath, TimelineName};
@@ -36,7 +36,7 @@ type Column = (Field, ArrayRef);
 pub(super) struct Contents {
     chunks: Vec<Entry>,
     /// All columns of all entities.
-    columns: HashMap<(EntityPath, ComponentIdentifier), ComponentColumnDescriptor>,
+    columns: BTreeMap<(EntityPathHash, ComponentIdentifier), ComponentColumnDescriptor>,
     /// The static chunks of each component, by their numbers.
     statics: BTreeMap<ComponentDescriptor, Vec<usize>>,
     timelines: BTreeMap<TimelineName, Ranges>,
@@ -93,7 +93,7 @@ impl Contents {
         for (component, column) in chunk.components().iter() {
             let is_empty = column.list_array.values().is_empty();
             let path = chunk.entity_path();
-            let known = self.columns.entry((path.clone(), *component));
+            let known = self.columns.entry((path.hash(), *component));
             let known = known.or_insert_with(|| ComponentColumnDescriptor {
                 is_semantically_empty: true,
                 ..component_column(path.clone(), column)

@@ -1,6 +1,5 @@
 //! Chunks as rows of Arrow.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 
 use re_sorbet::{
@@ -13,10 +12,16 @@ use rerun::external::arrow::error::ArrowError;
 use rerun::log::Chunk;
 use rerun::{EntityPath, SerializedComponentColumn};
 
+#[expect(
+    clippy::disallowed_types,
+    reason = "only looked up; what orders columns does not see whether they are sorted"
+)]
+type Known = std::collections::HashMap<ColumnDescriptor, FieldRef>;
+
 /// The fields of all columns so far. The SDK makes them anew for each chunk, although those of one signal are those of
 /// the next.
 #[derive(Default)]
-pub(super) struct Fields(HashMap<ColumnDescriptor, FieldRef>);
+pub(super) struct Fields(Known);
 
 impl Fields {
     /// The rows of a chunk, with what the SDK says of them.
