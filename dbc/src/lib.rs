@@ -96,6 +96,6 @@ mod tests {
     #[test]
     fn a_data_sheet_is_read_for_another_node_too() {
         let dictionary = dictionary(DRIVE_EDS, 0x20).unwrap();
-        assert_eq!(dictionary.unsigned(0x1800, 1), Some(0x1A0));
+        assert_eq!(dictionary.unsigned(0x1200, 1), Some(0x620));
     }
 }
