@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use serde::{Deserialize, Serialize};
+
 /// Why an access was refused: an SDO abort code (CiA 301, table 22).
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct AbortCode(pub u32);
@@ -71,7 +73,7 @@ impl fmt::Debug for AbortCode {
 impl std::error::Error for AbortCode {}
 
 /// The data types that the dictionary holds, by their CiA 301 numbers (table 44).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[expect(missing_docs, reason = "the names are the standard's")]
 pub enum DataType {
     Boolean,
@@ -196,7 +198,7 @@ impl DataType {
 }
 
 /// Who may read and write an object (CiA 306).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 pub enum Access {
     /// `ro`
     ReadOnly,
@@ -231,7 +233,7 @@ impl Access {
 pub struct Handle(usize);
 
 /// One sub-object.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Entry {
     /// Index of the object.
     pub index: u16,
@@ -365,7 +367,7 @@ fn integer_from_le(data_type: DataType, bytes: &[u8]) -> i128 {
 }
 
 /// All objects of a node, sorted by index and sub-index.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct ObjectDictionary {
     entries: Vec<Entry>,
 }

@@ -1,7 +1,7 @@
 //! What the controller knows of the drive before it meets it: identity and PDOs, from its EDS and the rig file.
 
 use canopen::nmt::NodeId;
-use canopen::{CanFrame, ObjectDictionary, cia402, eds};
+use canopen::{CanFrame, ObjectDictionary, cia402};
 use scenario::rig::{self, ObjectAddress};
 
 use crate::node::ControllerError;
@@ -251,7 +251,7 @@ impl Drive {
         current_amperes_max: f64,
     ) -> Result<Self, ControllerError> {
         let node_id = NodeId::new(rig.node_id).ok_or(ControllerError::NodeId(rig.node_id))?;
-        let dictionary = eds::parse(text, node_id.get())?.dictionary;
+        let dictionary = dbc::dictionary(text, node_id.get())?;
         let pdo = |parameters, mapping| {
             let pdo = Pdo::read(&dictionary, parameters, mapping);
             pdo.ok_or(ControllerError::DrivePdo(parameters))

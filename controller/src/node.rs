@@ -17,7 +17,7 @@ mod tests;
 use std::fmt;
 use std::time::Duration;
 
-use canopen::{CanFrame, Device, Filter, Node, Progress, eds, nmt::NodeId};
+use canopen::{CanFrame, Device, Filter, Node, Progress, nmt::NodeId};
 use scenario::ControllerView;
 use scenario::rig::{Rig, Timeouts};
 
@@ -123,7 +123,7 @@ impl ControllerNode {
         limits: Option<LimitWatch>,
     ) -> Result<Self, ControllerError> {
         let law = catalogue::law(&view.controller)?;
-        let mut dictionary = eds::parse(controller_eds, CONTROLLER.get())?.dictionary;
+        let mut dictionary = dbc::dictionary(controller_eds, CONTROLLER.get())?;
         explanation::declare(&mut dictionary, &law.terms());
         // Checked here, since it is written only when the drive is configured.
         let watch = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, 1);

@@ -15,7 +15,11 @@
 
 use std::sync::LazyLock;
 
+use canopen::ObjectDictionary;
+use canopen::eds::{self, EdsError};
+
 pub mod coding;
+mod data_sheets;
 pub mod database;
 pub mod error;
 mod law;
@@ -24,6 +28,7 @@ mod plant;
 pub mod scenario_clock;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
+pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
 pub use database::{
     Database, Decoded, DecodedSignal, Message, MessageBuilder, Signal, SignalHandle,
 };
@@ -33,12 +38,29 @@ pub use plant::PlantSignal;
 
 /// The frames of the rig (`sma_actuator.dbc`).
 pub const SMA_ACTUATOR: &str = include_str!("../sma_actuator.dbc");
-/// The drive, node 0x10, CiA 402 (`drive.eds`).
-pub const DRIVE_EDS: &str = include_str!("../drive.eds");
-/// The disturbance node 0x11, CiA 401 (`disturbance.eds`).
-pub const DISTURBANCE_EDS: &str = include_str!("../disturbance.eds");
-/// The controller, node 0x01 (`controller.eds`).
-pub const CONTROLLER_EDS: &str = include_str!("../controller.eds");
+/// What the build script read of the [`data_sheets::SHIPPED`], in their order.
+const READ: [&[u8]; 3] = [
+    include_bytes!(concat!(env!("OUT_DIR"), "/controller.postcard")),
+    include_bytes!(concat!(env!("OUT_DIR"), "/drive.postcard")),
+    include_bytes!(concat!(env!("OUT_DIR"), "/disturbance.postcard")),
+];
+
+/// The objects of a data sheet for a node, as [`eds::parse`] reads them; those of the rig as the build script read them.
+///
+/// # Errors
+/// As [`eds::parse`].
+///
+/// # Panics
+/// Never: a test takes what is compiled in.
+pub fn dictionary(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
+    let is_it = |shipped: &(&str, u8, &str)| (shipped.1, shipped.2) == (node_id, text);
+    Ok(match data_sheets::SHIPPED.iter().position(is_it) {
+        Some(place) => {
+            postcard::from_bytes(READ[place]).expect("written by the build script from this type")
+        }
+        None => eds::parse(text, node_id)?.dictionary,
+    })
+}
 
 impl Database {
     /// The frames of the rig: [`SMA_ACTUATOR`] as the build script read it, which spares every run its text.
@@ -65,5 +87,15 @@ mod tests {
             Database::parse(SMA_ACTUATOR).as_ref(),
             Ok(Database::sma_actuator())
         );
+        for (_, node_id, text) in data_sheets::SHIPPED {
+            let said = eds::parse(text, node_id).unwrap().dictionary;
+            assert_eq!(dictionary(text, node_id), Ok(said));
+        }
+    }
+
+    #[test]
+    fn a_data_sheet_is_read_for_another_node_too() {
+        let dictionary = dictionary(DRIVE_EDS, 0x20).unwrap();
+        assert_eq!(dictionary.unsigned(0x1200, 1), Some(0x620));
     }
 }

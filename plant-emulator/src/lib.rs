@@ -23,7 +23,7 @@ mod truth;
 use std::time::Duration;
 
 use ::faults::{Faulty, Plan};
-use canopen::eds::{self, EdsError};
+use canopen::eds::EdsError;
 use canopen::services::InvalidPdo;
 use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earlier};
 
@@ -313,9 +313,8 @@ impl<P: Plant> Node for PlantEmulator<P> {
 
 /// The dictionary of a data sheet.
 fn dictionary(node_id: NodeId, text: &str) -> Result<ObjectDictionary, InvalidEmulator> {
-    let eds = eds::parse(text, node_id.get());
-    let eds = eds.map_err(|error| InvalidEmulator::Eds { node_id, error })?;
-    Ok(eds.dictionary)
+    let dictionary = dbc::dictionary(text, node_id.get());
+    dictionary.map_err(|error| InvalidEmulator::Eds { node_id, error })
 }
 
 /// Makes a dictionary that of another product.

@@ -6,6 +6,8 @@
 
 mod blueprint;
 mod bus;
+mod contents;
+mod fields;
 mod file;
 mod groups;
 mod hysteresis;

@@ -6,7 +6,7 @@ use canopen::nmt::{NmtCommand, NmtState};
 use canopen::object_dictionary::AbortCode;
 use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
-use canopen::{Application, CommunicationLoss, Services};
+use canopen::{Application, CommunicationLoss, Services, eds};
 use proptest::prelude::*;
 
 use super::*;

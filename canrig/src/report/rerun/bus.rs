@@ -36,18 +36,11 @@ const TIMING: [(&str, &str, [u8; 3]); 3] = [
     ),
 ];
 
-/// Rows of one signal.
-#[derive(Default)]
-struct Series {
-    moments: Vec<Moment>,
-    values: Vec<f64>,
-}
-
-impl Series {
-    fn push(&mut self, moment: Moment, value: f64) {
-        self.moments.push(moment);
-        self.values.push(value);
-    }
+/// What the stamps say of one cycle.
+struct Cycle {
+    moment: Moment,
+    /// As [`TIMING`]; NaN of what was not heard.
+    microseconds: [f64; 3],
 }
 
 /// What the stamps say, cycle by cycle.
@@ -56,12 +49,12 @@ pub(crate) struct BusReader {
     period: Duration,
     end: Duration,
     bits_per_second: f64,
-    timing: [Series; 3],
     now: Moment,
+    cycles: Vec<Cycle>,
     stretch: f64,
-    stretch_end_seconds: f64,
+    stretch_end: Duration,
     bits: u32,
-    loads: Series,
+    loads: Vec<(Moment, f64)>,
 }
 
 impl BusReader {
@@ -75,12 +68,12 @@ impl BusReader {
             period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),
             end: Duration::from_secs_f64(scenario.duration_seconds),
             bits_per_second: 1e3 * f64::from(scenario.bus.bitrate_kilobits_per_second),
-            timing: Default::default(),
             now: times::moment_at(0.0, 1.0),
+            cycles: Vec::new(),
             stretch: 1.0,
-            stretch_end_seconds: LOAD_STRETCH_SECONDS,
+            stretch_end: first_from(LOAD_STRETCH_SECONDS),
             bits: 0,
-            loads: Series::default(),
+            loads: Vec::new(),
         })
     }
 
@@ -94,14 +87,27 @@ impl BusReader {
         let micros = |time: Duration| time.as_secs_f64() * 1e6;
         match self.cycle.stage(stamped, time) {
             Some(Stage::Sync { time }) => self.begin_cycle(time),
-            Some(Stage::Position { after_sync }) => {
-                self.timing[1].push(self.now, micros(after_sync));
-            }
-            Some(Stage::Command { after_sync, .. }) => {
-                self.timing[2].push(self.now, micros(after_sync));
-            }
+            Some(Stage::Position { after_sync }) => self.tell(1, micros(after_sync)),
+            Some(Stage::Command { after_sync, .. }) => self.tell(2, micros(after_sync)),
             None => {}
         }
+    }
+
+    /// Tells one of [`TIMING`] of this cycle, whose beginning may have been logged.
+    fn tell(&mut self, place: usize, microseconds: f64) {
+        if self.cycles.is_empty() {
+            self.push_cycle();
+        }
+        if let Some(cycle) = self.cycles.last_mut() {
+            cycle.microseconds[place] = microseconds;
+        }
+    }
+
+    fn push_cycle(&mut self) {
+        self.cycles.push(Cycle {
+            moment: self.now,
+            microseconds: [f64::NAN; 3],
+        });
     }
 
     fn begin_cycle(&mut self, time: Duration) {
@@ -110,18 +116,20 @@ impl BusReader {
         let due_seconds = number * period_seconds;
         self.now = times::moment_at(due_seconds, period_seconds);
         let lateness = 1e6 * (time.as_secs_f64() - due_seconds);
-        self.timing[0].push(self.now, lateness.round());
+        self.push_cycle();
+        self.tell(0, lateness.round());
     }
 
     /// Counts bits; a stretch that is over becomes a row at its end.
     fn take_load(&mut self, time: Duration, bits: u32) {
-        while time.as_secs_f64() >= self.stretch_end_seconds {
-            let end = times::moment_at(self.stretch_end_seconds, self.period.as_secs_f64());
+        while time >= self.stretch_end {
+            let end_seconds = self.stretch * LOAD_STRETCH_SECONDS;
+            let end = times::moment_at(end_seconds, self.period.as_secs_f64());
             let capacity = self.bits_per_second * LOAD_STRETCH_SECONDS;
             let load = 100.0 * f64::from(self.bits) / capacity;
-            self.loads.push(end, load);
+            self.loads.push((end, load));
             self.stretch += 1.0;
-            self.stretch_end_seconds = self.stretch * LOAD_STRETCH_SECONDS;
+            self.stretch_end = first_from(self.stretch * LOAD_STRETCH_SECONDS);
             self.bits = 0;
         }
         self.bits += bits;
@@ -129,22 +137,38 @@ impl BusReader {
 
     /// Logs what there is since the last time.
     pub(super) fn log(&mut self, output: &mut impl Output) -> Result<(), RecordingStreamError> {
-        let names = TIMING.map(|(name, ..)| format!("{}/{name}", groups::TIMING));
-        let names = names.into_iter().chain([LOAD.to_owned()]);
+        let cycles = mem::take(&mut self.cycles);
         // Most cycles have a row of each timing, so the times are made once.
-        let mut times = (Vec::new(), times::columns([].into_iter()));
-        for (name, series) in names.zip(self.timing.iter_mut().chain([&mut self.loads])) {
-            let Series { moments, values } = mem::take(series);
+        let all = times::columns(cycles.iter().map(|cycle| cycle.moment));
+        for (place, (name, ..)) in TIMING.into_iter().enumerate() {
+            let is_heard = |cycle: &&Cycle| !cycle.microseconds[place].is_nan();
+            let heard = cycles.iter().filter(is_heard);
+            let values: Vec<f64> = heard.clone().map(|it| it.microseconds[place]).collect();
             if values.is_empty() {
                 continue;
             }
-            if moments != times.0 {
-                let columns = times::columns(moments.iter().copied());
-                times = (moments, columns);
-            }
-            send_scalars(output, name, times.1.clone(), values)?;
+            let times = if values.len() == cycles.len() {
+                all.clone()
+            } else {
+                times::columns(heard.map(|cycle| cycle.moment))
+            };
+            send_scalars(output, format!("{}/{name}", groups::TIMING), times, values)?;
         }
-        Ok(())
+        let (moments, loads): (Vec<_>, Vec<_>) = self.loads.drain(..).unzip();
+        if loads.is_empty() {
+            return Ok(());
+        }
+        send_scalars(output, LOAD, times::columns(moments.into_iter()), loads)
+    }
+}
+
+/// The first whole nanosecond that is not before.
+fn first_from(seconds: f64) -> Duration {
+    let nearest = Duration::from_secs_f64(seconds);
+    if nearest.as_secs_f64() < seconds {
+        nearest + Duration::from_nanos(1)
+    } else {
+        nearest
     }
 }
 

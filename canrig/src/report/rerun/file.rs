@@ -13,7 +13,7 @@ use std::path::Path;
 use re_protos::common::v1alpha1::Compression;
 use re_protos::external::prost::Message;
 use re_protos::external::prost::encoding::{WireType, encode_key, encode_varint};
-use re_protos::log_msg::v1alpha1::{ArrowMsg, Encoding, RrdFooter, RrdManifest};
+use re_protos::log_msg::v1alpha1::{ArrowMsg, Encoding, RrdFooter};
 use re_span::Span;
 use rerun::RecordingStreamError;
 use rerun::external::arrow::array::RecordBatch;
@@ -23,11 +23,13 @@ use rerun::external::arrow::ipc::writer::{
 };
 use rerun::external::re_log_encoding::{
     self as encoding, CodecError, Encodable, EncodeError, EncodingOptions, MessageHeader,
-    MessageKind, RRD_FOURCC, RrdManifestBuilder, StreamFooter, StreamHeader, ToTransport,
+    MessageKind, RRD_FOURCC, StreamFooter, StreamHeader, ToTransport,
 };
 use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, StoreId, StoreInfo};
 use rerun::log::Chunk;
 
+use super::contents::Contents;
+use super::fields::Fields;
 use super::output::{Output, begin};
 
 type Written = Result<(), EncodeError>;
@@ -36,6 +38,8 @@ type Written = Result<(), EncodeError>;
 const BUFFER_BYTES: usize = 64 * 1024;
 /// Number of the field `payload` of an `ArrowMsg`.
 const PAYLOAD_FIELD: u32 = 5;
+/// What lies around two messages of an Arrow stream.
+const FRAMES_BYTES_MAX: usize = 2 * (8 + 64);
 /// The end of an Arrow stream.
 const END_OF_STREAM: [u8; 8] = [0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0];
 
@@ -46,7 +50,8 @@ pub(super) struct RecordingFile {
     file: BufWriter<File>,
     bytes_written: u64,
     /// What lies where, of the recording and of its layout.
-    contents: BTreeMap<StoreId, RrdManifestBuilder>,
+    contents: BTreeMap<StoreId, Contents>,
+    fields: Fields,
     /// What went wrong first; nothing is written after it.
     outcome: Written,
 }
@@ -58,6 +63,7 @@ impl RecordingFile {
             file: BufWriter::with_capacity(BUFFER_BYTES, File::create(path)?),
             bytes_written: 0,
             contents: BTreeMap::new(),
+            fields: Fields::default(),
             outcome: Ok(()),
         };
         file.write_part(&StreamHeader {
@@ -78,9 +84,10 @@ impl RecordingFile {
     /// Writes the table of contents: it is the last message, and the last bytes say where it is.
     fn write_table(&mut self) -> Written {
         let manifests = mem::take(&mut self.contents).into_iter();
-        let manifests: Result<_, CodecError> = manifests.map(manifest).collect();
+        let manifests = manifests.map(|(store, contents)| contents.manifest(store));
+        let manifests: Result<_, ArrowError> = manifests.collect();
         let table = RrdFooter {
-            manifests: manifests?,
+            manifests: manifests.map_err(CodecError::ArrowSerialization)?,
         };
         let table = table.encode_to_vec();
         self.write_part(&MessageHeader {
@@ -101,8 +108,9 @@ impl RecordingFile {
     }
 
     fn write_chunk(&mut self, store: &StoreId, chunk: &Chunk) -> Written {
-        let batch = chunk.to_chunk_batch()?;
-        let (head, rows) = ipc_stream(&batch).map_err(CodecError::ArrowSerialization)?;
+        let batch = self.fields.batch(chunk);
+        let stream = batch.and_then(|batch| ipc_stream(&batch));
+        let (head, rows) = stream.map_err(CodecError::ArrowSerialization)?;
         let payload_bytes = (head.len() + rows.len() + END_OF_STREAM.len()) as u64;
         let message = ArrowMsg {
             store_id: Some(store.clone().into()),
@@ -125,7 +133,8 @@ impl RecordingFile {
             self.write(piece)?;
         }
         let contents = self.contents.entry(store.clone()).or_default();
-        Ok(contents.append(&batch, span, payload_bytes)?)
+        contents.append(chunk, span, payload_bytes);
+        Ok(())
     }
 
     fn write_message(&mut self, message: &LogMsg) -> Written {
@@ -157,22 +166,11 @@ fn ipc_stream(batch: &RecordBatch) -> Result<(Vec<u8>, Vec<u8>), ArrowError> {
     let (_, mut encoded) =
         encoder.encode(batch, &mut dictionaries, &options, &mut Default::default())?;
     let rows = mem::take(&mut encoded.arrow_data);
-    let mut head = Vec::new();
+    let bytes = schema.ipc_message.len() + encoded.ipc_message.len();
+    let mut head = Vec::with_capacity(bytes + FRAMES_BYTES_MAX);
     write_message(&mut head, schema, &options)?;
     write_message(&mut head, encoded, &options)?;
     Ok((head, rows))
-}
-
-/// The table of contents of a recording or a layout. Whoever reads it checks it, so it is not checked here.
-fn manifest((store, contents): (StoreId, RrdManifestBuilder)) -> Result<RrdManifest, CodecError> {
-    let contents = contents.build(store)?;
-    let schema = (&contents.sorbet_schema).try_into();
-    Ok(RrdManifest {
-        store_id: Some(contents.store_id.into()),
-        sorbet_schema_sha256: Some(contents.sorbet_schema_sha256.to_vec().into()),
-        sorbet_schema: Some(schema.map_err(CodecError::ArrowSerialization)?),
-        data: Some(contents.data.into()),
-    })
 }
 
 impl Output for RecordingFile {

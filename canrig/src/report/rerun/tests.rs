@@ -9,7 +9,10 @@ use std::time::Duration;
 use canopen::CanFrame;
 use dbc::Database;
 use re_protos::log_msg::v1alpha1::{ArrowMsg, RrdFooter};
-use rerun::external::re_log_encoding::{Decodable, Decoder, StreamFooter, ToApplication};
+use re_span::Span;
+use rerun::external::re_log_encoding::{
+    Decodable, Decoder, RrdManifestBuilder, StreamFooter, ToApplication,
+};
 use rerun::log::{Chunk, LogMsg};
 use rerun::{Scalars, SeriesLines};
 
@@ -230,7 +233,7 @@ fn the_settling_band_is_that_of_the_verdict() {
 }
 
 #[test]
-fn the_table_of_contents_says_where_each_chunk_is() {
+fn the_table_of_contents_says_where_each_chunk_is_and_is_that_of_the_sdk() {
     let (_folder, path, _) = written();
     let bytes = fs::read(&path).unwrap();
     let piece = |begin: u64, length: u64| {
@@ -249,12 +252,21 @@ fn the_table_of_contents_says_where_each_chunk_is() {
         let lengths = contents.col_chunk_byte_size().unwrap();
         let ids = contents.col_chunk_id().unwrap();
         let mut found = 0;
+        let mut sdk = RrdManifestBuilder::default();
         for ((begin, length), id) in begins.zip(lengths).zip(ids) {
             let message = ArrowMsg::from_rrd_bytes(piece(begin, length)).unwrap();
+            let payload_bytes = message.uncompressed_size;
             let message = message.to_application(()).unwrap();
             assert_eq!(message.chunk_id, id.as_tuid());
+            let chunk = Chunk::from_arrow_msg(&message).unwrap();
+            let batch = chunk.to_chunk_batch().unwrap();
+            let place = Span::from_start_len(begin, length);
+            sdk.append(&batch, place, payload_bytes).unwrap();
             found += 1;
         }
+        let sdk = sdk.build(store.clone()).unwrap();
+        assert_eq!(contents.data, sdk.data);
+        assert_eq!(contents.sorbet_schema_sha256, sdk.sorbet_schema_sha256);
         if store.is_recording() {
             assert_eq!(found, chunks(&path).len());
         }
