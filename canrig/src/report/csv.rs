@@ -9,19 +9,15 @@ use crate::timeline::Timeline;
 const DECIMALS: usize = 7;
 /// Ten to the power of the decimals.
 const SCALE: u32 = 10_000_000;
-/// Longest text of a cell with decimals: what stands before the point, the point, an even number of decimals.
+/// Longest text of a number with decimals: ten places, the point, an even number of decimals.
 const CELL: usize = POINT + 1 + DECIMALS + 1;
-/// Where the point stands in it: behind the comma, a sign and nine digits.
-const POINT: usize = 11;
-/// Numbers from here on have no decimal that is known: that many decimals of them are no whole numbers below 2^53.
-const LARGE: f64 = (9_007_199_254_740_992.0 - 0.5) / SCALE as f64;
+/// Where the point stands in it.
+const POINT: usize = 10;
+/// Whole numbers below this are exact.
+const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
 /// The table goes on to the output in pieces of this size: they stay in the processor's cache, and are large enough for the
 /// system to take them page after page at once.
 const PIECE: usize = 256 * 1024;
-/// Cells that are kept, a power of two: most measured values come again soon.
-const KEPT: usize = 2048;
-/// Rows in which changes are looked for together.
-const ROWS: usize = 128;
 
 /// Writes the table. Names and numbers hold neither comma nor quote, so nothing needs quoting.
 ///
@@ -58,179 +54,78 @@ pub fn write(mut output: impl Write, timeline: &Timeline) -> io::Result<()> {
 
 /// Makes one row of another.
 struct Rows<'a> {
-    columns: &'a [&'a [f64]],
-    cells: Cells,
-    /// Of each 64 columns, a bit for each that changes, in each of some rows.
-    changed: Vec<[u64; ROWS]>,
+    /// The values of each column, and how long the text of the last one is.
+    columns: Vec<(&'a [f64], usize)>,
     /// Where the cells of the last row begin.
     last: usize,
-    /// Where each of them ends, counted from there.
-    ends: Vec<usize>,
 }
 
 impl<'a> Rows<'a> {
-    fn of(columns: &'a [&'a [f64]]) -> Self {
+    fn of(columns: &[&'a [f64]]) -> Self {
         Self {
-            columns,
-            cells: Cells::new(),
-            changed: vec![[0; ROWS]; columns.len().div_ceil(64)],
+            columns: columns.iter().map(|values| (*values, 0)).collect(),
             last: 0,
-            ends: vec![0; columns.len()],
         }
     }
 
     /// Appends the cells of a row. Most values are those of the row before: stretches of such are copied as text.
     fn push(&mut self, table: &mut Vec<u8>, row: usize) {
-        if row.is_multiple_of(ROWS) {
-            self.find_changes(row);
-        }
-        let last = std::mem::replace(&mut self.last, table.len());
-        // By how much the cells so far are longer than those of the last row, and what of that is still to be copied.
-        let mut longer = 0_usize;
-        let mut held = last;
-        for (words, first) in self.changed.iter().zip((0..).step_by(64)) {
-            let mut bits = words[row % ROWS];
-            while bits != 0 {
-                let column = first + bits.trailing_zeros() as usize;
-                bits &= bits - 1;
-                let begin = if column == 0 {
-                    0
-                } else {
-                    self.ends[column - 1]
-                };
-                let held_end = last + begin.wrapping_sub(longer);
-                if held < held_end {
-                    table.extend_from_within(held..held_end);
-                }
-                held = last + self.ends[column].wrapping_sub(longer);
-                self.cells.push(table, self.columns[column][row]);
-                let more = (table.len() - self.last).wrapping_sub(self.ends[column]);
-                if more != 0 {
-                    let ends = self.ends[column..].iter_mut();
-                    ends.for_each(|end| *end = end.wrapping_add(more));
-                    longer = longer.wrapping_add(more);
-                }
+        let mut held = self.last..self.last;
+        self.last = table.len();
+        for (values, length) in &mut self.columns {
+            if row > 0 && values[row].to_bits() == values[row - 1].to_bits() {
+                held.end += *length;
+                continue;
             }
-        }
-        let end = self.ends.last().map_or(0, |end| end.wrapping_sub(longer));
-        table.extend_from_within(held..last + end);
-    }
-
-    /// Compares the values from this row on with those before them, column after column.
-    fn find_changes(&mut self, row: usize) {
-        for (columns, words) in self.columns.chunks(64).zip(&mut self.changed) {
-            words.fill(0);
-            let words = if row == 0 {
-                words[0] = u64::MAX >> (64 - columns.len());
-                &mut words[1..]
-            } else {
-                &mut words[..]
-            };
-            for (values, place) in columns.iter().zip(0..) {
-                let before = &values[row.saturating_sub(1)..];
-                let bit = 1 << place;
-                for ((word, before), value) in words.iter_mut().zip(before).zip(&before[1..]) {
-                    let is_same = before.to_bits() == value.to_bits();
-                    *word |= if is_same { 0 } else { bit };
-                }
+            if !held.is_empty() {
+                table.extend_from_within(held.clone());
             }
+            held.start = held.end + *length;
+            held.end = held.start;
+            let begin = table.len();
+            table.push(b',');
+            push_number(table, values[row]);
+            *length = table.len() - begin;
         }
+        table.extend_from_within(held);
     }
 }
 
-/// The texts of numbers, with a comma before each.
-struct Cells(Vec<Cell>);
-
-impl Cells {
-    fn new() -> Self {
-        Self(vec![Cell::of(0.0); KEPT])
+/// A fixed number of decimals without trailing zeros; nothing where there is no value.
+fn push_number(table: &mut Vec<u8>, value: f64) {
+    if value.is_nan() {
+        return;
     }
-
-    /// Appends a comma and a fixed number of decimals without trailing zeros; the comma alone where there is no value.
-    fn push(&mut self, table: &mut Vec<u8>, value: f64) {
-        if value.abs() < LARGE {
-            let cell = self.find(value);
-            // As many bytes as a cell may have are sooner copied than just those of this one.
-            let end = table.len() + cell.length;
-            table.extend_from_slice(&cell.text);
-            table.truncate(end);
-            return;
-        }
-        table.push(b',');
-        if !value.is_nan() {
-            // So large that no decimal is known.
-            table.extend_from_slice(value.to_string().as_bytes());
-        }
+    let scaled = value.abs() * f64::from(SCALE) + 0.5;
+    if scaled >= EXACT_MAX {
+        // So large that no decimal is known.
+        table.extend_from_slice(value.to_string().as_bytes());
+        return;
     }
-
-    /// The cell of a number that is not large. Each has one place, where the latest of several stays.
-    fn find(&mut self, value: f64) -> &Cell {
-        /// Spreads neighbouring numbers over the places.
-        const SPREAD: u64 = 0x9E37_79B9_7F4A_7C15;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "as many bits as there are places"
-        )]
-        let place = (value.to_bits().wrapping_mul(SPREAD) >> (64 - KEPT.ilog2())) as usize;
-        let cell = &mut self.0[place % KEPT];
-        if cell.bits != value.to_bits() {
-            *cell = Cell::of(value);
-        }
-        cell
-    }
-}
-
-/// The text of one number.
-#[derive(Clone, Copy)]
-struct Cell {
-    /// The number.
-    bits: u64,
-    text: [u8; CELL],
-    /// The bytes of it that count.
-    length: usize,
-}
-
-impl Cell {
-    /// Of a number that is not large.
-    fn of(value: f64) -> Self {
-        let scaled = value.abs() * f64::from(SCALE) + 0.5;
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "below 2^53, and rounded down on purpose"
-        )]
-        let (whole, decimals) = {
-            // By way of a signed number, which the processor has an instruction for.
-            let scaled = scaled as i64 as u64;
-            (
-                scaled / u64::from(SCALE),
-                (scaled % u64::from(SCALE)) as u32,
-            )
-        };
-        let mut text = [b'.'; POINT + CELL];
-        // One digit more than there are, since an even number of them is written.
-        let digits = digits::eight(10 * decimals);
-        text[POINT + 1..CELL].copy_from_slice(&digits);
-        let mut first = digits::put(&mut text[..POINT], whole);
-        if value.is_sign_negative() && (whole, decimals) != (0, 0) {
-            first -= 1;
-            text[first] = b'-';
-        }
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "below 2^53, and rounded down on purpose"
+    )]
+    let scaled = scaled as u64;
+    let whole = scaled / u64::from(SCALE);
+    #[expect(clippy::cast_possible_truncation, reason = "less than the scale")]
+    let decimals = (scaled % u64::from(SCALE)) as u32;
+    let mut text = [b'.'; CELL];
+    // One digit more than there are, since an even number of them is written.
+    let digits = digits::eight(10 * decimals);
+    text[POINT + 1..].copy_from_slice(&digits);
+    let mut first = digits::put(&mut text[..POINT], whole);
+    if value.is_sign_negative() && scaled > 0 {
         first -= 1;
-        text[first] = b',';
-        let end = if decimals > 0 {
-            CELL - zeros_behind(digits)
-        } else {
-            POINT
-        };
-        let mut cell = Self {
-            bits: value.to_bits(),
-            text: [0; CELL],
-            length: end - first,
-        };
-        cell.text.copy_from_slice(&text[first..first + CELL]);
-        cell
+        text[first] = b'-';
     }
+    let end = if decimals > 0 {
+        CELL - zeros_behind(digits)
+    } else {
+        POINT
+    };
+    table.extend_from_slice(&text[first..end]);
 }
 
 /// How many zeros stand at the end: read as one number, they are its highest bytes.
@@ -246,9 +141,8 @@ mod tests {
 
     fn number(value: f64) -> String {
         let mut text = Vec::new();
-        Cells::new().push(&mut text, value);
-        let text = String::from_utf8(text).unwrap();
-        text.strip_prefix(',').unwrap().to_owned()
+        push_number(&mut text, value);
+        String::from_utf8(text).unwrap()
     }
 
     #[test]
