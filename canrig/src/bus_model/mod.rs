@@ -28,28 +28,23 @@ pub const SUSPEND_BITS: u32 = 8;
 /// Bits of a frame on the wire from start to end of frame, with the stuff bits that its payload causes.
 #[must_use]
 pub fn frame_bits(frame: &CanFrame) -> u32 {
-    let id = frame.raw_id();
-    let length = u32::try_from(frame.data().len()).unwrap_or(8);
-    // Remote frame or not, two reserved bits, and the length, behind the start of frame and the identifier.
-    let control = u128::from(frame.is_remote()) << 6 | u128::from(length);
-    let mut bits = if frame.is_extended() {
-        let (base, extension) = ((id >> 18) & 0x7FF, id & 0x3_FFFF);
-        let identifier = u128::from(base) << 20 | 0b11 << 18 | u128::from(extension);
-        Bits {
-            bits: identifier << 7 | control,
-            count: 1 + 11 + 2 + 18 + 7,
-        }
+    // Header, data and checksum. The data begin with a whole byte, so what is missing to it stands before the start of
+    // frame, and a bit is missing behind the checksum.
+    let mut bytes = [0; BYTES_MAX];
+    let (header_bytes, header_bits) = put_header(frame, &mut bytes);
+    let data_bytes = if frame.is_remote() {
+        0
     } else {
-        Bits {
-            bits: u128::from(id & 0x7FF) << 7 | control,
-            count: 1 + 11 + 7,
-        }
+        frame.data().len()
     };
-    if !frame.is_remote() && length > 0 {
-        let data = u64::from_be_bytes(frame.buffer()) >> (64 - 8 * length);
-        bits.push(u128::from(data), 8 * length);
-    }
-    bits.count + CRC_BITS + bits.stuff_bits(bits.crc()) + UNSTUFFED_TAIL_BITS
+    bytes[header_bytes..][..8].copy_from_slice(&frame.buffer());
+    let end = header_bytes + data_bytes;
+    let checksum = crc(&bytes[..end]);
+    // Bits that alternate and end unlike the start of frame change nothing, nor does one unlike the checksum's last.
+    bytes[0] |= 0b0101_0101 << (header_bits % 8);
+    bytes[end..][..2].copy_from_slice(&(checksum << 1 | !checksum & 1).to_be_bytes());
+    let stuffed_bits = stuffed_bits(&bytes[..end + 2]);
+    header_bits + 8 * data_bytes as u32 + CRC_BITS + stuffed_bits + UNSTUFFED_TAIL_BITS
 }
 
 /// Bits that a frame takes from the bus: its own and the pause after it.
@@ -62,47 +57,41 @@ pub fn occupied_bits(frame: &CanFrame) -> u32 {
     frame_bits(frame) + INTERFRAME_BITS
 }
 
-/// The stuffed part of a frame before stuffing, at most 118 bits; the last one is the lowest.
-struct Bits {
-    bits: u128,
-    count: u32,
+/// Five bytes of header, eight of data, two of checksum; one more lets eight bytes be copied in any case.
+const BYTES_MAX: usize = 16;
+
+/// Writes the bits from the start of frame to the length, and returns how many bytes they end in and how many they are.
+fn put_header(frame: &CanFrame, bytes: &mut [u8; BYTES_MAX]) -> (usize, u32) {
+    let id = u64::from(frame.raw_id());
+    // Remote frame or not, two reserved bits, and the length, behind the start of frame and the identifier.
+    let control = u64::from(frame.is_remote()) << 6 | frame.data().len() as u64;
+    let (header, header_bytes, header_bits) = if frame.is_extended() {
+        let identifier = (id >> 18 & 0x7FF) << 20 | 0b11 << 18 | id & 0x3_FFFF;
+        ((identifier << 7 | control) << 24, 5, 1 + 11 + 2 + 18 + 7)
+    } else {
+        (((id & 0x7FF) << 7 | control) << 40, 3, 1 + 11 + 7)
+    };
+    bytes[..8].copy_from_slice(&header.to_be_bytes());
+    (header_bytes, header_bits)
 }
 
-impl Bits {
-    fn push(&mut self, value: u128, width: u32) {
-        self.bits = self.bits << width | value;
-        self.count += width;
-    }
+/// The CRC of ISO 11898-1, 10.4.2.6. It is linear: the sum of what each byte adds at its place, counted from the end.
+/// Zeros in front add nothing.
+fn crc(bytes: &[u8]) -> u16 {
+    const TABLE: [[u16; 256]; BYTES_MAX] = crc_table();
+    let adds = bytes.iter().rev().zip(&TABLE);
+    adds.fold(0, |crc, (byte, table)| crc ^ table[usize::from(*byte)])
+}
 
-    /// The CRC of ISO 11898-1, 10.4.2.6. It is linear: the sum of what each byte adds at its place, counted from the end.
-    /// Zeros in front add nothing.
-    fn crc(&self) -> u16 {
-        const TABLE: [[u16; 256]; 16] = crc_table();
-        let bytes = self.bits.to_le_bytes();
-        let adds = bytes.iter().zip(&TABLE);
-        let adds = adds.take(self.count.div_ceil(8) as usize);
-        adds.fold(0, |crc, (byte, table)| crc ^ table[usize::from(*byte)])
-    }
-
-    /// Bits stuffed into these and the CRC behind them: after five equal bits comes one of the other kind, which counts
-    /// for the next five.
-    fn stuff_bits(&self, crc: u16) -> u32 {
-        const TABLE: [[u8; Stuffed::STATES as usize]; 256] = Stuffed::table();
-        // Bits that alternate and end unlike the start of frame fill the first byte: they change nothing.
-        const ALTERNATING: u8 = 0b0101_0101;
-        let count = self.count + CRC_BITS;
-        let mut bytes = (self.bits << CRC_BITS | u128::from(crc)).to_be_bytes();
-        let first = bytes.len() - count.div_ceil(8) as usize;
-        if !count.is_multiple_of(8) {
-            bytes[first] |= ALTERNATING << (count % 8);
-        }
-        let stuffed = bytes[first..].iter().fold(0, |stuffed: u32, byte| {
-            let state = stuffed % Stuffed::ONE;
-            let after = TABLE[usize::from(*byte)][state as usize];
-            (stuffed - state).wrapping_add(u32::from(after))
-        });
-        stuffed / Stuffed::ONE
-    }
+/// Bits to be stuffed: after five equal bits comes one of the other kind, which counts for the next five.
+fn stuffed_bits(bytes: &[u8]) -> u32 {
+    const TABLE: [[u8; Stuffed::STATES as usize]; 256] = Stuffed::table();
+    let stuffed = bytes.iter().fold(0, |stuffed: u32, byte| {
+        let state = stuffed % Stuffed::ONE;
+        let after = TABLE[usize::from(*byte)][state as usize];
+        (stuffed - state).wrapping_add(u32::from(after))
+    });
+    stuffed / Stuffed::ONE
 }
 
 /// How many bits were stuffed, and what the next ones depend on: twice the number of equal bits so far, plus their kind.
