@@ -141,8 +141,9 @@ impl<'a> Slot<'a> {
     }
 
     /// Takes a frame from the bus, if it is for this participant.
+    #[inline]
     fn hear(&mut self, time: Nanoseconds, frame: &CanFrame) {
-        if self.answer.progress == Progress::Running && self.heard.accepts(frame) {
+        if self.heard.accepts(frame) && self.answer.progress == Progress::Running {
             self.inbox.push((Duration::from_nanos(time), *frame));
             if !self.silent.accepts(frame) {
                 self.must_hear = true;

@@ -111,10 +111,10 @@ fn push_number(table: &mut Vec<u8>, value: f64) {
     let whole = scaled / u64::from(SCALE);
     #[expect(clippy::cast_possible_truncation, reason = "less than the scale")]
     let decimals = (scaled % u64::from(SCALE)) as u32;
-    let mut text = [b'.'; CELL];
+    let mut text = [b'.'; POINT + CELL];
     // One digit more than there are, since an even number of them is written.
     let digits = digits::eight(10 * decimals);
-    text[POINT + 1..].copy_from_slice(&digits);
+    text[POINT + 1..CELL].copy_from_slice(&digits);
     let mut first = digits::put(&mut text[..POINT], whole);
     if value.is_sign_negative() && scaled > 0 {
         first -= 1;
@@ -125,7 +125,10 @@ fn push_number(table: &mut Vec<u8>, value: f64) {
     } else {
         POINT
     };
-    table.extend_from_slice(&text[first..end]);
+    // As many bytes as a number may have are sooner copied than just those of this one.
+    let length = table.len() + end - first;
+    table.extend_from_slice(&text[first..][..CELL]);
+    table.truncate(length);
 }
 
 /// How many zeros stand at the end: read as one number, they are its highest bytes.
