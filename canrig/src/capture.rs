@@ -94,6 +94,7 @@ impl<'a> Capture<'a> {
     }
 
     /// Takes the next frame of the bus.
+    #[inline]
     pub fn take(&mut self, stamped: Stamped) {
         self.clock.on_frame(stamped.time, &stamped.frame);
         self.frames.push(stamped);

@@ -61,12 +61,15 @@ impl fmt::Display for Stamped {
 /// What writes lines without the machinery of `format!`, since recordings have many: a usual line, each part of which has
 /// its place.
 struct Line {
-    text: [u8; 46],
+    text: [u8; Self::BYTES],
     /// Those in the text; thousands of frames have the same.
     seconds: u64,
 }
 
 impl Line {
+    /// Of a usual line with eight bytes of data.
+    const BYTES: usize = 46;
+
     const fn new() -> Self {
         Self {
             text: *b"(0000000000.000000) can0 000#0000000000000000\n",
@@ -87,21 +90,22 @@ impl Line {
             digits::put(&mut self.text[1..11], seconds);
             self.seconds = seconds;
         }
-        self.text[12..18].copy_from_slice(&digits::eight(stamped.time.subsec_micros())[2..]);
+        // The processor reads slowly what it has just written in parts, so the parts are written where they stay.
+        let begin = lines.len();
+        lines.extend_from_slice(&self.text);
+        let text = &mut lines[begin..][..Self::BYTES];
+        text[12..18].copy_from_slice(&digits::eight(stamped.time.subsec_micros())[2..]);
         let [high, low] = id.to_be_bytes();
-        self.text[25] = digits::HEXADECIMAL[usize::from(high)][1];
-        self.text[26..28].copy_from_slice(&digits::HEXADECIMAL[usize::from(low)]);
-        // Eight bytes in any case, which is sooner done than to count them; likewise the whole text is sooner copied than
-        // a part of it.
-        let data = self.text[29..45].as_chunks_mut::<2>().0;
+        text[25] = digits::HEXADECIMAL[usize::from(high)][1];
+        text[26..28].copy_from_slice(&digits::HEXADECIMAL[usize::from(low)]);
+        // Eight bytes in any case, which is sooner done than to count them.
+        let data = text[29..45].as_chunks_mut::<2>().0;
         for (pair, byte) in data.iter_mut().zip(stamped.frame.buffer()) {
             *pair = digits::HEXADECIMAL[usize::from(byte)];
         }
         let end = 29 + 2 * stamped.frame.data().len();
-        self.text[end] = b'\n';
-        let length = lines.len() + end + 1;
-        lines.extend_from_slice(&self.text);
-        lines.truncate(length);
+        text[end] = b'\n';
+        lines.truncate(begin + end + 1);
     }
 }
 
