@@ -44,7 +44,8 @@ pub fn frame_bits(frame: &CanFrame) -> u32 {
     bytes[0] |= 0b0101_0101 << (header_bits % 8);
     bytes[end..][..2].copy_from_slice(&(checksum << 1 | !checksum & 1).to_be_bytes());
     let stuffed_bits = stuffed_bits(&bytes[..end + 2]);
-    header_bits + 8 * data_bytes as u32 + CRC_BITS + stuffed_bits + UNSTUFFED_TAIL_BITS
+    let data_bits = 8 * u32::try_from(data_bytes).unwrap_or(8);
+    header_bits + data_bits + CRC_BITS + stuffed_bits + UNSTUFFED_TAIL_BITS
 }
 
 /// Bits that a frame takes from the bus: its own and the pause after it.
