@@ -159,7 +159,6 @@ impl<'a> Slot<'a> {
     }
 }
 
-#[derive(Clone, Copy)]
 struct InFlight {
     frame: CanFrame,
     /// None for a foreign node.
@@ -224,9 +223,9 @@ impl<'a> Coordinator<'a> {
     /// # Errors
     /// A participant or the wire failed.
     pub fn step(&mut self, wire: &mut dyn Wire) -> Result<Option<Duration>, CoordinatorError> {
-        if let Some(passed) = &self.in_flight {
+        if let Some(passed) = self.in_flight.take() {
             self.now = passed.end;
-            self.pass(wire)?;
+            self.pass(&passed, wire)?;
             return Ok(Some(self.now()));
         }
         let next = self.slots.iter().fold(NEVER, |next, slot| {
@@ -351,39 +350,21 @@ impl<'a> Coordinator<'a> {
         });
     }
 
-    /// The end of a transmission: who listens hears the frame.
-    fn pass(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+    /// The end of a transmission: who listens hears the frame, or all count the error.
+    fn pass(&mut self, passed: &InFlight, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
         let now = self.now();
-        let Some(passed) = &self.in_flight else {
-            return Ok(());
-        };
-        if self.faults.is_some() {
-            let passed = *passed;
-            self.in_flight = None;
-            return self.pass_with_faults(&passed, wire);
+        if !passed.is_disturbed {
+            wire.put(now, &passed.frame, passed.occupied_bits)?;
         }
-        wire.put(now, &passed.frame, passed.occupied_bits)?;
-        for (index, slot) in self.slots.iter_mut().enumerate() {
-            if Some(index) != passed.sender {
-                slot.hear(self.now, &passed.frame);
-            }
-        }
-        self.in_flight = None;
-        Ok(())
-    }
-
-    /// As [`Coordinator::pass`], where not all may hear it, or all count the error.
-    fn pass_with_faults(
-        &mut self,
-        passed: &InFlight,
-        wire: &mut dyn Wire,
-    ) -> Result<(), CoordinatorError> {
-        let now = self.now();
         let Some(faults) = &mut self.faults else {
+            for (index, slot) in self.slots.iter_mut().enumerate() {
+                if Some(index) != passed.sender {
+                    slot.hear(self.now, &passed.frame);
+                }
+            }
             return Ok(());
         };
         if !passed.is_disturbed {
-            wire.put(now, &passed.frame, passed.occupied_bits)?;
             faults.observe(now, &passed.frame);
             for (index, slot) in self.slots.iter_mut().enumerate() {
                 let is_off = faults.states[index].activity() == Activity::Off;

@@ -247,8 +247,6 @@ impl TrackedMessage {
 /// What the frames say, cycle by cycle.
 pub(crate) struct Reader {
     clock: ScenarioClock,
-    /// When the scenario began, by the clock.
-    zero: Option<Nanoseconds>,
     period: Duration,
     end: Nanoseconds,
     end_cycle: u64,
@@ -282,7 +280,6 @@ impl Reader {
         let telling = events.raw_ids().chain(losses.raw_ids()).chain(others);
         Ok(Self {
             clock: ScenarioClock::new(database)?,
-            zero: None,
             period,
             end,
             end_cycle: cycles(end, period),
@@ -316,11 +313,8 @@ impl Reader {
     pub(crate) fn take(&mut self, stamped: &Stamped) {
         let frame = &stamped.frame;
         let is_sync = self.clock.on_frame(stamped.time, frame);
-        if is_sync && self.zero.is_none() {
-            self.zero = self.clock.zero().map(nanoseconds);
-        }
         let now = nanoseconds(stamped.time);
-        let time = self.zero.map(|zero| now.saturating_sub(zero));
+        let time = self.clock.scenario_time(stamped.time).map(nanoseconds);
         self.last_frame = now;
         if let Some(time) = time {
             self.losses.pass(time);
@@ -411,9 +405,8 @@ impl Reader {
         let columns: Vec<Column> = messages
             .flat_map(|message| message.take_rows(rows))
             .collect();
-        let since_zero = self
-            .last_frame
-            .saturating_sub(self.zero.unwrap_or_default());
+        let zero = self.clock.zero();
+        let since_zero = self.last_frame.saturating_sub(zero.map_or(0, nanoseconds));
         let place = |path: &str| {
             let name = path.split_once('.').map_or(path, |(_, name)| name);
             columns
@@ -435,7 +428,7 @@ impl Reader {
             truth: Vec::new(),
             has_fan: self.fan.is_heard && self.fan.is_commanded,
             traces: Vec::new(),
-            zero_seconds: self.clock.zero().map(|zero| zero.as_secs_f64()),
+            zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             last_frame_seconds: Duration::from_nanos(since_zero).as_secs_f64(),
             bus_load_percent: self.traffic.load_percent(),
             sync_interval_milliseconds_max: self.traffic.sync_interval_milliseconds_max(),

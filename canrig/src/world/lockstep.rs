@@ -134,9 +134,9 @@ fn run_until(
             None if now > START_PATIENCE => return Err(NO_START),
             None => {
                 until = taps.capture.zero().map(|zero| zero + end);
-                until
-                    .into_iter()
-                    .for_each(|until| coordinator.set_horizon(until));
+                if let Some(until) = until {
+                    coordinator.set_horizon(until);
+                }
             }
         }
         if event % EVENTS_PER_FLUSH == 0 {
