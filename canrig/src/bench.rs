@@ -9,10 +9,10 @@ use controller::law::ControlLaw;
 use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, tell_plants};
 use plant_emulator::plant::Plant;
 
-use crate::cli::{Cli, Command};
+use crate::bench_catalogue::catalogue;
+use crate::cli::{Cli, Command, execute as execute_command};
 use crate::exit::Exit;
-use crate::frames::Frames;
-use crate::{commands, console};
+use crate::console;
 
 /// Files, sockets and pipes that a run has open at once, with some to spare.
 const OPEN_FILES: u64 = 64;
@@ -79,7 +79,7 @@ impl Bench {
         }
         tell_plants(self.plants)?;
         tell_laws(self.laws)?;
-        Frames::check_all().map_err(InvalidBench::Signals)
+        catalogue().check().map_err(InvalidBench::Signals)
     }
 }
 
@@ -105,7 +105,7 @@ fn execute(cli: Cli) -> Exit {
             if !matches!(cli.command, Command::Node(_)) {
                 platform::memory::prepare_heap();
             }
-            commands::execute(cli)
+            execute_command(cli)
         }
         Err(error) => {
             console::complain(&error.to_string());

@@ -11,12 +11,14 @@ use scenario::Scenario;
 
 use crate::capture::{Capture, Watch};
 use crate::console::Count;
-use crate::frames::Frames;
+use crate::bench_catalogue::catalogue;
 use crate::recording::Stamped;
-use crate::run::{self, World};
+use crate::observer::observed;
+use crate::run;
+use crate::setup::Setup;
 use crate::timeline::{self, Timeline};
 use crate::verdict::Verdict;
-use crate::world;
+use crate::world::{Played, lockstep};
 use dbc::scenario_clock::ScenarioClock;
 
 /// Results that may wait for an earlier one to end, by thread: so much is held in memory, however many runs there are.
@@ -35,7 +37,7 @@ pub struct Campaign {
 
 /// One run, lent to whoever takes from it what the campaign is about.
 #[derive(Debug)]
-pub struct Played<'a> {
+pub struct Run<'a> {
     /// Its place in the campaign.
     pub index: usize,
     /// What was played.
@@ -94,12 +96,12 @@ impl Campaign {
     pub fn play<T: Send>(
         &self,
         scenarios: impl Iterator<Item = Scenario> + Send,
-        reduce: impl Fn(&Played<'_>) -> T + Sync,
+        reduce: impl Fn(&Run<'_>) -> T + Sync,
     ) -> Result<Vec<Result<T, Fault>>, Interrupted> {
         let count = Count::new(scenarios.size_hint().1, self.is_shown);
         let mut results = Vec::new();
         let work = |(index, scenario): &(usize, Scenario), watch: &Watch| {
-            play_one(*index, scenario, watch, &reduce).map_err(|error| error.to_string())
+            play_one(*index, scenario.clone(), watch, &reduce).map_err(|error| error.to_string())
         };
         let take = |(index, scenario): (usize, Scenario), result: Result<T, String>| {
             results.push(result.map_err(|reason| Fault {
@@ -147,7 +149,7 @@ impl Campaign {
                 desk.put(place, job, done);
             }
         };
-        world::observed(
+        observed(
             || watches.iter().for_each(Watch::interrupt),
             || count.show(desk.lock().taken),
             || {
@@ -244,20 +246,19 @@ where
 /// The rig's DBC lacks a signal, or a file could not be written.
 pub fn play_one<T>(
     index: usize,
-    scenario: &Scenario,
+    scenario: Scenario,
     watch: &Watch,
-    reduce: impl Fn(&Played<'_>) -> T,
+    reduce: impl Fn(&Run<'_>) -> T,
 ) -> Result<T, Box<dyn std::error::Error>> {
-    let database = Frames::of(scenario).database();
-    let mut capture = Capture::in_memory(ScenarioClock::new(database)?, watch);
-    let ended = world::lockstep::simulate(scenario, database, &mut capture);
-    let ended = ended.map(World::in_virtual_time);
+    let setup = Setup::of(scenario, catalogue());
+    let mut capture = Capture::in_memory(ScenarioClock::new(&setup.database)?, watch);
+    let ended = lockstep::simulate(&setup, &mut capture).map(Played::in_virtual_time);
     let (frames, frames_lost) = capture.finish()?;
-    let timeline = timeline::decode(&frames, scenario, database)?;
-    let verdict = run::verdict(&ended, &timeline, scenario, frames_lost);
-    Ok(reduce(&Played {
+    let timeline = timeline::decode(&frames, &setup)?;
+    let verdict = run::verdict(&ended, &timeline, &setup, frames_lost);
+    Ok(reduce(&Run {
         index,
-        scenario,
+        scenario: &setup.scenario,
         frames: &frames,
         timeline: &timeline,
         verdict: &verdict,

@@ -1,19 +1,30 @@
 //! The command line.
 
-use std::path::PathBuf;
-use std::str::FromStr;
+use clap::{Parser, Subcommand};
+use platform::{private_bus, process};
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
-use platform::bus::BusAddress;
-
-use crate::external::ExternalNode;
-use crate::identify::start::Start;
-use crate::new::NewArgs;
-use crate::recordings::args::{CompareArgs, CoverageArgs, ExportArgs, ReplayArgs, ReportArgs};
-use crate::sweep::args::{MergeArgs, SweepArgs};
-use crate::tools::ToolBus;
-use crate::tools::nodes::LISTEN_SECONDS;
-use crate::viewer::ViewerArgs;
+use crate::commands::check::{CheckArgs, check};
+use crate::commands::run::{RunArgs, run};
+use crate::commands::simulate::{SimulateArgs, simulate};
+use crate::doctor::{DoctorArgs, doctor};
+use crate::exit::Exit;
+use crate::host::{NodeArgs, host};
+use crate::identify::command::{IdentifyArgs, identify};
+use crate::manual::{CompletionsArgs, ManArgs, completions, man};
+use crate::new::{NewArgs, new};
+use crate::recordings::compare::{CompareArgs, compare};
+use crate::recordings::coverage::{CoverageArgs, coverage};
+use crate::recordings::export::{ExportArgs, export};
+use crate::recordings::replay::{ReplayArgs, replay};
+use crate::recordings::report::{ReportArgs, report};
+use crate::reproduce::command::{ReproduceArgs, reproduce};
+use crate::schema::{SchemaArgs, schema};
+use crate::sweep::command::{SweepArgs, sweep};
+use crate::sweep::merge::{MergeArgs, merge};
+use crate::tools::monitor::{MonitorArgs, monitor};
+use crate::tools::nodes::{NodesArgs, nodes};
+use crate::tools::sdo::{SdoArgs, sdo};
+use crate::torture::command::{TortureArgs, torture};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -108,11 +119,7 @@ pub enum Command {
     /// Look at what of this machine serves a test bench, and how to mend what does not
     Doctor(DoctorArgs),
     /// Print the JSON Schema of scenario files, for editors
-    Schema {
-        /// That of rig files instead
-        #[arg(long)]
-        rig: bool,
-    },
+    Schema(SchemaArgs),
     /// List the nodes on a bus: number, NMT state, device type, identity, and which EDS describes them
     Nodes(NodesArgs),
     /// Read or write an object of a node, without disturbing a running controller
@@ -120,17 +127,9 @@ pub enum Command {
     /// Show live traffic, one line per frame, decoded by DBC and EDS
     Monitor(MonitorArgs),
     /// Print what makes your shell complete canrig's commands and options
-    Completions {
-        /// The shell
-        #[arg(value_enum)]
-        shell: clap_complete::Shell,
-    },
+    Completions(CompletionsArgs),
     /// Write the manual pages
-    Man {
-        /// The folder for them, such as ~/.local/share/man/man1
-        #[arg(value_name = "FOLDER")]
-        folder: PathBuf,
-    },
+    Man(ManArgs),
     /// One node of the bench as a process of its own; `run` starts these
     #[command(hide = true)]
     Node(NodeArgs),
@@ -142,371 +141,35 @@ pub enum Command {
     },
 }
 
-/// Scenarios and what to do with their results.
-#[derive(Args, Debug)]
-pub struct PlayArgs {
-    /// Scenario files, or folders of them
-    #[arg(required = true, value_name = "SCENARIO")]
-    pub scenarios: Vec<PathBuf>,
-    /// Where run folders are made
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    pub output: PathBuf,
-    /// Print the verdicts as JSON instead of tables
-    #[arg(long)]
-    pub json: bool,
-    /// Print nothing but failures
-    #[arg(long, short, conflicts_with = "json")]
-    pub quiet: bool,
-    #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
-    pub viewer: ViewerArgs,
-}
-
-/// Arguments of `run`.
-#[derive(Args, Debug)]
-pub struct RunArgs {
-    #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
-    pub play: PlayArgs,
-    /// The bus: `auto`, `private` (a vcan that only this run sees), `embedded` (a socket private to you) or a CAN
-    /// interface such as `vcan0`
-    #[arg(long, value_name = "BUS", default_value = "auto")]
-    pub bus: BusChoice,
-    /// Which time the processes live in
-    #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
-    pub clock: ClockChoice,
-    /// Nodes that canrig does not start but expects on the bus, such as a real drive. Limits on what then nobody tells are
-    /// not judged, and end a run that fails no other in exit code 5
-    #[arg(long, value_enum, value_name = "NODE", value_delimiter = ',')]
-    pub external: Vec<ExternalNode>,
-    /// The rig file of a real drive, which is then external: its bus, objects, scaling, time-outs and hard limits. Without it,
-    /// `rig.toml` beside the first scenario goes with --external drive
-    #[arg(long, value_name = "FILE")]
-    pub rig: Option<PathBuf>,
-    /// End after the pre-flight of an external drive: interface, nodes, objects, direction under a slow heating ramp, stop
-    #[arg(long)]
-    pub dry_run: bool,
-    /// In the pre-flight, do not heat the wire until the load moves
-    #[arg(long)]
-    pub no_heating: bool,
-    /// Fail unless the bus is the kernel's own, so that a CI job cannot skip it silently
-    #[arg(long)]
-    pub require_vcan: bool,
-}
-
-/// Arguments of `simulate`.
-#[derive(Args, Debug)]
-pub struct SimulateArgs {
-    #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
-    pub play: PlayArgs,
-}
-
-/// Arguments of `identify`.
-#[derive(Args, Debug)]
-pub struct IdentifyArgs {
-    /// Run folders, or logs of `candump -L` (then with --scenario); all of one plant
-    #[arg(required = true, value_name = "RUN")]
-    pub recordings: Vec<PathBuf>,
-    /// What to find: the paper's letters or the keys of the scenario's [plant], separated by commas
-    #[arg(long, value_name = "LIST", default_value = "C,h,As,Af,Ms,Mf")]
-    pub parameters: String,
-    /// Where to start: `section3` (the paper's a-priori values), `nominal`, or a file with a [plant] table
-    #[arg(long, value_name = "START", default_value = "section3")]
-    pub start: Start,
-    /// What the other parameters are: `nominal`, `scenario` (the recording's [plant]), or a file with a [plant] table
-    #[arg(long, value_name = "PLANT", default_value = "nominal")]
-    pub known: KnownChoice,
-    /// The scenario that was played, for logs; it gives cycle time and sensor
-    #[arg(long, value_name = "FILE")]
-    pub scenario: Option<PathBuf>,
-    /// The DBC of the recordings, if not the rig's own
-    #[arg(long, value_name = "FILE")]
-    pub dbc: Option<PathBuf>,
-    /// Where the folder with the result is made
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    pub output: PathBuf,
-    /// Print nothing but failures
-    #[arg(long, short)]
-    pub quiet: bool,
-}
-
-/// Arguments of `reproduce`.
-#[derive(Args, Debug)]
-pub struct ReproduceArgs {
-    /// Where the folder with the page is made
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    pub output: PathBuf,
-    /// Fewer plants, frequencies and settings: to see that everything works
-    #[arg(long)]
-    pub reduced: bool,
-    /// Print the numbers as JSON instead of a table
-    #[arg(long)]
-    pub json: bool,
-    /// Print nothing but failures
-    #[arg(long, short, conflicts_with = "json")]
-    pub quiet: bool,
-}
-
-/// What is taken as known of the plant.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum KnownChoice {
-    /// The nominal plant.
-    Nominal,
-    /// The plant of the first recording's scenario.
-    Scenario,
-    /// The plant of a file.
-    File(PathBuf),
-}
-
-impl FromStr for KnownChoice {
-    type Err = std::convert::Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(match text {
-            "nominal" => Self::Nominal,
-            "scenario" => Self::Scenario,
-            path => Self::File(path.into()),
-        })
-    }
-}
-
-/// Arguments of `torture`.
-#[derive(Args, Debug)]
-pub struct TortureArgs {
-    /// The scenario that the faults meet; its own faults and limits are left out
-    pub scenario: PathBuf,
-    /// How many mixes
-    #[arg(long, value_name = "COUNT", default_value_t = 1000)]
-    pub runs: usize,
-    /// What they are drawn from
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
-    pub seed: u64,
-    /// Where the folders of failing cases are made
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    pub output: PathBuf,
-    /// Show no progress
-    #[arg(long, short)]
-    pub quiet: bool,
-}
-
-/// Arguments of `check`.
-#[derive(Args, Debug)]
-pub struct CheckArgs {
-    /// Scenario or rig files, or folders of them
-    #[arg(required = true, value_name = "SCENARIO")]
-    pub scenarios: Vec<PathBuf>,
-}
-
-/// The bus that a tool joins.
-#[derive(Args, Debug)]
-pub struct ToolBusArgs {
-    /// The bus: `embedded` (that of your only running `canrig run`), `embedded:/path` or `private:number` (a
-    /// run tells its own), or a CAN interface such as `vcan0`
-    #[arg(long, value_name = "BUS", default_value_t = ToolBus::Running)]
-    pub bus: ToolBus,
-}
-
-/// Arguments of `nodes`.
-#[derive(Args, Debug)]
-pub struct NodesArgs {
-    #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
-    pub bus: ToolBusArgs,
-    /// More EDS files to recognise nodes by, besides those of the rig
-    #[arg(long, value_name = "FILE")]
-    pub eds: Vec<PathBuf>,
-    /// How long to listen for heartbeats before nodes are asked
-    #[arg(long, value_name = "SECONDS", default_value_t = LISTEN_SECONDS, value_parser = seconds)]
-    pub listen: f64,
-}
-
-/// Arguments of `sdo`.
-#[derive(Args, Debug)]
-pub struct SdoArgs {
-    /// What to do with the object.
-    #[command(subcommand)]
-    pub action: SdoAction,
-}
-
-/// What to do with an object.
-#[derive(Debug, Subcommand)]
-pub enum SdoAction {
-    /// Read an object
-    Read(ObjectArgs),
-    /// Write an object
-    Write {
-        #[command(flatten)]
-        #[expect(
-            missing_docs,
-            reason = "clap shows the doc comment of a flattened field as help"
-        )]
-        object: ObjectArgs,
-        /// The value, in the object's type: a number (decimal, 0x, 0b), text, or bytes in hexadecimal digits
-        #[arg(allow_hyphen_values = true)]
-        value: String,
-    },
-}
-
-/// An object of a node.
-#[derive(Args, Debug)]
-pub struct ObjectArgs {
-    /// The node: its number (16, 0x10) or `controller`, `drive`, `disturbance`
-    pub node: String,
-    /// The object: index and sub-index (6064, 0x1018:02) or its name in the EDS ("Statusword")
-    pub object: String,
-    /// The node's EDS, if it is none of the rig's
-    #[arg(long, value_name = "FILE")]
-    pub eds: Option<PathBuf>,
-    #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
-    pub bus: ToolBusArgs,
-}
-
-/// Arguments of `monitor`.
-#[derive(Args, Debug)]
-pub struct MonitorArgs {
-    #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
-    pub bus: ToolBusArgs,
-    /// Show only these: parts of names (drive, sync, heartbeat) or identifiers (0x190)
-    #[arg(long, value_name = "NAME", value_delimiter = ',')]
-    pub only: Vec<String>,
-    /// Leave these out
-    #[arg(long, value_name = "NAME", value_delimiter = ',')]
-    pub except: Vec<String>,
-    /// Show a frame only when its content has changed
-    #[arg(long)]
-    pub changes: bool,
-    /// Show the bytes too
-    #[arg(long)]
-    pub raw: bool,
-    /// End after so many lines
-    #[arg(long, value_name = "LINES")]
-    pub count: Option<u64>,
-    /// End after so many seconds
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-    pub duration: Option<f64>,
-    /// A DBC file instead of the rig's
-    #[arg(long, value_name = "FILE")]
-    pub dbc: Option<PathBuf>,
-}
-
-/// A time from 0 to a day.
-fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = text
-        .parse()
-        .map_err(|_| "a number of seconds is expected")?;
-    if (0.0..=86_400.0).contains(&seconds) {
-        Ok(seconds)
-    } else {
-        Err("0 to 86400 seconds are possible".to_owned())
-    }
-}
-
-/// Arguments of `doctor`.
-#[derive(Args, Debug)]
-pub struct DoctorArgs {
-    /// End with exit code 4 when something is amiss
-    #[arg(long)]
-    pub strict: bool,
-}
-
-/// Which time the processes live in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ClockChoice {
-    /// The machine's clock
-    RealTime,
-    /// Virtual time: a verdict that no busy machine can bend
-    Lockstep,
-}
-
-/// Which bus.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum BusChoice {
-    /// The best that this machine permits.
-    Auto,
-    /// A vcan in a namespace of the run's own.
-    Private,
-    /// A socket in a folder of the user's own, served by canrig.
-    Embedded,
-    /// A CAN interface of the kernel.
-    Interface(String),
-}
-
-impl FromStr for BusChoice {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "auto" => Ok(Self::Auto),
-            "private" => Ok(Self::Private),
-            "embedded" => Ok(Self::Embedded),
-            name => match name.parse() {
-                Ok(BusAddress::Interface(interface)) => Ok(Self::Interface(interface)),
-                Ok(BusAddress::Embedded(_) | BusAddress::Private(_)) => {
-                    Err("canrig makes such a bus itself; say `embedded` or `private`".to_owned())
-                }
-                Err(error) => Err(error.to_string()),
-            },
+/// Does what the command line says.
+#[must_use]
+pub fn execute(cli: Cli) -> Exit {
+    match cli.command {
+        Command::Run(args) => run(&args),
+        Command::Simulate(args) => simulate(&args),
+        Command::Report(args) => report(&args),
+        Command::Replay(args) => replay(&args),
+        Command::Compare(args) => compare(&args),
+        Command::Coverage(args) => coverage(&args),
+        Command::Export(args) => export(&args),
+        Command::Identify(args) => identify(&args),
+        Command::Reproduce(args) => reproduce(&args),
+        Command::Torture(args) => torture(&args),
+        Command::Sweep(args) => sweep(&args),
+        Command::Merge(args) => merge(&args),
+        Command::Check(args) => check(&args),
+        Command::New(args) => new(&args),
+        Command::Doctor(args) => doctor(&args),
+        Command::Schema(args) => schema(&args),
+        Command::Nodes(args) => nodes(&args),
+        Command::Sdo(args) => sdo(&args),
+        Command::Monitor(args) => monitor(args),
+        Command::Completions(args) => completions(&args),
+        Command::Man(args) => man(&args),
+        Command::Node(args) => host(&args),
+        Command::PrivateBus { channel } => {
+            let served = process::inherited_channel(channel).and_then(private_bus::serve);
+            served.map_or(Exit::BenchFailed, |()| Exit::Pass)
         }
     }
-}
-
-/// Arguments of `node`.
-#[derive(Args, Debug)]
-pub struct NodeArgs {
-    /// Which node
-    #[arg(value_enum)]
-    pub role: Role,
-    /// The scenario
-    #[arg(long)]
-    pub scenario: PathBuf,
-    /// The rig file; none for the emulated drive
-    #[arg(long)]
-    pub rig: Option<PathBuf>,
-    #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
-    pub host: HostArgs,
-}
-
-/// Which node.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Role {
-    /// The manager with its control law
-    Controller,
-    /// The rig
-    PlantEmulator,
-}
-
-/// Where a node lives.
-#[derive(Args, Debug)]
-pub struct HostArgs {
-    /// The bus, such as `can0` or `embedded:/path`; in lock-step only where frames cross a real bus
-    #[arg(long)]
-    pub bus: Option<BusAddress>,
-    /// File descriptor of the side channel; its presence means lock-step
-    #[arg(long)]
-    pub lockstep: Option<i32>,
 }

@@ -5,7 +5,9 @@ use std::panic::PanicHookInfo;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use miette::Diagnostic;
 
+use crate::exit::Exit;
 use crate::gauge::Reading;
 
 /// Prints a line on standard output.
@@ -16,6 +18,17 @@ pub fn say(text: &str) {
 /// Prints a line on standard error.
 pub fn complain(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// Says what is wrong with the command line; the exit code of that.
+pub fn usage(message: &str) -> Exit {
+    complain(&format!("canrig: {message}"));
+    Exit::Usage
+}
+
+/// Prints an error with the place in the file that it underlines.
+pub fn complain_of(error: impl Diagnostic + Send + Sync + 'static) {
+    complain(&format!("{:?}", miette::Report::new(error)));
 }
 
 /// Tells of a panic in words that help to report it.

@@ -4,8 +4,12 @@ use std::env;
 use std::fs;
 use std::path::Path;
 
+use clap::Args;
 use platform::private_bus::PrivateBus;
 use platform::{probe, scheduling};
+
+use crate::console::say;
+use crate::exit::Exit;
 
 /// The program that shows recordings.
 const VIEWER: &str = "rerun";
@@ -31,9 +35,28 @@ impl Finding {
     }
 }
 
-/// Looks at everything. Asks for memory and makes a private bus for a moment.
+/// Arguments of `doctor`.
+#[derive(Args, Debug)]
+pub struct DoctorArgs {
+    /// End with exit code 4 when something is amiss
+    #[arg(long)]
+    pub strict: bool,
+}
+
+/// Looks at this machine and prints what serves and what does not.
 #[must_use]
-pub fn examine() -> Vec<Finding> {
+pub fn doctor(args: &DoctorArgs) -> Exit {
+    let findings = examine();
+    say(&table(&findings));
+    if args.strict && findings.iter().any(|finding| finding.mend.is_some()) {
+        Exit::BenchFailed
+    } else {
+        Exit::Pass
+    }
+}
+
+/// Looks at everything. Asks for memory and makes a private bus for a moment.
+fn examine() -> Vec<Finding> {
     vec![
         kernel_can(),
         private_bus(),
@@ -47,8 +70,7 @@ pub fn examine() -> Vec<Finding> {
 }
 
 /// The findings as lines.
-#[must_use]
-pub fn table(findings: &[Finding]) -> String {
+fn table(findings: &[Finding]) -> String {
     let width = findings.iter().map(|finding| finding.what.len()).max();
     let width = width.unwrap_or_default();
     let lines = findings.iter().map(|Finding { what, found, mend }| {

@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use crate::verdict::Outcome;
+
 /// How a command ended, from best to worst in the order that decides between several scenarios.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Exit {
@@ -36,6 +38,18 @@ impl Exit {
             Self::Inconclusive => 5,
             Self::Internal => 70,
             Self::Interrupted => 130,
+        }
+    }
+}
+
+/// A run that broke off is the bench's failure.
+impl From<Outcome> for Exit {
+    fn from(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Pass => Self::Pass,
+            Outcome::Fail => Self::VerdictFailed,
+            Outcome::Inconclusive => Self::Inconclusive,
+            Outcome::Incomplete => Self::BenchFailed,
         }
     }
 }

@@ -3,13 +3,10 @@
 use std::fmt;
 
 use clap::ValueEnum;
-use dbc::Database;
 use scenario::Scenario;
 use scenario::fault::FaultWindow;
 use scenario::fault::node::Node;
 use serde::{Deserialize, Serialize};
-
-use crate::frames::Frames;
 
 /// A node that may be somebody else's.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize, ValueEnum)]
@@ -86,17 +83,6 @@ impl External {
         !self.has(ExternalNode::Drive) || self.has(ExternalNode::Fan)
     }
 
-    /// What the frames of a scenario's bus mean. Beside a drive that is not the emulator nobody tells the truth.
-    #[must_use]
-    pub fn database(&self, scenario: &Scenario) -> &'static Database {
-        let frames = Frames::of(scenario);
-        if self.has(ExternalNode::Drive) {
-            frames.without_truth()
-        } else {
-            frames.database()
-        }
-    }
-
     /// Says so when a fault of the scenario happens to a node that obeys nobody here.
     ///
     /// # Errors
@@ -169,20 +155,5 @@ mod tests {
         assert!(admits(&[Drive], &crash("controller")).is_ok());
         assert!(admits(&[Drive], stop).is_ok());
         assert!(admits(&[Controller], stuck).is_ok());
-    }
-
-    #[test]
-    fn beside_an_external_drive_nobody_tells_the_truth() {
-        let frame = canopen::CanFrame::new(0x290, &[1, 2, 3, 4, 5, 6, 7, 8]);
-        let path = "drive_tpdo2.wire_temperature_celsius";
-        let scenario = Scenario::parse(HEAD, "t.toml", |_| unreachable!("no table")).unwrap();
-        let decode = |external: &External| {
-            let signal = external.database(&scenario).require(path).unwrap();
-            signal.decode(&frame)
-        };
-        assert!(decode(&External::default()).is_some());
-        let drive = External::new(&[ExternalNode::Drive]).unwrap();
-        assert_eq!(decode(&drive), None);
-        assert!(drive.database(&scenario).decode(&frame).is_none());
     }
 }

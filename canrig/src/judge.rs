@@ -9,7 +9,7 @@ use scenario::Scenario;
 use scenario::expect::Expect;
 
 use crate::events::{Event, Level};
-use crate::external::External;
+use crate::setup::Setup;
 use crate::timeline::Timeline;
 use crate::timing::Timing;
 use crate::verdict::{Metric, Outcome, Verdict};
@@ -36,8 +36,8 @@ const HOST_METRICS: [&str; 2] = ["missed_cycles_percent", "sync_interval_millise
 /// Judges a run that broke off. Only what the traffic tells is reported, and what went wrong until then; a bus that is
 /// loaded beyond its limit is a failed limit, with what came of it as the reason.
 #[must_use]
-pub fn judge_broken(timeline: &Timeline, scenario: &Scenario, error: &str) -> Verdict {
-    let run = Run { timeline, scenario };
+pub fn judge_broken(timeline: &Timeline, setup: &Setup, error: &str) -> Verdict {
+    let run = Run::new(timeline, setup);
     let mut metrics = run.metrics();
     metrics.retain(|metric| {
         matches!(
@@ -45,13 +45,13 @@ pub fn judge_broken(timeline: &Timeline, scenario: &Scenario, error: &str) -> Ve
             BUS_LOAD | "sync_interval_milliseconds_max" | "missed_cycles_percent"
         ) && metric.value.is_some()
     });
-    let mut verdict = Verdict::incomplete_of(scenario, error);
+    let mut verdict = Verdict::incomplete_of(setup, error);
     if let Some(reason) = overload(&metrics) {
         verdict.outcome = Outcome::Fail;
         verdict.reason = Some(format!("{reason}; {error}"));
     }
     verdict.metrics = metrics;
-    verdict.losses = losses(timeline, scenario);
+    verdict.losses = losses(timeline, &setup.scenario);
     verdict
 }
 
@@ -110,8 +110,9 @@ fn overload(metrics: &[Metric]) -> Option<String> {
 
 /// Judges a run.
 #[must_use]
-pub fn judge(timeline: &Timeline, scenario: &Scenario, frames_lost: u64) -> Verdict {
-    let run = Run { timeline, scenario };
+pub fn judge(timeline: &Timeline, setup: &Setup, frames_lost: u64) -> Verdict {
+    let scenario = &setup.scenario;
+    let run = Run::new(timeline, setup);
     let metrics = run.metrics();
     let (outcome, reason) = outcome(timeline, scenario, &metrics, frames_lost);
     Verdict {
@@ -120,7 +121,7 @@ pub fn judge(timeline: &Timeline, scenario: &Scenario, frames_lost: u64) -> Verd
         version: env!("CARGO_PKG_VERSION"),
         seed: scenario.seed,
         requirements: scenario.requirements.clone(),
-        external: External::default(),
+        external: setup.external.clone(),
         outcome,
         reason,
         frames_lost,

@@ -10,7 +10,7 @@ use controller::drive::{Drive, Field, Scaled};
 use controller::node::ControllerError;
 use dbc::{Coding, Database, DbcError, Kind, LawTerm, Signal};
 use miette::Diagnostic;
-use plant_emulator::catalogue::TRUTH_MESSAGES;
+use crate::signals::TRUTH_MESSAGES;
 use scenario::rig::{PositionRange, Rig};
 use scenario::{Scenario, ScenarioError, read_text};
 
@@ -85,7 +85,7 @@ pub struct LoadedRig {
     /// The drive's identity and PDOs.
     pub drive: Drive,
     /// What the frames mean.
-    pub database: Database,
+    pub database: Arc<Database>,
 }
 
 impl LoadedRig {
@@ -132,7 +132,7 @@ impl LoadedRig {
             rig,
             eds,
             drive,
-            database,
+            database: Arc::new(database),
         })
     }
 
@@ -143,7 +143,7 @@ impl LoadedRig {
             return this;
         }
         Arc::new(Self {
-            database: this.database.with_law(terms),
+            database: Arc::new(this.database.with_law(terms)),
             ..Self::clone(&this)
         })
     }

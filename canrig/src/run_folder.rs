@@ -1,16 +1,12 @@
-//! The folder of one run. Made before the run starts and marked incomplete until it has been judged.
+//! The folder of one run, and how files come into it: whole or not at all.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use scenario::Scenario;
 use sha2::{Digest, Sha256};
 
 use crate::recording::{self, Stamped};
-use crate::rig::LoadedRig;
-use crate::run::Source;
-use crate::verdict::Verdict;
 
 /// Runs of one scenario, seed and version that one folder may hold.
 const REPEATS_MAX: u32 = 100_000;
@@ -46,7 +42,8 @@ pub struct WriteError {
 }
 
 impl WriteError {
-    fn at(path: &Path) -> impl FnOnce(io::Error) -> Self {
+    /// The error of a file, for `map_err`.
+    pub fn at(path: &Path) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self { path, source }
     }
@@ -59,48 +56,12 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Makes the folder `<parent>/<name>-<hash>` with the scenario and a verdict "incomplete" in it. A second run gets
+    /// Makes the folder `<parent>/<name>-<hash>` with nothing in it. A second run gets
     /// a numbered suffix; nothing is overwritten.
     ///
     /// # Errors
-    /// The folder or its files cannot be written.
-    pub fn create(parent: &Path, source: &Source) -> Result<Self, WriteError> {
-        let Source { scenario, text, .. } = source;
-        let folder = Self::create_named(parent, &scenario.name, scenario.seed, text)?;
-        let unfinished = "the run has not ended; if no process works on it any more, it broke off";
-        let mut verdict = Verdict::incomplete_of(scenario, unfinished);
-        verdict.external = source.external.clone();
-        folder.write_verdict(&verdict)?;
-        folder.write_source(source)?;
-        Ok(folder)
-    }
-
-    /// Makes the folder of a pre-flight, which has a recording but no verdict, under the same rules.
-    ///
-    /// # Errors
-    /// The folder or its files cannot be written.
-    pub fn create_for_preflight(parent: &Path, source: &Source) -> Result<Self, WriteError> {
-        let Source { scenario, text, .. } = source;
-        let folder = Self::create_named(parent, &scenario.name, scenario.seed, text)?;
-        folder.write_source(source)?;
-        Ok(folder)
-    }
-
-    /// What is played, so that the folder can be run and judged by itself.
-    fn write_source(&self, source: &Source) -> Result<(), WriteError> {
-        self.write(file::SCENARIO, source.text.as_bytes())?;
-        self.copy_tables(source)?;
-        source
-            .rig
-            .as_ref()
-            .map_or(Ok(()), |rig| self.write_rig(rig))
-    }
-
-    /// Makes the folder `<parent>/<name>-<hash>` with nothing in it, under the same rules.
-    ///
-    /// # Errors
     /// The folder cannot be made.
-    pub fn create_named(
+    pub fn create(
         parent: &Path,
         name: &str,
         seed: u64,
@@ -112,51 +73,15 @@ impl RunFolder {
         Ok(Self { path })
     }
 
-    /// Makes or opens the folder `<parent>/<name>-<id>` with the scenario in it: work that was broken off goes on where it
-    /// was. The id tells scenarios apart.
+    /// Makes or opens the folder `<parent>/<name>-<id>`: work that was broken off goes on where it was. The id tells
+    /// scenarios apart.
     ///
     /// # Errors
-    /// The folder or its files cannot be written.
-    pub fn lasting(parent: &Path, source: &Source, id: &str) -> Result<Self, WriteError> {
-        let path = parent.join(format!("{}-{id}", slug(&source.scenario.name)));
+    /// The folder cannot be made.
+    pub fn lasting(parent: &Path, name: &str, id: &str) -> Result<Self, WriteError> {
+        let path = parent.join(format!("{}-{id}", slug(name)));
         fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
-        let folder = Self { path };
-        if !folder.scenario().exists() {
-            folder.copy_tables(source)?;
-            folder.write(file::SCENARIO, source.text.as_bytes())?;
-        }
-        Ok(folder)
-    }
-
-    /// The scenario's tables and courses, so that the folder can be run and judged by itself.
-    fn copy_tables(&self, source: &Source) -> Result<(), WriteError> {
-        self.copy_tables_to(source, "")
-    }
-
-    /// The same for scenarios in a folder of the folder, which is made.
-    ///
-    /// # Errors
-    /// A file cannot be read or written.
-    pub fn copy_tables_to(&self, source: &Source, place: &str) -> Result<(), WriteError> {
-        let folder = self.path.join(place);
-        fs::create_dir_all(&folder).map_err(WriteError::at(&folder))?;
-        let parent = source.path.parent().unwrap_or(Path::new("."));
-        for file in tables_of(&source.scenario) {
-            self.copy(&parent.join(file), Path::new(place).join(file))?;
-        }
-        Ok(())
-    }
-
-    /// The rig file and its EDS, so that the recording can be read by itself.
-    fn write_rig(&self, rig: &LoadedRig) -> Result<(), WriteError> {
-        self.write(file::RIG, rig.text.as_bytes())?;
-        let Some(eds) = &rig.rig.drive.eds else {
-            return Ok(());
-        };
-        let place = self.path.join(eds);
-        let folder = place.parent().unwrap_or(&self.path);
-        fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
-        self.write(eds, rig.eds.as_bytes())
+        Ok(Self { path })
     }
 
     /// The rig file's copy in the folder; none in runs on the emulated rig.
@@ -212,14 +137,6 @@ impl RunFolder {
         write_whole(&path, write).map_err(WriteError::at(&path))
     }
 
-    /// Writes `verdict.json`.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn write_verdict(&self, verdict: &Verdict) -> Result<(), WriteError> {
-        self.write(file::VERDICT, verdict.to_json().as_bytes())
-    }
-
     /// Opens `bus.log`, which grows while the run goes on.
     ///
     /// # Errors
@@ -257,15 +174,6 @@ impl BusLog {
     pub fn flush(&mut self) -> Result<(), WriteError> {
         self.output.flush().map_err(WriteError::at(&self.path))
     }
-}
-
-/// The files that a scenario names: tables of set-points and recorded courses.
-pub(crate) fn tables_of(scenario: &Scenario) -> impl Iterator<Item = &str> {
-    let tables = scenario.reference.table.iter().map(|table| &table.file);
-    let courses = scenario.expect.signal.iter();
-    let courses = courses.filter_map(|check| check.follows.as_ref());
-    let files = tables.chain(courses.map(|course| &course.file));
-    files.map(String::as_str)
 }
 
 fn write_whole(

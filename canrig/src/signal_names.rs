@@ -3,8 +3,7 @@
 use dbc::Database;
 use scenario::{Objection, Scenario, nearest};
 
-use crate::frames::Frames;
-use crate::tools::data_sheet::DataSheet;
+use crate::data_sheet::DataSheet;
 
 /// Signals that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 10;
@@ -37,12 +36,14 @@ pub enum NameError {
 }
 
 /// A name and the signal that it stands for, as `message.signal`.
+#[derive(Debug)]
 struct Alias {
     name: String,
     path: String,
 }
 
 /// All names of all signals.
+#[derive(Debug)]
 pub struct SignalNames {
     aliases: Vec<Alias>,
     /// Objects of the data sheets, whether on the bus or not.
@@ -50,12 +51,6 @@ pub struct SignalNames {
 }
 
 impl SignalNames {
-    /// The names on the bus of a scenario's rig, collected once for each plant and law.
-    #[must_use]
-    pub fn of(scenario: &Scenario) -> &'static Self {
-        Frames::of(scenario).names()
-    }
-
     /// The names of a database's signals, with those of the objects behind them.
     #[must_use]
     pub fn new(database: &Database, sheets: &[DataSheet]) -> Self {
@@ -120,12 +115,15 @@ impl SignalNames {
         }
     }
 
-    /// What is wrong with the names of signals in a scenario. The names are collected only where it has some.
+    /// What is wrong with the names of signals in a scenario. `names` are those of its bus, asked for only where it has some.
     #[must_use]
-    pub fn objections(scenario: &Scenario) -> Vec<Objection> {
+    pub fn objections<'a>(
+        scenario: &Scenario,
+        names: impl Fn() -> &'a SignalNames,
+    ) -> Vec<Objection> {
         let named = scenario.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {
-            let error = Self::of(scenario).find(name).err()?;
+            let error = names().find(name).err()?;
             Some(objection(path, &error))
         });
         wrong.collect()
@@ -176,7 +174,7 @@ fn objection(path: String, error: &NameError) -> Objection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tools::data_sheet;
+    use crate::data_sheet;
 
     fn of_the_actuator() -> SignalNames {
         SignalNames::new(Database::sma_actuator(), &data_sheet::of_the_rig())

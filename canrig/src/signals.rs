@@ -59,3 +59,17 @@ pub fn of_the_plant(database: &Database) -> impl Iterator<Item = &Signal> {
     let signals = messages.flat_map(|message| &message.signals);
     signals.filter(|signal| signal.name != TRUE_POSITION)
 }
+
+/// Terms of a law from outside; the shipped laws use the same messages for those of the sliding-mode law.
+const LAW_MESSAGES: [&str; 3] = ["controller_tpdo2", "controller_tpdo3", "controller_tpdo4"];
+
+/// The terms of a law from outside, where the database is that of such a law.
+pub fn of_the_own_law(database: &Database) -> impl Iterator<Item = &Signal> {
+    let messages = LAW_MESSAGES.into_iter();
+    messages
+        .filter_map(|name| database.message(name))
+        .flat_map(|message| &message.signals)
+}
+
+/// What only an emulated plant publishes; a real drive knows none of it, and may use the identifiers for something else.
+pub const TRUTH_MESSAGES: [&str; 3] = ["drive_tpdo2", "drive_tpdo3", "plant_truth"];

@@ -11,6 +11,7 @@ use crate::events::{Event, EventReader, ToldEmergency};
 use crate::losses::LossReader;
 use crate::nanoseconds::{Nanoseconds, nanoseconds};
 use crate::recording::Stamped;
+use crate::setup::Setup;
 use crate::signals::{self, COLUMN_MESSAGES, SignalMissing};
 use crate::traces::{Trace, TraceReader};
 use crate::truth::{Truth, TruthReader};
@@ -69,17 +70,13 @@ pub struct Timeline {
 ///
 /// # Errors
 /// The database lacks a signal that the bench needs.
-pub fn decode(
-    frames: &[Stamped],
-    scenario: &Scenario,
-    database: &Database,
-) -> Result<Timeline, SignalMissing> {
-    let mut reader = Reader::new(scenario, database)?;
+pub fn decode(frames: &[Stamped], setup: &Setup) -> Result<Timeline, SignalMissing> {
+    let mut reader = Reader::new(setup)?;
     reader.reserve(frames.len());
     for stamped in frames {
         reader.take(stamped);
     }
-    reader.take_rest(scenario)
+    reader.take_rest(&setup.scenario)
 }
 
 impl Timeline {
@@ -269,7 +266,8 @@ impl Reader {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub(crate) fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
+    pub(crate) fn new(setup: &Setup) -> Result<Self, SignalMissing> {
+        let (scenario, database) = (&setup.scenario, &*setup.database);
         let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
         let end = nanoseconds(Duration::from_secs_f64(scenario.duration_seconds));
         let events = EventReader::new(database);
@@ -288,7 +286,7 @@ impl Reader {
             losses,
             truth,
             fan,
-            traces: TraceReader::new(scenario, database),
+            traces: TraceReader::new(setup),
             last_frame: 0,
             traffic: Traffic::new(scenario),
             messages: tracked_messages(database)?,

@@ -7,12 +7,12 @@ use std::time::Duration;
 
 use dbc::Database;
 use hdrhistogram::Histogram;
-use scenario::Scenario;
 use scenario::expect::Limit;
 use scenario::timing::{QuantileLimits, TimingLimits};
 use serde::{Deserialize, Serialize};
 
 use crate::recording::Stamped;
+use crate::setup::Setup;
 use crate::signals::{self, SignalMissing};
 use crate::verdict::Metric;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
@@ -118,12 +118,11 @@ impl Timing {
     /// The database lacks a signal.
     pub fn of(
         frames: &[Stamped],
-        scenario: &Scenario,
-        database: &Database,
+        setup: &Setup,
         host: Host,
     ) -> Result<Self, SignalMissing> {
-        let mut latencies = Latencies::new(database)?;
-        let end = Duration::from_secs_f64(scenario.duration_seconds);
+        let mut latencies = Latencies::new(&setup.database)?;
+        let end = Duration::from_secs_f64(setup.scenario.duration_seconds);
         for stamped in frames {
             latencies.take(stamped, end);
         }
@@ -141,13 +140,8 @@ impl Timing {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn again(
-        self,
-        frames: &[Stamped],
-        scenario: &Scenario,
-        database: &Database,
-    ) -> Result<Self, SignalMissing> {
-        let measured = Self::of(frames, scenario, database, Host::default())?;
+    pub fn again(self, frames: &[Stamped], setup: &Setup) -> Result<Self, SignalMissing> {
+        let measured = Self::of(frames, setup, Host::default())?;
         Ok(Self {
             controller: self.controller,
             plant_emulator: self.plant_emulator,

@@ -5,10 +5,9 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::{Database, SignalHandle};
-use scenario::Scenario;
 
 use crate::nanoseconds::{Nanoseconds, nanoseconds};
-use crate::signal_names::SignalNames;
+use crate::setup::Setup;
 use crate::signals::COLUMN_MESSAGES;
 
 /// So many times without a cyclic message are a silence, as in `losses`.
@@ -51,14 +50,15 @@ pub(crate) struct TraceReader {
 
 impl TraceReader {
     /// A reader for all signals that the scenario names; names that stand for no signal are left to the judge.
-    pub(crate) fn new(scenario: &Scenario, database: &Database) -> Self {
+    pub(crate) fn new(setup: &Setup) -> Self {
+        let scenario = &setup.scenario;
         let period = scenario.bus.sync_period();
         let mut collected = BTreeMap::new();
         for (_, name) in scenario.expect.named_signals() {
-            let path = SignalNames::of(scenario).find(name);
+            let path = setup.names().find(name);
             if let Some((path, found)) = path
                 .ok()
-                .and_then(|path| Some((path, collect(path, period, database)?)))
+                .and_then(|path| Some((path, collect(path, period, &setup.database)?)))
             {
                 collected.insert(path, found);
             }

@@ -1,11 +1,10 @@
 //! What a run came to: metrics beside their limits, and the outcome.
 
-use scenario::Scenario;
 use scenario::expect::{Limit, Requirements};
 use serde::{Deserialize, Serialize};
 
-use crate::exit::Exit;
 use crate::external::External;
+use crate::setup::Setup;
 use crate::timing::Timing;
 
 /// How a run ended.
@@ -23,17 +22,6 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// The exit code of this outcome.
-    #[must_use]
-    pub fn exit(self) -> Exit {
-        match self {
-            Self::Pass => Exit::Pass,
-            Self::Fail => Exit::VerdictFailed,
-            Self::Inconclusive => Exit::Inconclusive,
-            Self::Incomplete => Exit::BenchFailed,
-        }
-    }
-
     /// The word that people read.
     #[must_use]
     pub fn word(self) -> &'static str {
@@ -188,11 +176,13 @@ impl Verdict {
         }
     }
 
-    /// As [`Verdict::incomplete`], of a scenario with its requirements.
+    /// As [`Verdict::incomplete`], of a scenario with its requirements and the nodes that are somebody else's.
     #[must_use]
-    pub fn incomplete_of(scenario: &Scenario, reason: &str) -> Self {
+    pub fn incomplete_of(setup: &Setup, reason: &str) -> Self {
+        let scenario = &setup.scenario;
         Self {
             requirements: scenario.requirements.clone(),
+            external: setup.external.clone(),
             ..Self::incomplete(&scenario.name, scenario.seed, reason)
         }
     }

@@ -1,5 +1,8 @@
 //! `canrig identify`: from arguments to a folder with plant, scenario, report and pictures.
 
+use clap::Args;
+use std::str::FromStr;
+use crate::identify::start::Start;
 use std::path::{Path, PathBuf};
 
 use dbc::Database;
@@ -15,7 +18,6 @@ use super::search::{self, Found, SearchError};
 use super::start;
 use super::statistics::Statistics;
 use super::trace::Trace;
-use crate::cli::{IdentifyArgs, KnownChoice};
 use crate::console::{Activity, complain, say};
 use crate::exit::Exit;
 use crate::run_folder::{RunFolder, file};
@@ -45,6 +47,58 @@ impl Failure {
             message: error.to_string(),
             exit,
         }
+    }
+}
+
+/// Arguments of `identify`.
+#[derive(Args, Debug)]
+pub struct IdentifyArgs {
+    /// Run folders, or logs of `candump -L` (then with --scenario); all of one plant
+    #[arg(required = true, value_name = "RUN")]
+    pub recordings: Vec<PathBuf>,
+    /// What to find: the paper's letters or the keys of the scenario's [plant], separated by commas
+    #[arg(long, value_name = "LIST", default_value = "C,h,As,Af,Ms,Mf")]
+    pub parameters: String,
+    /// Where to start: `section3` (the paper's a-priori values), `nominal`, or a file with a [plant] table
+    #[arg(long, value_name = "START", default_value = "section3")]
+    pub start: Start,
+    /// What the other parameters are: `nominal`, `scenario` (the recording's [plant]), or a file with a [plant] table
+    #[arg(long, value_name = "PLANT", default_value = "nominal")]
+    pub known: KnownChoice,
+    /// The scenario that was played, for logs; it gives cycle time and sensor
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// The DBC of the recordings, if not the rig's own
+    #[arg(long, value_name = "FILE")]
+    pub dbc: Option<PathBuf>,
+    /// Where the folder with the result is made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Print nothing but failures
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// What is taken as known of the plant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum KnownChoice {
+    /// The nominal plant.
+    Nominal,
+    /// The plant of the first recording's scenario.
+    Scenario,
+    /// The plant of a file.
+    File(PathBuf),
+}
+
+impl FromStr for KnownChoice {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "nominal" => Self::Nominal,
+            "scenario" => Self::Scenario,
+            path => Self::File(path.into()),
+        })
     }
 }
 
@@ -219,7 +273,7 @@ fn write(
         "{:?}",
         (&args.recordings, &args.parameters, &args.start, &args.known)
     );
-    let folder = RunFolder::create_named(
+    let folder = RunFolder::create(
         &args.output,
         &format!("identify {}", played.name),
         played.seed,

@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use dbc::Database;
 use plant_emulator::sma::Inputs;
@@ -12,7 +13,9 @@ use scenario::{Scenario, ScenarioError};
 
 use crate::recording::{self, Stamped};
 use crate::rig::{LoadedRig, RigError};
+use crate::bench_catalogue::catalogue;
 use crate::run_folder::file;
+use crate::setup::Setup;
 use crate::signals::{self, SignalMissing};
 use crate::timeline::{self, Timeline};
 use dbc::scenario_clock::SYNC_COB_ID;
@@ -217,7 +220,7 @@ impl Trace {
             scenario.bus = loaded.rig.bus.of_scenario();
             scenario.plant.sensor = sensor_of(&loaded.rig);
         }
-        let of_rig = rig.as_ref().map(|rig| &rig.database);
+        let of_rig = rig.as_ref().map(|rig| &*rig.database);
         let database = database.or(of_rig).unwrap_or(Database::sma_actuator());
         let frames = read(&log).map_err(at)?;
         Self::from_frames(path, &frames, scenario, database).map_err(at)
@@ -233,10 +236,12 @@ impl Trace {
         scenario: Scenario,
         database: &Database,
     ) -> Result<Self, Fault> {
-        if scenario.plant.name() != plant_emulator::catalogue::SMA_ACTUATOR {
+        if scenario.plant.name() != scenario::plant::SMA_ACTUATOR {
             return Err(Fault::OtherPlant(scenario.plant.name().to_owned()));
         }
-        let timeline = timeline::decode(frames, &scenario, database)?;
+        let setup = Setup::of(scenario.clone(), catalogue());
+        let setup = setup.with_database(Arc::new(database.clone()));
+        let timeline = timeline::decode(frames, &setup)?;
         check_frames(frames, database, &timeline)?;
         check_values(&timeline, &scenario)?;
         Ok(Self::build(path, &timeline, scenario))

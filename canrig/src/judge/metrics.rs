@@ -6,6 +6,7 @@ use scenario::expect::Limit;
 
 use super::{BUS_LOAD, reactions, sequences, signals};
 use crate::harmonic::Harmonic;
+use crate::setup::Setup;
 use crate::timeline::Timeline;
 use crate::verdict::Metric;
 
@@ -27,11 +28,22 @@ const NO_FAN: &str = "not available: no fan on the bus";
 /// What is judged, and by what.
 pub(super) struct Run<'a> {
     pub(super) timeline: &'a Timeline,
+    pub(super) setup: &'a Setup,
     pub(super) scenario: &'a Scenario,
 }
 
 /// A metric's value, or why there is none.
 pub(super) type Value = Result<f64, String>;
+
+impl<'a> Run<'a> {
+    pub(super) fn new(timeline: &'a Timeline, setup: &'a Setup) -> Self {
+        Self {
+            timeline,
+            setup,
+            scenario: &setup.scenario,
+        }
+    }
+}
 
 impl Run<'_> {
     /// All metrics that the scenario gives a meaning to or a limit.

@@ -1,12 +1,11 @@
 //! What signals did, held against `[[expect.signal]]`. Where nothing was seen, nothing passes.
 
-use plant_emulator::catalogue::TRUTH_MESSAGES;
+use crate::signals::TRUTH_MESSAGES;
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
 use super::metrics::{Run, TIME_TOLERANCE_SECONDS, Value};
 use super::reactions::untold;
-use crate::signal_names::SignalNames;
 use crate::traces::{Sample, Trace};
 use crate::verdict::{Metric, rounded};
 
@@ -75,7 +74,7 @@ fn at_most(max: f64) -> Limit {
 
 /// The trace of a signal that was heard at all.
 pub(super) fn trace<'a>(run: &Run<'a>, name: &str) -> Result<&'a Trace, Finding> {
-    let path = SignalNames::of(run.scenario).find(name);
+    let path = run.setup.names().find(name);
     let path = path.map_err(|error| Finding::none(error.to_string()))?;
     if run.timeline.zero_seconds.is_none() {
         return Err(Finding::none("the scenario never began"));

@@ -13,8 +13,8 @@ use scenario::rig::ObjectAddress;
 
 use super::checklist::Check;
 use crate::rig::LoadedRig;
-use crate::tools::data_sheet::of_the_rig;
-use crate::tools::presence::Presence;
+use crate::data_sheet::of_the_rig;
+use crate::presence::Presence;
 
 /// How long is listened for another manager: longer than its SYNCs are apart.
 const LISTEN_TIME: Duration = Duration::from_millis(300);

@@ -26,8 +26,10 @@ use crate::capture::{Capture, Watch};
 use crate::external::{External, ExternalNode};
 use crate::gauge::Gauge;
 use crate::rig::LoadedRig;
-use crate::run::Source;
+use crate::bench_catalogue::catalogue;
 use crate::run_folder::RunFolder;
+use crate::session::write_setup;
+use crate::setup::Setup;
 use crate::world::line::Line;
 use crate::world::{End, RunBus, WorldError, real_time};
 use heating::Heating;
@@ -40,20 +42,28 @@ const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// Heartbeats of a drive that was stopped are awaited for so long beyond their time-out.
 const HEARTBEAT_PATIENCE: Duration = Duration::from_millis(50);
 
+/// What a pre-flight says while it goes on.
+pub enum Step {
+    /// It begins.
+    Begun,
+    /// Something was checked.
+    Checked(Check),
+    /// The wire cools before the scenario.
+    Cooling(Duration),
+}
+
 /// The pre-flight of one command: made once, before its first scenario.
-pub struct Preflight<'a> {
+pub struct Preflight {
     may_heat: bool,
-    tell: &'a dyn Fn(&str),
     is_made: Cell<bool>,
 }
 
-impl<'a> Preflight<'a> {
-    /// A pre-flight that heats unless told otherwise, and tells each check to `tell`.
+impl Preflight {
+    /// A pre-flight that may heat the wire, or may not.
     #[must_use]
-    pub fn new(may_heat: bool, tell: &'a dyn Fn(&str)) -> Self {
+    pub fn new(may_heat: bool) -> Self {
         Self {
             may_heat,
-            tell,
             is_made: Cell::new(false),
         }
     }
@@ -63,93 +73,108 @@ impl<'a> Preflight<'a> {
     ///
     /// # Errors
     /// The check that failed, or why it could not be made.
-    pub(crate) fn make(
+    pub fn make(
         &self,
-        source: &Source,
+        setup: &Setup,
         parent: &Path,
         bus: &RunBus,
         line: &mut Line,
         watch: &Watch,
+        report: &dyn Fn(&Step),
     ) -> Result<End, WorldError> {
-        if self.is_made.replace(true) || !source.external.has(ExternalNode::Drive) {
+        if self.is_made.replace(true) || !setup.external.has(ExternalNode::Drive) {
             return Ok(End::Completed);
         }
-        (self.tell)("pre-flight:");
-        let bit_rate = source.scenario.bus.bitrate_kilobits_per_second;
-        self.pass(&interface::checks(bus, bit_rate))?;
-        if source.external.has(ExternalNode::Controller) {
+        report(&Step::Begun);
+        let bit_rate = setup.scenario.bus.bitrate_kilobits_per_second;
+        pass(interface::checks(bus, bit_rate), report)?;
+        if setup.external.has(ExternalNode::Controller) {
             let text = "left to the external controller, which leads it";
-            self.pass(&[Check::open("drive", text)])?;
+            pass(vec![Check::open("drive", text)], report)?;
             return Ok(End::Completed);
         }
-        let rig = self.rig(source)?;
-        let mut interview = interview(&rig, &source.external)?;
+        let rig = self.rig(setup)?;
+        let mut interview = interview(&rig, &setup.external)?;
         line.converse(&mut interview, watch)?;
         if watch.is_interrupted() {
             return Ok(End::Interrupted);
         }
-        self.pass(&interview.checks())?;
-        let end = self.heat(&rig, source, parent, line, watch)?;
+        pass(interview.checks(), report)?;
+        let session = Session { parent, line, watch };
+        let end = heat(&rig, setup, session, report)?;
         if end == End::Interrupted || !rig.rig.preflight.heating {
             return Ok(end);
         }
         let cooling = Duration::from_secs_f64(rig.rig.preflight.cooling_seconds);
-        (self.tell)(&format!("  the wire cools for {} s", cooling.as_secs_f64()));
+        report(&Step::Cooling(cooling));
         Ok(wait(cooling, watch))
     }
 
-    /// Tells the checks, up to the first that failed.
-    fn pass(&self, checks: &[Check]) -> Result<(), WorldError> {
-        for check in checks {
-            (self.tell)(&format!("  {check}"));
-            if check.outcome == Outcome::Failed {
-                return Err(WorldError::Preflight {
-                    name: check.name,
-                    found: check.found.clone(),
-                });
-            }
-        }
-        Ok(())
-    }
-
     /// The rig, or that of the emulated drive where there is no rig file, with the user's wish.
-    fn rig(&self, source: &Source) -> Result<Arc<LoadedRig>, WorldError> {
-        let mut rig = match &source.rig {
+    fn rig(&self, setup: &Setup) -> Result<Arc<LoadedRig>, WorldError> {
+        let mut rig = match &setup.rig {
             Some(rig) => LoadedRig::clone(rig),
-            None => emulated(&source.scenario)?,
+            None => emulated(&setup.scenario)?,
         };
         rig.rig.preflight.heating &= self.may_heat;
         Ok(Arc::new(rig))
     }
+}
 
-    /// Leads the drive through the ramp and judges what was on the bus.
-    fn heat(
-        &self,
-        rig: &Arc<LoadedRig>,
-        source: &Source,
-        parent: &Path,
-        line: &mut Line,
-        watch: &Watch,
-    ) -> Result<End, WorldError> {
-        let session = session(rig, source)?;
-        let folder = RunFolder::create_for_preflight(parent, &session)?;
-        let gauge = Gauge::new(&session.scenario, &rig.database)?;
-        let clock = ScenarioClock::new(&rig.database)?;
-        let mut capture = Capture::new(folder.bus_log()?, gauge, clock, watch, Vec::new());
-        let mut heating = Heating::new(rig)?;
-        let mut is_enough = |capture: &Capture<'_>| {
-            heating.follow(capture.frames());
-            heating.is_over()
-        };
-        let ended = real_time::play(&session, &folder, &mut capture, line, &mut is_enough);
-        await_stopped(line, &mut capture, &mut heating)?;
-        capture.finish()?;
-        if matches!(&ended, Ok(world) if world.end == End::Interrupted) {
-            return Ok(End::Interrupted);
+/// Reports the checks, up to the first that failed.
+fn pass(checks: Vec<Check>, report: &dyn Fn(&Step)) -> Result<(), WorldError> {
+    for check in checks {
+        let failed = (check.outcome == Outcome::Failed).then(|| WorldError::Preflight {
+            name: check.name,
+            found: check.found.clone(),
+        });
+        report(&Step::Checked(check));
+        if let Some(failed) = failed {
+            return Err(failed);
         }
-        self.pass(&heating.checks(ended.as_ref().map(|_| ())))?;
-        Ok(End::Completed)
     }
+    Ok(())
+}
+
+/// Where the drive is led: with the folder of the recording in `parent`.
+struct Session<'a> {
+    parent: &'a Path,
+    line: &'a mut Line,
+    watch: &'a Watch,
+}
+
+/// Leads the drive through the ramp and judges what was on the bus.
+fn heat(
+    rig: &Arc<LoadedRig>,
+    setup: &Setup,
+    session: Session<'_>,
+    report: &dyn Fn(&Step),
+) -> Result<End, WorldError> {
+    let Session {
+        parent,
+        line,
+        watch,
+    } = session;
+    let ramp = ramp(rig, setup)?;
+    let Scenario { name, seed, .. } = &ramp.scenario;
+    let folder = RunFolder::create(parent, name, *seed, &ramp.text)?;
+    write_setup(&folder, &ramp)?;
+    let gauge = Gauge::new(&ramp.scenario, &rig.database)?;
+    let clock = ScenarioClock::new(&rig.database)?;
+    let mut capture = Capture::new(folder.bus_log()?, gauge, clock, watch, Vec::new());
+    let mut heating = Heating::new(rig)?;
+    let mut is_enough = |capture: &Capture<'_>| {
+        heating.follow(capture.frames());
+        heating.is_over()
+    };
+    let ended = real_time::play(&ramp, &folder, &mut capture, line, &mut is_enough);
+    await_stopped(line, &mut capture, &mut heating)?;
+    capture.finish()?;
+    if matches!(&ended, Ok(played) if played.end == End::Interrupted) {
+        return Ok(End::Interrupted);
+    }
+    pass(heating.checks(ended.as_ref().map(|_| ())), report)?;
+    Ok(End::Completed)
 }
 
 fn interview(rig: &LoadedRig, external: &External) -> Result<Interview, WorldError> {
@@ -175,7 +200,7 @@ fn emulated(scenario: &Scenario) -> Result<LoadedRig, WorldError> {
 }
 
 /// The session in which the drive is led: at rest, then under a ramp from 0 A to the limit of the rig.
-fn session(rig: &Arc<LoadedRig>, source: &Source) -> Result<Source, WorldError> {
+fn ramp(rig: &Arc<LoadedRig>, setup: &Setup) -> Result<Setup, WorldError> {
     let preflight = &rig.rig.preflight;
     let rest = heating::REST.as_secs_f64();
     let limit = rig.rig.limits.current_amperes;
@@ -195,14 +220,9 @@ fn session(rig: &Arc<LoadedRig>, source: &Source) -> Result<Source, WorldError> 
         );
     }
     let scenario = Scenario::parse(&text, NAME, |_| Err(std::io::ErrorKind::NotFound.into()));
-    let session = Source {
-        path: NAME.into(),
-        text,
-        scenario: scenario.map_err(|error| cannot_be_made(&error))?,
-        external: External::default(),
-        rig: None,
-    };
-    Ok(session.on(Some(Arc::clone(rig)), source.external.clone()))
+    let scenario = scenario.map_err(|error| cannot_be_made(&error))?;
+    let ramp = Setup::of(scenario, catalogue()).from_file(NAME, text);
+    Ok(ramp.on(Some(Arc::clone(rig)), setup.external.clone()))
 }
 
 fn cannot_be_made(reason: &dyn std::fmt::Display) -> WorldError {

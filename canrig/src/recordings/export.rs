@@ -1,13 +1,43 @@
 //! `canrig export`: a recording in another program's format.
 
+use std::path::PathBuf;
+use clap::{Args, ValueEnum};
 use std::io::{self, Write};
 
-use super::args::{ExportArgs, Format};
 use super::{Recorded, RecordedError, refuse};
 use crate::console::complain;
 use crate::exit::Exit;
 use crate::report::{asc, blf, csv, mf4, parquet};
 use dbc::scenario_clock::ScenarioClock;
+
+/// Arguments of `export`.
+#[derive(Args, Debug)]
+pub struct ExportArgs {
+    /// A run folder, or a log beside its scenario.toml
+    #[arg(value_name = "RUN")]
+    pub recording: PathBuf,
+    /// The format
+    #[arg(long, short, value_enum)]
+    pub format: Format,
+    /// Where to write, instead of to standard output
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+/// A format for other programs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// One row a cycle, signals as columns, as signals.csv
+    Csv,
+    /// The frames as Vector's ASCII log (CANalyzer, python-can, SavvyCAN)
+    Asc,
+    /// The frames as Vector's binary log (CANalyzer, python-can)
+    Blf,
+    /// The signals as ASAM MDF 4.10 (asammdf, CANape)
+    Mf4,
+    /// The signals as Apache Parquet (pandas, Polars, DuckDB)
+    Parquet,
+}
 
 /// Writes the recording.
 #[must_use]
@@ -60,7 +90,7 @@ fn csv_table(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
 
 fn measurement(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
     let timeline = recorded.timeline()?;
-    let mut clock = ScenarioClock::new(recorded.database())?;
+    let mut clock = ScenarioClock::new(&recorded.setup.database)?;
     for stamped in &recorded.log.frames {
         if clock.on_frame(stamped.time, &stamped.frame) {
             break;

@@ -1,6 +1,5 @@
 //! What can be done with recordings after the run: look at them, judge them again, compare them, hand them on.
 
-pub mod args;
 pub mod compare;
 pub mod coverage;
 pub mod export;

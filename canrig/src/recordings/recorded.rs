@@ -5,13 +5,13 @@ use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dbc::Database;
 use scenario::ScenarioError;
 
+use crate::bench_catalogue::catalogue;
 use crate::judge::{judge, judge_timing};
 use crate::recording::{Log, read_cut_log};
 use crate::rig::{LoadedRig, RigError};
-use crate::run::Source;
+use crate::setup::Setup;
 use crate::run_folder::file;
 use crate::signals::SignalMissing;
 use crate::timeline::{self, Timeline};
@@ -70,7 +70,7 @@ pub struct Recorded {
     /// What the user named.
     pub path: PathBuf,
     /// The scenario that was played.
-    pub source: Source,
+    pub setup: Setup,
     /// The frames.
     pub log: Log,
     /// The verdict of the run; none for a log that canrig has not written.
@@ -116,8 +116,8 @@ impl Recorded {
                 broken: log.broken,
             });
         }
-        let mut source =
-            Source::load(scenario).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
+        let mut setup =
+            Setup::load(scenario, catalogue()).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
         let stored = match played {
             None => read_verdict(&folder.join(file::VERDICT))?,
             Some(_) => None,
@@ -125,21 +125,15 @@ impl Recorded {
         if let Some(stored) = &stored {
             let rig = LoadedRig::in_folder(folder)
                 .map_err(|error| RecordedError::Rig(Box::new(error)))?;
-            source = source.on(rig.map(Arc::new), stored.external.clone());
+            setup = setup.on(rig.map(Arc::new), stored.external.clone());
         }
         Ok(Self {
             path: path.to_owned(),
-            source,
+            setup,
             log,
             stored,
             is_folder,
         })
-    }
-
-    /// What the frames mean.
-    #[must_use]
-    pub fn database(&self) -> &Database {
-        self.source.database()
     }
 
     /// The recording, decoded.
@@ -147,7 +141,7 @@ impl Recorded {
     /// # Errors
     /// The database lacks a signal that the bench needs.
     pub fn timeline(&self) -> Result<Timeline, SignalMissing> {
-        timeline::decode(&self.log.frames, &self.source.scenario, self.database())
+        timeline::decode(&self.log.frames, &self.setup)
     }
 
     /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, for its own reason.
@@ -155,11 +149,9 @@ impl Recorded {
     /// # Errors
     /// The database lacks a signal that the bench needs.
     pub fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
-        let scenario = &self.source.scenario;
         let stored = self.stored.as_ref();
         let lost = stored.map_or(0, |stored| stored.frames_lost);
-        let mut verdict = judge(timeline, scenario, lost);
-        verdict.external = self.source.external.clone();
+        let mut verdict = judge(timeline, &self.setup, lost);
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason.clone_from(&stored.reason);
@@ -170,8 +162,8 @@ impl Recorded {
             verdict.reason = Some(reason);
         }
         if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
-            let timing = timing.again(&self.log.frames, scenario, self.database())?;
-            judge_timing(&mut verdict, timing, &scenario.expect);
+            let timing = timing.again(&self.log.frames, &self.setup)?;
+            judge_timing(&mut verdict, timing, &self.setup.scenario.expect);
         }
         Ok(verdict)
     }

@@ -1,21 +1,56 @@
 //! `canrig replay`: a recording judged again.
 
+use std::path::PathBuf;
+use clap::Args;
+use crate::play::ViewerArgs;
 use std::time::Duration;
 
 use platform::clock::{Clock, sleep};
 
-use super::args::ReplayArgs;
 use super::{Recorded, RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
 use crate::report::terminal;
-use crate::run::Source;
+use crate::bench_catalogue::catalogue;
+use crate::setup::Setup;
 use crate::tap::WhenFull;
 use crate::verdict::Verdict;
-use crate::viewer::Viewers;
 
 /// Frames go to a viewer no earlier than this before their time.
 const AHEAD_MAX: Duration = Duration::from_millis(10);
+
+/// Arguments of `replay`.
+#[derive(Args, Debug)]
+pub struct ReplayArgs {
+    /// A run folder, or a log of `candump -L`
+    #[arg(value_name = "RUN|LOG")]
+    pub recording: PathBuf,
+    /// For a run folder: take the limits ([expect]) of this scenario. For a log: the scenario that was played
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Print the verdict as JSON, as verdict.json has it
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub viewer: ViewerArgs,
+    /// How fast the viewer shows it: 1 as it was, 0.1 in slow motion, inf at once
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed)]
+    pub speed: f64,
+}
+
+/// A factor on time.
+fn speed(text: &str) -> Result<f64, String> {
+    let factor: f64 = text.parse().map_err(|_| "a number is expected, or inf")?;
+    if factor >= 1e-3 {
+        Ok(factor)
+    } else {
+        Err("0.001 is the slowest".to_owned())
+    }
+}
 
 /// Judges a recording again; the exit code is that of the verdict.
 #[must_use]
@@ -25,7 +60,7 @@ pub fn replay(args: &ReplayArgs) -> Exit {
         Ok((recorded, verdict)) => {
             show(args, &recorded, &verdict);
             tell(args, &recorded, &verdict);
-            verdict.outcome.exit()
+            verdict.outcome.into()
         }
     }
 }
@@ -37,8 +72,8 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
     let mut recorded = Recorded::load(path, played)?;
     if let Some(limits) = limits {
         let other =
-            Source::load(limits).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
-        recorded.source.scenario.expect = other.scenario.expect;
+            Setup::load(limits, catalogue()).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
+        recorded.setup.scenario.expect = other.scenario.expect;
     }
     let timeline = recorded.timeline()?;
     let verdict = recorded.judge(&timeline)?;
@@ -47,11 +82,12 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
 
 /// Plays the recording into the viewers, as fast as was asked for.
 fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
-    let mut viewers = Viewers::open(&args.viewer);
+    let (mut viewers, refused) = args.viewer.open();
+    complain_all(&refused);
     if viewers.is_empty() {
         return;
     }
-    let (mut taps, shows) = viewers.show(&recorded.source, WhenFull::Wait);
+    let (mut taps, shows) = viewers.show(&recorded.setup, WhenFull::Wait);
     let frames = &recorded.log.frames;
     let begin = frames.first().map_or(Duration::ZERO, |first| first.time);
     let clock = Clock::start();
@@ -67,7 +103,13 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
         }
     }
     drop(taps);
-    shows.end(verdict, &mut viewers);
+    complain_all(&shows.end(verdict, &mut viewers));
+}
+
+fn complain_all(reasons: &[String]) {
+    for reason in reasons {
+        complain(&format!("canrig: {reason}"));
+    }
 }
 
 fn tell(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {

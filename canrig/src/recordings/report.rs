@@ -1,17 +1,28 @@
 //! `canrig report`: pages made again from run folders.
 
+use clap::Args;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use super::args::ReportArgs;
 use super::recorded::require_run;
 use super::{Recorded, RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
-use crate::report::{html, overview};
+use crate::report::{Run, html, overview};
 use crate::run_folder::file;
 use crate::timeline::Timeline;
 use crate::verdict::Verdict;
+
+/// Arguments of `report`.
+#[derive(Args, Debug)]
+pub struct ReportArgs {
+    /// Run folders
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Where to write: the page of a single run, or the page that compares several
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
 
 /// Makes the page of each run, and one of all of them where `--output` says where.
 #[must_use]
@@ -24,9 +35,8 @@ pub fn report(args: &ReportArgs) -> Exit {
         }
     }
     let pages = runs.iter().map(|(recorded, timeline, verdict)| {
-        let page = html::Run {
-            text: &recorded.source.text,
-            scenario: &recorded.source.scenario,
+        let page = Run {
+            setup: &recorded.setup,
             frames: &recorded.log.frames,
             timeline,
             verdict,
@@ -35,7 +45,7 @@ pub fn report(args: &ReportArgs) -> Exit {
             Some(output) if runs.len() == 1 => output.clone(),
             _ => recorded.path.join(file::REPORT),
         };
-        html::to_html(&page, recorded.database()).map(|text| (place, text))
+        html::to_html(&page).map(|text| (place, text))
     });
     for page in pages {
         let written = match page {

@@ -1,12 +1,11 @@
 //! The signals that the scenario's checks name, each in a plot with what is demanded of it.
 
 use maud::{Markup, html};
-use scenario::Scenario;
 use scenario::expect::{Demand, SignalCheck};
 
 use super::plot::{Colour, Patch, Plot, Shape};
-use crate::signal_names::SignalNames;
-use crate::timeline::Timeline;
+use super::Run;
+use crate::setup::Setup;
 use crate::traces::Trace;
 
 /// Signals that get a plot; the verdict lists the others too.
@@ -23,14 +22,15 @@ struct Drawn<'a> {
 }
 
 /// A section with the plots; nothing where no check names a signal.
-pub(super) fn section(scenario: &Scenario, timeline: &Timeline) -> Markup {
-    let checks = &scenario.expect.signal;
-    let drawn: Vec<Drawn<'_>> = timeline
+pub(super) fn section(run: &Run<'_>) -> Markup {
+    let setup = run.setup;
+    let checks = &setup.scenario.expect.signal;
+    let drawn: Vec<Drawn<'_>> = (run.timeline)
         .traces
         .iter()
-        .filter(|trace| checks.iter().any(|check| is_about(scenario, check, trace)))
+        .filter(|trace| checks.iter().any(|check| is_about(setup, check, trace)))
         .take(PLOTS_MAX)
-        .map(|trace| drawn(trace, scenario))
+        .map(|trace| drawn(trace, setup))
         .collect();
     html! {
         @if !drawn.is_empty() {
@@ -41,11 +41,12 @@ pub(super) fn section(scenario: &Scenario, timeline: &Timeline) -> Markup {
     }
 }
 
-fn is_about(scenario: &Scenario, check: &SignalCheck, trace: &Trace) -> bool {
-    SignalNames::of(scenario).find(&check.name) == Ok(&trace.path)
+fn is_about(setup: &Setup, check: &SignalCheck, trace: &Trace) -> bool {
+    setup.names().find(&check.name) == Ok(&trace.path)
 }
 
-fn drawn<'a>(trace: &'a Trace, scenario: &Scenario) -> Drawn<'a> {
+fn drawn<'a>(trace: &'a Trace, setup: &Setup) -> Drawn<'a> {
+    let scenario = &setup.scenario;
     let mut drawn = Drawn {
         trace,
         time_seconds: trace.samples.iter().map(|one| one.time_seconds).collect(),
@@ -54,7 +55,7 @@ fn drawn<'a>(trace: &'a Trace, scenario: &Scenario) -> Drawn<'a> {
         patches: Vec::new(),
     };
     let checks = scenario.expect.signal.iter();
-    for check in checks.filter(|check| is_about(scenario, check, trace)) {
+    for check in checks.filter(|check| is_about(setup, check, trace)) {
         for demand in check.demands() {
             let window = check.window(&demand, scenario.duration_seconds);
             match demand {

@@ -1,23 +1,20 @@
 //! `report.html`: one run on one page.
 
-use dbc::{Database, LawTerm};
+use dbc::Database;
 use maud::{Markup, html};
 use scenario::Scenario;
 use scenario::events::JudgedStep;
 
 use super::bus_timing::{BusTiming, Spread, histogram};
 use super::plot::{Colour, Extent, Patch, Plot, Shape};
-use super::{checks, page, shown_unit};
+use super::{Run, checks, page, shown_unit};
 use crate::events::{Event, Level};
 use crate::external::ExternalNode;
-use crate::frames::Frames;
 use crate::judge::SETTLING_BAND;
-use crate::recording::Stamped;
 use crate::run_folder::file;
 use crate::signals::{self, SignalMissing, WIRE_TEMPERATURE};
 use crate::timeline::Timeline;
 use crate::timing::Timing;
-use crate::verdict::Verdict;
 
 /// Events that are listed; a run with more of them has its own trouble, told by the first ones.
 const EVENTS_MAX: usize = 300;
@@ -28,26 +25,12 @@ const BEFORE_SECONDS: f64 = 0.1;
 const AFTER_STEP_SECONDS: f64 = 1.0;
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
-/// Everything that a page is made of.
-pub struct Run<'a> {
-    /// The scenario's text.
-    pub text: &'a str,
-    /// The scenario.
-    pub scenario: &'a Scenario,
-    /// What was on the bus.
-    pub frames: &'a [Stamped],
-    /// The same, decoded.
-    pub timeline: &'a Timeline,
-    /// What it came to.
-    pub verdict: &'a Verdict,
-}
-
 /// The page. It depends on nothing but the recording and the verdict.
 ///
 /// # Errors
 /// The database lacks a signal that the bench needs.
-pub fn to_html(run: &Run<'_>, database: &Database) -> Result<String, SignalMissing> {
-    let scenario = run.scenario;
+pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
+    let (scenario, database) = (&run.setup.scenario, &*run.setup.database);
     let timing = BusTiming::of(
         run.frames,
         scenario.duration_seconds,
@@ -60,12 +43,12 @@ pub fn to_html(run: &Run<'_>, database: &Database) -> Result<String, SignalMissi
         @if run.verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
         @else { (page::metrics(&run.verdict.metrics, run.verdict.outcome)) }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
-        @else { (plots(run, database)) }
-        (checks::section(scenario, run.timeline))
+        @else { (plots(run)) }
+        (checks::section(run))
         (bus(&timing, run))
         (events(&run.timeline.events))
         h2 { "Scenario" }
-        details open { summary { (file::SCENARIO) } pre { (run.text) } }
+        details open { summary { (file::SCENARIO) } pre { (run.setup.text) } }
         (again())
     };
     Ok(page::page(
@@ -75,8 +58,8 @@ pub fn to_html(run: &Run<'_>, database: &Database) -> Result<String, SignalMissi
 }
 
 fn head(run: &Run<'_>) -> Markup {
+    let scenario = &run.setup.scenario;
     let Run {
-        scenario,
         verdict,
         timeline,
         ..
@@ -104,8 +87,8 @@ fn head(run: &Run<'_>) -> Markup {
     }
 }
 
-fn plots(run: &Run<'_>, database: &Database) -> Markup {
-    let timeline = run.timeline;
+fn plots(run: &Run<'_>) -> Markup {
+    let (timeline, database) = (run.timeline, &*run.setup.database);
     let error: Vec<f64> = timeline
         .set_point_millimetres
         .iter()
@@ -138,12 +121,13 @@ fn plots(run: &Run<'_>, database: &Database) -> Markup {
     } else {
         in_time.extend(of_another_plant(timeline, database));
     }
-    match Frames::of(run.scenario).law_terms() {
-        [] => in_time.extend(of_the_sliding_mode(timeline)),
-        terms => in_time.extend(of_own_terms(timeline, terms)),
+    if run.setup.scenario.controller.own.is_some() {
+        in_time.extend(of_own_terms(timeline, database));
+    } else {
+        in_time.extend(of_the_sliding_mode(timeline));
     }
     for plot in &mut in_time {
-        plot.patches.extend(disturbances(run.scenario));
+        plot.patches.extend(disturbances(&run.setup.scenario));
     }
     html! {
         h2 { "Position" }
@@ -194,9 +178,9 @@ fn of_the_sliding_mode(timeline: &Timeline) -> [Plot<'_>; 2] {
 /// The terms of a law from outside, each by itself.
 fn of_own_terms<'a>(
     timeline: &'a Timeline,
-    terms: &'a [LawTerm],
+    database: &'a Database,
 ) -> impl Iterator<Item = Plot<'a>> {
-    terms.iter().map(|term| {
+    signals::of_the_own_law(database).map(|term| {
         let title = term.comment.trim_end_matches('.');
         let drawn = [(term.name.as_str(), "law", Colour::Estimated)];
         let mut plot = of_signals(timeline, title, shown_unit(&term.unit), &drawn);
@@ -258,6 +242,7 @@ fn position<'a>(run: &Run<'a>) -> Plot<'a> {
     let time = &timeline.time_seconds;
     let mut plot = Plot::over_time("Position", "mm");
     plot.patches = run
+        .setup
         .scenario
         .judged_steps()
         .iter()
@@ -294,7 +279,7 @@ fn position<'a>(run: &Run<'a>) -> Plot<'a> {
 
 /// The position round each step and each disturbance.
 fn close_ups<'a>(run: &Run<'a>) -> Vec<Plot<'a>> {
-    let steps = run.scenario.judged_steps().into_iter().map(|step| {
+    let steps = run.setup.scenario.judged_steps().into_iter().map(|step| {
         let until = step
             .window
             .until_seconds
@@ -303,6 +288,7 @@ fn close_ups<'a>(run: &Run<'a>) -> Vec<Plot<'a>> {
         (title, step.window.from_seconds, until)
     });
     let disturbances = run
+        .setup
         .scenario
         .disturbance_windows()
         .into_iter()
@@ -435,7 +421,7 @@ fn bus(timing: &BusTiming, run: &Run<'_>) -> Markup {
     };
     html! {
         h2 { "Bus and timing" }
-        p.soft { "Scenario time 0 to " (run.scenario.duration_seconds) " s, by the stamps of the recorder." }
+        p.soft { "Scenario time 0 to " (run.setup.scenario.duration_seconds) " s, by the stamps of the recorder." }
         div.wide { table {
             thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
             tbody { @for (name, durations) in &sets { @if let Some(spread) = Spread::of(durations) { tr {

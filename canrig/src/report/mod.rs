@@ -5,22 +5,21 @@ pub mod blf;
 mod bus_timing;
 mod calendar;
 mod checks;
-pub mod comparison;
-pub mod coverage;
 pub mod csv;
+mod files;
 pub mod html;
 pub mod junit;
 pub mod mf4;
 pub mod overview;
-mod page;
+pub mod page;
 pub mod parquet;
 pub mod plot;
-pub mod reproduction;
 #[cfg(feature = "rerun")]
 pub mod rerun;
-pub mod sweep;
 pub mod terminal;
 mod thin;
+
+pub use files::{ReportError, Run, write_all};
 
 /// A unit of the DBC, as people write it.
 fn shown_unit(unit: &str) -> &str {

@@ -6,7 +6,7 @@ use super::terminal;
 use crate::verdict::{self, Metric, Outcome};
 
 /// A page of this title.
-pub(super) fn page(title: &str, body: &Markup) -> String {
+pub fn page(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -25,12 +25,12 @@ pub(super) fn page(title: &str, body: &Markup) -> String {
 }
 
 /// The outcome as a badge.
-pub(super) fn badge(outcome: Outcome) -> Markup {
+pub fn badge(outcome: Outcome) -> Markup {
     html! { span.outcome.(class(outcome)) { (outcome.word()) } }
 }
 
 /// The class of an outcome in the style sheet.
-pub(super) fn class(outcome: Outcome) -> &'static str {
+pub fn class(outcome: Outcome) -> &'static str {
     match outcome {
         Outcome::Pass => "pass",
         Outcome::Fail => "fail",
@@ -39,7 +39,7 @@ pub(super) fn class(outcome: Outcome) -> &'static str {
 }
 
 /// The cell that says whether a limit was met.
-pub(super) fn result(metric: &Metric, outcome: Outcome) -> Markup {
+pub fn result(metric: &Metric, outcome: Outcome) -> Markup {
     match (metric.passed, outcome) {
         (None, _) if metric.limit.is_some() => html! { span.unsure { "not judged" } },
         (None, _) => html! {},
@@ -50,7 +50,7 @@ pub(super) fn result(metric: &Metric, outcome: Outcome) -> Markup {
 }
 
 /// The metrics as a table.
-pub(super) fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
+pub fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
     let tests_any = metrics.iter().any(|metric| !metric.requirements.is_empty());
     html! {
         div.wide { table {

@@ -9,8 +9,8 @@ use super::thin::{self, Polyline};
 use crate::digits;
 
 /// Size of the drawing in its own units; it is stretched to the place that the page gives it.
-pub(super) const WIDTH: f64 = 3200.0;
-pub(super) const HEIGHT: f64 = 1000.0;
+pub const WIDTH: f64 = 3200.0;
+pub const HEIGHT: f64 = 1000.0;
 /// Ticks on an axis, about.
 const TICKS: f64 = 6.0;
 /// Free room above and below the curves, by the height.
@@ -61,12 +61,12 @@ pub enum Shape {
 }
 
 /// A curve of a plot.
-pub(super) struct Curve<'a> {
-    pub(super) label: String,
-    pub(super) colour: Colour,
-    pub(super) shape: Shape,
-    pub(super) x: &'a [f64],
-    pub(super) y: &'a [f64],
+pub struct Curve<'a> {
+    pub label: String,
+    pub colour: Colour,
+    pub shape: Shape,
+    pub x: &'a [f64],
+    pub y: &'a [f64],
 }
 
 impl Curve<'_> {
@@ -85,16 +85,16 @@ impl Curve<'_> {
 
 /// A rectangle behind the curves; infinite sides reach the edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Patch {
+pub struct Patch {
     /// Class in the style sheet.
-    pub(super) class: &'static str,
-    pub(super) x: (f64, f64),
-    pub(super) y: (f64, f64),
+    pub class: &'static str,
+    pub x: (f64, f64),
+    pub y: (f64, f64),
 }
 
 /// What the height of a plot stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Extent {
+pub enum Extent {
     /// Everything.
     All,
     /// Everything, and 0.
@@ -106,20 +106,20 @@ pub(super) enum Extent {
 }
 
 /// A plot.
-pub(super) struct Plot<'a> {
-    pub(super) title: String,
-    pub(super) y_unit: &'a str,
-    pub(super) x_label: &'a str,
-    pub(super) extent: Extent,
-    pub(super) curves: Vec<Curve<'a>>,
-    pub(super) patches: Vec<Patch>,
+pub struct Plot<'a> {
+    pub title: String,
+    pub y_unit: &'a str,
+    pub x_label: &'a str,
+    pub extent: Extent,
+    pub curves: Vec<Curve<'a>>,
+    pub patches: Vec<Patch>,
     /// The stretch of x that is shown; all of it when absent.
-    pub(super) x_range: Option<(f64, f64)>,
+    pub x_range: Option<(f64, f64)>,
 }
 
 impl<'a> Plot<'a> {
     /// A plot over time without curves.
-    pub(super) fn over_time(title: impl Into<String>, y_unit: &'a str) -> Self {
+    pub fn over_time(title: impl Into<String>, y_unit: &'a str) -> Self {
         Self {
             title: title.into(),
             y_unit,
@@ -132,7 +132,7 @@ impl<'a> Plot<'a> {
     }
 
     /// Adds a curve, unless it has no value at all.
-    pub(super) fn draw(
+    pub fn draw(
         &mut self,
         label: impl Into<String>,
         colour: Colour,
@@ -153,7 +153,7 @@ impl<'a> Plot<'a> {
     }
 
     /// The plot as a figure; nothing when it has no curve.
-    pub(super) fn render(&self) -> Markup {
+    pub fn render(&self) -> Markup {
         if self.curves.is_empty() {
             return html! {};
         }
@@ -323,21 +323,21 @@ impl View {
 }
 
 /// From values to the drawing's units, by way of the upper left corner.
-pub(super) struct Scale {
-    pub(super) x: f64,
-    pub(super) y: f64,
-    pub(super) right: f64,
-    pub(super) down: f64,
+pub struct Scale {
+    pub x: f64,
+    pub y: f64,
+    pub right: f64,
+    pub down: f64,
 }
 
 impl Scale {
     /// Units from the left.
-    pub(super) fn along(&self, x: f64) -> f64 {
+    pub fn along(&self, x: f64) -> f64 {
         (x - self.x) * self.right
     }
 
     /// Units from the top.
-    pub(super) fn down(&self, y: f64) -> f64 {
+    pub fn down(&self, y: f64) -> f64 {
         (y - self.y) * self.down
     }
 

@@ -23,14 +23,12 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
 use std::path::Path;
 
-use dbc::Database;
 use rerun::archetypes::RecordingInfo;
 use rerun::external::re_log_encoding::EncodeError;
 use rerun::external::re_log_types::{StoreId, StoreInfo};
 use rerun::{EntityPath, RecordingStreamError, StoreKind, new_store_info};
-use scenario::Scenario;
 
-use crate::recording::Stamped;
+use super::Run;
 use crate::signals::SignalMissing;
 use crate::timeline::Timeline;
 use crate::verdict::Verdict;
@@ -66,13 +64,15 @@ pub enum RerunError {
 /// The file cannot be written.
 pub fn write(
     path: &Path,
-    frames: &[Stamped],
-    timeline: &Timeline,
-    verdict: &Verdict,
-    scenario: &Scenario,
-    database: &Database,
+    run: &Run<'_>,
 ) -> Result<(), RerunError> {
-    let mut bus = BusReader::new(scenario, database)?;
+    let Run {
+        setup,
+        frames,
+        timeline,
+        verdict,
+    } = *run;
+    let mut bus = BusReader::new(setup)?;
     frames.iter().for_each(|stamped| bus.take(stamped));
     let partial = path.with_added_extension("partial");
     let id = recording_id(timeline, verdict);
@@ -82,10 +82,10 @@ pub fn write(
     };
     let mut file = RecordingFile::create(&partial, info)?;
     let properties = RecordingInfo::new()
-        .with_name(scenario.name.as_str())
+        .with_name(setup.scenario.name.as_str())
         .with_start_time(0_i64);
     send_static(&mut file, EntityPath::properties(), &properties)?;
-    let mut recording = Recording::begin(file, scenario, Known::Whole)?;
+    let mut recording = Recording::begin(file, setup, Known::Whole)?;
     recording.log(timeline, &mut bus)?;
     recording.log_verdict(verdict)?;
     recording.finish()?.finish()?;

@@ -1,11 +1,11 @@
 //! The verdict as a table for people.
 
+use std::path::Path;
+
 use comfy_table::{Attribute, Cell, CellAlignment, Color, ContentArrangement, Table, presets};
 
 use scenario::expect::Limit;
 
-use crate::reproduce::command::Finding;
-use crate::run::Judged;
 use crate::run_folder::file;
 use crate::timing::Timing;
 use crate::verdict::{Metric, Outcome, Verdict, title};
@@ -36,10 +36,7 @@ fn named_table(verdict: &Verdict) -> String {
 
 /// Everything about one run: its name, its table, its outcome, where to look.
 #[must_use]
-pub fn run(judged: &Judged) -> String {
-    let Judged {
-        verdict, folder, ..
-    } = judged;
+pub fn run(verdict: &Verdict, folder: &Path) -> String {
     let mut text = named_table(verdict);
     // Why a run broke off was told as an error already.
     if let Some(reason) = verdict
@@ -87,38 +84,6 @@ pub fn summary(verdicts: &[Verdict]) -> String {
     format!("\n{table}")
 }
 
-/// The numbers of a reproduction that the paper or a target speaks of.
-#[must_use]
-pub fn reproduction(findings: &[Finding]) -> String {
-    let header = [
-        "experiment",
-        "quantity",
-        "of",
-        "paper",
-        "target",
-        "measured",
-        "result",
-    ];
-    let mut table = empty_table(header);
-    for finding in findings {
-        let numbers = finding.evaluation.numbers.iter();
-        for number in numbers.filter(|number| number.is_compared()) {
-            table.add_row([
-                Cell::new(finding.experiment.id),
-                Cell::new(number.name()),
-                Cell::new(&number.of),
-                Cell::new(number.paper.unwrap_or_default()),
-                Cell::new(limit(number.metric.limit)),
-                Cell::new(measured(&number.metric)).set_alignment(CellAlignment::Right),
-                result(&number.metric, Outcome::Pass),
-            ]);
-        }
-    }
-    let holds = findings.iter().all(Finding::holds);
-    let outcome = if holds { Outcome::Pass } else { Outcome::Fail };
-    format!("{table}\n{}", outcome.word())
-}
-
 /// The table of one run's metrics beside their limits.
 #[must_use]
 pub fn table(verdict: &Verdict) -> String {
@@ -135,7 +100,7 @@ pub fn table(verdict: &Verdict) -> String {
 }
 
 /// A table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them.
-pub(super) fn empty_table<const N: usize>(header: [&str; N]) -> Table {
+pub fn empty_table<const N: usize>(header: [&str; N]) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_content_arrangement(ContentArrangement::Dynamic);
@@ -167,7 +132,7 @@ fn timing_table(timing: &Timing) -> String {
     text
 }
 
-pub(super) fn measured(metric: &Metric) -> String {
+pub fn measured(metric: &Metric) -> String {
     let measured = match (metric.value, &metric.remark) {
         (Some(value), _) => significant(value),
         (None, Some(remark)) => remark.clone(),
@@ -192,7 +157,7 @@ pub fn significant(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-pub(super) fn limit(limit: Option<Limit>) -> String {
+pub fn limit(limit: Option<Limit>) -> String {
     let Some(limit) = limit else {
         return String::new();
     };
@@ -204,7 +169,7 @@ pub(super) fn limit(limit: Option<Limit>) -> String {
     }
 }
 
-fn result(metric: &Metric, outcome: Outcome) -> Cell {
+pub fn result(metric: &Metric, outcome: Outcome) -> Cell {
     match (metric.passed, outcome) {
         (None, _) if metric.limit.is_some() => Cell::new("not judged").fg(Color::Yellow),
         (None, _) => Cell::new(""),

@@ -2,8 +2,8 @@
 
 use scenario::Scenario;
 
-use crate::external::External;
-use crate::run::Source;
+use crate::bench_catalogue::catalogue;
+use crate::setup::Setup;
 use crate::sweep::plan::Plan;
 
 macro_rules! bases {
@@ -45,14 +45,9 @@ bases!(
 /// `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
 pub(super) fn plants() -> Plan {
     let text = include_str!("../../../scenarios/sweeps/plants.toml");
-    let source = Source {
-        path: "plants.toml".into(),
-        text: text.to_owned(),
-        scenario: parse("plants.toml", text),
-        external: External::default(),
-        rig: None,
-    };
-    Plan::new(&source).expect("a test plays every plant")
+    let setup = Setup::of(parse("plants.toml", text), catalogue());
+    let setup = setup.from_file("plants.toml", text.to_owned());
+    Plan::new(&setup).expect("a test plays every plant")
 }
 
 fn parse(name: &str, text: &str) -> Scenario {

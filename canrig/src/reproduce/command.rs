@@ -1,20 +1,20 @@
 //! `canrig reproduce`: plays all experiments, prints their numbers, writes the page.
 
+use clap::Args;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::Serialize;
 
-use super::experiment::{Effort, Evaluation, Experiment, Kept};
+use super::experiment::{Effort, Experiment, Kept};
+use super::finding::Finding;
 use super::number::Number;
-use super::{material, response, robustness, sensitivity};
+use super::{material, page, response, robustness, sensitivity};
 use crate::campaign::{Campaign, Fault, Interrupted};
-use crate::cli::ReproduceArgs;
 use crate::console::{Activity, complain, say};
 use crate::exit::Exit;
-use crate::report::reproduction;
-use crate::report::terminal;
 use crate::run_folder::{RunFolder, WriteError, file};
-use crate::world;
+use crate::observer::observed;
 
 /// Name of the file with all numbers.
 const NUMBERS: &str = "reproduction.json";
@@ -33,12 +33,21 @@ pub fn experiments(effort: Effort) -> Vec<Experiment> {
     rooms.into_iter().flat_map(|room| room(effort)).collect()
 }
 
-/// An experiment with what it came to.
-pub struct Finding {
-    /// What was done.
-    pub experiment: Experiment,
-    /// What came of it.
-    pub evaluation: Evaluation,
+/// Arguments of `reproduce`.
+#[derive(Args, Debug)]
+pub struct ReproduceArgs {
+    /// Where the folder with the page is made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Fewer plants, frequencies and settings: to see that everything works
+    #[arg(long)]
+    pub reduced: bool,
+    /// Print the numbers as JSON instead of a table
+    #[arg(long)]
+    pub json: bool,
+    /// Print nothing but failures
+    #[arg(long, short, conflicts_with = "json")]
+    pub quiet: bool,
 }
 
 /// Does what the command line says.
@@ -108,19 +117,11 @@ fn evaluated(
         })
     };
     let mut experiments = experiments.into_iter().map(evaluate);
-    world::observed(
+    observed(
         || is_interrupted.store(true, Ordering::Relaxed),
         || {},
         || experiments.by_ref().collect(),
     )
-}
-
-impl Finding {
-    /// False where a target is missed.
-    #[must_use]
-    pub fn holds(&self) -> bool {
-        self.evaluation.numbers.iter().all(Number::holds)
-    }
 }
 
 /// What other programs read.
@@ -167,14 +168,14 @@ fn report(args: &ReproduceArgs, effort: Effort, findings: &[Finding]) -> Result<
         Effort::Reduced => "reproduction reduced",
     };
     let numbers = json(effort, findings);
-    let folder = RunFolder::create_named(&args.output, name, SEED, &numbers)?;
+    let folder = RunFolder::create(&args.output, name, SEED, &numbers)?;
     folder.write(NUMBERS, numbers.as_bytes())?;
-    let page = reproduction::to_html(effort, findings);
+    let page = page::to_html(effort, findings);
     folder.write(file::REPORT, page.as_bytes())?;
     if args.json {
         say(numbers.trim_end());
     } else if !args.quiet || !findings.iter().all(Finding::holds) {
-        say(&terminal::reproduction(findings));
+        say(&page::to_text(findings));
         say(&format!(
             "page  {}",
             folder.path().join(file::REPORT).display()

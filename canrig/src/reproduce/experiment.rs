@@ -8,7 +8,7 @@ use scenario::events::Window;
 use scenario::expect::Expect;
 
 use super::number::Number;
-use crate::campaign::Played;
+use crate::campaign;
 use crate::identify::trace::Trace;
 use crate::report::plot::{Colour, Shape};
 use crate::timeline::Timeline;
@@ -227,7 +227,7 @@ impl Run {
 
     /// Takes from a recording what the experiment wants.
     #[must_use]
-    pub fn keep(&self, played: &Played<'_>) -> Kept {
+    pub fn keep(&self, played: &campaign::Run<'_>) -> Kept {
         let window = match self.keep {
             Keep::Verdict => None,
             Keep::Signals(window) => Some(window),

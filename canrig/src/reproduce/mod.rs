@@ -2,14 +2,16 @@
 //!
 //! `bases` are shipped scenario files; `families` make many scenarios of one; `experiment` says what one is, and
 //! `response`, `robustness`, `sensitivity` and `material` are the experiments themselves: which runs, and what to make of
-//! their recordings. `command` plays them all at once and hands the `number`s and figures to `report/reproduction`.
+//! their recordings. `command` plays them all at once and hands the `number`s and figures to `page`.
 
 mod bases;
 pub mod command;
 pub mod experiment;
 pub mod families;
+mod finding;
 mod material;
 pub mod number;
+mod page;
 mod response;
 mod robustness;
 mod sensitivity;

@@ -1,9 +1,10 @@
 //! `canrig sweep`: plays the cases that are not done yet, then makes tables and a summary of all.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
 
 use super::Shard;
-use super::args::SweepArgs;
 use super::finish::{FinishError, finish};
 use super::plan::{Plan, PlanError};
 use super::row::{Ended, Row};
@@ -12,8 +13,10 @@ use crate::campaign::{self, Campaign, Stopped};
 use crate::capture::Watch;
 use crate::console::{Count, complain, say};
 use crate::exit::Exit;
-use crate::run::Source;
+use crate::setup::Setup;
+use crate::play;
 use crate::run_folder::{RunFolder, WriteError};
+use crate::session::write_setup;
 
 /// Why a sweep did not come to its end.
 #[derive(Debug, thiserror::Error)]
@@ -40,22 +43,41 @@ impl SweepError {
     }
 }
 
+/// Arguments of `sweep`.
+#[derive(Args, Debug)]
+pub struct SweepArgs {
+    /// A scenario file with a [sweep] table
+    pub scenario: PathBuf,
+    /// Where the sweep's folder is made; one that is there goes on where it ended
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Play a part only, such as 2/4: the second of four, for as many machines; `canrig merge` puts them together
+    #[arg(long, value_name = "PART", default_value_t = Shard::WHOLE)]
+    pub shard: Shard,
+    /// Runs at a time; as many as there are cores if not given
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print nothing but failures
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
 /// Does what the command line says.
 #[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
-    let source = match Source::load_or_complain(&args.scenario) {
-        Ok(source) => source,
+    let setup = match play::load(&args.scenario) {
+        Ok(setup) => setup,
         Err(exit) => return exit,
     };
-    play(args, &source).unwrap_or_else(|error| {
+    play(args, &setup).unwrap_or_else(|error| {
         complain(&format!("canrig: {error}"));
         error.exit()
     })
 }
 
-fn play(args: &SweepArgs, source: &Source) -> Result<Exit, SweepError> {
-    let plan = Plan::new(source)?;
-    let folder = open_folder(&args.output, source, &plan, args.shard)?;
+fn play(args: &SweepArgs, setup: &Setup) -> Result<Exit, SweepError> {
+    let plan = Plan::new(setup)?;
+    let folder = open_folder(&args.output, setup, &plan, args.shard)?;
     let (mut store, found) = Store::open(folder.path(), &Header::of(&plan, args.shard))?;
     let mut campaign = Campaign::on_all_cores(!args.quiet);
     campaign.threads = args.threads.map_or(campaign.threads, usize::from);
@@ -64,13 +86,13 @@ fn play(args: &SweepArgs, source: &Source) -> Result<Exit, SweepError> {
     }
     play_rest(&plan, args.shard, &campaign, &mut store, found.done)?;
     store.sync()?;
-    Ok(finish(&folder, source, &plan, args.quiet)?)
+    Ok(finish(&folder, setup, &plan, args.quiet)?)
 }
 
 /// The folder of a sweep, or of a part of it: the same one each time.
 pub(super) fn open_folder(
     parent: &Path,
-    source: &Source,
+    setup: &Setup,
     plan: &Plan,
     shard: Shard,
 ) -> Result<RunFolder, WriteError> {
@@ -78,7 +100,12 @@ pub(super) fn open_folder(
         Shard::WHOLE => String::new(),
         Shard { number, of } => format!("-{number}-of-{of}"),
     };
-    RunFolder::lasting(parent, source, &format!("sweep-{}{part}", plan.id()))
+    let id = format!("sweep-{}{part}", plan.id());
+    let folder = RunFolder::lasting(parent, &setup.scenario.name, &id)?;
+    if !folder.scenario().exists() {
+        write_setup(&folder, setup)?;
+    }
+    Ok(folder)
 }
 
 fn announce(plan: &Plan, shard: Shard, campaign: &Campaign, found: &Found) {
@@ -146,7 +173,7 @@ fn played(plan: &Plan, number: usize, watch: &Watch) -> Result<Row, String> {
             ));
         }
     };
-    let row = campaign::play_one(number, &scenario, watch, |played| {
+    let row = campaign::play_one(number, scenario, watch, |played| {
         Row::of_verdict(number, &case.id, played.verdict)
     });
     row.map_err(|error| error.to_string())

@@ -1,14 +1,15 @@
 //! What is made of the rows when all of them are there.
 
+use super::page;
 use super::plan::Plan;
 use super::store::StoreError;
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
 use crate::console::say;
 use crate::exit::Exit;
-use crate::report;
-use crate::run::Source;
+use crate::setup::Setup;
 use crate::run_folder::{RunFolder, WriteError, file};
+use crate::session::copy_tables;
 
 /// Name of the folder with the scenarios of cases that do not pass.
 const FAILING: &str = "failing";
@@ -25,11 +26,11 @@ pub(super) enum FinishError {
 /// Makes tables, page and scenarios of a folder's rows, and tells of them. Whatever was made before is made again.
 pub(super) fn finish(
     folder: &RunFolder,
-    source: &Source,
+    setup: &Setup,
     plan: &Plan,
     is_quiet: bool,
 ) -> Result<Exit, FinishError> {
-    let summary = Summary::of(plan, &source.scenario, folder.path())?;
+    let summary = Summary::of(plan, &setup.scenario, folder.path())?;
     let metrics = summary.metrics();
     let tables = Tables {
         plan,
@@ -39,18 +40,18 @@ pub(super) fn finish(
     folder.write_with(tables::CSV, |output| tables.write_csv(output))?;
     folder.write_with(tables::PARQUET, |output| tables.write_parquet(output))?;
     if !summary.failing.is_empty() {
-        folder.copy_tables_to(source, FAILING)?;
+        copy_tables(folder, setup, FAILING)?;
     }
     for failing in &summary.failing {
         let case = plan.case(failing.case);
         let text = format!("{}{}", preamble(plan, failing), case.text);
         folder.write(&place(failing), text.as_bytes())?;
     }
-    let page = report::sweep::to_html(&summary, place);
+    let page = page::to_html(&summary, place);
     folder.write(file::REPORT, page.as_bytes())?;
     let exit = summary.worst().exit();
     if !is_quiet || exit != Exit::Pass {
-        say(&report::sweep::to_text(&summary));
+        say(&page::to_text(&summary));
         tell_files(folder, &summary);
     }
     Ok(exit)

@@ -3,8 +3,9 @@
 use std::iter::Peekable;
 use std::path::{Path, PathBuf};
 
+use clap::Args;
+
 use super::Shard;
-use super::args::MergeArgs;
 use super::command::open_folder;
 use super::finish::{FinishError, finish};
 use super::plan::{Plan, PlanError};
@@ -12,7 +13,8 @@ use super::row::Row;
 use super::store::{self, Header, Rows, Store, StoreError};
 use crate::console::complain;
 use crate::exit::Exit;
-use crate::run::Source;
+use crate::setup::Setup;
+use crate::play;
 use crate::run_folder::{WriteError, file};
 
 /// Missing cases that are named.
@@ -66,6 +68,20 @@ struct Part {
     rows: Peekable<Rows>,
 }
 
+/// Arguments of `merge`.
+#[derive(Args, Debug)]
+pub struct MergeArgs {
+    /// The folders that `canrig sweep --shard` made
+    #[arg(required = true, value_name = "SHARD")]
+    pub shards: Vec<PathBuf>,
+    /// Where the folder of the whole sweep is made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Print nothing but failures
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
 /// Does what the command line says.
 #[must_use]
 pub fn merge(args: &MergeArgs) -> Exit {
@@ -80,20 +96,20 @@ pub fn merge(args: &MergeArgs) -> Exit {
         ));
         return Exit::ScenarioInvalid;
     }
-    let source = match Source::load_or_complain(&first.join(file::SCENARIO)) {
-        Ok(source) => source,
+    let setup = match play::load(&first.join(file::SCENARIO)) {
+        Ok(setup) => setup,
         Err(exit) => return exit,
     };
-    merged(args, &source).unwrap_or_else(|error| {
+    merged(args, &setup).unwrap_or_else(|error| {
         complain(&format!("canrig: {error}"));
         error.exit()
     })
 }
 
-fn merged(args: &MergeArgs, source: &Source) -> Result<Exit, MergeError> {
-    let plan = Plan::new(source)?;
+fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
+    let plan = Plan::new(setup)?;
     let mut parts = open(&args.shards, &plan)?;
-    let folder = open_folder(&args.output, source, &plan, Shard::WHOLE)?;
+    let folder = open_folder(&args.output, setup, &plan, Shard::WHOLE)?;
     let (mut store, found) = Store::open(folder.path(), &Header::of(&plan, Shard::WHOLE))?;
     let mut missing = Vec::new();
     for case in Shard::WHOLE.cases(plan.runs()) {
@@ -114,7 +130,7 @@ fn merged(args: &MergeArgs, source: &Source) -> Result<Exit, MergeError> {
             cases: words(&missing),
         });
     }
-    Ok(finish(&folder, source, &plan, args.quiet)?)
+    Ok(finish(&folder, setup, &plan, args.quiet)?)
 }
 
 /// Opens the parts, which must be of this sweep.

@@ -4,10 +4,10 @@
 //! which. `store` has the rows of the cases that are done, in their order and on the disk, which is all that a restart or a
 //! merge needs. `tables` and `summary` are made of the store when all is done, and `command` puts it together.
 
-pub mod args;
 pub mod command;
 mod finish;
 pub mod merge;
+mod page;
 pub mod plan;
 pub mod row;
 mod shard;

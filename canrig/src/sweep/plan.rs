@@ -10,8 +10,8 @@ use scenario::{Scenario, read_text};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
-use crate::run::Source;
-use crate::run_folder::tables_of;
+use crate::session::tables_of;
+use crate::setup::Setup;
 
 /// Longest table of a scenario in another file.
 const TABLE_BYTES_MAX: u64 = 64 << 20;
@@ -66,11 +66,11 @@ impl Plan {
     ///
     /// # Errors
     /// It has none, or its tables are gone.
-    pub fn new(source: &Source) -> Result<Self, PlanError> {
-        let Some(sweep) = &source.scenario.sweep else {
-            return Err(PlanError::NoSweep(source.path.display().to_string()));
+    pub fn new(setup: &Setup) -> Result<Self, PlanError> {
+        let Some(sweep) = &setup.scenario.sweep else {
+            return Err(PlanError::NoSweep(setup.path.display().to_string()));
         };
-        let folder = source.path.parent().unwrap_or(Path::new(""));
+        let folder = setup.path.parent().unwrap_or(Path::new(""));
         let read = |name: &str| {
             let text = read_text(&folder.join(name), TABLE_BYTES_MAX);
             let name = name.to_owned();
@@ -79,17 +79,17 @@ impl Plan {
                 Err(source) => Err(PlanError::Table { name, source }),
             }
         };
-        let tables: BTreeMap<String, String> = tables_of(&source.scenario)
+        let tables: BTreeMap<String, String> = tables_of(&setup.scenario)
             .map(read)
             .collect::<Result<_, _>>()?;
-        let mut document: Table = source.text.parse().expect("the loader has read it");
+        let mut document: Table = setup.text.parse().expect("the loader has read it");
         document.remove("sweep");
         let drawn = sweep.distributions().into_iter();
         Ok(Self {
-            name: source.scenario.name.clone(),
+            name: setup.scenario.name.clone(),
             document,
             id: id(
-                &format!("{}{}", env!("CARGO_PKG_VERSION"), source.text),
+                &format!("{}{}", env!("CARGO_PKG_VERSION"), setup.text),
                 &tables,
             ),
             tables,
@@ -295,7 +295,7 @@ fn way_of_draws(distribution: Distribution) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::external::External;
+    use crate::bench_catalogue::catalogue;
 
     fn plan(sweep: &str) -> Plan {
         let text = format!(
@@ -303,14 +303,8 @@ mod tests {
              at_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n{sweep}"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let source = Source {
-            path: "s.toml".into(),
-            text,
-            scenario,
-            external: External::default(),
-            rig: None,
-        };
-        Plan::new(&source).unwrap()
+        let setup = Setup::of(scenario, catalogue()).from_file("s.toml", text);
+        Plan::new(&setup).unwrap()
     }
 
     const GRID: &str = "draws = 2\n[[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15]\n\

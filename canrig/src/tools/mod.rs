@@ -1,21 +1,20 @@
 //! What people debug nodes with: who is there (`nodes`), one object (`sdo`), live traffic (`monitor`).
 //!
 //! A tool is a guest on the bus. The default SDO channel of a node belongs to the controller while one runs
-//! ([`presence`]), so a guest asks on the second channel where the node's data sheet has one ([`data_sheet`]).
+//! ([`crate::presence`]), so a guest asks on the second channel where the node's data sheet has one.
 
-pub mod data_sheet;
 pub mod monitor;
 pub mod nodes;
-pub mod presence;
 pub mod sdo;
 pub mod value;
 
+use clap::Args;
+use crate::console::{complain, say};
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use canopen::eds::EdsError;
 use canopen::sdo_client::SdoError;
 use canopen::{Filter, Node};
 use dbc::DbcError;
@@ -24,6 +23,7 @@ use platform::hub;
 use platform::real_time::{self, RunError};
 use platform::stop::StopSignal;
 
+use crate::data_sheet::DataSheetError;
 use crate::exit::Exit;
 
 /// The bus that a tool joins.
@@ -55,6 +55,27 @@ impl fmt::Display for ToolBus {
     }
 }
 
+/// The bus that a tool joins.
+#[derive(Args, Debug)]
+pub struct ToolBusArgs {
+    /// The bus: `embedded` (that of your only running `canrig run`), `embedded:/path` or `private:number` (a
+    /// run tells its own), or a CAN interface such as `vcan0`
+    #[arg(long, value_name = "BUS", default_value_t = ToolBus::Running)]
+    pub bus: ToolBus,
+}
+
+/// A time from 0 to a day.
+pub(crate) fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text
+        .parse()
+        .map_err(|_| "a number of seconds is expected")?;
+    if (0.0..=86_400.0).contains(&seconds) {
+        Ok(seconds)
+    } else {
+        Err("0 to 86400 seconds are possible".to_owned())
+    }
+}
+
 /// Why a tool cannot do what it was asked.
 #[derive(Debug, thiserror::Error)]
 pub enum ToolError {
@@ -69,14 +90,9 @@ pub enum ToolError {
         /// Why.
         source: io::Error,
     },
-    /// An EDS is wrong.
-    #[error("{}: {error}", path.display())]
-    Eds {
-        /// Which.
-        path: PathBuf,
-        /// What is wrong.
-        error: Box<EdsError>,
-    },
+    /// A data sheet does not serve.
+    #[error(transparent)]
+    DataSheet(#[from] DataSheetError),
     /// A DBC is wrong.
     #[error("{}: {error}", path.display())]
     Dbc {
@@ -115,7 +131,7 @@ impl ToolError {
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {
-            Self::Usage(_) | Self::File { .. } | Self::Eds { .. } | Self::Dbc { .. } => Exit::Usage,
+            Self::Usage(_) | Self::File { .. } | Self::DataSheet(_) | Self::Dbc { .. } => Exit::Usage,
             _ => Exit::BenchFailed,
         }
     }
@@ -164,3 +180,18 @@ fn run(node: &mut dyn Node, bus: &ToolBus) -> Result<(), ToolError> {
         .map(|_| ())
         .map_err(ToolError::Run)
 }
+
+/// Prints what a tool found out, or why it did not.
+fn ended(outcome: Result<String, ToolError>) -> Exit {
+    match outcome {
+        Ok(text) => {
+            say(&text);
+            Exit::Pass
+        }
+        Err(error) => {
+            complain(&format!("canrig: {error}"));
+            error.exit()
+        }
+    }
+}
+

@@ -8,13 +8,15 @@ use std::time::Duration;
 
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::{AbortCode, CanFrame, Filter, NmtCommand, NmtState};
+use clap::Args;
 use dbc::Database;
 use platform::clock::Clock;
 use platform::stop::StopSignal;
 
-use super::data_sheet::{DataSheet, of_the_rig};
+use crate::data_sheet::{DataSheet, of_the_rig};
 use super::nodes::state_name;
-use super::{ToolBus, ToolError, open, value};
+use super::{ToolBusArgs, ToolError, ended, open, seconds, value};
+use crate::exit::Exit;
 use crate::console::complain;
 use crate::error_frames;
 
@@ -257,11 +259,58 @@ fn sdo_words(channel: &Channel<'_>, payload: [u8; 8]) -> String {
     }
 }
 
-/// Shows the traffic of a bus until the count or the duration is reached, Ctrl-C, or the end of the reader.
-///
-/// # Errors
-/// The bus does not work, or the DBC is wrong.
-pub fn monitor(bus: &ToolBus, options: Options) -> Result<(), ToolError> {
+/// Arguments of `monitor`.
+#[derive(Args, Debug)]
+pub struct MonitorArgs {
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub bus: ToolBusArgs,
+    /// Show only these: parts of names (drive, sync, heartbeat) or identifiers (0x190)
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub only: Vec<String>,
+    /// Leave these out
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub except: Vec<String>,
+    /// Show a frame only when its content has changed
+    #[arg(long)]
+    pub changes: bool,
+    /// Show the bytes too
+    #[arg(long)]
+    pub raw: bool,
+    /// End after so many lines
+    #[arg(long, value_name = "LINES")]
+    pub count: Option<u64>,
+    /// End after so many seconds
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub duration: Option<f64>,
+    /// A DBC file instead of the rig's
+    #[arg(long, value_name = "FILE")]
+    pub dbc: Option<PathBuf>,
+}
+
+/// Shows live traffic until the user stops it.
+#[must_use]
+pub fn monitor(args: MonitorArgs) -> Exit {
+    match shown(args) {
+        Ok(()) => Exit::Pass,
+        Err(error) => ended(Err(error)),
+    }
+}
+
+fn shown(args: MonitorArgs) -> Result<(), ToolError> {
+    let bus = args.bus.bus;
+    let options = Options {
+        only: args.only,
+        except: args.except,
+        changes: args.changes,
+        raw: args.raw,
+        count: args.count,
+        duration: args.duration.map(Duration::from_secs_f64),
+        dbc: args.dbc,
+    };
     let database = match &options.dbc {
         None => Database::sma_actuator().clone(),
         Some(path) => {
@@ -280,7 +329,7 @@ pub fn monitor(bus: &ToolBus, options: Options) -> Result<(), ToolError> {
     let (count, duration) = (options.count, options.duration);
     let mut decoder = Decoder::new(database, of_the_rig(), options);
     let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
-    let mut bus = open(bus, &[Filter::ALL, Filter::ERRORS])?;
+    let mut bus = open(&bus, &[Filter::ALL, Filter::ERRORS])?;
     let clock = Clock::start();
     let mut output = Output::default();
     let mut lines = 0;

@@ -6,17 +6,19 @@
 //! there, else on the default channel, and not at all where that one belongs to a running controller.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::path::Path;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use canopen::{CanFrame, Filter, NmtState, Node, Progress};
+use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets};
 
-use super::data_sheet::{DataSheet, of_the_rig};
-use super::presence::Presence;
-use super::{ToolBus, ToolError};
+use crate::data_sheet::{DataSheet, of_the_rig};
+use crate::presence::Presence;
+use super::{ToolBusArgs, ToolError, ended, seconds};
+use crate::exit::Exit;
 
 /// How long the tool listens before it speaks, unless told otherwise: longer than usual heartbeat periods.
 pub const LISTEN_SECONDS: f64 = 1.0;
@@ -401,26 +403,42 @@ impl Node for RollCall {
     }
 }
 
-/// Calls the roll on a bus; the table for people.
-///
-/// # Errors
-/// The bus does not work, or an EDS is wrong.
-pub fn nodes(
-    bus: &ToolBus,
-    eds: &[impl AsRef<Path>],
-    listen: Duration,
-) -> Result<String, ToolError> {
+/// Arguments of `nodes`.
+#[derive(Args, Debug)]
+pub struct NodesArgs {
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub bus: ToolBusArgs,
+    /// More EDS files to recognise nodes by, besides those of the rig
+    #[arg(long, value_name = "FILE")]
+    pub eds: Vec<PathBuf>,
+    /// How long to listen for heartbeats before nodes are asked
+    #[arg(long, value_name = "SECONDS", default_value_t = LISTEN_SECONDS, value_parser = seconds)]
+    pub listen: f64,
+}
+
+/// Calls the roll on a bus and prints who is there.
+#[must_use]
+pub fn nodes(args: &NodesArgs) -> Exit {
+    ended(called(args))
+}
+
+/// The table for people.
+fn called(args: &NodesArgs) -> Result<String, ToolError> {
     let mut sheets = of_the_rig();
-    for path in eds {
+    for path in &args.eds {
         // For its identity only; which node-ID it has is to be found out.
-        let sheet = DataSheet::load(path.as_ref(), 127)?;
+        let sheet = DataSheet::load(path, 127)?;
         sheets.push(DataSheet {
             node_id: 0,
             ..sheet
         });
     }
-    let mut roll_call = RollCall::new(sheets, listen);
-    super::run(&mut roll_call, bus)?;
+    let mut roll_call = RollCall::new(sheets, Duration::from_secs_f64(args.listen));
+    super::run(&mut roll_call, &args.bus.bus)?;
     Ok(report(&roll_call))
 }
 

@@ -5,16 +5,18 @@
 //! and no manager's heartbeat is heard.
 
 use std::collections::VecDeque;
-use std::path::Path;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use canopen::{CanFrame, Filter, Node, Progress};
+use clap::{Args, Subcommand};
 use dbc::Database;
 
-use super::data_sheet::{self, DataSheet, of_the_rig};
-use super::presence::Presence;
-use super::{ToolBus, ToolError, value};
+use crate::data_sheet::{self, DataSheet, of_the_rig};
+use crate::presence::Presence;
+use super::{ToolBusArgs, ToolError, ended, value};
+use crate::exit::Exit;
 
 /// How long the tool listens before it uses the default channel: longer than usual heartbeat periods.
 pub const LISTEN_TIME: Duration = Duration::from_secs(1);
@@ -216,37 +218,77 @@ impl Node for Transfer {
     }
 }
 
-/// An object as the user names it.
-#[derive(Clone, Copy, Debug)]
-pub struct Target<'a> {
-    /// Number or name of the node.
-    pub node: &'a str,
-    /// Place or name of the object.
-    pub object: &'a str,
-    /// The node's EDS, if not the rig's.
-    pub eds: Option<&'a Path>,
+/// Arguments of `sdo`.
+#[derive(Args, Debug)]
+pub struct SdoArgs {
+    /// What to do with the object.
+    #[command(subcommand)]
+    pub action: SdoAction,
+}
+
+/// What to do with an object.
+#[derive(Debug, Subcommand)]
+pub enum SdoAction {
+    /// Read an object
+    Read(ObjectArgs),
+    /// Write an object
+    Write {
+        #[command(flatten)]
+        #[expect(
+            missing_docs,
+            reason = "clap shows the doc comment of a flattened field as help"
+        )]
+        object: ObjectArgs,
+        /// The value, in the object's type: a number (decimal, 0x, 0b), text, or bytes in hexadecimal digits
+        #[arg(allow_hyphen_values = true)]
+        value: String,
+    },
+}
+
+/// An object of a node.
+#[derive(Args, Debug)]
+pub struct ObjectArgs {
+    /// The node: its number (16, 0x10) or `controller`, `drive`, `disturbance`
+    pub node: String,
+    /// The object: index and sub-index (6064, 0x1018:02) or its name in the EDS ("Statusword")
+    pub object: String,
+    /// The node's EDS, if it is none of the rig's
+    #[arg(long, value_name = "FILE")]
+    pub eds: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub bus: ToolBusArgs,
+}
+
+/// Reads or writes an object, and prints what it holds.
+#[must_use]
+pub fn sdo(args: &SdoArgs) -> Exit {
+    ended(match &args.action {
+        SdoAction::Read(target) => transferred(target, None),
+        SdoAction::Write { object, value } => transferred(object, Some(value)),
+    })
 }
 
 /// Reads an object, or writes it when there is a value; the line for people.
-///
-/// # Errors
-/// The command line makes no sense, the bus does not work, the node refuses, or the channel is the controller's.
-pub fn sdo(bus: &ToolBus, target: Target<'_>, text: Option<&str>) -> Result<String, ToolError> {
+fn transferred(target: &ObjectArgs, text: Option<&str>) -> Result<String, ToolError> {
     let mut sheets = of_the_rig();
-    let node_id = data_sheet::node_id(target.node, &sheets)?;
-    if let Some(path) = target.eds {
+    let node_id = data_sheet::node_id(&target.node, &sheets)?;
+    if let Some(path) = &target.eds {
         sheets.insert(0, DataSheet::load(path, node_id)?);
     }
     let sheet = sheets.iter().find(|sheet| sheet.node_id == node_id);
     let place = match sheet {
-        Some(sheet) => sheet.find(target.object)?,
+        Some(sheet) => sheet.find(&target.object)?,
         None => DataSheet {
             name: format!("node {node_id} (no EDS is known; name one with --eds)"),
             node_name: String::new(),
             node_id,
             dictionary: canopen::ObjectDictionary::new(),
         }
-        .find(target.object)?,
+        .find(&target.object)?,
     };
     let entry = sheet
         .and_then(|sheet| sheet.entry(place.0, place.1))
@@ -268,7 +310,7 @@ pub fn sdo(bus: &ToolBus, target: Target<'_>, text: Option<&str>) -> Result<Stri
         Request::Write(bytes) => Some(bytes.clone()),
     };
     let mut transfer = Transfer::new(node_id, place, request, sheets);
-    super::run(&mut transfer, bus)?;
+    super::run(&mut transfer, &target.bus.bus)?;
     let read = transfer.into_result()?;
     let bytes = written.as_ref().unwrap_or(&read);
     let name = entry.as_ref().map_or_else(String::new, |entry| {

@@ -1,31 +1,51 @@
 //! The command.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use dbc::Database;
+use clap::Args;
 use faults::Stream;
 use scenario::Scenario;
 
 use super::draw;
 use super::invariants::{Violation, violation};
 use super::shrink::{Case, of_fault};
+use crate::bench_catalogue::catalogue;
 use crate::campaign::Campaign;
 use crate::capture::Watch;
-use crate::cli::TortureArgs;
 use crate::console::{complain, say};
 use crate::exit::Exit;
-use crate::external::External;
-use crate::run::{self, Source, World};
-use crate::world;
+use crate::play;
+use crate::run::run;
+use crate::setup::Setup;
+use crate::world::{Played, lockstep};
 
 /// Failing cases that are shrunk; more of them have the same cause more often than not.
 const SHRUNK_MAX: usize = 5;
 
+/// Arguments of `torture`.
+#[derive(Args, Debug)]
+pub struct TortureArgs {
+    /// The scenario that the faults meet; its own faults and limits are left out
+    pub scenario: PathBuf,
+    /// How many mixes
+    #[arg(long, value_name = "COUNT", default_value_t = 1000)]
+    pub runs: usize,
+    /// What they are drawn from
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub seed: u64,
+    /// Where the folders of failing cases are made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
 /// Draws, plays, and tells what broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
-    let source = match Source::load_or_complain(&args.scenario) {
+    let source = match play::load(&args.scenario) {
         Ok(source) => source,
         Err(exit) => return exit,
     };
@@ -101,18 +121,10 @@ fn shrink_all(
 
 /// Plays the case once more into a run folder, whose scenario reproduces its log.
 fn keep(case: &Case, output: &Path) -> Result<std::path::PathBuf, String> {
-    let source = Source {
-        path: "torture.toml".into(),
-        text: case.text(),
-        scenario: case.scenario()?,
-        external: External::default(),
-        rig: None,
-    };
+    let setup = Setup::of(case.scenario()?, catalogue()).from_file("torture.toml", case.text());
     let (watch, taps) = (Watch::default(), Vec::new());
-    let judged = run::run(&source, output, &watch, taps, |_, capture| {
-        let database = Database::sma_actuator();
-        let end = world::lockstep::simulate(&source.scenario, database, capture)?;
-        Ok(World::in_virtual_time(end))
+    let judged = run(&setup, output, &watch, taps, |_, capture| {
+        lockstep::simulate(&setup, capture).map(Played::in_virtual_time)
     });
     judged
         .map(|judged| judged.folder)

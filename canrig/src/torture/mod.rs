@@ -1,11 +1,10 @@
 //! `canrig torture`: random mixes of faults, invariants that hold whatever goes wrong, and the smallest scenario that breaks
 //! one.
 
-mod command;
+pub mod command;
 mod draw;
 mod invariants;
 mod shrink;
 
-pub use command::torture;
 pub use invariants::{Violation, violation};
 pub use shrink::Case;

@@ -3,18 +3,16 @@
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
-use dbc::Database;
 use platform::clock::sleep;
 use platform::scheduling;
 use rerun::log::ChunkBatcherConfig;
 use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use rtrb::Consumer;
-use scenario::Scenario;
 
 use super::{Show, ViewerAddress};
 use crate::recording::Stamped;
 use crate::report::rerun::{APPLICATION, BusReader, Known, Recording};
-use crate::run::Source;
+use crate::setup::Setup;
 use crate::signals::SignalMissing;
 use crate::tap::{Tap, WhenFull};
 use crate::timeline::Reader;
@@ -42,18 +40,17 @@ impl Show {
     /// Begins to show a run; its frames go into the tap.
     pub(super) fn start(
         address: &ViewerAddress,
-        source: &Source,
+        setup: &Setup,
         when_full: WhenFull,
     ) -> (Tap, Self) {
         let (tap, frames, dropped) = Tap::new(when_full);
         let (verdict, judged) = mpsc::channel();
         let (end, ended) = mpsc::channel();
-        let (url, scenario) = (address.url(), source.scenario.clone());
-        let database = source.database().clone();
+        let (url, setup) = (address.url(), setup.clone());
         std::thread::spawn(move || {
             scheduling::step_back();
-            let shown = connect(&url, &scenario.name).and_then(|stream| {
-                let shown = follow(stream.clone(), &scenario, &database, frames, &judged);
+            let shown = connect(&url, &setup.scenario.name).and_then(|stream| {
+                let shown = follow(stream.clone(), &setup, frames, &judged);
                 // What it is dropped for would have to be sent first, to somebody who takes nothing.
                 if shown.is_err() {
                     std::mem::forget(stream);
@@ -91,14 +88,13 @@ fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
 /// Logs pieces until the run's end of the ring is dropped, then the verdict.
 fn follow(
     stream: RecordingStream,
-    scenario: &Scenario,
-    database: &Database,
+    setup: &Setup,
     mut frames: Consumer<Stamped>,
     judged: &Receiver<Verdict>,
 ) -> Result<(), LiveError> {
-    let mut reader = Reader::new(scenario, database)?;
-    let mut bus = BusReader::new(scenario, database)?;
-    let mut recording = Recording::begin(stream, scenario, Known::SoFar)?;
+    let mut reader = Reader::new(setup)?;
+    let mut bus = BusReader::new(setup)?;
+    let mut recording = Recording::begin(stream, setup, Known::SoFar)?;
     recording.expect_all()?;
     loop {
         let is_last = frames.is_abandoned() && frames.slots() <= PIECE_FRAMES_MAX;
@@ -109,9 +105,9 @@ fn follow(
             bus.take(&stamped);
         }
         let piece = if is_last {
-            reader.take_rest(scenario)?
+            reader.take_rest(&setup.scenario)?
         } else {
-            reader.take_piece(scenario)?
+            reader.take_piece(&setup.scenario)?
         };
         recording.log(&piece, &mut bus)?;
         flush(recording.output())?;

@@ -8,19 +8,16 @@
 //! busy processors), and 1 µs when a recording is replayed at once, since its pieces are larger then.
 
 mod address;
-mod args;
 #[cfg(feature = "rerun")]
 mod live;
 mod start;
 
 pub use address::ViewerAddress;
-pub use args::ViewerArgs;
 
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use crate::console::complain;
-use crate::run::Source;
+use crate::setup::Setup;
 use crate::tap::{Dropped, Tap, WhenFull};
 use crate::verdict::Verdict;
 
@@ -36,29 +33,25 @@ pub struct Viewers {
 }
 
 impl Viewers {
-    /// Opens or finds the viewers that the arguments name, and tells which cannot be had: the run goes on without them.
+    /// Opens a viewer, finds the one at an address, or both; and why one cannot be had. The run goes on without them.
     #[must_use]
-    pub fn open(args: &ViewerArgs) -> Self {
-        let wanted = args.viewer || args.rerun_connect.is_some();
-        if wanted && !cfg!(feature = "rerun") {
-            complain(
-                "canrig: this canrig cannot talk to viewers; build it with the feature \"rerun\" (a default one)",
-            );
-            return Self::default();
-        }
-        let opened = args.viewer.then(start::open);
-        let found = args.rerun_connect.clone().map(|address| {
-            let answers = address.answers();
-            answers.map(|()| address)
-        });
+    pub fn open(opens_one: bool, connect: Option<&ViewerAddress>) -> (Self, Vec<String>) {
         let mut viewers = Self::default();
+        let mut refused = Vec::new();
+        let is_wanted = opens_one || connect.is_some();
+        if is_wanted && !cfg!(feature = "rerun") {
+            refused.push("this canrig cannot talk to viewers; build it with the feature \"rerun\" (a default one)".to_owned());
+            return (viewers, refused);
+        }
+        let opened = opens_one.then(start::open);
+        let found = connect.map(|address| address.answers().map(|()| address.clone()));
         for viewer in opened.into_iter().chain(found) {
             match viewer {
                 Ok(address) => viewers.addresses.push(address),
-                Err(reason) => complain(&format!("canrig: no live view: {reason}")),
+                Err(reason) => refused.push(format!("no live view: {reason}")),
             }
         }
-        viewers
+        (viewers, refused)
     }
 
     /// Whether there is one.
@@ -70,9 +63,9 @@ impl Viewers {
     /// Begins to show a run in each viewer: where its frames go, and how to end.
     #[must_use]
     #[cfg(feature = "rerun")]
-    pub fn show(&self, source: &Source, when_full: WhenFull) -> (Vec<Tap>, Shows) {
+    pub fn show(&self, setup: &Setup, when_full: WhenFull) -> (Vec<Tap>, Shows) {
         let started = self.addresses.iter();
-        let started = started.map(|address| Show::start(address, source, when_full));
+        let started = started.map(|address| Show::start(address, setup, when_full));
         let (taps, shows) = started.unzip();
         (taps, Shows(shows))
     }
@@ -80,7 +73,7 @@ impl Viewers {
     /// Without the SDK there are no viewers.
     #[must_use]
     #[cfg(not(feature = "rerun"))]
-    pub fn show(&self, _source: &Source, _when_full: WhenFull) -> (Vec<Tap>, Shows) {
+    pub fn show(&self, _setup: &Setup, _when_full: WhenFull) -> (Vec<Tap>, Shows) {
         (Vec::new(), Shows::default())
     }
 }
@@ -90,29 +83,29 @@ impl Viewers {
 pub struct Shows(Vec<Show>);
 
 impl Shows {
-    /// Shows the verdict too, waits for the viewers as long as the patience lasts, and tells what they did not get. One
+    /// Shows the verdict too and waits for the viewers as long as the patience lasts; what they did not get, in words. One
     /// that takes nothing any more is shown no further run.
-    pub fn end(self, verdict: &Verdict, viewers: &mut Viewers) {
+    #[must_use]
+    pub fn end(self, verdict: &Verdict, viewers: &mut Viewers) -> Vec<String> {
         for show in &self.0 {
             // A listener that has ended needs no verdict.
             let _ = show.verdict.send(verdict.clone());
         }
-        for show in self.0 {
+        let missed = self.0.into_iter().filter_map(|show| {
+            let address = &show.address;
             let what = match show.ended() {
                 Ok(()) => match show.dropped.count() {
-                    0 => continue,
+                    0 => return None,
                     count => format!("was too slow for {count} frames"),
                 },
                 Err(reason) => {
-                    viewers.addresses.retain(|address| *address != show.address);
+                    viewers.addresses.retain(|other| other != address);
                     reason
                 }
             };
-            let address = show.address;
-            complain(&format!(
-                "canrig: the viewer at {address} {what}; the recording is complete"
-            ));
-        }
+            Some(format!("the viewer at {address} {what}; the recording is complete"))
+        });
+        missed.collect()
     }
 }
 

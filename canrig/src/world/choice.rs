@@ -1,13 +1,45 @@
 //! Which bus a run uses, and why.
 
 use std::fmt;
+use std::str::FromStr;
 
 use platform::bus::{self, BusAddress};
 use platform::private_bus::PrivateBus;
 use platform::probe;
 
 use super::WorldError;
-use crate::cli::BusChoice;
+
+/// Which bus.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum BusChoice {
+    /// The best that this machine permits.
+    Auto,
+    /// A vcan in a namespace of the run's own.
+    Private,
+    /// A socket in a folder of the user's own, served by canrig.
+    Embedded,
+    /// A CAN interface of the kernel.
+    Interface(String),
+}
+
+impl FromStr for BusChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "private" => Ok(Self::Private),
+            "embedded" => Ok(Self::Embedded),
+            name => match name.parse() {
+                Ok(BusAddress::Interface(interface)) => Ok(Self::Interface(interface)),
+                Ok(BusAddress::Embedded(_) | BusAddress::Private(_)) => {
+                    Err("canrig makes such a bus itself; say `embedded` or `private`".to_owned())
+                }
+                Err(error) => Err(error.to_string()),
+            },
+        }
+    }
+}
 
 /// The bus of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -10,10 +10,12 @@ use platform::private_bus::PrivateBus;
 use platform::recorder::Recorder;
 use platform::stop::{StopSignal, Stopper};
 
-use super::real_time::COLLECT_PERIOD;
 use super::{BENCH, RunBus, WorldError};
 use crate::capture::{Capture, Watch};
 use crate::recording::Stamped;
+
+/// How often the recorded frames are taken and written.
+pub(super) const COLLECT_PERIOD: Duration = Duration::from_millis(20);
 
 /// A stop signal for a thread of the bench.
 pub(super) fn stop_signal() -> Result<(Stopper, StopSignal), WorldError> {
@@ -24,7 +26,7 @@ pub(super) fn stop_signal() -> Result<(Stopper, StopSignal), WorldError> {
 }
 
 /// The bus of a run and the ear on it.
-pub(crate) struct Line {
+pub struct Line {
     pub(super) address: BusAddress,
     recorder: Recorder,
     hub: Option<Hub>,
@@ -32,7 +34,11 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    pub(super) fn open(bus: &RunBus) -> Result<Self, WorldError> {
+    /// Joins the bus, or makes it.
+    ///
+    /// # Errors
+    /// It is not to be had.
+    pub fn open(bus: &RunBus) -> Result<Self, WorldError> {
         match bus {
             RunBus::Embedded { .. } => {
                 let (hub, recorder) = Hub::start()?;
@@ -62,6 +68,12 @@ impl Line {
                 })
             }
         }
+    }
+
+    /// Where other programs find the bus.
+    #[must_use]
+    pub fn address(&self) -> &BusAddress {
+        &self.address
     }
 
     /// The bench's own place on the bus.
@@ -94,7 +106,7 @@ impl Line {
     }
 
     /// Forgets what was heard since the last time.
-    pub(super) fn forget(&mut self) {
+    pub fn forget(&mut self) {
         while self.recorder.next().is_some() {}
     }
 
@@ -123,7 +135,10 @@ impl Line {
     }
 
     /// Ends the bus and takes the last frames, and how many were lost.
-    pub(super) fn close(mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
+    ///
+    /// # Errors
+    /// The recording cannot be written.
+    pub fn close(mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
         self.recorder.stop();
         self.hub = None;
         capture.lose(self.recorder.lost());

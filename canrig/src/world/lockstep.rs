@@ -16,6 +16,7 @@ use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
 use crate::nodes;
 use crate::recording::Stamped;
+use crate::setup::Setup;
 
 /// Frames of one cycle, those included that come more seldom.
 const FRAMES_PER_CYCLE: f64 = 5.0;
@@ -42,13 +43,10 @@ pub struct Roles<'a> {
 ///
 /// # Errors
 /// A node failed, or the recording cannot be written.
-pub fn simulate(
-    scenario: &Scenario,
-    database: &Database,
-    capture: &mut Capture<'_>,
-) -> Result<End, WorldError> {
+pub fn simulate(setup: &Setup, capture: &mut Capture<'_>) -> Result<End, WorldError> {
+    let scenario = &setup.scenario;
     let mut plant_emulator = nodes::plant_emulator(scenario)?;
-    let mut bench = DisturbanceProducer::new(scenario, database)?;
+    let mut bench = DisturbanceProducer::new(scenario, &setup.database)?;
     let view = scenario.controller_view();
     let make = move || nodes::controller(&view, None);
     let mut controller = nodes::faulty_controller(make, &scenario.fault, |_| false)?;

@@ -2,15 +2,13 @@
 
 mod child;
 mod choice;
-pub(crate) mod line;
+pub mod line;
 pub mod lockstep;
-mod observer;
 pub mod processes;
 pub mod real_time;
 mod strikes;
 
-pub use choice::{RunBus, choose_bus};
-pub use observer::observed;
+pub use choice::{BusChoice, RunBus, choose_bus};
 
 use std::io;
 use std::time::Duration;
@@ -18,6 +16,7 @@ use std::time::Duration;
 use crate::coordinator::CoordinatorError;
 use crate::run_folder::WriteError;
 use crate::signals::SignalMissing;
+use crate::timing::Host;
 
 /// Names of the nodes, for messages and for the command line of their processes.
 const CONTROLLER: &str = "controller";
@@ -36,6 +35,22 @@ pub enum End {
     Completed,
     /// The user stopped it.
     Interrupted,
+}
+
+/// What a world came to that did not fail.
+pub struct Played {
+    /// Whether it came to the scenario's end.
+    pub end: End,
+    /// What the host knows of the timing; none in virtual time.
+    pub host: Option<Host>,
+}
+
+impl Played {
+    /// In virtual time there is no timing.
+    #[must_use]
+    pub fn in_virtual_time(end: End) -> Self {
+        Self { end, host: None }
+    }
 }
 
 /// Why a run failed.

@@ -10,11 +10,10 @@ use tokio::runtime::Runtime;
 
 use super::child::NodeProcess;
 use super::lockstep::{self, Roles};
-use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, RunBus, WorldError};
+use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, Played, RunBus, WorldError};
 use crate::capture::Capture;
 use crate::coordinator::CoordinatorError;
 use crate::disturbance_node::DisturbanceProducer;
-use crate::run::World;
 use crate::run_folder::RunFolder;
 
 /// The nodes that are processes of their own; none where somebody else's is on the bus.
@@ -83,7 +82,7 @@ pub fn in_lockstep(
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
-) -> Result<World, WorldError> {
+) -> Result<Played, WorldError> {
     // The coordinator only sends; without filters nothing comes in.
     let (mut wire, address, _private) = match bus {
         RunBus::Embedded { .. } => (None, None, None),
@@ -133,7 +132,7 @@ pub fn in_lockstep(
     })();
     runtime.block_on(async {
         let error = match played {
-            Ok(end) => return processes.stop().await.map(|_| World::in_virtual_time(end)),
+            Ok(end) => return processes.stop().await.map(|_| Played::in_virtual_time(end)),
             // How a process ended tells more than that it does not answer.
             Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
                 name,

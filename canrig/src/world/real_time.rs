@@ -1,89 +1,44 @@
 //! Real time: the processes keep their own time on a bus, and the bench listens.
 
-use std::path::Path;
 use std::thread::ScopedJoinHandle;
 use std::time::Duration;
 
-use platform::bus::BusAddress;
 use platform::clock::Clock;
 use platform::real_time::RunError;
 use platform::scheduling;
 use scenario::disturbance::Disturbance;
 
 use super::child::NodeProcess;
-use super::line::{Line, stop_signal};
+use super::line::{COLLECT_PERIOD, Line, stop_signal};
 use super::processes::{Processes, runtime};
 use super::strikes::{Strike, Strikes};
-use super::{CONTROLLER, End, PLANT_EMULATOR, RunBus, START_PATIENCE, WorldError};
-use crate::capture::{Capture, Watch};
+use super::{CONTROLLER, End, PLANT_EMULATOR, Played, START_PATIENCE, WorldError};
+use crate::capture::Capture;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::external::ExternalNode;
-use crate::preflight::Preflight;
-use crate::run::{Source, World};
 use crate::run_folder::RunFolder;
+use crate::setup::Setup;
 use crate::supervisor::Supervisor;
 use crate::timing::{Host, NodeReport};
 
-/// How often the recorded frames are taken and written.
-pub(super) const COLLECT_PERIOD: Duration = Duration::from_millis(20);
 /// What the controller needs beyond the bring-up until current flows, with some to spare.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
 /// A bus without a frame for so long has lost its manager.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
 
-/// Plays the scenario in real time, with controller and plant as processes unless they are external; `tell` gets the bus's
-/// address once it is there. A drive that is external passes the pre-flight first.
+/// Plays the scenario in real time on a bus that is there, with controller and plant as processes unless they are external:
+/// to its end, or until what was recorded is enough.
 ///
 /// # Errors
-/// The pre-flight, a process or the bus failed, or the recording cannot be written.
-pub fn run(
-    source: &Source,
-    folder: &RunFolder,
-    capture: &mut Capture<'_>,
-    bus: &RunBus,
-    tell: &dyn Fn(&BusAddress),
-    preflight: &Preflight<'_>,
-) -> Result<World, WorldError> {
-    let mut line = Line::open(bus)?;
-    tell(&line.address);
-    let ready = preflight.make(source, folder.path(), bus, &mut line, capture.watch());
-    let ended = ready.and_then(|end| match end {
-        End::Interrupted => Ok(World { end, host: None }),
-        End::Completed => {
-            line.forget();
-            play(source, folder, capture, &mut line, &mut |_| false)
-        }
-    });
-    line.close(capture)?;
-    ended
-}
-
-/// Makes the pre-flight of a scenario alone, with a folder in `parent`.
-///
-/// # Errors
-/// What failed.
-pub fn dry_run(
-    source: &Source,
-    parent: &Path,
-    bus: &RunBus,
-    watch: &Watch,
-    tell: &dyn Fn(&BusAddress),
-    preflight: &Preflight<'_>,
-) -> Result<End, WorldError> {
-    let mut line = Line::open(bus)?;
-    tell(&line.address);
-    preflight.make(source, parent, bus, &mut line, watch)
-}
-
-/// Plays the scenario on a bus that is there, to its end or until what was recorded is enough.
-pub(crate) fn play(
-    source: &Source,
+/// A process or the bus failed, or the recording cannot be written.
+pub fn play(
+    setup: &Setup,
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     line: &mut Line,
     is_enough: &mut dyn FnMut(&Capture<'_>) -> bool,
-) -> Result<World, WorldError> {
-    let (scenario, external) = (&source.scenario, &source.external);
+) -> Result<Played, WorldError> {
+    let (scenario, external) = (&setup.scenario, &setup.external);
     let runtime = runtime()?;
     let _entered = runtime.enter();
     let start = |name, node| {
@@ -101,16 +56,16 @@ pub(crate) fn play(
         // On a bus without the module its identifier may be somebody else's.
         orders.disturbance = Disturbance::default();
     }
-    let supervisor = source.rig.as_ref();
+    let supervisor = setup.rig.as_ref();
     let supervisor = supervisor.map(|rig| Supervisor::new(&rig.rig, &rig.drive));
-    let bench = DisturbanceProducer::new(&orders, source.database())?;
+    let bench = DisturbanceProducer::new(&orders, &setup.database)?;
     let mut bench = bench.with_supervisor(supervisor);
     let mut voice = line.voice(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = stop_signal()?;
     let ended = std::thread::scope(|scope| {
         let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *voice, &stop));
         let end = runtime.block_on(async {
-            let run = follow(source, folder, line, capture, &mut processes, is_enough);
+            let run = follow(setup, folder, line, capture, &mut processes, is_enough);
             let end = tokio::select! {
                 // Its error is told below.
                 () = ended(&bench) => Ok(End::Interrupted),
@@ -132,7 +87,7 @@ pub(crate) fn play(
             bench => end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench)),
         }
     });
-    ended.map(|(end, [controller, plant_emulator])| World {
+    ended.map(|(end, [controller, plant_emulator])| Played {
         end,
         host: Some(Host {
             controller: controller.map(|text| report(CONTROLLER, &text)),
@@ -161,16 +116,16 @@ fn report(name: &str, text: &str) -> NodeReport {
 
 /// Collects frames until the scenario is over, the user stops it, or something fails.
 async fn follow(
-    source: &Source,
+    setup: &Setup,
     folder: &RunFolder,
     line: &mut Line,
     capture: &mut Capture<'_>,
     processes: &mut Processes,
     is_enough: &mut dyn FnMut(&Capture<'_>) -> bool,
 ) -> Result<End, WorldError> {
-    let scenario = &source.scenario;
+    let scenario = &setup.scenario;
     let duration = Duration::from_secs_f64(scenario.duration_seconds);
-    let patience = start_patience(source);
+    let patience = start_patience(setup);
     let clock = Clock::start();
     let mut last_heard = Duration::ZERO;
     let mut strikes = Strikes::new(scenario);
@@ -223,8 +178,8 @@ async fn follow(
 }
 
 /// The drive of a rig may take its time, as its controller knows.
-fn start_patience(source: &Source) -> Duration {
-    let bring_up = source.rig.as_ref().map(|rig| rig.rig.timeouts.bring_up());
+fn start_patience(setup: &Setup) -> Duration {
+    let bring_up = setup.rig.as_ref().map(|rig| rig.rig.timeouts.bring_up());
     bring_up.map_or(START_PATIENCE, |bring_up| {
         START_PATIENCE.max(bring_up + ENABLE_PATIENCE)
     })

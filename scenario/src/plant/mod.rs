@@ -14,6 +14,9 @@ use crate::own::{self, Own};
 pub use dc_motor::DcMotor;
 pub use sma::{Heat, Mechanics, Phase, StressStrain};
 
+/// Name of the plant of a scenario without a table of another one: the actuator of the paper.
+pub const SMA_ACTUATOR: &str = "sma_actuator";
+
 /// The rig: a plant with its sensor and its amplifier. Without a plant's own table, such as `[plant.dc_motor]`, it is the SMA
 /// actuator.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -45,7 +48,7 @@ impl Plant {
         match (&self.own, &self.dc_motor) {
             (Some(own), _) => own.name(),
             (None, Some(_)) => "dc_motor",
-            (None, None) => "sma_actuator",
+            (None, None) => SMA_ACTUATOR,
         }
     }
 
@@ -73,7 +76,7 @@ impl Plant {
 /// What the schema cannot say about the plant.
 pub(crate) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     match scenario.plant.name() {
-        "sma_actuator" => sma::check(document, &scenario.plant.phase),
+        SMA_ACTUATOR => sma::check(document, &scenario.plant.phase),
         _ => without_wire(document, scenario),
     }
 }

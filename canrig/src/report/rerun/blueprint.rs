@@ -19,11 +19,10 @@ use rerun::log::Chunk;
 use rerun::time::Timeline;
 use rerun::{AsComponents, RecordingStreamError, StoreKind};
 
-use scenario::Scenario;
-
 use super::output::Output;
 use super::times::RUN_TIME;
 use super::{APPLICATION, groups, hysteresis, rig};
+use crate::setup::Setup;
 
 type Result<T> = std::result::Result<T, RecordingStreamError>;
 
@@ -39,7 +38,7 @@ pub(crate) enum Play {
 /// Sends the layout.
 pub(super) fn send(
     output: &mut impl Output,
-    scenario: &Scenario,
+    setup: &Setup,
     groups: &BTreeSet<&str>,
     play: Play,
 ) -> Result<()> {
@@ -52,7 +51,7 @@ pub(super) fn send(
     };
     let mut layout = Layout {
         chunks: Vec::new(),
-        scenario,
+        setup,
         play,
         places: 0,
     };
@@ -74,7 +73,7 @@ struct Place {
 
 struct Layout<'a> {
     chunks: Vec<Chunk>,
-    scenario: &'a Scenario,
+    setup: &'a Setup,
     play: Play,
     places: u8,
 }
@@ -113,14 +112,14 @@ impl Layout<'_> {
         if has(groups::HYSTERESIS) {
             middle.push(self.hysteresis(1.7)?);
         }
-        for view in groups::own_views(self.scenario) {
+        for view in groups::own_views(self.setup) {
             if has(view.style.group) {
                 middle.push(self.plot(&view.title, view.style.group, 1.0)?);
             }
         }
         let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
         let load = self.plot("Bus load (%)", "bus", 0.8)?;
-        let rig = match rig::bounds(self.scenario) {
+        let rig = match rig::bounds(&self.setup.scenario) {
             Some(bounds) => Some(self.drawing("Rig", "rig", bounds, 2.0)?),
             None => None,
         };

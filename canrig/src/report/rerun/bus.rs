@@ -3,15 +3,14 @@
 use std::mem;
 use std::time::Duration;
 
-use dbc::Database;
 use rerun::RecordingStreamError;
-use scenario::Scenario;
 
 use super::groups;
 use super::output::{Output, send_scalars, send_static};
 use super::recording::line;
 use super::times::{self, Moment};
 use crate::recording::Stamped;
+use crate::setup::Setup;
 use crate::signals::SignalMissing;
 use crate::timing::{CycleReader, Stage};
 
@@ -62,7 +61,8 @@ impl BusReader {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub(crate) fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
+    pub(crate) fn new(setup: &Setup) -> Result<Self, SignalMissing> {
+        let (scenario, database) = (&setup.scenario, &*setup.database);
         Ok(Self {
             cycle: CycleReader::new(database)?,
             period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),

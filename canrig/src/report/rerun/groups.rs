@@ -3,19 +3,20 @@
 use std::collections::BTreeSet;
 
 use dbc::Database;
-use plant_emulator::catalogue::SMA_ACTUATOR;
 use scenario::Scenario;
+use scenario::plant::SMA_ACTUATOR;
 
-use crate::frames::Frames;
 use crate::report::shown_unit;
+use crate::setup::Setup;
+use crate::signals;
 
 /// How a signal is drawn.
 #[derive(Clone, Copy)]
-pub(super) struct Style {
+pub(super) struct Style<'a> {
     /// The first part of its path; a view shows a whole group.
-    pub(super) group: &'static str,
+    pub(super) group: &'a str,
     /// Its name in the legend.
-    pub(super) label: &'static str,
+    pub(super) label: &'a str,
     /// Its colour.
     pub(super) colour: [u8; 3],
     is_drawn_when_zero: bool,
@@ -43,7 +44,7 @@ const YELLOW: [u8; 3] = [240, 228, 66];
 pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
 /// Signals by the beginning of their names.
-const STYLES: [(&str, Style); 21] = [
+const STYLES: [(&str, Style<'static>); 21] = [
     ("set_point_", always("position", "set-point", ORANGE)),
     ("position_", always("position", "measured", SKY)),
     ("true_position_", always("position", "true", GREEN)),
@@ -97,7 +98,7 @@ const STYLES: [(&str, Style); 21] = [
     ),
 ];
 
-const fn always(group: &'static str, label: &'static str, colour: [u8; 3]) -> Style {
+const fn always<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
     Style {
         group,
         label,
@@ -107,7 +108,7 @@ const fn always(group: &'static str, label: &'static str, colour: [u8; 3]) -> St
 }
 
 /// Nodes send 0 for what they do not have: a law without an observer has no estimates.
-const fn if_used(group: &'static str, label: &'static str, colour: [u8; 3]) -> Style {
+const fn if_used<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
     Style {
         group,
         label,
@@ -117,18 +118,19 @@ const fn if_used(group: &'static str, label: &'static str, colour: [u8; 3]) -> S
 }
 
 /// A signal of a plant or a law that is drawn nowhere else: a group and a view of its own.
-pub(super) struct OwnView {
+pub(super) struct OwnView<'a> {
     pub(super) title: String,
-    pub(super) style: Style,
+    pub(super) style: Style<'a>,
 }
 
 /// The signals of a scenario's plant and law that need views of their own.
-pub(super) fn own_views(scenario: &Scenario) -> Vec<OwnView> {
-    let frames = Frames::of(scenario);
-    let signals = frames.plant_signals().iter();
-    let signals = signals.filter(|_| scenario.plant.own.is_some());
+pub(super) fn own_views(setup: &Setup) -> Vec<OwnView<'_>> {
+    let Scenario {
+        plant, controller, ..
+    } = &setup.scenario;
+    let signals = signals::of_the_plant(&setup.database).filter(|_| plant.own.is_some());
     let signals = signals.map(|it| (it.name.as_str(), &it.unit, &it.comment, "true", GREEN));
-    let terms = frames.law_terms().iter();
+    let terms = signals::of_the_own_law(&setup.database).filter(|_| controller.own.is_some());
     let terms = terms.map(|it| (it.name.as_str(), &it.unit, &it.comment, "law", PINK));
     let shipped = Database::sma_actuator();
     // What is called like a shipped signal is drawn with it.
@@ -148,13 +150,17 @@ pub(super) fn own_views(scenario: &Scenario) -> Vec<OwnView> {
     view.collect()
 }
 
-fn known(name: &str) -> Option<Style> {
+fn known(name: &str) -> Option<Style<'static>> {
     let known = STYLES.iter().find(|(start, _)| name.starts_with(start));
     known.map(|(_, style)| *style)
 }
 
 /// The style of a signal; those that no view shows are in the group [`OTHER`].
-pub(super) fn style(name: &str, is_used: impl FnOnce() -> bool, own: &[OwnView]) -> Style {
+pub(super) fn style<'a>(
+    name: &str,
+    is_used: impl FnOnce() -> bool,
+    own: &[OwnView<'a>],
+) -> Style<'a> {
     if let Some(view) = own.iter().find(|view| view.style.group == name) {
         return view.style;
     }
@@ -168,10 +174,11 @@ pub(super) fn is_used(values: &[f64]) -> bool {
 }
 
 /// The groups that a run will have, before anything was heard of it.
-pub(super) fn expected(scenario: &Scenario) -> BTreeSet<&'static str> {
+pub(super) fn expected(setup: &Setup) -> BTreeSet<&str> {
+    let scenario = &setup.scenario;
     let mut groups = BTreeSet::from(["error"]);
-    let own = own_views(scenario);
-    let signals = Frames::of(scenario).plant_signals().iter();
+    let own = own_views(setup);
+    let signals = signals::of_the_plant(&setup.database);
     groups.extend(signals.map(|signal| style(&signal.name, || true, &own).group));
     groups.extend(own.iter().map(|view| view.style.group));
     if scenario.plant.name() == SMA_ACTUATOR {

@@ -20,6 +20,7 @@ use super::times;
 use crate::events::{Event, Level};
 use crate::judge::SETTLING_BAND;
 use crate::report::terminal;
+use crate::setup::Setup;
 use crate::timeline::Timeline;
 use crate::verdict::{Outcome, Verdict, title};
 
@@ -38,6 +39,7 @@ pub(crate) enum Known {
 /// A run on its way to a file or a viewer.
 pub(crate) struct Recording<'a, O> {
     output: O,
+    setup: &'a Setup,
     scenario: &'a Scenario,
     known: Known,
     hysteresis: Hysteresis,
@@ -47,9 +49,9 @@ pub(crate) struct Recording<'a, O> {
     used: BTreeSet<String>,
     /// Paths that have their names and colours.
     styled: BTreeSet<String>,
-    groups: BTreeSet<&'static str>,
+    groups: BTreeSet<&'a str>,
     /// The views of what only this plant and this law have.
-    own: Vec<OwnView>,
+    own: Vec<OwnView<'a>>,
     /// Time of the last row or event.
     end_seconds: f64,
 }
@@ -58,14 +60,16 @@ impl<'a, O: Output> Recording<'a, O> {
     /// A recording with nothing in it but what never changes.
     pub(crate) fn begin(
         mut output: O,
-        scenario: &'a Scenario,
+        setup: &'a Setup,
         known: Known,
     ) -> Result<Self, RecordingStreamError> {
         bus::log_styles(&mut output)?;
         hysteresis::log_style(&mut output)?;
+        let scenario = &setup.scenario;
         let rig = Rig::draw(&mut output, scenario)?;
         Ok(Self {
             output,
+            setup,
             scenario,
             known,
             rig,
@@ -73,7 +77,7 @@ impl<'a, O: Output> Recording<'a, O> {
             used: BTreeSet::new(),
             styled: BTreeSet::new(),
             groups: BTreeSet::new(),
-            own: groups::own_views(scenario),
+            own: groups::own_views(setup),
             end_seconds: 0.0,
         })
     }
@@ -85,8 +89,8 @@ impl<'a, O: Output> Recording<'a, O> {
 
     /// Sends the layout of a run that has just begun, with all that may come.
     pub(crate) fn expect_all(&mut self) -> Result<(), RecordingStreamError> {
-        let groups = groups::expected(self.scenario);
-        blueprint::send(&mut self.output, self.scenario, &groups, Play::Following)
+        let groups = groups::expected(self.setup);
+        blueprint::send(&mut self.output, self.setup, &groups, Play::Following)
     }
 
     /// Logs a piece of the run.
@@ -116,7 +120,7 @@ impl<'a, O: Output> Recording<'a, O> {
         if self.hysteresis.is_there() {
             self.groups.insert(groups::HYSTERESIS);
         }
-        blueprint::send(&mut self.output, self.scenario, &self.groups, Play::Paused)?;
+        blueprint::send(&mut self.output, self.setup, &self.groups, Play::Paused)?;
         Ok(self.output)
     }
 
@@ -184,7 +188,7 @@ impl<'a, O: Output> Recording<'a, O> {
         Ok(())
     }
 
-    fn style(&mut self, name: &str, values: &[f64]) -> Style {
+    fn style(&mut self, name: &str, values: &[f64]) -> Style<'a> {
         let used = &mut self.used;
         let is_used =
             || used.contains(name) || groups::is_used(values) && used.insert(name.to_owned());
@@ -195,7 +199,7 @@ impl<'a, O: Output> Recording<'a, O> {
     fn log_signal(
         &mut self,
         name: &str,
-        style: Style,
+        style: Style<'a>,
         rows: &Rows,
         values: &[f64],
         times: [TimeColumn; 2],

@@ -2,11 +2,11 @@
 
 use std::f64::consts::TAU;
 
-use plant_emulator::catalogue::SMA_ACTUATOR;
 use rerun::{
     Boxes2D, Color, LineStrips2D, Points2D, Radius, RecordingStreamError, SerializedComponentColumn,
 };
 use scenario::Scenario;
+use scenario::plant::SMA_ACTUATOR;
 
 use super::groups;
 use super::output::{Output, send_rows, send_static};

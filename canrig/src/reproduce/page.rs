@@ -1,13 +1,14 @@
 //! The page of `canrig reproduce`: every figure redrawn, every number beside the paper's and beside its target.
 
+use comfy_table::{Cell, CellAlignment};
 use maud::{Markup, html};
 
-use super::page;
-use super::plot::{Extent, Patch, Plot};
-use super::terminal;
-use crate::reproduce::command::Finding;
-use crate::reproduce::experiment::{Effort, Figure, Table};
-use crate::reproduce::number::Number;
+use crate::report::page;
+use crate::report::plot::{Extent, Patch, Plot};
+use crate::report::terminal::{empty_table, limit, measured, result};
+use super::finding::Finding;
+use super::experiment::{Effort, Figure, Table};
+use super::number::Number;
 use crate::verdict::Outcome;
 
 /// What a reader must know before the first number.
@@ -59,6 +60,38 @@ pub fn to_html(effort: Effort, findings: &[Finding]) -> String {
 }
 
 /// All numbers that the paper or a target speaks of.
+/// The numbers of a reproduction that the paper or a target speaks of.
+#[must_use]
+pub fn to_text(findings: &[Finding]) -> String {
+    let header = [
+        "experiment",
+        "quantity",
+        "of",
+        "paper",
+        "target",
+        "measured",
+        "result",
+    ];
+    let mut table = empty_table(header);
+    for finding in findings {
+        let numbers = finding.evaluation.numbers.iter();
+        for number in numbers.filter(|number| number.is_compared()) {
+            table.add_row([
+                Cell::new(finding.experiment.id),
+                Cell::new(number.name()),
+                Cell::new(&number.of),
+                Cell::new(number.paper.unwrap_or_default()),
+                Cell::new(limit(number.metric.limit)),
+                Cell::new(measured(&number.metric)).set_alignment(CellAlignment::Right),
+                result(&number.metric, Outcome::Pass),
+            ]);
+        }
+    }
+    let holds = findings.iter().all(Finding::holds);
+    let outcome = if holds { Outcome::Pass } else { Outcome::Fail };
+    format!("{table}\n{}", outcome.word())
+}
+
 fn summary(findings: &[Finding]) -> Markup {
     html! {
         div.wide { table {
@@ -103,8 +136,8 @@ fn cells(number: &Number) -> Markup {
         td.name { (number.name()) }
         td { (number.of) }
         td.number { (number.paper.unwrap_or("–")) }
-        td.number { @if number.metric.limit.is_some() { (terminal::limit(number.metric.limit)) } @else { "–" } }
-        td.number { (terminal::measured(&number.metric)) }
+        td.number { @if number.metric.limit.is_some() { (limit(number.metric.limit)) } @else { "–" } }
+        td.number { (measured(&number.metric)) }
         td { (page::result(&number.metric, Outcome::Pass)) }
     }
 }

@@ -1,82 +1,27 @@
 //! `canrig coverage`: which requirement is tested by which scenario, and what came of it.
 
+mod matrix;
+mod page;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use scenario::ScenarioError;
-use serde::Serialize;
+use clap::Args;
 
-use super::args::CoverageArgs;
+use self::matrix::Requirement;
 use super::recorded::{read_verdict, require_run};
 use super::report::{link, write};
 use super::{RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
-use crate::report::coverage;
-use crate::run::Source;
+use crate::bench_catalogue::catalogue;
+use crate::setup::Setup;
 use crate::run_folder::file;
 use crate::verdict::{Outcome, Verdict};
 
 /// Columns of the list: the requirement's name, and what it says.
 const COLUMNS: [&str; 2] = ["id", "text"];
-
-/// One requirement with all that tests it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Requirement {
-    /// Its name.
-    pub id: String,
-    /// What it says; none where no list tells.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub text: Option<String>,
-    /// Whether the list has it; true without a list.
-    pub is_listed: bool,
-    /// What tests it, by the scenario's name; empty for one that is never tested.
-    pub tests: Vec<Test>,
-}
-
-/// What a scenario says of a requirement.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Test {
-    /// The scenario's name.
-    pub scenario: String,
-    /// The worst of its runs and rows.
-    pub outcome: Outcome,
-    /// The rows of the verdict that count; none where the scenario as a whole does.
-    pub rows: Vec<String>,
-    /// The run with this outcome.
-    pub run: PathBuf,
-    /// How many runs there are.
-    pub runs: usize,
-}
-
-impl Requirement {
-    /// A requirement that nothing tests yet.
-    fn new(id: String, is_listed: bool) -> Self {
-        Self {
-            id,
-            text: None,
-            is_listed,
-            tests: Vec::new(),
-        }
-    }
-
-    /// The worst of its tests; none for one that is never tested.
-    #[must_use]
-    pub fn outcome(&self) -> Option<Outcome> {
-        let outcomes = self.tests.iter().map(|test| test.outcome);
-        outcomes.max_by_key(|outcome| severity(*outcome))
-    }
-}
-
-/// What is worse counts.
-fn severity(outcome: Outcome) -> u8 {
-    match outcome {
-        Outcome::Pass => 0,
-        Outcome::Inconclusive => 1,
-        Outcome::Incomplete => 2,
-        Outcome::Fail => 3,
-    }
-}
 
 /// Why there is no matrix.
 #[derive(Debug, thiserror::Error)]
@@ -85,6 +30,23 @@ enum CoverageError {
     Run(#[from] RecordedError),
     #[error("{} is no list of requirements: {reason}", path.display())]
     List { path: PathBuf, reason: String },
+}
+
+/// Arguments of `coverage`.
+#[derive(Args, Debug)]
+pub struct CoverageArgs {
+    /// Run folders; of several runs of one scenario the worst counts
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// A CSV file with the column `id`, and `text` if you like: requirements that no run tests are shown too
+    #[arg(long, value_name = "FILE")]
+    pub requirements: Option<PathBuf>,
+    /// Write the matrix as a page
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Print the matrix as JSON instead of a table
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Shows the matrix; the exit code says whether every requirement was tested and met.
@@ -101,11 +63,11 @@ pub fn coverage(args: &CoverageArgs) -> Exit {
     if args.json {
         say(&serde_json::to_string_pretty(&requirements).expect("plain data"));
     } else {
-        say(&coverage::to_text(&requirements));
+        say(&page::to_text(&requirements));
     }
     if let Some(output) = &args.output {
-        let page = |run: &Path| link(output, &run.join(file::REPORT));
-        if let Err(exit) = write(output, &coverage::to_html(&requirements, page)) {
+        let link_to = |run: &Path| link(output, &run.join(file::REPORT));
+        if let Err(exit) = write(output, &page::to_html(&requirements, link_to)) {
             return exit;
         }
     }
@@ -126,9 +88,9 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     let mut all: BTreeMap<String, Requirement> = BTreeMap::new();
     let is_listed = args.requirements.is_none();
     for folder in &args.runs {
-        let (source, verdict) = read(folder)?;
-        for (id, rows) in demanded(&source) {
-            let untimed = untimed(&source, verdict.as_ref());
+        let (setup, verdict) = read(folder)?;
+        for (id, rows) in demanded(&setup) {
+            let untimed = untimed(&setup, verdict.as_ref());
             let outcome = |row: &Option<String>| match row {
                 Some(row) if untimed.contains(row) => Outcome::Inconclusive,
                 row => outcome_of(row.as_deref(), verdict.as_ref()),
@@ -140,7 +102,7 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
             let requirement = all
                 .entry(id.clone())
                 .or_insert_with(|| Requirement::new(id, is_listed));
-            requirement.take(&source.scenario.name, &rows, folder);
+            requirement.take(&setup.scenario.name, &rows, folder);
         }
     }
     for (id, text) in args.requirements.as_deref().map_or(Ok(vec![]), read_list)? {
@@ -152,55 +114,22 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     Ok(all.into_values().collect())
 }
 
-impl Requirement {
-    /// Adds what the rows of one run say.
-    fn take(&mut self, scenario: &str, rows: &[(Option<String>, Outcome)], run: &Path) {
-        let place = self.tests.iter().position(|test| test.scenario == scenario);
-        let place = place.unwrap_or_else(|| {
-            self.tests.push(Test::none(scenario, run));
-            self.tests.len() - 1
-        });
-        let test = &mut self.tests[place];
-        test.runs += 1;
-        for (row, outcome) in rows {
-            if severity(*outcome) > severity(test.outcome) {
-                (test.outcome, test.run) = (*outcome, run.to_owned());
-            }
-            test.rows
-                .extend(row.clone().filter(|row| !test.rows.contains(row)));
-        }
-    }
-}
-
-impl Test {
-    /// A scenario of which no row was looked at yet.
-    fn none(scenario: &str, run: &Path) -> Self {
-        Self {
-            scenario: scenario.to_owned(),
-            outcome: Outcome::Pass,
-            rows: Vec::new(),
-            run: run.to_owned(),
-            runs: 0,
-        }
-    }
-}
-
 /// The scenario of a run folder and its verdict; none for a run that was killed.
-fn read(folder: &Path) -> Result<(Source, Option<Verdict>), RecordedError> {
+fn read(folder: &Path) -> Result<(Setup, Option<Verdict>), RecordedError> {
     require_run(folder)?;
     let invalid = |error: ScenarioError| RecordedError::Scenario(Box::new(error));
-    let source = Source::load(&folder.join(file::SCENARIO)).map_err(invalid)?;
+    let setup = Setup::load(&folder.join(file::SCENARIO), catalogue()).map_err(invalid)?;
     let verdict = read_verdict(&folder.join(file::VERDICT))?;
-    Ok((source, verdict))
+    Ok((setup, verdict))
 }
 
 /// Each requirement of a scenario with the rows that test it; none stands for the scenario as a whole.
-fn demanded(source: &Source) -> BTreeMap<String, Vec<Option<String>>> {
+fn demanded(setup: &Setup) -> BTreeMap<String, Vec<Option<String>>> {
     let mut demanded: BTreeMap<String, Vec<Option<String>>> = BTreeMap::new();
-    for id in &source.scenario.requirements {
+    for id in &setup.scenario.requirements {
         demanded.entry(id.clone()).or_default().push(None);
     }
-    for (row, requirements) in source.scenario.expect.requirements_of_rows() {
+    for (row, requirements) in setup.scenario.expect.requirements_of_rows() {
         for id in requirements {
             demanded.entry(id).or_default().push(Some(row.clone()));
         }
@@ -209,12 +138,12 @@ fn demanded(source: &Source) -> BTreeMap<String, Vec<Option<String>>> {
 }
 
 /// The rows on timing that a verdict does not have, since the run was in virtual time.
-fn untimed(source: &Source, verdict: Option<&Verdict>) -> Vec<String> {
+fn untimed(setup: &Setup, verdict: Option<&Verdict>) -> Vec<String> {
     let is_untimed = verdict.is_some_and(|verdict| {
         let is_decided = matches!(verdict.outcome, Outcome::Pass | Outcome::Fail);
         is_decided && verdict.timing.is_none()
     });
-    let rows = source.scenario.expect.timing.rows();
+    let rows = setup.scenario.expect.timing.rows();
     rows.filter(|_| is_untimed).collect()
 }
 

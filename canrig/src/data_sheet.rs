@@ -1,11 +1,13 @@
-//! The data sheets that the tools know: those of the rig, and those that the user names.
+//! The data sheets (EDS) that the bench knows: those of the rig, and those that the user names.
 
-use std::path::Path;
+use std::io;
+use std::path::{Path, PathBuf};
 
 use canopen::object_dictionary::Entry;
+use canopen::eds::EdsError;
 use canopen::{ObjectDictionary, eds};
 
-use super::ToolError;
+use crate::FILE_BYTES_MAX;
 
 /// Second SDO server channel.
 const SECOND_CHANNEL: u16 = 0x1201;
@@ -15,6 +17,30 @@ const NMT_STARTUP: u16 = 0x1F80;
 const INVALID: u32 = 0x8000_0000;
 /// Objects that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 8;
+
+/// Why a data sheet does not serve.
+#[derive(Debug, thiserror::Error)]
+pub enum DataSheetError {
+    /// What the user typed stands for no node or no object.
+    #[error("{0}")]
+    Unknown(String),
+    /// A file cannot be read.
+    #[error("{} cannot be read: {source}", path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// An EDS is wrong.
+    #[error("{}: {error}", path.display())]
+    Eds {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong.
+        error: Box<EdsError>,
+    },
+}
 
 /// One EDS, read for one node-ID.
 #[derive(Clone, Debug)]
@@ -55,7 +81,7 @@ pub fn of_the_rig() -> Vec<DataSheet> {
 ///
 /// # Errors
 /// It is neither.
-pub fn node_id(text: &str, sheets: &[DataSheet]) -> Result<u8, ToolError> {
+pub fn node_id(text: &str, sheets: &[DataSheet]) -> Result<u8, DataSheetError> {
     if let Some(sheet) = sheets.iter().find(|sheet| sheet.node_name == text) {
         return Ok(sheet.node_id);
     }
@@ -68,7 +94,7 @@ pub fn node_id(text: &str, sheets: &[DataSheet]) -> Result<u8, ToolError> {
             .iter()
             .map(|sheet| sheet.node_name.as_str())
             .collect();
-        ToolError::Usage(format!(
+        DataSheetError::Unknown(format!(
             "\"{text}\" is no node: give a number from 1 to 127 (such as 16 or 0x10) or one of {}",
             names.join(", ")
         ))
@@ -80,13 +106,13 @@ impl DataSheet {
     ///
     /// # Errors
     /// The file cannot be read or is no EDS.
-    pub fn load(path: &Path, node_id: u8) -> Result<Self, ToolError> {
+    pub fn load(path: &Path, node_id: u8) -> Result<Self, DataSheetError> {
         let text =
-            scenario::read_text(path, crate::FILE_BYTES_MAX).map_err(|source| ToolError::File {
+            scenario::read_text(path, FILE_BYTES_MAX).map_err(|source| DataSheetError::File {
                 path: path.to_owned(),
                 source,
             })?;
-        let eds = eds::parse(&text, node_id).map_err(|error| ToolError::Eds {
+        let eds = eds::parse(&text, node_id).map_err(|error| DataSheetError::Eds {
             path: path.to_owned(),
             error: Box::new(error),
         })?;
@@ -138,7 +164,7 @@ impl DataSheet {
     ///
     /// # Errors
     /// No object, or several.
-    pub fn find(&self, text: &str) -> Result<(u16, u8), ToolError> {
+    pub fn find(&self, text: &str) -> Result<(u16, u8), DataSheetError> {
         if let Some(place) = parse_place(text) {
             return Ok(place);
         }
@@ -152,11 +178,11 @@ impl DataSheet {
         }
         match found.as_slice() {
             [entry] => Ok((entry.index, entry.sub_index)),
-            [] => Err(ToolError::Usage(format!(
+            [] => Err(DataSheetError::Unknown(format!(
                 "{} has no object \"{text}\"; give an index such as 0x6064:00 or a name from the EDS",
                 self.name
             ))),
-            several => Err(ToolError::Usage(ambiguous(text, several))),
+            several => Err(DataSheetError::Unknown(ambiguous(text, several))),
         }
     }
 }

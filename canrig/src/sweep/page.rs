@@ -3,10 +3,10 @@
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
-use super::plot::{Colour, Extent, Patch, Plot, Shape};
-use super::{page, terminal};
-use crate::sweep::row::Ended;
-use crate::sweep::summary::{Failing, Spread, Summary};
+use crate::report::plot::{Colour, Extent, Patch, Plot, Shape};
+use crate::report::{page, terminal};
+use super::row::Ended;
+use super::summary::{Failing, Spread, Summary};
 use crate::verdict::title;
 
 /// The heads of the metrics' table.

@@ -3,10 +3,10 @@
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
-use super::page;
-use super::plot::{Colour, Patch, Plot, Shape};
-use super::terminal;
-use crate::recordings::compare::{Comparison, MetricDifference, SignalDifference};
+use crate::report::page;
+use crate::report::plot::{Colour, Patch, Plot, Shape};
+use crate::report::terminal;
+use super::difference::{Comparison, MetricDifference, SignalDifference};
 use crate::timeline::Timeline;
 use crate::verdict::title;
 

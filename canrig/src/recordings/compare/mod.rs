@@ -3,21 +3,22 @@
 //! A value differs by its distance from the range of the other run's values a little before and after. So a value that
 //! only comes a moment earlier or later does not differ.
 
+mod difference;
+mod page;
 mod shared;
 mod tolerance;
 
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use serde::Serialize;
+use clap::Args;
 
+use self::difference::{Comparison, MetricDifference, SignalDifference};
 use self::shared::{Deviation, Shared, outside};
 use self::tolerance::Tolerances;
-use super::args::CompareArgs;
 use super::{Recorded, RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
-use crate::report::comparison;
 use crate::timeline::Timeline;
 use crate::verdict::{Metric, Verdict};
 
@@ -30,76 +31,39 @@ const SET_POINT: &str = "set_point_millimetres";
 const TOLD_BY_CONTROLLER: [&str; 2] = ["reference_", "estimated_"];
 const CONTROLLER_CYCLES: usize = 10;
 
-/// How a signal of two runs differs.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SignalDifference {
-    /// The signal.
-    pub name: String,
-    /// Its unit in the DBC.
-    pub unit: String,
-    /// What it may differ by; none for any difference.
-    pub tolerance: Option<f64>,
-    /// The largest difference; none where one of the runs has no values.
-    pub largest: Option<f64>,
-    /// When that is.
-    pub largest_at_seconds: Option<f64>,
-    /// Root mean square of the differences, cycle by cycle; none where the runs have no values in common.
-    pub rms: Option<f64>,
-    /// By how much the second run comes later, where a shift explains a part of the differences; 0 where none does.
-    pub lag_seconds: Option<f64>,
-    /// When it first differs by more than the tolerance.
-    pub diverges_at_seconds: Option<f64>,
-    /// Share of the cycles in which it does.
-    pub beyond_percent: f64,
+/// Arguments of `compare`.
+#[derive(Args, Debug)]
+pub struct CompareArgs {
+    /// A run folder, or a log beside its scenario.toml
+    pub a: PathBuf,
+    /// Another one
+    pub b: PathBuf,
+    /// How far a signal, a metric, or all signals of a unit may differ: `position_millimetres=0.5`, `degC=2`, `A=0.1`;
+    /// `inf` for not judged. Without it: 0.25 mm, 1 degC, 0.02 for fractions and states; currents, velocities and the
+    /// parts of the law are shown only, since they swing
+    #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
+    pub tolerance: Vec<GivenTolerance>,
+    /// How much earlier or later a value may come
+    #[arg(long, value_name = "MILLISECONDS", default_value_t = 5.0, value_parser = milliseconds)]
+    pub time_tolerance: f64,
+    /// Write a page with plots of what differs
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Print the comparison as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
-impl SignalDifference {
-    /// Whether it stays within its tolerance.
-    #[must_use]
-    pub fn agrees(&self) -> bool {
-        self.diverges_at_seconds.is_none()
+/// A time from 0 to 10 s.
+fn milliseconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text
+        .parse()
+        .map_err(|_| "a number of milliseconds is expected")?;
+    if (0.0..=10_000.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("0 to 10000 ms are possible".to_owned())
     }
-
-    /// The largest difference by the tolerance, to sort by.
-    fn weight(&self) -> f64 {
-        match (self.largest, self.tolerance) {
-            (Some(0.0), _) => 0.0,
-            (Some(largest), Some(tolerance)) => largest / tolerance,
-            // What is not judged comes after all that is, and before what is the same.
-            (Some(_), None) => f64::MIN_POSITIVE,
-            (None, _) => 0.0,
-        }
-    }
-}
-
-/// How a metric of two runs differs.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct MetricDifference {
-    /// The metric.
-    pub name: String,
-    /// Its value in the first run.
-    pub a: Option<f64>,
-    /// Its value in the second run.
-    pub b: Option<f64>,
-    /// What it may differ by.
-    pub tolerance: f64,
-    /// Whether it stays within that, or is missing in both.
-    pub agrees: bool,
-}
-
-/// Two runs side by side.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Comparison {
-    /// Whether nothing differs by more than its tolerance.
-    pub agrees: bool,
-    /// What is not a signal and not a metric.
-    pub remarks: Vec<String>,
-    /// Cycles that both runs have.
-    pub shared_cycles: usize,
-    /// All signals, what differs most by its tolerance first.
-    pub signals: Vec<SignalDifference>,
-    /// All metrics.
-    pub metrics: Vec<MetricDifference>,
 }
 
 /// Compares two recordings; exit code 0 when they agree, 1 when they diverge.
@@ -110,7 +74,7 @@ pub fn compare(args: &CompareArgs) -> Exit {
             if args.json {
                 say(&serde_json::to_string_pretty(&comparison).expect("plain data"));
             } else {
-                say(&comparison::to_text(&comparison));
+                say(&page::to_text(&comparison));
             }
             if let Some((place, text)) = page
                 && let Err(error) = std::fs::write(place, text)
@@ -187,7 +151,7 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> 
         let names = [&a, &b].map(|recorded| recorded.path.display().to_string());
         (
             place,
-            comparison::to_html(&comparison, &names, [&a_line, &b_line]),
+            page::to_html(&comparison, &names, [&a_line, &b_line]),
         )
     });
     Ok((comparison, page))

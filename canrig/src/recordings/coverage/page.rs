@@ -6,8 +6,8 @@ use std::path::Path;
 use comfy_table::{Cell, Color};
 use maud::{Markup, html};
 
-use super::{page, terminal};
-use crate::recordings::coverage::{Requirement, Test};
+use crate::report::{page, terminal};
+use super::matrix::{Requirement, Test};
 use crate::verdict::{Outcome, title};
 
 /// What is said of a requirement that nothing tests.

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::{CanFrame, NmtState};
 
-use super::data_sheet::DataSheet;
+use crate::data_sheet::DataSheet;
 
 const SYNC: u16 = 0x080;
 const HEARTBEAT: u16 = 0x700;

@@ -1,0 +1,24 @@
+//! `canrig schema`: the JSON Schema of scenario and rig files, for editors.
+
+use clap::Args;
+
+use crate::console::say;
+use crate::exit::Exit;
+
+/// Arguments of `schema`.
+#[derive(Args, Debug)]
+pub struct SchemaArgs {
+    /// That of rig files instead
+    #[arg(long)]
+    pub rig: bool,
+}
+
+/// Prints the schema.
+#[must_use]
+pub fn schema(args: &SchemaArgs) -> Exit {
+    say(&match args.rig {
+        true => scenario::schema::rig_json_schema(),
+        false => scenario::schema::json_schema(),
+    });
+    Exit::Pass
+}
