@@ -2,10 +2,8 @@
 
 pub mod catalogue;
 mod cause;
-pub mod drive;
 mod explanation;
 pub mod law;
-pub mod limits;
 mod manager;
 pub mod node;
 pub mod nominal_model;

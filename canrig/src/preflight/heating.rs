@@ -6,8 +6,8 @@ use std::time::Duration;
 use canopen::NmtState;
 use canopen::cia402::{Command, State};
 use canopen::{CanFrame, NmtCommand};
-use controller::drive::{Feedback, Scaled};
 use dbc::scenario_clock::ScenarioClock;
+use scenario::rig::drive::{Feedback, Scaled};
 
 use super::checklist::Check;
 use crate::error_frames;

@@ -2,6 +2,8 @@
 //!
 //! A scenario says what to try, a rig file on what: it is the same for all scenarios that a machine plays.
 
+pub mod drive;
+pub mod limits;
 mod load;
 #[cfg(test)]
 mod tests;
