@@ -4,12 +4,12 @@ use std::collections::BTreeSet;
 use std::sync::{LazyLock, OnceLock};
 
 use controller::catalogue::own_laws;
+use dbc::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES};
 use dbc::{Database, LawTerm, PlantSignal, Signal};
-use plant_emulator::catalogue::{Kind, TRUTH_MESSAGES, kinds};
+use plant_emulator::catalogue::{Kind, kinds};
 use scenario::Scenario;
 
 use crate::signal_names::SignalNames;
-use crate::signals::COLUMN_MESSAGES;
 use crate::tools::data_sheet;
 
 /// The frames with one plant and one law, made when they are asked for.

@@ -39,7 +39,6 @@ pub mod rig;
 pub mod run;
 pub mod run_folder;
 pub mod signal_names;
-pub mod signals;
 pub mod supervisor;
 pub mod sweep;
 pub mod tap;

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use dbc::signals::TRUTH_MESSAGES;
 use dbc::{Coding, Database, DbcError, Kind, LawTerm, Signal};
 use miette::Diagnostic;
-use plant_emulator::catalogue::TRUTH_MESSAGES;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
 use scenario::rig::{PositionRange, Rig};
 use scenario::{Scenario, ScenarioError, read_text};
@@ -307,10 +307,10 @@ mod tests {
     fn the_fan_is_where_the_rig_file_says() {
         let rig = load(&format!("{RIG}[fan]\nnode_id = 64\n")).unwrap();
         let frame = CanFrame::new(0x240, &[0x88, 0x13, 0x85, 0xFF]);
-        let factor = rig.database.require(crate::signals::CONVECTION_FACTOR);
+        let factor = rig.database.require(dbc::signals::CONVECTION_FACTOR);
         assert_eq!(factor.unwrap().decode(&frame), Some(5.0));
         let heartbeat = CanFrame::new(0x740, &[5]);
-        let state = rig.database.require(crate::signals::FAN_STATE);
+        let state = rig.database.require(dbc::signals::FAN_STATE);
         assert_eq!(state.unwrap().decode(&heartbeat), Some(5.0));
         // Either may take the number that is the other's by default.
         let swapped = RIG.replace("node_id = 32", "node_id = 17") + "[fan]\nnode_id = 16\n";

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
 
-use dbc::Database;
+use dbc::{Database, SignalMissing};
 use plant_emulator::{InvalidEmulator, catalogue};
 use scenario::{Objection, Scenario, ScenarioError};
 
@@ -19,7 +19,6 @@ use crate::report;
 use crate::rig::LoadedRig;
 use crate::run_folder::{RunFolder, WriteError, file};
 use crate::signal_names::SignalNames;
-use crate::signals::SignalMissing;
 use crate::tap::Tap;
 use crate::timeline::{self, Timeline};
 use crate::timing::{Host, Timing};

@@ -5,7 +5,7 @@
 use std::ops::Add;
 use std::time::Duration;
 
-use dbc::Database;
+use dbc::{Database, SignalMissing, signals};
 use hdrhistogram::Histogram;
 use scenario::Scenario;
 use scenario::expect::Limit;
@@ -13,7 +13,6 @@ use scenario::timing::{QuantileLimits, TimingLimits};
 use serde::{Deserialize, Serialize};
 
 use crate::recording::Stamped;
-use crate::signals::{self, SignalMissing};
 use crate::verdict::Metric;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 

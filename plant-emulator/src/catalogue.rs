@@ -12,9 +12,6 @@ use crate::plant::{Plant, SIGNALS_MAX, Signal};
 use crate::sma::Actuator;
 use crate::{InvalidEmulator, PlantEmulator};
 
-/// What only an emulated plant tells; a real drive knows none of it, and may use the identifiers for something else.
-pub const TRUTH_MESSAGES: [&str; 3] = ["drive_tpdo2", "drive_tpdo3", "plant_truth"];
-
 /// Name of the actuator of the paper.
 pub const SMA_ACTUATOR: &str = Actuator::NAME;
 

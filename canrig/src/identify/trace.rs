@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
-use dbc::Database;
+use dbc::{Database, SignalMissing, signals};
 use plant_emulator::sma::Inputs;
 use scenario::plant::Sensor;
 use scenario::rig::Rig;
@@ -13,7 +13,6 @@ use scenario::{Scenario, ScenarioError};
 use crate::recording::{self, Stamped};
 use crate::rig::{LoadedRig, RigError};
 use crate::run_folder::file;
-use crate::signals::{self, SignalMissing};
 use crate::timeline::{self, Timeline};
 use dbc::scenario_clock::SYNC_COB_ID;
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 use canopen::NmtState;
 use canopen::cia402::{Command, State};
 use canopen::{CanFrame, NmtCommand};
+use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::rig::drive::{Feedback, Scaled};
 
@@ -13,7 +14,6 @@ use super::checklist::Check;
 use crate::error_frames;
 use crate::recording::Stamped;
 use crate::rig::LoadedRig;
-use crate::signals::SignalMissing;
 use crate::world::WorldError;
 
 /// How long the load is watched at rest before the current rises.

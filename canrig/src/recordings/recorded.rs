@@ -5,7 +5,7 @@ use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dbc::Database;
+use dbc::{Database, SignalMissing};
 use scenario::ScenarioError;
 
 use crate::judge::{judge, judge_timing};
@@ -13,7 +13,6 @@ use crate::recording::{Log, read_cut_log};
 use crate::rig::{LoadedRig, RigError};
 use crate::run::Source;
 use crate::run_folder::file;
-use crate::signals::SignalMissing;
 use crate::timeline::{self, Timeline};
 use crate::verdict::{Outcome, Verdict};
 

@@ -1,6 +1,7 @@
 //! `report.html`: one run on one page.
 
-use dbc::{Database, LawTerm};
+use dbc::signals::WIRE_TEMPERATURE;
+use dbc::{Database, LawTerm, SignalMissing, signals};
 use maud::{Markup, html};
 use scenario::Scenario;
 use scenario::events::JudgedStep;
@@ -14,7 +15,6 @@ use crate::frames::Frames;
 use crate::judge::SETTLING_BAND;
 use crate::recording::Stamped;
 use crate::run_folder::file;
-use crate::signals::{self, SignalMissing, WIRE_TEMPERATURE};
 use crate::timeline::Timeline;
 use crate::timing::Timing;
 use crate::verdict::Verdict;

@@ -23,7 +23,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
 use std::path::Path;
 
-use dbc::Database;
+use dbc::{Database, SignalMissing};
 use rerun::archetypes::RecordingInfo;
 use rerun::external::re_log_encoding::EncodeError;
 use rerun::external::re_log_types::{StoreId, StoreInfo};
@@ -31,7 +31,6 @@ use rerun::{EntityPath, RecordingStreamError, StoreKind, new_store_info};
 use scenario::Scenario;
 
 use crate::recording::Stamped;
-use crate::signals::SignalMissing;
 use crate::timeline::Timeline;
 use crate::verdict::Verdict;
 

@@ -3,7 +3,7 @@
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
-use dbc::Database;
+use dbc::{Database, SignalMissing};
 use platform::clock::sleep;
 use platform::scheduling;
 use rerun::log::ChunkBatcherConfig;
@@ -15,7 +15,6 @@ use super::{Show, ViewerAddress};
 use crate::recording::Stamped;
 use crate::report::rerun::{APPLICATION, BusReader, Known, Recording};
 use crate::run::Source;
-use crate::signals::SignalMissing;
 use crate::tap::{Tap, WhenFull};
 use crate::timeline::Reader;
 use crate::verdict::Verdict;

@@ -15,9 +15,10 @@ pub use observer::observed;
 use std::io;
 use std::time::Duration;
 
+use dbc::SignalMissing;
+
 use crate::coordinator::CoordinatorError;
 use crate::run_folder::WriteError;
-use crate::signals::SignalMissing;
 
 /// Names of the nodes, for messages and for the command line of their processes.
 const CONTROLLER: &str = "controller";

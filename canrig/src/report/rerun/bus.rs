@@ -3,7 +3,7 @@
 use std::mem;
 use std::time::Duration;
 
-use dbc::Database;
+use dbc::{Database, SignalMissing};
 use rerun::RecordingStreamError;
 use scenario::Scenario;
 
@@ -12,7 +12,6 @@ use super::output::{Output, send_scalars, send_static};
 use super::recording::line;
 use super::times::{self, Moment};
 use crate::recording::Stamped;
-use crate::signals::SignalMissing;
 use crate::timing::{CycleReader, Stage};
 
 /// Stretch of time for which a load is told.
