@@ -2,10 +2,12 @@
 
 pub mod catalogue;
 mod cause;
+mod error;
 mod explanation;
 pub mod law;
 mod manager;
 pub mod node;
+mod node_ids;
 pub mod nominal_model;
 pub mod observer;
 pub mod open_loop;
@@ -17,4 +19,5 @@ pub mod sliding_mode_paper;
 #[cfg(test)]
 mod test_rig;
 
+pub use error::ControllerError;
 pub use node::ControllerNode;

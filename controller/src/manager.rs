@@ -10,7 +10,7 @@ use canopen::{Services, cia402};
 use scenario::rig::Timeouts;
 use scenario::rig::drive::{DriveLayout, Pdo};
 
-use crate::node::CONTROLLER;
+use crate::node_ids::CONTROLLER;
 
 /// Bit 31 of a COB-ID: the PDO does not exist.
 const INVALID: u32 = 0x8000_0000;

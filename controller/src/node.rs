@@ -8,13 +8,12 @@
 
 mod application;
 mod cycle;
-mod error;
 mod phase;
 mod sequence;
+mod statistics;
 #[cfg(test)]
 mod tests;
 
-use std::fmt;
 use std::time::Duration;
 
 use canopen::{CanFrame, Device, Filter, Node, Progress, nmt::NodeId};
@@ -24,44 +23,15 @@ use scenario::rig::limits::LimitWatch;
 use scenario::rig::{Drive, Rig, Timeouts};
 
 use crate::catalogue;
+use crate::error::ControllerError;
 use crate::explanation::{self, ExplanationObjects};
 use crate::manager::BringUp;
+use crate::node_ids::{CONTROLLER, DISTURBANCE};
 use crate::plausibility::Plausibility;
-pub use error::ControllerError;
 use phase::Phase;
 pub use sequence::ENABLE_TIME;
+pub use statistics::Statistics;
 use sequence::{CONSUMER_HEARTBEAT_TIME, Controller};
-
-/// Node-ID of the controller.
-pub const CONTROLLER: NodeId = NodeId::new(0x01).expect("1 is a node id");
-/// Node-ID of the disturbance module, unless a rig file gives it another.
-pub const DISTURBANCE: NodeId = NodeId::new(0x11).expect("17 is a node id");
-
-/// What has been counted since the start of the scenario.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
-    /// SYNCs sent.
-    pub cycles: u64,
-    /// Cycles without a position from the drive.
-    pub missing_positions: u64,
-    /// SYNCs not sent because their time had passed.
-    pub sync_overruns: u64,
-}
-
-/// One line.
-impl fmt::Display for Statistics {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            cycles,
-            missing_positions,
-            sync_overruns,
-        } = self;
-        write!(
-            formatter,
-            "{cycles} cycles, {missing_positions} without a position, {sync_overruns} SYNCs skipped"
-        )
-    }
-}
 
 /// The controller.
 #[derive(Debug)]

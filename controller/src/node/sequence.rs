@@ -11,8 +11,8 @@ use scenario::rig::Timeouts;
 use scenario::rig::drive::{DriveLayout, Feedback};
 use scenario::rig::limits::LimitWatch;
 
-use super::Statistics;
 use super::phase::Phase;
+use super::statistics::Statistics;
 use crate::cause::Cause;
 use crate::explanation::ExplanationObjects;
 use crate::law::Law;
