@@ -30,8 +30,8 @@ use crate::node_ids::{CONTROLLER, DISTURBANCE};
 use crate::plausibility::Plausibility;
 use phase::Phase;
 pub use sequence::ENABLE_TIME;
-pub use statistics::Statistics;
 use sequence::{CONSUMER_HEARTBEAT_TIME, Controller};
+pub use statistics::Statistics;
 
 /// The controller.
 #[derive(Debug)]

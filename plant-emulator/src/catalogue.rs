@@ -5,7 +5,8 @@ use std::sync::{LazyLock, OnceLock};
 use canopen::Node;
 use dbc::{PlantSignal, Range};
 use scenario::Scenario;
-use scenario::own::{InvalidOwn, OwnTable, Section, is_name, tell};
+use scenario::own::{OwnTable, Section, is_name};
+use scenario::registration::{InvalidOwn, register};
 
 use crate::dc_motor::DcMotor;
 use crate::plant::{Plant, SIGNALS_MAX, Signal};
@@ -127,7 +128,7 @@ pub fn tell_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
         .into_iter()
         .map(|plant| (plant.kind, plant.table))
         .unzip();
-    tell(Section::Plant, tables)?;
+    register(Section::Plant, tables)?;
     OWN.set(kinds)
         .map_err(|_| InvalidOwnPlant::Table(InvalidOwn::ToldAlready))
 }

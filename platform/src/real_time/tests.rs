@@ -3,7 +3,6 @@ use std::thread::JoinHandle;
 use canopen::{CanFrame, Filter};
 
 use super::*;
-use crate::bus;
 use crate::counting_allocator::allocations;
 use crate::hub::Hub;
 use crate::recorder::Recorder;

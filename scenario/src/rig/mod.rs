@@ -4,7 +4,6 @@
 
 pub mod drive;
 pub mod limits;
-mod load;
 #[cfg(test)]
 mod tests;
 
@@ -14,7 +13,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::Bus;
+use crate::bus::Bus;
 
 /// One rig file.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
