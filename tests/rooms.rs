@@ -8,7 +8,7 @@ use crate::support::root;
 
 /// Which rooms a room may depend on.
 const MAY_DEPEND_ON: [(&str, &[&str]); 8] = [
-    ("scenario", &[]),
+    ("scenario", &["canopen"]),
     ("canopen", &[]),
     ("dbc", &["canopen"]),
     ("faults", &["scenario", "dbc", "canopen"]),

@@ -1,13 +1,14 @@
 //! Electronic data sheets (CiA 306-1): from EDS or DCF text to the object dictionary of one node.
 
 use std::collections::BTreeMap;
-use std::fmt;
 
 use crate::object_dictionary::{Access, DataType, Entry, ObjectDictionary};
 
+mod error;
 mod ini;
 mod value;
 
+pub use error::EdsError;
 use ini::{Item, Name, Section, Sections};
 
 /// Longest text that is read.
@@ -15,51 +16,6 @@ pub const MAX_TEXT_BYTES: usize = 4 << 20;
 
 /// Most sub-objects that a dictionary may have; compact sub-objects let a short text ask for millions.
 pub const MAX_ENTRIES: usize = 32_768;
-
-/// What is wrong with an EDS, and where.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct EdsError {
-    /// Line, from 1; 0 when the text as a whole is refused.
-    pub line: usize,
-    /// Section, without brackets; empty when the error is in none.
-    pub section: String,
-    /// Key; empty when the error concerns no single key.
-    pub key: String,
-    /// The text of the value.
-    pub value: String,
-    /// What is wrong.
-    pub reason: String,
-}
-
-impl EdsError {
-    /// An error about a line that belongs to no section.
-    fn at_line(line: usize, reason: impl Into<String>) -> Self {
-        Self {
-            line,
-            section: String::new(),
-            key: String::new(),
-            value: String::new(),
-            reason: reason.into(),
-        }
-    }
-}
-
-impl fmt::Display for EdsError {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.line > 0 {
-            write!(formatter, "line {}: ", self.line)?;
-        }
-        if !self.section.is_empty() {
-            write!(formatter, "[{}] ", self.section)?;
-        }
-        if !self.key.is_empty() {
-            write!(formatter, "{}={}: ", self.key, self.value)?;
-        }
-        formatter.write_str(&self.reason)
-    }
-}
-
-impl std::error::Error for EdsError {}
 
 /// The section `[DeviceInfo]`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -10,6 +10,7 @@ pub mod device;
 pub mod eds;
 pub mod emcy;
 pub mod frame;
+pub mod frame_bits;
 pub mod heartbeat;
 pub mod nmt;
 pub mod node;

@@ -9,7 +9,7 @@ use scenario::{Objection, Scenario};
 use crate::data_sheet;
 use crate::external::{External, ExternalNode};
 use crate::signal_names::SignalNames;
-use crate::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES};
+use dbc::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES};
 
 /// The plants and laws that scenarios may choose.
 ///

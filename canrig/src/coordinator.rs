@@ -11,12 +11,13 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use canopen::frame_bits::{arbitration_key, frame_bits};
 use canopen::{CanFrame, Filter, FilterSet, Progress, earliest};
 use platform::lockstep::{Answer, Audience, LockstepError, Participant};
 
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
 use crate::bus_model::faults::{BusFaults, is_truth};
-use crate::bus_model::{BusModel, SUSPEND_BITS, arbitration_key, frame_bits};
+use crate::bus_model::{BusModel, SUSPEND_BITS};
 use crate::nanoseconds::{Nanoseconds, nanoseconds};
 
 /// Frames that one participant may have waiting; more means that the bus cannot carry what it sends.

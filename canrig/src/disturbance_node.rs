@@ -5,10 +5,9 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
-use dbc::Database;
+use dbc::{Database, SignalMissing, signals};
 use scenario::Scenario;
 
-use crate::signals::{self, SignalMissing};
 use crate::supervisor::Supervisor;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 

@@ -2,13 +2,12 @@
 
 use std::time::Duration;
 
-use dbc::{Database, SignalHandle};
+use dbc::{Database, SignalHandle, SignalMissing, signals};
 use scenario::Scenario;
 use scenario::reference::Trajectory;
 
 use crate::nanoseconds::{Nanoseconds, nanoseconds};
 use crate::recording::Stamped;
-use crate::signals::{self, SignalMissing};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
 /// The state of a run, as far as it is known.

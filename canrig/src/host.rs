@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use canopen::Node;
 use clap::{Args, ValueEnum};
 use faults::Kind;
-use platform::bus::{self, Bus, BusAddress};
+use platform::bus::{Bus, BusAddress};
 use platform::hub;
 use platform::process::inherited_channel;
 use platform::real_time::RunReport;
@@ -118,7 +118,7 @@ fn run_on_bus(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
     let mut bus = match &args.host.bus {
         Some(address) => {
-            Some(bus::open(address, &node.filters()).map_err(|error| error.to_string())?)
+            Some(platform::open(address, &node.filters()).map_err(|error| error.to_string())?)
         }
         None => None,
     };

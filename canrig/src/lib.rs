@@ -49,7 +49,6 @@ pub mod schema;
 pub mod session;
 pub mod setup;
 pub mod signal_names;
-pub mod signals;
 pub mod supervisor;
 pub mod sweep;
 pub mod tap;

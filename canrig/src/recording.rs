@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
+use canopen::frame_bits::occupied_bits;
 
-use crate::bus_model::occupied_bits;
 use crate::digits;
 
 /// Longest line of a log that is read.

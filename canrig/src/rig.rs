@@ -6,11 +6,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use controller::drive::{Drive, Field, Scaled};
-use controller::node::ControllerError;
+use dbc::signals::TRUTH_MESSAGES;
 use dbc::{Coding, Database, DbcError, Kind, LawTerm, Signal};
 use miette::Diagnostic;
-use crate::signals::TRUTH_MESSAGES;
+use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
 use scenario::rig::{PositionRange, Rig};
 use scenario::{Scenario, ScenarioError, read_text};
 
@@ -59,7 +58,7 @@ pub enum RigError {
         /// The rig file.
         rig: PathBuf,
         /// Why.
-        source: Box<ControllerError>,
+        source: Box<DriveError>,
     },
     /// Frames of the drive would be taken for another node's.
     #[error("{}: the drive's frames and another node's have the same identifier: {source}", rig.display())]
@@ -83,7 +82,7 @@ pub struct LoadedRig {
     /// The drive's EDS.
     pub eds: String,
     /// The drive's identity and PDOs.
-    pub drive: Drive,
+    pub drive: DriveLayout,
     /// What the frames mean.
     pub database: Arc<Database>,
 }
@@ -117,7 +116,10 @@ impl LoadedRig {
     }
 
     fn of(path: &Path, rig: Rig, text: String, eds: String) -> Result<Self, RigError> {
-        let drive = Drive::new(&eds, &rig.drive, rig.limits.current_amperes);
+        let dictionary = dbc::dictionary(&eds, rig.drive.node_id);
+        let drive = dictionary.map_err(DriveError::from).and_then(|dictionary| {
+            DriveLayout::new(dictionary, &rig.drive, rig.limits.current_amperes)
+        });
         let drive = drive.map_err(|source| RigError::Drive {
             rig: path.to_owned(),
             source: Box::new(source),
@@ -188,7 +190,7 @@ impl LoadedRig {
 }
 
 /// The frames of the bus with this drive on it.
-fn database(rig: &Rig, drive: &Drive) -> Result<Database, DbcError> {
+fn database(rig: &Rig, drive: &DriveLayout) -> Result<Database, DbcError> {
     let [statusword, controlword] = drive.words();
     let [feedback_bytes, command_bytes] =
         drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok());
@@ -214,7 +216,7 @@ fn database(rig: &Rig, drive: &Drive) -> Result<Database, DbcError> {
 }
 
 /// Where the frames of drive, fan and load module are.
-fn identifiers(rig: &Rig, drive: &Drive) -> Vec<(&'static str, u16)> {
+fn identifiers(rig: &Rig, drive: &DriveLayout) -> Vec<(&'static str, u16)> {
     let of = |messages: &[(&'static str, u16)], node_id: u8| {
         let messages = messages.iter();
         let moved =
@@ -305,10 +307,10 @@ mod tests {
     fn the_fan_is_where_the_rig_file_says() {
         let rig = load(&format!("{RIG}[fan]\nnode_id = 64\n")).unwrap();
         let frame = CanFrame::new(0x240, &[0x88, 0x13, 0x85, 0xFF]);
-        let factor = rig.database.require(crate::signals::CONVECTION_FACTOR);
+        let factor = rig.database.require(dbc::signals::CONVECTION_FACTOR);
         assert_eq!(factor.unwrap().decode(&frame), Some(5.0));
         let heartbeat = CanFrame::new(0x740, &[5]);
-        let state = rig.database.require(crate::signals::FAN_STATE);
+        let state = rig.database.require(dbc::signals::FAN_STATE);
         assert_eq!(state.unwrap().decode(&heartbeat), Some(5.0));
         // Either may take the number that is the other's by default.
         let swapped = RIG.replace("node_id = 32", "node_id = 17") + "[fan]\nnode_id = 16\n";

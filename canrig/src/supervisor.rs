@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use canopen::cia402::Command;
 use canopen::{CanFrame, Filter, NmtCommand};
-use controller::drive::Drive;
-use controller::limits::{LimitWatch, Violation};
 use scenario::rig::Rig;
+use scenario::rig::drive::DriveLayout;
+use scenario::rig::limits::{LimitWatch, Violation};
 
 /// Part of the bench's node that takes the current away from a drive.
 #[derive(Debug)]
 pub struct Supervisor {
-    drive: Drive,
+    drive: DriveLayout,
     watch: LimitWatch,
     violation: Option<Violation>,
     frames: VecDeque<CanFrame>,
@@ -21,7 +21,7 @@ pub struct Supervisor {
 impl Supervisor {
     /// A supervisor that has seen nothing.
     #[must_use]
-    pub fn new(rig: &Rig, drive: &Drive) -> Self {
+    pub fn new(rig: &Rig, drive: &DriveLayout) -> Self {
         Self {
             drive: drive.clone(),
             watch: LimitWatch::new(&rig.limits, rig.bus.of_scenario().sync_period()),
@@ -78,7 +78,8 @@ mod tests {
         let text = "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
             position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n";
         let rig = Rig::parse(text, "rig.toml").unwrap();
-        let drive = Drive::new(dbc::DRIVE_EDS, &rig::Drive::default(), 2.0).unwrap();
+        let dictionary = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
+        let drive = DriveLayout::new(dictionary, &rig::Drive::default(), 2.0).unwrap();
         Supervisor::new(&rig, &drive)
     }
 

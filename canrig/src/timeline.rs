@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::{Database, Signal, SignalHandle};
+use dbc::signals::COLUMN_MESSAGES;
+use dbc::{Database, Signal, SignalHandle, SignalMissing, signals};
 use scenario::Scenario;
 
 use crate::by_identifier::ByIdentifier;
@@ -12,7 +13,6 @@ use crate::losses::LossReader;
 use crate::nanoseconds::{Nanoseconds, nanoseconds};
 use crate::recording::Stamped;
 use crate::setup::Setup;
-use crate::signals::{self, COLUMN_MESSAGES, SignalMissing};
 use crate::traces::{Trace, TraceReader};
 use crate::truth::{Truth, TruthReader};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
@@ -573,7 +573,7 @@ fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Vec<f64> {
 #[cfg(all(test, feature = "rerun"))]
 mod tests {
     use super::*;
-    use crate::signals::STATUSWORD;
+    use dbc::signals::STATUSWORD;
     use proptest::prelude::*;
 
     /// A signal that is read cycle by cycle.

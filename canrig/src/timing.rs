@@ -5,7 +5,7 @@
 use std::ops::Add;
 use std::time::Duration;
 
-use dbc::Database;
+use dbc::{Database, SignalMissing, signals};
 use hdrhistogram::Histogram;
 use scenario::expect::Limit;
 use scenario::timing::{QuantileLimits, TimingLimits};
@@ -13,7 +13,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::recording::Stamped;
 use crate::setup::Setup;
-use crate::signals::{self, SignalMissing};
 use crate::verdict::Metric;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use canopen::CanFrame;
+use dbc::signals::COLUMN_MESSAGES;
 use dbc::{Database, SignalHandle};
 
 use crate::nanoseconds::{Nanoseconds, nanoseconds};
 use crate::setup::Setup;
-use crate::signals::COLUMN_MESSAGES;
 
 /// So many times without a cyclic message are a silence, as in `losses`.
 const PERIODS_MAX: u32 = 20;

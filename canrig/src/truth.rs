@@ -2,10 +2,9 @@
 
 use std::time::Duration;
 
-use dbc::{Database, SignalHandle};
+use dbc::{Database, SignalHandle, SignalMissing};
 
 use crate::recording::Stamped;
-use crate::signals::SignalMissing;
 
 /// One message of the plant.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,8 @@ use std::sync::OnceLock;
 
 use dbc::{LAW_TERMS_MAX, LawTerm};
 use scenario::controller::Controller;
-use scenario::own::{InvalidOwn, Own, OwnTable, Section, is_name, tell};
+use scenario::own::{Own, OwnTable, Section, is_name};
+use scenario::registration::{InvalidOwn, register};
 
 use crate::law::{ControlLaw, Law};
 use crate::open_loop::OpenLoop;
@@ -100,7 +101,7 @@ pub fn tell_laws(laws: Vec<OwnLaw>) -> Result<(), InvalidOwnLaw> {
             (Told { name, terms, make }, table)
         })
         .unzip();
-    tell(Section::Controller, tables)?;
+    register(Section::Controller, tables)?;
     OWN.set(told)
         .map_err(|_| InvalidOwnLaw::Table(InvalidOwn::ToldAlready))
 }

@@ -5,8 +5,8 @@ use canopen::ObjectDictionary;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use dbc::{LAW_TERMS_OBJECT, LawTerm};
 
+use crate::error::ControllerError;
 use crate::law::{Explanation, Law};
-use crate::node::ControllerError;
 use canopen::rounding::to_be_cut;
 
 /// Communication and mapping of TPDO2 to TPDO4, which hold a law's own terms.

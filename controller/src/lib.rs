@@ -2,12 +2,12 @@
 
 pub mod catalogue;
 mod cause;
-pub mod drive;
+mod error;
 mod explanation;
 pub mod law;
-pub mod limits;
 mod manager;
 pub mod node;
+mod node_ids;
 pub mod nominal_model;
 pub mod observer;
 pub mod open_loop;
@@ -19,4 +19,5 @@ pub mod sliding_mode_paper;
 #[cfg(test)]
 mod test_rig;
 
+pub use error::ControllerError;
 pub use node::ControllerNode;

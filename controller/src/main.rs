@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use controller::ControllerNode;
 use miette::{IntoDiagnostic, WrapErr};
-use platform::bus::{self, BusAddress};
+use platform::bus::BusAddress;
 use platform::stop::StopSignal;
 use platform::{real_time, scheduling};
 use scenario::rig::Rig;
@@ -69,7 +69,7 @@ fn controller(arguments: &Arguments) -> miette::Result<ControllerNode> {
 
 fn run(address: &BusAddress, mut node: ControllerNode) -> miette::Result<()> {
     let stop = StopSignal::from_signals().into_diagnostic()?;
-    let mut bus = bus::open(address, &canopen::Node::filters(&node)).into_diagnostic()?;
+    let mut bus = platform::open(address, &canopen::Node::filters(&node)).into_diagnostic()?;
     let scheduling = scheduling::request();
     scheduling
         .refusals()

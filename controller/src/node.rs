@@ -8,60 +8,30 @@
 
 mod application;
 mod cycle;
-mod error;
 mod phase;
 mod sequence;
+mod statistics;
 #[cfg(test)]
 mod tests;
 
-use std::fmt;
 use std::time::Duration;
 
 use canopen::{CanFrame, Device, Filter, Node, Progress, nmt::NodeId};
 use scenario::ControllerView;
-use scenario::rig::{Rig, Timeouts};
+use scenario::rig::drive::DriveLayout;
+use scenario::rig::limits::LimitWatch;
+use scenario::rig::{Drive, Rig, Timeouts};
 
 use crate::catalogue;
-use crate::drive::Drive;
+use crate::error::ControllerError;
 use crate::explanation::{self, ExplanationObjects};
-use crate::limits::LimitWatch;
 use crate::manager::BringUp;
+use crate::node_ids::{CONTROLLER, DISTURBANCE};
 use crate::plausibility::Plausibility;
-pub use error::ControllerError;
 use phase::Phase;
 pub use sequence::ENABLE_TIME;
 use sequence::{CONSUMER_HEARTBEAT_TIME, Controller};
-
-/// Node-ID of the controller.
-pub const CONTROLLER: NodeId = NodeId::new(0x01).expect("1 is a node id");
-/// Node-ID of the disturbance module, unless a rig file gives it another.
-pub const DISTURBANCE: NodeId = NodeId::new(0x11).expect("17 is a node id");
-
-/// What has been counted since the start of the scenario.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
-    /// SYNCs sent.
-    pub cycles: u64,
-    /// Cycles without a position from the drive.
-    pub missing_positions: u64,
-    /// SYNCs not sent because their time had passed.
-    pub sync_overruns: u64,
-}
-
-/// One line.
-impl fmt::Display for Statistics {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            cycles,
-            missing_positions,
-            sync_overruns,
-        } = self;
-        write!(
-            formatter,
-            "{cycles} cycles, {missing_positions} without a position, {sync_overruns} SYNCs skipped"
-        )
-    }
-}
+pub use statistics::Statistics;
 
 /// The controller.
 #[derive(Debug)]
@@ -75,7 +45,8 @@ impl ControllerNode {
     /// # Errors
     /// The scenario selects no law, or an EDS does not fit.
     pub fn new(view: &ControllerView) -> Result<Self, ControllerError> {
-        let drive = Drive::from_eds(dbc::DRIVE_EDS)?;
+        let dictionary = dbc::dictionary(dbc::DRIVE_EDS, Drive::default().node_id)?;
+        let drive = DriveLayout::emulated(dictionary)?;
         let timeouts = Timeouts::default();
         Self::leading(
             view,
@@ -100,7 +71,8 @@ impl ControllerNode {
             bus: rig.bus.of_scenario(),
             ..view.clone()
         };
-        let drive = Drive::new(drive_eds, &rig.drive, rig.limits.current_amperes)?;
+        let dictionary = dbc::dictionary(drive_eds, rig.drive.node_id)?;
+        let drive = DriveLayout::new(dictionary, &rig.drive, rig.limits.current_amperes)?;
         let fan = rig.fan.node_id;
         let fan = NodeId::new(fan).ok_or(ControllerError::NodeId(fan))?;
         let limits = LimitWatch::new(&rig.limits, view.bus.sync_period());
@@ -117,7 +89,7 @@ impl ControllerNode {
     fn leading(
         view: &ControllerView,
         controller_eds: &str,
-        drive: Drive,
+        drive: DriveLayout,
         fan: NodeId,
         timeouts: &Timeouts,
         limits: Option<LimitWatch>,
@@ -129,7 +101,7 @@ impl ControllerNode {
         let watch = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, 1);
         watch.ok_or(ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
         let watch =
-            u32::from(drive.node_id.get()) << 16 | u32::from(timeouts.drive_lost_milliseconds);
+            u32::from(drive.node_id().get()) << 16 | u32::from(timeouts.drive_lost_milliseconds);
         let sync_period = view.bus.sync_period();
         let controller = Controller {
             trajectory: view.reference.trajectory(),

@@ -26,6 +26,7 @@ mod law;
 mod parse;
 mod plant;
 pub mod scenario_clock;
+pub mod signals;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};

@@ -9,7 +9,7 @@ use dbc::scenario_clock::ScenarioClock;
 use dbc::{Database, SignalMissing};
 use scenario::fault::node::Output;
 
-use crate::plan::{Kind, Plan};
+use crate::plan::{Kind, Plan, Planned};
 
 /// Frames that a hanging node's CAN controller and driver keep for it (assumed).
 const RECEIVE_FRAMES_MAX: usize = 32;
@@ -169,7 +169,7 @@ impl<N: Node> Faulty<N> {
 
     fn active(&self, time: Option<Duration>) -> impl Iterator<Item = Kind> {
         let faults = self.plan.faults.iter();
-        let acts = move |fault: &&crate::Planned| time.is_some_and(|time| fault.acts_at(time));
+        let acts = move |fault: &&Planned| time.is_some_and(|time| fault.acts_at(time));
         faults.filter(acts).map(|fault| fault.kind)
     }
 

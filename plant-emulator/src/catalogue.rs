@@ -5,15 +5,13 @@ use std::sync::{LazyLock, OnceLock};
 use canopen::Node;
 use dbc::{PlantSignal, Range};
 use scenario::Scenario;
-use scenario::own::{InvalidOwn, OwnTable, Section, is_name, tell};
+use scenario::own::{OwnTable, Section, is_name};
+use scenario::registration::{InvalidOwn, register};
 
 use crate::dc_motor::DcMotor;
 use crate::plant::{Plant, SIGNALS_MAX, Signal};
 use crate::sma::Actuator;
 use crate::{InvalidEmulator, PlantEmulator};
-
-/// What only an emulated plant tells; a real drive knows none of it, and may use the identifiers for something else.
-pub const TRUTH_MESSAGES: [&str; 3] = ["drive_tpdo2", "drive_tpdo3", "plant_truth"];
 
 /// Name of the actuator of the paper.
 pub const SMA_ACTUATOR: &str = Actuator::NAME;
@@ -130,7 +128,7 @@ pub fn tell_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
         .into_iter()
         .map(|plant| (plant.kind, plant.table))
         .unzip();
-    tell(Section::Plant, tables)?;
+    register(Section::Plant, tables)?;
     OWN.set(kinds)
         .map_err(|_| InvalidOwnPlant::Table(InvalidOwn::ToldAlready))
 }

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use miette::{IntoDiagnostic, Report};
 use plant_emulator::catalogue;
-use platform::bus::{self, BusAddress};
+use platform::bus::BusAddress;
 use platform::stop::StopSignal;
 use platform::{real_time, scheduling};
 use scenario::Scenario;
@@ -49,7 +49,7 @@ fn main() -> ExitCode {
 fn run(address: &BusAddress, scenario: &Scenario) -> miette::Result<()> {
     let mut node = catalogue::emulator(scenario).into_diagnostic()?;
     let stop = StopSignal::from_signals().into_diagnostic()?;
-    let mut bus = bus::open(address, &node.filters()).into_diagnostic()?;
+    let mut bus = platform::open(address, &node.filters()).into_diagnostic()?;
     let scheduling = scheduling::request();
     scheduling
         .refusals()

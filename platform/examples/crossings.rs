@@ -7,7 +7,7 @@ use std::process::Child;
 use std::time::Duration;
 
 use canopen::{CanFrame, Filter, Node, Progress};
-use platform::bus::{self, Bus, BusAddress};
+use platform::bus::{Bus, BusAddress};
 use platform::clock::Clock;
 use platform::hub::Hub;
 use platform::lockstep::{self, Answer, Local, Participant, Remote};
@@ -88,7 +88,7 @@ fn main() -> Outcome<()> {
 
 /// The other end of the bus's measurement; ends when the bus or its frames end.
 fn echo(address: &BusAddress) -> Outcome<()> {
-    let mut bus = bus::open(address, &[Filter::exact(0x100)])?;
+    let mut bus = platform::open(address, &[Filter::exact(0x100)])?;
     bus.send(&CanFrame::new(0x101, &[]))?;
     while let Some(frame) = bus.receive(PATIENCE)? {
         bus.send(&CanFrame::new(0x101, frame.data()))?;
@@ -97,7 +97,7 @@ fn echo(address: &BusAddress) -> Outcome<()> {
 }
 
 fn measure_bus(name: &str, address: &BusAddress) -> Outcome<()> {
-    let mut bus = bus::open(address, &[Filter::exact(0x101)])?;
+    let mut bus = platform::open(address, &[Filter::exact(0x101)])?;
     let mut child = process::myself()?
         .args(["echo", &address.to_string()])
         .spawn()?;

@@ -4,7 +4,6 @@
 use std::error::Error;
 
 use canopen::{Application, Device, Node, NodeId, eds};
-use platform::bus;
 use platform::stop::StopSignal;
 
 /// Leaves every object to its readers and writers.
@@ -24,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let node_id = NodeId::new(node_id).ok_or("a node-ID is 1 to 127")?;
     let eds = eds::parse(&std::fs::read_to_string(path)?, node_id.get())?;
     let mut device = Device::new(node_id, eds.dictionary, Passive)?;
-    let mut bus = bus::open(&address.parse()?, &device.filters())?;
+    let mut bus = platform::open(&address.parse()?, &device.filters())?;
     let stop = StopSignal::from_parent()?;
     platform::real_time::run(&mut device, &mut *bus, &stop)?;
     Ok(())

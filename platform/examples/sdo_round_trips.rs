@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use canopen::Filter;
 use canopen::sdo_client::SdoClient;
-use platform::bus::{self, Bus};
+use platform::bus::Bus;
 use platform::clock::Clock;
 
 const DEVICE_TYPE: u16 = 0x1000;
@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         None => node_id.parse()?,
     };
     let mut client = SdoClient::new(node_id);
-    let mut bus = bus::open(&address.parse()?, &[Filter::exact(client.response_id())])?;
+    let mut bus = platform::open(&address.parse()?, &[Filter::exact(client.response_id())])?;
     let end = Duration::from_secs(seconds.parse()?);
     let clock = Clock::start();
     let mut count = 0_u32;

@@ -7,15 +7,12 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter};
+use canopen::CanFrame;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
 use crate::clock;
-use crate::embedded_bus::EmbeddedBus;
-use crate::private_bus;
 use crate::probe;
-use crate::socketcan_bus::SocketCanBus;
 
 /// How long [`Bus::send`] waits for room in a full queue.
 pub const SEND_PATIENCE: Duration = Duration::from_millis(50);
@@ -96,26 +93,6 @@ impl fmt::Display for BusAddress {
             Self::Private(process) => write!(formatter, "private:{process}"),
         }
     }
-}
-
-/// Opens the bus for one participant, who receives what one of `filters` accepts. A private bus is for a process with a
-/// single thread, which enters its namespaces for good.
-///
-/// # Errors
-/// Says what is missing and what to do about it.
-pub fn open(address: &BusAddress, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
-    Ok(match address {
-        BusAddress::Interface(name) => Box::new(SocketCanBus::open(name, filters)?),
-        BusAddress::Embedded(path) => Box::new(EmbeddedBus::open(path, filters)?),
-        BusAddress::Private(process) => {
-            private_bus::enter(*process).map_err(|source| BusError::System {
-                address: address.clone(),
-                action: "enter",
-                source,
-            })?;
-            Box::new(SocketCanBus::open(private_bus::INTERFACE, filters)?)
-        }
-    })
 }
 
 /// What is wrong with a bus, and what to do next.

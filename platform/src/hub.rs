@@ -17,6 +17,9 @@
 //!
 //! Each frame is stamped where it passes and handed to the [`Recorder`].
 
+mod counters;
+mod error;
+mod notice;
 mod place;
 mod switch;
 #[cfg(test)]
@@ -36,41 +39,17 @@ use crate::bus::BusAddress;
 use crate::recorder::{self, Recorder};
 use crate::scheduling::{self, Refused};
 
+use counters::Counters;
+pub use error::HubError;
+pub(crate) use notice::decode_notice;
 use place::Place;
 pub use place::remove_orphaned;
 pub(crate) use place::remove_silent;
+pub use switch::CLIENTS_MAX;
 use switch::Switch;
-
-/// Participants at once, at most.
-pub const CLIENTS_MAX: usize = 32;
 
 /// Above the nodes: a frame under way is worth more than the next one.
 const PRIORITY: u8 = 60;
-
-/// Why there is no hub.
-#[derive(Debug, thiserror::Error)]
-pub enum HubError {
-    /// The directory for the socket has too long a name.
-    #[error(
-        "the bus's socket {path} would exceed {limit} bytes; set XDG_RUNTIME_DIR or TMPDIR to a shorter directory",
-        path = path.display(), limit = crate::bus::PATH_BYTES_MAX
-    )]
-    PathTooLong {
-        /// The path.
-        path: PathBuf,
-    },
-    /// No directory takes the socket.
-    #[error("no directory for the bus's socket could be made in {tried}: {source}; set XDG_RUNTIME_DIR or TMPDIR to one that you may write to", tried = tried.display())]
-    NoDirectory {
-        /// The last one tried.
-        tried: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
-    /// Anything else.
-    #[error("the embedded bus could not be started: {0}")]
-    System(#[from] io::Error),
-}
 
 /// What a hub has counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -90,19 +69,6 @@ pub struct HubReport {
 pub fn running() -> Vec<BusAddress> {
     let sockets = place::running();
     sockets.into_iter().map(BusAddress::Embedded).collect()
-}
-
-#[derive(Default)]
-struct Counters {
-    frames: AtomicU64,
-    dropped: AtomicU64,
-    malformed: AtomicU64,
-    refused: AtomicU64,
-}
-
-/// Counts one.
-fn count(counter: &AtomicU64) {
-    counter.fetch_add(1, Ordering::Relaxed);
 }
 
 /// A running hub; dropping it ends the bus and removes its socket.
@@ -196,14 +162,4 @@ impl fmt::Debug for Hub {
             .field("report", &self.report())
             .finish_non_exhaustive()
     }
-}
-
-/// A notice: how many frames were dropped for this client.
-fn encode_notice(dropped: u64) -> [u8; 8] {
-    dropped.to_ne_bytes()
-}
-
-/// The number in a notice; `None` when the packet is none.
-pub(crate) fn decode_notice(packet: &[u8]) -> Option<u64> {
-    packet.try_into().ok().map(u64::from_ne_bytes)
 }

@@ -12,6 +12,7 @@ mod kernel_format;
 pub mod link;
 pub mod lockstep;
 pub mod memory;
+mod open;
 pub mod private_bus;
 pub mod probe;
 pub mod process;
@@ -20,6 +21,8 @@ pub mod recorder;
 pub mod scheduling;
 mod socketcan_bus;
 pub mod stop;
+
+pub use open::open;
 
 #[cfg(test)]
 mod test_nodes;

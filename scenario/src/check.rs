@@ -1,25 +1,28 @@
 //! Checks what the schema cannot say: what only makes sense together.
 
+mod fault;
+mod limits;
+mod pieces;
+mod plant;
 mod requirements;
 mod signals;
 mod sweep;
+mod tables;
 #[cfg(test)]
 mod tests;
 
-use std::io;
-
-use crate::Scenario;
-use crate::controller::{Controller, OpenLoop};
+use crate::controller::Controller;
 use crate::document::Document;
 use crate::error::Problem;
-use crate::expect::{Emergency, Limit};
-use crate::fault;
-use crate::plant;
-use crate::reference::{Reference, Table};
-use crate::table;
+use crate::reference::Reference;
+use crate::scenario::Scenario;
 
 pub(crate) use signals::read_courses;
 pub(crate) use sweep::check as sweep;
+pub(crate) use tables::read_tables;
+
+use limits::{limits, reactions};
+use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
 
 /// End of the travel.
 const TRAVEL_MILLIMETRES: f64 = 60.0;
@@ -107,157 +110,6 @@ fn laws(document: &Document<'_>, reference: &Reference) -> Option<Problem> {
     }
 }
 
-/// One entry of an array of timed tables.
-struct Piece {
-    kind: &'static str,
-    index: usize,
-    start_key: &'static str,
-    start_seconds: f64,
-    until_seconds: Option<f64>,
-}
-
-impl Piece {
-    fn at(kind: &'static str, index: usize, start_seconds: f64) -> Self {
-        let (start_key, until_seconds) = ("at_seconds", None);
-        Self {
-            kind,
-            index,
-            start_key,
-            start_seconds,
-            until_seconds,
-        }
-    }
-
-    fn from(
-        kind: &'static str,
-        index: usize,
-        start_seconds: f64,
-        until_seconds: Option<f64>,
-    ) -> Self {
-        let start_key = "from_seconds";
-        Self {
-            kind,
-            index,
-            start_key,
-            start_seconds,
-            until_seconds,
-        }
-    }
-
-    fn path(&self, table: &str, key: &str) -> String {
-        format!("{table}.{}.{}.{key}", self.kind, self.index)
-    }
-}
-
-fn reference_pieces(reference: &Reference) -> Vec<Piece> {
-    let mut pieces = Vec::new();
-    let holds = reference.hold.iter().enumerate();
-    pieces.extend(holds.map(|(index, hold)| Piece::at("hold", index, hold.at_seconds)));
-    let steps = reference.step.iter().enumerate();
-    pieces.extend(steps.map(|(index, step)| Piece::at("step", index, step.at_seconds)));
-    let ramps = reference.ramp.iter().enumerate();
-    pieces.extend(ramps.map(|(index, ramp)| {
-        Piece::from("ramp", index, ramp.from_seconds, Some(ramp.until_seconds))
-    }));
-    let sines = reference.sine.iter().enumerate();
-    pieces.extend(sines.map(|(index, sine)| Piece::from("sine", index, sine.from_seconds, None)));
-    let tables = reference.table.iter().enumerate();
-    pieces
-        .extend(tables.map(|(index, table)| Piece::from("table", index, table.from_seconds, None)));
-    pieces
-}
-
-fn current_pieces(open_loop: &OpenLoop) -> Vec<Piece> {
-    let mut pieces = Vec::new();
-    let steps = open_loop.step.iter().enumerate();
-    pieces.extend(steps.map(|(index, step)| Piece::at("step", index, step.at_seconds)));
-    let ramps = open_loop.ramp.iter().enumerate();
-    pieces.extend(ramps.map(|(index, ramp)| {
-        Piece::from("ramp", index, ramp.from_seconds, Some(ramp.until_seconds))
-    }));
-    pieces
-}
-
-fn disturbance_pieces(scenario: &Scenario) -> Vec<Piece> {
-    let mut pieces = Vec::new();
-    let fans = scenario.disturbance.fan.iter().enumerate();
-    pieces.extend(
-        fans.map(|(index, fan)| {
-            Piece::from("fan", index, fan.from_seconds, Some(fan.until_seconds))
-        }),
-    );
-    let loads = scenario.disturbance.load.iter().enumerate();
-    pieces.extend(loads.map(|(index, load)| Piece::at("load", index, load.at_seconds)));
-    pieces
-}
-
-/// Times in order, windows that end after they begin, one piece at a time, nothing after the end.
-fn pieces(
-    document: &Document<'_>,
-    table: &str,
-    pieces: &[Piece],
-    duration_seconds: f64,
-) -> Vec<Problem> {
-    let mut problems = order(document, table, pieces, duration_seconds);
-    let mut by_start: Vec<&Piece> = pieces.iter().collect();
-    by_start.sort_by(|left, right| left.start_seconds.total_cmp(&right.start_seconds));
-    let is_double = |pair: &&[&Piece]| {
-        let [first, second] = pair else { return false };
-        first.start_seconds == second.start_seconds && first.kind != second.kind
-    };
-    for pair in by_start.windows(2).filter(is_double) {
-        let (first, second) = (pair[0], pair[1]);
-        let time = second.start_seconds;
-        let message = format!("two pieces of [{table}] start at {time} s");
-        let label = format!("a {} starts at the same time", first.kind);
-        problems.push(document.problem(&second.path(table, second.start_key), message, label));
-    }
-    problems
-}
-
-/// Times in order within each kind, windows that end after they begin, nothing after the end.
-fn order(
-    document: &Document<'_>,
-    table: &str,
-    pieces: &[Piece],
-    duration_seconds: f64,
-) -> Vec<Problem> {
-    let mut problems = Vec::new();
-    for (place, piece) in pieces.iter().enumerate() {
-        let Piece {
-            kind,
-            start_seconds,
-            ..
-        } = *piece;
-        let start_path = piece.path(table, piece.start_key);
-        let before = place.checked_sub(1).map(|place| &pieces[place]);
-        if let Some(before) = before.filter(|before| before.kind == kind)
-            && start_seconds <= before.start_seconds
-        {
-            let message = format!("times of [[{table}.{kind}]] are out of order");
-            let label = format!(
-                "must be after {} s, where the one before starts",
-                before.start_seconds
-            );
-            problems.push(document.problem(&start_path, message, label));
-        }
-        if start_seconds >= duration_seconds {
-            let message = format!("[[{table}.{kind}]] starts after the end of the run");
-            let label = format!("the run ends at {duration_seconds} s");
-            problems.push(document.problem(&start_path, message, label));
-        }
-        if piece
-            .until_seconds
-            .is_some_and(|until| until <= start_seconds)
-        {
-            let message = format!("[[{table}.{kind}]] ends before it begins");
-            let label = format!("must be after {start_seconds} s");
-            problems.push(document.problem(&piece.path(table, "until_seconds"), message, label));
-        }
-    }
-    problems
-}
-
 /// Sines within the travel; single positions are in the schema's range already.
 fn travel(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
     let mut problems = Vec::new();
@@ -272,42 +124,6 @@ fn travel(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
         }
     }
     problems
-}
-
-/// Reads the tables of the set-point into their rows.
-pub(crate) fn read_tables(
-    document: &Document<'_>,
-    tables: &mut [Table],
-    mut read_table: impl FnMut(&str) -> io::Result<String>,
-) -> Vec<Problem> {
-    let mut problems = Vec::new();
-    for (index, entry) in tables.iter_mut().enumerate() {
-        let path = format!("reference.table.{index}.file");
-        let rows = read_beside(document, &path, &entry.file, &mut read_table)
-            .and_then(|text| table::parse(&entry.file, &text));
-        match rows {
-            Ok(rows) => entry.rows = rows,
-            Err(problem) => problems.push(problem),
-        }
-    }
-    problems
-}
-
-/// The text of a table that the scenario names at a path.
-fn read_beside(
-    document: &Document<'_>,
-    path: &str,
-    file: &str,
-    read_table: &mut impl FnMut(&str) -> io::Result<String>,
-) -> Result<String, Problem> {
-    if !table::is_inside_folder(file) {
-        let message = "a table must lie in the scenario's folder";
-        return Err(document.problem(path, message, "no absolute path, no `..`"));
-    }
-    read_table(file).map_err(|error| {
-        let message = "the table cannot be read";
-        document.problem(path, message, error.to_string())
-    })
 }
 
 fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
@@ -333,107 +149,4 @@ fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
         }
     }
     problems
-}
-
-/// Limits that can be met, on metrics that the scenario has.
-fn limits(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let mut problems = Vec::new();
-    let timing = scenario.expect.timing.limits();
-    let limits = scenario.expect.limits();
-    let limits = limits.map(|(name, limit)| (name.to_owned(), limit));
-    for (name, limit) in limits.chain(timing.map(|(path, limit)| (format!("timing.{path}"), limit)))
-    {
-        let path = format!("expect.{name}");
-        problems.extend(limit_problem(document, &path, &name, limit).or_else(|| {
-            let missing = missing_for(&name, scenario)?;
-            let message = format!("`{name}` cannot be judged");
-            Some(document.problem(&path, message, format!("needs {missing}")))
-        }));
-    }
-    problems
-}
-
-/// A limit that no value or every value meets.
-fn limit_problem(document: &Document<'_>, path: &str, name: &str, limit: Limit) -> Option<Problem> {
-    let (message, label) = match (limit.min, limit.max) {
-        (None, None) => (
-            format!("the limit `{name}` is empty"),
-            "give min, max or both".to_owned(),
-        ),
-        (Some(min), Some(max)) if min > max => (
-            format!("no value meets the limit `{name}`"),
-            format!("min {min} is above max {max}"),
-        ),
-        _ => return None,
-    };
-    Some(document.problem(path, message, label))
-}
-
-/// Reactions that can be demanded: there is a fault, and emergencies are named as the standard numbers them.
-fn reactions(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let expect = &scenario.expect;
-    let mut problems = Vec::new();
-    let demanded = [
-        (
-            "current_zero_within_milliseconds",
-            expect.current_zero_within_milliseconds.is_some(),
-        ),
-        (
-            "recovers_within_seconds",
-            expect.recovers_within_seconds.is_some(),
-        ),
-        ("safe_state", expect.safe_state.is_some()),
-        ("emcy", !expect.emcy.is_empty()),
-    ];
-    for (name, _) in demanded.into_iter().filter(|(_, is_given)| *is_given) {
-        if scenario.fault.is_empty() {
-            let message = format!("`{name}` cannot be judged");
-            let path = format!("expect.{name}");
-            problems.push(document.problem(&path, message, "needs a [[fault.…]]"));
-        }
-    }
-    for (index, text) in expect.emcy.iter().enumerate() {
-        if let Err(reason) = text.parse::<Emergency>() {
-            let message = format!("\"{text}\" names no emergency");
-            let path = format!("expect.emcy.{index}");
-            problems.push(document.problem(&path, message, reason));
-        }
-    }
-    if expect.recovers_within_seconds.is_some() && scenario.reference.is_empty() {
-        let message = "`recovers_within_seconds` cannot be judged";
-        let path = "expect.recovers_within_seconds";
-        problems.push(document.problem(path, message, "needs a [[reference.…]]"));
-    }
-    problems
-}
-
-/// What the scenario lacks for a metric.
-fn missing_for(metric: &str, scenario: &Scenario) -> Option<&'static str> {
-    let disturbance = &scenario.disturbance;
-    match metric {
-        "settling_time_seconds" | "overshoot_percent" if scenario.reference.step.is_empty() => {
-            Some("a [[reference.step]]")
-        }
-        "steady_state_error_millimetres" | "tracking_error_millimetres_rms"
-            if scenario.reference.is_empty() =>
-        {
-            Some("a [[reference.…]]")
-        }
-        "sine_gain" | "sine_phase_degrees" | "sine_offset_millimetres"
-            if scenario.judged_sine().is_none() =>
-        {
-            Some("a [[reference.sine]] of at least four periods")
-        }
-        "maximum_deviation_millimetres" | "recovery_time_seconds"
-            if disturbance.fan.is_empty() && disturbance.load.is_empty() =>
-        {
-            Some("a [[disturbance.…]]")
-        }
-        "maximum_deviation_millimetres" | "recovery_time_seconds"
-            if scenario.reference.is_empty() =>
-        {
-            Some("a [[reference.…]]")
-        }
-        _ => None,
-    }
 }

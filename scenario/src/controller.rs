@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::is_zero;
+use crate::left_out::is_zero;
 use crate::own::Own;
 
 /// The control law; exactly one of these tables.

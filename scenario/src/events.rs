@@ -1,16 +1,8 @@
 //! What the metrics must know of a scenario: steps, periods and disturbances, with their windows in scenario time.
 
-use crate::Scenario;
 use crate::disturbance::Disturbance;
-
-/// A span of scenario time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Window {
-    /// First instant.
-    pub from_seconds: f64,
-    /// Last instant.
-    pub until_seconds: f64,
-}
+use crate::scenario::Scenario;
+pub use crate::window::Window;
 
 /// A step of the set-point that the metrics judge.
 #[derive(Clone, Copy, Debug, PartialEq)]

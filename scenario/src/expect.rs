@@ -4,12 +4,12 @@ mod sequence;
 mod signal;
 
 use std::collections::BTreeMap;
-use std::fmt;
 use std::str::FromStr;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use crate::limit::Limit;
 use crate::timing::TimingLimits;
 
 pub use sequence::{Expected, Sequence};
@@ -17,19 +17,6 @@ pub use signal::{Course, Demand, SignalCheck};
 
 /// Requirements by their names in whatever lists them, such as "REQ-12".
 pub type Requirements = Vec<String>;
-
-/// A two-sided limit; at least one side is given.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-#[schemars(extend("minProperties" = 1))]
-pub struct Limit {
-    /// Smallest value that passes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub min: Option<f64>,
-    /// Largest value that passes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max: Option<f64>,
-}
 
 /// Limits on the metrics of a run.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -114,25 +101,6 @@ pub struct Expect {
     /// Limits on real time. Scenarios that have them are kept apart from the others.
     #[serde(skip_serializing_if = "TimingLimits::is_empty")]
     pub timing: TimingLimits,
-}
-
-impl Limit {
-    /// True when the value is within both sides.
-    #[must_use]
-    pub fn admits(&self, value: f64) -> bool {
-        self.min.is_none_or(|min| value >= min) && self.max.is_none_or(|max| value <= max)
-    }
-}
-
-impl fmt::Display for Limit {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match (self.min, self.max) {
-            (Some(min), Some(max)) => write!(formatter, "{min} to {max}"),
-            (Some(min), None) => write!(formatter, "at least {min}"),
-            (None, Some(max)) => write!(formatter, "at most {max}"),
-            (None, None) => formatter.write_str("anything"),
-        }
-    }
 }
 
 impl Expect {
@@ -294,15 +262,5 @@ mod tests {
         listed.sort_unstable();
         assert_eq!(listed, names);
         assert!(expect.limits().all(|(_, given)| given == limit));
-    }
-
-    #[test]
-    fn a_limit_admits_its_ends_and_never_nan() {
-        let limit = Limit {
-            min: Some(1.0),
-            max: Some(2.0),
-        };
-        assert!(limit.admits(1.0) && limit.admits(2.0));
-        assert!(!limit.admits(0.999) && !limit.admits(2.001) && !limit.admits(f64::NAN));
     }
 }

@@ -2,19 +2,24 @@
 //!
 //! Syntax first, then keys, types and ranges against the schema, then what only makes sense together.
 
+mod rig;
+
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use toml::de::ValueDeserializer;
 
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::own::{self, Own, Section};
+use crate::scenario::Scenario;
 use crate::view::{ControllerView, HIDDEN_FROM_CONTROLLER};
-use crate::{Scenario, schema, structure};
+use crate::{schema, structure};
 
 /// Longest scenario file.
 pub(crate) const SCENARIO_BYTES_MAX: u64 = 1 << 20;
@@ -243,6 +248,22 @@ pub(crate) fn build<T: DeserializeOwned>(
     }
 }
 
+/// The table from outside in a section of a document, if there is one, and what its own type finds wrong with it.
+fn own_table(document: &Document<'_>, section: Section) -> Option<(Own, Option<Problem>)> {
+    let of_section = |own: &&own::OwnTable| document.keys(section.key()).contains(&own.name());
+    let own = own::tables(section).iter().find(of_section)?;
+    let path = format!("{}.{}", section.key(), own.name());
+    let value = document.spanned(&path)?;
+    let problem = |error: toml::de::Error| {
+        let span = error.span().unwrap_or_else(|| value.span());
+        (document.source).problem(span, "invalid value", error.message())
+    };
+    let checked = own.check(value.clone()).err().map(problem);
+    let table = toml::Table::deserialize(ValueDeserializer::from(value.clone()));
+    let table = table.unwrap_or_default();
+    Some((Own::of(own.name(), table), checked))
+}
+
 /// Reads the table of a plant or a law from outside; what the schema said of it already is not said twice.
 fn read_own(
     document: &Document<'_>,
@@ -250,7 +271,7 @@ fn read_own(
     into: &mut Option<Own>,
     problems: &mut Vec<Problem>,
 ) {
-    let Some((own, problem)) = own::read(document, section) else {
+    let Some((own, problem)) = own_table(document, section) else {
         return;
     };
     *into = Some(own);

@@ -7,16 +7,13 @@ use std::sync::OnceLock;
 
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
-use crate::Scenario;
-use crate::document::Document;
-use crate::error::Problem;
-use crate::schema::{TakeNullAway, schema_of};
+use crate::null::TakeNullAway;
 
 /// Longest name.
 const NAME_CHARACTERS_MAX: usize = 64;
@@ -56,11 +53,24 @@ impl Section {
     }
 
     /// Its key in a scenario.
-    const fn key(self) -> &'static str {
+    pub(crate) const fn key(self) -> &'static str {
         match self {
             Self::Plant => "plant",
             Self::Controller => "controller",
         }
+    }
+
+    /// The name of the section's type in the schema.
+    pub(crate) const fn definition(self) -> &'static str {
+        match self {
+            Self::Plant => "Plant",
+            Self::Controller => "Controller",
+        }
+    }
+
+    /// Sets the tables from outside for good; gives them back where that was done before.
+    pub(crate) fn set_tables(self, tables: Vec<OwnTable>) -> Result<(), Vec<OwnTable>> {
+        self.tables().set(tables)
     }
 
     fn tables(self) -> &'static OnceLock<Vec<OwnTable>> {
@@ -107,90 +117,24 @@ impl OwnTable {
     pub fn with_faults(self, faults: &'static [&'static str]) -> Self {
         Self { faults, ..self }
     }
-}
 
-/// Why a plant or a law cannot be told.
-#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum InvalidOwn {
-    /// No name of a table.
-    #[error(
-        "`{0}` cannot be the name of a table: a name is at most 64 small letters, digits and underscores, a letter first"
-    )]
-    Name(String),
-    /// The name of something else.
-    #[error("[{}.{name}] is another table already", section.key())]
-    Taken {
-        /// Where.
-        section: Section,
-        /// The name.
-        name: String,
-    },
-    /// Parameters that are no table.
-    #[error("the parameters of `{0}` are no struct with named fields")]
-    NoTable(&'static str),
-    /// No such fault.
-    #[error("`{name}` names a fault `{fault}`, and there is no [[fault.plant.{fault}]]")]
-    Fault {
-        /// The plant.
-        name: &'static str,
-        /// The fault.
-        fault: &'static str,
-    },
-    /// Told twice, or after a scenario was read.
-    #[error("the plants and laws of a bench are told once")]
-    ToldAlready,
-}
-
-/// Tells all tables of a section, once and before anything is read.
-///
-/// # Errors
-/// One of them cannot be a table of the section.
-pub fn tell(section: Section, tables: Vec<OwnTable>) -> Result<(), InvalidOwn> {
-    let schema = schema_of::<Scenario>();
-    for (place, table) in tables.iter().enumerate() {
-        let name = table.name;
-        is_free(section, name)?;
-        if tables[..place].iter().any(|other| other.name == name) {
-            let name = name.to_owned();
-            return Err(InvalidOwn::Taken { section, name });
-        }
-        if table.schema["type"] != "object" {
-            return Err(InvalidOwn::NoTable(name));
-        }
-        let unknown = |fault: &&&str| !has_key(&schema, "PlantFaults", fault);
-        if let Some(fault) = table.faults.iter().find(unknown) {
-            return Err(InvalidOwn::Fault { name, fault });
-        }
+    pub(crate) fn name(&self) -> &'static str {
+        self.name
     }
-    section
-        .tables()
-        .set(tables)
-        .map_err(|_| InvalidOwn::ToldAlready)
-}
 
-/// Says so when a plant or a law cannot have a name.
-///
-/// # Errors
-/// It cannot be a table's, or is that of another one.
-pub fn is_free(section: Section, name: &str) -> Result<(), InvalidOwn> {
-    let schema = schema_of::<Scenario>();
-    if !is_name(name) {
-        return Err(InvalidOwn::Name(name.to_owned()));
+    pub(crate) fn faults(&self) -> &'static [&'static str] {
+        self.faults
     }
-    if RESERVED.contains(&name) || has_key(&schema, definition_of(section), name) {
-        let name = name.to_owned();
-        return Err(InvalidOwn::Taken { section, name });
+
+    pub(crate) fn schema(&self) -> &Value {
+        &self.schema
     }
-    Ok(())
-}
 
-fn has_key(schema: &Value, definition: &str, key: &str) -> bool {
-    let properties = &schema["definitions"][definition]["properties"];
-    properties.get(key).is_some()
+    /// What the parameters' own type finds wrong with a table.
+    pub(crate) fn check(&self, table: Spanned<DeValue<'_>>) -> Result<(), toml::de::Error> {
+        (self.check)(table)
+    }
 }
-
-/// Names that mean something else without being keys.
-const RESERVED: [&str; 2] = ["sma_actuator", "none"];
 
 /// Whether a text can be the name of a table: small letters, digits and underscores, a letter first.
 #[must_use]
@@ -202,7 +146,7 @@ pub fn is_name(text: &str) -> bool {
 }
 
 /// The tables of a section that come from outside.
-fn tables(section: Section) -> &'static [OwnTable] {
+pub(crate) fn tables(section: Section) -> &'static [OwnTable] {
     section.tables().get().map_or(&[], Vec::as_slice)
 }
 
@@ -239,18 +183,10 @@ pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -
     )
 }
 
-/// The name of a section's type in the schema.
-const fn definition_of(section: Section) -> &'static str {
-    match section {
-        Section::Plant => "Plant",
-        Section::Controller => "Controller",
-    }
-}
-
 /// Puts the tables from outside into a schema.
 pub(crate) fn describe(schema: &mut Value) {
     for section in Section::ALL {
-        let place = format!("/definitions/{}/properties", definition_of(section));
+        let place = format!("/definitions/{}/properties", section.definition());
         let properties = schema.pointer_mut(&place);
         let Some(properties) = properties.and_then(Value::as_object_mut) else {
             continue;
@@ -267,6 +203,11 @@ pub(crate) fn describe(schema: &mut Value) {
 pub struct Own(BTreeMap<String, toml::Table>);
 
 impl Own {
+    /// What a scenario says of a plant or a law of this name.
+    pub(crate) fn of(name: &str, parameters: toml::Table) -> Self {
+        Self(BTreeMap::from([(name.to_owned(), parameters)]))
+    }
+
     /// The name of the plant or the law.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -295,20 +236,4 @@ pub(crate) fn remove(root: &mut DeTable<'_>) {
             }
         }
     }
-}
-
-/// The table from outside in a section of a document, if there is one, and what its own type finds wrong with it.
-pub(crate) fn read(document: &Document<'_>, section: Section) -> Option<(Own, Option<Problem>)> {
-    let of_section = |own: &&OwnTable| document.keys(section.key()).contains(&own.name);
-    let own = tables(section).iter().find(of_section)?;
-    let path = format!("{}.{}", section.key(), own.name);
-    let value = document.spanned(&path)?;
-    let problem = |error: toml::de::Error| {
-        let span = error.span().unwrap_or_else(|| value.span());
-        (document.source).problem(span, "invalid value", error.message())
-    };
-    let checked = (own.check)(value.clone()).err().map(problem);
-    let table = toml::Table::deserialize(ValueDeserializer::from(value.clone()));
-    let table = table.unwrap_or_default();
-    Some((Own(BTreeMap::from([(own.name.to_owned(), table)])), checked))
 }

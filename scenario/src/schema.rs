@@ -2,13 +2,14 @@
 
 use std::sync::LazyLock;
 
+use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
-use schemars::{JsonSchema, Schema};
 use serde_json::Value;
 
-use crate::Scenario;
+use crate::null::TakeNullAway;
 use crate::own;
 use crate::rig::Rig;
+use crate::scenario::Scenario;
 use crate::view::ControllerView;
 
 /// What scenario files are checked against. To make a schema takes most of the time that loading takes, so each is made once.
@@ -36,38 +37,6 @@ pub(crate) fn schema_of<T: JsonSchema>() -> Value {
     let mut schema = settings.into_generator().into_root_schema_for::<T>().into();
     own::describe(&mut schema);
     schema
-}
-
-/// TOML has no null: what is optional is left out, so "or null" only misleads.
-#[derive(Clone, Debug)]
-pub(crate) struct TakeNullAway;
-
-impl schemars::transform::Transform for TakeNullAway {
-    fn transform(&mut self, schema: &mut Schema) {
-        schemars::transform::transform_subschemas(self, schema);
-        let Some(object) = schema.as_object_mut() else {
-            return;
-        };
-        if let Some(Value::Array(types)) = object.get_mut("type") {
-            types.retain(|name| name != "null");
-            if let [only] = types.as_slice() {
-                let only = only.clone();
-                object.insert("type".to_owned(), only);
-            }
-        }
-        if object.get("default") == Some(&Value::Null) {
-            object.remove("default");
-        }
-        if let Some(Value::Array(mut alternatives)) = object.remove("anyOf") {
-            alternatives.retain(|alternative| alternative["type"] != "null");
-            let name = if alternatives.len() == 1 {
-                "allOf"
-            } else {
-                "anyOf"
-            };
-            object.insert(name.to_owned(), Value::Array(alternatives));
-        }
-    }
 }
 
 /// The copy in `scenarios/` is the schema; with UPDATE_SCHEMA it becomes so.

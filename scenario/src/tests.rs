@@ -189,14 +189,35 @@ Error:
     );
 }
 
-/// Each way to break a file, with the line and column where it is underlined and what is said.
+/// A way to break a file: the text, the line and column where it is underlined, what is said, and what stands there.
+type Broken = (String, usize, usize, &'static str, &'static str);
+
+#[track_caller]
+fn check_broken<const N: usize>(cases: [Broken; N]) {
+    for (text, line, column, message, label) in cases {
+        let error = Scenario::parse(&text, "broken.toml", no_tables).expect_err(message);
+        let rendered = render(&error);
+        let [problem] = error.problems() else {
+            panic!("{rendered}");
+        };
+        assert_eq!(problem.to_string(), message, "{rendered}");
+        assert!(
+            rendered.contains(&format!("╰── {label}\n")),
+            "expected label: {label}\n{rendered}"
+        );
+        assert_eq!(
+            problem.line_and_column(),
+            Some((line, column)),
+            "{rendered}"
+        );
+    }
+}
+
 #[test]
-fn every_kind_of_problem_has_its_place_and_its_words() {
+fn a_key_of_the_wrong_type_or_length_has_its_place_and_its_words() {
     let closed = with(CLOSED);
     let change = |from: &str, to: &str| closed.replace(from, to);
-    let more = |text: &str| format!("{closed}{text}");
-    let step = "[[reference.step]]\nat_seconds = 5.0\nposition_millimetres = 20.0\n";
-    let cases = [
+    check_broken([
         (
             change("schema = 1", "schema = 2"),
             1,
@@ -232,6 +253,14 @@ fn every_kind_of_problem_has_its_place_and_its_words() {
             "the scenario lacks the key `duration_seconds`",
             "`duration_seconds` is missing",
         ),
+    ]);
+}
+
+#[test]
+fn a_number_or_a_key_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let change = |from: &str, to: &str| closed.replace(from, to);
+    check_broken([
         (
             change("= 10.0", "= \"10\""),
             7,
@@ -281,6 +310,16 @@ fn every_kind_of_problem_has_its_place_and_its_words() {
             "unknown key `controler` in the scenario",
             "did you mean `controller`?",
         ),
+    ]);
+}
+
+#[test]
+fn a_law_or_a_set_point_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let change = |from: &str, to: &str| closed.replace(from, to);
+    let more = |text: &str| format!("{closed}{text}");
+    let step = "[[reference.step]]\nat_seconds = 5.0\nposition_millimetres = 20.0\n";
+    check_broken([
         (
             change("[controller.pid]", "[controller]"),
             4,
@@ -326,6 +365,14 @@ fn every_kind_of_problem_has_its_place_and_its_words() {
             "[[reference.step]] starts after the end of the run",
             "the run ends at 12 s",
         ),
+    ]);
+}
+
+#[test]
+fn a_piece_of_the_set_point_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let more = |text: &str| format!("{closed}{text}");
+    check_broken([
         (
             more(
                 "[[reference.ramp]]\nfrom_seconds = 3\nuntil_seconds = 3\nposition_millimetres = 1\n",
@@ -365,6 +412,14 @@ fn every_kind_of_problem_has_its_place_and_its_words() {
             "`controller.open_loop.step.current_amperes` = 1.5 is out of range",
             "must be from 0 to 1",
         ),
+    ]);
+}
+
+#[test]
+fn a_limit_or_a_bus_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let more = |text: &str| format!("{closed}{text}");
+    check_broken([
         (
             more("[expect]\ncurrent_amperes_rms = {}\n"),
             9,
@@ -407,6 +462,14 @@ fn every_kind_of_problem_has_its_place_and_its_words() {
             "`bus.sync_period_milliseconds` = 0.25 is out of range",
             "must be a multiple of 0.1",
         ),
+    ]);
+}
+
+#[test]
+fn a_plant_or_a_disturbance_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let more = |text: &str| format!("{closed}{text}");
+    check_broken([
         (
             more("[plant.mechanics]\nstress_strain = \"ful\"\n"),
             9,
@@ -444,24 +507,7 @@ fn every_kind_of_problem_has_its_place_and_its_words() {
             "nothing is left of the load",
             "must leave something of 40 g",
         ),
-    ];
-    for (text, line, column, message, label) in cases {
-        let error = Scenario::parse(&text, "broken.toml", no_tables).expect_err(message);
-        let rendered = render(&error);
-        let [problem] = error.problems() else {
-            panic!("{rendered}");
-        };
-        assert_eq!(problem.to_string(), message, "{rendered}");
-        assert!(
-            rendered.contains(&format!("╰── {label}\n")),
-            "expected label: {label}\n{rendered}"
-        );
-        assert_eq!(
-            problem.line_and_column(),
-            Some((line, column)),
-            "{rendered}"
-        );
-    }
+    ]);
 }
 
 #[test]

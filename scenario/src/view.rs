@@ -3,7 +3,9 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::{Bus, Scenario, controller, reference};
+use crate::bus::Bus;
+use crate::scenario::Scenario;
+use crate::{controller, reference};
 
 /// A scenario without the plant, its disturbances and faults, and its limits: a controller cannot use what it cannot see.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]

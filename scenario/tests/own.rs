@@ -3,7 +3,8 @@
 
 use std::sync::Once;
 
-use scenario::own::{InvalidOwn, OwnTable, Section, tell};
+use scenario::own::{OwnTable, Section};
+use scenario::registration::{InvalidOwn, register};
 use scenario::{ControllerView, Scenario};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -54,9 +55,9 @@ fn told() {
     static TOLD: Once = Once::new();
     TOLD.call_once(|| {
         let pendulum = OwnTable::of::<Pendulum>("pendulum").with_faults(&["jammed_pulley"]);
-        tell(Section::Plant, vec![pendulum]).expect("a table of a plant");
+        register(Section::Plant, vec![pendulum]).expect("a table of a plant");
         let relay = OwnTable::of::<Relay>("relay");
-        tell(Section::Controller, vec![relay]).expect("a table of a law");
+        register(Section::Controller, vec![relay]).expect("a table of a law");
     });
 }
 
@@ -226,7 +227,7 @@ fn the_schema_describes_them() {
 
 #[test]
 fn what_cannot_be_a_table_is_refused_when_it_is_told() {
-    let plant = |table| tell(Section::Plant, vec![table]).unwrap_err();
+    let plant = |table| register(Section::Plant, vec![table]).unwrap_err();
     assert!(matches!(
         plant(OwnTable::of::<Pendulum>("heat")),
         InvalidOwn::Taken { .. }

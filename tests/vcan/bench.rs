@@ -95,7 +95,7 @@ fn foreign_frame() -> Result<(), Failed> {
         .stderr(std::process::Stdio::piped())
         .stdout(std::process::Stdio::null())
         .spawn()?;
-    let mut bus = platform::bus::open(
+    let mut bus = platform::open(
         &platform::bus::BusAddress::Interface(INTERFACE.to_owned()),
         &[],
     )?;
@@ -128,7 +128,7 @@ fn bus_errors() -> Result<(), Failed> {
         .stdout(std::process::Stdio::piped())
         .spawn()?;
     let address = platform::bus::BusAddress::Interface(INTERFACE.to_owned());
-    let mut bus = platform::bus::open(&address, &[])?;
+    let mut bus = platform::open(&address, &[])?;
     // The scenario begins within the first second.
     std::thread::sleep(std::time::Duration::from_millis(1500));
     // Twice nobody acknowledged, then the warning level of sending.

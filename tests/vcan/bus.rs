@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use canopen::frame::ERROR_FLAG;
 use canopen::{CanFrame, Filter, Node, Progress};
-use platform::bus::{self, Bus, BusError};
+use platform::bus::{Bus, BusError};
 use platform::clock::Clock;
 use platform::counting_allocator::allocations;
 use platform::lockstep::{Answer, FollowError, Participant, Remote, channel, follow};
@@ -67,7 +67,7 @@ impl Vcan {
     }
 
     fn join(&self, filters: &[Filter]) -> Box<dyn Bus> {
-        bus::open(&self.0.parse().unwrap(), filters).unwrap()
+        platform::open(&self.0.parse().unwrap(), filters).unwrap()
     }
 }
 
@@ -160,7 +160,7 @@ fn the_recorder_hears_everyone_and_stamps_in_order() {
 
 fn an_interface_that_is_missing_or_down_says_what_to_do() {
     let error = |name: &str| {
-        bus::open(&name.parse().unwrap(), &[])
+        platform::open(&name.parse().unwrap(), &[])
             .err()
             .unwrap()
             .to_string()

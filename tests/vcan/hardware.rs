@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use canopen::frame::ERROR_FLAG;
 use canopen::{CanFrame, Filter};
 use libtest_mimic::Failed;
-use platform::bus::{self, Bus, BusAddress};
+use platform::bus::{Bus, BusAddress};
 
 use crate::support::{canrig, only_run, output, root, unhurried_scenario};
 use crate::{INTERFACE, Test};
@@ -62,7 +62,7 @@ impl Drop for Drive {
 fn ear(ids: &[u16]) -> Result<Box<dyn Bus>, Failed> {
     let filters: Vec<Filter> = ids.iter().copied().map(Filter::exact).collect();
     let address = BusAddress::Interface(INTERFACE.to_owned());
-    Ok(bus::open(&address, &filters)?)
+    Ok(platform::open(&address, &filters)?)
 }
 
 /// The next frame for which `is_wanted` says so.

@@ -6,7 +6,7 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-use super::EdsError;
+use super::error::EdsError;
 
 /// Longest line; CiA 306-1 allows 255 characters.
 const MAX_LINE_BYTES: usize = 1024;

@@ -5,7 +5,7 @@ use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dbc::Database;
+use dbc::{Database, SignalMissing, signals};
 use plant_emulator::sma::Inputs;
 use scenario::plant::Sensor;
 use scenario::rig::Rig;
@@ -16,7 +16,6 @@ use crate::rig::{LoadedRig, RigError};
 use crate::bench_catalogue::catalogue;
 use crate::run_folder::file;
 use crate::setup::Setup;
-use crate::signals::{self, SignalMissing};
 use crate::timeline::{self, Timeline};
 use dbc::scenario_clock::SYNC_COB_ID;
 

@@ -1,6 +1,6 @@
 //! What signals did, held against `[[expect.signal]]`. Where nothing was seen, nothing passes.
 
-use crate::signals::TRUTH_MESSAGES;
+use dbc::signals::TRUTH_MESSAGES;
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 

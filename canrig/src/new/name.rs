@@ -1,6 +1,7 @@
 //! The name of a plant or a law, of its crate and of its type.
 
-use scenario::own::{InvalidOwn, Section, is_free};
+use scenario::own::Section;
+use scenario::registration::{InvalidOwn, is_free};
 
 /// Names that Rust or cargo keeps to itself as those of crates.
 const KEPT: [&str; 58] = [

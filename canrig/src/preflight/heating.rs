@@ -6,14 +6,14 @@ use std::time::Duration;
 use canopen::NmtState;
 use canopen::cia402::{Command, State};
 use canopen::{CanFrame, NmtCommand};
-use controller::drive::{Feedback, Scaled};
+use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
+use scenario::rig::drive::{Feedback, Scaled};
 
 use super::checklist::Check;
 use crate::error_frames;
 use crate::recording::Stamped;
 use crate::rig::LoadedRig;
-use crate::signals::SignalMissing;
 use crate::world::WorldError;
 
 /// How long the load is watched at rest before the current rises.

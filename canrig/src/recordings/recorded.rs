@@ -1,5 +1,6 @@
 //! A recording read back from the disk.
 
+use dbc::SignalMissing;
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
@@ -13,7 +14,6 @@ use crate::recording::{Log, read_cut_log};
 use crate::rig::{LoadedRig, RigError};
 use crate::setup::Setup;
 use crate::run_folder::file;
-use crate::signals::SignalMissing;
 use crate::timeline::{self, Timeline};
 use crate::verdict::{Outcome, Verdict};
 

@@ -2,11 +2,10 @@
 
 use std::time::Duration;
 
-use dbc::Database;
+use dbc::{Database, SignalMissing, signals};
 
 use crate::nanoseconds::nanoseconds;
 use crate::recording::Stamped;
-use crate::signals::{self, SignalMissing};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
 /// Stretches of time for which the load is told.

@@ -2,12 +2,13 @@
 
 use std::thread;
 
+use dbc::SignalMissing;
+
 use crate::setup::Setup;
 
 use super::{csv, html, junit};
 use crate::recording::Stamped;
 use crate::run_folder::{RunFolder, WriteError, file};
-use crate::signals::SignalMissing;
 use crate::timeline::Timeline;
 use crate::verdict::Verdict;
 

@@ -1,5 +1,7 @@
 //! `report.html`: one run on one page.
 
+use dbc::signals::WIRE_TEMPERATURE;
+use dbc::{Database, SignalMissing, signals};
 use dbc::Database;
 use maud::{Markup, html};
 use scenario::Scenario;
@@ -12,7 +14,6 @@ use crate::events::{Event, Level};
 use crate::external::ExternalNode;
 use crate::judge::SETTLING_BAND;
 use crate::run_folder::file;
-use crate::signals::{self, SignalMissing, WIRE_TEMPERATURE};
 use crate::timeline::Timeline;
 use crate::timing::Timing;
 

@@ -18,6 +18,7 @@ mod rig;
 mod tests;
 mod times;
 
+use dbc::SignalMissing;
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
@@ -29,7 +30,6 @@ use rerun::external::re_log_types::{StoreId, StoreInfo};
 use rerun::{EntityPath, RecordingStreamError, StoreKind, new_store_info};
 
 use super::Run;
-use crate::signals::SignalMissing;
 use crate::timeline::Timeline;
 use crate::verdict::Verdict;
 

@@ -18,7 +18,7 @@ use std::str::FromStr;
 use canopen::sdo_client::SdoError;
 use canopen::{Filter, Node};
 use dbc::DbcError;
-use platform::bus::{self, BadAddress, Bus, BusAddress, BusError};
+use platform::bus::{BadAddress, Bus, BusAddress, BusError};
 use platform::hub;
 use platform::real_time::{self, RunError};
 use platform::stop::StopSignal;
@@ -169,7 +169,7 @@ pub fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
 }
 
 fn open(bus: &ToolBus, filters: &[Filter]) -> Result<Box<dyn Bus>, ToolError> {
-    Ok(bus::open(&address(bus)?, filters)?)
+    Ok(platform::open(&address(bus)?, filters)?)
 }
 
 /// Moves a tool's node on the bus until it has done its work or the user stops it.

@@ -1,5 +1,6 @@
 //! The thread that shows a run in a viewer, and may hang on it.
 
+use dbc::SignalMissing;
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
@@ -13,7 +14,6 @@ use super::{Show, ViewerAddress};
 use crate::recording::Stamped;
 use crate::report::rerun::{APPLICATION, BusReader, Known, Recording};
 use crate::setup::Setup;
-use crate::signals::SignalMissing;
 use crate::tap::{Tap, WhenFull};
 use crate::timeline::Reader;
 use crate::verdict::Verdict;

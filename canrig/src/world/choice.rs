@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use platform::bus::{self, BusAddress};
+use platform::bus::BusAddress;
 use platform::private_bus::PrivateBus;
 use platform::probe;
 
@@ -73,7 +73,7 @@ pub fn choose_bus(choice: &BusChoice, require_kernel: bool) -> Result<RunBus, Wo
     if let BusChoice::Interface(name) = choice {
         // Opened once, so that a missing bus is told before a run is made.
         let address = BusAddress::Interface(name.clone());
-        return Ok(bus::open(&address, &[]).map(|_| RunBus::Interface(name.clone()))?);
+        return Ok(platform::open(&address, &[]).map(|_| RunBus::Interface(name.clone()))?);
     }
     if *choice == BusChoice::Private {
         return Ok(PrivateBus::start().map(|_| RunBus::Private)?);

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use canopen::{Filter, Node};
-use platform::bus::{self, Bus, BusAddress, BusError};
+use platform::bus::{Bus, BusAddress, BusError};
 use platform::clock;
 use platform::hub::Hub;
 use platform::private_bus::PrivateBus;
@@ -80,7 +80,7 @@ impl Line {
     pub(super) fn voice(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
         match &mut self.private {
             Some(private) => private.voice(filters),
-            None => bus::open(&self.address, filters),
+            None => platform::open(&self.address, filters),
         }
     }
 

@@ -13,9 +13,10 @@ pub use choice::{BusChoice, RunBus, choose_bus};
 use std::io;
 use std::time::Duration;
 
+use dbc::SignalMissing;
+
 use crate::coordinator::CoordinatorError;
 use crate::run_folder::WriteError;
-use crate::signals::SignalMissing;
 use crate::timing::Host;
 
 /// Names of the nodes, for messages and for the command line of their processes.

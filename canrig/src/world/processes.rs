@@ -1,7 +1,7 @@
 //! Controller and plant as processes, in lock-step or in real time.
 
 use dbc::Database;
-use platform::bus::{self, Bus, BusAddress};
+use platform::bus::{Bus, BusAddress};
 use platform::lockstep::{Local, LockstepError, Remote, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
@@ -88,7 +88,7 @@ pub fn in_lockstep(
         RunBus::Embedded { .. } => (None, None, None),
         RunBus::Interface(name) => {
             let address = BusAddress::Interface(name.clone());
-            (Some(bus::open(&address, &[])?), Some(address), None)
+            (Some(platform::open(&address, &[])?), Some(address), None)
         }
         RunBus::Private => {
             let mut private = PrivateBus::start()?;

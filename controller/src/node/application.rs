@@ -96,7 +96,7 @@ impl Application for Controller {
         if node_id == self.fan && waits && !is_ending {
             services.send_nmt(NmtCommand::Start, Some(self.fan));
         }
-        if node_id != self.drive.node_id {
+        if node_id != self.drive.node_id() {
             return;
         }
         self.last_heard = services.now();
@@ -123,7 +123,7 @@ impl Application for Controller {
         node_id: NodeId,
         message: &EmergencyMessage,
     ) {
-        if node_id != self.drive.node_id || message.code == ErrorCode::NO_ERROR {
+        if node_id != self.drive.node_id() || message.code == ErrorCode::NO_ERROR {
             return;
         }
         self.last_emergency = Some(*message);
@@ -139,7 +139,7 @@ impl Application for Controller {
 
     fn on_communication_loss(&mut self, services: &mut Services, loss: CommunicationLoss) {
         match loss {
-            CommunicationLoss::Heartbeat(node) if node == self.drive.node_id && self.leads() => {
+            CommunicationLoss::Heartbeat(node) if node == self.drive.node_id() && self.leads() => {
                 let silent = services.now().saturating_sub(self.last_heard).as_millis();
                 let limit = u128::from(self.watch & 0xFFFF);
                 let text = if silent < limit {

@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use canopen::Services;
 use canopen::cia402::{Command as DriveCommand, State};
+use scenario::rig::drive::Feedback;
 
 use super::phase::{Cycle, Phase};
 use super::sequence::{Controller, state_words};
 use crate::cause::Cause;
-use crate::drive::Feedback;
 use crate::law::Measurement;
 
 impl Controller {
@@ -46,7 +46,7 @@ impl Controller {
             };
             let text = format!(
                 "{what} from the drive (node {}, frame 0x{:03X}) in {} cycles (limit {missing_max})",
-                self.drive.node_id,
+                self.drive.node_id(),
                 self.drive.feedback_id(),
                 cycle.missing
             );
@@ -87,7 +87,7 @@ impl Controller {
             let state = state_words(feedback.statusword);
             let text = format!(
                 "the drive (node {}) left Operation enabled: statusword {state}",
-                self.drive.node_id
+                self.drive.node_id()
             );
             self.fail(services, Cause::DriveNotEnabled, text);
             return;

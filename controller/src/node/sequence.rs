@@ -8,14 +8,14 @@ use canopen::emcy::EmergencyMessage;
 use canopen::nmt::{NmtCommand, NodeId};
 use scenario::reference::Trajectory;
 use scenario::rig::Timeouts;
+use scenario::rig::drive::{DriveLayout, Feedback};
+use scenario::rig::limits::LimitWatch;
 
-use super::Statistics;
 use super::phase::Phase;
+use super::statistics::Statistics;
 use crate::cause::Cause;
-use crate::drive::{Drive, Feedback};
 use crate::explanation::ExplanationObjects;
 use crate::law::Law;
-use crate::limits::LimitWatch;
 use crate::manager::{BringUp, Outcome};
 use crate::plausibility::Plausibility;
 
@@ -35,7 +35,7 @@ pub(super) struct Controller {
     pub(super) trajectory: Trajectory,
     pub(super) explanation: ExplanationObjects,
     pub(super) bring_up: BringUp,
-    pub(super) drive: Drive,
+    pub(super) drive: DriveLayout,
     /// The fan and load module.
     pub(super) fan: NodeId,
     pub(super) sync_period: Duration,
@@ -75,7 +75,7 @@ impl Controller {
 
     /// The drive is there, but who knows in which state: it begins anew.
     pub(super) fn reset_drive(&mut self, services: &mut Services, until: Duration) {
-        services.send_nmt(NmtCommand::ResetCommunication, Some(self.drive.node_id));
+        services.send_nmt(NmtCommand::ResetCommunication, Some(self.drive.node_id()));
         self.phase = Phase::Resetting { until };
     }
 
@@ -100,7 +100,7 @@ impl Controller {
             until: now + ENABLE_TIME,
         };
         self.last_heard = now;
-        services.send_nmt(NmtCommand::Start, Some(self.drive.node_id));
+        services.send_nmt(NmtCommand::Start, Some(self.drive.node_id()));
         services.request_nmt(NmtCommand::Start);
         self.configure_self(services, self.watch, self.sync_period);
     }
@@ -156,7 +156,7 @@ impl Controller {
     /// NMT stop; the last thing that the controller does.
     pub(super) fn end(&mut self, services: &mut Services) {
         self.phase = Phase::Ended;
-        for node in [self.drive.node_id, self.fan] {
+        for node in [self.drive.node_id(), self.fan] {
             services.send_nmt(NmtCommand::Stop, Some(node));
         }
         self.configure_self(services, 0, Duration::ZERO);
@@ -201,7 +201,7 @@ impl Controller {
     /// What to say when a phase has lasted too long.
     pub(super) fn overdue(&self) -> String {
         let seconds = self.timeouts.bring_up_seconds;
-        let drive = self.drive.node_id;
+        let drive = self.drive.node_id();
         match self.phase {
             Phase::Resetting { .. } => {
                 format!(

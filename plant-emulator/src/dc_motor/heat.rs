@@ -2,7 +2,7 @@
 
 use scenario::plant::DcMotor;
 
-use super::Inputs;
+use super::condition::Inputs;
 use crate::integrator::runge_kutta_4;
 
 /// Temperature coefficient of copper, 1/K.

@@ -3,30 +3,20 @@
 //! The amplifier sources the current, so neither inductance nor back electromotive force shows: up to the motor's no-load
 //! speed at 12 V the shipped motor needs less than 15 V for 1 A.
 
+mod condition;
 mod heat;
 mod motion;
 
 use scenario::fault::any_acts;
 use scenario::fault::plant::PlantFaults;
 
-use crate::plant::{self, InvalidPlant, Plant, Signal, follows, not_negative, positive};
+use crate::plant::{InvalidPlant, Plant, Signal, follows, not_negative, positive};
+pub use condition::{Condition, Inputs};
 use heat::Heat;
 use motion::Motion;
 
 /// Longest integration step: the shipped plant's fastest rate is 11 1/s.
 pub const STEP_SECONDS_MAX: f64 = 1e-3;
-
-/// What acts on the motor.
-pub type Inputs = plant::Inputs<Condition>;
-
-/// What is wrong with pinion and load; by default nothing.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Condition {
-    /// The pinion does not turn.
-    pub is_jammed: bool,
-    /// The load has come off the rack.
-    pub is_load_dropped: bool,
-}
 
 /// The motor with its gearbox, spring and load.
 #[derive(Clone, Debug)]

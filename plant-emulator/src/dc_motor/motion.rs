@@ -2,7 +2,7 @@
 
 use scenario::plant::DcMotor;
 
-use super::Inputs;
+use super::condition::Inputs;
 use crate::integrator::runge_kutta_4;
 
 /// `g`, m/s².

@@ -3,7 +3,7 @@
 use scenario::fault::any_acts;
 use scenario::fault::plant::{Ageing, PlantFaults};
 
-use super::Condition;
+use super::condition::Condition;
 
 /// Wire and mechanics at a scenario time.
 pub(super) fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {

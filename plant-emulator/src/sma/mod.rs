@@ -1,15 +1,17 @@
 //! The SMA actuator: heat, phase and motion put together and integrated.
 
+mod condition;
 mod faults;
 mod heat;
 mod phase;
 mod validity;
 mod wire;
 
+pub use condition::{Condition, Inputs};
 use heat::{HeatBalance, Heating};
 pub use phase::Branch;
 use phase::Transformation;
-pub use validity::check;
+pub use validity::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check};
 pub use wire::stress_pascals;
 use wire::{Load, Mechanics};
 
@@ -18,68 +20,11 @@ use std::borrow::Borrow;
 use scenario::fault::plant::PlantFaults;
 
 use crate::integrator::runge_kutta_4_from;
-use crate::plant::{self, InvalidPlant, Plant, Signal};
-
-/// Longest integration step. The reference trajectories are met a hundredfold within their tolerance with it.
-pub const STEP_SECONDS_MAX: f64 = 1e-3;
+use crate::plant::{InvalidPlant, Plant, Signal};
 
 /// By so much of a step the steps together may be longer: a SYNC of 1 kHz that comes some bits late, as every fourth does,
 /// needs no second step.
 const STEP_EXCESS: f64 = 0.1;
-
-/// Largest convection factor: what 0x6411:01 can carry, with a margin.
-pub const CONVECTION_FACTOR_MAX: f64 = 33.0;
-
-/// What acts on the actuator.
-pub type Inputs = plant::Inputs<Condition>;
-
-/// What is wrong with wire and mechanics; by default nothing.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Condition {
-    /// Multiplies `R`.
-    pub resistance_factor: f64,
-    /// Multiplies `Δ`.
-    pub recoverable_strain_factor: f64,
-    /// The wire carries nothing.
-    pub is_wire_broken: bool,
-    /// The load stays where it is.
-    pub is_pulley_jammed: bool,
-    /// No load hangs on the pulley.
-    pub is_load_dropped: bool,
-}
-
-impl Default for Condition {
-    fn default() -> Self {
-        Self {
-            resistance_factor: 1.0,
-            recoverable_strain_factor: 1.0,
-            is_wire_broken: false,
-            is_pulley_jammed: false,
-            is_load_dropped: false,
-        }
-    }
-}
-
-impl Inputs {
-    /// The current that would heat a sound wire as much.
-    fn heating_amperes(&self) -> f64 {
-        let factor = self.condition.resistance_factor;
-        if factor == 1.0 {
-            self.current_amperes
-        } else {
-            self.current_amperes * libm::sqrt(factor)
-        }
-    }
-
-    /// What is added to the load, or takes all of it away.
-    fn added_load_kilograms(&self) -> f64 {
-        if self.condition.is_load_dropped {
-            f64::NEG_INFINITY
-        } else {
-            self.added_load_kilograms
-        }
-    }
-}
 
 /// What inputs come to in the equations.
 #[derive(Clone, Copy, Debug)]

@@ -4,8 +4,13 @@ use scenario::plant::Plant;
 
 use super::heat::HeatBalance;
 use super::wire::Mechanics;
-use super::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX};
 use crate::plant::{InvalidPlant, finite, follows, not_negative, positive, require};
+
+/// Longest integration step. The reference trajectories are met a hundredfold within their tolerance with it.
+pub const STEP_SECONDS_MAX: f64 = 1e-3;
+
+/// Largest convection factor: what 0x6411:01 can carry, with a margin.
+pub const CONVECTION_FACTOR_MAX: f64 = 33.0;
 
 /// Checks all physical parameters of a plant.
 ///

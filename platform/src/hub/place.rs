@@ -13,7 +13,8 @@ use rustix::net::{
 };
 use rustix::process::{Pid, getppid, test_kill_process};
 
-use super::{CLIENTS_MAX, HubError};
+use super::error::HubError;
+use super::switch::CLIENTS_MAX;
 use crate::clock::Clock;
 
 /// Directories are named `canrig-bus-<process>-<number>`.

@@ -12,9 +12,13 @@ use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{RecvFlags, SendFlags, SocketFlags, accept_with};
 
-use super::{CLIENTS_MAX, Counters, count, encode_notice};
+use super::counters::{Counters, count};
+use super::notice::encode_notice;
 use crate::kernel_format::{FILTER_BYTES, FRAME_BYTES, decode_filters, decode_frame, encode_frame};
 use crate::recorder::Ring;
+
+/// Participants at once, at most.
+pub const CLIENTS_MAX: usize = 32;
 
 /// Filters of a client, at most (the kernel's `CAN_RAW_FILTER_MAX`).
 const FILTERS_MAX: usize = 512;

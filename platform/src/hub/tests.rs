@@ -12,14 +12,14 @@ use rustix::net::{
 };
 
 use super::*;
-use crate::bus::{self, Bus, BusError};
+use crate::bus::{Bus, BusError};
 use crate::clock::Clock;
 
 const SOON: Duration = Duration::from_secs(5);
 const NOT: Duration = Duration::from_millis(30);
 
 fn join(hub: &Hub, filters: &[Filter]) -> Box<dyn Bus> {
-    bus::open(&hub.address(), filters).unwrap()
+    crate::open(&hub.address(), filters).unwrap()
 }
 
 fn frame(id: u16, byte: u8) -> CanFrame {
@@ -171,14 +171,14 @@ fn more_clients_than_there_is_room_for_are_refused_and_places_become_free() {
     let mut clients: Vec<_> = (0..CLIENTS_MAX)
         .map(|_| join(&hub, &[Filter::ALL]))
         .collect();
-    let refused = bus::open(&hub.address(), &[Filter::ALL]).err().unwrap();
+    let refused = crate::open(&hub.address(), &[Filter::ALL]).err().unwrap();
     assert!(
         matches!(refused, BusError::Refused { .. }),
         "{refused}: not the right error"
     );
     assert_eq!(hub.report().refused, 1);
     clients.pop();
-    eventually(|| bus::open(&hub.address(), &[Filter::ALL]).is_ok());
+    eventually(|| crate::open(&hub.address(), &[Filter::ALL]).is_ok());
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn the_socket_is_private_and_goes_with_the_hub() {
         client.send(&frame(1, 1)),
         Err(BusError::Closed { .. })
     ));
-    let gone = bus::open(&address, &[]).err().unwrap().to_string();
+    let gone = crate::open(&address, &[]).err().unwrap().to_string();
     assert!(gone.ends_with("has the run that made it ended?"), "{gone}");
 }
 

@@ -8,7 +8,7 @@ use canopen::{CanFrame, Node, Progress};
 use rustix::io::Errno;
 use rustix::net::SendFlags;
 
-use super::Answer;
+use super::answer::Answer;
 use super::protocol::{self, FRAMES_MAX, Hello, PACKET_MAX, ProtocolError, Request};
 use super::remote::receive_packet;
 use super::step::{StepError, Stepper};

@@ -4,8 +4,11 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Filter, Node};
 
+use super::answer::Answer;
+use super::audience::Audience;
+use super::error::LockstepError;
+use super::participant::Participant;
 use super::step::{StepError, Stepper};
-use super::{Answer, Audience, LockstepError, Participant};
 
 /// A node in this process.
 pub struct Local<'a> {

@@ -15,7 +15,8 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Filter, Progress};
 
-use super::{Answer, Audience};
+use super::answer::Answer;
+use super::audience::Audience;
 
 /// Frames in one message, at most.
 pub const FRAMES_MAX: usize = 2048;

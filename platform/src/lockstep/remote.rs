@@ -9,8 +9,11 @@ use rustix::io::Errno;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType};
 
+use super::answer::Answer;
+use super::audience::Audience;
+use super::error::LockstepError;
+use super::participant::Participant;
 use super::protocol::{self, PACKET_MAX, ProtocolError};
-use super::{Answer, Audience, LockstepError, Participant};
 
 /// How long a process may take to answer, in wall time.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(10);

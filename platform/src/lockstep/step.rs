@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use canopen::{CanFrame, FilterSet, Node, Progress};
 
+use super::answer::Answer;
+use super::audience::Audience;
 use super::protocol::FRAMES_MAX;
-use super::{Answer, Audience};
 
 /// Ticks that a node may want at one instant before it counts as stuck.
 const TICKS_PER_INSTANT_MAX: u32 = 1000;

@@ -3,7 +3,6 @@ use std::thread::JoinHandle;
 use canopen::{CanFrame, Filter};
 
 use super::*;
-use crate::bus;
 use crate::counting_allocator::allocations;
 use crate::hub::Hub;
 use crate::recorder::Recorder;
@@ -24,9 +23,9 @@ struct Bench {
 
 fn bench(mut echo: Echo) -> Bench {
     let (hub, recorder) = Hub::start().unwrap();
-    let other = bus::open(&hub.address(), &[Filter::ALL]).unwrap();
+    let other = crate::open(&hub.address(), &[Filter::ALL]).unwrap();
     let (stopper, stop) = StopSignal::manual().unwrap();
-    let mut bus = bus::open(&hub.address(), &echo.filters()).unwrap();
+    let mut bus = crate::open(&hub.address(), &echo.filters()).unwrap();
     Bench {
         hub,
         recorder,
@@ -88,7 +87,7 @@ fn a_node_ticks_answers_and_stops() {
 #[test]
 fn a_node_is_ticked_at_its_deadlines_and_not_before() {
     let (hub, _recorder) = Hub::start().unwrap();
-    let mut bus = bus::open(&hub.address(), &[]).unwrap();
+    let mut bus = crate::open(&hub.address(), &[]).unwrap();
     let (_stopper, stop) = StopSignal::manual().unwrap();
     let mut echo = Echo::new(MS);
     echo.stop_at = Some(200 * MS);
@@ -132,7 +131,7 @@ fn overruns_are_counted() {
         }
     }
     let (hub, _recorder) = Hub::start().unwrap();
-    let mut bus = bus::open(&hub.address(), &[]).unwrap();
+    let mut bus = crate::open(&hub.address(), &[]).unwrap();
     let (_stopper, stop) = StopSignal::manual().unwrap();
     let report = run(&mut Slow(Echo::new(MS)), bus.as_mut(), &stop).unwrap();
     assert!(report.overruns >= 10, "{report}");
@@ -169,8 +168,8 @@ fn the_loop_allocates_nothing_after_its_start() {
         }
     }
     let (hub, _recorder) = Hub::start().unwrap();
-    let mut other = bus::open(&hub.address(), &[Filter::exact(0x101)]).unwrap();
-    let mut bus = bus::open(&hub.address(), &[Filter::exact(0x100)]).unwrap();
+    let mut other = crate::open(&hub.address(), &[Filter::exact(0x101)]).unwrap();
+    let mut bus = crate::open(&hub.address(), &[Filter::exact(0x100)]).unwrap();
     let (stopper, stop) = StopSignal::manual().unwrap();
     let node = std::thread::spawn(move || {
         let mut node = Witness(Echo::new(MS / 10), None, 0);

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use crate::Scenario;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::nearest;
+use crate::scenario::Scenario;
 
 /// Longest name of a requirement.
 const LENGTH_MAX: usize = 100;

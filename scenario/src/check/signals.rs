@@ -3,11 +3,12 @@
 use std::collections::BTreeSet;
 use std::io;
 
-use super::{limit_problem, read_beside};
-use crate::Scenario;
+use super::limits::limit_problem;
+use super::tables::read_beside;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Demand, Emergency, Expected, Sequence, SignalCheck};
+use crate::scenario::Scenario;
 use crate::table;
 
 /// A window may end so much after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.

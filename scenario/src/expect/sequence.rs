@@ -5,8 +5,8 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::Limit;
-use crate::events::Window;
+use crate::limit::Limit;
+use crate::window::Window;
 
 /// Events that must come one after the other, each soon enough after the one before.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]

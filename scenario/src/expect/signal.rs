@@ -3,9 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::Limit;
 use crate::curve;
-use crate::events::Window;
+use crate::limit::Limit;
+use crate::window::Window;
 
 /// Recordings have whole microseconds.
 const RESOLUTION_SECONDS: f64 = 1e-6;

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::faults;
+use super::lasting::faults;
 
 faults! {
     /// Faults of the current amplifier. Where several act at a time, the dead one wins, then the one stuck on.

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Lasting, faults, one};
+use super::lasting::{Lasting, faults, one};
 
 /// A participant of the bus, with a CAN controller of its own.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]

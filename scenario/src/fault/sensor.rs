@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{faults, one};
+use super::lasting::{faults, one};
 
 faults! {
     /// Faults of the position sensor, in the order in which they act: on the position before its conversion, then on the

@@ -1,7 +1,8 @@
 //! All faults of a scenario as one list: where they stand in the file, when they act, what they are called.
 
+use super::lasting::Lasting;
 use super::node::Node;
-use super::{Faults, Lasting};
+use super::table::Faults;
 
 /// Where a fault stands, which is also its name: `fault.sensor.stuck.0`.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -81,6 +82,12 @@ macro_rules! lasting {
 }
 
 impl Faults {
+    /// True without any fault.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.windows().is_empty()
+    }
+
     /// All faults, in the order of the format.
     #[must_use]
     pub fn windows(&self) -> Vec<FaultWindow> {

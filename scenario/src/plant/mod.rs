@@ -6,10 +6,7 @@ mod sma;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::Scenario;
-use crate::document::Document;
-use crate::error::Problem;
-use crate::is_zero;
+use crate::left_out::is_zero;
 use crate::own::{self, Own};
 pub use dc_motor::DcMotor;
 pub use sma::{Heat, Mechanics, Phase, StressStrain};
@@ -71,59 +68,6 @@ impl Plant {
             (None, None) => Some(self.mechanics.load_kilograms),
         }
     }
-}
-
-/// What the schema cannot say about the plant.
-pub(crate) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    match scenario.plant.name() {
-        SMA_ACTUATOR => sma::check(document, &scenario.plant.phase),
-        _ => without_wire(document, scenario),
-    }
-}
-
-/// A plant that is not the SMA actuator has no wire, no second plant's table, and only its own faults. What is written out
-/// of a scenario has the wire's tables too, as they are by default.
-fn without_wire(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let (plant, name) = (&scenario.plant, scenario.plant.name());
-    let faults = plant.faults();
-    let tables = [
-        ("plant.heat", plant.heat != Heat::default()),
-        ("plant.phase", plant.phase != Phase::default()),
-        ("plant.mechanics", plant.mechanics != Mechanics::default()),
-    ];
-    let problem = |path: &str, message: String, help: String| {
-        let span = document.key_span(path);
-        let problem = document.source.problem(span, message, "has no place here");
-        problem.with_help(help)
-    };
-    let of_the_wire = tables.into_iter().filter(|(_, is_given)| *is_given);
-    let mut problems = Vec::from_iter(of_the_wire.map(|(path, _)| {
-        let message = format!("`{path}` is about a wire, and the plant is `{name}`");
-        let help = format!("leave it out, or leave [plant.{name}] out for the SMA actuator");
-        problem(path, message, help)
-    }));
-    let others = document
-        .keys("plant")
-        .into_iter()
-        .filter(|key| *key != name && (*key == "dc_motor" || own::is_plant(key)));
-    problems.extend(others.map(|other| {
-        let message = format!("`{other}` is a second plant beside `{name}`");
-        problem(
-            &format!("plant.{other}"),
-            message,
-            "leave one of them out".to_owned(),
-        )
-    }));
-    let strange = document.keys("fault.plant").into_iter();
-    problems.extend(strange.filter(|key| !faults.contains(key)).map(|fault| {
-        let message = format!("`fault.plant.{fault}` means nothing to the plant `{name}`");
-        let help = match faults {
-            [] => "no fault of a plant does".to_owned(),
-            known => format!("what does: {}", known.join(", ")),
-        };
-        problem(&format!("fault.plant.{fault}"), message, help)
-    }));
-    problems
 }
 
 /// Position sensor: a potentiometer read by an analogue-to-digital converter, or anything else that counts in equal steps.

@@ -3,9 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::document::Document;
-use crate::error::Problem;
-
 /// Faults of `[[fault.plant.…]]` that mean something to the actuator: all.
 pub(super) const FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
 
@@ -152,29 +149,4 @@ impl Default for Mechanics {
             damping_newton_seconds_per_metre: 0.5,
         }
     }
-}
-
-/// Transformation temperatures in order: Eq. (2) divides by their differences.
-pub(super) fn check(document: &Document<'_>, phase: &Phase) -> Vec<Problem> {
-    let pairs = [
-        (
-            "austenite_finish_celsius",
-            phase.austenite_finish_celsius,
-            "austenite_start_celsius",
-            phase.austenite_start_celsius,
-        ),
-        (
-            "martensite_start_celsius",
-            phase.martensite_start_celsius,
-            "martensite_finish_celsius",
-            phase.martensite_finish_celsius,
-        ),
-    ];
-    let is_wrong = |(_, high, _, low): &(&str, f64, &str, f64)| high <= low;
-    let problem = |(name, _, below, low): (&str, f64, &str, f64)| {
-        let message = format!("`{name}` must be above `{below}`");
-        let path = format!("plant.phase.{name}");
-        document.problem(&path, message, format!("must be above {low}"))
-    };
-    pairs.into_iter().filter(is_wrong).map(problem).collect()
 }

@@ -2,7 +2,8 @@
 //!
 //! A scenario says what to try, a rig file on what: it is the same for all scenarios that a machine plays.
 
-mod load;
+pub mod drive;
+pub mod limits;
 #[cfg(test)]
 mod tests;
 
@@ -12,7 +13,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::Bus;
+use crate::bus::Bus;
 
 /// One rig file.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]

@@ -1,5 +1,6 @@
 //! How punctual the cycles were and how busy the bus, from the stamps of the recording.
 
+use dbc::SignalMissing;
 use std::mem;
 use std::time::Duration;
 
@@ -11,7 +12,6 @@ use super::recording::line;
 use super::times::{self, Moment};
 use crate::recording::Stamped;
 use crate::setup::Setup;
-use crate::signals::SignalMissing;
 use crate::timing::{CycleReader, Stage};
 
 /// Stretch of time for which a load is told.

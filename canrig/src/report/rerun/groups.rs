@@ -2,13 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use dbc::Database;
+use dbc::{Database, signals};
 use scenario::Scenario;
 use scenario::plant::SMA_ACTUATOR;
 
 use crate::report::shown_unit;
 use crate::setup::Setup;
-use crate::signals;
 
 /// How a signal is drawn.
 #[derive(Clone, Copy)]

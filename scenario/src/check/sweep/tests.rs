@@ -46,116 +46,13 @@ fn the_keys_of_a_sweep_are_numbers_of_the_scenario() {
     }
 }
 
-#[test]
-fn the_values_of_a_sweep_are_those_that_the_key_admits() {
-    let noise = "key = \"plant.sensor.noise_millimetres_rms\"";
-    let bits = "key = \"plant.sensor.resolution_bits\"";
-    let bitrate = "key = \"bus.bitrate_kilobits_per_second\"";
-    let cases = [
-        (
-            format!("[[sweep.list]]\n{noise}\nvalues = [0.1, -1.0]"),
-            11,
-            16,
-            "out of range",
-        ),
-        (
-            format!("[[sweep.list]]\n{noise}\nvalues = [0.1, 0.1]"),
-            11,
-            16,
-            "0.1 is listed twice",
-        ),
-        (
-            format!("[[sweep.list]]\n{noise}\nvalues = []"),
-            11,
-            10,
-            "no values are given",
-        ),
-        (
-            format!("[[sweep.list]]\n{noise}\nvalues = 1"),
-            11,
-            10,
-            "must be an array of numbers",
-        ),
-        (
-            format!("[[sweep.list]]\n{bits}\nvalues = [8, 9.5]"),
-            11,
-            14,
-            "must be an integer",
-        ),
-        (
-            format!("[[sweep.range]]\n{bits}\nfrom = 8\nto = 11\ncount = 3"),
-            9,
-            1,
-            "must be an integer",
-        ),
-        (
-            format!("[[sweep.range]]\n{noise}\nfrom = 1\nto = 0\ncount = 3"),
-            12,
-            6,
-            "must be above 1",
-        ),
-        (
-            format!("[[sweep.range]]\n{noise}\nfrom = 0\nto = 1"),
-            9,
-            1,
-            "either `count` or `step`",
-        ),
-        (
-            format!(
-                "[[sweep.range]]\n{noise}\nfrom = 0\nto = 1\ncount = 3\nspacing = \"logarithmic\""
-            ),
-            11,
-            8,
-            "must be above 0",
-        ),
-        (
-            format!("draws = 3\n[[sweep.uniform]]\n{bitrate}\nfrom = 10\nto = 1000"),
-            11,
-            7,
-            "use [[sweep.list]]",
-        ),
-        (
-            format!("draws = 3\n[[sweep.uniform]]\n{noise}\nfrom = -1\nto = 1"),
-            12,
-            8,
-            "out of range",
-        ),
-        (
-            format!("draws = 3\n[[sweep.normal]]\n{noise}\nmean = -1\nstandard_deviation = 1"),
-            12,
-            8,
-            "out of range",
-        ),
-        (
-            format!("[[sweep.uniform]]\n{noise}\nfrom = 0\nto = 1"),
-            8,
-            2,
-            "lacks the key `draws`",
-        ),
-        (
-            format!("draws = 3\n[[sweep.list]]\n{noise}\nvalues = [1]"),
-            8,
-            2,
-            "nothing is drawn",
-        ),
-        ("seed = 1".to_owned(), 8, 2, "varies nothing"),
-        (
-            format!(
-                "[[sweep.list]]\n{noise}\nvalues = [0.1]\n[[sweep.list]]\n{noise}\nvalues = [0.1]"
-            ),
-            13,
-            7,
-            "varied twice",
-        ),
-        (
-            format!(
-                "draws = 1000000\n[[sweep.uniform]]\n{noise}\nfrom = 0\nto = 1\n[[sweep.list]]\nkey = \"seed\"\nvalues = [1, 2]"
-            ),
-            8,
-            2,
-            "has 2000000 runs",
-        ),
-    ];
+const NOISE: &str = "key = \"plant.sensor.noise_millimetres_rms\"";
+const BITS: &str = "key = \"plant.sensor.resolution_bits\"";
+const BITRATE: &str = "key = \"bus.bitrate_kilobits_per_second\"";
+
+/// Entries of a sweep, the line and column where they are underlined, and some of what is said.
+#[track_caller]
+fn check_entries<const N: usize>(cases: [(String, usize, usize, &str); N]) {
     for (entry, line, column, words) in cases {
         let error = parse(&swept(&entry)).expect_err(&entry);
         let problem = &error.problems()[0];
@@ -169,6 +66,127 @@ fn the_values_of_a_sweep_are_those_that_the_key_admits() {
             "{entry}: {problem:?}"
         );
     }
+}
+
+#[test]
+fn the_values_of_lists_and_ranges_are_those_that_the_key_admits() {
+    check_entries([
+        (
+            format!("[[sweep.list]]\n{NOISE}\nvalues = [0.1, -1.0]"),
+            11,
+            16,
+            "out of range",
+        ),
+        (
+            format!("[[sweep.list]]\n{NOISE}\nvalues = [0.1, 0.1]"),
+            11,
+            16,
+            "0.1 is listed twice",
+        ),
+        (
+            format!("[[sweep.list]]\n{NOISE}\nvalues = []"),
+            11,
+            10,
+            "no values are given",
+        ),
+        (
+            format!("[[sweep.list]]\n{NOISE}\nvalues = 1"),
+            11,
+            10,
+            "must be an array of numbers",
+        ),
+        (
+            format!("[[sweep.list]]\n{BITS}\nvalues = [8, 9.5]"),
+            11,
+            14,
+            "must be an integer",
+        ),
+        (
+            format!("[[sweep.range]]\n{BITS}\nfrom = 8\nto = 11\ncount = 3"),
+            9,
+            1,
+            "must be an integer",
+        ),
+        (
+            format!("[[sweep.range]]\n{NOISE}\nfrom = 1\nto = 0\ncount = 3"),
+            12,
+            6,
+            "must be above 1",
+        ),
+        (
+            format!("[[sweep.range]]\n{NOISE}\nfrom = 0\nto = 1"),
+            9,
+            1,
+            "either `count` or `step`",
+        ),
+        (
+            format!(
+                "[[sweep.range]]\n{NOISE}\nfrom = 0\nto = 1\ncount = 3\nspacing = \"logarithmic\""
+            ),
+            11,
+            8,
+            "must be above 0",
+        ),
+    ]);
+}
+
+#[test]
+fn the_values_that_are_drawn_are_those_that_the_key_admits() {
+    check_entries([
+        (
+            format!("draws = 3\n[[sweep.uniform]]\n{BITRATE}\nfrom = 10\nto = 1000"),
+            11,
+            7,
+            "use [[sweep.list]]",
+        ),
+        (
+            format!("draws = 3\n[[sweep.uniform]]\n{NOISE}\nfrom = -1\nto = 1"),
+            12,
+            8,
+            "out of range",
+        ),
+        (
+            format!("draws = 3\n[[sweep.normal]]\n{NOISE}\nmean = -1\nstandard_deviation = 1"),
+            12,
+            8,
+            "out of range",
+        ),
+    ]);
+}
+
+#[test]
+fn a_sweep_varies_something_and_each_key_once() {
+    check_entries([
+        (
+            format!("[[sweep.uniform]]\n{NOISE}\nfrom = 0\nto = 1"),
+            8,
+            2,
+            "lacks the key `draws`",
+        ),
+        (
+            format!("draws = 3\n[[sweep.list]]\n{NOISE}\nvalues = [1]"),
+            8,
+            2,
+            "nothing is drawn",
+        ),
+        ("seed = 1".to_owned(), 8, 2, "varies nothing"),
+        (
+            format!(
+                "[[sweep.list]]\n{NOISE}\nvalues = [0.1]\n[[sweep.list]]\n{NOISE}\nvalues = [0.1]"
+            ),
+            13,
+            7,
+            "varied twice",
+        ),
+        (
+            format!(
+                "draws = 1000000\n[[sweep.uniform]]\n{NOISE}\nfrom = 0\nto = 1\n[[sweep.list]]\nkey = \"seed\"\nvalues = [1, 2]"
+            ),
+            8,
+            2,
+            "has 2000000 runs",
+        ),
+    ]);
 }
 
 #[test]

@@ -1,14 +1,14 @@
 //! Checks what the schema cannot say about faults.
 
-use crate::Scenario;
 use crate::document::Document;
 use crate::error::Problem;
+use crate::scenario::Scenario;
 
 /// COB-ID of `plant_truth`, by which the run is judged.
 const TRUTH_COB_ID: u16 = 0x6B0;
 
 /// Faults that begin within the run and end after they begin.
-pub(crate) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let mut problems = Vec::new();
     let duration_seconds = scenario.duration_seconds;
     for window in scenario.fault.windows() {

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{ObjectAddress, Rig};
+use super::{SCENARIO_BYTES_MAX, build, none_of, read_text};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::load::{SCENARIO_BYTES_MAX, build, none_of, read_text};
+use crate::rig::{ObjectAddress, Rig};
 use crate::{schema, table};
 
 /// What the file is for people.

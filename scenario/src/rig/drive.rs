@@ -1,17 +1,60 @@
-//! What the controller knows of the drive before it meets it: identity and PDOs, from its EDS and the rig file.
+//! What is known of the drive before anybody meets it: identity and PDOs, from its EDS and the rig file.
 
+use canopen::eds::EdsError;
 use canopen::nmt::NodeId;
-use canopen::{CanFrame, ObjectDictionary, cia402};
-use scenario::rig::{self, ObjectAddress};
-
-use crate::node::ControllerError;
 use canopen::rounding::to_be_cut;
+use canopen::{CanFrame, ObjectDictionary, cia402};
+
+use super::{Drive, ObjectAddress};
 
 const METRES_PER_MILLIMETRE: f64 = 1e-3;
 /// Rated current of the emulated drive (0x6075).
 const RATED_CURRENT_AMPERES: f64 = 1.0;
 /// The drive samples and applies on every SYNC.
 const EVERY_SYNC: u8 = 1;
+
+/// Why a drive cannot be led.
+#[derive(Debug, thiserror::Error)]
+pub enum DriveError {
+    /// Its EDS cannot be read.
+    #[error("the EDS is wrong: {0}")]
+    Eds(#[from] EdsError),
+    /// A PDO of the drive is not described.
+    #[error("the drive's EDS describes no usable PDO at 0x{0:04X}")]
+    Pdo(u16),
+    /// The drive lacks an object.
+    #[error("the drive's EDS has no object 0x{index:04X}:{sub_index:02X}")]
+    NoObject {
+        /// Its index.
+        index: u16,
+        /// Its sub-index.
+        sub_index: u8,
+    },
+    /// An object of the drive is of another type.
+    #[error("the drive's object 0x{index:04X}:{sub_index:02X} is no integer of 8, 16 or 32 bits")]
+    NoInteger {
+        /// Its index.
+        index: u16,
+        /// Its sub-index.
+        sub_index: u8,
+    },
+    /// No object's name.
+    #[error("\"{0}\" names no object")]
+    Address(String),
+    /// No node's number.
+    #[error("{0} is no node-ID")]
+    NodeId(u8),
+    /// More objects than a PDO holds.
+    #[error(
+        "the objects of the rig file take {bytes} bytes in PDO mapping 0x{mapping:04X} (limit 8)"
+    )]
+    PdoTooLong {
+        /// The mapping's index.
+        mapping: u16,
+        /// Their bytes.
+        bytes: usize,
+    },
+}
 
 /// What the drive's TPDO1 tells.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,15 +69,17 @@ pub struct Feedback {
 
 /// A PDO of the drive as its EDS describes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Pdo {
+pub struct Pdo {
     /// Index of the communication parameters.
-    pub(crate) parameters: u16,
+    pub parameters: u16,
     /// Index of the mapping.
-    pub(crate) mapping: u16,
-    pub(crate) cob_id: u32,
-    pub(crate) transmission_type: u8,
+    pub mapping: u16,
+    /// Its identifier with the flags of CiA 301.
+    pub cob_id: u32,
+    /// When it is sent or taken over, as CiA 301 numbers it.
+    pub transmission_type: u8,
     /// Index, sub-index and length in bits of each mapped object (CiA 301, figure 74).
-    pub(crate) entries: Vec<u32>,
+    pub entries: Vec<u32>,
 }
 
 impl Pdo {
@@ -70,7 +115,7 @@ impl Pdo {
     }
 
     /// The PDO with these objects: as the EDS maps it if they are all there, else with them alone.
-    fn with(mut self, objects: &[Object]) -> Result<Self, ControllerError> {
+    fn with(mut self, objects: &[Object]) -> Result<Self, DriveError> {
         let is_mapped = |object: &Object| self.place(object).is_some();
         if !objects.iter().all(is_mapped) || self.length_bytes() > 8 {
             self.entries = objects.iter().map(|object| object.entry).collect();
@@ -81,7 +126,7 @@ impl Pdo {
         }
         match self.length_bytes() {
             0..=8 => Ok(self),
-            bytes => Err(ControllerError::PdoTooLong {
+            bytes => Err(DriveError::PdoTooLong {
                 mapping: self.mapping,
                 bytes,
             }),
@@ -108,19 +153,16 @@ struct Object {
 
 impl Object {
     /// An integer of the drive's dictionary.
-    fn find(
-        dictionary: &ObjectDictionary,
-        address: ObjectAddress,
-    ) -> Result<Self, ControllerError> {
+    fn find(dictionary: &ObjectDictionary, address: ObjectAddress) -> Result<Self, DriveError> {
         let ObjectAddress { index, sub_index } = address;
         let handle = dictionary
             .find(index, sub_index)
-            .map_err(|_| ControllerError::NoDriveObject { index, sub_index })?;
+            .map_err(|_| DriveError::NoObject { index, sub_index })?;
         let data_type = dictionary.entry(handle).data_type;
         let length_bytes = data_type
             .size_bytes()
             .filter(|bytes| matches!(bytes, 1 | 2 | 4) && !data_type.is_real())
-            .ok_or(ControllerError::NoInteger { index, sub_index })?;
+            .ok_or(DriveError::NoInteger { index, sub_index })?;
         #[expect(clippy::cast_possible_truncation, reason = "at most 32 bits")]
         let bits = 8 * length_bytes as u32;
         Ok(Self {
@@ -215,17 +257,12 @@ impl Scaled {
 
 /// The drive's identity and the layout of its PDOs.
 #[derive(Clone, Debug)]
-pub struct Drive {
-    /// Its node-ID.
-    pub(crate) node_id: NodeId,
-    /// Its objects with their defaults.
-    pub(crate) dictionary: ObjectDictionary,
-    /// TPDO1.
-    pub(crate) feedback: Pdo,
-    /// RPDO1.
-    pub(crate) command: Pdo,
-    /// Written to 0x6060.
-    pub(crate) mode_of_operation: i8,
+pub struct DriveLayout {
+    node_id: NodeId,
+    dictionary: ObjectDictionary,
+    feedback: Pdo,
+    command: Pdo,
+    mode_of_operation: i8,
     statusword: Field,
     position: Scaled,
     current: Option<Scaled>,
@@ -235,31 +272,34 @@ pub struct Drive {
     target_max: f64,
 }
 
-impl Drive {
-    /// The drive that canrig emulates, by its EDS.
-    pub(crate) fn from_eds(text: &str) -> Result<Self, ControllerError> {
-        Self::new(text, &rig::Drive::default(), RATED_CURRENT_AMPERES)
-    }
-
-    /// A drive by its EDS, what the rig file says of it, and the largest current that it may be given.
+impl DriveLayout {
+    /// The drive that canrig emulates, by the objects of its EDS.
     ///
     /// # Errors
-    /// The EDS cannot be read or has no such objects.
+    /// As [`DriveLayout::new`].
+    pub fn emulated(dictionary: ObjectDictionary) -> Result<Self, DriveError> {
+        Self::new(dictionary, &Drive::default(), RATED_CURRENT_AMPERES)
+    }
+
+    /// A drive by the objects of its EDS with their defaults, what the rig file says of it, and the largest current that
+    /// it may be given.
+    ///
+    /// # Errors
+    /// The EDS has no such objects.
     pub fn new(
-        text: &str,
-        rig: &rig::Drive,
+        dictionary: ObjectDictionary,
+        rig: &Drive,
         current_amperes_max: f64,
-    ) -> Result<Self, ControllerError> {
-        let node_id = NodeId::new(rig.node_id).ok_or(ControllerError::NodeId(rig.node_id))?;
-        let dictionary = dbc::dictionary(text, node_id.get())?;
+    ) -> Result<Self, DriveError> {
+        let node_id = NodeId::new(rig.node_id).ok_or(DriveError::NodeId(rig.node_id))?;
         let pdo = |parameters, mapping| {
             let pdo = Pdo::read(&dictionary, parameters, mapping);
-            pdo.ok_or(ControllerError::DrivePdo(parameters))
+            pdo.ok_or(DriveError::Pdo(parameters))
         };
         let object = |text: &str| {
             let address = text
                 .parse()
-                .map_err(|_| ControllerError::Address(text.to_owned()))?;
+                .map_err(|_| DriveError::Address(text.to_owned()))?;
             Object::find(&dictionary, address)
         };
         let word = |index| {
@@ -276,10 +316,8 @@ impl Drive {
         let told: Vec<Object> = [statusword, position].into_iter().chain(current).collect();
         let feedback = pdo(0x1800, 0x1A00)?.with(&told)?;
         let command = pdo(0x1400, 0x1600)?.with(&[controlword, target])?;
-        let missing = |pdo: &Pdo, object: &Object| {
-            pdo.place(object)
-                .ok_or(ControllerError::DrivePdo(pdo.parameters))
-        };
+        let missing =
+            |pdo: &Pdo, object: &Object| pdo.place(object).ok_or(DriveError::Pdo(pdo.parameters));
         let scaled = |field, units, offset| Scaled {
             field,
             units,
@@ -327,8 +365,27 @@ impl Drive {
 
     /// Its node-ID.
     #[must_use]
+    #[inline]
     pub fn node_id(&self) -> NodeId {
         self.node_id
+    }
+
+    /// Its objects with their defaults.
+    #[must_use]
+    pub fn dictionary(&self) -> &ObjectDictionary {
+        &self.dictionary
+    }
+
+    /// TPDO1 and RPDO1, as the drive is to be configured.
+    #[must_use]
+    pub fn pdos(&self) -> [&Pdo; 2] {
+        [&self.feedback, &self.command]
+    }
+
+    /// What is written to 0x6060.
+    #[must_use]
+    pub fn mode_of_operation(&self) -> i8 {
+        self.mode_of_operation
     }
 
     /// Lengths of TPDO1 and RPDO1.
@@ -363,6 +420,7 @@ impl Drive {
 
     /// The content of TPDO1; `None` for other frames and when it is too short.
     #[must_use]
+    #[inline]
     pub fn decode(&self, frame: &CanFrame) -> Option<Feedback> {
         if frame.standard_id() != Some(self.feedback.id())
             || frame.data().len() < self.feedback.length_bytes()
@@ -388,6 +446,7 @@ impl Drive {
 
     /// RPDO1; the current is limited to what the drive may be given and its object can hold.
     #[must_use]
+    #[inline]
     pub fn encode(&self, controlword: u16, current_amperes: f64) -> CanFrame {
         let max = self.target_max;
         let min = if self.target.field.is_signed {
@@ -409,10 +468,22 @@ impl Drive {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use canopen::eds;
+
+    /// The EDS of the drive that canrig emulates.
+    const DRIVE_EDS: &str = include_str!("../../../dbc/drive.eds");
+
+    fn objects(eds: &str, node_id: u8) -> ObjectDictionary {
+        eds::parse(eds, node_id).unwrap().dictionary
+    }
+
+    fn emulated() -> DriveLayout {
+        DriveLayout::emulated(objects(DRIVE_EDS, 0x10)).unwrap()
+    }
 
     #[test]
     fn feedback_and_command_are_laid_out_as_the_eds_says() {
-        let drive = Drive::from_eds(dbc::DRIVE_EDS).unwrap();
+        let drive = emulated();
         let frame = CanFrame::new(0x190, &[0x37, 0x02, 0x10, 0x27, 0, 0, 0, 2]);
         let feedback = drive.decode(&frame).unwrap();
         assert_eq!(feedback.statusword, 0x0237);
@@ -425,14 +496,14 @@ mod tests {
 
     #[test]
     fn short_and_foreign_frames_are_no_feedback() {
-        let drive = Drive::from_eds(dbc::DRIVE_EDS).unwrap();
+        let drive = emulated();
         assert_eq!(drive.decode(&CanFrame::new(0x190, &[0; 7])), None);
         assert_eq!(drive.decode(&CanFrame::new(0x191, &[0; 8])), None);
     }
 
     #[test]
     fn a_command_is_never_beyond_the_drives_range() {
-        let drive = Drive::from_eds(dbc::DRIVE_EDS).unwrap();
+        let drive = emulated();
         for (amperes, permille) in [
             (2.0, 1000_i16),
             (-0.5, -500),
@@ -446,16 +517,16 @@ mod tests {
 
     #[test]
     fn an_object_that_is_not_mapped_is_mapped_and_one_that_is_not_there_is_refused() {
-        let text = dbc::DRIVE_EDS.replace("0x60640020", "0x60780010");
-        let drive = Drive::from_eds(&text).unwrap();
+        let text = DRIVE_EDS.replace("0x60640020", "0x60780010");
+        let drive = DriveLayout::emulated(objects(&text, 0x10)).unwrap();
         let wanted = [0x6041_0010, 0x6064_0020, 0x6078_0010];
         assert_eq!(drive.feedback.entries, wanted);
-        let mut rig = rig::Drive::default();
+        let mut rig = Drive::default();
         rig.position.object = "0x2345:01".to_owned();
-        let error = Drive::new(&text, &rig, 1.0).unwrap_err();
+        let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
         assert_eq!(error.to_string(), "the drive's EDS has no object 0x2345:01");
         rig.position.object = "0x1008".to_owned();
-        let error = Drive::new(&text, &rig, 1.0).unwrap_err();
+        let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
         assert!(
             error.to_string().contains("0x1008:00 is no integer"),
             "{error}"
@@ -464,16 +535,16 @@ mod tests {
 
     #[test]
     fn other_objects_scalings_and_limits_come_from_the_rig_file() {
-        let mut rig = rig::Drive {
+        let mut rig = Drive {
             node_id: 0x20,
-            ..rig::Drive::default()
+            ..Drive::default()
         };
         // Counts fall from 5000 at the stop by 10 a millimetre; the command is in 1/2 permille.
         rig.position.units_per_millimetre = -10.0;
         rig.position.units_at_stop = 5000.0;
         rig.command.units_per_ampere = 2000.0;
         rig.current.object = String::new();
-        let drive = Drive::new(dbc::DRIVE_EDS, &rig, 0.9).unwrap();
+        let drive = DriveLayout::new(objects(DRIVE_EDS, 0x20), &rig, 0.9).unwrap();
         let told = drive.decode(&CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0, 0]));
         let feedback = told.unwrap();
         assert!((feedback.position_metres - 0.006).abs() < 1e-12);

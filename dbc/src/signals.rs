@@ -1,9 +1,8 @@
 //! The signals of the DBC that the bench itself reads or writes, as `message.signal`.
 
-use dbc::{Database, Signal};
+use crate::{Database, Signal};
 
-pub use dbc::SignalMissing;
-pub use dbc::scenario_clock::STATUSWORD;
+pub use crate::scenario_clock::STATUSWORD;
 
 /// Position of the load as the drive measures it.
 pub const POSITION: &str = "drive_tpdo1.position_millimetres";
@@ -50,6 +49,9 @@ pub const OPTIONAL_MESSAGES: [&str; 4] = [
     "controller_tpdo4",
 ];
 
+/// What only an emulated plant publishes; a real drive knows none of it, and may use the identifiers for something else.
+pub const TRUTH_MESSAGES: [&str; 3] = [PLANT_SIGNALS, OTHER_PLANT_SIGNALS, "plant_truth"];
+
 /// The emulated plant's own signals, which no real drive measures: the columns of its messages less the true position.
 pub fn of_the_plant(database: &Database) -> impl Iterator<Item = &Signal> {
     let messages = [PLANT_SIGNALS, OTHER_PLANT_SIGNALS];
@@ -70,6 +72,3 @@ pub fn of_the_own_law(database: &Database) -> impl Iterator<Item = &Signal> {
         .filter_map(|name| database.message(name))
         .flat_map(|message| &message.signals)
 }
-
-/// What only an emulated plant publishes; a real drive knows none of it, and may use the identifiers for something else.
-pub const TRUTH_MESSAGES: [&str; 3] = ["drive_tpdo2", "drive_tpdo3", "plant_truth"];

@@ -3,9 +3,8 @@
 use std::fmt;
 use std::time::Duration;
 
-use scenario::rig::Limits;
-
-use crate::drive::Feedback;
+use super::Limits;
+use super::drive::Feedback;
 
 /// Speeds are means over this time, or two cycles: a step of a converter is no speed.
 const SPEED_WINDOW: Duration = Duration::from_millis(20);
@@ -144,7 +143,7 @@ impl LimitWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scenario::rig::PositionRange;
+    use crate::rig::PositionRange;
 
     fn watch() -> LimitWatch {
         let limits = Limits {

@@ -1,0 +1,30 @@
+//! Why there can be no controller.
+
+use canopen::eds;
+use canopen::services::InvalidPdo;
+use scenario::rig::drive::DriveError;
+
+use crate::catalogue::LawError;
+
+/// Why a controller cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ControllerError {
+    /// The scenario selects no law.
+    #[error(transparent)]
+    Law(#[from] LawError),
+    /// An EDS cannot be read.
+    #[error("the EDS is wrong: {0}")]
+    Eds(#[from] eds::EdsError),
+    /// The controller's own PDOs are wrong.
+    #[error("the controller's EDS is wrong: {0}")]
+    Pdo(#[from] InvalidPdo),
+    /// The controller's EDS lacks an object.
+    #[error("the controller's EDS has no object 0x{0:04X}")]
+    NoObject(u16),
+    /// The drive cannot be led.
+    #[error(transparent)]
+    Drive(#[from] DriveError),
+    /// No node's number.
+    #[error("{0} is no node-ID")]
+    NodeId(u8),
+}

@@ -1,0 +1,17 @@
+//! What a hub counts.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// What the switch counts while it runs.
+#[derive(Default)]
+pub(super) struct Counters {
+    pub(super) frames: AtomicU64,
+    pub(super) dropped: AtomicU64,
+    pub(super) malformed: AtomicU64,
+    pub(super) refused: AtomicU64,
+}
+
+/// Counts one.
+pub(super) fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Ordering::Relaxed);
+}

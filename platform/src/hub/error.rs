@@ -1,0 +1,29 @@
+//! Why there is no hub.
+
+use std::io;
+use std::path::PathBuf;
+
+/// Why there is no hub.
+#[derive(Debug, thiserror::Error)]
+pub enum HubError {
+    /// The directory for the socket has too long a name.
+    #[error(
+        "the bus's socket {path} would exceed {limit} bytes; set XDG_RUNTIME_DIR or TMPDIR to a shorter directory",
+        path = path.display(), limit = crate::bus::PATH_BYTES_MAX
+    )]
+    PathTooLong {
+        /// The path.
+        path: PathBuf,
+    },
+    /// No directory takes the socket.
+    #[error("no directory for the bus's socket could be made in {tried}: {source}; set XDG_RUNTIME_DIR or TMPDIR to one that you may write to", tried = tried.display())]
+    NoDirectory {
+        /// The last one tried.
+        tried: PathBuf,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// Anything else.
+    #[error("the embedded bus could not be started: {0}")]
+    System(#[from] io::Error),
+}

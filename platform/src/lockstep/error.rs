@@ -1,0 +1,50 @@
+//! Why a coordinator cannot go on.
+
+use std::io;
+use std::time::Duration;
+
+use super::protocol::ProtocolError;
+use super::step::StepError;
+
+/// Why the coordinator got no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum LockstepError {
+    /// The process did not answer in time.
+    #[error("{name} gave no answer within {} s; see the end of its log", patience.as_secs())]
+    NoAnswer {
+        /// The participant.
+        name: String,
+        /// How long was waited.
+        patience: Duration,
+    },
+    /// The process closed its side channel.
+    #[error("{name} ended before it answered; see the end of its log")]
+    Ended {
+        /// The participant.
+        name: String,
+    },
+    /// The process sent something that is not the protocol.
+    #[error("{name} broke the lock-step protocol: {source}")]
+    Protocol {
+        /// The participant.
+        name: String,
+        /// What was wrong.
+        source: ProtocolError,
+    },
+    /// The step was not possible.
+    #[error("{name} could not be stepped: {source}")]
+    Step {
+        /// The participant.
+        name: String,
+        /// What was wrong.
+        source: StepError,
+    },
+    /// The side channel failed.
+    #[error("the side channel to {name} failed: {source}")]
+    Channel {
+        /// The participant.
+        name: String,
+        /// The system's error.
+        source: io::Error,
+    },
+}

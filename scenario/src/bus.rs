@@ -1,0 +1,37 @@
+//! The `[bus]` table.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The bus and its cycle.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Bus {
+    /// Bit rate of the bus.
+    #[schemars(extend("enum" = [10, 20, 50, 125, 250, 500, 800, 1000]))]
+    pub bitrate_kilobits_per_second: u32,
+    /// Time between two SYNCs, a multiple of 0.1 ms.
+    #[schemars(range(min = 0.1, max = 100.0), extend("multipleOf" = 0.1))]
+    pub sync_period_milliseconds: f64,
+}
+
+impl Default for Bus {
+    fn default() -> Self {
+        Self {
+            bitrate_kilobits_per_second: 1000,
+            sync_period_milliseconds: 1.0,
+        }
+    }
+}
+
+impl Bus {
+    /// The time between two SYNCs.
+    #[must_use]
+    pub fn sync_period(&self) -> Duration {
+        // The schema admits multiples of 0.1 ms; rounding takes the decimal fraction's error away.
+        let tenths = libm::round(self.sync_period_milliseconds * 10.0).clamp(1.0, 1000.0);
+        Duration::from_micros(100).mul_f64(tenths)
+    }
+}

@@ -1,0 +1,114 @@
+//! Checks that what is expected can be judged.
+
+use crate::document::Document;
+use crate::error::Problem;
+use crate::expect::{Emergency, Limit};
+use crate::scenario::Scenario;
+
+/// Limits that can be met, on metrics that the scenario has.
+pub(super) fn limits(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    let timing = scenario.expect.timing.limits();
+    let limits = scenario.expect.limits();
+    let limits = limits.map(|(name, limit)| (name.to_owned(), limit));
+    for (name, limit) in limits.chain(timing.map(|(path, limit)| (format!("timing.{path}"), limit)))
+    {
+        let path = format!("expect.{name}");
+        problems.extend(limit_problem(document, &path, &name, limit).or_else(|| {
+            let missing = missing_for(&name, scenario)?;
+            let message = format!("`{name}` cannot be judged");
+            Some(document.problem(&path, message, format!("needs {missing}")))
+        }));
+    }
+    problems
+}
+
+/// A limit that no value or every value meets.
+pub(super) fn limit_problem(
+    document: &Document<'_>,
+    path: &str,
+    name: &str,
+    limit: Limit,
+) -> Option<Problem> {
+    let (message, label) = match (limit.min, limit.max) {
+        (None, None) => (
+            format!("the limit `{name}` is empty"),
+            "give min, max or both".to_owned(),
+        ),
+        (Some(min), Some(max)) if min > max => (
+            format!("no value meets the limit `{name}`"),
+            format!("min {min} is above max {max}"),
+        ),
+        _ => return None,
+    };
+    Some(document.problem(path, message, label))
+}
+
+/// What the scenario lacks for a metric.
+fn missing_for(metric: &str, scenario: &Scenario) -> Option<&'static str> {
+    let disturbance = &scenario.disturbance;
+    match metric {
+        "settling_time_seconds" | "overshoot_percent" if scenario.reference.step.is_empty() => {
+            Some("a [[reference.step]]")
+        }
+        "steady_state_error_millimetres" | "tracking_error_millimetres_rms"
+            if scenario.reference.is_empty() =>
+        {
+            Some("a [[reference.…]]")
+        }
+        "sine_gain" | "sine_phase_degrees" | "sine_offset_millimetres"
+            if scenario.judged_sine().is_none() =>
+        {
+            Some("a [[reference.sine]] of at least four periods")
+        }
+        "maximum_deviation_millimetres" | "recovery_time_seconds"
+            if disturbance.fan.is_empty() && disturbance.load.is_empty() =>
+        {
+            Some("a [[disturbance.…]]")
+        }
+        "maximum_deviation_millimetres" | "recovery_time_seconds"
+            if scenario.reference.is_empty() =>
+        {
+            Some("a [[reference.…]]")
+        }
+        _ => None,
+    }
+}
+
+/// Reactions that can be demanded: there is a fault, and emergencies are named as the standard numbers them.
+pub(super) fn reactions(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+    let expect = &scenario.expect;
+    let mut problems = Vec::new();
+    let demanded = [
+        (
+            "current_zero_within_milliseconds",
+            expect.current_zero_within_milliseconds.is_some(),
+        ),
+        (
+            "recovers_within_seconds",
+            expect.recovers_within_seconds.is_some(),
+        ),
+        ("safe_state", expect.safe_state.is_some()),
+        ("emcy", !expect.emcy.is_empty()),
+    ];
+    for (name, _) in demanded.into_iter().filter(|(_, is_given)| *is_given) {
+        if scenario.fault.is_empty() {
+            let message = format!("`{name}` cannot be judged");
+            let path = format!("expect.{name}");
+            problems.push(document.problem(&path, message, "needs a [[fault.…]]"));
+        }
+    }
+    for (index, text) in expect.emcy.iter().enumerate() {
+        if let Err(reason) = text.parse::<Emergency>() {
+            let message = format!("\"{text}\" names no emergency");
+            let path = format!("expect.emcy.{index}");
+            problems.push(document.problem(&path, message, reason));
+        }
+    }
+    if expect.recovers_within_seconds.is_some() && scenario.reference.is_empty() {
+        let message = "`recovers_within_seconds` cannot be judged";
+        let path = "expect.recovers_within_seconds";
+        problems.push(document.problem(path, message, "needs a [[reference.…]]"));
+    }
+    problems
+}

@@ -1,0 +1,44 @@
+//! Reads the tables that a scenario names.
+
+use std::io;
+
+use crate::document::Document;
+use crate::error::Problem;
+use crate::reference::Table;
+use crate::table;
+
+/// Reads the tables of the set-point into their rows.
+pub(crate) fn read_tables(
+    document: &Document<'_>,
+    tables: &mut [Table],
+    mut read_table: impl FnMut(&str) -> io::Result<String>,
+) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    for (index, entry) in tables.iter_mut().enumerate() {
+        let path = format!("reference.table.{index}.file");
+        let rows = read_beside(document, &path, &entry.file, &mut read_table)
+            .and_then(|text| table::parse(&entry.file, &text));
+        match rows {
+            Ok(rows) => entry.rows = rows,
+            Err(problem) => problems.push(problem),
+        }
+    }
+    problems
+}
+
+/// The text of a table that the scenario names at a path.
+pub(super) fn read_beside(
+    document: &Document<'_>,
+    path: &str,
+    file: &str,
+    read_table: &mut impl FnMut(&str) -> io::Result<String>,
+) -> Result<String, Problem> {
+    if !table::is_inside_folder(file) {
+        let message = "a table must lie in the scenario's folder";
+        return Err(document.problem(path, message, "no absolute path, no `..`"));
+    }
+    read_table(file).map_err(|error| {
+        let message = "the table cannot be read";
+        document.problem(path, message, error.to_string())
+    })
+}

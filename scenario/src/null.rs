@@ -1,0 +1,36 @@
+//! Schemas without null, which TOML does not have.
+
+use schemars::Schema;
+use serde_json::Value;
+
+/// TOML has no null: what is optional is left out, so "or null" only misleads.
+#[derive(Clone, Debug)]
+pub(crate) struct TakeNullAway;
+
+impl schemars::transform::Transform for TakeNullAway {
+    fn transform(&mut self, schema: &mut Schema) {
+        schemars::transform::transform_subschemas(self, schema);
+        let Some(object) = schema.as_object_mut() else {
+            return;
+        };
+        if let Some(Value::Array(types)) = object.get_mut("type") {
+            types.retain(|name| name != "null");
+            if let [only] = types.as_slice() {
+                let only = only.clone();
+                object.insert("type".to_owned(), only);
+            }
+        }
+        if object.get("default") == Some(&Value::Null) {
+            object.remove("default");
+        }
+        if let Some(Value::Array(mut alternatives)) = object.remove("anyOf") {
+            alternatives.retain(|alternative| alternative["type"] != "null");
+            let name = if alternatives.len() == 1 {
+                "allOf"
+            } else {
+                "anyOf"
+            };
+            object.insert(name.to_owned(), Value::Array(alternatives));
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Registers plants and laws from outside, once and before anything is read.
+
+use serde_json::Value;
+
+use crate::own::{OwnTable, Section, is_name};
+use crate::scenario::Scenario;
+use crate::schema::schema_of;
+
+/// Why a plant or a law cannot be registered.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum InvalidOwn {
+    /// No name of a table.
+    #[error(
+        "`{0}` cannot be the name of a table: a name is at most 64 small letters, digits and underscores, a letter first"
+    )]
+    Name(String),
+    /// The name of something else.
+    #[error("[{}.{name}] is another table already", section.key())]
+    Taken {
+        /// Where.
+        section: Section,
+        /// The name.
+        name: String,
+    },
+    /// Parameters that are no table.
+    #[error("the parameters of `{0}` are no struct with named fields")]
+    NoTable(&'static str),
+    /// No such fault.
+    #[error("`{name}` names a fault `{fault}`, and there is no [[fault.plant.{fault}]]")]
+    Fault {
+        /// The plant.
+        name: &'static str,
+        /// The fault.
+        fault: &'static str,
+    },
+    /// Told twice, or after a scenario was read.
+    #[error("the plants and laws of a bench are told once")]
+    ToldAlready,
+}
+
+/// Registers all tables of a section, once and before anything is read.
+///
+/// # Errors
+/// One of them cannot be a table of the section.
+pub fn register(section: Section, tables: Vec<OwnTable>) -> Result<(), InvalidOwn> {
+    let schema = schema_of::<Scenario>();
+    for (place, table) in tables.iter().enumerate() {
+        let name = table.name();
+        is_free(section, name)?;
+        if tables[..place].iter().any(|other| other.name() == name) {
+            let name = name.to_owned();
+            return Err(InvalidOwn::Taken { section, name });
+        }
+        if table.schema()["type"] != "object" {
+            return Err(InvalidOwn::NoTable(name));
+        }
+        let unknown = |fault: &&&str| !has_key(&schema, "PlantFaults", fault);
+        if let Some(fault) = table.faults().iter().find(unknown) {
+            return Err(InvalidOwn::Fault { name, fault });
+        }
+    }
+    section
+        .set_tables(tables)
+        .map_err(|_| InvalidOwn::ToldAlready)
+}
+
+/// Says so when a plant or a law cannot have a name.
+///
+/// # Errors
+/// It cannot be a table's, or is that of another one.
+pub fn is_free(section: Section, name: &str) -> Result<(), InvalidOwn> {
+    let schema = schema_of::<Scenario>();
+    if !is_name(name) {
+        return Err(InvalidOwn::Name(name.to_owned()));
+    }
+    if RESERVED.contains(&name) || has_key(&schema, section.definition(), name) {
+        let name = name.to_owned();
+        return Err(InvalidOwn::Taken { section, name });
+    }
+    Ok(())
+}
+
+fn has_key(schema: &Value, definition: &str, key: &str) -> bool {
+    let properties = &schema["definitions"][definition]["properties"];
+    properties.get(key).is_some()
+}
+
+/// Names that mean something else without being keys.
+const RESERVED: [&str; 2] = ["sma_actuator", "none"];

@@ -1,0 +1,63 @@
+//! A scenario file as a whole.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::bus::Bus;
+use crate::controller::Controller;
+use crate::disturbance::Disturbance;
+use crate::expect::Expect;
+use crate::fault::Faults;
+use crate::plant::Plant;
+use crate::reference::Reference;
+use crate::sweep::Sweep;
+
+/// One scenario file.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// Version of the format; 1.
+    #[schemars(range(min = 1, max = 1))]
+    pub schema: u32,
+    /// What is tried, in a few words.
+    #[schemars(length(min = 1, max = 200))]
+    pub name: String,
+    /// What the scenario shows and where its limits come from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub description: Option<String>,
+    /// The requirements that the scenario as a whole tests, such as "REQ-12".
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schemars(length(max = 100), inner(length(min = 1, max = 100)))]
+    pub requirements: Vec<String>,
+    /// Seed of every random number in the run.
+    #[serde(default)]
+    #[schemars(range(min = 0, max = 9_007_199_254_740_991_u64))]
+    pub seed: u64,
+    /// Length of the run from the first SYNC after Operation Enabled.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 86_400.0))]
+    pub duration_seconds: f64,
+    /// The bus.
+    #[serde(default)]
+    pub bus: Bus,
+    /// The control law; exactly one table.
+    #[schemars(extend("minProperties" = 1, "maxProperties" = 1))]
+    pub controller: Controller,
+    /// The position set-point; may be absent with `open_loop` only.
+    #[serde(default)]
+    pub reference: Reference,
+    /// What disturbs the plant.
+    #[serde(default)]
+    pub disturbance: Disturbance,
+    /// What goes wrong on purpose; no node sees it, each only suffers it.
+    #[serde(default, skip_serializing_if = "Faults::is_empty")]
+    pub fault: Faults,
+    /// The emulated plant; the controller never sees it.
+    #[serde(default)]
+    pub plant: Plant,
+    /// What passes.
+    #[serde(default)]
+    pub expect: Expect,
+    /// What `canrig sweep` varies, to make many scenarios of this one; all other commands play it as it stands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<Sweep>,
+}
