@@ -9,7 +9,7 @@ use controller::law::ControlLaw;
 use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, tell_plants};
 use plant_emulator::plant::Plant;
 
-use crate::cli::{Cli, Command};
+use crate::cli::Cli;
 use crate::exit::Exit;
 use crate::frames::Frames;
 use crate::{commands, console};
@@ -100,13 +100,7 @@ fn from_command_line() -> Exit {
 
 fn execute(cli: Cli) -> Exit {
     match platform::process::permit_open_files(OPEN_FILES) {
-        Ok(()) => {
-            // A node makes no recording, and locks what it has into memory.
-            if !matches!(cli.command, Command::Node(_)) {
-                platform::memory::prepare_heap();
-            }
-            commands::execute(cli)
-        }
+        Ok(()) => commands::execute(cli),
         Err(error) => {
             console::complain(&error.to_string());
             Exit::BenchFailed
