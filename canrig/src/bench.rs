@@ -10,7 +10,7 @@ use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, tell_plants};
 use plant_emulator::plant::Plant;
 
 use crate::bench_catalogue::catalogue;
-use crate::cli::{Cli, Command, execute as execute_command};
+use crate::cli::{self, Cli};
 use crate::exit::Exit;
 use crate::console;
 
@@ -100,13 +100,7 @@ fn from_command_line() -> Exit {
 
 fn execute(cli: Cli) -> Exit {
     match platform::process::permit_open_files(OPEN_FILES) {
-        Ok(()) => {
-            // A node makes no recording, and locks what it has into memory.
-            if !matches!(cli.command, Command::Node(_)) {
-                platform::memory::prepare_heap();
-            }
-            execute_command(cli)
-        }
+        Ok(()) => cli::execute(cli),
         Err(error) => {
             console::complain(&error.to_string());
             Exit::BenchFailed

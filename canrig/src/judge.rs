@@ -118,7 +118,7 @@ pub fn judge(timeline: &Timeline, setup: &Setup, frames_lost: u64) -> Verdict {
     Verdict {
         schema: 1,
         scenario: scenario.name.clone(),
-        version: env!("CARGO_PKG_VERSION"),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
         seed: scenario.seed,
         requirements: scenario.requirements.clone(),
         external: setup.external.clone(),

@@ -2,7 +2,6 @@
 
 use dbc::signals::WIRE_TEMPERATURE;
 use dbc::{Database, SignalMissing, signals};
-use dbc::Database;
 use maud::{Markup, html};
 use scenario::Scenario;
 use scenario::events::JudgedStep;

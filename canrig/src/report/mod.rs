@@ -3,7 +3,6 @@
 pub mod asc;
 pub mod blf;
 mod bus_timing;
-mod calendar;
 mod checks;
 pub mod csv;
 mod files;
@@ -13,6 +12,7 @@ pub mod mf4;
 pub mod overview;
 pub mod page;
 pub mod parquet;
+pub mod picture;
 pub mod plot;
 #[cfg(feature = "rerun")]
 pub mod rerun;

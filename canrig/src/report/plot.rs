@@ -6,7 +6,6 @@ use std::fmt::Write;
 use maud::{Markup, PreEscaped, html};
 
 use super::thin::{self, Polyline};
-use crate::digits;
 
 /// Size of the drawing in its own units; it is stretched to the place that the page gives it.
 pub const WIDTH: f64 = 3200.0;
@@ -35,7 +34,7 @@ impl Colour {
     /// Number of colours that the style sheet defines.
     const COUNT: usize = 8;
 
-    fn class(self) -> String {
+    pub(super) fn class(self) -> String {
         let number = match self {
             Self::Wanted => 0,
             Self::Measured => 1,
@@ -88,7 +87,9 @@ impl Curve<'_> {
 pub struct Patch {
     /// Class in the style sheet.
     pub class: &'static str,
+    /// From left to right.
     pub x: (f64, f64),
+    /// From bottom to top.
     pub y: (f64, f64),
 }
 
@@ -107,14 +108,30 @@ pub enum Extent {
 
 /// A plot.
 pub struct Plot<'a> {
+    /// What it shows.
     pub title: String,
+    /// The unit of the height; empty for numbers without one.
     pub y_unit: &'a str,
+    /// What stands below the horizontal axis.
     pub x_label: &'a str,
+    /// What the height stands for.
     pub extent: Extent,
     pub curves: Vec<Curve<'a>>,
+    /// What stands behind the curves.
     pub patches: Vec<Patch>,
     /// The stretch of x that is shown; all of it when absent.
     pub x_range: Option<(f64, f64)>,
+}
+
+/// What is drawn of a plot: the same on a page and in a picture.
+pub struct Drawing {
+    /// Grid, patches and curves, in the drawing's own units.
+    pub content: Markup,
+    /// Labels at per cent from the left.
+    pub x_labels: Vec<(f64, String)>,
+    /// Labels at per cent from the top.
+    pub y_labels: Vec<(f64, String)>,
+    is_cut: bool,
 }
 
 impl<'a> Plot<'a> {
@@ -157,12 +174,7 @@ impl<'a> Plot<'a> {
         if self.curves.is_empty() {
             return html! {};
         }
-        let view = View::of(self);
-        let x_ticks = ticks(view.x);
-        let y_ticks = match self.extent {
-            Extent::Logarithmic => decades(view.y),
-            _ => ticks(view.y),
-        };
+        let drawing = self.drawing();
         let names: Vec<&str> = self
             .curves
             .iter()
@@ -173,7 +185,7 @@ impl<'a> Plot<'a> {
                 figcaption {
                     strong { (self.title) }
                     @if !self.y_unit.is_empty() { " (" (self.y_unit) ")" }
-                    @if view.is_cut { ", peaks cut" }
+                    @if drawing.is_cut { ", peaks cut" }
                     span.legend {
                         @for curve in &self.curves {
                             span { i.(curve.colour.class()).dashed[curve.shape == Shape::Dashed] {} (curve.label) }
@@ -182,20 +194,40 @@ impl<'a> Plot<'a> {
                 }
                 div.axes {
                     div.y aria-hidden="true" {
-                        @for (value, label) in &y_ticks { span style=(format!("top:{:.2}%", 100.0 - view.up(*value))) { (label) } }
+                        @for (place, label) in &drawing.y_labels { span style=(format!("top:{place:.2}%")) { (label) } }
                     }
                     svg viewBox=(format!("0 0 {WIDTH} {HEIGHT}")) preserveAspectRatio="none" role="img"
                         aria-label=(format!("{}: {}", self.title, names.join(", "))) {
-                        (PreEscaped(view.grid(&x_ticks, &y_ticks)))
-                        @for patch in &self.patches { (PreEscaped(view.patch(patch))) }
-                        @for curve in &self.curves { (PreEscaped(view.curve(curve))) }
+                        (drawing.content)
                     }
                     div.x aria-hidden="true" {
-                        @for (value, label) in &x_ticks { span style=(format!("left:{:.2}%", view.along(*value))) { (label) } }
+                        @for (place, label) in &drawing.x_labels { span style=(format!("left:{place:.2}%")) { (label) } }
                     }
                 }
                 p.x-label { (self.x_label) }
             }
+        }
+    }
+
+    pub(super) fn drawing(&self) -> Drawing {
+        let view = View::of(self);
+        let x_ticks = ticks(view.x);
+        let y_ticks = match self.extent {
+            Extent::Logarithmic => decades(view.y),
+            _ => ticks(view.y),
+        };
+        let content = html! {
+            (PreEscaped(view.grid(&x_ticks, &y_ticks)))
+            @for patch in &self.patches { (PreEscaped(view.patch(patch))) }
+            @for curve in &self.curves { (PreEscaped(view.curve(curve))) }
+        };
+        let along = |(value, label)| (view.along(value), label);
+        let down = |(value, label)| (100.0 - view.up(value), label);
+        Drawing {
+            content,
+            x_labels: x_ticks.into_iter().map(along).collect(),
+            y_labels: y_ticks.into_iter().map(down).collect(),
+            is_cut: view.is_cut,
         }
     }
 }
@@ -348,47 +380,26 @@ impl Scale {
 
 /// The commands of an SVG path, in steps from point to point; with `close`, each down to the lower edge and back.
 fn path_data(lines: &[Polyline], close: bool) -> String {
-    let mut data = Vec::new();
+    let mut data = String::new();
     for line in lines {
-        let Some((mut last, rest)) = line.split_first().map(|(first, rest)| (*first, rest)) else {
+        let Some((&start, rest)) = line.split_first() else {
             continue;
         };
-        let start = last;
-        push_pair(&mut data, b'M', last);
+        // Writing into a string cannot fail.
+        let _ = write!(data, "M{} {}", start.0, start.1);
         if rest.is_empty() {
             // A single point is drawn as a dot, by the round ends of a line without length.
-            data.extend_from_slice(b"h0");
+            data.push_str("h0");
         }
-        for (number, point) in rest.iter().enumerate() {
-            let before = if number == 0 { b'l' } else { b' ' };
-            push_pair(&mut data, before, (point.0 - last.0, point.1 - last.1));
-            last = *point;
+        for (step, [from, to]) in line.array_windows().enumerate() {
+            let before = if step == 0 { 'l' } else { ' ' };
+            let _ = write!(data, "{before}{} {}", to.0 - from.0, to.1 - from.1);
         }
         if close {
-            let back = format!("V{HEIGHT}H{}z", start.0);
-            data.extend_from_slice(back.as_bytes());
+            let _ = write!(data, "V{HEIGHT}H{}z", start.0);
         }
     }
-    String::from_utf8(data).unwrap_or_default()
-}
-
-fn push_pair(data: &mut Vec<u8>, before: u8, pair: (i32, i32)) {
-    // Room for two numbers of ten digits with their signs, and what stands before each.
-    let mut text = [b' '; 24];
-    let first = put_signed(&mut text, pair.1) - 1;
-    let first = put_signed(&mut text[..first], pair.0) - 1;
-    text[first] = before;
-    data.extend_from_slice(&text[first..]);
-}
-
-/// Writes a number at the end of a text, and tells where it begins.
-fn put_signed(text: &mut [u8], number: i32) -> usize {
-    let first = digits::put(text, number.unsigned_abs().into());
-    if number >= 0 {
-        return first;
-    }
-    text[first - 1] = b'-';
-    first - 1
+    data
 }
 
 /// The range of no values.

@@ -2,7 +2,6 @@
 
 use canopen::eds::EdsError;
 use canopen::nmt::NodeId;
-use canopen::rounding::to_be_cut;
 use canopen::{CanFrame, ObjectDictionary, cia402};
 
 use super::{Drive, ObjectAddress};
@@ -458,7 +457,9 @@ impl DriveLayout {
             clippy::cast_possible_truncation,
             reason = "limited to the object's range, whose ends are whole"
         )]
-        let target = to_be_cut(current_amperes * self.target.units).clamp(min, max) as i64;
+        let target = (current_amperes * self.target.units)
+            .round()
+            .clamp(min, max) as i64;
         let controlword = self.controlword.placed(i64::from(controlword));
         let data = (controlword | self.target.field.placed(target)).to_le_bytes();
         CanFrame::new(self.command.id(), &data[..self.command.length_bytes()])
