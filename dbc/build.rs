@@ -22,6 +22,8 @@ mod data_sheets;
 mod database;
 #[path = "src/error.rs"]
 mod error;
+#[path = "src/notation.rs"]
+mod notation;
 #[path = "src/parse.rs"]
 mod parse;
 

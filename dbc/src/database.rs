@@ -10,7 +10,7 @@ use crate::coding::Coding;
 use crate::error::{DbcError, SignalMissing};
 
 /// The kernel's three flags together, which no frame has.
-const NO_FRAME: u32 = EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG;
+pub(crate) const NO_FRAME: u32 = EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG;
 
 /// All messages of a DBC file, by identifier.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,7 +23,8 @@ pub struct Database {
 pub struct Message {
     /// Name.
     pub name: String,
-    /// Identifier with the kernel's flag for 29 bits, as [`CanFrame::raw_id`] gives it.
+    /// Identifier with the kernel's flag for 29 bits, as [`CanFrame::raw_id`] gives it; with all three of the kernel's
+    /// flags when no frame carries the message.
     pub raw_id: u32,
     /// Payload length.
     pub length_bytes: u8,
@@ -54,6 +55,13 @@ pub struct Signal {
     pub object: String,
     /// What it is.
     pub comment: String,
+}
+
+impl Message {
+    /// Whether no frame carries it.
+    pub(crate) fn is_silent(&self) -> bool {
+        self.raw_id & NO_FRAME == NO_FRAME
+    }
 }
 
 impl Signal {
@@ -342,10 +350,10 @@ impl Database {
     }
 }
 
-/// Refuses two messages of one identifier (neighbours, since sorted) or one name.
+/// Refuses two messages of one identifier (neighbours, since sorted) or one name. Silent ones have no identifier.
 pub(crate) fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
     let mut names = BTreeSet::new();
-    let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id;
+    let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id && !pair[0].is_silent();
     let same_id = messages.windows(2).find(|pair| is_double(pair));
     if let Some(pair) = same_id {
         return Err(DbcError::DuplicateMessage {

@@ -23,9 +23,11 @@ mod data_sheets;
 pub mod database;
 pub mod error;
 mod law;
+mod notation;
 mod parse;
 mod plant;
 pub mod scenario_clock;
+mod write;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
