@@ -356,7 +356,7 @@ fn simulate(args: &PlayArgs) -> Exit {
         |_| Ok(()),
         |source, _, capture| {
             let scenario = &source.scenario;
-            let end = world::lockstep::simulate(scenario, Database::sma_actuator(), capture)?;
+            let end = world::lockstep::simulate(scenario, Database::shipped(), capture)?;
             Ok(World::in_virtual_time(end))
         },
     )

@@ -136,7 +136,7 @@ mod tests {
             Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
         };
         let actuator = Frames::of(&parse(""));
-        assert_eq!(actuator.database(), Database::sma_actuator());
+        assert_eq!(actuator.database(), Database::shipped());
         let motor = Frames::of(&parse("[plant.dc_motor]\n"));
         assert!(motor.names().find("spring_force_newtons").is_ok());
         assert!(motor.names().find("martensite_fraction").is_err());

@@ -73,7 +73,7 @@ pub fn faulty_controller(
         }
     };
     let plan = plan.without(is_played_elsewhere);
-    let faulty = Faulty::new(node, plan, Database::sma_actuator(), renew)?;
+    let faulty = Faulty::new(node, plan, Database::shipped(), renew)?;
     Ok(Box::new(faulty))
 }
 

@@ -25,7 +25,7 @@ struct Vector<'a> {
 
 /// The databases whose files cantools has read.
 fn written() -> [(&'static str, Database); 4] {
-    let shipped = Database::sma_actuator();
+    let shipped = Database::shipped();
     [
         ("shipped.dbc", shipped.clone()),
         ("dc_motor.dbc", with_dc_motor()),
@@ -80,7 +80,7 @@ fn own_terms() -> Vec<LawTerm> {
 /// A drive that is not the emulator: other identifiers, another layout and scale, no current, no truth.
 fn of_rig() -> Database {
     let moved = [("drive_tpdo1", 0x290), ("drive_rpdo1", 0x320)];
-    let silent = Database::sma_actuator().with_silent(&["drive_tpdo2", "plant_truth"]);
+    let silent = Database::shipped().with_silent(&["drive_tpdo2", "plant_truth"]);
     let moved = silent.with_identifiers(&moved).unwrap();
     moved.with_layout("drive_tpdo1", Some(6), |signal| match &signal.name[..] {
         "position_millimetres" => Coding::integer(0, 24, Kind::Signed, -12.5, 5000.0),
@@ -92,7 +92,7 @@ fn of_rig() -> Database {
 
 fn databases() -> BTreeMap<&'static str, Database> {
     let parsed = [
-        ("sma_actuator.dbc", Database::sma_actuator().clone()),
+        ("sma_actuator.dbc", Database::shipped().clone()),
         ("byte_orders.dbc", Database::parse(BYTE_ORDERS).unwrap()),
     ];
     parsed.into_iter().chain(written()).collect()

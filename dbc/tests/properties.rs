@@ -12,7 +12,7 @@ use proptest::sample::{Index, select};
 /// All signals of the rig and of a file with big-endian, extended and 64-bit messages.
 fn signals() -> Vec<Signal> {
     let orders = Database::parse(include_str!("data/byte_orders.dbc")).unwrap();
-    let databases = [Database::sma_actuator(), &orders];
+    let databases = [Database::shipped(), &orders];
     let messages = databases.into_iter().flat_map(Database::messages);
     messages
         .flat_map(|message| message.signals.clone())
@@ -160,7 +160,7 @@ proptest! {
     fn every_database_that_can_be_made_is_read_back_as_it_was_written(
         plant in prop::option::of(plant_signals()), changes in prop::collection::vec(change(), 0..6),
     ) {
-        let shipped = Database::sma_actuator().clone();
+        let shipped = Database::shipped().clone();
         let mut database = plant.map_or(shipped, |signals| Database::with_plant(&signals));
         for change in changes {
             database = change.of(&database);
@@ -211,7 +211,7 @@ proptest! {
 
     #[test]
     fn any_frame_is_decoded_or_passed_over(id: u32, length in 0_u8..=8, payload: [u8; 8], is_known: bool) {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let messages = database.messages();
         let id = if is_known { messages[id as usize % messages.len()].raw_id } else { id };
         let frame = CanFrame::from_raw(id, length, payload).unwrap();

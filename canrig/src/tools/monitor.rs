@@ -263,7 +263,7 @@ fn sdo_words(channel: &Channel<'_>, payload: [u8; 8]) -> String {
 /// The bus does not work, or the DBC is wrong.
 pub fn monitor(bus: &ToolBus, options: Options) -> Result<(), ToolError> {
     let database = match &options.dbc {
-        None => Database::sma_actuator().clone(),
+        None => Database::shipped().clone(),
         Some(path) => {
             let text = scenario::read_text(path, crate::FILE_BYTES_MAX).map_err(|source| {
                 ToolError::File {
@@ -344,7 +344,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn decoder(options: Options) -> Decoder {
-        Decoder::new(Database::sma_actuator().clone(), of_the_rig(), options)
+        Decoder::new(Database::shipped().clone(), of_the_rig(), options)
     }
 
     /// The line without its time.

@@ -284,7 +284,7 @@ pub fn sdo(bus: &ToolBus, target: Target<'_>, text: Option<&str>) -> Result<Stri
         line += "  written";
     }
     if let Some(entry) = &entry {
-        let meanings = value::meaning(Database::sma_actuator(), entry, bytes);
+        let meanings = value::meaning(Database::shipped(), entry, bytes);
         meanings
             .iter()
             .for_each(|meaning| line += &format!("\n  {meaning}"));

@@ -110,7 +110,7 @@ fn keep(case: &Case, output: &Path) -> Result<std::path::PathBuf, String> {
     };
     let (watch, taps) = (Watch::default(), Vec::new());
     let judged = run::run(&source, output, &watch, taps, |_, capture| {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let end = world::lockstep::simulate(&source.scenario, database, capture)?;
         Ok(World::in_virtual_time(end))
     });

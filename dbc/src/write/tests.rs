@@ -172,12 +172,12 @@ proptest! {
 }
 
 fn shipped(name: &str) -> &'static Message {
-    Database::sma_actuator().message(name).unwrap()
+    Database::shipped().message(name).unwrap()
 }
 
 #[test]
 fn the_shipped_database_is_read_back() {
-    check(Database::sma_actuator());
+    check(Database::shipped());
 }
 
 #[test]

@@ -130,7 +130,7 @@ pub(super) fn own_views(scenario: &Scenario) -> Vec<OwnView> {
     let signals = signals.map(|it| (it.name.as_str(), &it.unit, &it.comment, "true", GREEN));
     let terms = frames.law_terms().iter();
     let terms = terms.map(|it| (it.name.as_str(), &it.unit, &it.comment, "law", PINK));
-    let shipped = Database::sma_actuator();
+    let shipped = Database::shipped();
     // What is called like a shipped signal is drawn with it.
     let own = signals
         .chain(terms)
