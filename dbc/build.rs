@@ -1,4 +1,4 @@
-//! Reads `sma_actuator.dbc` for [`Database::sma_actuator`] and the EDS files for `dictionary`, by the code that reads such
+//! Reads `sma_actuator.dbc` for [`Database::shipped`] and the EDS files for `dictionary`, by the code that reads such
 //! files at run time.
 #![allow(
     dead_code,
@@ -22,6 +22,8 @@ mod data_sheets;
 mod database;
 #[path = "src/error.rs"]
 mod error;
+#[path = "src/notation.rs"]
+mod notation;
 #[path = "src/parse.rs"]
 mod parse;
 

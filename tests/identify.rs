@@ -282,7 +282,7 @@ fn a_candump_log_serves_as_well_as_a_run_folder() {
     // Another interface, and the direction that candump writes behind the data.
     let text = fs::read_to_string(run.join("bus.log")).unwrap();
     fs::write(&log, text.replace(" can0 ", " vcan7 ")).unwrap();
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let trace = Trace::load(&log, Some(&run.join("scenario.toml")), Some(database)).unwrap();
     let ours = excitation().trace();
     assert_eq!(trace.stretches, ours.stretches);

@@ -114,7 +114,7 @@ fn the_recording_alone_gives_the_same_verdict() {
     let log = fs::File::open(run.join("bus.log")).unwrap();
     let frames = read_log(std::io::BufReader::new(log)).unwrap();
     let scenario = scenario::Scenario::load(&run.join("scenario.toml")).unwrap();
-    let timeline = decode(&frames, &scenario, dbc::Database::sma_actuator()).unwrap();
+    let timeline = decode(&frames, &scenario, dbc::Database::shipped()).unwrap();
     let verdict = judge(&timeline, &scenario, 0);
     assert_eq!(
         verdict.to_json(),
@@ -170,7 +170,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use canrig::disturbance_node::DisturbanceProducer;
     use canrig::run::{Source, World, run};
     use canrig::world::lockstep::{Roles, play, simulate};
-    let database = dbc::Database::sma_actuator();
+    let database = dbc::Database::shipped();
     for name in ["fan.toml", "step.toml"] {
         let source = Source::load(&scenario(name)).unwrap();
         let folder = tempfile::tempdir().unwrap();
@@ -280,7 +280,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
     use canrig::run::{Source, World, run};
     let folder = tempfile::tempdir().unwrap();
     let source = Source::load(&crate::support::short_scenario(folder.path(), 1.0)).unwrap();
-    let database = dbc::Database::sma_actuator();
+    let database = dbc::Database::shipped();
     let mut runs = Vec::new();
     for sleeps in [false, true] {
         let parent = folder.path().join(format!("sleeps-{sleeps}"));

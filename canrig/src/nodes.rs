@@ -62,6 +62,6 @@ pub fn faulty_controller(
         }
     };
     let plan = plan.without(is_played_elsewhere);
-    let faulty = Faulty::new(node, plan, Database::sma_actuator(), renew)?;
+    let faulty = Faulty::new(node, plan, Database::shipped(), renew)?;
     Ok(Box::new(faulty))
 }

@@ -195,7 +195,7 @@ fn database(rig: &Rig, drive: &DriveLayout) -> Result<Database, DbcError> {
     let [feedback_bytes, command_bytes] =
         drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok());
     let heartbeat = rig.timeouts.drive_heartbeat_milliseconds;
-    let database = Database::sma_actuator()
+    let database = Database::shipped()
         .with_silent(&TRUTH_MESSAGES)
         .with_identifiers(&identifiers(rig, drive))?
         .with_cycle_time("drive_heartbeat", heartbeat.into())

@@ -177,7 +177,7 @@ mod tests {
     use crate::data_sheet;
 
     fn of_the_actuator() -> SignalNames {
-        SignalNames::new(Database::sma_actuator(), &data_sheet::of_the_rig())
+        SignalNames::new(Database::shipped(), &data_sheet::of_the_rig())
     }
 
     #[track_caller]

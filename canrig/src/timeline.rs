@@ -609,7 +609,7 @@ mod tests {
         fn rows_hold_what_was_told_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
             let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
             let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-            let database = Database::sma_actuator();
+            let database = Database::shipped();
             let paths = [signals::POSITION, signals::CURRENT, STATUSWORD, signals::TARGET_CURRENT];
             let mut expected = paths.map(|path| Simple {
                 handle: database.require(path).unwrap(),

@@ -445,7 +445,7 @@ mod tests {
 
     #[test]
     fn latencies_are_differences_of_stamps_within_a_cycle() {
-        let mut latencies = Latencies::new(Database::sma_actuator()).unwrap();
+        let mut latencies = Latencies::new(Database::shipped()).unwrap();
         let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
         let end = Duration::from_secs(1);
         for (micros, id) in [

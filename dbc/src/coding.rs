@@ -132,7 +132,7 @@ impl Coding {
         if self.end_bit() > 8 * payload_bytes.min(8) {
             return Err("reaches beyond the payload");
         }
-        if !self.factor.is_normal() || !self.offset.is_finite() {
+        if self.factor == 0.0 || !self.factor.is_finite() || !self.offset.is_finite() {
             return Err("factor is 0 or not finite, or offset is not finite");
         }
         match self.range {

@@ -10,7 +10,7 @@ use crate::coding::Coding;
 use crate::error::{DbcError, SignalMissing};
 
 /// The kernel's three flags together, which no frame has.
-const NO_FRAME: u32 = EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG;
+pub(crate) const NO_FRAME: u32 = EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG;
 
 /// All messages of a DBC file, by identifier.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,7 +23,8 @@ pub struct Database {
 pub struct Message {
     /// Name.
     pub name: String,
-    /// Identifier with the kernel's flag for 29 bits, as [`CanFrame::raw_id`] gives it.
+    /// Identifier with the kernel's flag for 29 bits, as [`CanFrame::raw_id`] gives it; with all three of the kernel's
+    /// flags when no frame carries the message.
     pub raw_id: u32,
     /// Payload length.
     pub length_bytes: u8,
@@ -54,6 +55,13 @@ pub struct Signal {
     pub object: String,
     /// What it is.
     pub comment: String,
+}
+
+impl Message {
+    /// Whether no frame carries it.
+    pub(crate) fn is_silent(&self) -> bool {
+        self.raw_id & NO_FRAME == NO_FRAME
+    }
 }
 
 impl Signal {
@@ -342,10 +350,10 @@ impl Database {
     }
 }
 
-/// Refuses two messages of one identifier (neighbours, since sorted) or one name.
+/// Refuses two messages of one identifier (neighbours, since sorted) or one name. Silent ones have no identifier.
 pub(crate) fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
     let mut names = BTreeSet::new();
-    let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id;
+    let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id && !pair[0].is_silent();
     let same_id = messages.windows(2).find(|pair| is_double(pair));
     if let Some(pair) = same_id {
         return Err(DbcError::DuplicateMessage {
@@ -369,7 +377,7 @@ mod tests {
 
     #[test]
     fn a_signal_is_found_decoded_and_labelled_by_name() {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let frame = CanFrame::new(0x190, &[0x37, 0x12, 0xF0, 0xD8, 0xFF, 0xFF, 0xF4, 0x01]);
         let decoded = database.decode(&frame).unwrap();
         assert_eq!(decoded.message().name, "drive_tpdo1");
@@ -390,7 +398,7 @@ mod tests {
 
     #[test]
     fn names_that_do_not_exist_are_not_found() {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         for path in [
             "",
             ".",
@@ -405,7 +413,7 @@ mod tests {
 
     #[test]
     fn long_names_come_from_the_attribute() {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let path = "controller_tpdo1.reference_velocity_millimetres_per_second";
         assert!(database.signal(path).is_some());
         assert_eq!(database.signal("controller_tpdo1.reference_velocity"), None);
@@ -418,7 +426,7 @@ mod tests {
 
     #[test]
     fn signals_beyond_a_short_payload_are_absent() {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let frame = CanFrame::new(0x190, &[0x37, 0x12, 0x10, 0x27, 0, 0]);
         let names: Vec<_> = database
             .decode(&frame)
@@ -442,7 +450,7 @@ mod tests {
 
     #[test]
     fn other_identifiers_remote_and_extended_frames_are_passed_over() {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let position = database.signal("drive_tpdo1.position_millimetres").unwrap();
         for id in [0x191, 0x190 | REMOTE_FLAG, 0x190 | EXTENDED_FLAG] {
             let frame = CanFrame::from_raw(id, 8, [0; 8]).unwrap();
@@ -453,7 +461,7 @@ mod tests {
 
     #[test]
     fn the_disturbance_frame_is_built_by_name_and_saturates() {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let mut builder = database.builder("disturbance_rpdo1").unwrap();
         let factor = database
             .signal("disturbance_rpdo1.convection_factor")
@@ -477,7 +485,7 @@ mod tests {
 
     #[test]
     fn not_a_number_is_kept_by_floats_and_is_raw_0_to_integers() {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let encode = |path: &str| {
             let handle = database.signal(path).unwrap();
             let mut payload = [0xFF; 8];
@@ -490,7 +498,7 @@ mod tests {
 
     #[test]
     fn decoded_decimals_are_exact() {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let position = database.signal("drive_tpdo1.position_millimetres").unwrap();
         let mut payload = [0; 8];
         payload[2..6].copy_from_slice(&35_004_i32.to_le_bytes());

@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn terms_stand_in_place_of_those_of_the_sliding_mode_law() {
-        let database = Database::sma_actuator().with_law(&terms(&["a", "b", "c"]));
+        let database = Database::shipped().with_law(&terms(&["a", "b", "c"]));
         let value = -0.125_f32;
         let mut bytes = [0; 8];
         bytes[4..].copy_from_slice(&value.to_le_bytes());
@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn a_law_without_own_terms_has_the_shipped_frames() {
-        let shipped = Database::sma_actuator();
+        let shipped = Database::shipped();
         assert_eq!(&shipped.with_law(&[]), shipped);
     }
 }

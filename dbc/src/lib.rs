@@ -7,7 +7,7 @@
 //! use canopen::CanFrame;
 //! use dbc::Database;
 //!
-//! let database = Database::sma_actuator();
+//! let database = Database::shipped();
 //! let position = database.signal("drive_tpdo1.position_millimetres").unwrap();
 //! let frame = CanFrame::new(0x190, &[0x37, 0x12, 0x10, 0x27, 0, 0, 0, 2]);
 //! assert_eq!(position.decode(&frame), Some(10.0));
@@ -23,10 +23,12 @@ mod data_sheets;
 pub mod database;
 pub mod error;
 mod law;
+mod notation;
 mod parse;
 mod plant;
 pub mod scenario_clock;
 pub mod signals;
+mod write;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
@@ -69,7 +71,7 @@ impl Database {
     /// # Panics
     /// Never: a test takes what is compiled in.
     #[must_use]
-    pub fn sma_actuator() -> &'static Self {
+    pub fn shipped() -> &'static Self {
         static DATABASE: LazyLock<Database> = LazyLock::new(|| {
             let read = include_bytes!(concat!(env!("OUT_DIR"), "/sma_actuator.postcard"));
             postcard::from_bytes(read).expect("written by the build script from this type")
@@ -86,7 +88,7 @@ mod tests {
     fn what_the_build_script_left_is_what_the_text_says() {
         assert_eq!(
             Database::parse(SMA_ACTUATOR).as_ref(),
-            Ok(Database::sma_actuator())
+            Ok(Database::shipped())
         );
         for (_, node_id, text) in data_sheets::SHIPPED {
             let said = eds::parse(text, node_id).unwrap().dictionary;

@@ -1,25 +1,28 @@
 //! From a DBC file to a database.
 
-use can_dbc::{Dbc, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType};
+use can_dbc::{
+    AttributeValue, Dbc, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType,
+};
 
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
-use crate::database::{Database, Message, Signal, refuse_duplicates};
+use crate::database::{Database, Message, NO_FRAME, Signal, refuse_duplicates};
 use crate::error::DbcError;
+use crate::notation::{
+    CYCLE_TIME, LONG_NAME, MESSAGE_OF_SIGNAL, OBJECT, PLACE_IN_MESSAGE, SILENT_IDENTIFIER,
+    START_BIT_IN_MESSAGE, unescaped,
+};
 
 /// Pseudo-message in which Vector's tools keep signals that belong to no message.
 const UNUSED_SIGNALS: &str = "VECTOR__INDEPENDENT_SIG_MSG";
-/// Attribute with the full name of a signal whose DBC name had to stay within 32 characters.
-const LONG_NAME: &str = "SystemSignalLongSymbol";
-/// Attribute with the object behind a signal, such as `0x6064:00`.
-const OBJECT: &str = "CanopenObject";
-/// Attribute with the cycle time of a message.
-const CYCLE_TIME: &str = "GenMsgCycleTime";
+/// Highest identifier of 29 bits.
+const IDENTIFIER_MAX: u32 = 0x1FFF_FFFF;
 
 impl Database {
     /// Longest text that is parsed.
     pub const TEXT_BYTES_MAX: usize = 1 << 20;
 
-    /// Reads a DBC file. Overlapping signals, multiplexed signals, and payloads beyond 8 bytes are refused.
+    /// Reads a DBC file. Overlapping signals, multiplexed signals, and payloads beyond 8 bytes are refused. What
+    /// [`Database::to_dbc`] says by attributes and escapes is understood.
     ///
     /// # Errors
     /// [`DbcError`] names the message and signal.
@@ -29,13 +32,19 @@ impl Database {
             return Err(DbcError::TextTooLong { bytes, limit });
         }
         let dbc = Dbc::try_from(text).map_err(|error| DbcError::Syntax(error.to_string()))?;
-        let messages: Result<Vec<_>, _> = dbc
-            .messages
-            .iter()
-            .filter(|message| message.name != UNUSED_SIGNALS)
-            .map(|message| read_message(&dbc, message))
-            .collect();
-        let database = Self::of(messages?);
+        let is_used = |message: &&can_dbc::Message| message.name != UNUSED_SIGNALS;
+        let (mut messages, mut unplaced) = (Vec::new(), Vec::new());
+        for message in dbc.messages.iter().filter(is_used) {
+            let read = read_message(&dbc, message)?;
+            match message_of_signals(&dbc, message) {
+                Some(name) => unplaced.extend(read_unplaced(&dbc, message, read, &name)?),
+                None => messages.push(read),
+            }
+        }
+        for signal in unplaced {
+            signal.put_into(&mut messages)?;
+        }
+        let database = Self::of(messages);
         refuse_duplicates(database.messages())?;
         Ok(database)
     }
@@ -43,11 +52,14 @@ impl Database {
 
 /// A message with its signals.
 fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcError> {
-    let raw_id = message.id.raw();
+    let raw_id = match dbc.message_attribute(message.id, SILENT_IDENTIFIER) {
+        Some(AttributeValue::Uint(id)) => silent_id(message, *id)?,
+        _ => message.id.raw(),
+    };
     if matches!(message.id, MessageId::Standard(id) if id > 0x7FF) {
         return Err(DbcError::Identifier {
             message: message.name.clone(),
-            id: raw_id,
+            id: message.id.raw(),
         });
     }
     let length_bytes = u8::try_from(message.size)
@@ -71,15 +83,97 @@ fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcErr
         length_bytes,
         sender: message.transmitter.clone(),
         cycle_time_milliseconds: match cycle_time {
-            Some(can_dbc::AttributeValue::Uint(milliseconds)) => *milliseconds,
+            Some(AttributeValue::Uint(milliseconds)) => *milliseconds,
             _ => 0,
         },
-        comment: dbc
-            .message_comment(message.id)
-            .unwrap_or_default()
-            .to_owned(),
+        comment: unescaped(dbc.message_comment(message.id).unwrap_or_default()),
         signals,
     })
+}
+
+/// The identifier of a message that no frame carries.
+fn silent_id(message: &can_dbc::Message, id: u64) -> Result<u32, DbcError> {
+    let number = u32::try_from(id).ok().filter(|id| *id <= IDENTIFIER_MAX);
+    let raw_id = number.map(|number| number | NO_FRAME);
+    raw_id.ok_or_else(|| DbcError::SilentIdentifier {
+        message: message.name.clone(),
+        id,
+    })
+}
+
+/// The message that a message's signals belong to, if it is not itself.
+fn message_of_signals(dbc: &Dbc, message: &can_dbc::Message) -> Option<String> {
+    match dbc.message_attribute(message.id, MESSAGE_OF_SIGNAL) {
+        Some(AttributeValue::String(name)) if !name.is_empty() => Some(unescaped(name)),
+        _ => None,
+    }
+}
+
+/// A signal for which its message has no bits, or none of its own.
+struct Unplaced {
+    message: String,
+    place: usize,
+    signal: Signal,
+}
+
+/// The signals of a message that exists in the file only.
+fn read_unplaced(
+    dbc: &Dbc,
+    message: &can_dbc::Message,
+    read: Message,
+    belongs_to: &str,
+) -> Result<Vec<Unplaced>, DbcError> {
+    let signals = message.signals.iter().zip(read.signals);
+    let unplaced = signals.map(|(in_file, mut signal)| {
+        let number = |name| match dbc.signal_attribute(message.id, &in_file.name, name) {
+            Some(AttributeValue::Uint(number)) => Some(*number),
+            _ => None,
+        };
+        let refuse = |reason| DbcError::Signal {
+            message: belongs_to.to_owned(),
+            signal: signal.name.clone(),
+            reason,
+        };
+        let start_bit = number(START_BIT_IN_MESSAGE).and_then(|bit| u8::try_from(bit).ok());
+        let start_bit = start_bit.ok_or_else(|| refuse("has no start bit from 0 to 255"))?;
+        let place = number(PLACE_IN_MESSAGE).and_then(|place| usize::try_from(place).ok());
+        let place = place.ok_or_else(|| refuse("has no place among the message's signals"))?;
+        signal.coding = signal.coding.starting_at(start_bit);
+        Ok(Unplaced {
+            message: belongs_to.to_owned(),
+            place,
+            signal,
+        })
+    });
+    unplaced.collect()
+}
+
+impl Unplaced {
+    fn put_into(self, messages: &mut [Message]) -> Result<(), DbcError> {
+        let Self {
+            message,
+            place,
+            signal,
+        } = self;
+        let found = messages.iter_mut().find(|found| found.name == message);
+        let signals = found.map(|found| &mut found.signals);
+        let is_double = |signals: &[Signal]| signals.iter().any(|other| other.name == signal.name);
+        match signals {
+            Some(signals) if is_double(signals) => Err(DbcError::DuplicateSignal {
+                message,
+                signal: signal.name,
+            }),
+            Some(signals) if place <= signals.len() => {
+                signals.insert(place, signal);
+                Ok(())
+            }
+            _ => Err(DbcError::Signal {
+                message,
+                signal: signal.name,
+                reason: "there is no such message, or no such place among its signals",
+            }),
+        }
+    }
 }
 
 /// Refuses two signals of one name or with common bits.
@@ -125,7 +219,7 @@ fn read_signal(
         .check(usize::try_from(message.size).unwrap_or(0))
         .map_err(refuse)?;
     let attribute = |name| match dbc.signal_attribute(message.id, &signal.name, name) {
-        Some(can_dbc::AttributeValue::String(text)) => text.clone(),
+        Some(AttributeValue::String(text)) => unescaped(text),
         _ => String::new(),
     };
     let long_name = attribute(LONG_NAME);
@@ -137,16 +231,16 @@ fn read_signal(
         } else {
             long_name
         },
-        unit: signal.unit.clone(),
+        unit: unescaped(&signal.unit),
         coding,
         labels: labels
             .unwrap_or_default()
             .iter()
-            .map(|label| (label.id, label.description.clone()))
+            .map(|label| (label.id, unescaped(&label.description)))
             .collect(),
         receivers: signal.receivers.clone(),
         object: attribute(OBJECT),
-        comment: comment.unwrap_or_default().to_owned(),
+        comment: unescaped(comment.unwrap_or_default()),
     })
 }
 
@@ -261,6 +355,19 @@ mod tests {
             (
                 "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n SG_ s : 8|8@1+ (1,0) [0|0] \"\" b",
                 "message m has two signals s",
+            ),
+            (
+                "BO_ 1 m: 8 a\n\nBA_ \"SilentIdentifier\" BO_ 1 536870912;",
+                "message m: silent identifier 0x20000000 exceeds 29 bits",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n\nBA_ \"MessageOfSignal\" BO_ 1 \"n\";",
+                "signal n.s: has no start bit",
+            ),
+            (
+                "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n\nBA_ \"MessageOfSignal\" BO_ 1 \"n\";\n\
+                BA_ \"StartBitInMessage\" SG_ 1 s 64;\nBA_ \"PlaceInMessage\" SG_ 1 s 0;",
+                "signal n.s: there is no such message",
             ),
             ("nonsense", "DBC syntax"),
         ];

@@ -31,7 +31,7 @@ impl Database {
     /// position, the others in a `drive_tpdo3`.
     #[must_use]
     pub fn with_plant(signals: &[PlantSignal]) -> Self {
-        let mut messages = Self::sma_actuator().messages().to_vec();
+        let mut messages = Self::shipped().messages().to_vec();
         let Some(place) = messages.iter().position(|message| message.name == TPDO2) else {
             return Self::of(messages);
         };

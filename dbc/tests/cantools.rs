@@ -1,12 +1,16 @@
-//! The same numbers as cantools, an independent implementation; `data/cantools_vectors.py` wrote the table.
+//! The same numbers as cantools, an independent implementation; `data/cantools_vectors.py` wrote the table. It reads
+//! files of [`Database::to_dbc`] too: those in `data/written`, which `UPDATE_SNAPSHOTS=1 cargo test -p dbc --test cantools`
+//! writes.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
 
 use canopen::CanFrame;
 use canopen::frame::EXTENDED_FLAG;
-use dbc::Database;
+use dbc::{Coding, Database, Kind, LawTerm, PlantSignal, Range};
 
 const VECTORS: &str = include_str!("data/cantools_vectors.csv");
 const BYTE_ORDERS: &str = include_str!("data/byte_orders.dbc");
@@ -14,21 +18,96 @@ const BYTE_ORDERS: &str = include_str!("data/byte_orders.dbc");
 /// One frame of the table with the values of its signals.
 #[derive(Default)]
 struct Vector<'a> {
-    file: &'a str,
     message: &'a str,
     is_encoded: bool,
     values: Vec<(&'a str, f64)>,
 }
 
-fn vectors() -> BTreeMap<(&'static str, &'static str), Vector<'static>> {
+/// The databases whose files cantools has read.
+fn written() -> [(&'static str, Database); 4] {
+    let shipped = Database::shipped();
+    [
+        ("shipped.dbc", shipped.clone()),
+        ("dc_motor.dbc", with_dc_motor()),
+        ("own_law.dbc", shipped.with_law(&own_terms())),
+        ("rig.dbc", of_rig()),
+    ]
+}
+
+fn with_dc_motor() -> Database {
+    let signal = |name: &str, unit: &str, steps_per_unit: f64, range: [f64; 2]| PlantSignal {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        comment: format!("The motor's \"{name}\"."),
+        resolution: 1.0 / steps_per_unit,
+        range: Range {
+            minimum: range[0],
+            maximum: range[1],
+        },
+    };
+    Database::with_plant(&[
+        signal(
+            "winding_temperature_celsius",
+            "degC",
+            1e2,
+            [-273.15, 327.67],
+        ),
+        signal(
+            "motor_speed_revolutions_per_minute",
+            "rpm",
+            1.0,
+            [-32_768.0, 32_767.0],
+        ),
+        signal("spring_force_newtons", "N", 1e2, [-327.68, 327.67]),
+    ])
+}
+
+/// Names that are beyond what a DBC allows, and the same within it.
+fn own_terms() -> Vec<LawTerm> {
+    let names = [
+        "derivative_part_of_the_current_amperes_squared",
+        "derivative_part_of_the_current_amperes",
+        "integral_part_amperes",
+    ];
+    let term = |name: &str| LawTerm {
+        name: name.to_owned(),
+        unit: "A".to_owned(),
+        comment: "Before\nclipping.".to_owned(),
+    };
+    names.map(term).to_vec()
+}
+
+/// A drive that is not the emulator: other identifiers, another layout and scale, no current, no truth.
+fn of_rig() -> Database {
+    let moved = [("drive_tpdo1", 0x290), ("drive_rpdo1", 0x320)];
+    let silent = Database::shipped().with_silent(&["drive_tpdo2", "plant_truth"]);
+    let moved = silent.with_identifiers(&moved).unwrap();
+    moved.with_layout("drive_tpdo1", Some(6), |signal| match &signal.name[..] {
+        "position_millimetres" => Coding::integer(0, 24, Kind::Signed, -12.5, 5000.0),
+        // A signal with labels and one without.
+        "current_amperes" | "statusword_warning" => signal.coding.absent(),
+        _ => signal.coding.starting_at(signal.coding.start_bit + 32),
+    })
+}
+
+fn databases() -> BTreeMap<&'static str, Database> {
+    let parsed = [
+        ("sma_actuator.dbc", Database::shipped().clone()),
+        ("byte_orders.dbc", Database::parse(BYTE_ORDERS).unwrap()),
+    ];
+    parsed.into_iter().chain(written()).collect()
+}
+
+/// By file, direction and frame.
+fn vectors() -> BTreeMap<[&'static str; 3], Vector<'static>> {
     let mut vectors: BTreeMap<_, Vector<'_>> = BTreeMap::new();
     for line in VECTORS.lines().skip(1) {
         let fields: Vec<&str> = line.split(',').collect();
         let &[file, direction, frame, message, signal, value] = &fields[..] else {
             panic!("{line}");
         };
-        let vector = vectors.entry((direction, frame)).or_default();
-        (vector.file, vector.message) = (file, message);
+        let vector = vectors.entry([file, direction, frame]).or_default();
+        vector.message = message;
         vector.is_encoded = direction == "encode";
         vector.values.push((signal, value.parse().unwrap()));
     }
@@ -47,13 +126,6 @@ fn frame(text: &str) -> CanFrame {
     CanFrame::from_raw(id, u8::try_from(data.len() / 2).unwrap(), payload).unwrap()
 }
 
-fn database(file: &str) -> Database {
-    match file {
-        "byte_orders.dbc" => Database::parse(BYTE_ORDERS).unwrap(),
-        _ => Database::sma_actuator().clone(),
-    }
-}
-
 /// Equal but for the last places, since cantools multiplies where this crate divides.
 fn is_same(ours: f64, theirs: f64) -> bool {
     ours == theirs
@@ -62,15 +134,24 @@ fn is_same(ours: f64, theirs: f64) -> bool {
 }
 
 #[test]
+fn cantools_has_read_the_files_that_are_written() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/written");
+    for (name, database) in written() {
+        let (path, text) = (folder.join(name), database.to_dbc());
+        if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
+            fs::write(&path, &text).unwrap();
+        }
+        assert_eq!(fs::read_to_string(&path).unwrap(), text, "{name}");
+        assert_eq!(Database::parse(&text), Ok(database), "{name}");
+    }
+}
+
+#[test]
 fn frames_decode_to_the_values_of_cantools() {
-    let (rig, orders) = (database(""), database("byte_orders.dbc"));
+    let databases = databases();
     let mut checked = 0;
-    for ((_, text), vector) in vectors() {
-        let database = if vector.file == "byte_orders.dbc" {
-            &orders
-        } else {
-            &rig
-        };
+    for ([file, _, text], vector) in vectors() {
+        let database = &databases[file];
         let frame = frame(text);
         let decoded = database.decode(&frame).unwrap();
         assert_eq!(decoded.message().name, vector.message);
@@ -90,17 +171,13 @@ fn frames_decode_to_the_values_of_cantools() {
 
 #[test]
 fn values_encode_to_the_frames_of_cantools() {
-    let (rig, orders) = (database(""), database("byte_orders.dbc"));
+    let databases = databases();
     let mut checked = 0;
-    for ((_, text), vector) in vectors()
+    for ([file, _, text], vector) in vectors()
         .into_iter()
         .filter(|(_, vector)| vector.is_encoded)
     {
-        let database = if vector.file == "byte_orders.dbc" {
-            &orders
-        } else {
-            &rig
-        };
+        let database = &databases[file];
         let mut builder = database.builder(vector.message).unwrap();
         for (signal, value) in vector.values {
             let handle = database

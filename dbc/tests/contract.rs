@@ -274,7 +274,7 @@ fn cycle_time_milliseconds(transmission_type: i128, sync_period_microseconds: i1
 
 #[test]
 fn every_pdo_is_laid_out_as_its_default_mapping_says() {
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let sync_period = integer(&node("controller").dictionary, 0x1006, 0);
     for (name, _, _) in NODES {
         let dictionary = node(name).dictionary;
@@ -316,7 +316,7 @@ fn every_pdo_is_laid_out_as_its_default_mapping_says() {
 
 #[test]
 fn the_frames_are_those_of_the_nodes_and_no_others() {
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     // The truth is no node's: outside what CiA 301 predefines.
     let mut expected = BTreeSet::from([
         (0x000, "nmt_command".to_owned(), 2),
@@ -372,7 +372,7 @@ fn the_frames_are_those_of_the_nodes_and_no_others() {
 
 #[test]
 fn the_identifiers_are_those_of_the_design() {
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let frames = [
         ("sync", 0x080),
         ("drive_tpdo1", 0x190),
@@ -395,7 +395,7 @@ fn the_identifiers_are_those_of_the_design() {
 
 #[test]
 fn cycle_times_of_sync_and_heartbeats_are_those_of_the_eds() {
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let cycle_time =
         |message: &str| i128::from(database.message(message).unwrap().cycle_time_milliseconds);
     let controller = node("controller").dictionary;
@@ -408,7 +408,7 @@ fn cycle_times_of_sync_and_heartbeats_are_those_of_the_eds() {
 
 #[test]
 fn the_sync_counter_counts_to_its_overflow_which_all_transmission_types_divide() {
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let overflow = integer(&node("controller").dictionary, 0x1019, 0);
     let range = database
         .definition("sync.sync_counter")
@@ -497,7 +497,7 @@ fn device_types_and_ratings_are_those_of_the_profiles() {
         "cyclic synchronous torque only"
     );
     let rated_milliamperes = integer(&drive, 0x6075, 0);
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     for signal in [
         "drive_tpdo1.current_amperes",
         "drive_rpdo1.target_current_amperes",
@@ -538,7 +538,7 @@ fn names_end_in_their_units() {
         ("_grams", "g"),
         ("_seconds", "s"),
     ];
-    for message in Database::sma_actuator().messages() {
+    for message in Database::shipped().messages() {
         for signal in &message.signals {
             let found = units.iter().find(|(words, _)| signal.name.ends_with(words));
             let unit = found.map_or("", |(_, unit)| unit);
@@ -556,7 +556,7 @@ fn names_end_in_their_units() {
 
 #[test]
 fn statusword_labels_follow_the_state_machine() {
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let state = database.definition("drive_tpdo1.statusword_state").unwrap();
     // CiA 402-2, table 30: mask, bits, state.
     let states = [

@@ -27,7 +27,7 @@ fuzz_target!(|bytes: &[u8]| {
             Stamped::new(now, step.frame)
         })
         .collect();
-    let timeline = timeline::decode(&frames, &SCENARIO, Database::sma_actuator())
+    let timeline = timeline::decode(&frames, &SCENARIO, Database::shipped())
         .expect("the rig's own database");
     let verdict = judge(&timeline, &SCENARIO, 0);
     let read = Verdict::from_json(&verdict.to_json()).expect("our own verdict is valid");

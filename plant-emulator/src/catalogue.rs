@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn the_actuator_s_frames_are_those_of_the_shipped_dbc() {
-        assert_eq!(&database(SMA_ACTUATOR), Database::sma_actuator());
+        assert_eq!(&database(SMA_ACTUATOR), Database::shipped());
     }
 
     #[test]

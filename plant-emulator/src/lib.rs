@@ -107,7 +107,7 @@ impl<P: Plant> DriveNode<P> {
         if scenario.fault.is_empty() {
             return Ok(Self::Sound(sound));
         }
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let plan = Plan::of(&scenario.fault, scenario::fault::node::Node::Drive);
         let fresh = sound.clone();
         let renew = move |device: &mut Device<Drive<P>>| {

@@ -220,7 +220,7 @@ impl Trace {
             scenario.plant.sensor = sensor_of(&loaded.rig);
         }
         let of_rig = rig.as_ref().map(|rig| &*rig.database);
-        let database = database.or(of_rig).unwrap_or(Database::sma_actuator());
+        let database = database.or(of_rig).unwrap_or(Database::shipped());
         let frames = read(&log).map_err(at)?;
         Self::from_frames(path, &frames, scenario, database).map_err(at)
     }

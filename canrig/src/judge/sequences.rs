@@ -135,7 +135,7 @@ mod tests {
 
     /// A run of 1 s from 0.1 s of the log on: cycles until the drive tells 0x8130 at 0.5 s, then current 0, but for one cycle.
     fn frames() -> Vec<Stamped> {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let feedback = |current: f64| {
             let mut message = database.builder("drive_tpdo1").unwrap();
             for (name, value) in [("statusword_state", 39.0), ("current_amperes", current)] {
@@ -171,7 +171,7 @@ mod tests {
              [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let timeline = decode(&frames(), &scenario, Database::sma_actuator()).unwrap();
+        let timeline = decode(&frames(), &scenario, Database::shipped()).unwrap();
         let run = Run {
             timeline: &timeline,
             scenario: &scenario,

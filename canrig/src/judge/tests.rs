@@ -21,7 +21,7 @@ fn scenario(added: &str) -> Scenario {
 
 /// What a drive with this position by cycle would leave; a cycle without a position has no TPDO1.
 fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let signal = |path| database.signal(path).unwrap();
     let feedback = |position: f64| {
         let mut message = database.builder("drive_tpdo1").unwrap();
@@ -46,7 +46,7 @@ fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
 }
 
 fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
-    let timeline = decode(frames, scenario, Database::sma_actuator()).unwrap();
+    let timeline = decode(frames, scenario, Database::shipped()).unwrap();
     judge(&timeline, scenario, lost)
 }
 

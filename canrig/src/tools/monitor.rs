@@ -312,7 +312,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
         dbc: args.dbc,
     };
     let database = match &options.dbc {
-        None => Database::sma_actuator().clone(),
+        None => Database::shipped().clone(),
         Some(path) => {
             let text = scenario::read_text(path, crate::FILE_BYTES_MAX).map_err(|source| {
                 ToolError::File {
@@ -393,7 +393,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn decoder(options: Options) -> Decoder {
-        Decoder::new(Database::sma_actuator().clone(), of_the_rig(), options)
+        Decoder::new(Database::shipped().clone(), of_the_rig(), options)
     }
 
     /// The line without its time.

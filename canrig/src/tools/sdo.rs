@@ -326,7 +326,7 @@ fn transferred(target: &ObjectArgs, text: Option<&str>) -> Result<String, ToolEr
         line += "  written";
     }
     if let Some(entry) = &entry {
-        let meanings = value::meaning(Database::sma_actuator(), entry, bytes);
+        let meanings = value::meaning(Database::shipped(), entry, bytes);
         meanings
             .iter()
             .for_each(|meaning| line += &format!("\n  {meaning}"));

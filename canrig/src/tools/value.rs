@@ -302,7 +302,7 @@ mod tests {
 
     #[test]
     fn values_are_shown_by_type_with_unit_and_label() {
-        let database = Database::sma_actuator();
+        let database = Database::shipped();
         let shown = |index, bytes: &[u8]| {
             let entry = entry(index, 0);
             (show(Some(&entry), bytes), meaning(database, &entry, bytes))
@@ -355,7 +355,7 @@ mod tests {
             let _ = parse(entry, &text);
             let _ = parse_bytes(&text);
             let _ = show(Some(entry), &bytes);
-            let _ = meaning(Database::sma_actuator(), entry, &bytes);
+            let _ = meaning(Database::shipped(), entry, &bytes);
         }
     }
 }

@@ -71,7 +71,7 @@ pub fn play(
     let participants = [roles.plant_emulator, roles.bench, roles.controller];
     let [plant_emulator, bench, controller] = [0, 1, 2];
     let stations = vec![Station::Drive, Station::Bench, Station::Controller];
-    let faults = BusFaults::new(scenario, Database::sma_actuator(), stations)?;
+    let faults = BusFaults::new(scenario, Database::shipped(), stations)?;
     let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants)
         .with_faults(faults);
     capture.expect(frames_expected(scenario));

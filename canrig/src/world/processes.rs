@@ -117,7 +117,7 @@ pub fn in_lockstep(
             Remote::accept(PLANT_EMULATOR, plant_channel).map_err(CoordinatorError::from)?;
         let mut controller =
             Remote::accept(CONTROLLER, controller_channel).map_err(CoordinatorError::from)?;
-        let mut bench = DisturbanceProducer::new(scenario, Database::sma_actuator())?;
+        let mut bench = DisturbanceProducer::new(scenario, Database::shipped())?;
         let roles = Roles {
             plant_emulator: &mut plant_emulator,
             bench: &mut Local::new(BENCH, &mut bench),

@@ -1,5 +1,7 @@
 """Writes cantools_vectors.csv: what cantools decodes and encodes with the DBC files here.
 
+Of the files that Database::to_dbc wrote only what differs from the shipped file is in the table; the rest must be equal.
+
     pip install cantools==45.1.0
     python dbc/tests/data/cantools_vectors.py
 """
@@ -12,7 +14,11 @@ import random
 import cantools
 
 HERE = pathlib.Path(__file__).parent
-FILES = [HERE.parent.parent / "sma_actuator.dbc", HERE / "byte_orders.dbc"]
+SHIPPED = HERE.parent.parent / "sma_actuator.dbc"
+# Those that Database::to_dbc wrote, with the number of messages that frames carry and that the shipped file has not.
+FILES = {SHIPPED: None, HERE / "byte_orders.dbc": None}
+WRITTEN = {"shipped.dbc": 0, "dc_motor.dbc": 2, "own_law.dbc": 2, "rig.dbc": 2}
+FILES |= {HERE / "written" / name: changed for name, changed in WRITTEN.items()}
 PAYLOADS_PER_MESSAGE = 6
 
 
@@ -40,14 +46,38 @@ def is_exact(values):
     return all(math.isfinite(value) and int(float(value)) == int(value) for value in values)
 
 
+def is_carried(message):
+    """False for messages that are in the file only."""
+    return message.dbc.attributes.keys().isdisjoint({"SilentIdentifier", "MessageOfSignal"})
+
+
+def meaning(message):
+    """All that a message's definition says, in a form that can be compared."""
+    signals = {
+        signal.name: (
+            signal.start, signal.length, signal.byte_order, signal.is_signed, signal.is_float, signal.scale, signal.offset,
+            signal.minimum, signal.maximum, signal.unit, signal.choices, signal.comment, signal.receivers,
+            str(signal.dbc.attributes.get("CanopenObject")),
+        )
+        for signal in message.signals
+    }
+    return (message.name, message.frame_id, message.is_extended_frame, message.length, message.cycle_time, message.comment,
+            message.senders[:1], signals)
+
+
 def main():
     generator = random.Random(1)
+    shipped = [meaning(message) for message in cantools.database.load_file(SHIPPED, strict=True).messages]
     with open(HERE / "cantools_vectors.csv", "w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(["file", "direction", "frame", "message", "signal", "value"])
-        for path in FILES:
-            database = cantools.database.load_file(path, strict=True)
-            for message in database.messages:
+        for path, changed in FILES.items():
+            messages = cantools.database.load_file(path, strict=True, encoding="utf-8").messages
+            if changed is not None:
+                messages = [message for message in messages if is_carried(message) and meaning(message) not in shipped]
+                names = [message.name for message in messages]
+                assert len(names) == changed, f"{path.name}: {names}"
+            for message in messages:
                 identifier = f"{message.frame_id:0{8 if message.is_extended_frame else 3}X}"
 
                 def write(direction, payload, values, written=set()):

@@ -63,12 +63,9 @@ fn faulty(kind: Kind) -> Faulty<Ticker> {
             kind,
         }],
     };
-    let mut node = Faulty::new(
-        Ticker::default(),
-        plan,
-        Database::sma_actuator(),
-        |ticker| *ticker = Ticker::default(),
-    )
+    let mut node = Faulty::new(Ticker::default(), plan, Database::shipped(), |ticker| {
+        *ticker = Ticker::default()
+    })
     .unwrap();
     node.on_frame(
         Duration::ZERO,
@@ -156,7 +153,7 @@ fn a_late_node_is_silent_until_it_boots() {
         late_boot: milliseconds(35),
         faults: Vec::new(),
     };
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let mut node = Faulty::new(Ticker::default(), plan, database, |_| {}).unwrap();
     let sent = run(&mut node, 60);
     assert_eq!(times(&sent, 0x710), [35, 45, 55]);

@@ -8,7 +8,7 @@ fn faults(tables: &str) -> BusFaults {
         "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
     );
     let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let faults = BusFaults::new(&scenario, database, vec![Station::Drive]).unwrap();
     let mut faults = faults.unwrap();
     faults.observe(

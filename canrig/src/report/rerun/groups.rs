@@ -131,7 +131,7 @@ pub(super) fn own_views(setup: &Setup) -> Vec<OwnView<'_>> {
     let signals = signals.map(|it| (it.name.as_str(), &it.unit, &it.comment, "true", GREEN));
     let terms = signals::of_the_own_law(&setup.database).filter(|_| controller.own.is_some());
     let terms = terms.map(|it| (it.name.as_str(), &it.unit, &it.comment, "law", PINK));
-    let shipped = Database::sma_actuator();
+    let shipped = Database::shipped();
     // What is called like a shipped signal is drawn with it.
     let own = signals
         .chain(terms)

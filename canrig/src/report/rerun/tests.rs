@@ -39,7 +39,7 @@ fn scenario() -> Scenario {
 
 /// 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.
 fn made_up_run() -> (Vec<Stamped>, Timeline, Verdict) {
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let message = |name: &str, signals: &[(&str, f64)]| {
         let mut builder = database.builder(name).unwrap();
         for (signal, value) in signals {
@@ -136,7 +136,7 @@ fn written() -> (tempfile::TempDir, std::path::PathBuf, Timeline) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let (frames, timeline, verdict) = made_up_run();
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     write(&path, &frames, &timeline, &verdict, &scenario(), database).unwrap();
     (folder, path, timeline)
 }
@@ -281,7 +281,7 @@ fn the_file_is_complete_or_not_there() {
     assert!(!folder.path().join("run.rrd.partial").exists());
     let (frames, timeline, verdict) = made_up_run();
     let nowhere = folder.path().join("missing").join("run.rrd");
-    let database = Database::sma_actuator();
+    let database = Database::shipped();
     let written = write(
         &nowhere,
         &frames,
