@@ -1,5 +1,6 @@
 //! Virtual time: every scenario judged, and the same bytes in every world.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 use std::time::Duration;
@@ -25,8 +26,16 @@ fn contents(run: &Path) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// Every scenario, and of each in the file of hashes the very bytes that the bus carried and that were decoded of it: who means
-/// to leave the runs as they are leaves that file as it is. `UPDATE_SNAPSHOTS=1` writes it anew.
+/// Members of `verdict.json` that say who judged and not what came out: no line depends on them.
+const LEFT_OUT: [&str; 1] = ["version"];
+
+/// The columns of the file of hashes, before the scenario's name.
+const HASHED: [&str; 3] = ["bus.log", "signals.csv", "verdict.json"];
+
+/// Every scenario, and of each in the file of hashes the very bytes that the bus carried, that were decoded of it and that were
+/// judged: who means to leave the runs as they are leaves that file as it is. Each scenario has a line there, and each line a
+/// scenario. Who means to change a run, or adds a scenario, writes the file anew and looks at its difference:
+/// `UPDATE_SNAPSHOTS=1 cargo test --release -p canrig --test tests every_shipped_scenario_passes`.
 #[test]
 fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
     let folder = tempfile::tempdir().unwrap();
@@ -50,31 +59,121 @@ fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
         fs::write(&path, &hashes).unwrap();
     }
     let committed = fs::read_to_string(&path).unwrap();
-    let is_gone = |known: &&str| !hashes.lines().any(|line| line == *known);
-    let changed: Vec<_> = committed.lines().filter(is_gone).collect();
+    let changes = changes(&committed, &hashes);
     assert!(
-        changed.is_empty(),
-        "other bytes than in {changed:#?}, now:\n{hashes}"
+        changes.is_empty(),
+        "other bytes than in {}: {changes:#?}, now:\n{hashes}",
+        path.display()
     );
 }
 
-/// A run's scenario and the hashes of its recording.
+/// A run's scenario and the hashes of its recording and verdict.
 fn line_of(run: &Path) -> String {
     let scenario = scenario::Scenario::load(&run.join("scenario.toml")).unwrap();
     let hash = |name: &str| {
-        let digest = Sha256::digest(fs::read(run.join(name)).unwrap());
+        let bytes = fs::read(run.join(name)).unwrap();
+        let bytes = match name {
+            "verdict.json" => without_members(str::from_utf8(&bytes).unwrap(), &LEFT_OUT).into(),
+            _ => bytes,
+        };
+        let digest = Sha256::digest(bytes);
         digest
             .iter()
             .take(16)
             .map(|byte| format!("{byte:02x}"))
             .collect::<String>()
     };
-    format!(
-        "{} {}  {}\n",
-        hash("bus.log"),
-        hash("signals.csv"),
-        scenario.name
-    )
+    format!("{}  {}\n", HASHED.map(hash).join(" "), scenario.name)
+}
+
+/// A JSON object as canrig prints it, without some of its members. No line keeps the comma at its end, since the last member
+/// has none, whichever that is.
+fn without_members(json: &str, left_out: &[&str]) -> String {
+    let mut is_kept = true;
+    let mut kept = String::new();
+    for line in json.lines() {
+        // A member begins two spaces deep with its key; what is in it is deeper or a bracket.
+        if let Some(member) = line.strip_prefix("  \"") {
+            let key = member.split_once("\": ").map(|(key, _)| key);
+            is_kept = key.is_none_or(|key| !left_out.contains(&key));
+        }
+        if is_kept || line == "}" {
+            kept += line.trim_end_matches(',');
+            kept.push('\n');
+        }
+    }
+    kept
+}
+
+/// What differs between two files of hashes, each scenario by its name.
+fn changes(committed: &str, now: &str) -> Vec<String> {
+    let [committed, now] = [committed, now].map(by_name);
+    let names: BTreeSet<_> = committed.keys().chain(now.keys()).collect();
+    let change = |name: &&str| match (committed.get(name), now.get(name)) {
+        (Some(before), Some(after)) => {
+            let differs = |column: &usize| before[*column] != after[*column];
+            let columns = (0..HASHED.len()).filter(differs);
+            let files: Vec<_> = columns.map(|column| HASHED[column]).collect();
+            (!files.is_empty()).then(|| format!("{name}: {} changed", files.join(", ")))
+        }
+        (None, _) => Some(format!("{name}: the scenario has no line")),
+        (_, None) => Some(format!("{name}: the line has no scenario")),
+    };
+    names.into_iter().filter_map(change).collect()
+}
+
+/// The hashes of each scenario.
+fn by_name(lines: &str) -> BTreeMap<&str, [&str; HASHED.len()]> {
+    let mut by_name = BTreeMap::new();
+    for line in lines.lines() {
+        let (hashes, name) = line.split_once("  ").expect(line);
+        let hashes: Vec<_> = hashes.split(' ').collect();
+        let hashes = hashes.try_into().expect(line);
+        assert!(
+            by_name.insert(name, hashes).is_none(),
+            "{name} is there twice"
+        );
+    }
+    by_name
+}
+
+#[test]
+fn a_scenario_without_a_line_and_a_line_without_a_scenario_are_named() {
+    let committed = "1 2 3  step\n4 5 6  fan\n";
+    assert_eq!(changes(committed, committed), [] as [&str; 0]);
+    assert_eq!(
+        changes(committed, "1 2 7  step\n8 9 6  hold\n"),
+        [
+            "fan: the line has no scenario",
+            "hold: the scenario has no line",
+            "step: verdict.json changed"
+        ]
+    );
+}
+
+#[test]
+fn a_member_is_left_out_of_a_verdict_wherever_it_stands() {
+    let members = [
+        "  \"version\": \"0.1.0\"",
+        "  \"metrics\": [\n    {\n      \"version\": 1\n    }\n  ]",
+        "  \"losses\": [\n    \"version\"\n  ]",
+    ];
+    for place in 0..members.len() {
+        let mut order = members;
+        order.swap(0, place);
+        let rest: Vec<_> = order
+            .iter()
+            .filter(|one| **one != members[0])
+            .copied()
+            .collect();
+        let [whole, rest] =
+            [order.join(",\n"), rest.join("\n")].map(|members| format!("{{\n{members}\n}}\n"));
+        serde_json::from_str::<serde_json::Value>(&whole).unwrap();
+        assert_eq!(without_members(&whole, &["version"]), rest);
+    }
+    let whole = format!("{{\n{}\n}}\n", members.join(",\n"));
+    let alone = format!("{{\n{}\n}}\n", members[0]);
+    assert_eq!(without_members(&whole, &["metrics", "losses"]), alone);
 }
 
 #[test]
