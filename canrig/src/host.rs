@@ -18,7 +18,7 @@ use crate::console::{complain, say};
 use crate::exit::Exit;
 use crate::nodes::{controller, faulty_controller, plant_emulator};
 use crate::rig::LoadedRig;
-use crate::timing::{NodeReport, Quantiles};
+use crate::latency::{NodeReport, Quantiles};
 
 /// Arguments of `node`.
 #[derive(Args, Debug)]

@@ -27,6 +27,7 @@ pub mod harmonic;
 pub mod host;
 pub mod identify;
 pub mod judge;
+pub mod latency;
 mod losses;
 pub mod manual;
 pub mod new;

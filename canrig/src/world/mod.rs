@@ -17,7 +17,7 @@ use dbc::SignalMissing;
 
 use crate::coordinator::CoordinatorError;
 use crate::run_folder::WriteError;
-use crate::timing::Host;
+use crate::latency::Host;
 
 /// Names of the nodes, for messages and for the command line of their processes.
 const CONTROLLER: &str = "controller";

@@ -19,7 +19,7 @@ use crate::external::ExternalNode;
 use crate::run_folder::RunFolder;
 use crate::setup::Setup;
 use crate::supervisor::Supervisor;
-use crate::timing::{Host, NodeReport};
+use crate::latency::{Host, NodeReport};
 
 /// What the controller needs beyond the bring-up until current flows, with some to spare.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);

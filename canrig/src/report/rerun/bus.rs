@@ -12,7 +12,7 @@ use super::recording::line;
 use super::times::{self, Moment};
 use crate::recording::Stamped;
 use crate::setup::Setup;
-use crate::timing::{CycleReader, Stage};
+use crate::latency::{CycleReader, Stage};
 
 /// Stretch of time for which a load is told.
 const LOAD_STRETCH_SECONDS: f64 = 0.1;
