@@ -1,5 +1,5 @@
 //! The pre-flight of an external drive, for which the emulator stands: each check passes, and fails where something is
-//! wrong. What no emulated drive does is in the unit tests of `canrig/src/preflight`.
+//! wrong. What no emulated drive does is in the unit tests of `crates/worlds/src/preflight`.
 
 use std::fs;
 use std::path::{Path, PathBuf};

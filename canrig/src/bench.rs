@@ -9,10 +9,10 @@ use controller::law::ControlLaw;
 use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, tell_plants};
 use plant_emulator::plant::Plant;
 
-use crate::bench_catalogue::catalogue;
+use worlds::catalogue::catalogue;
 use crate::cli::{self, Cli};
-use crate::exit::Exit;
-use crate::console;
+use runner::exit::Exit;
+use runner::console;
 
 /// Files, sockets and pipes that a run has open at once, with some to spare.
 const OPEN_FILES: u64 = 64;

@@ -8,8 +8,8 @@ use clap::Args;
 use platform::private_bus::PrivateBus;
 use platform::{probe, scheduling};
 
-use crate::console::say;
-use crate::exit::Exit;
+use runner::console::say;
+use runner::exit::Exit;
 
 /// The program that shows recordings.
 const VIEWER: &str = "rerun";

@@ -7,8 +7,8 @@ use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
 use crate::cli::Cli;
-use crate::console::{complain, say};
-use crate::exit::Exit;
+use runner::console::{complain, say};
+use runner::exit::Exit;
 
 /// Arguments of `completions`.
 #[derive(Args, Debug)]

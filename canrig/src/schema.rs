@@ -2,8 +2,8 @@
 
 use clap::Args;
 
-use crate::console::say;
-use crate::exit::Exit;
+use runner::console::say;
+use runner::exit::Exit;
 
 /// Arguments of `schema`.
 #[derive(Args, Debug)]

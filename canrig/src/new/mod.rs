@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use scenario::own::Section;
 
-use crate::console::{complain, say};
-use crate::exit::Exit;
+use runner::console::{complain, say};
+use runner::exit::Exit;
 use name::{InvalidName, Name};
 
 /// The checkout that this program was built from. It may be gone, or on another machine.

@@ -1,7 +1,7 @@
 //! What people debug nodes with: who is there (`nodes`), one object (`sdo`), live traffic (`monitor`).
 //!
 //! A tool is a guest on the bus. The default SDO channel of a node belongs to the controller while one runs
-//! ([`crate::presence`]), so a guest asks on the second channel where the node's data sheet has one.
+//! ([`rig::presence`]), so a guest asks on the second channel where the node's data sheet has one.
 
 pub mod monitor;
 pub mod nodes;
@@ -9,7 +9,7 @@ pub mod sdo;
 pub mod value;
 
 use clap::Args;
-use crate::console::{complain, say};
+use runner::console::{complain, say};
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -23,8 +23,8 @@ use platform::hub;
 use platform::real_time::{self, RunError};
 use platform::stop::StopSignal;
 
-use crate::data_sheet::DataSheetError;
-use crate::exit::Exit;
+use rig::data_sheet::DataSheetError;
+use runner::exit::Exit;
 
 /// The bus that a tool joins.
 #[derive(Clone, Debug, PartialEq, Eq)]

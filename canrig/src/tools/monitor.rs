@@ -13,12 +13,12 @@ use dbc::Database;
 use platform::clock::Clock;
 use platform::stop::StopSignal;
 
-use crate::data_sheet::{DataSheet, of_the_rig};
+use rig::data_sheet::{DataSheet, of_the_rig};
 use super::nodes::state_name;
 use super::{ToolBusArgs, ToolError, ended, open, seconds, value};
-use crate::exit::Exit;
-use crate::console::complain;
-use crate::error_frames;
+use runner::exit::Exit;
+use runner::console::complain;
+use rig::error_frames;
 
 /// How long a quiet bus is waited for before Ctrl-C and the duration are looked at.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -314,7 +314,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let database = match &options.dbc {
         None => Database::shipped().clone(),
         Some(path) => {
-            let text = scenario::read_text(path, crate::FILE_BYTES_MAX).map_err(|source| {
+            let text = scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|source| {
                 ToolError::File {
                     path: path.clone(),
                     source,

@@ -15,10 +15,10 @@ use canopen::{CanFrame, Filter, NmtState, Node, Progress};
 use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets};
 
-use crate::data_sheet::{DataSheet, of_the_rig};
-use crate::presence::Presence;
+use rig::data_sheet::{DataSheet, of_the_rig};
+use rig::presence::Presence;
 use super::{ToolBusArgs, ToolError, ended, seconds};
-use crate::exit::Exit;
+use runner::exit::Exit;
 
 /// How long the tool listens before it speaks, unless told otherwise: longer than usual heartbeat periods.
 pub const LISTEN_SECONDS: f64 = 1.0;

@@ -13,10 +13,10 @@ use canopen::{CanFrame, Filter, Node, Progress};
 use clap::{Args, Subcommand};
 use dbc::Database;
 
-use crate::data_sheet::{self, DataSheet, of_the_rig};
-use crate::presence::Presence;
+use rig::data_sheet::{self, DataSheet, of_the_rig};
+use rig::presence::Presence;
 use super::{ToolBusArgs, ToolError, ended, value};
-use crate::exit::Exit;
+use runner::exit::Exit;
 
 /// How long the tool listens before it uses the default channel: longer than usual heartbeat periods.
 pub const LISTEN_TIME: Duration = Duration::from_secs(1);

@@ -1,0 +1,180 @@
+//! `canrig sweep`: plays the cases that are not done yet, then makes tables and a summary of all.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::Shard;
+use super::finish::{FinishError, finish};
+use super::plan::{Plan, PlanError};
+use super::row::{Ended, Row};
+use super::store::{Found, Header, Store, StoreError};
+use crate::campaign::{self, Campaign, Stopped};
+use recording::capture::Watch;
+use runner::console::{Count, complain, say};
+use runner::exit::Exit;
+use rig::setup::Setup;
+use runner::play;
+use recording::run_folder::{RunFolder, WriteError};
+use recording::session::write_setup;
+
+/// Why a sweep did not come to its end.
+#[derive(Debug, thiserror::Error)]
+enum SweepError {
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    #[error(transparent)]
+    Finish(#[from] FinishError),
+    #[error("interrupted: {done} of {of} runs are done; the same command goes on from there")]
+    Interrupted { done: usize, of: usize },
+}
+
+impl SweepError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Plan(_) => Exit::ScenarioInvalid,
+            Self::Interrupted { .. } => Exit::Interrupted,
+            Self::Store(_) | Self::Write(_) | Self::Finish(_) => Exit::BenchFailed,
+        }
+    }
+}
+
+/// Arguments of `sweep`.
+#[derive(Args, Debug)]
+pub struct SweepArgs {
+    /// A scenario file with a [sweep] table
+    pub scenario: PathBuf,
+    /// Where the sweep's folder is made; one that is there goes on where it ended
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Play a part only, such as 2/4: the second of four, for as many machines; `canrig merge` puts them together
+    #[arg(long, value_name = "PART", default_value_t = Shard::WHOLE)]
+    pub shard: Shard,
+    /// Runs at a time; as many as there are cores if not given
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print nothing but failures
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Does what the command line says.
+#[must_use]
+pub fn sweep(args: &SweepArgs) -> Exit {
+    let setup = match play::load(&args.scenario) {
+        Ok(setup) => setup,
+        Err(exit) => return exit,
+    };
+    play(args, &setup).unwrap_or_else(|error| {
+        complain(&format!("canrig: {error}"));
+        error.exit()
+    })
+}
+
+fn play(args: &SweepArgs, setup: &Setup) -> Result<Exit, SweepError> {
+    let plan = Plan::new(setup)?;
+    let folder = open_folder(&args.output, setup, &plan, args.shard)?;
+    let (mut store, found) = Store::open(folder.path(), &Header::of(&plan, args.shard))?;
+    let mut campaign = Campaign::on_all_cores(!args.quiet);
+    campaign.threads = args.threads.map_or(campaign.threads, usize::from);
+    if !args.quiet {
+        announce(&plan, args.shard, &campaign, &found);
+    }
+    play_rest(&plan, args.shard, &campaign, &mut store, found.done)?;
+    store.sync()?;
+    Ok(finish(&folder, setup, &plan, args.quiet)?)
+}
+
+/// The folder of a sweep, or of a part of it: the same one each time.
+pub(super) fn open_folder(
+    parent: &Path,
+    setup: &Setup,
+    plan: &Plan,
+    shard: Shard,
+) -> Result<RunFolder, WriteError> {
+    let part = match shard {
+        Shard::WHOLE => String::new(),
+        Shard { number, of } => format!("-{number}-of-{of}"),
+    };
+    let id = format!("sweep-{}{part}", plan.id());
+    let folder = RunFolder::lasting(parent, &setup.scenario.name, &id)?;
+    if !folder.scenario().exists() {
+        write_setup(&folder, setup)?;
+    }
+    Ok(folder)
+}
+
+fn announce(plan: &Plan, shard: Shard, campaign: &Campaign, found: &Found) {
+    let (runs, threads) = (plan.runs(), campaign.threads);
+    let mut text = match shard {
+        Shard::WHOLE => format!("{runs} runs"),
+        part => format!("{} of {runs} runs (part {part})", part.cases(runs).len()),
+    };
+    text += &format!(", {threads} at a time");
+    if found.done > 0 {
+        text += &format!("; {} are done", found.done);
+    }
+    say(&text);
+    match found.dropped {
+        0 => {}
+        1 => say("the last row was torn; its run is played again"),
+        lines => say(&format!(
+            "{lines} rows are damaged or behind a damaged one; their runs are played again"
+        )),
+    }
+}
+
+/// Plays the cases that are not done.
+fn play_rest(
+    plan: &Plan,
+    shard: Shard,
+    campaign: &Campaign,
+    store: &mut Store,
+    done: usize,
+) -> Result<(), SweepError> {
+    let cases = shard.cases(plan.runs());
+    let of = cases.len();
+    let count = Count::new(Some(of), campaign.is_shown).going_on_from(done);
+    let mut taken = done;
+    let take = |case: usize, row: Result<Row, String>| {
+        // A panic is told by the program's own hook; the row says in which case it was.
+        let row = row.unwrap_or_else(|reason| {
+            Row::without_verdict(case, &plan.case(case).id, Ended::InternalError, reason)
+        });
+        store.append(&row)?;
+        taken += 1;
+        Ok(())
+    };
+    let work = |case: &usize, watch: &Watch| played(plan, *case, watch);
+    let ended = campaign.each(cases.skip(done), &count, work, take);
+    drop(count);
+    match ended {
+        Ok(()) => Ok(()),
+        Err(Stopped::Refused(error)) => Err(SweepError::Store(error)),
+        Err(Stopped::Interrupted) => Err(SweepError::Interrupted { done: taken, of }),
+    }
+}
+
+/// What a case comes to.
+fn played(plan: &Plan, number: usize, watch: &Watch) -> Result<Row, String> {
+    let case = plan.case(number);
+    let scenario = match case.scenario() {
+        Ok(scenario) => scenario,
+        Err(reason) => {
+            return Ok(Row::without_verdict(
+                number,
+                &case.id,
+                Ended::Invalid,
+                reason,
+            ));
+        }
+    };
+    let row = campaign::play_one(number, scenario, watch, |played| {
+        Row::of_verdict(number, &case.id, played.verdict)
+    });
+    row.map_err(|error| error.to_string())
+}

@@ -1,0 +1,97 @@
+//! What is made of the rows when all of them are there.
+
+use super::page;
+use super::plan::Plan;
+use super::store::StoreError;
+use super::summary::{Failing, Summary};
+use super::tables::{self, Tables};
+use runner::console::say;
+use runner::exit::Exit;
+use rig::setup::Setup;
+use recording::run_folder::{RunFolder, WriteError, file};
+use recording::session::copy_tables;
+
+/// Name of the folder with the scenarios of cases that do not pass.
+const FAILING: &str = "failing";
+
+/// Why a sweep has no tables.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum FinishError {
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error(transparent)]
+    Write(#[from] WriteError),
+}
+
+/// Makes tables, page and scenarios of a folder's rows, and tells of them. Whatever was made before is made again.
+pub(super) fn finish(
+    folder: &RunFolder,
+    setup: &Setup,
+    plan: &Plan,
+    is_quiet: bool,
+) -> Result<Exit, FinishError> {
+    let summary = Summary::of(plan, &setup.scenario, folder.path())?;
+    let metrics = summary.metrics();
+    let tables = Tables {
+        plan,
+        metrics: &metrics,
+        folder: folder.path(),
+    };
+    folder.write_with(tables::CSV, |output| tables.write_csv(output))?;
+    folder.write_with(tables::PARQUET, |output| tables.write_parquet(output))?;
+    if !summary.failing.is_empty() {
+        copy_tables(folder, setup, FAILING)?;
+    }
+    for failing in &summary.failing {
+        let case = plan.case(failing.case);
+        let text = format!("{}{}", preamble(plan, failing), case.text);
+        folder.write(&place(failing), text.as_bytes())?;
+    }
+    let page = page::to_html(&summary, place);
+    folder.write(file::REPORT, page.as_bytes())?;
+    let exit = summary.worst().exit();
+    if !is_quiet || exit != Exit::Pass {
+        say(&page::to_text(&summary));
+        tell_files(folder, &summary);
+    }
+    Ok(exit)
+}
+
+/// Where the scenario of a case is.
+fn place(failing: &Failing) -> String {
+    format!("{FAILING}/case-{}-{}.toml", failing.case, failing.id)
+}
+
+/// What a reader of a single case must know.
+fn preamble(plan: &Plan, failing: &Failing) -> String {
+    let one_line = |text: &str| text.replace(char::is_control, " ");
+    format!(
+        "# Case {} of the sweep \"{}\": {}\n# {}: {}\n\n",
+        failing.case,
+        one_line(plan.name()),
+        failing.values,
+        failing.ended.word(),
+        one_line(&failing.why),
+    )
+}
+
+fn tell_files(folder: &RunFolder, summary: &Summary) {
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (total, written) = (summary.failing_total(), summary.failing.len());
+    if total > 0 {
+        let first = match written < total {
+            true => format!("the first {written} of {total}"),
+            false => format!("all {total}"),
+        };
+        say(&format!(
+            "failing  {} ({first}, for canrig simulate)",
+            path(FAILING)
+        ));
+    }
+    say(&format!(
+        "table    {} and {}",
+        path(tables::CSV),
+        tables::PARQUET
+    ));
+    say(&format!("page     {}", path(file::REPORT)));
+}

@@ -1,0 +1,195 @@
+//! `canrig merge`: the parts of a sweep, put together.
+
+use std::iter::Peekable;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::Shard;
+use super::command::open_folder;
+use super::finish::{FinishError, finish};
+use super::plan::{Plan, PlanError};
+use super::row::Row;
+use super::store::{self, Header, Rows, Store, StoreError};
+use runner::console::complain;
+use runner::exit::Exit;
+use rig::setup::Setup;
+use runner::play;
+use recording::run_folder::{WriteError, file};
+
+/// Missing cases that are named.
+const MISSING_SHOWN_MAX: usize = 10;
+
+/// Why parts cannot be put together.
+#[derive(Debug, thiserror::Error)]
+enum MergeError {
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    #[error(transparent)]
+    Finish(#[from] FinishError),
+    #[error("{} is a part of another sweep than {} (other file, tables or version of canrig)", other.display(), first.display())]
+    Different { first: PathBuf, other: PathBuf },
+    #[error("{} was played by canrig {version}, this is {}; play it again", path.display(), env!("CARGO_PKG_VERSION"))]
+    Version { path: PathBuf, version: String },
+    #[error("case {case} is in two parts, with different results: {} and {}", first.display(), other.display())]
+    Contradiction {
+        case: usize,
+        first: PathBuf,
+        other: PathBuf,
+    },
+    #[error(
+        "{count} of {runs} cases are missing: {cases}. Name all parts, and let `canrig sweep` end those that are not done"
+    )]
+    Missing {
+        count: usize,
+        runs: usize,
+        cases: String,
+    },
+}
+
+impl MergeError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Write(_)
+            | Self::Finish(_)
+            | Self::Store(StoreError::Write { .. } | StoreError::Busy { .. }) => Exit::BenchFailed,
+            _ => Exit::ScenarioInvalid,
+        }
+    }
+}
+
+/// A part that is read.
+struct Part {
+    path: PathBuf,
+    rows: Peekable<Rows>,
+}
+
+/// Arguments of `merge`.
+#[derive(Args, Debug)]
+pub struct MergeArgs {
+    /// The folders that `canrig sweep --shard` made
+    #[arg(required = true, value_name = "SHARD")]
+    pub shards: Vec<PathBuf>,
+    /// Where the folder of the whole sweep is made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Print nothing but failures
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Does what the command line says.
+#[must_use]
+pub fn merge(args: &MergeArgs) -> Exit {
+    let [first, ..] = args.shards.as_slice() else {
+        return Exit::Usage;
+    };
+    let is_sweep = |path: &&PathBuf| path.join(file::SCENARIO).exists();
+    if let Some(other) = args.shards.iter().find(|path| !is_sweep(path)) {
+        let (path, name) = (other.display(), file::SCENARIO);
+        complain(&format!(
+            "canrig: {path} is no folder of a sweep: there is no {name} in it"
+        ));
+        return Exit::ScenarioInvalid;
+    }
+    let setup = match play::load(&first.join(file::SCENARIO)) {
+        Ok(setup) => setup,
+        Err(exit) => return exit,
+    };
+    merged(args, &setup).unwrap_or_else(|error| {
+        complain(&format!("canrig: {error}"));
+        error.exit()
+    })
+}
+
+fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
+    let plan = Plan::new(setup)?;
+    let mut parts = open(&args.shards, &plan)?;
+    let folder = open_folder(&args.output, setup, &plan, Shard::WHOLE)?;
+    let (mut store, found) = Store::open(folder.path(), &Header::of(&plan, Shard::WHOLE))?;
+    let mut missing = Vec::new();
+    for case in Shard::WHOLE.cases(plan.runs()) {
+        let row = of_case(&mut parts, case)?;
+        match row {
+            _ if case <= found.done => {}
+            // Rows are kept in order, so nothing can be appended behind a gap.
+            Some(row) if missing.is_empty() => store.append(&row)?,
+            Some(_) => {}
+            None => missing.push(case),
+        }
+    }
+    store.sync()?;
+    if !missing.is_empty() {
+        return Err(MergeError::Missing {
+            count: missing.len(),
+            runs: plan.runs(),
+            cases: words(&missing),
+        });
+    }
+    Ok(finish(&folder, setup, &plan, args.quiet)?)
+}
+
+/// Opens the parts, which must be of this sweep.
+fn open(paths: &[PathBuf], plan: &Plan) -> Result<Vec<Part>, MergeError> {
+    let expected = Header::of(plan, Shard::WHOLE);
+    let open = |path: &PathBuf| {
+        let (header, rows) = store::read(path)?;
+        let path = path.clone();
+        if header.version != expected.version {
+            return Err(MergeError::Version {
+                path,
+                version: header.version,
+            });
+        }
+        if (&header.sweep, header.runs) != (&expected.sweep, expected.runs) {
+            let first = paths.first().map_or_else(PathBuf::new, PathBuf::clone);
+            return Err(MergeError::Different { first, other: path });
+        }
+        Ok(Part {
+            path,
+            rows: rows.peekable(),
+        })
+    };
+    paths.iter().map(open).collect()
+}
+
+/// The row of a case; none where no part has it. Parts may have the same one.
+fn of_case(parts: &mut [Part], case: usize) -> Result<Option<Row>, MergeError> {
+    let mut found: Option<(&Path, Row)> = None;
+    for part in parts {
+        // An error must come out, too.
+        let is_its_turn =
+            |row: &Result<Row, StoreError>| row.as_ref().map_or(true, |row| row.case == case);
+        let Some(row) = part.rows.next_if(is_its_turn).transpose()? else {
+            continue;
+        };
+        match &found {
+            Some((first, other)) if *other != row => {
+                let (first, other) = ((*first).to_owned(), part.path.clone());
+                return Err(MergeError::Contradiction { case, first, other });
+            }
+            Some(_) => {}
+            None => found = Some((&part.path, row)),
+        }
+    }
+    Ok(found.map(|(_, row)| row))
+}
+
+/// The first of the missing cases.
+fn words(missing: &[usize]) -> String {
+    let named = missing
+        .iter()
+        .take(MISSING_SHOWN_MAX)
+        .map(ToString::to_string);
+    let named: Vec<String> = named.collect();
+    let more = if missing.len() > MISSING_SHOWN_MAX {
+        ", …"
+    } else {
+        ""
+    };
+    named.join(", ") + more
+}

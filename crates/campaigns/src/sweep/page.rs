@@ -1,0 +1,182 @@
+//! What a sweep came to: as tables for the terminal and as a page.
+
+use comfy_table::{Cell, CellAlignment, Color};
+use maud::{Markup, html};
+
+use report::plot::{Colour, Extent, Patch, Plot, Shape};
+use report::{page, terminal};
+use super::row::Ended;
+use super::summary::{Failing, Spread, Summary};
+use judge::verdict::title;
+
+/// The heads of the metrics' table.
+const HEADS: [&str; 8] = [
+    "metric",
+    "runs",
+    "least",
+    "median",
+    "p95",
+    "greatest",
+    "limit",
+    "missed by",
+];
+
+/// Values lie far out when they stretch the range of 98 % of them so many times.
+const OUTLIERS_FROM: f64 = 4.0;
+
+/// The metrics with their limits, then how many cases ended how.
+#[must_use]
+pub fn to_text(summary: &Summary) -> String {
+    let mut table = terminal::empty_table(HEADS);
+    for spread in &summary.spreads {
+        let right = |text: String| Cell::new(text).set_alignment(CellAlignment::Right);
+        let missed = right(missed(spread));
+        let missed = if spread.missed > 0 {
+            missed.fg(Color::Red)
+        } else {
+            missed
+        };
+        let numbers = spread
+            .quantiles
+            .map(|value| right(terminal::significant(value)));
+        let row = [
+            Cell::new(title(&spread.name)),
+            right(spread.count.to_string()),
+        ]
+        .into_iter();
+        let row = row
+            .chain(numbers)
+            .chain([Cell::new(terminal::limit(spread.limit)), missed]);
+        table.add_row(row);
+    }
+    format!("\n{}\n{table}\n{}", summary.name, counts(summary))
+}
+
+/// The page. `place_of` says where the scenario of a case is.
+#[must_use]
+pub fn to_html(summary: &Summary, place_of: impl Fn(&Failing) -> String) -> String {
+    let worst = summary.worst();
+    let body = html! {
+        h1 { (summary.name) }
+        p { span.outcome.(class(worst)) { (worst.word()) } " " (counts(summary)) }
+        dl.facts {
+            div { dt { "runs" } dd { (summary.runs) } }
+            @if summary.runs != summary.runs_of_whole { div { dt { "of the sweep's" } dd { (summary.runs_of_whole) } } }
+            @for (ended, count) in &summary.ended { div { dt { (words(*ended)) } dd { (count) } } }
+            div { dt { "canrig" } dd { (env!("CARGO_PKG_VERSION")) } }
+        }
+        h2 { "What varies" }
+        div.wide { table {
+            thead { tr { th { "key" } th { "values" } } }
+            tbody { @for (key, way) in &summary.keys { tr { td { (key) } td { (way) } } } }
+        } }
+        h2 { "What came of it" }
+        (metrics(&summary.spreads))
+        div.plots.even { @for spread in &summary.spreads { (drawn(spread)) } }
+        p.soft { "Each curve says how many of the runs have at most a value. The shaded stretch is what the limit admits." }
+        @if !summary.failing.is_empty() {
+            h2 { "Cases that do not pass" }
+            (failing(summary, place_of))
+        }
+    };
+    page::page(&summary.name, &body)
+}
+
+fn metrics(spreads: &[Spread]) -> Markup {
+    html! {
+        div.wide { table {
+            thead { tr { @for (place, head) in HEADS.iter().enumerate() { th.number[(1..6).contains(&place)] { (head) } } } }
+            tbody { @for spread in spreads { tr {
+                td { (title(&spread.name)) }
+                td.number { (spread.count) }
+                @for value in spread.quantiles { td.number { (terminal::significant(value)) } }
+                td { (terminal::limit(spread.limit)) }
+                td.fail[spread.missed > 0] { (missed(spread)) }
+            } } }
+        } }
+    }
+}
+
+/// How many cases missed the limit; nothing where there is none.
+fn missed(spread: &Spread) -> String {
+    match (spread.missed, spread.limit) {
+        (0, None) => String::new(),
+        (missed, _) => missed.to_string(),
+    }
+}
+
+/// The distribution of a metric; nothing where all values are the same.
+fn drawn(spread: &Spread) -> Markup {
+    if !spread.varies() {
+        return html! {};
+    }
+    let name = title(&spread.name);
+    let (x, y) = &spread.curve;
+    let range = without_outliers(spread);
+    let x_label = match range {
+        Some(_) => format!("{name} (the outermost are not shown)"),
+        None => name.clone(),
+    };
+    let mut plot = Plot {
+        x_label: &x_label,
+        extent: Extent::All,
+        x_range: range,
+        ..Plot::over_time(name, "% of the runs")
+    };
+    plot.draw("runs up to a value", Colour::Measured, Shape::Line, x, y);
+    plot.patches.extend(spread.limit.map(|limit| Patch {
+        class: "band",
+        x: (
+            limit.min.unwrap_or(f64::NEG_INFINITY),
+            limit.max.unwrap_or(f64::INFINITY),
+        ),
+        y: (f64::NEG_INFINITY, f64::INFINITY),
+    }));
+    plot.render()
+}
+
+/// What is shown where few values would press the others flat.
+fn without_outliers(spread: &Spread) -> Option<(f64, f64)> {
+    let [least, .., greatest] = spread.quantiles;
+    let (low, high) = spread.bulk;
+    let room = 0.5 * (high - low);
+    let has_outliers = room > 0.0 && greatest - least > OUTLIERS_FROM * (high - low);
+    has_outliers.then(|| (least.max(low - room), greatest.min(high + room)))
+}
+
+fn failing(summary: &Summary, place_of: impl Fn(&Failing) -> String) -> Markup {
+    let (shown, total) = (summary.failing.len(), summary.failing_total());
+    html! {
+        @if shown < total { p.unsure { "The first " (shown) " of " (total) "; the tables have all." } }
+        div.wide { table {
+            thead { tr { th.number { "case" } th { "result" } th { "why" } th { "values" } } }
+            tbody { @for one in &summary.failing { tr {
+                td.number { a href=(place_of(one)) { (one.case) } }
+                td.(class(one.ended)) { (words(one.ended)) }
+                td { (one.why) }
+                td { (one.values) }
+            } } }
+        } }
+    }
+}
+
+/// How many cases ended how, in one line.
+fn counts(summary: &Summary) -> String {
+    let counts = summary.ended.iter();
+    let counts: Vec<String> = counts
+        .map(|(ended, count)| format!("{count} {}", words(*ended)))
+        .collect();
+    format!("{} runs: {}", summary.runs, counts.join(", "))
+}
+
+fn words(ended: Ended) -> String {
+    title(ended.word())
+}
+
+fn class(ended: Ended) -> &'static str {
+    match ended {
+        Ended::Pass => "pass",
+        Ended::Inconclusive | Ended::Incomplete => "unsure",
+        Ended::Fail | Ended::Invalid | Ended::InternalError => "fail",
+    }
+}

@@ -1,0 +1,406 @@
+//! What the cases of a sweep are. Each follows from the file and its number alone.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::path::Path;
+
+use faults::Stream;
+use scenario::sweep::{Axis, Distribution};
+use scenario::{Scenario, read_text};
+use sha2::{Digest, Sha256};
+use toml::{Table, Value};
+
+use recording::session::tables_of;
+use rig::setup::Setup;
+
+/// Longest table of a scenario in another file.
+const TABLE_BYTES_MAX: u64 = 64 << 20;
+/// Characters of the scenario's name that are left in the name of a case, which may have 200.
+const NAME_CHARACTERS_MAX: usize = 180;
+/// Bytes of the hashes of cases and sweeps: with a million cases two have the same by chance once in 30 million sweeps.
+const ID_BYTES: usize = 8;
+
+/// A sweep: a scenario, and what varies in it.
+pub struct Plan {
+    name: String,
+    document: Table,
+    tables: BTreeMap<String, String>,
+    axes: Vec<Axis>,
+    drawn: Vec<(String, Distribution)>,
+    whole_numbers: BTreeSet<String>,
+    seed: u64,
+    draws: usize,
+    runs: usize,
+    id: String,
+}
+
+/// One case of a sweep.
+pub struct Case<'a> {
+    /// Its number, from 1.
+    pub number: usize,
+    /// What names its content: the same scenario has the same in every sweep.
+    pub id: String,
+    /// The scenario as a file of its own.
+    pub text: String,
+    tables: &'a BTreeMap<String, String>,
+}
+
+/// Why there is no sweep.
+#[derive(Debug, thiserror::Error)]
+pub enum PlanError {
+    /// The scenario has no [sweep].
+    #[error("{0} varies nothing: it has no [sweep] table (docs/sweeps.md shows one)")]
+    NoSweep(String),
+    /// A table beside the scenario cannot be read any more.
+    #[error("{name} cannot be read: {source}")]
+    Table {
+        /// Which one.
+        name: String,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+impl Plan {
+    /// The sweep of a scenario file.
+    ///
+    /// # Errors
+    /// It has none, or its tables are gone.
+    pub fn new(setup: &Setup) -> Result<Self, PlanError> {
+        let Some(sweep) = &setup.scenario.sweep else {
+            return Err(PlanError::NoSweep(setup.path.display().to_string()));
+        };
+        let folder = setup.path.parent().unwrap_or(Path::new(""));
+        let read = |name: &str| {
+            let text = read_text(&folder.join(name), TABLE_BYTES_MAX);
+            let name = name.to_owned();
+            match text {
+                Ok(text) => Ok((name, text)),
+                Err(source) => Err(PlanError::Table { name, source }),
+            }
+        };
+        let tables: BTreeMap<String, String> = tables_of(&setup.scenario)
+            .map(read)
+            .collect::<Result<_, _>>()?;
+        let mut document: Table = setup.text.parse().expect("the loader has read it");
+        document.remove("sweep");
+        let drawn = sweep.distributions().into_iter();
+        Ok(Self {
+            name: setup.scenario.name.clone(),
+            document,
+            id: id(
+                &format!("{}{}", env!("CARGO_PKG_VERSION"), setup.text),
+                &tables,
+            ),
+            tables,
+            axes: sweep.axes(),
+            drawn: drawn.map(|(key, one)| (key.to_owned(), one)).collect(),
+            whole_numbers: sweep.whole_numbers.clone(),
+            seed: sweep.seed,
+            draws: sweep.draws.unwrap_or(1) as usize,
+            runs: usize::try_from(sweep.runs()).unwrap_or(usize::MAX),
+        })
+    }
+
+    /// The scenario's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What names file, tables and the version of the program: what belongs together has the same.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    /// How many cases there are.
+    #[must_use]
+    pub fn runs(&self) -> usize {
+        self.runs
+    }
+
+    /// What varies: the grid's keys, then those that are drawn.
+    pub fn keys(&self) -> impl Iterator<Item = &str> {
+        let axes = self.axes.iter().map(|axis| axis.key.as_str());
+        axes.chain(self.drawn.iter().map(|(key, _)| key.as_str()))
+    }
+
+    /// How each key varies, for people.
+    pub fn ways(&self) -> impl Iterator<Item = (&str, String)> {
+        let axes = self
+            .axes
+            .iter()
+            .map(|axis| (axis.key.as_str(), way_of(&axis.values)));
+        let drawn = self.drawn.iter();
+        axes.chain(drawn.map(|(key, one)| (key.as_str(), way_of_draws(*one))))
+    }
+
+    /// The values of the keys in a case.
+    #[must_use]
+    pub fn values(&self, number: usize) -> Vec<f64> {
+        let place = number.saturating_sub(1);
+        let (mut point, draw) = (place / self.draws, place % self.draws);
+        // The last axis varies fastest.
+        let mut values: Vec<f64> = Vec::new();
+        for axis in self.axes.iter().rev() {
+            values.push(axis.values[point % axis.values.len()]);
+            point /= axis.values.len();
+        }
+        values.reverse();
+        let drawn = self.drawn.iter();
+        values.extend(drawn.map(|(key, one)| self.draw(key, *one, draw)));
+        values
+    }
+
+    /// A number of a key's own stream: it depends on neither the other keys nor the other draws.
+    fn draw(&self, key: &str, distribution: Distribution, draw: usize) -> f64 {
+        let mut stream = Stream::named(self.seed, &format!("sweep.{key}.{draw}"));
+        let is_whole = self.whole_numbers.contains(key);
+        let drawn = match distribution {
+            Distribution::Uniform { from, to } if is_whole => {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "the schema's whole numbers are below 2^53"
+                )]
+                let count = (libm::floor(to) - libm::ceil(from)).max(0.0) as u64 + 1;
+                libm::ceil(from) + stream.below(count) as f64
+            }
+            Distribution::Uniform { from, to } => from + (to - from) * stream.uniform(),
+            Distribution::LogUniform { from, to } => {
+                let drawn = from * libm::pow(to / from, stream.uniform());
+                drawn.clamp(from, to)
+            }
+            Distribution::Normal {
+                mean,
+                standard_deviation,
+            } => mean + standard_deviation * stream.normal(),
+        };
+        if is_whole { libm::round(drawn) } else { drawn }
+    }
+
+    /// A case.
+    #[must_use]
+    pub fn case(&self, number: usize) -> Case<'_> {
+        let mut document = self.document.clone();
+        for (key, value) in self.keys().zip(self.values(number)) {
+            set(&mut document, key, self.written(key, value));
+        }
+        let id = id(&document.to_string(), &self.tables);
+        let name: String = self.name.chars().take(NAME_CHARACTERS_MAX).collect();
+        let name = format!("{name}, case {number}");
+        document.insert("name".to_owned(), name.into());
+        Case {
+            number,
+            id,
+            text: document.to_string(),
+            tables: &self.tables,
+        }
+    }
+
+    /// A value as TOML.
+    fn written(&self, key: &str, value: f64) -> Value {
+        if !self.whole_numbers.contains(key) {
+            return Value::Float(value);
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "the schema's whole numbers are below 2^53"
+        )]
+        let whole = value as i64;
+        Value::Integer(whole)
+    }
+
+    /// The case's values with their keys, for people.
+    #[must_use]
+    pub fn words(&self, number: usize) -> String {
+        let values = self.keys().zip(self.values(number));
+        let values: Vec<String> = values
+            .map(|(key, value)| format!("{key} = {value}"))
+            .collect();
+        values.join(", ")
+    }
+}
+
+impl Case<'_> {
+    /// The scenario, which the values may have made invalid.
+    ///
+    /// # Errors
+    /// The first thing that is wrong in it.
+    pub fn scenario(&self) -> Result<Scenario, String> {
+        let table = |name: &str| {
+            let text = self.tables.get(name).cloned();
+            text.ok_or_else(|| io::ErrorKind::NotFound.into())
+        };
+        Scenario::parse(&self.text, "case", table).map_err(|error| {
+            let first = error.problems().first();
+            first.map_or_else(|| error.to_string(), ToString::to_string)
+        })
+    }
+}
+
+/// Sets a number by its path; the loader has made sure that it leads there.
+fn set(table: &mut Table, key: &str, value: Value) -> Option<()> {
+    let Some((first, rest)) = key.split_once('.') else {
+        table.insert(key.to_owned(), value);
+        return Some(());
+    };
+    let below = match first.split_once('[') {
+        Some((name, place)) => {
+            let place: usize = place.strip_suffix(']')?.parse().ok()?;
+            table.get_mut(name)?.as_array_mut()?.get_mut(place)?
+        }
+        None => table
+            .entry(first)
+            .or_insert_with(|| Value::Table(Table::new())),
+    };
+    set(below.as_table_mut()?, rest, value)
+}
+
+/// The hash of a scenario and its tables.
+fn id(text: &str, tables: &BTreeMap<String, String>) -> String {
+    let mut hasher = Sha256::new();
+    let tables = tables.iter().flat_map(|(name, table)| [name, table]);
+    for part in [text].into_iter().chain(tables.map(String::as_str)) {
+        hasher.update((part.len() as u64).to_le_bytes());
+        hasher.update(part);
+    }
+    let hash = hasher.finalize();
+    let digits = hash.iter().take(ID_BYTES).map(|byte| format!("{byte:02x}"));
+    digits.collect()
+}
+
+fn way_of(values: &[f64]) -> String {
+    match values {
+        [first, _, _, _, .., last] => format!("{} values from {first} to {last}", values.len()),
+        few => {
+            let few: Vec<String> = few.iter().map(f64::to_string).collect();
+            few.join(", ")
+        }
+    }
+}
+
+fn way_of_draws(distribution: Distribution) -> String {
+    match distribution {
+        Distribution::Uniform { from, to } => format!("uniform from {from} to {to}"),
+        Distribution::LogUniform { from, to } => format!("log-uniform from {from} to {to}"),
+        Distribution::Normal {
+            mean,
+            standard_deviation,
+        } => format!("normal, {mean} ± {standard_deviation}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use worlds::catalogue::catalogue;
+
+    fn plan(sweep: &str) -> Plan {
+        let text = format!(
+            "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n[[reference.hold]]\n\
+             at_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n{sweep}"
+        );
+        let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::of(scenario, catalogue()).from_file("s.toml", text);
+        Plan::new(&setup).unwrap()
+    }
+
+    const GRID: &str = "draws = 2\n[[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15]\n\
+        [[sweep.range]]\nkey = \"plant.sensor.resolution_bits\"\nfrom = 8\nto = 10\nstep = 1\n\
+        [[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
+
+    #[test]
+    fn every_point_of_the_grid_meets_the_same_draws() {
+        let plan = plan(GRID);
+        assert_eq!(plan.runs(), 12);
+        let all: Vec<Vec<f64>> = (1..=12).map(|number| plan.values(number)).collect();
+        let points: Vec<[f64; 2]> = all.iter().step_by(2).map(|one| [one[0], one[1]]).collect();
+        let expected = [
+            [5., 8.],
+            [5., 9.],
+            [5., 10.],
+            [15., 8.],
+            [15., 9.],
+            [15., 10.],
+        ];
+        assert_eq!(points, expected);
+        assert!(all.iter().all(|one| (0.03..=0.05).contains(&one[2])));
+        assert!(
+            all.chunks(2)
+                .all(|pair| pair[0][2] == all[0][2] && pair[1][2] == all[1][2])
+        );
+        assert_ne!(all[0][2], all[1][2]);
+    }
+
+    #[test]
+    fn a_case_is_the_scenario_with_its_values() {
+        let plan = plan(GRID);
+        let case = plan.case(11);
+        let scenario = case.scenario().unwrap();
+        assert_eq!(scenario.name, "s, case 11");
+        assert_eq!(scenario.reference.hold[0].position_millimetres, 15.0);
+        assert_eq!(scenario.plant.sensor.resolution_bits, 10);
+        assert_eq!(scenario.plant.mechanics.load_kilograms, plan.values(11)[2]);
+        assert!(scenario.sweep.is_none());
+        let ids: BTreeSet<String> = (1..=12).map(|number| plan.case(number).id).collect();
+        assert_eq!(ids.len(), 12);
+    }
+
+    #[test]
+    fn one_more_key_changes_neither_draws_nor_what_a_case_is_called() {
+        let more = format!(
+            "{GRID}[[sweep.normal]]\nkey = \"plant.heat.ambient_celsius\"\nmean = 20\nstandard_deviation = 2\n"
+        );
+        let (plan, more) = (plan(GRID), plan(&more));
+        assert_eq!(plan.values(4)[..], more.values(4)[..3]);
+        assert_ne!(plan.case(4).id, more.case(4).id);
+        assert_ne!(plan.id(), more.id());
+        let twice = ["seed = 0\n", "# the default\n"]
+            .map(|line| super::tests::plan(&format!("{line}{GRID}")));
+        assert_eq!(twice[0].case(4).id, twice[1].case(4).id);
+        assert_eq!(plan.case(4).id, twice[0].case(4).id);
+    }
+
+    #[test]
+    fn draws_have_their_distributions() {
+        let plan = plan(
+            "draws = 4000\n[[sweep.uniform]]\nkey = \"seed\"\nfrom = 1\nto = 4\n\
+             [[sweep.log_uniform]]\nkey = \"plant.mechanics.damping_newton_seconds_per_metre\"\nfrom = 0.01\nto = 1\n\
+             [[sweep.normal]]\nkey = \"plant.heat.ambient_celsius\"\nmean = 20\nstandard_deviation = 2\n",
+        );
+        let column = |place: usize| {
+            (1..=4000)
+                .map(|number| plan.values(number)[place])
+                .collect()
+        };
+        let columns: [Vec<f64>; 3] = [0, 1, 2].map(column);
+        let share = |values: &[f64], is_counted: &dyn Fn(f64) -> bool| {
+            let counted = values.iter().filter(|value| is_counted(**value)).count();
+            #[expect(clippy::cast_precision_loss, reason = "at most 4000")]
+            let share = counted as f64 / values.len() as f64;
+            share
+        };
+        for whole in [1.0, 2.0, 3.0, 4.0] {
+            let share = share(&columns[0], &|value| value == whole);
+            assert!((share - 0.25).abs() < 0.03, "{whole}: {share}");
+        }
+        let below = share(&columns[1], &|value| value < 0.1);
+        assert!((below - 0.5).abs() < 0.03, "{below}");
+        let near = share(&columns[2], &|value| (value - 20.0).abs() < 2.0);
+        assert!((near - 0.683).abs() < 0.03, "{near}");
+    }
+
+    #[test]
+    fn a_draw_that_a_key_does_not_admit_makes_an_invalid_case() {
+        let plan = plan(
+            "draws = 50\n[[sweep.normal]]\nkey = \"plant.mechanics.load_kilograms\"\nmean = 0.01\nstandard_deviation = 0.01\n",
+        );
+        let reasons: Vec<String> = (1..=50)
+            .filter_map(|number| plan.case(number).scenario().err())
+            .collect();
+        assert!((2..30).contains(&reasons.len()), "{reasons:?}");
+        assert!(reasons[0].contains("out of range"), "{}", reasons[0]);
+    }
+}

@@ -1,0 +1,152 @@
+//! The command.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use faults::Stream;
+use scenario::Scenario;
+
+use super::draw;
+use super::invariants::{Violation, violation};
+use super::shrink::{Case, of_fault};
+use worlds::catalogue::catalogue;
+use crate::campaign::Campaign;
+use recording::capture::Watch;
+use runner::console::{complain, say};
+use runner::exit::Exit;
+use runner::play;
+use runner::run::run;
+use rig::setup::Setup;
+use worlds::{Played, lockstep};
+
+/// Failing cases that are shrunk; more of them have the same cause more often than not.
+const SHRUNK_MAX: usize = 5;
+
+/// Arguments of `torture`.
+#[derive(Args, Debug)]
+pub struct TortureArgs {
+    /// The scenario that the faults meet; its own faults and limits are left out
+    pub scenario: PathBuf,
+    /// How many mixes
+    #[arg(long, value_name = "COUNT", default_value_t = 1000)]
+    pub runs: usize,
+    /// What they are drawn from
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub seed: u64,
+    /// Where the folders of failing cases are made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// Draws, plays, and tells what broke.
+#[must_use]
+pub fn torture(args: &TortureArgs) -> Exit {
+    let source = match play::load(&args.scenario) {
+        Ok(source) => source,
+        Err(exit) => return exit,
+    };
+    let Scenario {
+        plant,
+        duration_seconds,
+        ..
+    } = &source.scenario;
+    let case = |index: usize| {
+        let mut stream = Stream::named(args.seed, &format!("torture.{index}"));
+        let faults = draw::mix(&mut stream, plant, *duration_seconds);
+        Case::new(&source.text, faults, stream.bits())
+    };
+    // The first one tells whether the scenario is fit for this at all.
+    if let Err(reason) = case(0).and_then(|case| case.scenario()) {
+        complain(&format!("canrig: {}: {reason}", args.scenario.display()));
+        return Exit::ScenarioInvalid;
+    }
+    let scenarios = (0..args.runs).map_while(|index| case(index).ok()?.scenario().ok());
+    let results = Campaign::on_all_cores(!args.quiet).play(scenarios, violation);
+    let Ok(results) = results else {
+        return Exit::Interrupted;
+    };
+    let played = results.len();
+    let broken = results
+        .into_iter()
+        .enumerate()
+        .filter_map(|(index, result)| {
+            let violation = result.unwrap_or_else(|fault| Some(of_fault(&fault)));
+            Some((index, violation?))
+        });
+    let broken: Vec<(usize, Violation)> = broken.collect();
+    let shown = shrink_all(args, &broken, case);
+    say(&summary(args, played, &broken));
+    if played < args.runs {
+        complain(&format!(
+            "canrig: run {played} could not be drawn as a valid scenario"
+        ));
+        return Exit::Internal;
+    }
+    match shown {
+        Err(reason) => {
+            complain(&format!("canrig: {reason}"));
+            Exit::BenchFailed
+        }
+        Ok(()) if broken.is_empty() => Exit::Pass,
+        Ok(()) => Exit::VerdictFailed,
+    }
+}
+
+/// Shrinks the first failing case of each invariant, then further ones.
+fn shrink_all(
+    args: &TortureArgs,
+    broken: &[(usize, Violation)],
+    case: impl Fn(usize) -> Result<Case, String>,
+) -> Result<(), String> {
+    let mut first_of: BTreeMap<&str, usize> = BTreeMap::new();
+    for (place, (_, violation)) in broken.iter().enumerate() {
+        first_of.entry(violation.invariant).or_insert(place);
+    }
+    for place in first_of.into_values().take(SHRUNK_MAX) {
+        let (index, violation) = &broken[place];
+        say(&format!(
+            "run {index}: {}: {}",
+            violation.invariant, violation.text
+        ));
+        let shrunk = case(*index)?.shrunk(violation.invariant);
+        let folder = keep(&shrunk, &args.output)?;
+        say(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
+    }
+    Ok(())
+}
+
+/// Plays the case once more into a run folder, whose scenario reproduces its log.
+fn keep(case: &Case, output: &Path) -> Result<std::path::PathBuf, String> {
+    let setup = Setup::of(case.scenario()?, catalogue()).from_file("torture.toml", case.text());
+    let (watch, taps) = (Watch::default(), Vec::new());
+    let judged = run(&setup, output, &watch, taps, |_, capture| {
+        lockstep::simulate(&setup, capture).map(Played::in_virtual_time)
+    });
+    judged
+        .map(|judged| judged.folder)
+        .map_err(|error| error.to_string())
+}
+
+fn summary(args: &TortureArgs, played: usize, broken: &[(usize, Violation)]) -> String {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for (_, violation) in broken {
+        *counts.entry(violation.invariant).or_default() += 1;
+    }
+    let mut text = format!("{played} runs with seed {}: ", args.seed);
+    if counts.is_empty() {
+        return text + "all invariants held";
+    }
+    let counts = counts
+        .iter()
+        .map(|(invariant, count)| format!("{invariant} {count}"));
+    text += &format!(
+        "broken {} times ({})",
+        broken.len(),
+        counts.collect::<Vec<_>>().join(", ")
+    );
+    text
+}

@@ -1,0 +1,183 @@
+//! What holds whatever goes wrong; from the recording alone.
+
+use std::time::Duration;
+
+use canopen::{CanFrame, NmtCommand, NodeId};
+use dbc::scenario_clock::SYNC_COB_ID;
+use plant_emulator::catalogue::SMA_ACTUATOR;
+use scenario::Scenario;
+use scenario::fault::node::{Node, Output};
+
+use crate::campaign::Run;
+use recording::log::Stamped;
+use recording::truth::Truth;
+use judge::verdict::Outcome;
+
+/// 1 A, the amplifier's most, settles the paper's wire at 138.44 °C; the message counts hundredths.
+const TEMPERATURE_CELSIUS_MAX: f64 = 138.5;
+/// The drive waits 50 ms for a SYNC; a period, a frame and the clock's error are added.
+const SYNC_SECONDS_MAX: f64 = 0.055;
+/// The drive waits 100 ms for the manager's heartbeat.
+const HEARTBEAT_SECONDS_MAX: f64 = 0.105;
+/// The plant tells the truth every 10 ms.
+const TRUTH_SECONDS_MAX: f64 = 0.025;
+
+/// From what the plant says until it stands in the recording, and the rounding of times.
+const MESSAGE_SECONDS_MAX: f64 = 1e-3;
+
+const CONTROLLER_HEARTBEAT: u16 = 0x701;
+
+/// An invariant that a run broke.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Violation {
+    /// Which one: the same word for the same invariant.
+    pub invariant: &'static str,
+    /// What was seen.
+    pub text: String,
+}
+
+fn violated(invariant: &'static str, text: String) -> Option<Violation> {
+    Some(Violation { invariant, text })
+}
+
+/// The first invariant that a run broke.
+#[must_use]
+pub fn violation(played: &Run<'_>) -> Option<Violation> {
+    verdict_reached(played)
+        .or_else(|| truth_told(played))
+        .or_else(|| not_too_hot(played))
+        .or_else(|| no_current_before_the_start(played))
+        .or_else(|| {
+            let is_sync = |frame: &CanFrame| frame.standard_id() == Some(SYNC_COB_ID);
+            no_current_without(("sync", "SYNC"), is_sync, SYNC_SECONDS_MAX, played)
+        })
+        .or_else(|| {
+            let what = ("manager", "heartbeat of the manager");
+            no_current_without(what, is_of_manager, HEARTBEAT_SECONDS_MAX, played)
+        })
+}
+
+fn verdict_reached(played: &Run<'_>) -> Option<Violation> {
+    let verdict = played.verdict;
+    if matches!(verdict.outcome, Outcome::Pass | Outcome::Fail) {
+        return None;
+    }
+    let reason = verdict.reason.clone().unwrap_or_default();
+    violated("verdict", format!("{}: {reason}", verdict.outcome.word()))
+}
+
+/// The recording is complete: the plant is heard from the first message to the end.
+fn truth_told(played: &Run<'_>) -> Option<Violation> {
+    let truth = &played.timeline.truth;
+    let gap = truth
+        .windows(2)
+        .find(|pair| pair[1].time_seconds - pair[0].time_seconds > TRUTH_SECONDS_MAX);
+    let gap = gap?;
+    let (from, until) = (gap[0].time_seconds, gap[1].time_seconds);
+    violated(
+        "truth",
+        format!("the plant is silent from {from:.4} s to {until:.4} s"),
+    )
+}
+
+/// Of another plant nobody knows how hot it may be.
+fn not_too_hot(played: &Run<'_>) -> Option<Violation> {
+    if played.scenario.plant.name() != SMA_ACTUATOR {
+        return None;
+    }
+    let is_hot = |truth: &&Truth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
+    let hot = played.timeline.truth.iter().find(is_hot)?;
+    let (celsius, time) = (hot.peak_temperature_celsius, hot.time_seconds);
+    violated(
+        "temperature",
+        format!("the wire has {celsius:.1} °C at {time:.4} s (limit {TEMPERATURE_CELSIUS_MAX} °C)"),
+    )
+}
+
+/// Before scenario time 0 nobody commands a current; a run that a fault of the boot prevents never comes to it.
+fn no_current_before_the_start(played: &Run<'_>) -> Option<Violation> {
+    let timeline = played.timeline;
+    let is_before = |truth: &&Truth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
+    let heated = |truth: &&Truth| truth.current_amperes > 0.0;
+    let truth = timeline.truth.iter().filter(is_before).find(heated)?;
+    let (amperes, time) = (truth.current_amperes, truth.time_seconds);
+    violated(
+        "start",
+        format!("{amperes:.3} A flow at {time:.4} s, before the start"),
+    )
+}
+
+/// Where a message has been missing for longer than the drive waits for it, no current flows; unless the drive is dead
+/// or hangs, or the amplifier does not obey.
+fn no_current_without(
+    (invariant, what): (&'static str, &str),
+    is_it: impl Fn(&CanFrame) -> bool,
+    seconds_max: f64,
+    played: &Run<'_>,
+) -> Option<Violation> {
+    let timeline = played.timeline;
+    let zero = Duration::from_secs_f64(timeline.zero_seconds?);
+    let is_it = |stamped: &&Stamped| is_it(&stamped.frame);
+    let since_zero = |stamped: &Stamped| stamped.time.as_secs_f64() - zero.as_secs_f64();
+    let mut heard = played
+        .frames
+        .iter()
+        .filter(is_it)
+        .map(since_zero)
+        .peekable();
+    let mut last: f64 = 0.0;
+    for truth in timeline
+        .truth
+        .iter()
+        .filter(|truth| truth.time_seconds > 0.0)
+    {
+        let time = truth.time_seconds;
+        while let Some(next) = heard.next_if(|next| *next <= time) {
+            last = f64::max(last, next);
+        }
+        let is_over = time > played.scenario.duration_seconds;
+        let silent = time - last;
+        let heats = truth.current_amperes != 0.0;
+        if heats
+            && !is_over
+            && silent > seconds_max
+            && !is_excused(played.scenario, time, seconds_max)
+        {
+            let (milliseconds, amperes) = (silent * 1e3, truth.current_amperes);
+            return violated(
+                invariant,
+                format!(
+                    "{amperes:.3} A flow at {time:.4} s, {milliseconds:.1} ms after the last {what} (limit {:.0} ms)",
+                    seconds_max * 1e3
+                ),
+            );
+        }
+    }
+    None
+}
+
+/// The manager's heartbeat, or its order to start, from which on the drive waits for it.
+fn is_of_manager(frame: &CanFrame) -> bool {
+    let start = NmtCommand::Start.frame(NodeId::new(Node::Drive.number()));
+    frame.standard_id() == Some(CONTROLLER_HEARTBEAT) || *frame == start
+}
+
+/// A drive that cannot act: dead with its current held, hanging or just awake, or its amplifier stuck on.
+fn is_excused(scenario: &Scenario, time_seconds: f64, seconds_max: f64) -> bool {
+    let node = &scenario.fault.node;
+    let is_dead = node.crash.iter().any(|fault| {
+        let over = fault.until_seconds.unwrap_or(f64::INFINITY) + MESSAGE_SECONDS_MAX;
+        let holds = fault.node == Node::Drive && fault.output == Output::Hold;
+        holds && (fault.from_seconds..over).contains(&time_seconds)
+    });
+    let is_hanging = node.hang.iter().any(|fault| {
+        let awake = fault.until_seconds.unwrap_or(f64::INFINITY) + seconds_max;
+        fault.node == Node::Drive && (fault.from_seconds..awake).contains(&time_seconds)
+    });
+    let is_stuck = scenario.fault.amplifier.stuck_on.iter().any(|fault| {
+        // The message needs its time on the bus.
+        let over = fault.until_seconds.unwrap_or(f64::INFINITY) + MESSAGE_SECONDS_MAX;
+        (fault.from_seconds..over).contains(&time_seconds)
+    });
+    is_dead || is_hanging || is_stuck
+}

@@ -1,0 +1,246 @@
+//! Events held against `[[expect.sequence]]`: each after the one before, soon enough.
+
+use scenario::events::Window;
+use scenario::expect::{Emergency, Expected, Limit, Sequence};
+
+use super::metrics::{Run, TIME_TOLERANCE_SECONDS};
+use super::signals::{Finding, samples_in, trace};
+use recording::traces::Sample;
+use crate::verdict::{Metric, rounded};
+
+/// A row for each event of each sequence.
+pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
+    let sequences = run.scenario.expect.sequence.iter();
+    sequences
+        .flat_map(|sequence| of_sequence(run, sequence))
+        .collect()
+}
+
+fn of_sequence(run: &Run<'_>, sequence: &Sequence) -> Vec<Metric> {
+    let window = sequence.window(run.scenario.duration_seconds);
+    let mut before: Result<f64, String> = Ok(window.from_seconds);
+    let mut metrics = Vec::new();
+    for (place, event) in sequence.event.iter().enumerate() {
+        let finding = match &before {
+            Ok(since) => {
+                let rest = Window {
+                    from_seconds: *since,
+                    ..window
+                };
+                // What came twice in one event's words must come twice on the bus.
+                let again = place.checked_sub(1).map(|last| &sequence.event[last]) == Some(event);
+                next(run, event, rest, again)
+            }
+            Err(missing) => Finding::none(format!("{missing} did not come before")),
+        };
+        let longest = event
+            .within_milliseconds
+            .unwrap_or_else(|| rounded(1e3 * (window.until_seconds - window.from_seconds)));
+        let limit = Limit {
+            min: None,
+            max: Some(longest),
+        };
+        before = match (finding.at_seconds, before) {
+            (Some(at), Ok(_)) => Ok(at),
+            (None, Ok(_)) => Err(event.to_string()),
+            (_, missing) => missing,
+        };
+        metrics.push(finding.metric(sequence.row_name(place), limit));
+    }
+    metrics
+}
+
+/// The next coming of an event in a stretch of time, in milliseconds from its start.
+fn next(run: &Run<'_>, event: &Expected, rest: Window, again: bool) -> Finding {
+    if run.timeline.zero_seconds.is_none() {
+        return Finding::none("the scenario never began");
+    }
+    let earliest = match again {
+        true => rest.from_seconds + TIME_TOLERANCE_SECONDS,
+        false => rest.from_seconds - TIME_TOLERANCE_SECONDS,
+    };
+    let is_next = |time: f64| time >= earliest && time < rest.until_seconds;
+    let found = match event {
+        Expected {
+            emcy: Some(text), ..
+        } => Ok(emergency(run, text, is_next)),
+        Expected {
+            text: Some(text), ..
+        } => Ok(told(run, text, is_next)),
+        Expected {
+            signal: Some(name), ..
+        } => trace(run, name).map(|trace| stay(&trace.samples, event, rest, is_next)),
+        _ => Err(Finding::none("nothing is expected")),
+    };
+    match found {
+        Ok(Some(at_seconds)) => {
+            let since = (at_seconds - rest.from_seconds).max(0.0);
+            Finding::at(Ok(1e3 * since), at_seconds)
+        }
+        Ok(None) => Finding::none(format!("did not come after {:.3} s", rest.from_seconds)),
+        Err(finding) => finding,
+    }
+}
+
+fn emergency(run: &Run<'_>, text: &str, is_next: impl Fn(f64) -> bool) -> Option<f64> {
+    let wanted: Emergency = text.parse().ok()?;
+    let told = run.timeline.emergencies.iter();
+    let mut times = told
+        .filter(|told| told.emergency == wanted)
+        .map(|told| told.time_seconds);
+    times.find(|time| is_next(*time))
+}
+
+fn told(run: &Run<'_>, part: &str, is_next: impl Fn(f64) -> bool) -> Option<f64> {
+    let events = run.timeline.events.iter();
+    let mut times = events
+        .filter(|event| event.text.contains(part))
+        .map(|event| event.time_seconds);
+    times.find(|time| is_next(*time))
+}
+
+/// When a signal gets within the limits and stays there for long enough.
+fn stay(
+    samples: &[Sample],
+    event: &Expected,
+    rest: Window,
+    is_next: impl Fn(f64) -> bool,
+) -> Option<f64> {
+    let (wanted, long) = (event.reaches?, event.for_milliseconds.unwrap_or(0.0) / 1e3);
+    let mut since = None;
+    for sample in samples_in(samples, rest) {
+        if !wanted.admits(sample.value) {
+            since = None;
+            continue;
+        }
+        let begin = *since.get_or_insert(sample.time_seconds);
+        if sample.time_seconds - begin >= long && is_next(begin) {
+            return Some(begin);
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use canopen::CanFrame;
+    use dbc::Database;
+    use scenario::Scenario;
+
+    use super::*;
+    use recording::log::Stamped;
+    use recording::timeline::decode;
+
+    /// A run of 1 s from 0.1 s of the log on: cycles until the drive tells 0x8130 at 0.5 s, then current 0, but for one cycle.
+    fn frames() -> Vec<Stamped> {
+        let database = Database::shipped();
+        let feedback = |current: f64| {
+            let mut message = database.builder("drive_tpdo1").unwrap();
+            for (name, value) in [("statusword_state", 39.0), ("current_amperes", current)] {
+                let signal = database.signal(&format!("drive_tpdo1.{name}")).unwrap();
+                message.set(&signal, value);
+            }
+            message.frame()
+        };
+        let mut frames = vec![Stamped::new(Duration::ZERO, feedback(0.5))];
+        for cycle in 0..1000_u64 {
+            let start = Duration::from_millis(100 + cycle);
+            frames.push(Stamped::new(start, CanFrame::new(0x080, &[1])));
+            let emergency = CanFrame::new(0x090, &[0x30, 0x81, 0x11, 0, 0, 0, 0, 0]);
+            if cycle == 500 {
+                frames.push(Stamped::new(start + Duration::from_micros(50), emergency));
+            }
+            let current = if cycle < 510 || cycle == 520 {
+                0.5
+            } else {
+                0.0
+            };
+            let time = start + Duration::from_micros(130);
+            frames.push(Stamped::new(time, feedback(current)));
+        }
+        frames
+    }
+
+    /// Each row as value or remark, then its result.
+    #[track_caller]
+    fn check(sequence: &str, expected: &[(Result<f64, &str>, bool)]) {
+        let text = format!(
+            "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n\
+             [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
+        );
+        let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let timeline = decode(&frames(), &scenario, Database::shipped()).unwrap();
+        let run = Run {
+            timeline: &timeline,
+            scenario: &scenario,
+        };
+        let rows = metrics(&run);
+        let found: Vec<_> = rows
+            .iter()
+            .map(|row| {
+                let value = row.value.ok_or(row.remark.as_deref().unwrap_or_default());
+                (value, row.passed == Some(true))
+            })
+            .collect();
+        assert_eq!(found, expected);
+    }
+
+    const EMCY: &str = "{ emcy = \"drive 0x8130\", within_milliseconds = 600 }";
+
+    #[test]
+    fn each_event_counts_from_the_one_before() {
+        let zero =
+            "{ signal = \"current_amperes\", reaches = { max = 0 }, within_milliseconds = 10 }";
+        check(
+            &format!("event = [{EMCY}, {zero}]"),
+            &[(Ok(500.05), true), (Ok(9.95), true)],
+        );
+        let stays = zero.replace("}, within", "}, for_milliseconds = 50, within");
+        check(
+            &format!("from_seconds = 0.4\nevent = [{EMCY}, {stays}]"),
+            &[(Ok(100.05), true), (Ok(20.95), false)],
+        );
+    }
+
+    #[test]
+    fn what_does_not_come_fails_with_all_that_was_to_follow() {
+        let other = "{ emcy = \"drive 0x8100\", within_milliseconds = 10 }";
+        let missing = Err("did not come after 0.500 s");
+        let after = Err("EMCY drive 0x8100 did not come before");
+        check(
+            &format!("event = [{EMCY}, {other}, {EMCY}]"),
+            &[(Ok(500.05), true), (missing, false), (after, false)],
+        );
+        // One emergency is not two.
+        check(
+            &format!("event = [{EMCY}, {EMCY}]"),
+            &[(Ok(500.05), true), (missing, false)],
+        );
+        let late = Err("did not come after 0.600 s");
+        check(
+            &format!("from_seconds = 0.6\nevent = [{EMCY}]"),
+            &[(late, false)],
+        );
+        let text = "{ text = \"emergency heartbeat\" }";
+        check(
+            &format!("until_seconds = 0.4\nevent = [{text}]"),
+            &[(Err("did not come after 0.000 s"), false)],
+        );
+        check(&format!("event = [{text}]"), &[(Ok(500.05), true)]);
+    }
+
+    #[test]
+    fn a_signal_that_never_was_on_the_bus_never_comes() {
+        let truth = "{ signal = \"convection_factor\", reaches = { min = 0 } }";
+        let silent = Err("disturbance_rpdo1.convection_factor never was on the bus");
+        check(&format!("event = [{truth}]"), &[(silent, false)]);
+        let unknown = "{ signal = \"convection\", reaches = { min = 0 } }";
+        let missing = Err("no signal is called `convection`");
+        check(&format!("event = [{unknown}]"), &[(missing, false)]);
+        let truth = "{ signal = \"plant_current_amperes\", reaches = { min = 0 } }";
+        let untold = Err("not available: only the emulated plant tells it");
+        check(&format!("event = [{truth}]"), &[(untold, false)]);
+    }
+}

@@ -1,0 +1,393 @@
+//! What signals did, held against `[[expect.signal]]`. Where nothing was seen, nothing passes.
+
+use dbc::signals::TRUTH_MESSAGES;
+use scenario::events::Window;
+use scenario::expect::{Course, Demand, Limit, SignalCheck};
+
+use super::metrics::{Run, TIME_TOLERANCE_SECONDS, Value};
+use super::reactions::untold;
+use recording::traces::{Sample, Trace};
+use crate::verdict::{Metric, rounded};
+
+/// What a demand came to, and when: the worst of it, or its fulfilment.
+pub(super) struct Finding {
+    pub(super) value: Value,
+    pub(super) at_seconds: Option<f64>,
+    /// Nobody on this bus tells it, so it is neither met nor missed.
+    is_untold: bool,
+}
+
+impl Finding {
+    pub(super) fn at(value: Value, at_seconds: f64) -> Self {
+        Self {
+            value,
+            at_seconds: Some(at_seconds),
+            is_untold: false,
+        }
+    }
+
+    pub(super) fn none(reason: impl Into<String>) -> Self {
+        Self {
+            value: Err(reason.into()),
+            at_seconds: None,
+            is_untold: false,
+        }
+    }
+
+    /// The row of the verdict.
+    pub(super) fn metric(self, name: String, limit: Limit) -> Metric {
+        if self.is_untold {
+            return untold(name, Some(limit));
+        }
+        Metric::new(name, self.value, Some(limit)).at(self.at_seconds)
+    }
+}
+
+/// A row for each demand.
+pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
+    let checks = run.scenario.expect.signal.iter();
+    checks
+        .flat_map(|check| check.demands().map(|demand| metric(run, check, &demand)))
+        .collect()
+}
+
+fn metric(run: &Run<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Metric {
+    let window = check.window(demand, run.scenario.duration_seconds);
+    let limit = match demand {
+        Demand::Stays(limit) | Demand::RatePerSecond(limit) => *limit,
+        Demand::Reaches(_) => at_most(rounded(window.until_seconds - window.from_seconds)),
+        Demand::Follows(course) => at_most(course.tolerance),
+    };
+    let finding = match trace(run, &check.name) {
+        Ok(trace) => find(trace, window, demand, limit),
+        Err(finding) => finding,
+    };
+    finding.metric(check.row_name(demand), limit)
+}
+
+fn at_most(max: f64) -> Limit {
+    Limit {
+        min: None,
+        max: Some(max),
+    }
+}
+
+/// The trace of a signal that was heard at all.
+pub(super) fn trace<'a>(run: &Run<'a>, name: &str) -> Result<&'a Trace, Finding> {
+    let path = run.setup.names().find(name);
+    let path = path.map_err(|error| Finding::none(error.to_string()))?;
+    if run.timeline.zero_seconds.is_none() {
+        return Err(Finding::none("the scenario never began"));
+    }
+    let trace = run.timeline.traces.iter().find(|trace| trace.path == path);
+    let message = path.split('.').next().unwrap_or_default();
+    trace
+        .filter(|trace| !trace.samples.is_empty())
+        .ok_or_else(|| Finding {
+            is_untold: TRUTH_MESSAGES.contains(&message),
+            ..Finding::none(format!("{path} never was on the bus"))
+        })
+}
+
+/// The samples of a window, up to but without its end.
+pub(super) fn samples_in(samples: &[Sample], window: Window) -> &[Sample] {
+    let before = |limit: f64| {
+        samples.partition_point(|sample| sample.time_seconds < limit - TIME_TOLERANCE_SECONDS)
+    };
+    let (from, until) = (before(window.from_seconds), before(window.until_seconds));
+    &samples[from..until.max(from)]
+}
+
+fn find(trace: &Trace, window: Window, demand: &Demand<'_>, limit: Limit) -> Finding {
+    let samples = samples_in(&trace.samples, window);
+    if samples.is_empty() {
+        return Finding::none(absence(trace, window));
+    }
+    if let Demand::Reaches(wanted) = demand {
+        return arrival(samples, window.from_seconds, *wanted);
+    }
+    if let Some(sample) = samples.iter().find(|sample| !sample.value.is_finite()) {
+        let reason = format!("{} is no number", sample.value);
+        return Finding::at(Err(reason), sample.time_seconds);
+    }
+    if let Some((from, until)) = silence(trace, samples, window) {
+        return Finding::none(format!("silent from {from:.3} to {until:.3} s"));
+    }
+    match demand {
+        Demand::RatePerSecond(_) if samples.len() < 2 => {
+            Finding::none("a single sample has no rate")
+        }
+        Demand::RatePerSecond(_) => worst(rates(samples), limit),
+        Demand::Follows(course) => worst(distances(samples, course), limit),
+        Demand::Stays(_) | Demand::Reaches(_) => worst(samples.iter().copied(), limit),
+    }
+}
+
+/// Why a window is empty.
+fn absence(trace: &Trace, window: Window) -> String {
+    let is_before = |sample: &&Sample| sample.time_seconds < window.from_seconds;
+    let last = trace.samples.iter().rev().find(is_before);
+    let next = trace
+        .samples
+        .iter()
+        .find(|sample| sample.time_seconds >= window.until_seconds - TIME_TOLERANCE_SECONDS);
+    match (last, next) {
+        (Some(last), _) => format!("no sample; the last came at {:.3} s", last.time_seconds),
+        (None, Some(next)) => format!("no sample; the first comes at {:.3} s", next.time_seconds),
+        (None, None) => "no sample".to_owned(),
+    }
+}
+
+/// The first stretch of the window in which a cyclic signal was silent.
+fn silence(trace: &Trace, samples: &[Sample], window: Window) -> Option<(f64, f64)> {
+    let limit = trace.silence_seconds_max?;
+    let times = samples.iter().map(|sample| sample.time_seconds);
+    let ends = [window.from_seconds]
+        .into_iter()
+        .chain(times.clone())
+        .zip(times.chain([window.until_seconds]));
+    ends.into_iter().find(|(from, until)| until - from > limit)
+}
+
+/// From the start of the window to the first sample within the limit.
+fn arrival(samples: &[Sample], from_seconds: f64, wanted: Limit) -> Finding {
+    if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
+        return Finding::at(Ok(first.time_seconds - from_seconds), first.time_seconds);
+    }
+    let outside = |sample: &&Sample| -margin(sample.value, wanted);
+    let numbers = samples.iter().filter(|sample| !sample.value.is_nan());
+    match numbers.min_by(|left, right| outside(left).total_cmp(&outside(right))) {
+        Some(nearest) => {
+            let reason = format!("not reached, only {}", rounded(nearest.value));
+            Finding::at(Err(reason), nearest.time_seconds)
+        }
+        None => Finding::none("NaN is no number"),
+    }
+}
+
+/// The value that is nearest to a limit or farthest beyond it; the first of several.
+fn worst(values: impl Iterator<Item = Sample>, limit: Limit) -> Finding {
+    let worst = values.reduce(|worst, sample| {
+        match margin(sample.value, limit) < margin(worst.value, limit) {
+            true => sample,
+            false => worst,
+        }
+    });
+    match worst {
+        Some(sample) => Finding::at(Ok(sample.value), sample.time_seconds),
+        None => Finding::none("no sample"),
+    }
+}
+
+/// How far a value is within a limit; negative beyond it.
+fn margin(value: f64, limit: Limit) -> f64 {
+    let above_min = limit.min.map_or(f64::INFINITY, |min| value - min);
+    let below_max = limit.max.map_or(f64::INFINITY, |max| max - value);
+    above_min.min(below_max)
+}
+
+/// The change per second up to each sample.
+fn rates(samples: &[Sample]) -> impl Iterator<Item = Sample> {
+    samples.windows(2).map(|pair| Sample {
+        time_seconds: pair[1].time_seconds,
+        value: (pair[1].value - pair[0].value) / (pair[1].time_seconds - pair[0].time_seconds),
+    })
+}
+
+/// How far each sample is from the course.
+fn distances(samples: &[Sample], course: &Course) -> impl Iterator<Item = Sample> {
+    samples.iter().map(|sample| Sample {
+        value: (sample.value - course.at(sample.time_seconds)).abs(),
+        ..*sample
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn trace_of(samples: Vec<Sample>) -> Trace {
+        Trace {
+            path: "message.signal".to_owned(),
+            unit: String::new(),
+            silence_seconds_max: Some(0.02),
+            samples,
+        }
+    }
+
+    /// A sample each millisecond of the first second.
+    fn every_millisecond(value: impl Fn(f64) -> f64) -> Trace {
+        let sample = |number| {
+            let time_seconds = f64::from(number) * 1e-3;
+            Sample {
+                time_seconds,
+                value: value(time_seconds),
+            }
+        };
+        trace_of((0..1000).map(sample).collect())
+    }
+
+    fn limit(min: f64, max: f64) -> Limit {
+        Limit {
+            min: Some(min),
+            max: Some(max),
+        }
+    }
+
+    fn window(from_seconds: f64, until_seconds: f64) -> Window {
+        Window {
+            from_seconds,
+            until_seconds,
+        }
+    }
+
+    #[track_caller]
+    fn check(
+        trace: &Trace,
+        window: Window,
+        demand: &Demand<'_>,
+        limit: Limit,
+        expected: Result<f64, &str>,
+        at_seconds: Option<f64>,
+    ) {
+        let finding = find(trace, window, demand, limit);
+        let value = finding.value.map(rounded);
+        assert_eq!(value, expected.map_err(str::to_owned));
+        assert_eq!(finding.at_seconds.map(rounded), at_seconds);
+    }
+
+    #[track_caller]
+    fn check_stays(trace: &Trace, within: Window, expected: Result<f64, &str>, at: Option<f64>) {
+        let wanted = limit(0.0, 1.0);
+        check(trace, within, &Demand::Stays(wanted), wanted, expected, at);
+    }
+
+    #[test]
+    fn the_sample_nearest_to_a_limit_or_beyond_it_is_told() {
+        let ramp = every_millisecond(|time| time);
+        check_stays(&ramp, window(0.2, 0.9), Ok(0.899), Some(0.899));
+        check_stays(&ramp, window(0.2, 0.4), Ok(0.2), Some(0.2));
+        let peak = every_millisecond(|time| if (time - 0.5).abs() < 1e-6 { 7.0 } else { 0.5 });
+        check_stays(&peak, window(0.0, 1.0), Ok(7.0), Some(0.5));
+        // The window ends before its last instant.
+        check_stays(&peak, window(0.0, 0.5), Ok(0.5), Some(0.0));
+    }
+
+    #[test]
+    fn a_rate_is_that_of_two_successive_samples() {
+        let jump = every_millisecond(|time| if time < 0.2995 { 0.0 } else { 0.25 });
+        let demand = Demand::RatePerSecond(limit(-100.0, 100.0));
+        let wanted = limit(-100.0, 100.0);
+        let whole = window(0.0, 1.0);
+        check(&jump, whole, &demand, wanted, Ok(250.0), Some(0.3));
+        let single = Err("a single sample has no rate");
+        check(&jump, window(0.3, 0.301), &demand, wanted, single, None);
+    }
+
+    #[test]
+    fn an_arrival_counts_from_the_start_of_the_window() {
+        let ramp = every_millisecond(|time| 10.0 * time);
+        let demand = Demand::Reaches(limit(4.0, 5.0));
+        let any = at_most(1.0);
+        check(&ramp, window(0.1, 1.0), &demand, any, Ok(0.3), Some(0.4));
+        let missed = Err("not reached, only 2.99");
+        check(&ramp, window(0.1, 0.3), &demand, any, missed, Some(0.299));
+    }
+
+    #[test]
+    fn a_course_is_met_between_its_rows_too() {
+        let course = Course {
+            file: "golden.csv".to_owned(),
+            column: None,
+            tolerance: 0.1,
+            rows: vec![(0.0, 0.0), (1.0, 10.0)],
+        };
+        let demand = Demand::Follows(&course);
+        let off = |time: f64| 10.0 * time + if time < 0.6995 { 0.0 } else { 0.2 };
+        let whole = window(0.0, 1.0);
+        check(
+            &every_millisecond(off),
+            whole,
+            &demand,
+            at_most(0.1),
+            Ok(0.2),
+            Some(0.7),
+        );
+    }
+
+    #[test]
+    fn what_was_not_seen_never_passes() {
+        let ramp = every_millisecond(|time| time);
+        let late = Err("no sample; the last came at 0.999 s");
+        check_stays(&ramp, window(2.0, 3.0), late, None);
+        let early = trace_of(vec![Sample {
+            time_seconds: 5.0,
+            value: 0.5,
+        }]);
+        let none = Err("no sample; the first comes at 5.000 s");
+        check_stays(&early, window(2.0, 3.0), none, None);
+        let silent = Err("silent from 0.999 to 1.500 s");
+        check_stays(&ramp, window(0.0, 1.5), silent, None);
+        let gap = every_millisecond(|time| time);
+        let kept = |sample: &Sample| !(0.3..0.6).contains(&sample.time_seconds);
+        let gap = trace_of(gap.samples.into_iter().filter(kept).collect());
+        let silent = Err("silent from 0.299 to 0.600 s");
+        check_stays(&gap, window(0.0, 1.0), silent, None);
+        let nan = every_millisecond(|time| if time > 0.4995 { f64::NAN } else { 0.5 });
+        let no_number = Err("NaN is no number");
+        check_stays(&nan, window(0.0, 1.0), no_number, Some(0.5));
+        let reaches = Demand::Reaches(limit(2.0, 3.0));
+        let only = window(0.6, 1.0);
+        check(&nan, only, &reaches, at_most(1.0), no_number, None);
+    }
+
+    #[test]
+    fn a_signal_that_is_sent_on_occasion_may_be_silent() {
+        let mut rare = every_millisecond(|time| time);
+        rare.silence_seconds_max = None;
+        check_stays(&rare, window(0.5, 3.0), Ok(0.999), Some(0.999));
+    }
+
+    proptest! {
+        /// The verdict is that of a reader who looks at each sample by itself, and the time is that of such a sample.
+        #[test]
+        fn a_band_is_kept_when_each_sample_keeps_it(
+            values in prop::collection::vec(-2.0..2.0_f64, 1..60),
+            (low, high) in (-1.5..0.0_f64, 0.0..1.5_f64),
+            (from, length) in (0.0..0.05_f64, 0.001..0.06_f64),
+        ) {
+            let values: Vec<f64> = values.into_iter().map(rounded).collect();
+            let wanted = limit(rounded(low), rounded(high));
+            let trace = Trace {
+                silence_seconds_max: None,
+                ..every_millisecond(|time| {
+                    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 999")]
+                    let number = (time * 1e3).round() as usize;
+                    values.get(number).copied().unwrap_or(0.0)
+                })
+            };
+            let within = window(from, from + length);
+            let inside = |sample: &&Sample| {
+                sample.time_seconds >= from - 1e-9 && sample.time_seconds < from + length - 1e-9
+            };
+            let seen: Vec<Sample> = trace.samples.iter().filter(inside).copied().collect();
+            let finding = find(&trace, within, &Demand::Stays(wanted), wanted);
+            let Ok(value) = finding.value else {
+                prop_assert!(seen.is_empty());
+                return Ok(());
+            };
+            let all = seen.iter().all(|sample| wanted.admits(sample.value));
+            prop_assert_eq!(wanted.admits(value), all);
+            let told = Sample { time_seconds: finding.at_seconds.unwrap(), value };
+            prop_assert!(seen.contains(&told));
+            // A wider band never turns a pass into a failure, and what keeps a band has reached it at once.
+            let wider = limit(rounded(low) - 0.5, rounded(high) + 0.5);
+            let again = find(&trace, within, &Demand::Stays(wider), wider).value.unwrap();
+            prop_assert!(!all || wider.admits(again));
+            let reached = find(&trace, within, &Demand::Reaches(wanted), wanted);
+            prop_assert!(!all || reached.at_seconds == Some(seen[0].time_seconds));
+        }
+    }
+}

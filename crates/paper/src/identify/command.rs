@@ -1,0 +1,373 @@
+//! `canrig identify`: from arguments to a folder with plant, scenario, report and pictures.
+
+use clap::Args;
+use std::str::FromStr;
+use crate::identify::start::Start;
+use std::path::{Path, PathBuf};
+
+use dbc::Database;
+use scenario::Scenario;
+use scenario::plant::Plant;
+use serde::Serialize;
+
+use super::fit::Fit;
+use super::parameter::{self, Parameter};
+use super::picture;
+use super::report;
+use super::search::{self, Found, SearchError};
+use super::start;
+use super::statistics::Statistics;
+use super::trace::Trace;
+use runner::console::{Activity, complain, say};
+use runner::exit::Exit;
+use recording::run_folder::{RunFolder, file};
+
+/// Most recordings of one identification.
+const RECORDINGS_MAX: usize = 100;
+
+/// Names of the files that only identification writes.
+mod name {
+    /// The `[plant]` table that was found.
+    pub(super) const PLANT: &str = "plant.toml";
+    /// The report in words.
+    pub(super) const REPORT: &str = "report.md";
+    /// Everything in numbers.
+    pub(super) const NUMBERS: &str = "identification.json";
+}
+
+/// Why there is no result, and how the program ends.
+struct Failure {
+    message: String,
+    exit: Exit,
+}
+
+impl Failure {
+    fn new(exit: Exit) -> impl Fn(&dyn std::error::Error) -> Self {
+        move |error| Self {
+            message: error.to_string(),
+            exit,
+        }
+    }
+}
+
+/// Arguments of `identify`.
+#[derive(Args, Debug)]
+pub struct IdentifyArgs {
+    /// Run folders, or logs of `candump -L` (then with --scenario); all of one plant
+    #[arg(required = true, value_name = "RUN")]
+    pub recordings: Vec<PathBuf>,
+    /// What to find: the paper's letters or the keys of the scenario's [plant], separated by commas
+    #[arg(long, value_name = "LIST", default_value = "C,h,As,Af,Ms,Mf")]
+    pub parameters: String,
+    /// Where to start: `section3` (the paper's a-priori values), `nominal`, or a file with a [plant] table
+    #[arg(long, value_name = "START", default_value = "section3")]
+    pub start: Start,
+    /// What the other parameters are: `nominal`, `scenario` (the recording's [plant]), or a file with a [plant] table
+    #[arg(long, value_name = "PLANT", default_value = "nominal")]
+    pub known: KnownChoice,
+    /// The scenario that was played, for logs; it gives cycle time and sensor
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// The DBC of the recordings, if not the rig's own
+    #[arg(long, value_name = "FILE")]
+    pub dbc: Option<PathBuf>,
+    /// Where the folder with the result is made
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub output: PathBuf,
+    /// Print nothing but failures
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+/// What is taken as known of the plant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum KnownChoice {
+    /// The nominal plant.
+    Nominal,
+    /// The plant of the first recording's scenario.
+    Scenario,
+    /// The plant of a file.
+    File(PathBuf),
+}
+
+impl FromStr for KnownChoice {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "nominal" => Self::Nominal,
+            "scenario" => Self::Scenario,
+            path => Self::File(path.into()),
+        })
+    }
+}
+
+/// Does what the command line says.
+#[must_use]
+pub fn identify(args: &IdentifyArgs) -> Exit {
+    match run(args) {
+        Ok(exit) => exit,
+        Err(failure) => {
+            complain(&format!("canrig: {}", failure.message));
+            failure.exit
+        }
+    }
+}
+
+fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
+    let usage = Failure::new(Exit::Usage);
+    let parameters = parameter::parse_list(&args.parameters).map_err(|error| usage(&error))?;
+    let start = args.start.plant().map_err(|error| usage(&error))?;
+    let traces = load(args)?;
+    let known = known(args, &traces)?;
+    let fit = Fit::new(&traces, parameters, known.plant);
+    let activity = Activity::new(!args.quiet);
+    let progress = |iteration: u64, metres_rms: f64| {
+        activity.show(&format!(
+            "iteration {iteration}, residual {:.3} mm RMS",
+            1e3 * metres_rms
+        ));
+    };
+    let found = search::search(&fit, &fit.values_of(&start), &progress);
+    drop(activity);
+    let found = found.map_err(|error| match error {
+        SearchError::Start(_) => Failure::new(Exit::Usage)(&error),
+        _ => Failure::new(Exit::Inconclusive)(&error),
+    })?;
+    let folder = write(args, &fit, &found, &known.notes)
+        .map_err(|error| Failure::new(Exit::BenchFailed)(error.as_ref()))?;
+    let is_confirmed = found.is_confirmed(&fit);
+    if !args.quiet || !is_confirmed {
+        say(&report::summary(&fit, &found));
+        say(&format!(
+            "plant       {}\nreport      {}\nplay it     canrig run {}",
+            folder.join(name::PLANT).display(),
+            folder.join(name::REPORT).display(),
+            folder.join(file::SCENARIO).display()
+        ));
+    }
+    Ok(if is_confirmed {
+        Exit::Pass
+    } else {
+        Exit::Inconclusive
+    })
+}
+
+fn load(args: &IdentifyArgs) -> Result<Vec<Trace>, Failure> {
+    let database = args.dbc.as_deref().map(read_database).transpose()?;
+    if args.recordings.len() > RECORDINGS_MAX {
+        return Err(Failure {
+            message: format!(
+                "{} recordings are given (limit {RECORDINGS_MAX})",
+                args.recordings.len()
+            ),
+            exit: Exit::Usage,
+        });
+    }
+    let invalid = Failure::new(Exit::ScenarioInvalid);
+    let traces = args
+        .recordings
+        .iter()
+        .map(|path| Trace::load(path, args.scenario.as_deref(), database.as_ref()));
+    traces
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(|error| invalid(&error))
+}
+
+fn read_database(path: &Path) -> Result<Database, Failure> {
+    let fault = |reason: String| Failure {
+        message: format!("{} is no DBC: {reason}", path.display()),
+        exit: Exit::Usage,
+    };
+    let text = scenario::read_text(path, rig::FILE_BYTES_MAX)
+        .map_err(|error| fault(error.to_string()))?;
+    Database::parse(&text).map_err(|error| fault(error.to_string()))
+}
+
+/// What is taken as known, and remarks on it.
+struct Known {
+    plant: Plant,
+    notes: Vec<String>,
+}
+
+fn known(args: &IdentifyArgs, traces: &[Trace]) -> Result<Known, Failure> {
+    let scenario = traces
+        .first()
+        .map(|trace| trace.scenario.plant.clone())
+        .unwrap_or_default();
+    Ok(match &args.known {
+        KnownChoice::Nominal => {
+            let mut notes = vec!["All other parameters of the plant are taken to be nominal.".to_owned()];
+            notes.extend(differences(&scenario));
+            Known { plant: Plant::default(), notes }
+        }
+        KnownChoice::Scenario => Known {
+            plant: scenario,
+            notes: vec!["All other parameters of the plant are taken from the scenario of the first recording.".to_owned()],
+        },
+        KnownChoice::File(path) => Known {
+            plant: start::read_plant(path).map_err(|error| Failure::new(Exit::Usage)(&error))?,
+            notes: vec![format!("All other parameters of the plant are taken from `{}`.", path.display())],
+        },
+    })
+}
+
+/// Tells that the scenario's plant is not nominal: it may be what is known of the rig, or what identification must not
+/// know.
+fn differences(plant: &Plant) -> Option<String> {
+    let nominal = Plant::default();
+    let mut names: Vec<&str> = parameter::ALL
+        .iter()
+        .filter(|parameter: &&Parameter| parameter.get(plant) != parameter.get(&nominal))
+        .map(|parameter| parameter.path)
+        .collect();
+    if plant.mechanics.stress_strain != nominal.mechanics.stress_strain {
+        names.push("mechanics.stress_strain");
+    }
+    (!names.is_empty()).then(|| {
+        format!(
+            "The scenario's [plant] is not nominal in {}. This was not used; `--known scenario` uses it.",
+            names.join(", ")
+        )
+    })
+}
+
+/// A `[plant]` table alone, as a scenario has it.
+#[derive(Serialize)]
+struct PlantFile<'a> {
+    plant: &'a Plant,
+}
+
+/// What other programs read.
+#[derive(Serialize)]
+struct Numbers<'a> {
+    schema: u32,
+    version: &'static str,
+    parameters: Vec<&'static str>,
+    start: &'a [f64],
+    values: Vec<f64>,
+    second_optimiser: Option<&'a [f64]>,
+    iterations: u64,
+    is_confirmed: bool,
+    misfit: f64,
+    statistics: &'a Statistics,
+}
+
+fn write(
+    args: &IdentifyArgs,
+    fit: &Fit<'_>,
+    found: &Found,
+    notes: &[String],
+) -> Result<PathBuf, Box<dyn std::error::Error>> {
+    let played = fit
+        .traces
+        .first()
+        .map(|trace| &trace.scenario)
+        .ok_or("no recording")?;
+    let plant = Plant {
+        sensor: played.plant.sensor.clone(),
+        amplifier: played.plant.amplifier.clone(),
+        ..fit.plant(&found.statistics.values())
+    };
+    let arguments = format!(
+        "{:?}",
+        (&args.recordings, &args.parameters, &args.start, &args.known)
+    );
+    let folder = RunFolder::create(
+        &args.output,
+        &format!("identify {}", played.name),
+        played.seed,
+        &arguments,
+    )?;
+    folder.write(name::REPORT, b"incomplete: the identification has not ended; if no process works on it any more, it broke off\n")?;
+    folder.write(
+        name::PLANT,
+        toml::to_string(&PlantFile { plant: &plant })?.as_bytes(),
+    )?;
+    let scenario = Scenario {
+        plant,
+        ..played.clone()
+    };
+    folder.write(file::SCENARIO, toml::to_string(&scenario)?.as_bytes())?;
+    for table in &played.reference.table {
+        let parent = scenario_folder(args);
+        folder.copy(&parent.join(&table.file), &table.file)?;
+    }
+    let numbers = serde_json::to_vec_pretty(&numbers(fit, found))?;
+    folder.write(name::NUMBERS, &numbers)?;
+    let pictures = write_pictures(&folder, fit, found)?;
+    let report = report::markdown(fit, found, notes) + &pictures;
+    folder.write(name::REPORT, report.as_bytes())?;
+    Ok(folder.path().to_owned())
+}
+
+/// Where the scenario of the first recording lies, and with it its tables.
+fn scenario_folder(args: &IdentifyArgs) -> PathBuf {
+    let first = args.recordings.first().cloned().unwrap_or_default();
+    match &args.scenario {
+        Some(scenario) if !first.is_dir() => scenario.parent().unwrap_or(Path::new(".")).to_owned(),
+        _ => first,
+    }
+}
+
+fn numbers<'a>(fit: &Fit<'_>, found: &'a Found) -> Numbers<'a> {
+    Numbers {
+        schema: 1,
+        version: env!("CARGO_PKG_VERSION"),
+        parameters: fit
+            .parameters
+            .iter()
+            .map(|parameter| parameter.symbol)
+            .collect(),
+        start: &found.start,
+        values: found.statistics.values(),
+        second_optimiser: found.check.as_ref().map(|check| check.values.as_slice()),
+        iterations: found.descent.optimum.iterations,
+        is_confirmed: found.is_confirmed(fit),
+        misfit: found.statistics.misfit(),
+        statistics: &found.statistics,
+    }
+}
+
+/// One picture per recording; the part of the report that shows them.
+fn write_pictures(
+    folder: &RunFolder,
+    fit: &Fit<'_>,
+    found: &Found,
+) -> Result<String, Box<dyn std::error::Error>> {
+    let expected =
+        |values: &[f64]| fit.expected_metres(&fit.simulated_metres(values).unwrap_or_default());
+    let (start, fitted) = (expected(&found.start), expected(&found.statistics.values()));
+    let mut text = String::from("\n## Fit\n\n");
+    let mut first = 0;
+    for (number, trace) in (1..).zip(fit.traces) {
+        let end = first + trace.positions_metres.len();
+        let start = start.get(first..end).unwrap_or_default();
+        let fitted = fitted.get(first..end).unwrap_or_default();
+        let name = format!("fit-{number}.svg");
+        let picture = picture::to_svg(trace, start, fitted);
+        folder.write(&name, picture.as_bytes())?;
+        text += &format!("![measured and found position]({name})\n");
+        first = end;
+    }
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::plant::StressStrain;
+
+    #[test]
+    fn a_plant_that_is_not_nominal_is_told() {
+        let mut plant = Plant::default();
+        assert_eq!(differences(&plant), None);
+        plant.mechanics.load_kilograms = 0.05;
+        plant.mechanics.stress_strain = StressStrain::Full;
+        let note = differences(&plant).unwrap();
+        assert!(
+            note.contains("in mechanics.load_kilograms, mechanics.stress_strain."),
+            "{note}"
+        );
+    }
+}

@@ -1,0 +1,166 @@
+//! Where the search starts.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use scenario::plant::Plant;
+
+use super::fit::{Fit, mean_square};
+
+/// A load that rises less than this in the simulation has not lifted.
+const LIFT_METRES_MIN: f64 = 1e-3;
+/// Points of a scan.
+const SCAN_POINTS: u32 = 96;
+/// Bases of the Halton sequence, one per parameter.
+const PRIMES: [u32; 23] = [
+    2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61, 67, 71, 73, 79, 83,
+];
+/// The paper's a-priori values, its Sec. 3.
+const SECTION_3: [(&str, f64); 6] = [
+    ("C", 0.4),
+    ("h", 6.55),
+    ("As", 68.0),
+    ("Af", 78.0),
+    ("Ms", 52.0),
+    ("Mf", 42.0),
+];
+
+/// Which start values.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// The paper's a-priori values; nominal ones for what it does not name.
+    Section3,
+    /// The nominal plant's, which are the paper's identified values.
+    Nominal,
+    /// The `[plant]` table of a file.
+    File(PathBuf),
+}
+
+/// A file has no plant.
+#[derive(Debug, thiserror::Error)]
+#[error("{} gives no plant: {reason}", path.display())]
+pub struct PlantFileError {
+    path: PathBuf,
+    reason: String,
+}
+
+/// Reads the `[plant]` table of a file, a scenario's or one that identification wrote; other tables are not looked at.
+///
+/// # Errors
+/// The file cannot be read or has no such table.
+pub fn read_plant(path: &Path) -> Result<Plant, PlantFileError> {
+    let fault = |reason: String| PlantFileError {
+        path: path.to_owned(),
+        reason,
+    };
+    let text = scenario::read_text(path, rig::FILE_BYTES_MAX)
+        .map_err(|error| fault(error.to_string()))?;
+    let mut table: toml::Table = text
+        .parse()
+        .map_err(|error: toml::de::Error| fault(error.message().to_owned()))?;
+    let plant = table
+        .remove("plant")
+        .ok_or_else(|| fault("it has no table [plant]".to_owned()))?;
+    plant
+        .try_into()
+        .map_err(|error: toml::de::Error| fault(error.message().to_owned()))
+}
+
+impl FromStr for Start {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "section3" => Self::Section3,
+            "nominal" => Self::Nominal,
+            path => Self::File(path.into()),
+        })
+    }
+}
+
+impl Start {
+    /// The plant whose values are the start.
+    ///
+    /// # Errors
+    /// The file cannot be used.
+    pub fn plant(&self) -> Result<Plant, PlantFileError> {
+        let mut plant = Plant::default();
+        match self {
+            Self::Nominal => {}
+            Self::File(path) => return read_plant(path),
+            Self::Section3 => {
+                for (symbol, value) in SECTION_3 {
+                    let parameter = super::parameter::ALL
+                        .iter()
+                        .find(|parameter| parameter.symbol == symbol);
+                    if let Some(parameter) = parameter {
+                        parameter.set(&mut plant, value);
+                    }
+                }
+            }
+        }
+        Ok(plant)
+    }
+}
+
+/// True when the load of the simulated plant leaves its stop. Where it does not, no derivative tells where to go.
+#[must_use]
+pub fn lifts(fit: &Fit<'_>, values: &[f64]) -> bool {
+    let positions = fit.simulated_metres(values).unwrap_or_default();
+    positions.iter().any(|position| *position > LIFT_METRES_MIN)
+}
+
+/// The admissible point with the smallest residual among points spread evenly over the bounds (Halton's sequence).
+#[must_use]
+pub fn scan(fit: &Fit<'_>) -> Option<Vec<f64>> {
+    let coarse = fit.coarse();
+    let points = (1..)
+        .map(|index| point(&coarse, index))
+        .take(100 * SCAN_POINTS as usize);
+    let points = points
+        .filter(|values| coarse.admits(values))
+        .take(SCAN_POINTS as usize);
+    let rated =
+        points.filter_map(|values| Some((mean_square(&coarse.residual_metres(&values)?), values)));
+    rated
+        .min_by(|left, right| left.0.total_cmp(&right.0))
+        .map(|(_, values)| values)
+}
+
+/// A point of Halton's sequence within the bounds.
+fn point(fit: &Fit<'_>, index: u32) -> Vec<f64> {
+    let coordinates = fit.parameters.iter().zip(PRIMES);
+    coordinates
+        .map(|(parameter, base)| parameter.lower + parameter.range() * radical_inverse(index, base))
+        .collect()
+}
+
+/// The digits of `index` mirrored at the point.
+fn radical_inverse(mut index: u32, base: u32) -> f64 {
+    let (mut value, mut digit) = (0.0, 1.0 / f64::from(base));
+    while index > 0 {
+        value += digit * f64::from(index % base);
+        digit /= f64::from(base);
+        index /= base;
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sequence_of_base_2_halves_and_halves() {
+        let values: Vec<f64> = (1..6).map(|index| radical_inverse(index, 2)).collect();
+        assert_eq!(values, [0.5, 0.25, 0.75, 0.125, 0.625]);
+    }
+
+    #[test]
+    fn section_3_is_the_papers() {
+        let plant = Start::Section3.plant().unwrap();
+        assert_eq!(plant.heat.conduction_watts_per_metre_kelvin, 0.4);
+        assert_eq!(plant.phase.martensite_finish_celsius, 42.0);
+        assert_eq!(plant.mechanics, Plant::default().mechanics);
+    }
+}

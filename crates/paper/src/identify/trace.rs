@@ -1,0 +1,535 @@
+//! What identification takes from a recording: the inputs over time and the measured positions.
+
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use dbc::{Database, SignalMissing, signals};
+use plant_emulator::sma::Inputs;
+use scenario::plant::Sensor;
+use scenario::rig::Rig;
+use scenario::{Scenario, ScenarioError};
+
+use recording::log::{self, Stamped};
+use rig::rig_file::{LoadedRig, RigError};
+use worlds::catalogue::catalogue;
+use recording::run_folder::file;
+use rig::setup::Setup;
+use recording::timeline::{self, Timeline};
+use dbc::scenario_clock::SYNC_COB_ID;
+
+/// Distance of the positions that are compared. The wire's time constant is 0.65 s; closer ones would add little.
+const GRID_SECONDS: f64 = 0.01;
+/// Shortest recording, some time constants of the wire.
+const DURATION_SECONDS_MIN: f64 = 3.0;
+/// Longest gap that is bridged by holding the inputs …
+const GAP_SECONDS_MAX: f64 = 0.02;
+/// … or so many cycles where that is longer: without a SYNC the drive itself holds its command.
+const GAP_CYCLES_MAX: f64 = 2.5;
+/// A command that comes in the cycle of row k flows until row k + 2.
+const COMMAND_CYCLES: usize = 2;
+/// Most cycles without a position.
+const MISSED_PERCENT_MAX: f64 = 1.0;
+/// Least motion, in steps of the sensor.
+const MOTION_STEPS_MIN: f64 = 20.0;
+/// Farthest from the stop, in steps of the sensor, that a recording may begin.
+const START_STEPS_MAX: f64 = 8.0;
+
+/// Why a recording cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {fault}", path.display())]
+pub struct RecordingError {
+    /// Which one.
+    pub path: PathBuf,
+    /// Why.
+    pub fault: Fault,
+}
+
+/// What is wrong with a recording.
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    /// A file cannot be read.
+    #[error("{name} cannot be read: {source}")]
+    Read {
+        /// Which one.
+        name: String,
+        /// Why.
+        source: io::Error,
+    },
+    /// The scenario is invalid.
+    #[error("the scenario is invalid: {0}")]
+    Scenario(Box<ScenarioError>),
+    /// The rig file is invalid.
+    #[error("the rig file is invalid: {0}")]
+    Rig(Box<RigError>),
+    /// The plant has other parameters.
+    #[error("its plant is `{0}`; identification knows the equations of the SMA actuator only")]
+    OtherPlant(String),
+    /// A log without its scenario.
+    #[error(
+        "a log alone does not tell the cycle time and the sensor; name the scenario that was played with --scenario"
+    )]
+    NoScenario,
+    /// The DBC lacks a signal.
+    #[error("{0}; identification needs the rig's own DBC")]
+    Signal(#[from] SignalMissing),
+    /// No frame of the drive.
+    #[error(
+        "none of its {frames} frames is {message} (0x{id:03X}), the drive's position and current: is it the right DBC?"
+    )]
+    NoDriveFrames {
+        /// Frames in the log.
+        frames: usize,
+        /// The message that was looked for.
+        message: &'static str,
+        /// Its identifier.
+        id: u32,
+    },
+    /// Frames of the drive, and no scenario time.
+    #[error("{reason}, so scenario time never begins: is it the right DBC?")]
+    NeverBegan {
+        /// What is missing.
+        reason: &'static str,
+    },
+    /// Too short.
+    #[error("it is {seconds:.2} s long, identification needs {DURATION_SECONDS_MIN} s")]
+    TooShort {
+        /// Its length.
+        seconds: f64,
+    },
+    /// A gap.
+    #[error(
+        "it has a gap of {gap_seconds:.3} s at {at_seconds:.3} s (limit {limit_seconds:.3} s): the current in it is unknown"
+    )]
+    Gap {
+        /// Where.
+        at_seconds: f64,
+        /// How long.
+        gap_seconds: f64,
+        /// Longest that is bridged.
+        limit_seconds: f64,
+    },
+    /// Many small gaps.
+    #[error("{percent:.1} % of its cycles have no position (limit {MISSED_PERCENT_MAX} %)")]
+    MissedCycles {
+        /// How many.
+        percent: f64,
+    },
+    /// A value that the rig cannot have.
+    #[error(
+        "the {quantity} is {value} {unit} at {at_seconds:.3} s, outside {lower} to {upper} {unit}: is it the right DBC?"
+    )]
+    Implausible {
+        /// Which.
+        quantity: &'static str,
+        /// Its value.
+        value: f64,
+        /// Its unit.
+        unit: &'static str,
+        /// When.
+        at_seconds: f64,
+        /// Smallest plausible.
+        lower: f64,
+        /// Largest plausible.
+        upper: f64,
+    },
+    /// The load is up at the start.
+    #[error(
+        "the load is at {millimetres:.2} mm when it begins; only a cold start on the stop has a known temperature"
+    )]
+    NotAtRest {
+        /// First position.
+        millimetres: f64,
+    },
+    /// Nothing moves.
+    #[error(
+        "the load moves by {millimetres:.2} mm at most (identification needs {needed_millimetres:.2} mm), with currents up to \
+         {current_amperes_max:.3} A: without motion the position tells nothing"
+    )]
+    NoMotion {
+        /// Highest less lowest position.
+        millimetres: f64,
+        /// What would do.
+        needed_millimetres: f64,
+        /// Largest current.
+        current_amperes_max: f64,
+    },
+}
+
+/// A stretch of time under constant inputs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch {
+    /// Its length.
+    pub duration_seconds: f64,
+    /// What acts.
+    pub inputs: Inputs,
+    /// Where in [`Trace::positions_metres`] the position at its end is, if it was measured.
+    pub sample: Option<usize>,
+}
+
+/// One recording, ready to be compared with a simulation from the start state.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    /// Where it came from.
+    pub path: PathBuf,
+    /// The scenario that was played.
+    pub scenario: Scenario,
+    /// The sensor that measured.
+    pub sensor: Sensor,
+    /// The inputs from scenario time 0 on.
+    pub stretches: Vec<Stretch>,
+    /// Scenario time of each position.
+    pub times_seconds: Vec<f64>,
+    /// Measured positions.
+    pub positions_metres: Vec<f64>,
+    /// The current at each position, for plots.
+    pub currents_amperes: Vec<f64>,
+}
+
+impl Trace {
+    /// Reads a run folder, or a log of `candump -L` together with the scenario that was played. Frames mean what `database`
+    /// says, else what the rig file of the run says, else what the emulated drive's mean.
+    ///
+    /// # Errors
+    /// It cannot be read, or identification cannot use it.
+    pub fn load(
+        path: &Path,
+        scenario: Option<&Path>,
+        database: Option<&Database>,
+    ) -> Result<Self, RecordingError> {
+        let at = |fault| RecordingError {
+            path: path.to_owned(),
+            fault,
+        };
+        let metadata = path.metadata().map_err(|source| {
+            let name = "it".to_owned();
+            at(Fault::Read { name, source })
+        })?;
+        let (log, scenario) = if metadata.is_dir() {
+            (path.join(file::BUS_LOG), path.join(file::SCENARIO))
+        } else {
+            let scenario = scenario.ok_or_else(|| at(Fault::NoScenario))?;
+            (path.to_owned(), scenario.to_owned())
+        };
+        let mut scenario =
+            Scenario::load(&scenario).map_err(|error| at(Fault::Scenario(Box::new(error))))?;
+        let rig = LoadedRig::in_folder(path).map_err(|error| at(Fault::Rig(Box::new(error))))?;
+        if let Some(loaded) = &rig {
+            scenario.bus = loaded.rig.bus.of_scenario();
+            scenario.plant.sensor = sensor_of(&loaded.rig);
+        }
+        let of_rig = rig.as_ref().map(|rig| &*rig.database);
+        let database = database.or(of_rig).unwrap_or(Database::shipped());
+        let frames = read(&log).map_err(at)?;
+        Self::from_frames(path, &frames, scenario, database).map_err(at)
+    }
+
+    /// Takes the frames of a recording.
+    ///
+    /// # Errors
+    /// Identification cannot use it.
+    pub fn from_frames(
+        path: &Path,
+        frames: &[Stamped],
+        scenario: Scenario,
+        database: &Database,
+    ) -> Result<Self, Fault> {
+        if scenario.plant.name() != scenario::plant::SMA_ACTUATOR {
+            return Err(Fault::OtherPlant(scenario.plant.name().to_owned()));
+        }
+        let setup = Setup::of(scenario.clone(), catalogue());
+        let setup = setup.with_database(Arc::new(database.clone()));
+        let timeline = timeline::decode(frames, &setup)?;
+        check_frames(frames, database, &timeline)?;
+        check_values(&timeline, &scenario)?;
+        Ok(Self::build(path, &timeline, scenario))
+    }
+
+    fn build(path: &Path, timeline: &Timeline, scenario: Scenario) -> Self {
+        let mut trace = Self {
+            path: path.to_owned(),
+            sensor: scenario.plant.sensor.clone(),
+            scenario,
+            stretches: Vec::new(),
+            times_seconds: Vec::new(),
+            positions_metres: Vec::new(),
+            currents_amperes: Vec::new(),
+        };
+        let disturbances = Disturbances::of(timeline);
+        let grid = cycles_per_sample(timeline.period_seconds);
+        for (row, current_amperes) in flowed(timeline).into_iter().enumerate().skip(1) {
+            let inputs = Inputs {
+                current_amperes,
+                ..disturbances.at(row - 1)
+            };
+            #[expect(clippy::cast_precision_loss, reason = "a few cycles")]
+            let cycles = (timeline.cycle[row] - timeline.cycle[row - 1]) as f64;
+            let position = timeline.position()[row];
+            let is_sampled = timeline.cycle[row].is_multiple_of(grid) && !position.is_nan();
+            let sample = is_sampled.then_some(trace.positions_metres.len());
+            if is_sampled {
+                trace.times_seconds.push(timeline.time_seconds[row]);
+                trace.positions_metres.push(position * 1e-3);
+                trace.currents_amperes.push(inputs.current_amperes);
+            }
+            trace.extend(cycles * timeline.period_seconds, inputs, sample);
+        }
+        trace
+    }
+
+    /// Appends a stretch; one that continues the last is joined to it.
+    fn extend(&mut self, duration_seconds: f64, inputs: Inputs, sample: Option<usize>) {
+        match self.stretches.last_mut() {
+            Some(last) if last.sample.is_none() && last.inputs == inputs => {
+                last.duration_seconds += duration_seconds;
+                last.sample = sample;
+            }
+            _ => self.stretches.push(Stretch {
+                duration_seconds,
+                inputs,
+                sample,
+            }),
+        }
+    }
+
+    /// One step of the sensor's converter.
+    #[must_use]
+    pub fn sensor_step_metres(&self) -> f64 {
+        sensor_step_millimetres(&self.sensor) * 1e-3
+    }
+}
+
+/// The current up to each row, in amperes.
+fn flowed(timeline: &Timeline) -> Vec<f64> {
+    let told = timeline.current();
+    if told.iter().all(|value| value.is_nan()) {
+        return commanded(timeline);
+    }
+    // What the drive reports at a SYNC flowed until then.
+    let mut flowed = told.to_vec();
+    let mut next = 0.0;
+    for value in flowed.iter_mut().rev() {
+        if value.is_nan() {
+            *value = next;
+        }
+        next = *value;
+    }
+    flowed
+}
+
+/// The command that acts up to each row, for a drive that does not tell its current: one computed from the sample of a
+/// SYNC acts from the next one on.
+fn commanded(timeline: &Timeline) -> Vec<f64> {
+    let name = signals::TARGET_CURRENT.split_once('.');
+    let column = name.and_then(|(_, name)| timeline.column(name));
+    let mut last = 0.0;
+    let held = column.into_iter().flat_map(|column| &column.values);
+    let held = held.map(|value| {
+        if !value.is_nan() {
+            last = *value;
+        }
+        last
+    });
+    let delayed = std::iter::repeat_n(0.0, COMMAND_CYCLES).chain(held);
+    delayed.take(timeline.cycle.len()).collect()
+}
+
+/// The sensor of a rig's drive: counts that reach over the travel.
+fn sensor_of(rig: &Rig) -> Sensor {
+    let step = rig.drive.position.resolution_millimetres;
+    let bits = libm::ceil(libm::log2(rig.limits.position_millimetres.max / step)).clamp(1.0, 24.0);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped just above"
+    )]
+    let resolution_bits = bits as u32;
+    Sensor {
+        resolution_bits,
+        span_millimetres: step * f64::from(1_u32 << resolution_bits),
+        ..Sensor::default()
+    }
+}
+
+fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
+    sensor.span_millimetres / f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24))
+}
+
+/// Every how many cycles a position is compared.
+fn cycles_per_sample(period_seconds: f64) -> u64 {
+    let cycles = libm::round(GRID_SECONDS / period_seconds).clamp(1.0, 1e6);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped just above"
+    )]
+    let cycles = cycles as u64;
+    cycles
+}
+
+fn read(path: &Path) -> Result<Vec<Stamped>, Fault> {
+    let fault = |source| Fault::Read {
+        name: path
+            .file_name()
+            .unwrap_or(path.as_os_str())
+            .display()
+            .to_string(),
+        source,
+    };
+    let input = File::open(path).map_err(fault)?;
+    log::read_log(BufReader::new(input)).map_err(fault)
+}
+
+/// The columns of the disturbance node.
+struct Disturbances<'a> {
+    convection_factor: &'a [f64],
+    added_load_grams: &'a [f64],
+}
+
+impl<'a> Disturbances<'a> {
+    fn of(timeline: &'a Timeline) -> Self {
+        let column = |path: &str| {
+            let name = path.split_once('.').map_or(path, |(_, name)| name);
+            timeline
+                .column(name)
+                .map_or(&[][..], |column| &column.values)
+        };
+        Self {
+            convection_factor: column(signals::CONVECTION_FACTOR),
+            added_load_grams: column(signals::ADDED_LOAD),
+        }
+    }
+
+    /// What acts from a row on; still air and the load alone until the node is told otherwise.
+    fn at(&self, row: usize) -> Inputs {
+        let value = |column: &[f64]| column.get(row).copied().filter(|value| !value.is_nan());
+        let default = Inputs::default();
+        Inputs {
+            convection_factor: value(self.convection_factor).unwrap_or(default.convection_factor),
+            added_load_kilograms: value(self.added_load_grams)
+                .map_or(default.added_load_kilograms, |grams| grams * 1e-3),
+            ..default
+        }
+    }
+}
+
+/// Are these the frames of the rig?
+fn check_frames(frames: &[Stamped], database: &Database, timeline: &Timeline) -> Result<(), Fault> {
+    let position = database.require(signals::POSITION)?;
+    let message = signals::POSITION
+        .split_once('.')
+        .map_or("", |(message, _)| message);
+    let is_drive = |stamped: &Stamped| stamped.frame.raw_id() == position.raw_id();
+    if !frames.iter().any(is_drive) {
+        return Err(Fault::NoDriveFrames {
+            frames: frames.len(),
+            message,
+            id: position.raw_id(),
+        });
+    }
+    let is_sync = |stamped: &Stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID);
+    if !frames.iter().any(is_sync) {
+        let reason = "it has no SYNC (0x080)";
+        return Err(Fault::NeverBegan { reason });
+    }
+    if timeline.cycle.is_empty() {
+        let reason = "the drive never reports Operation Enabled";
+        return Err(Fault::NeverBegan { reason });
+    }
+    Ok(())
+}
+
+fn check_values(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault> {
+    check_plausible(timeline, scenario)?;
+    let seconds = timeline.end_seconds();
+    if seconds < DURATION_SECONDS_MIN {
+        return Err(Fault::TooShort { seconds });
+    }
+    check_gaps(timeline)?;
+    check_motion(timeline, scenario)
+}
+
+fn check_plausible(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault> {
+    let span = scenario.plant.sensor.span_millimetres;
+    let current_max = scenario.plant.amplifier.current_amperes_max;
+    let quantities = [
+        (
+            "position",
+            timeline.position(),
+            "mm",
+            -0.05 * span,
+            1.05 * span,
+        ),
+        (
+            "current",
+            &flowed(timeline),
+            "A",
+            -0.05 * current_max,
+            1.05 * current_max,
+        ),
+    ];
+    for (quantity, values, unit, lower, upper) in quantities {
+        let outside = |value: &&f64| !value.is_nan() && !(lower..=upper).contains(*value);
+        if let Some((row, value)) = values.iter().enumerate().find(|(_, value)| outside(value)) {
+            return Err(Fault::Implausible {
+                quantity,
+                value: *value,
+                unit,
+                at_seconds: timeline.time_seconds[row],
+                lower,
+                upper,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn check_gaps(timeline: &Timeline) -> Result<(), Fault> {
+    let limit_seconds = GAP_SECONDS_MAX.max(GAP_CYCLES_MAX * timeline.period_seconds);
+    let mut last_seconds = 0.0;
+    let rows = timeline.time_seconds.iter().zip(timeline.position());
+    for (&time, _) in rows.filter(|(_, position)| !position.is_nan()) {
+        let gap_seconds = time - last_seconds - timeline.period_seconds;
+        if gap_seconds > limit_seconds {
+            return Err(Fault::Gap {
+                at_seconds: last_seconds,
+                gap_seconds,
+                limit_seconds,
+            });
+        }
+        last_seconds = time;
+    }
+    let percent = timeline.missed_cycles_percent();
+    if percent > MISSED_PERCENT_MAX {
+        return Err(Fault::MissedCycles { percent });
+    }
+    Ok(())
+}
+
+fn check_motion(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault> {
+    let sensor = &scenario.plant.sensor;
+    let step = sensor_step_millimetres(sensor);
+    let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let positions = timeline.position();
+    let lowest = positions.iter().copied().fold(f64::INFINITY, f64::min);
+    let first = positions
+        .iter()
+        .copied()
+        .find(|position| !position.is_nan())
+        .unwrap_or(0.0);
+    let noise = sensor.noise_millimetres_rms;
+    if first > START_STEPS_MAX * (step + noise) {
+        return Err(Fault::NotAtRest { millimetres: first });
+    }
+    let needed_millimetres = MOTION_STEPS_MIN * (step + noise);
+    let millimetres = largest(positions) - lowest;
+    if millimetres < needed_millimetres {
+        return Err(Fault::NoMotion {
+            millimetres,
+            needed_millimetres,
+            current_amperes_max: largest(&flowed(timeline)),
+        });
+    }
+    Ok(())
+}

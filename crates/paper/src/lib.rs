@@ -1,0 +1,4 @@
+//! paper
+
+pub mod identify;
+pub mod reproduce;

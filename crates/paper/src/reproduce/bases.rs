@@ -1,0 +1,56 @@
+//! The scenario files that the experiments start from. They are part of the program, so it needs no checkout.
+
+use scenario::Scenario;
+
+use worlds::catalogue::catalogue;
+use rig::setup::Setup;
+use campaigns::sweep::plan::Plan;
+
+macro_rules! bases {
+    ($($name:ident),*) => {
+        $(
+            #[doc = concat!("`scenarios/", stringify!($name), ".toml`.")]
+            pub(super) fn $name() -> Scenario {
+                let name = concat!(stringify!($name), ".toml");
+                let text = include_str!(concat!("../../../../scenarios/", stringify!($name), ".toml"));
+                parse(name, text)
+            }
+        )*
+
+        #[test]
+        fn every_base_is_valid() {
+            for base in [$($name),*] {
+                assert!(!base().name.is_empty());
+            }
+        }
+    };
+}
+
+bases!(
+    bandwidth,
+    fan,
+    fan_open_loop,
+    hysteresis,
+    identify_excitation,
+    infeasible,
+    load,
+    ramp,
+    sine_20s,
+    sine_5s,
+    step,
+    step_cold,
+    step_other_truth
+);
+
+/// `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
+pub(super) fn plants() -> Plan {
+    let text = include_str!("../../../../scenarios/sweeps/plants.toml");
+    let setup = Setup::of(parse("plants.toml", text), catalogue());
+    let setup = setup.from_file("plants.toml", text.to_owned());
+    Plan::new(&setup).expect("a test plays every plant")
+}
+
+fn parse(name: &str, text: &str) -> Scenario {
+    let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+    Scenario::parse(text, name, no_table).expect("a test parses every base")
+}

@@ -1,0 +1,372 @@
+//! What an experiment is: runs, and what is made of their recordings.
+
+use std::path::Path;
+
+use scenario::Scenario;
+use scenario::controller::{Controller, Pid, SlidingMode, SlidingModePaper};
+use scenario::events::Window;
+use scenario::expect::Expect;
+
+use super::number::Number;
+use campaigns::campaign;
+use crate::identify::trace::Trace;
+use report::plot::{Colour, Shape};
+use recording::timeline::Timeline;
+use judge::verdict::Verdict;
+
+/// How much is played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effort {
+    /// Everything.
+    Full,
+    /// Every experiment, with fewer plants, frequencies and settings: to see that all of it works.
+    Reduced,
+}
+
+/// An experiment: data, and the function that makes numbers and figures of its runs.
+pub struct Experiment {
+    /// Its name in other programs.
+    pub id: &'static str,
+    /// Its heading.
+    pub title: &'static str,
+    /// What is done and what the paper says of it.
+    pub text: &'static str,
+    /// What is played.
+    pub runs: Vec<Run>,
+    /// Numbers and figures of the runs, which come in the same order.
+    pub evaluate: fn(&[Kept]) -> Evaluation,
+}
+
+/// A run that an experiment wants.
+pub struct Run {
+    /// What tells it from the others of the experiment.
+    pub label: String,
+    /// What is played.
+    pub scenario: Scenario,
+    /// What is kept of it besides its verdict.
+    pub keep: Keep,
+}
+
+/// What is kept of a run besides its verdict.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Keep {
+    /// Nothing.
+    Verdict,
+    /// The signals in a span of time.
+    Signals(Window),
+    /// The signals of the whole run, and its positions for identification.
+    Trace,
+}
+
+/// What is left of a run.
+pub struct Kept {
+    /// As in [`Run`].
+    pub label: String,
+    /// What was played.
+    pub scenario: Scenario,
+    /// What it came to.
+    pub verdict: Verdict,
+    /// The signals that were kept.
+    pub signals: Signals,
+    /// The positions for identification, or why they do not serve.
+    pub trace: Option<Result<Trace, String>>,
+}
+
+/// Some signals of a run over time.
+#[derive(Clone, Debug, Default)]
+pub struct Signals {
+    /// Scenario time.
+    pub time_seconds: Vec<f64>,
+    /// The raw set-point.
+    pub set_point_millimetres: Vec<f64>,
+    /// The position as the drive measures it.
+    pub position_millimetres: Vec<f64>,
+    /// The current.
+    pub current_amperes: Vec<f64>,
+    /// The wire's true temperature.
+    pub temperature_celsius: Vec<f64>,
+    /// The true martensite fraction.
+    pub martensite_fraction: Vec<f64>,
+}
+
+/// What an experiment came to.
+#[derive(Default)]
+pub struct Evaluation {
+    /// Its numbers.
+    pub numbers: Vec<Number>,
+    /// Its plots.
+    pub figures: Vec<Figure>,
+    /// Numbers that are better seen side by side.
+    pub tables: Vec<Table>,
+}
+
+/// A plot as data.
+pub struct Figure {
+    /// Its title.
+    pub title: String,
+    /// The unit of its height; empty for numbers without one.
+    pub y_unit: &'static str,
+    /// What goes to the right.
+    pub x_label: &'static str,
+    /// Its curves.
+    pub curves: Vec<Curve>,
+    /// Where a target lies: a rectangle behind the curves.
+    pub target: Option<((f64, f64), (f64, f64))>,
+    /// A span of x in which something disturbs.
+    pub shaded: Option<(f64, f64)>,
+}
+
+/// A curve of a plot.
+pub struct Curve {
+    /// What it shows.
+    pub label: String,
+    /// Its colour.
+    pub colour: Colour,
+    /// How its points are joined.
+    pub shape: Shape,
+    /// To the right.
+    pub x: Vec<f64>,
+    /// Upwards.
+    pub y: Vec<f64>,
+}
+
+/// A table of numbers.
+pub struct Table {
+    /// The heads of its columns.
+    pub header: Vec<String>,
+    /// Its rows.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// The laws that are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Law {
+    /// Ours, with an observer.
+    SlidingMode,
+    /// As the paper prints it, with errata.
+    SlidingModePaper,
+    /// PID, tuned by ITAE.
+    Pid,
+}
+
+impl Law {
+    /// All of them, ours first.
+    pub const ALL: [Self; 3] = [Self::SlidingMode, Self::SlidingModePaper, Self::Pid];
+
+    /// Its table in a scenario.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SlidingMode => "sliding_mode",
+            Self::SlidingModePaper => "sliding_mode_paper",
+            Self::Pid => "pid",
+        }
+    }
+
+    /// The law with its shipped gains.
+    fn controller(self) -> Controller {
+        let none = Controller::default();
+        match self {
+            Self::SlidingMode => Controller {
+                sliding_mode: Some(SlidingMode::default()),
+                ..none
+            },
+            Self::SlidingModePaper => Controller {
+                sliding_mode_paper: Some(SlidingModePaper::default()),
+                ..none
+            },
+            Self::Pid => Controller {
+                pid: Some(Pid::default()),
+                ..none
+            },
+        }
+    }
+
+    /// The same scenario under this law. The limits are meant for `sliding_mode`; others are only reported.
+    #[must_use]
+    pub fn plays(self, base: &Scenario) -> Scenario {
+        let mut scenario = Scenario {
+            controller: self.controller(),
+            ..base.clone()
+        };
+        if self != Self::SlidingMode {
+            scenario.expect = Expect::default();
+            scenario.name += &format!(", {}", self.name());
+        }
+        scenario
+    }
+
+    /// Its colour in plots.
+    #[must_use]
+    pub fn colour(self) -> Colour {
+        match self {
+            Self::SlidingMode => Colour::Measured,
+            Self::SlidingModePaper => Colour::Run(4),
+            Self::Pid => Colour::Run(3),
+        }
+    }
+}
+
+impl Run {
+    /// A scenario as it stands.
+    #[must_use]
+    pub fn new(label: impl Into<String>, scenario: Scenario, keep: Keep) -> Self {
+        Self {
+            label: label.into(),
+            scenario,
+            keep,
+        }
+    }
+
+    /// One run for each law.
+    #[must_use]
+    pub fn for_laws(base: &Scenario, laws: &[Law], keep: Keep) -> Vec<Self> {
+        let run = |law: &Law| Self::new(law.name(), law.plays(base), keep);
+        laws.iter().map(run).collect()
+    }
+
+    /// Takes from a recording what the experiment wants.
+    #[must_use]
+    pub fn keep(&self, played: &campaign::Run<'_>) -> Kept {
+        let window = match self.keep {
+            Keep::Verdict => None,
+            Keep::Signals(window) => Some(window),
+            Keep::Trace => Some(span(0.0, self.scenario.duration_seconds)),
+        };
+        let trace = || {
+            let database = dbc::Database::shipped();
+            let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
+            let trace = Trace::from_frames(place, played.frames, scenario, database);
+            trace.map_err(|error| error.to_string())
+        };
+        Kept {
+            label: self.label.clone(),
+            scenario: self.scenario.clone(),
+            verdict: played.verdict.clone(),
+            signals: window.map_or_else(Signals::default, |window| {
+                Signals::of(played.timeline, window)
+            }),
+            trace: (self.keep == Keep::Trace).then(trace),
+        }
+    }
+}
+
+impl Signals {
+    fn of(timeline: &Timeline, window: Window) -> Self {
+        let times = &timeline.time_seconds;
+        let first = times.partition_point(|time| *time < window.from_seconds);
+        let end = times.partition_point(|time| *time <= window.until_seconds);
+        let part = |values: &[f64]| values.get(first..end).unwrap_or_default().to_vec();
+        let column = |name: &str| {
+            timeline
+                .column(name)
+                .map(|column| part(&column.values))
+                .unwrap_or_default()
+        };
+        Self {
+            time_seconds: part(times),
+            set_point_millimetres: part(&timeline.set_point_millimetres),
+            position_millimetres: part(timeline.position()),
+            current_amperes: part(timeline.current()),
+            temperature_celsius: column("wire_temperature_celsius"),
+            martensite_fraction: column("martensite_fraction"),
+        }
+    }
+}
+
+impl Kept {
+    /// A metric of its verdict.
+    #[must_use]
+    pub fn metric(&self, name: &str) -> Option<f64> {
+        let metric = self
+            .verdict
+            .metrics
+            .iter()
+            .find(|metric| metric.name == name);
+        metric.and_then(|metric| metric.value)
+    }
+}
+
+impl Figure {
+    /// A plot without curves.
+    #[must_use]
+    pub fn new(title: impl Into<String>, y_unit: &'static str, x_label: &'static str) -> Self {
+        Self {
+            title: title.into(),
+            y_unit,
+            x_label,
+            curves: Vec::new(),
+            target: None,
+            shaded: None,
+        }
+    }
+
+    /// Positions of these runs over time, the first on top, and its set-point.
+    #[must_use]
+    pub fn positions(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
+        let mut figure = Self::new(title, "mm", "time (s)");
+        if let Some((run, _)) = runs.first() {
+            let signals = &run.signals;
+            figure.draw(
+                "set-point",
+                Colour::Wanted,
+                Shape::Dashed,
+                &signals.time_seconds,
+                &signals.set_point_millimetres,
+            );
+        }
+        for (run, colour) in runs.iter().rev() {
+            let (times, positions) = (&run.signals.time_seconds, &run.signals.position_millimetres);
+            figure.line(&run.label, *colour, times, positions);
+        }
+        figure
+    }
+
+    /// Currents of these runs over time, the first on top.
+    #[must_use]
+    pub fn currents(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
+        let mut figure = Self::new(title, "A", "time (s)");
+        for (run, colour) in runs.iter().rev() {
+            let signals = &run.signals;
+            figure.line(
+                &run.label,
+                *colour,
+                &signals.time_seconds,
+                &signals.current_amperes,
+            );
+        }
+        figure
+    }
+
+    /// Adds a curve over growing x.
+    pub fn line(&mut self, label: impl Into<String>, colour: Colour, x: &[f64], y: &[f64]) {
+        self.draw(label, colour, Shape::Line, x, y);
+    }
+
+    /// Adds a curve.
+    pub fn draw(
+        &mut self,
+        label: impl Into<String>,
+        colour: Colour,
+        shape: Shape,
+        x: &[f64],
+        y: &[f64],
+    ) {
+        self.curves.push(Curve {
+            label: label.into(),
+            colour,
+            shape,
+            x: x.to_vec(),
+            y: y.to_vec(),
+        });
+    }
+}
+
+/// A span of scenario time.
+#[must_use]
+pub fn span(from_seconds: f64, until_seconds: f64) -> Window {
+    Window {
+        from_seconds,
+        until_seconds,
+    }
+}

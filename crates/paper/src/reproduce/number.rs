@@ -1,0 +1,136 @@
+//! A number beside the paper's and beside its target.
+
+use scenario::expect::Limit;
+use serde::Serialize;
+
+use judge::verdict::{Metric, Outcome, Verdict, title};
+
+/// One number of the reproduction.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Number {
+    /// Of which run: the control law, or what else tells it from others.
+    pub of: String,
+    /// What the paper says, in its words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub paper: Option<&'static str>,
+    /// What was measured, its target, and whether that is met.
+    pub metric: Metric,
+}
+
+/// What the paper says about metrics: by name.
+pub type Paper = [(&'static str, &'static str)];
+
+impl Number {
+    /// A number that was worked out of several runs.
+    #[must_use]
+    pub fn derived(
+        name: &'static str,
+        of: impl Into<String>,
+        value: Result<f64, String>,
+        target: Option<Limit>,
+    ) -> Self {
+        Self {
+            of: of.into(),
+            paper: None,
+            metric: Metric::new(name, value, target),
+        }
+    }
+
+    /// The same number, with the paper's beside it.
+    #[must_use]
+    pub fn beside(self, paper: &'static str) -> Self {
+        Self {
+            paper: Some(paper),
+            ..self
+        }
+    }
+
+    /// These metrics of a verdict, in this order; those that the run does not have are left out. In a run that decides
+    /// nothing no limit is met.
+    #[must_use]
+    pub fn of_verdict(of: &str, verdict: &Verdict, metrics: &[&str], paper: &Paper) -> Vec<Self> {
+        let find = |name: &&str| verdict.metrics.iter().find(|metric| metric.name == *name);
+        let is_decided = matches!(verdict.outcome, Outcome::Pass | Outcome::Fail);
+        let number = |metric: &Metric| {
+            let mut metric = metric.clone();
+            metric.passed = metric.passed.map(|passed| passed && is_decided);
+            let paper = paper.iter().find(|(name, _)| *name == metric.name);
+            Self {
+                of: of.to_owned(),
+                paper: paper.map(|(_, text)| *text),
+                metric,
+            }
+        };
+        metrics.iter().filter_map(find).map(number).collect()
+    }
+
+    /// What was measured, for people; the unit is in the name.
+    #[must_use]
+    pub fn name(&self) -> String {
+        title(&self.metric.name)
+    }
+
+    /// True where the paper or a target speaks of it.
+    #[must_use]
+    pub fn is_compared(&self) -> bool {
+        self.paper.is_some() || self.metric.limit.is_some()
+    }
+
+    /// False where a target is missed.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.metric.passed != Some(false)
+    }
+}
+
+/// A limit from above.
+#[must_use]
+pub fn at_most(max: f64) -> Option<Limit> {
+    Some(Limit {
+        min: None,
+        max: Some(max),
+    })
+}
+
+/// A limit from below.
+#[must_use]
+pub fn at_least(min: f64) -> Option<Limit> {
+    Some(Limit {
+        min: Some(min),
+        max: None,
+    })
+}
+
+/// A limit on both sides of a value: within a part of it.
+#[must_use]
+pub fn within(value: f64, part: f64) -> Option<Limit> {
+    // Six decimals, as metrics have.
+    let rounded = |value: f64| (value * 1e6).round() / 1e6;
+    Some(Limit {
+        min: Some(rounded(value * (1.0 - part))),
+        max: Some(rounded(value * (1.0 + part))),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_decides_nothing_meets_no_limit() {
+        let mut verdict = Verdict::incomplete("step", 1, "cycles were missed");
+        verdict.metrics = vec![
+            Metric::new("overshoot_percent", Ok(0.1), at_most(0.6)),
+            Metric::new("settling_time_seconds", Ok(0.2), None),
+        ];
+        let names = ["settling_time_seconds", "overshoot_percent", "sine_gain"];
+        let paper = [("overshoot_percent", "0.6 %")];
+        let numbers = |verdict: &Verdict| Number::of_verdict("pid", verdict, &names, &paper);
+        let found = numbers(&verdict);
+        assert_eq!(found.len(), 2);
+        assert_eq!((found[0].is_compared(), found[0].holds()), (false, true));
+        assert_eq!((found[1].paper, found[1].holds()), (Some("0.6 %"), false));
+        verdict.outcome = Outcome::Pass;
+        assert!(numbers(&verdict)[1].holds());
+    }
+}

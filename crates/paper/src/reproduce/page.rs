@@ -1,0 +1,178 @@
+//! The page of `canrig reproduce`: every figure redrawn, every number beside the paper's and beside its target.
+
+use comfy_table::{Cell, CellAlignment};
+use maud::{Markup, html};
+
+use report::page;
+use report::plot::{Extent, Patch, Plot};
+use report::terminal::{empty_table, limit, measured, result};
+use super::finding::Finding;
+use super::experiment::{Effort, Figure, Table};
+use super::number::Number;
+use judge::verdict::Outcome;
+
+/// What a reader must know before the first number.
+const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on shape memory alloys actuators\", played on the emulated \
+    actuator in virtual time: controller and plant exchange CAN frames in cycles of 1 ms with one cycle of delay, and every number is read from the \
+    recording of that bus. The position is measured by a 10-bit converter over 60 mm, without noise where none is named. Where the paper gives no value \
+    (Young's moduli, inertia, damping, span of the sensor) it is assumed. The controller's model has the paper's identified values and \
+    never sees the plant's.";
+
+/// The page.
+#[must_use]
+pub fn to_html(effort: Effort, findings: &[Finding]) -> String {
+    let numbers = || {
+        findings
+            .iter()
+            .flat_map(|finding| &finding.evaluation.numbers)
+    };
+    let judged = numbers()
+        .filter(|number| number.metric.passed.is_some())
+        .count();
+    let met = numbers()
+        .filter(|number| number.metric.passed == Some(true))
+        .count();
+    let runs: usize = findings
+        .iter()
+        .map(|finding| finding.experiment.runs.len())
+        .sum();
+    let title = format!("The paper, reproduced: {met} of {judged} targets met");
+    let outcome = if met == judged {
+        Outcome::Pass
+    } else {
+        Outcome::Fail
+    };
+    let body = html! {
+        h1 { (title) }
+        p { (page::badge(outcome)) }
+        p.soft { (PREAMBLE) }
+        @if effort == Effort::Reduced { p.unsure { "Reduced: fewer plants, frequencies and settings." } }
+        dl.facts {
+            div { dt { "experiments" } dd { (findings.len()) } }
+            div { dt { "runs" } dd { (runs) } }
+            div { dt { "canrig" } dd { (env!("CARGO_PKG_VERSION")) } }
+        }
+        h2 { "Targets" }
+        (summary(findings))
+        @for finding in findings { (section(finding)) }
+    };
+    page::page(&title, &body)
+}
+
+/// All numbers that the paper or a target speaks of.
+/// The numbers of a reproduction that the paper or a target speaks of.
+#[must_use]
+pub fn to_text(findings: &[Finding]) -> String {
+    let header = [
+        "experiment",
+        "quantity",
+        "of",
+        "paper",
+        "target",
+        "measured",
+        "result",
+    ];
+    let mut table = empty_table(header);
+    for finding in findings {
+        let numbers = finding.evaluation.numbers.iter();
+        for number in numbers.filter(|number| number.is_compared()) {
+            table.add_row([
+                Cell::new(finding.experiment.id),
+                Cell::new(number.name()),
+                Cell::new(&number.of),
+                Cell::new(number.paper.unwrap_or_default()),
+                Cell::new(limit(number.metric.limit)),
+                Cell::new(measured(&number.metric)).set_alignment(CellAlignment::Right),
+                result(&number.metric, Outcome::Pass),
+            ]);
+        }
+    }
+    let holds = findings.iter().all(Finding::holds);
+    let outcome = if holds { Outcome::Pass } else { Outcome::Fail };
+    format!("{table}\n{}", outcome.word())
+}
+
+fn summary(findings: &[Finding]) -> Markup {
+    html! {
+        div.wide { table {
+            thead { tr { th { "experiment" } (head()) } }
+            tbody { @for finding in findings {
+                @let compared: Vec<&Number> = finding.evaluation.numbers.iter().filter(|number| number.is_compared()).collect();
+                @for (place, number) in compared.iter().enumerate() { tr {
+                    @if place == 0 {
+                        td.name rowspan=(compared.len()) { a href=(format!("#{}", finding.experiment.id)) { (finding.experiment.title) } }
+                    }
+                    (cells(number))
+                } }
+            } }
+        } }
+    }
+}
+
+fn section(finding: &Finding) -> Markup {
+    let (experiment, evaluation) = (&finding.experiment, &finding.evaluation);
+    html! {
+        h2 id=(experiment.id) { (experiment.title) }
+        p { (experiment.text) }
+        @for table in &evaluation.tables { (plain(table)) }
+        @if !evaluation.numbers.is_empty() {
+            div.wide { table {
+                thead { tr { (head()) } }
+                tbody { @for number in &evaluation.numbers { tr { (cells(number)) } } }
+            } }
+        }
+        @if !evaluation.figures.is_empty() {
+            div.plots.even { @for figure in &evaluation.figures { (drawn(figure)) } }
+        }
+    }
+}
+
+fn head() -> Markup {
+    html! { th { "quantity" } th { "of" } th.number { "paper" } th.number { "target" } th.number { "measured" } th { "result" } }
+}
+
+fn cells(number: &Number) -> Markup {
+    html! {
+        td.name { (number.name()) }
+        td { (number.of) }
+        td.number { (number.paper.unwrap_or("–")) }
+        td.number { @if number.metric.limit.is_some() { (limit(number.metric.limit)) } @else { "–" } }
+        td.number { (measured(&number.metric)) }
+        td { (page::result(&number.metric, Outcome::Pass)) }
+    }
+}
+
+fn plain(table: &Table) -> Markup {
+    html! {
+        div.wide { table {
+            thead { tr { @for (place, head) in table.header.iter().enumerate() { th.number[place > 0] { (head) } } } }
+            tbody { @for row in &table.rows { tr {
+                @for (place, cell) in row.iter().enumerate() { td.number[place > 0] { (cell) } }
+            } } }
+        } }
+    }
+}
+
+fn drawn(figure: &Figure) -> Markup {
+    let mut plot = Plot {
+        x_label: figure.x_label,
+        extent: Extent::All,
+        ..Plot::over_time(figure.title.as_str(), figure.y_unit)
+    };
+    for curve in &figure.curves {
+        plot.draw(
+            curve.label.as_str(),
+            curve.colour,
+            curve.shape,
+            &curve.x,
+            &curve.y,
+        );
+    }
+    let everywhere = (f64::NEG_INFINITY, f64::INFINITY);
+    let patch = |class, x, y| Patch { class, x, y };
+    plot.patches
+        .extend(figure.target.map(|(x, y)| patch("band", x, y)));
+    plot.patches
+        .extend(figure.shaded.map(|x| patch("span", x, everywhere)));
+    plot.render()
+}

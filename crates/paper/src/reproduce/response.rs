@@ -1,0 +1,454 @@
+//! How the closed loop responds: steps, sines, fan, load, and set-points that nobody can follow.
+
+use scenario::events::Window;
+
+use super::bases;
+use super::experiment::{Effort, Evaluation, Experiment, Figure, Keep, Kept, Law, Run, span};
+use super::families::at_frequency;
+use super::number::{Number, Paper, at_least};
+use report::plot::{Colour, Shape};
+
+/// Frequencies of the stepped sine. They are close to each other where the bandwidths lie.
+const FREQUENCIES_HERTZ: [f64; 22] = [
+    0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0, 3.25, 3.5, 3.75, 4.0,
+    4.25, 4.5, 4.75, 5.0,
+];
+const FREQUENCIES_REDUCED: usize = 6;
+/// The gain at which the bandwidth ends: −3 dB.
+const CUT_OFF_GAIN: f64 = 0.708;
+/// A mean this close to the set-point's still counts as following it.
+const CENTRED_MILLIMETRES: f64 = 1.0;
+
+const STEP_METRICS: [&str; 3] = [
+    "settling_time_seconds",
+    "overshoot_percent",
+    "steady_state_error_millimetres",
+];
+const DISTURBANCE_METRICS: [&str; 3] = [
+    "maximum_deviation_millimetres",
+    "recovery_time_seconds",
+    "steady_state_error_millimetres",
+];
+
+/// The experiments of this file, in the order of the paper's figures.
+pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
+    vec![
+        step(),
+        step_cold(),
+        sine_20s(),
+        sine_5s(),
+        bandwidth(effort),
+        infeasible(),
+        fan(),
+        load(),
+    ]
+}
+
+fn step() -> Experiment {
+    Experiment {
+        id: "step",
+        title: "Fig. 11: step of 25 mm from a warm hold",
+        text: "10 mm are held for 10 s, then 35 mm are wanted. Settled means within ± 5 % of the step's height for good. The paper does not \
+               say where its step starts; from cold no current up to 1 A lifts the load within 0.23 s.",
+        runs: Run::for_laws(&bases::step(), &Law::ALL, Keep::Signals(span(9.9, 11.5))),
+        evaluate: |runs| {
+            let paper = [
+                ("settling_time_seconds", "0.23 s"),
+                ("overshoot_percent", "0.6 %"),
+            ];
+            let target = Some(((10.23, f64::INFINITY), (33.75, 36.25)));
+            steps(runs, &paper, target)
+        },
+    }
+}
+
+fn step_cold() -> Experiment {
+    Experiment {
+        id: "step_cold",
+        title: "Step of 25 mm from cold",
+        text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position tells \
+               nothing of the wire. The best that a search with full knowledge of the plant found is 0.39 s.",
+        runs: Run::for_laws(
+            &bases::step_cold(),
+            &Law::ALL,
+            Keep::Signals(span(0.0, 2.0)),
+        ),
+        evaluate: |runs| steps(runs, &[], Some(((0.5, f64::INFINITY), (23.75, 26.25)))),
+    }
+}
+
+fn infeasible() -> Experiment {
+    Experiment {
+        id: "infeasible",
+        title: "Recovery from set-points that cannot be followed",
+        text: "A sine of 6 Hz and ± 20 mm, then 60 mm, which the stiffened wire cannot reach. Judged is the step to 25 mm after them.",
+        runs: Run::for_laws(
+            &bases::infeasible(),
+            &Law::ALL,
+            Keep::Signals(span(4.5, 13.0)),
+        ),
+        evaluate: |runs| steps(runs, &[], None),
+    }
+}
+
+fn steps(runs: &[Kept], paper: &Paper, target: Option<((f64, f64), (f64, f64))>) -> Evaluation {
+    let coloured = coloured(runs);
+    let mut position = Figure::positions("Position", &coloured);
+    position.target = target;
+    Evaluation {
+        numbers: numbers(runs, &STEP_METRICS, paper),
+        figures: vec![position, Figure::currents("Current", &coloured)],
+        ..Evaluation::default()
+    }
+}
+
+fn sine_20s() -> Experiment {
+    Experiment {
+        id: "sine_20s",
+        title: "Fig. 12 (a): sine with a period of 20 s",
+        text: "25 ± 10 mm; the error counts over the last three of four periods. The paper: \"despite a small oscillation around the \
+               set-point, the system follows the reference with good accuracy\".",
+        runs: Run::for_laws(
+            &bases::sine_20s(),
+            &Law::ALL,
+            Keep::Signals(span(65.0, 85.0)),
+        ),
+        evaluate: sine,
+    }
+}
+
+fn sine_5s() -> Experiment {
+    Experiment {
+        id: "sine_5s",
+        title: "Fig. 12 (b): sine with a period of 5 s",
+        text: "As before, with a period of 5 s.",
+        runs: Run::for_laws(
+            &bases::sine_5s(),
+            &Law::ALL,
+            Keep::Signals(span(25.0, 30.0)),
+        ),
+        evaluate: sine,
+    }
+}
+
+fn sine(runs: &[Kept]) -> Evaluation {
+    let paper = [("tracking_error_millimetres_rms", "\"good accuracy\"")];
+    let coloured = coloured(runs);
+    let mut error = Figure::new("Error: position − set-point", "mm", "time (s)");
+    for (run, colour) in coloured.iter().rev() {
+        let signals = &run.signals;
+        let pairs = signals
+            .position_millimetres
+            .iter()
+            .zip(&signals.set_point_millimetres);
+        let difference: Vec<f64> = pairs.map(|(position, wanted)| position - wanted).collect();
+        error.line(&run.label, *colour, &signals.time_seconds, &difference);
+    }
+    Evaluation {
+        numbers: numbers(runs, &["tracking_error_millimetres_rms"], &paper),
+        figures: vec![
+            Figure::positions("Position, the last period", &coloured),
+            error,
+        ],
+        ..Evaluation::default()
+    }
+}
+
+fn bandwidth(effort: Effort) -> Experiment {
+    let base = bases::bandwidth();
+    let every = match effort {
+        Effort::Full => 1,
+        Effort::Reduced => FREQUENCIES_HERTZ.len().div_ceil(FREQUENCIES_REDUCED),
+    };
+    let of_law = |law: Law| {
+        // From the highest on, so that few frequencies still show where the gain falls.
+        let frequencies = FREQUENCIES_HERTZ.into_iter().rev().step_by(every);
+        let base = law.plays(&base);
+        let runs = frequencies.map(|hertz| {
+            let mut scenario = at_frequency(&base, hertz);
+            // The limits of the file are those of its own frequency.
+            scenario.expect = scenario::expect::Expect::default();
+            Run::new(law.name(), scenario, Keep::Verdict)
+        });
+        runs.collect::<Vec<_>>().into_iter().rev()
+    };
+    Experiment {
+        id: "bandwidth",
+        title: "Bandwidth: stepped sine of ± 10 mm",
+        text: "A warm run of ten periods for each frequency, the last three count. Gain and phase compare the fundamental of the measured \
+               position with that of the raw set-point, by least squares. The bandwidth is the last frequency before the gain \
+               first falls below 0.708. Near its end the load cannot fall fast enough and hangs above the set-point, so the mean offset counts \
+               too. The paper gives its cut-off frequencies without the amplitude.",
+        runs: Law::ALL.into_iter().flat_map(of_law).collect(),
+        evaluate: responses,
+    }
+}
+
+/// The frequency response under one law.
+struct Response {
+    law: Law,
+    hertz: Vec<f64>,
+    gain: Vec<f64>,
+    phase_degrees: Vec<f64>,
+    offset_millimetres: Vec<f64>,
+}
+
+impl Response {
+    fn of(law: Law, runs: &[Kept]) -> Self {
+        let own = || runs.iter().filter(|run| run.label == law.name());
+        let values =
+            |name: &'static str| own().map(move |run| run.metric(name).unwrap_or(f64::NAN));
+        Self {
+            law,
+            hertz: own().filter_map(hertz).collect(),
+            gain: values("sine_gain").collect(),
+            phase_degrees: values("sine_phase_degrees").collect(),
+            offset_millimetres: values("sine_offset_millimetres").collect(),
+        }
+    }
+
+    /// The last frequency before the gain first falls below the cut-off, as its place.
+    fn last_by_gain(&self) -> Option<usize> {
+        last_before(&self.gain, |gain| gain >= CUT_OFF_GAIN)
+    }
+
+    /// The same, while the position also stays about the set-point on average.
+    fn last_centred(&self) -> Option<usize> {
+        let is_centred = |offset: f64| offset.abs() <= CENTRED_MILLIMETRES;
+        let centred = last_before(&self.offset_millimetres, is_centred);
+        self.last_by_gain().min(centred)
+    }
+
+    fn numbers(&self) -> [Number; 3] {
+        let of = self.law.name();
+        let value = |values: &[f64], place: Option<usize>| {
+            let value = place.and_then(|place| values.get(place));
+            value
+                .copied()
+                .ok_or_else(|| "below the lowest frequency".to_owned())
+        };
+        let bandwidth = value(&self.hertz, self.last_by_gain());
+        let number = |target| Number::derived("bandwidth_hertz", of, bandwidth, target);
+        let bandwidth = match self.law {
+            Law::SlidingMode => number(at_least(2.5)).beside("0.69 Hz"),
+            Law::Pid => number(None).beside("0.37 Hz"),
+            Law::SlidingModePaper => number(None),
+        };
+        let offset = value(&self.offset_millimetres, self.last_by_gain());
+        let centred = value(&self.hertz, self.last_centred());
+        [
+            bandwidth,
+            Number::derived("offset_at_the_bandwidth_millimetres", of, offset, None),
+            Number::derived(
+                "bandwidth_hertz_with_an_offset_within_1_millimetre",
+                of,
+                centred,
+                None,
+            ),
+        ]
+    }
+}
+
+fn responses(runs: &[Kept]) -> Evaluation {
+    let responses = Law::ALL.map(|law| Response::of(law, runs));
+    let figure = |title, unit, values: fn(&Response) -> &[f64]| {
+        let mut figure = Figure::new(title, unit, "frequency (Hz)");
+        for response in responses.iter().rev() {
+            let law = response.law;
+            figure.line(law.name(), law.colour(), &response.hertz, values(response));
+        }
+        figure
+    };
+    let mut gain = figure("Gain", "", |response| &response.gain);
+    let ends = [
+        FREQUENCIES_HERTZ[0],
+        FREQUENCIES_HERTZ[FREQUENCIES_HERTZ.len() - 1],
+    ];
+    gain.draw(
+        "−3 dB",
+        Colour::Wanted,
+        Shape::Dashed,
+        &ends,
+        &[CUT_OFF_GAIN; 2],
+    );
+    Evaluation {
+        numbers: responses.iter().flat_map(Response::numbers).collect(),
+        figures: vec![
+            gain,
+            figure("Phase", "°", |response| &response.phase_degrees),
+            figure("Mean offset from the set-point", "mm", |response| {
+                &response.offset_millimetres
+            }),
+        ],
+        ..Evaluation::default()
+    }
+}
+
+fn hertz(run: &Kept) -> Option<f64> {
+    let sine = run.scenario.reference.sine.last()?;
+    // The frequency was a short decimal before it became a period.
+    Some(libm::round(1e6 / sine.period_seconds) / 1e6)
+}
+
+/// The place before the first value that is not good.
+fn last_before(values: &[f64], is_good: impl Fn(f64) -> bool) -> Option<usize> {
+    let good = values.iter().take_while(|value| is_good(**value));
+    good.count().checked_sub(1)
+}
+
+/// What is shown of a disturbance, before its start and after it.
+const AROUND_SECONDS: (f64, f64) = (-1.0, 6.0);
+
+fn fan() -> Experiment {
+    let (closed, open) = (bases::fan(), bases::fan_open_loop());
+    let window = |scenario: &scenario::Scenario| {
+        let start = start(scenario);
+        Keep::Signals(span(start + AROUND_SECONDS.0, start + AROUND_SECONDS.1))
+    };
+    let mut runs = Run::for_laws(&closed, &Law::ALL, window(&closed));
+    runs.push(Run::new("open loop", open.clone(), window(&open)));
+    Experiment {
+        id: "fan",
+        title: "Fig. 13: a fan blows at the wire",
+        text: "35 mm are held; for 3 s the convection is five times as strong. (a) In closed loop, and (b) under the constant current that \
+               holds 35 mm without the fan. The deviation counts until 3 s after the fan is off.",
+        runs,
+        evaluate: |runs| {
+            let Some((open, closed)) = runs.split_last() else {
+                return Evaluation::default();
+            };
+            let mut numbers = numbers(
+                closed,
+                &DISTURBANCE_METRICS,
+                &[("maximum_deviation_millimetres", "plot")],
+            );
+            numbers.extend(Number::of_verdict(
+                &open.label,
+                &open.verdict,
+                &DISTURBANCE_METRICS[..1],
+                &[("maximum_deviation_millimetres", "plot")],
+            ));
+            let shown: Vec<(&Kept, Colour)> = coloured(closed);
+            Evaluation {
+                numbers,
+                figures: vec![
+                    disturbed("(a) Position in closed loop", &shown),
+                    disturbed("(b) Position without feedback", &[(open, Colour::Run(1))]),
+                ],
+                ..Evaluation::default()
+            }
+        },
+    }
+}
+
+fn load() -> Experiment {
+    let base = bases::load();
+    Experiment {
+        id: "load",
+        title: "Another load",
+        text: "25 mm are held with 40 g; 10 g are added, and taken off again 5 s later. The deviation is the worse of both.",
+        runs: Run::for_laws(&base, &Law::ALL, Keep::Signals(span(9.5, 17.0))),
+        evaluate: |runs| {
+            let coloured = coloured(runs);
+            Evaluation {
+                numbers: numbers(runs, &DISTURBANCE_METRICS, &[]),
+                figures: vec![
+                    Figure::positions("Position", &coloured),
+                    Figure::currents("Current", &coloured),
+                ],
+                ..Evaluation::default()
+            }
+        },
+    }
+}
+
+/// When the first disturbance begins.
+fn start(scenario: &scenario::Scenario) -> f64 {
+    let windows = scenario.disturbance_windows();
+    windows
+        .first()
+        .map_or(0.0, |disturbance| disturbance.window.from_seconds)
+}
+
+/// Positions over the time since the disturbance began.
+fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Figure {
+    let mut figure = Figure::new(title, "mm", "time since the fan started (s)");
+    for (run, colour) in runs.iter().rev() {
+        let start = start(&run.scenario);
+        let times: Vec<f64> = run
+            .signals
+            .time_seconds
+            .iter()
+            .map(|time| time - start)
+            .collect();
+        figure.line(
+            &run.label,
+            *colour,
+            &times,
+            &run.signals.position_millimetres,
+        );
+    }
+    let blows = runs
+        .first()
+        .and_then(|(run, _)| run.scenario.disturbance_windows().first().cloned());
+    figure.shaded = blows.map(|disturbance| {
+        let Window {
+            from_seconds,
+            until_seconds,
+        } = disturbance.window;
+        (0.0, until_seconds - from_seconds)
+    });
+    figure
+}
+
+/// Each run with the colour of its law; the labels are the laws' names.
+fn coloured(runs: &[Kept]) -> Vec<(&Kept, Colour)> {
+    let colour = |run: &Kept| {
+        let law = Law::ALL.into_iter().find(|law| law.name() == run.label);
+        law.map_or(Colour::Wanted, Law::colour)
+    };
+    runs.iter().map(|run| (run, colour(run))).collect()
+}
+
+/// These metrics of each run; the paper's numbers stand beside those of `sliding_mode`.
+fn numbers(runs: &[Kept], metrics: &[&str], paper: &Paper) -> Vec<Number> {
+    let of_run = |run: &Kept| {
+        let paper = if run.label == Law::SlidingMode.name() {
+            paper
+        } else {
+            &[]
+        };
+        Number::of_verdict(&run.label, &run.verdict, metrics, paper)
+    };
+    runs.iter().flat_map(of_run).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bandwidth_ends_where_the_gain_first_falls_or_the_mean_leaves() {
+        let response = |gain: &[f64], offset: &[f64]| {
+            let response = Response {
+                law: Law::Pid,
+                hertz: vec![0.5, 1.0, 2.0, 3.0],
+                gain: gain.to_vec(),
+                phase_degrees: Vec::new(),
+                offset_millimetres: offset.to_vec(),
+            };
+            let [gain, _, centred] = response.numbers();
+            (gain.metric.value, centred.metric.value)
+        };
+        let centred = [0.0, 0.1, -0.9, 0.0];
+        let (half, one, three) = (Some(0.5), Some(1.0), Some(3.0));
+        assert_eq!(response(&[1.0, 0.9, 0.7, 0.9], &centred), (one, one));
+        assert_eq!(response(&[1.0, 1.1, f64::NAN, 1.0], &centred), (one, one));
+        assert_eq!(response(&[1.0, 0.9, 0.8, 0.71], &centred), (three, three));
+        assert_eq!(
+            response(&[1.0, 0.9, 0.8, 0.71], &[0.0, 2.0, 0.0, 0.0]),
+            (three, half)
+        );
+        assert_eq!(response(&[0.5, 1.0, 1.0, 1.0], &centred), (None, None));
+    }
+}

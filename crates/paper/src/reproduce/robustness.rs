@@ -1,0 +1,227 @@
+//! How the closed loop does on plants that the controller does not know.
+
+use scenario::Scenario;
+use scenario::expect::{Expect, Limit};
+
+use super::bases;
+use super::experiment::{Effort, Evaluation, Experiment, Figure, Keep, Kept, Law, Run, span};
+use super::number::{Number, at_most};
+use campaigns::distribution::{quantile, staircase};
+
+/// Plants (PAPER, "Robustness").
+const PLANTS: usize = 200;
+const PLANTS_REDUCED: usize = 12;
+/// A step that has not settled by then is unstable.
+const UNSTABLE_SECONDS: f64 = 1.0;
+/// Targets of the p95 of settling time in seconds and of overshoot in per cent.
+const TARGETS: [f64; 2] = [0.3, 2.5];
+/// The laws that are compared.
+const LAWS: [Law; 2] = [Law::SlidingMode, Law::Pid];
+
+/// The experiments of this file.
+pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
+    vec![plants(effort), other_truth()]
+}
+
+fn plants(effort: Effort) -> Experiment {
+    let count = match effort {
+        Effort::Full => PLANTS,
+        Effort::Reduced => PLANTS_REDUCED,
+    };
+    let limit = Limit {
+        min: None,
+        max: Some(UNSTABLE_SECONDS),
+    };
+    let expect = Expect {
+        settling_time_seconds: Some(limit),
+        ..Expect::default()
+    };
+    let plants: Vec<Scenario> = unknown_plants(count)
+        .map(|plant| Scenario {
+            expect: expect.clone(),
+            ..plant
+        })
+        .collect();
+    let of_law = |law: Law| {
+        let played = plants.iter().map(move |plant| law.plays(plant));
+        played.map(move |scenario| Run::new(law.name(), scenario, Keep::Verdict))
+    };
+    Experiment {
+        id: "robustness",
+        title: "Robustness: the step on plants that the controller does not know",
+        text: "Independent uniform draws: C ± 10 %, h ± 30 %, each transformation temperature ± 5 °C, K0 ± 20 %, load ± 10 %, c ± 50 %, R ± 5 %. \
+               The controller is untouched. Unstable is what has not settled within 1 s. The paper says in one sentence that its \
+               controller is robust.",
+        runs: LAWS.into_iter().flat_map(of_law).collect(),
+        evaluate: distributions,
+    }
+}
+
+/// The first cases of `scenarios/sweeps/plants.toml`: as many plants as are drawn there, without noise.
+fn unknown_plants(count: usize) -> impl Iterator<Item = Scenario> {
+    let plan = bases::plants();
+    (1..=count).map(move |number| {
+        let scenario = plan.case(number).scenario();
+        scenario.expect("a test makes every plant")
+    })
+}
+
+fn distributions(runs: &[Kept]) -> Evaluation {
+    let mut evaluation = Evaluation::default();
+    for law in LAWS {
+        let own: Vec<&Kept> = runs.iter().filter(|run| run.label == law.name()).collect();
+        let sorted = |name: &str| {
+            let values = own
+                .iter()
+                .map(|run| run.metric(name).unwrap_or(f64::INFINITY));
+            let mut values: Vec<f64> = values.collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        let times = sorted("settling_time_seconds");
+        let peaks = sorted("overshoot_percent");
+        let unstable = times.iter().filter(|time| **time > UNSTABLE_SECONDS);
+        #[expect(clippy::cast_precision_loss, reason = "at most some hundred")]
+        let unstable = unstable.count() as f64;
+        let of = format!("{}, {} plants", law.name(), own.len());
+        let limit = |max| at_most(max).filter(|_| law == Law::SlidingMode);
+        let [time_max, peak_max] = TARGETS;
+        evaluation.numbers.extend([
+            Number::derived(
+                "settling_time_seconds_p95",
+                &*of,
+                p95(&times),
+                limit(time_max),
+            ),
+            Number::derived("overshoot_percent_p95", &*of, p95(&peaks), limit(peak_max)),
+            Number::derived("unstable_plants", &*of, Ok(unstable), limit(0.0)),
+        ]);
+        evaluation.figures.extend([
+            distribution(law, "settling time (s)", &times, time_max),
+            distribution(law, "overshoot (%)", &peaks, peak_max),
+        ]);
+    }
+    evaluation
+}
+
+/// Per cent of the plants up to each value. The laws differ too much for one plot.
+fn distribution(law: Law, quantity: &'static str, sorted: &[f64], target_max: f64) -> Figure {
+    let title = format!("{}: plants up to a value", law.name());
+    let mut figure = Figure::new(title, "%", quantity);
+    let (x, y) = staircase(sorted);
+    figure.line(quantity, law.colour(), &x, &y);
+    figure.target = Some(((f64::NEG_INFINITY, target_max), (95.0, f64::INFINITY)));
+    figure
+}
+
+/// The p95 of the sorted values, of which those that are infinite never settled.
+fn p95(sorted: &[f64]) -> Result<f64, String> {
+    match quantile(sorted, 95) {
+        None => Err("no run".to_owned()),
+        Some(value) if value.is_infinite() => Err("more than 5 % never settled".to_owned()),
+        Some(value) => Ok(value),
+    }
+}
+
+fn other_truth() -> Experiment {
+    let keep = Keep::Signals(span(9.9, 12.0));
+    let mut runs = Run::for_laws(&bases::step_other_truth(), &Law::ALL, keep);
+    let nominal = Scenario {
+        expect: Expect::default(),
+        ..bases::step()
+    };
+    runs.push(Run::new("sliding_mode on the nominal wire", nominal, keep));
+    Experiment {
+        id: "other_truth",
+        title: "The step on another kind of wire",
+        text: "The martensite carries load too (the full law, Eq. (3)–(5)), parameters have drifted, the sensor is noisy: the controller's \
+               model is not only off in its numbers but of another kind. There is no target; the limits hold what it costs.",
+        runs,
+        evaluate: |runs| {
+            let metrics = [
+                "settling_time_seconds",
+                "overshoot_percent",
+                "steady_state_error_millimetres",
+            ];
+            let colours = Law::ALL
+                .map(Law::colour)
+                .into_iter()
+                .chain([report::plot::Colour::True]);
+            let coloured: Vec<_> = runs.iter().zip(colours).collect();
+            let numbers = runs
+                .iter()
+                .flat_map(|run| Number::of_verdict(&run.label, &run.verdict, &metrics, &[]));
+            Evaluation {
+                numbers: numbers.collect(),
+                figures: vec![
+                    Figure::positions("Position", &coloured),
+                    Figure::currents("Current", &coloured),
+                ],
+                ..Evaluation::default()
+            }
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use scenario::plant::Plant;
+
+    use super::*;
+
+    #[test]
+    fn the_plants_differ_from_the_nominal_one_within_their_ranges_and_have_no_noise() {
+        let nominal = bases::step().plant;
+        let plants = || unknown_plants(PLANTS).map(|scenario| scenario.plant);
+        assert!(plants().all(|plant| plant.sensor == nominal.sensor));
+        let share = |low: f64, high: f64, of: &dyn Fn(&Plant) -> f64| {
+            let values = || plants().map(|plant| of(&plant) / of(&nominal) - 1.0);
+            let mean = values().sum::<f64>() / 200.0;
+            assert!((mean.abs() < 0.1 * (high - low)), "{mean}");
+            let (least, greatest) = values().fold((0.0, 0.0), |(least, greatest), value| {
+                (f64::min(least, value), f64::max(greatest, value))
+            });
+            let is_near = |value: f64, end: f64| value.abs() <= end.abs() && value / end > 0.9;
+            assert!(
+                is_near(least, low) && is_near(greatest, high),
+                "{least} {greatest}"
+            );
+        };
+        share(-0.1, 0.1, &|plant| {
+            plant.heat.conduction_watts_per_metre_kelvin
+        });
+        share(-0.3, 0.3, &|plant| {
+            plant.heat.convection_watts_per_square_metre_kelvin
+        });
+        share(-0.05, 0.05, &|plant| plant.heat.resistance_ohms_per_metre);
+        // K0 is proportional to EA, Eq. (9).
+        share(-0.2, 0.2, &|plant| {
+            plant.mechanics.austenite_modulus_pascals
+        });
+        share(-0.1, 0.1, &|plant| plant.mechanics.load_kilograms);
+        share(-0.5, 0.5, &|plant| {
+            plant.mechanics.damping_newton_seconds_per_metre
+        });
+        share(-5.0 / 53.0, 5.0 / 53.0, &|plant| {
+            plant.phase.austenite_start_celsius
+        });
+        share(-5.0 / 93.0, 5.0 / 93.0, &|plant| {
+            plant.phase.austenite_finish_celsius
+        });
+        share(-5.0 / 66.0, 5.0 / 66.0, &|plant| {
+            plant.phase.martensite_start_celsius
+        });
+        share(-5.0 / 34.0, 5.0 / 34.0, &|plant| {
+            plant.phase.martensite_finish_celsius
+        });
+    }
+
+    #[test]
+    fn a_p95_that_never_settled_is_none() {
+        let mut values = vec![0.2; 189];
+        assert_eq!(p95(&values), Ok(0.2));
+        values.extend([f64::INFINITY; 11]);
+        assert!(p95(&values).is_err());
+        assert!(p95(&[]).is_err());
+    }
+}

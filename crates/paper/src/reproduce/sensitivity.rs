@@ -1,0 +1,147 @@
+//! What cycle time, resolution and noise do to the closed loop, and what a faster launch costs.
+
+use scenario::Scenario;
+use scenario::expect::Expect;
+
+use super::bases;
+use super::experiment::{Effort, Evaluation, Experiment, Keep, Kept, Law, Run, Table};
+use super::families::{with_cycle, with_launch_jerk, with_noise, with_resolution};
+use report::terminal::significant;
+
+const CYCLES_MILLISECONDS: [f64; 4] = [0.5, 1.0, 2.0, 5.0];
+const RESOLUTIONS_BITS: [u32; 4] = [8, 10, 12, 16];
+const NOISES_STEPS: [f64; 4] = [0.0, 0.5, 1.0, 2.0];
+const LAUNCH_JERKS: [f64; 4] = [250.0, 300.0, 350.0, 400.0];
+
+/// A column of a table: its head, which run of a row it is read from, and the metric.
+type Column = (&'static str, usize, &'static str);
+
+/// What is played for each setting of the rig, and what is read from it.
+const RIG_BASES: [fn() -> Scenario; 2] = [bases::step, bases::sine_5s];
+const RIG_LAWS: [Law; 2] = [Law::SlidingMode, Law::Pid];
+const RIG_COLUMNS: [Column; 5] = [
+    ("settling (s)", 0, "settling_time_seconds"),
+    ("overshoot (%)", 0, "overshoot_percent"),
+    (
+        "error in the hold (mm)",
+        0,
+        "steady_state_error_millimetres",
+    ),
+    (
+        "RMS error, sine of 5 s (mm)",
+        1,
+        "tracking_error_millimetres_rms",
+    ),
+    ("cycles missed (%)", 0, "missed_cycles_percent"),
+];
+
+/// What is played for each launch, and what is read from it.
+const LAUNCH_BASES: [fn() -> Scenario; 3] =
+    [bases::step, bases::step_cold, bases::step_other_truth];
+const LAUNCH_COLUMNS: [Column; 6] = [
+    ("settling (s)", 0, "settling_time_seconds"),
+    ("overshoot (%)", 0, "overshoot_percent"),
+    ("from cold: settling (s)", 1, "settling_time_seconds"),
+    ("overshoot (%)", 1, "overshoot_percent"),
+    ("other wire: settling (s)", 2, "settling_time_seconds"),
+    ("overshoot (%)", 2, "overshoot_percent"),
+];
+
+/// The experiments of this file.
+pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
+    let count = match effort {
+        Effort::Full => 4,
+        Effort::Reduced => 2,
+    };
+    vec![
+        Experiment {
+            id: "cycle_time",
+            title: "Sensitivity to the cycle time",
+            text: "The step of Fig. 11 and the sine of Fig. 12 (b) with other times between two SYNCs. The laws are told the cycle and nothing \
+                   else. At 0.5 ms the frames fill the bus of 1 Mbit/s nearly, and those cycles in which the controller explains itself are missed.",
+            runs: on_rigs(
+                CYCLES_MILLISECONDS.into_iter().take(count),
+                |base, cycle| (format!("{cycle} ms"), with_cycle(base, cycle)),
+            ),
+            evaluate: |runs| table(&RIG_COLUMNS, RIG_BASES.len(), runs),
+        },
+        Experiment {
+            id: "resolution",
+            title: "Sensitivity to the resolution of the position sensor",
+            text: "The same with other converters. The observer is told the resolution, which is in a data sheet.",
+            runs: on_rigs(RESOLUTIONS_BITS.into_iter().take(count), |base, bits| {
+                (format!("{bits} bit"), with_resolution(base, bits))
+            }),
+            evaluate: |runs| table(&RIG_COLUMNS, RIG_BASES.len(), runs),
+        },
+        Experiment {
+            id: "noise",
+            title: "Sensitivity to noise of the position sensor",
+            text: "The same with normal noise before the 10-bit conversion, its standard deviation in steps of the converter (59 µm). The laws \
+                   are not told.",
+            runs: on_rigs(NOISES_STEPS.into_iter().take(count), |base, steps| {
+                (format!("{steps} steps"), with_noise(base, steps))
+            }),
+            evaluate: |runs| table(&RIG_COLUMNS, RIG_BASES.len(), runs),
+        },
+        Experiment {
+            id: "launch",
+            title: "What a faster launch costs",
+            text: "The reference of sliding_mode starts a move with a jerk of 250 m/s³ as shipped. A faster launch settles within 0.20 s on the \
+                   nominal wire, but a wire of another kind than the model cannot be braked in time. So the shipped launch is the slow one.",
+            runs: launches(LAUNCH_JERKS.into_iter().take(count)),
+            evaluate: |runs| table(&LAUNCH_COLUMNS, LAUNCH_BASES.len(), runs),
+        },
+    ]
+}
+
+/// Step and sine under each law, for each setting of the rig.
+fn on_rigs<T: Copy>(
+    settings: impl Iterator<Item = T>,
+    set: impl Fn(&Scenario, T) -> (String, Scenario),
+) -> Vec<Run> {
+    let mut runs = Vec::new();
+    for setting in settings {
+        for law in RIG_LAWS {
+            for base in RIG_BASES {
+                let (label, scenario) = set(&law.plays(&base()), setting);
+                runs.push(reported(format!("{label}, {}", law.name()), scenario));
+            }
+        }
+    }
+    runs
+}
+
+fn launches(jerks: impl Iterator<Item = f64>) -> Vec<Run> {
+    let of_jerk = |jerk: f64| {
+        LAUNCH_BASES.map(|base| reported(format!("{jerk} m/s³"), with_launch_jerk(&base(), jerk)))
+    };
+    jerks.flat_map(of_jerk).collect()
+}
+
+/// A run without limits: those of the files are for their own settings.
+fn reported(label: String, scenario: Scenario) -> Run {
+    let expect = Expect::default();
+    Run::new(label, Scenario { expect, ..scenario }, Keep::Verdict)
+}
+
+/// One row for each setting; its runs follow each other.
+fn table(columns: &[Column], runs_per_row: usize, runs: &[Kept]) -> Evaluation {
+    let header = std::iter::once("setting").chain(columns.iter().map(|(head, ..)| *head));
+    let rows = runs.chunks(runs_per_row).map(|row| {
+        let cells = columns.iter().map(|(_, place, metric)| {
+            let value = row.get(*place).and_then(|run| run.metric(metric));
+            value.map_or_else(|| "–".to_owned(), significant)
+        });
+        let label = row.first().map(|run| run.label.clone());
+        label.into_iter().chain(cells).collect()
+    });
+    let table = Table {
+        header: header.map(str::to_owned).collect(),
+        rows: rows.collect(),
+    };
+    Evaluation {
+        tables: vec![table],
+        ..Evaluation::default()
+    }
+}

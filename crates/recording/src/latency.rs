@@ -1,0 +1,268 @@
+//! How punctual a run in real time was: latencies between frames, and what the nodes' loops counted.
+//!
+//! Latencies are differences of the receive stamps of one recorder; wake-up lateness is what the nodes' loops counted.
+
+use std::time::Duration;
+
+use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
+use dbc::{Database, SignalMissing, signals};
+use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
+
+use crate::log::Stamped;
+use rig::setup::Setup;
+
+/// Latencies above this count as this.
+const LATENCY_MICROSECONDS_MAX: u64 = 10_000_000;
+
+/// Median and tail of a distribution, in microseconds.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize)]
+pub struct Quantiles {
+    /// Half of the values are not above it.
+    pub median: f64,
+    /// 99 % of the values are not above it.
+    pub p99: f64,
+    /// 99.9 % of the values are not above it.
+    pub p99_9: f64,
+    /// The largest value.
+    pub max: f64,
+}
+
+impl Quantiles {
+    /// The quantiles of a histogram whose unit is so many in a microsecond.
+    #[must_use]
+    pub fn of(histogram: &Histogram<u64>, per_microsecond: u32) -> Self {
+        #[expect(clippy::cast_precision_loss, reason = "values stay far below 2^52")]
+        let at =
+            |quantile| histogram.value_at_quantile(quantile) as f64 / f64::from(per_microsecond);
+        Self {
+            median: at(0.5),
+            p99: at(0.99),
+            p99_9: at(0.999),
+            max: at(1.0),
+        }
+    }
+
+    /// The larger of each.
+    #[must_use]
+    pub fn worst(self, other: Self) -> Self {
+        Self {
+            median: self.median.max(other.median),
+            p99: self.p99.max(other.p99),
+            p99_9: self.p99_9.max(other.p99_9),
+            max: self.max.max(other.max),
+        }
+    }
+}
+
+/// What a node's loop counted, as its process reports it at its end.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+pub struct NodeReport {
+    /// Ticks of the node.
+    pub ticks: u64,
+    /// Deadlines that had passed before the tick before them was done.
+    pub overruns: u64,
+    /// How late the ticks were.
+    pub wake_up_lateness_microseconds: Quantiles,
+    /// Frames that were lost before the node could take them.
+    pub frames_dropped: u64,
+    /// Frames that waited for room in the full queue of the bus (ENOBUFS) before they were sent.
+    #[serde(default)]
+    pub frames_delayed: u64,
+    /// What the system refused: priority, locked memory.
+    pub refused: Vec<String>,
+}
+
+/// What a world in real time knows besides the frames.
+#[derive(Clone, Debug, Default)]
+pub struct Host {
+    /// What the controller's loop counted; none of one that is external.
+    pub controller: Option<NodeReport>,
+    /// What the emulator's loop counted; none beside an external drive.
+    pub plant_emulator: Option<NodeReport>,
+    /// By how much the wall clock was stepped in the run.
+    pub wall_clock_step: Duration,
+    /// Processes that wanted to run at the end, on average over a minute, and the processors there are.
+    pub load: Option<(f64, usize)>,
+}
+
+/// The latencies of all cycles.
+pub struct Latencies {
+    cycle: CycleReader,
+    /// From the SYNC to the drive's position, in microseconds.
+    pub sync_to_position: Histogram<u64>,
+    /// From the drive's position to the command that follows from it, in microseconds.
+    pub position_to_command: Histogram<u64>,
+    /// From the SYNC to the command, in microseconds.
+    pub round_trip: Histogram<u64>,
+}
+
+impl Latencies {
+    /// The latencies of a recording, from scenario time 0 to its end.
+    ///
+    /// # Errors
+    /// The database lacks a signal.
+    pub fn of(frames: &[Stamped], setup: &Setup) -> Result<Self, SignalMissing> {
+        let mut latencies = Self::new(&setup.database)?;
+        let end = Duration::from_secs_f64(setup.scenario.duration_seconds);
+        for stamped in frames {
+            latencies.take(stamped, end);
+        }
+        Ok(latencies)
+    }
+
+    fn new(database: &Database) -> Result<Self, SignalMissing> {
+        let histogram = || {
+            Histogram::new_with_max(LATENCY_MICROSECONDS_MAX, 3)
+                .expect("constant bounds that the histogram takes")
+        };
+        Ok(Self {
+            cycle: CycleReader::new(database)?,
+            sync_to_position: histogram(),
+            position_to_command: histogram(),
+            round_trip: histogram(),
+        })
+    }
+
+    fn take(&mut self, stamped: &Stamped, end: Duration) {
+        match self.cycle.take(stamped, end) {
+            Some(Stage::Position { after_sync }) => record(&mut self.sync_to_position, after_sync),
+            Some(Stage::Command {
+                after_position,
+                after_sync,
+            }) => {
+                record(&mut self.position_to_command, after_position);
+                record(&mut self.round_trip, after_sync);
+            }
+            Some(Stage::Sync { .. }) | None => {}
+        }
+    }
+}
+
+/// A step of a cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// It began.
+    Sync {
+        /// When, in scenario time.
+        time: Duration,
+    },
+    /// The drive told its position.
+    Position {
+        /// Since the SYNC.
+        after_sync: Duration,
+    },
+    /// The controller sent the command that follows from it.
+    Command {
+        /// Since the position.
+        after_position: Duration,
+        /// Since the SYNC.
+        after_sync: Duration,
+    },
+}
+
+/// Follows each cycle from its SYNC over the position to the command.
+pub struct CycleReader {
+    clock: ScenarioClock,
+    position_id: u32,
+    command_id: u32,
+    sync: Option<Duration>,
+    position: Option<Duration>,
+}
+
+impl CycleReader {
+    /// A reader that has heard nothing.
+    ///
+    /// # Errors
+    /// The database lacks a signal.
+    pub fn new(database: &Database) -> Result<Self, SignalMissing> {
+        Ok(Self {
+            clock: ScenarioClock::new(database)?,
+            position_id: database.require(signals::POSITION)?.raw_id(),
+            command_id: database.require(signals::TARGET_CURRENT)?.raw_id(),
+            sync: None,
+            position: None,
+        })
+    }
+
+    /// Takes every frame of the bus in order; what it is to its cycle, from scenario time 0 to `end`.
+    pub(crate) fn take(&mut self, stamped: &Stamped, end: Duration) -> Option<Stage> {
+        let time = self.hear(stamped).filter(|time| *time < end)?;
+        self.stage(stamped, time)
+    }
+
+    /// Hears every frame of the bus in order; its scenario time, `None` before the scenario began.
+    #[inline]
+    pub fn hear(&mut self, stamped: &Stamped) -> Option<Duration> {
+        self.clock.on_frame(stamped.time, &stamped.frame);
+        self.clock.scenario_time(stamped.time)
+    }
+
+    /// What a frame that was heard is to its cycle.
+    #[inline]
+    pub fn stage(&mut self, stamped: &Stamped, time: Duration) -> Option<Stage> {
+        let since = |before: Duration| stamped.time.saturating_sub(before);
+        let id = stamped.frame.raw_id();
+        if id == u32::from(SYNC_COB_ID) {
+            self.sync = Some(stamped.time);
+            self.position = None;
+            Some(Stage::Sync { time })
+        } else if id == self.position_id && self.position.is_none() {
+            let sync = self.sync?;
+            self.position = Some(stamped.time);
+            Some(Stage::Position {
+                after_sync: since(sync),
+            })
+        } else if id == self.command_id {
+            let position = self.position.take()?;
+            let sync = self.sync.take()?;
+            Some(Stage::Command {
+                after_position: since(position),
+                after_sync: since(sync),
+            })
+        } else {
+            None
+        }
+    }
+}
+
+fn record(histogram: &mut Histogram<u64>, latency: Duration) {
+    histogram.saturating_record(u64::try_from(latency.as_micros()).unwrap_or(u64::MAX));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use canopen::CanFrame;
+
+    fn stamped(micros: u64, id: u16, data: &[u8]) -> Stamped {
+        Stamped::new(Duration::from_micros(micros), CanFrame::new(id, data))
+    }
+
+    #[test]
+    fn latencies_are_differences_of_stamps_within_a_cycle() {
+        let mut latencies = Latencies::new(Database::shipped()).unwrap();
+        let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
+        let end = Duration::from_secs(1);
+        for (micros, id) in [
+            (0, 0x190),
+            (1000, 0x080),
+            (1150, 0x190),
+            (1400, 0x210),
+            (2000, 0x080),
+            (2250, 0x190),
+            (2300, 0x190),
+            (3000, 0x080),
+            (3100, 0x210),
+        ] {
+            latencies.take(&stamped(micros, id, &enabled), end);
+        }
+        let quantiles = |histogram| Quantiles::of(histogram, 1);
+        assert_eq!(latencies.sync_to_position.len(), 2);
+        assert_eq!(quantiles(&latencies.sync_to_position).max, 250.0);
+        assert_eq!(quantiles(&latencies.position_to_command).median, 250.0);
+        assert_eq!(latencies.round_trip.len(), 1);
+        assert_eq!(quantiles(&latencies.round_trip).max, 400.0);
+    }
+}

@@ -1,0 +1,263 @@
+//! The folder of one run, and how files come into it: whole or not at all.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use crate::log::{self, Stamped};
+
+/// Runs of one scenario, seed and version that one folder may hold.
+const REPEATS_MAX: u32 = 100_000;
+
+/// Names of the files in a run folder.
+pub mod file {
+    /// The scenario as it was run.
+    pub const SCENARIO: &str = "scenario.toml";
+    /// The frames, `candump -L`.
+    pub const BUS_LOG: &str = "bus.log";
+    /// One row a cycle.
+    pub const SIGNALS: &str = "signals.csv";
+    /// The verdict.
+    pub const VERDICT: &str = "verdict.json";
+    /// The verdict for CI systems.
+    pub const JUNIT: &str = "junit.xml";
+    /// The run on one page.
+    pub const REPORT: &str = "report.html";
+    /// The rig file as it was used; only in runs on a rig.
+    pub const RIG: &str = rig::rig_file::RIG_FILE;
+    /// The recording for the Rerun viewer.
+    pub const RERUN: &str = "run.rrd";
+}
+
+/// A file of a run cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{} cannot be written: {source}", path.display())]
+pub struct WriteError {
+    /// Which file or folder.
+    pub path: PathBuf,
+    /// Why.
+    pub source: io::Error,
+}
+
+impl WriteError {
+    /// The error of a file, for `map_err`.
+    pub fn at(path: &Path) -> impl FnOnce(io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self { path, source }
+    }
+}
+
+/// The folder of one run.
+#[derive(Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+}
+
+impl RunFolder {
+    /// Makes the folder `<parent>/<name>-<hash>` with nothing in it. A second run gets
+    /// a numbered suffix; nothing is overwritten.
+    ///
+    /// # Errors
+    /// The folder cannot be made.
+    pub fn create(
+        parent: &Path,
+        name: &str,
+        seed: u64,
+        text: &str,
+    ) -> Result<Self, WriteError> {
+        fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
+        let base = format!("{}-{}", slug(name), hash(seed, text));
+        let path = create_numbered(parent, &base).map_err(WriteError::at(&parent.join(&base)))?;
+        Ok(Self { path })
+    }
+
+    /// Makes or opens the folder `<parent>/<name>-<id>`: work that was broken off goes on where it was. The id tells
+    /// scenarios apart.
+    ///
+    /// # Errors
+    /// The folder cannot be made.
+    pub fn lasting(parent: &Path, name: &str, id: &str) -> Result<Self, WriteError> {
+        let path = parent.join(format!("{}-{id}", slug(name)));
+        fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
+        Ok(Self { path })
+    }
+
+    /// The rig file's copy in the folder; none in runs on the emulated rig.
+    #[must_use]
+    pub fn rig(&self) -> Option<PathBuf> {
+        let path = self.path.join(file::RIG);
+        path.exists().then_some(path)
+    }
+
+    /// Copies a file to a place in the folder.
+    ///
+    /// # Errors
+    /// The file cannot be read or written.
+    pub fn copy(&self, from: &Path, place: impl AsRef<Path>) -> Result<(), WriteError> {
+        let to = self.path.join(place);
+        let copied = to
+            .parent()
+            .map_or(Ok(()), fs::create_dir_all)
+            .and_then(|()| fs::copy(from, &to));
+        copied.map(|_| ()).map_err(WriteError::at(&to))
+    }
+
+    /// The scenario's copy in the folder.
+    #[must_use]
+    pub fn scenario(&self) -> PathBuf {
+        self.path.join(file::SCENARIO)
+    }
+
+    /// Where the folder is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes one file as a whole: a reader sees the old one or the new one.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), WriteError> {
+        self.write_with(name, |output| output.write_all(bytes))
+    }
+
+    /// As [`RunFolder::write`], for what is too long to be held in memory.
+    ///
+    /// # Errors
+    /// The file cannot be written, or `write` failed.
+    pub fn write_with(
+        &self,
+        name: &str,
+        write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+    ) -> Result<(), WriteError> {
+        let path = self.path.join(name);
+        write_whole(&path, write).map_err(WriteError::at(&path))
+    }
+
+    /// Opens `bus.log`, which grows while the run goes on.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn bus_log(&self) -> Result<BusLog, WriteError> {
+        let path = self.path.join(file::BUS_LOG);
+        let output = File::create(&path).map_err(WriteError::at(&path))?;
+        Ok(BusLog {
+            path,
+            output: BufWriter::new(output),
+        })
+    }
+}
+
+/// `bus.log` while it grows.
+#[derive(Debug)]
+pub struct BusLog {
+    path: PathBuf,
+    output: BufWriter<File>,
+}
+
+impl BusLog {
+    /// Appends frames.
+    ///
+    /// # Errors
+    /// The disk does not take them.
+    pub fn append(&mut self, frames: &[Stamped]) -> Result<(), WriteError> {
+        log::write_log(&mut self.output, frames).map_err(WriteError::at(&self.path))
+    }
+
+    /// Hands everything to the operating system, so that a kill loses nothing older.
+    ///
+    /// # Errors
+    /// The disk does not take it.
+    pub fn flush(&mut self) -> Result<(), WriteError> {
+        self.output.flush().map_err(WriteError::at(&self.path))
+    }
+}
+
+fn write_whole(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> io::Result<()> {
+    let partial = path.with_added_extension("partial");
+    let mut output = BufWriter::new(File::create(&partial)?);
+    write(&mut output)?;
+    output.into_inner()?.sync_data()?;
+    fs::rename(partial, path)
+}
+
+fn create_numbered(parent: &Path, base: &str) -> io::Result<PathBuf> {
+    for number in 1..=REPEATS_MAX {
+        let name = if number == 1 {
+            base.to_owned()
+        } else {
+            format!("{base}-{number}")
+        };
+        let path = parent.join(name);
+        match fs::create_dir(&path) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+            Ok(()) => return Ok(path),
+        }
+    }
+    let full = format!(
+        "{} holds {REPEATS_MAX} runs of {base}; remove some",
+        parent.display()
+    );
+    Err(io::Error::new(io::ErrorKind::AlreadyExists, full))
+}
+
+/// Lower-case letters, digits and single dashes: a name that every file system takes.
+fn slug(name: &str) -> String {
+    let mut slug = String::new();
+    for character in name.chars().take(60) {
+        if character.is_ascii_alphanumeric() {
+            slug.push(character.to_ascii_lowercase());
+        } else if !slug.ends_with('-') && !slug.is_empty() {
+            slug.push('-');
+        }
+    }
+    let slug = slug.trim_end_matches('-');
+    if slug.is_empty() {
+        "run".to_owned()
+    } else {
+        slug.to_owned()
+    }
+}
+
+/// Eight digits that name scenario, seed and version.
+fn hash(seed: u64, text: &str) -> String {
+    let mut hasher = Sha256::new();
+    hasher.update(env!("CARGO_PKG_VERSION"));
+    hasher.update(seed.to_le_bytes());
+    hasher.update(text);
+    hasher
+        .finalize()
+        .iter()
+        .take(4)
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_becomes_a_folder_name() {
+        assert_eq!(
+            slug("25 mm step, from a warm hold!"),
+            "25-mm-step-from-a-warm-hold"
+        );
+        assert_eq!(slug("../../etc"), "etc");
+        assert_eq!(slug("ψ"), "run");
+    }
+
+    #[test]
+    fn the_hash_tells_seeds_and_texts_apart() {
+        assert_ne!(hash(1, "a"), hash(2, "a"));
+        assert_ne!(hash(1, "a"), hash(1, "b"));
+        assert_eq!(hash(1, "a").len(), 8);
+    }
+}

@@ -1,0 +1,96 @@
+//! Vector's ASCII log of CAN frames.
+
+use std::fmt::Write;
+use std::time::Duration;
+
+use jiff::Timestamp;
+use jiff::civil::DateTime;
+use jiff::tz::Offset;
+
+use recording::log::Stamped;
+
+/// The identifier in a raw one, without its flags.
+const ID_BITS: u32 = 0x1FFF_FFFF;
+
+/// The log. Times count from the whole second of the first frame, which the header gives in UTC.
+#[must_use]
+pub fn to_asc(frames: &[Stamped]) -> String {
+    let start = frames.first().map_or(Duration::ZERO, |first| first.time);
+    let start = Duration::from_secs(start.as_secs());
+    let date = date(start);
+    let mut text = format!(
+        "date {date}\nbase hex  timestamps absolute\ninternal events logged\nBegin Triggerblock {date}\n   0.000000 Start of measurement\n"
+    );
+    for Stamped { time, frame, .. } in frames {
+        let since = time.saturating_sub(start);
+        let (seconds, micros) = (since.as_secs(), since.subsec_micros());
+        if frame.is_error() {
+            let _ = writeln!(text, "{seconds:4}.{micros:06} 1  ErrorFrame");
+            continue;
+        }
+        let mark = if frame.is_extended() { "x" } else { "" };
+        let id = format!("{:X}{mark}", frame.raw_id() & ID_BITS);
+        let _ = write!(text, "{seconds:4}.{micros:06} 1  {id:<15} Rx   ");
+        if frame.is_remote() {
+            text.push('r');
+        } else {
+            let _ = write!(text, "d {:X}", frame.data().len());
+            for byte in frame.data() {
+                let _ = write!(text, " {byte:02X}");
+            }
+        }
+        text.push('\n');
+    }
+    text + "End TriggerBlock\n"
+}
+
+/// As Vector's programs write it: `Fri Nov 20 06:15:12.000 am 2026`.
+fn date(time: Duration) -> String {
+    let format = "%a %b %d %I:%M:%S.000 %P %Y";
+    utc(time).strftime(format).to_string()
+}
+
+/// The date this long after the beginning of 1970; at most the end of 9999.
+pub(super) fn utc(time: Duration) -> DateTime {
+    let time = Timestamp::UNIX_EPOCH.saturating_add(time);
+    Offset::UTC.to_datetime(time.unwrap_or(Timestamp::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::CanFrame;
+
+    #[test]
+    fn a_frame_is_a_line() {
+        let frames = [
+            Stamped::new(
+                Duration::from_micros(1_763_619_312_000_250),
+                CanFrame::new(0x190, &[1, 0xAB]),
+            ),
+            Stamped::new(
+                Duration::from_micros(1_763_619_313_500_000),
+                CanFrame::new(0x80, &[]),
+            ),
+        ];
+        let text = to_asc(&frames);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "date Thu Nov 20 06:15:12.000 am 2025");
+        assert_eq!(lines[5], "   0.000250 1  190             Rx   d 2 01 AB");
+        assert_eq!(lines[6], "   1.500000 1  80              Rx   d 0");
+    }
+
+    /// As `date -u -d @SECONDS` says.
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        for (seconds, expected) in [
+            (0, "Thu Jan 01 12:00:00.000 am 1970"),
+            (951_782_400, "Tue Feb 29 12:00:00.000 am 2000"),
+            (1_735_689_599, "Tue Dec 31 11:59:59.000 pm 2024"),
+            (4_107_585_600, "Mon Mar 01 12:00:00.000 pm 2100"),
+        ] {
+            assert_eq!(date(Duration::from_secs(seconds)), expected);
+        }
+        assert!(date(Duration::MAX).ends_with("9999"));
+    }
+}

@@ -1,0 +1,177 @@
+//! Vector's binary log of CAN frames. Not compressed, which the format permits.
+
+use std::time::Duration;
+
+use super::asc::utc;
+use recording::log::Stamped;
+
+const FILE_HEADER_BYTES: u32 = 144;
+const OBJECT_HEADER_BYTES: u16 = 32;
+const CONTAINER_HEADER_BYTES: u16 = 16;
+/// Bytes of frames in one container, about.
+const CONTAINER_BYTES_MAX: usize = 128 * 1024;
+
+const LOG_CONTAINER: u32 = 10;
+const CAN_MESSAGE: u32 = 1;
+const CAN_ERROR_EXT: u32 = 73;
+/// Time stamps in nanoseconds.
+const NANOSECONDS: u32 = 2;
+const CHANNEL: u16 = 1;
+const EXTENDED_ID: u32 = 0x8000_0000;
+const REMOTE: u8 = 0x80;
+
+/// The log. Times count from the whole millisecond of the first frame, which the header gives in UTC.
+#[must_use]
+pub fn to_blf(frames: &[Stamped]) -> Vec<u8> {
+    let start = frames.first().map_or(Duration::ZERO, |first| first.time);
+    let start = Duration::from_millis(u64::try_from(start.as_millis()).unwrap_or(u64::MAX));
+    let end = frames.last().map_or(start, |last| last.time);
+    let mut containers = Vec::new();
+    let mut content = Vec::new();
+    let mut whole_bytes = u64::from(FILE_HEADER_BYTES);
+    for stamped in frames {
+        push_frame(&mut content, stamped, start);
+        if content.len() >= CONTAINER_BYTES_MAX {
+            whole_bytes += push_container(&mut containers, &mut content);
+        }
+    }
+    if !content.is_empty() {
+        whole_bytes += push_container(&mut containers, &mut content);
+    }
+    let mut file = Vec::with_capacity(FILE_HEADER_BYTES as usize + containers.len());
+    file.extend_from_slice(b"LOGG");
+    file.extend_from_slice(&FILE_HEADER_BYTES.to_le_bytes());
+    // Application: number 5, version 0.0.0; format 2.6.8.1.
+    file.extend_from_slice(&[5, 0, 0, 0, 2, 6, 8, 1]);
+    file.extend_from_slice(&length(u64::from(FILE_HEADER_BYTES), containers.len()).to_le_bytes());
+    file.extend_from_slice(&whole_bytes.to_le_bytes());
+    file.extend_from_slice(
+        &u32::try_from(frames.len())
+            .unwrap_or(u32::MAX)
+            .to_le_bytes(),
+    );
+    file.extend_from_slice(&[0; 4]);
+    push_system_time(&mut file, start);
+    push_system_time(&mut file, end);
+    file.resize(FILE_HEADER_BYTES as usize, 0);
+    file.extend_from_slice(&containers);
+    file
+}
+
+fn length(header: u64, rest: usize) -> u64 {
+    header + u64::try_from(rest).unwrap_or(u64::MAX - header)
+}
+
+/// The beginning of every object.
+fn push_base(bytes: &mut Vec<u8>, header_bytes: u16, object_bytes: u32, kind: u32) {
+    bytes.extend_from_slice(b"LOBJ");
+    bytes.extend_from_slice(&header_bytes.to_le_bytes());
+    bytes.extend_from_slice(&1u16.to_le_bytes());
+    bytes.extend_from_slice(&object_bytes.to_le_bytes());
+    bytes.extend_from_slice(&kind.to_le_bytes());
+}
+
+fn push_frame(content: &mut Vec<u8>, Stamped { time, frame, .. }: &Stamped, start: Duration) {
+    let (kind, object_bytes) = if frame.is_error() {
+        (CAN_ERROR_EXT, 64)
+    } else {
+        (CAN_MESSAGE, 48)
+    };
+    push_base(content, OBJECT_HEADER_BYTES, object_bytes, kind);
+    content.extend_from_slice(&NANOSECONDS.to_le_bytes());
+    content.extend_from_slice(&[0; 4]);
+    let nanos = u64::try_from(time.saturating_sub(start).as_nanos()).unwrap_or(u64::MAX);
+    content.extend_from_slice(&nanos.to_le_bytes());
+    content.extend_from_slice(&CHANNEL.to_le_bytes());
+    if frame.is_error() {
+        // What a log of candump tells of an error has no place here.
+        content.extend_from_slice(&[0; 30]);
+        return;
+    }
+    content.push(if frame.is_remote() { REMOTE } else { 0 });
+    content.push(u8::try_from(frame.data().len()).unwrap_or(8));
+    let mark = if frame.is_extended() { EXTENDED_ID } else { 0 };
+    let id = frame.raw_id() & 0x1FFF_FFFF | mark;
+    content.extend_from_slice(&id.to_le_bytes());
+    content.extend_from_slice(&frame.buffer());
+}
+
+/// Appends the content as one container and empties it; its size with the header.
+fn push_container(containers: &mut Vec<u8>, content: &mut Vec<u8>) -> u64 {
+    let size = u32::try_from(content.len()).unwrap_or(u32::MAX);
+    let object_bytes = size + u32::from(CONTAINER_HEADER_BYTES) + 16;
+    push_base(
+        containers,
+        CONTAINER_HEADER_BYTES,
+        object_bytes,
+        LOG_CONTAINER,
+    );
+    // No compression.
+    containers.extend_from_slice(&[0; 8]);
+    containers.extend_from_slice(&size.to_le_bytes());
+    containers.extend_from_slice(&[0; 4]);
+    containers.append(content);
+    u64::from(object_bytes)
+}
+
+/// A SYSTEMTIME of Windows.
+fn push_system_time(file: &mut Vec<u8>, time: Duration) {
+    let date = utc(time);
+    for field in [
+        date.year(),
+        date.month().into(),
+        date.weekday().to_sunday_zero_offset().into(),
+        date.day().into(),
+        date.hour().into(),
+        date.minute().into(),
+        date.second().into(),
+        date.millisecond(),
+    ] {
+        file.extend_from_slice(&field.to_le_bytes());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::CanFrame;
+
+    /// `date -u -d @951782400`, and half a second.
+    #[test]
+    fn a_date_has_its_day_of_the_week_and_its_milliseconds() {
+        let mut bytes = Vec::new();
+        push_system_time(&mut bytes, Duration::from_millis(951_782_400_500));
+        let fields = bytes.as_chunks().0.iter().copied().map(u16::from_le_bytes);
+        assert!(fields.eq([2000, 2, 2, 29, 0, 0, 0, 500]));
+    }
+
+    #[test]
+    fn sizes_add_up() {
+        let frames: Vec<Stamped> = (0..10_000u64)
+            .map(|number| {
+                Stamped::new(
+                    Duration::from_micros(number * 130),
+                    CanFrame::new(0x190, &[1, 2]),
+                )
+            })
+            .collect();
+        let file = to_blf(&frames);
+        assert_eq!(&file[..4], b"LOGG");
+        assert_eq!(
+            u64::from_le_bytes(file[16..24].try_into().unwrap()),
+            file.len() as u64
+        );
+        let mut place = FILE_HEADER_BYTES as usize;
+        let mut content = 0;
+        while place < file.len() {
+            assert_eq!(&file[place..place + 4], b"LOBJ");
+            let object =
+                u32::from_le_bytes(file[place + 8..place + 12].try_into().unwrap()) as usize;
+            content +=
+                u32::from_le_bytes(file[place + 24..place + 28].try_into().unwrap()) as usize;
+            place += object;
+        }
+        assert_eq!(place, file.len());
+        assert_eq!(content, 48 * frames.len());
+    }
+}

@@ -1,0 +1,233 @@
+//! How the bus kept time, read from the stamps of the recording.
+
+use std::time::Duration;
+
+use dbc::{Database, SignalMissing, signals};
+
+use recording::log::Stamped;
+use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
+
+/// Stretches of time for which the load is told.
+const LOAD_STRETCHES: u32 = 200;
+
+/// A duration in the resolution of the recording.
+pub(super) type Microseconds = u64;
+
+/// The timing of one recording, from scenario time 0 to its end. Durations are sorted.
+#[derive(Clone, Debug, Default)]
+pub(super) struct BusTiming {
+    /// Time between two SYNCs.
+    pub(super) cycles: Vec<Microseconds>,
+    /// From a SYNC to the drive's answer.
+    pub(super) answers: Vec<Microseconds>,
+    /// From a SYNC to the controller's command.
+    pub(super) commands: Vec<Microseconds>,
+    /// Middle of each stretch in scenario time.
+    pub(super) load_seconds: Vec<f64>,
+    /// Share of the time in which a frame was on the bus.
+    pub(super) load_percent: Vec<f64>,
+}
+
+/// What a set of durations comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Spread {
+    pub(super) least: Microseconds,
+    pub(super) median: Microseconds,
+    pub(super) percentile_99: Microseconds,
+    pub(super) most: Microseconds,
+}
+
+impl Spread {
+    /// Of no durations there is none.
+    pub(super) fn of(sorted: &[Microseconds]) -> Option<Self> {
+        let (least, most) = (*sorted.first()?, *sorted.last()?);
+        let rank = |percent: usize| sorted[(sorted.len() - 1) * percent / 100];
+        Some(Self {
+            least,
+            median: rank(50),
+            percentile_99: rank(99),
+            most,
+        })
+    }
+}
+
+impl BusTiming {
+    /// Reads the stamps.
+    ///
+    /// # Errors
+    /// The database lacks a message of the drive.
+    pub(super) fn of(
+        frames: &[Stamped],
+        duration_seconds: f64,
+        bitrate_kilobits_per_second: u32,
+        database: &Database,
+    ) -> Result<Self, SignalMissing> {
+        let answer = database.require(signals::POSITION)?.raw_id();
+        let command = database.require(signals::TARGET_CURRENT)?.raw_id();
+        let mut clock = ScenarioClock::new(database)?;
+        let begins = |stamped: &Stamped| clock.on_frame(stamped.time, &stamped.frame);
+        let frames = &frames[frames.iter().position(begins).unwrap_or(frames.len())..];
+        let zero = frames.first().map_or(Duration::ZERO, |first| first.time);
+        let duration = Duration::from_secs_f64(duration_seconds);
+        let mut timing = Self::default();
+        let mut load = Load::new(duration, bitrate_kilobits_per_second);
+        let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
+        for stamped in frames {
+            let now = stamped.time;
+            let scenario_time = now.saturating_sub(zero);
+            if scenario_time >= duration {
+                break;
+            }
+            load.take(scenario_time, stamped.occupied_bits);
+            let since_sync = |sync: Duration| microseconds(now.saturating_sub(sync));
+            let id = stamped.frame.raw_id();
+            if id == u32::from(SYNC_COB_ID) {
+                timing.cycles.extend(sync.replace(now).map(since_sync));
+                (is_answered, is_commanded) = (false, false);
+            } else if id == answer && !std::mem::replace(&mut is_answered, true) {
+                timing.answers.extend(sync.map(since_sync));
+            } else if id == command && !std::mem::replace(&mut is_commanded, true) {
+                timing.commands.extend(sync.map(since_sync));
+            }
+        }
+        timing.cycles.sort_unstable();
+        timing.answers.sort_unstable();
+        timing.commands.sort_unstable();
+        (timing.load_seconds, timing.load_percent) = load.finish();
+        Ok(timing)
+    }
+}
+
+fn microseconds(duration: Duration) -> Microseconds {
+    u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
+}
+
+/// Counts the bits in each stretch of time.
+struct Load {
+    stretch: Duration,
+    bitrate_kilobits_per_second: f64,
+    bits: Vec<u64>,
+}
+
+impl Load {
+    fn new(duration: Duration, bitrate_kilobits_per_second: u32) -> Self {
+        let stretch = Duration::from_millis(10).max(duration / LOAD_STRETCHES);
+        Self {
+            stretch,
+            bitrate_kilobits_per_second: f64::from(bitrate_kilobits_per_second),
+            bits: Vec::new(),
+        }
+    }
+
+    fn take(&mut self, time: Duration, bits: u32) {
+        let Some(place) = usize::try_from(time.as_nanos() / self.stretch.as_nanos())
+            .ok()
+            .filter(|place| *place <= LOAD_STRETCHES as usize)
+        else {
+            return;
+        };
+        if place >= self.bits.len() {
+            self.bits.resize(place + 1, 0);
+        }
+        self.bits[place] += u64::from(bits);
+    }
+
+    /// The last stretch is left out where others are: it may be cut.
+    fn finish(mut self) -> (Vec<f64>, Vec<f64>) {
+        if self.bits.len() > 1 {
+            self.bits.pop();
+        }
+        let seconds = self.stretch.as_secs_f64();
+        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
+        let middles = (0..self.bits.len())
+            .map(|place| (place as f64 + 0.5) * seconds)
+            .collect();
+        let capacity = self.bitrate_kilobits_per_second * 1e3 * seconds;
+        #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
+        let percent = self
+            .bits
+            .iter()
+            .map(|bits| 100.0 * *bits as f64 / capacity)
+            .collect();
+        (middles, percent)
+    }
+}
+
+/// A histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "microseconds stay far below 2^52"
+)]
+pub(super) fn histogram(sorted: &[Microseconds]) -> (Vec<f64>, Vec<f64>) {
+    const BINS: u32 = 60;
+    let (Some(least), Some(most)) = (sorted.first(), sorted.last()) else {
+        return (Vec::new(), Vec::new());
+    };
+    let (least, most) = (*least as f64, *most as f64);
+    // Whole microseconds, as the recording has them.
+    let width = libm::ceil((most - least + 1.0) / f64::from(BINS)).max(1.0);
+    let mut counts = vec![0; BINS as usize];
+    for same in sorted.chunk_by(u64::eq) {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "from 0 to the number of bins"
+        )]
+        let bin = ((same[0] as f64 - least) / width + 1e-6) as usize;
+        counts[bin.min(BINS as usize - 1)] += same.len();
+    }
+    let used = counts
+        .iter()
+        .rposition(|count| *count > 0)
+        .map_or(0, |last| last + 1);
+    let mut corners = (vec![least - width / 2.0], vec![FLOOR]);
+    for (number, count) in (0..BINS).zip(&counts[..used]) {
+        let left = least + (f64::from(number) - 0.5) * width;
+        let height = if *count == 0 {
+            FLOOR
+        } else {
+            libm::log10(*count as f64)
+        };
+        corners.0.extend([left, left + width]);
+        corners.1.extend([height, height]);
+    }
+    let right = corners.0.last().copied().unwrap_or(least);
+    corners.0.push(right);
+    corners.1.push(FLOOR);
+    corners
+}
+
+/// Height of an empty bin: below that of a bin with one entry, whose logarithm is 0.
+const FLOOR: f64 = -0.3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_ranks() {
+        let durations: Vec<Microseconds> = (1..=101).collect();
+        let expected = Spread {
+            least: 1,
+            median: 51,
+            percentile_99: 100,
+            most: 101,
+        };
+        assert_eq!(Spread::of(&durations), Some(expected));
+        assert_eq!(Spread::of(&[]), None);
+    }
+
+    #[test]
+    fn a_histogram_counts_everything() {
+        let durations = [1000, 1000, 1000, 1001, 1240];
+        let (edges, heights) = histogram(&durations);
+        assert_eq!(edges.len(), heights.len());
+        let total: f64 = heights[1..heights.len() - 1]
+            .chunks(2)
+            .filter(|bin| bin[0] > FLOOR)
+            .map(|bin| libm::pow(10.0, bin[0]))
+            .sum();
+        assert!((total - 5.0).abs() < 1e-9, "{total}");
+        assert!(edges.first().unwrap() < &1000.0 && edges.last().unwrap() > &1240.0);
+    }
+}

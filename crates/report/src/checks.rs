@@ -1,0 +1,98 @@
+//! The signals that the scenario's checks name, each in a plot with what is demanded of it.
+
+use maud::{Markup, html};
+use scenario::expect::{Demand, SignalCheck};
+
+use super::plot::{Colour, Patch, Plot, Shape};
+use super::Run;
+use rig::setup::Setup;
+use recording::traces::Trace;
+
+/// Signals that get a plot; the verdict lists the others too.
+const PLOTS_MAX: usize = 12;
+
+/// A trace as a plot takes it.
+struct Drawn<'a> {
+    trace: &'a Trace,
+    time_seconds: Vec<f64>,
+    values: Vec<f64>,
+    /// The rows of the courses that it must follow.
+    courses: Vec<(Vec<f64>, Vec<f64>)>,
+    patches: Vec<Patch>,
+}
+
+/// A section with the plots; nothing where no check names a signal.
+pub(super) fn section(run: &Run<'_>) -> Markup {
+    let setup = run.setup;
+    let checks = &setup.scenario.expect.signal;
+    let drawn: Vec<Drawn<'_>> = (run.timeline)
+        .traces
+        .iter()
+        .filter(|trace| checks.iter().any(|check| is_about(setup, check, trace)))
+        .take(PLOTS_MAX)
+        .map(|trace| drawn(trace, setup))
+        .collect();
+    html! {
+        @if !drawn.is_empty() {
+            h2 { "Checked signals" }
+            div.plots.even { @for one in &drawn { (plot(one).render()) } }
+            p.soft { "Green: where the signal must stay or get, and when." }
+        }
+    }
+}
+
+fn is_about(setup: &Setup, check: &SignalCheck, trace: &Trace) -> bool {
+    setup.names().find(&check.name) == Ok(&trace.path)
+}
+
+fn drawn<'a>(trace: &'a Trace, setup: &Setup) -> Drawn<'a> {
+    let scenario = &setup.scenario;
+    let mut drawn = Drawn {
+        trace,
+        time_seconds: trace.samples.iter().map(|one| one.time_seconds).collect(),
+        values: trace.samples.iter().map(|one| one.value).collect(),
+        courses: Vec::new(),
+        patches: Vec::new(),
+    };
+    let checks = scenario.expect.signal.iter();
+    for check in checks.filter(|check| is_about(setup, check, trace)) {
+        for demand in check.demands() {
+            let window = check.window(&demand, scenario.duration_seconds);
+            match demand {
+                Demand::Stays(limit) | Demand::Reaches(limit) => drawn.patches.push(Patch {
+                    class: "band",
+                    x: (window.from_seconds, window.until_seconds),
+                    y: (
+                        limit.min.unwrap_or(f64::NEG_INFINITY),
+                        limit.max.unwrap_or(f64::INFINITY),
+                    ),
+                }),
+                Demand::Follows(course) => drawn.courses.push(course.rows.iter().copied().unzip()),
+                Demand::RatePerSecond(_) => {}
+            }
+        }
+    }
+    drawn
+}
+
+fn plot<'a>(drawn: &'a Drawn<'_>) -> Plot<'a> {
+    let mut plot = Plot::over_time(drawn.trace.path.as_str(), &drawn.trace.unit);
+    plot.patches.clone_from(&drawn.patches);
+    plot.draw(
+        "recorded",
+        Colour::Measured,
+        Shape::Line,
+        &drawn.time_seconds,
+        &drawn.values,
+    );
+    for (time_seconds, values) in &drawn.courses {
+        plot.draw(
+            "course",
+            Colour::Wanted,
+            Shape::Dashed,
+            time_seconds,
+            values,
+        );
+    }
+    plot
+}

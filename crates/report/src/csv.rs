@@ -1,0 +1,104 @@
+//! `signals.csv`: one row a cycle.
+
+use std::fmt::{self, Write as _};
+use std::io::{self, Write};
+
+use recording::timeline::Timeline;
+
+/// Ten to the power of the decimals of a number: one more than the finest signal has.
+const SCALE: f64 = 1e7;
+/// Whole numbers below this are exact.
+const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
+
+/// Writes the table.
+///
+/// # Errors
+/// The output does not take it.
+pub fn write(output: impl Write, timeline: &Timeline) -> io::Result<()> {
+    let mut table = csv::Writer::from_writer(output);
+    let names = timeline.columns.iter().map(|column| column.name.as_str());
+    let own = ["cycle", "time_seconds", "set_point_millimetres"];
+    table.write_record(own.into_iter().chain(names))?;
+    let own = [&timeline.time_seconds, &timeline.set_point_millimetres];
+    let columns = timeline.columns.iter().map(|column| &column.values);
+    let columns: Vec<&Vec<f64>> = own.into_iter().chain(columns).collect();
+    let mut cell = String::new();
+    for (row, cycle) in timeline.cycle.iter().enumerate() {
+        table.write_field(cycle.to_string())?;
+        for values in &columns {
+            cell.clear();
+            // Writing into a string cannot fail.
+            let _ = write!(cell, "{}", Cell(values[row]));
+            table.write_field(&cell)?;
+        }
+        table.write_record(None::<&[u8]>)?;
+    }
+    table.flush()
+}
+
+/// A number with seven decimals less the zeros at their end; nothing where there is no value.
+struct Cell(f64);
+
+impl fmt::Display for Cell {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0.is_nan() {
+            return Ok(());
+        }
+        let scaled = (self.0 * SCALE).round();
+        // No decimal is known of what is larger.
+        let is_exact = scaled.abs() < EXACT_MAX;
+        let shown = if is_exact { scaled / SCALE } else { self.0 };
+        // Adding 0 makes -0 a 0.
+        write!(formatter, "{}", shown + 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn number(value: f64) -> String {
+        Cell(value).to_string()
+    }
+
+    #[test]
+    fn numbers_are_short_and_exact() {
+        let texts = [
+            0.0,
+            -0.0,
+            1.0,
+            0.1 + 0.2,
+            12.345_678_9,
+            -1e-9,
+            -0.5,
+            f64::NAN,
+            100.0,
+            -900_719_925.25,
+            1e12,
+        ]
+        .map(number);
+        let expected = [
+            "0",
+            "0",
+            "1",
+            "0.3",
+            "12.3456789",
+            "0",
+            "-0.5",
+            "",
+            "100",
+            "-900719925.25",
+            "1000000000000",
+        ];
+        assert_eq!(texts, expected);
+    }
+
+    proptest! {
+        #[test]
+        fn a_number_reads_back_to_half_of_the_last_decimal(value in -1e6..1e6_f64) {
+            let read: f64 = number(value).parse().unwrap();
+            prop_assert!((read - value).abs() <= 0.51e-7, "{value} {read}");
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! `junit.xml`: one test case per limit, for CI systems.
+
+use quick_junit::{NonSuccessKind, Property, Report, TestCase, TestCaseStatus, TestSuite};
+
+use judge::verdict::{Metric, Outcome, Verdict};
+
+/// The report of one or several runs.
+///
+/// # Errors
+/// The XML cannot be written.
+pub fn to_xml(verdicts: &[Verdict]) -> Result<String, quick_junit::SerializeError> {
+    let mut report = Report::new("canrig");
+    report.add_test_suites(verdicts.iter().map(suite));
+    report.to_string()
+}
+
+fn suite(verdict: &Verdict) -> TestSuite {
+    let mut suite = TestSuite::new(verdict.scenario.as_str());
+    suite.add_property(("version", verdict.version.as_str()));
+    suite.add_property(("seed", verdict.seed.to_string().as_str()));
+    suite.add_properties(properties(&verdict.requirements));
+    let class = verdict.scenario.as_str();
+    let limited = verdict
+        .metrics
+        .iter()
+        .filter(|metric| metric.limit.is_some());
+    suite.add_test_cases(limited.map(|metric| case(class, metric, verdict.outcome)));
+    suite.add_test_case(run_case(class, verdict));
+    suite
+}
+
+/// The run itself as a case, so that a run without limits or without an end is not silent.
+fn run_case(class: &str, verdict: &Verdict) -> TestCase {
+    let reason = verdict.reason.clone().unwrap_or_default();
+    let status = match verdict.outcome {
+        Outcome::Pass | Outcome::Fail => TestCaseStatus::success(),
+        Outcome::Inconclusive | Outcome::Incomplete => problem(NonSuccessKind::Error, &reason),
+    };
+    let mut case = named("run", class, status);
+    if !verdict.losses.is_empty() {
+        case.set_system_out(verdict.losses.join("\n"));
+    }
+    case
+}
+
+fn case(class: &str, metric: &Metric, outcome: Outcome) -> TestCase {
+    let status = match (outcome, metric.passed) {
+        (Outcome::Inconclusive, _) => problem(NonSuccessKind::Error, "inconclusive"),
+        (_, Some(true)) => TestCaseStatus::success(),
+        (_, None) => problem(NonSuccessKind::Error, "not judged"),
+        _ => problem(NonSuccessKind::Failure, &message(metric)),
+    };
+    let mut case = named(&metric.name, class, status);
+    case.add_properties(properties(&metric.requirements));
+    case
+}
+
+/// One property a requirement, as test management tools read them.
+fn properties(requirements: &[String]) -> Vec<Property> {
+    let property = |name: &String| Property::new("requirement", name.as_str());
+    requirements.iter().map(property).collect()
+}
+
+fn named(name: &str, class: &str, status: TestCaseStatus) -> TestCase {
+    let mut case = TestCase::new(name, status);
+    case.set_classname(class);
+    case
+}
+
+fn problem(kind: NonSuccessKind, message: &str) -> TestCaseStatus {
+    let mut status = TestCaseStatus::non_success(kind);
+    status.set_message(message);
+    status
+}
+
+fn message(metric: &Metric) -> String {
+    let measured = match (metric.value, &metric.remark) {
+        (Some(value), _) => format!("measured {value}"),
+        (None, Some(remark)) => remark.clone(),
+        (None, None) => "not measured".to_owned(),
+    };
+    let when = metric.at_seconds.map(|time| format!(" at {time} s"));
+    let when = when.unwrap_or_default();
+    let limit = metric.limit.unwrap_or_default();
+    let sides = [("min", limit.min), ("max", limit.max)];
+    let sides: Vec<String> = sides
+        .iter()
+        .filter_map(|(side, value)| value.map(|value| format!("{side} {value}")))
+        .collect();
+    format!(
+        "{}: {measured}{when}, limit {}",
+        metric.name,
+        sides.join(", ")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use scenario::expect::Limit;
+
+    use super::*;
+
+    #[test]
+    fn a_failed_limit_is_a_failure_with_its_numbers() {
+        let limit = Some(Limit {
+            min: None,
+            max: Some(0.23),
+        });
+        let mut verdict = Verdict::incomplete("step", 1, "");
+        verdict.outcome = Outcome::Fail;
+        verdict.metrics = vec![Metric::new("settling_time_seconds", Ok(0.5), limit)];
+        verdict.requirements = vec!["REQ-1".to_owned()];
+        verdict.metrics[0].requirements = vec!["REQ-2".to_owned()];
+        let xml = to_xml(&[verdict]).unwrap();
+        assert!(
+            xml.contains("settling_time_seconds: measured 0.5, limit max 0.23"),
+            "{xml}"
+        );
+        assert!(xml.contains("failures=\"1\""), "{xml}");
+        let (suite, case) = xml.split_once("<testcase").unwrap();
+        let property = |name: &str| format!("<property name=\"requirement\" value=\"{name}\"/>");
+        assert!(suite.contains(&property("REQ-1")), "{xml}");
+        assert!(case.contains(&property("REQ-2")), "{xml}");
+    }
+}

@@ -1,0 +1,70 @@
+//! What all HTML pages share: one file, no script, nothing loaded from elsewhere, light and dark.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::terminal;
+use judge::verdict::{self, Metric, Outcome};
+
+/// A page of this title.
+pub fn page(title: &str, body: &Markup) -> String {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                // An icon of no bytes, so that browsers ask nobody for one.
+                link rel="icon" href="data:,";
+                title { (title) }
+                style { (PreEscaped(include_str!("style.css"))) }
+            }
+            body { main { (body) } }
+        }
+    };
+    page.into_string() + "\n"
+}
+
+/// The outcome as a badge.
+pub fn badge(outcome: Outcome) -> Markup {
+    html! { span.outcome.(class(outcome)) { (outcome.word()) } }
+}
+
+/// The class of an outcome in the style sheet.
+pub fn class(outcome: Outcome) -> &'static str {
+    match outcome {
+        Outcome::Pass => "pass",
+        Outcome::Fail => "fail",
+        Outcome::Inconclusive | Outcome::Incomplete => "unsure",
+    }
+}
+
+/// The cell that says whether a limit was met.
+pub fn result(metric: &Metric, outcome: Outcome) -> Markup {
+    match (metric.passed, outcome) {
+        (None, _) if metric.limit.is_some() => html! { span.unsure { "not judged" } },
+        (None, _) => html! {},
+        (Some(_), Outcome::Inconclusive) => html! { span.unsure { "not judged" } },
+        (Some(true), _) => html! { span.pass { "pass" } },
+        (Some(false), _) => html! { span.fail { "FAIL" } },
+    }
+}
+
+/// The metrics as a table.
+pub fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
+    let tests_any = metrics.iter().any(|metric| !metric.requirements.is_empty());
+    html! {
+        div.wide { table {
+            thead { tr {
+                th { "metric" } th.number { "measured" } th.number { "limit" } th { "result" }
+                @if tests_any { th { "requirements" } }
+            } }
+            tbody { @for metric in metrics { tr {
+                td { (verdict::title(&metric.name)) }
+                td.number { (terminal::measured(metric)) }
+                td.number { (terminal::limit(metric.limit)) }
+                td { (result(metric, outcome)) }
+                @if tests_any { td { (metric.requirements.join(", ")) } }
+            } } }
+        } }
+    }
+}

@@ -1,0 +1,108 @@
+//! What the Rerun viewer shows of a run: `run.rrd`, and the same in pieces while a run goes on, with a layout of its own.
+//!
+//! A signal has a row in every cycle; one that seldom changes, or that is not drawn, only where its value changes.
+//! Nothing in the file comes from this machine's clock, so two equal runs are equal files once decoded (only the SDK's
+//! random numbers of rows differ).
+
+mod blueprint;
+mod bus;
+mod contents;
+mod fields;
+mod file;
+mod groups;
+mod hysteresis;
+mod output;
+mod run_log;
+mod drawing;
+#[cfg(test)]
+mod tests;
+mod times;
+
+use dbc::SignalMissing;
+use std::fs;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io;
+use std::path::Path;
+
+use rerun::archetypes::RecordingInfo;
+use rerun::external::re_log_encoding::EncodeError;
+use rerun::external::re_log_types::{StoreId, StoreInfo};
+use rerun::{EntityPath, RecordingStreamError, StoreKind, new_store_info};
+
+use super::Run;
+use recording::timeline::Timeline;
+use judge::verdict::Verdict;
+
+pub(crate) use bus::BusReader;
+use file::RecordingFile;
+use output::send_static;
+pub(crate) use run_log::{Known, Recording};
+
+/// The viewer keeps one layout per application.
+pub(crate) const APPLICATION: &str = "canrig";
+
+/// Why the recording cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum RerunError {
+    /// The SDK refuses.
+    #[error(transparent)]
+    Recording(#[from] RecordingStreamError),
+    /// The disk does not take the file.
+    #[error(transparent)]
+    File(#[from] io::Error),
+    /// The DBC lacks a signal.
+    #[error(transparent)]
+    Signal(#[from] SignalMissing),
+    /// The recording cannot be put into the file.
+    #[error(transparent)]
+    Encoding(#[from] EncodeError),
+}
+
+/// Writes the recording as a whole: a reader sees none or a complete one.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(
+    path: &Path,
+    run: &Run<'_>,
+) -> Result<(), RerunError> {
+    let Run {
+        setup,
+        frames,
+        timeline,
+        verdict,
+    } = *run;
+    let mut bus = BusReader::new(setup)?;
+    frames.iter().for_each(|stamped| bus.take(stamped));
+    let partial = path.with_added_extension("partial");
+    let id = recording_id(timeline, verdict);
+    let info = StoreInfo {
+        store_id: StoreId::new(StoreKind::Recording, APPLICATION, id),
+        ..new_store_info(APPLICATION)
+    };
+    let mut file = RecordingFile::create(&partial, info)?;
+    let properties = RecordingInfo::new()
+        .with_name(setup.scenario.name.as_str())
+        .with_start_time(0_i64);
+    send_static(&mut file, EntityPath::properties(), &properties)?;
+    let mut recording = Recording::begin(file, setup, Known::Whole)?;
+    recording.log(timeline, &mut bus)?;
+    recording.log_verdict(verdict)?;
+    recording.finish()?.finish()?;
+    Ok(fs::rename(partial, path)?)
+}
+
+/// Names what was recorded: two recordings of one id would be mixed by a viewer that is open. Runs that differ in
+/// anything differ in the verdict, the events, the position or the current. Against chance 64 bits are enough.
+fn recording_id(timeline: &Timeline, verdict: &Verdict) -> String {
+    let mut hasher = DefaultHasher::new();
+    verdict.to_json().hash(&mut hasher);
+    for event in &timeline.events {
+        event.text.hash(&mut hasher);
+    }
+    let times = timeline.events.iter().map(|event| &event.time_seconds);
+    let values = timeline.position().iter().chain(timeline.current());
+    let bits: Vec<u64> = times.chain(values).map(|value| value.to_bits()).collect();
+    bits.hash(&mut hasher);
+    format!("{:016x}", hasher.finish())
+}

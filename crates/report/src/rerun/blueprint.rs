@@ -1,0 +1,261 @@
+//! The layout that the viewer opens the recording with.
+//!
+//! Logged as raw archetypes, since the SDK's typed layout cannot yet link time axes or place legends.
+
+use std::collections::BTreeSet;
+
+use rerun::datatypes::{Bool, Float32, Range1D, Range2D, Uuid};
+use rerun::external::re_log_types::{BlueprintActivationCommand, StoreId, StoreInfo};
+use rerun::external::re_sdk_types::blueprint::archetypes::{
+    ContainerBlueprint, PanelBlueprint, PlotLegend, TextLogColumns, TimeAxis, TimePanelBlueprint,
+    ViewBlueprint, ViewContents, ViewportBlueprint, VisualBounds2D,
+};
+use rerun::external::re_sdk_types::blueprint::components::{
+    AutoLayout, AutoViews, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis,
+    PanelState, PlayState, QueryExpression, RootContainer, RowShare, TextLogColumn, TimelineName,
+};
+use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
+use rerun::log::Chunk;
+use rerun::time::Timeline;
+use rerun::{AsComponents, RecordingStreamError, StoreKind};
+
+use super::output::Output;
+use super::times::RUN_TIME;
+use super::{APPLICATION, drawing, groups, hysteresis};
+use rig::setup::Setup;
+
+type Result<T> = std::result::Result<T, RecordingStreamError>;
+
+/// What the viewer does with the time at first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Play {
+    /// It stands still.
+    Paused,
+    /// It follows the run.
+    Following,
+}
+
+/// Sends the layout.
+pub(super) fn send(
+    output: &mut impl Output,
+    setup: &Setup,
+    groups: &BTreeSet<&str>,
+    play: Play,
+) -> Result<()> {
+    let Some(info) = output.info() else {
+        return Ok(());
+    };
+    let info = StoreInfo {
+        store_id: StoreId::new(StoreKind::Blueprint, APPLICATION, "canrig layout"),
+        ..info
+    };
+    let mut layout = Layout {
+        chunks: Vec::new(),
+        setup,
+        play,
+        places: 0,
+    };
+    layout.build(groups)?;
+    let command = BlueprintActivationCommand {
+        blueprint_id: info.store_id.clone(),
+        make_active: true,
+        make_default: true,
+    };
+    output.send_layout(info, layout.chunks, command)
+}
+
+/// A view or container, and its share of the room.
+struct Place {
+    id: Uuid,
+    path: String,
+    share: f32,
+}
+
+struct Layout<'a> {
+    chunks: Vec<Chunk>,
+    setup: &'a Setup,
+    play: Play,
+    places: u8,
+}
+
+impl Layout<'_> {
+    fn build(&mut self, groups: &BTreeSet<&str>) -> Result<()> {
+        let has = |group| groups.contains(group);
+        let mut left = vec![self.plot("Position (mm)", "position", 2.2)?];
+        if has("error") {
+            left.push(self.plot("Error (mm)", "error", 1.2)?);
+        }
+        left.push(self.plot("Current (A)", "current", 1.2)?);
+        if has(groups::DISTURBANCE) {
+            left.push(self.plot("Disturbance", groups::DISTURBANCE, 0.8)?);
+        }
+        if has(groups::SLIDING_VARIABLE) {
+            let title = "Sliding variable (m/s²)";
+            let variable = self.plot(title, groups::SLIDING_VARIABLE, 1.0)?;
+            let law = self.plot("Parts of the law (A²)", groups::LAW, 1.0)?;
+            left.push(self.container(ContainerKind::Tabs, vec![variable, law], 1.0)?);
+        }
+
+        let mut middle = Vec::new();
+        if has("temperature") {
+            middle.push(self.plot("Temperature (°C)", "temperature", 1.0)?);
+        }
+        if has(groups::MOTOR_SPEED) {
+            middle.push(self.plot("Motor speed (rpm)", groups::MOTOR_SPEED, 1.0)?);
+        }
+        if has(groups::SPRING_FORCE) {
+            middle.push(self.plot("Spring force (N)", groups::SPRING_FORCE, 1.0)?);
+        }
+        if has("martensite_fraction") {
+            middle.push(self.plot("Martensite fraction", "martensite_fraction", 1.0)?);
+        }
+        if has(groups::HYSTERESIS) {
+            middle.push(self.hysteresis(1.7)?);
+        }
+        for view in groups::own_views(self.setup) {
+            if has(view.style.group) {
+                middle.push(self.plot(&view.title, view.style.group, 1.0)?);
+            }
+        }
+        let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
+        let load = self.plot("Bus load (%)", "bus", 0.8)?;
+        let rig = match drawing::bounds(&self.setup.scenario) {
+            Some(bounds) => Some(self.drawing("Rig", "rig", bounds, 2.0)?),
+            None => None,
+        };
+        let events = self.event_log("events", 1.1)?;
+        let verdict = self.view("TextDocument", "Verdict", "verdict", 1.4)?;
+
+        let mut columns = vec![self.container(ContainerKind::Vertical, left, 3.0)?];
+        if !middle.is_empty() {
+            columns.push(self.container(ContainerKind::Vertical, middle, 2.2)?);
+        }
+        let right = [timing, load, events, verdict];
+        let right = rig.into_iter().chain(right).collect();
+        columns.push(self.container(ContainerKind::Vertical, right, 2.2)?);
+        let root = self.container(ContainerKind::Horizontal, columns, 1.0)?;
+        self.viewport(&root)
+    }
+
+    /// Signals of one group over time; the time axes of all plots move together.
+    fn plot(&mut self, title: &str, group: &str, share: f32) -> Result<Place> {
+        let place = self.view("TimeSeries", title, group, share)?;
+        self.log(
+            &format!("{}/PlotLegend", place.path),
+            &PlotLegend::new().with_corner(Corner2D::LeftTop),
+        )?;
+        self.log(
+            &format!("{}/TimeAxis", place.path),
+            &TimeAxis::new().with_link(LinkAxis::LinkToGlobal),
+        )?;
+        Ok(place)
+    }
+
+    /// Time, level and text; the path would be the same in each row.
+    fn event_log(&mut self, group: &str, share: f32) -> Result<Place> {
+        let place = self.view("TextLog", "Events", group, share)?;
+        let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body];
+        let columns = columns.map(|kind| {
+            TextLogColumn(datatypes::TextLogColumn {
+                visible: Bool(true),
+                kind,
+            })
+        });
+        let columns = TextLogColumns::new().with_text_log_columns(columns);
+        self.log(&format!("{}/TextLogColumns", place.path), &columns)?;
+        Ok(place)
+    }
+
+    fn hysteresis(&mut self, share: f32) -> Result<Place> {
+        let title = "Martensite fraction over temperature";
+        let across = [-0.12 * hysteresis::WIDTH, 1.08 * hysteresis::WIDTH];
+        let down = [-0.08 * hysteresis::HEIGHT, 1.16 * hysteresis::HEIGHT];
+        self.drawing(title, groups::HYSTERESIS, [across, down], share)
+    }
+
+    /// A drawing in the plane, from the least to the largest coordinate, across and down.
+    fn drawing(
+        &mut self,
+        title: &str,
+        group: &str,
+        bounds: [[f64; 2]; 2],
+        share: f32,
+    ) -> Result<Place> {
+        let place = self.view("2D", title, group, share)?;
+        let [x_range, y_range] = bounds.map(Range1D);
+        self.log(
+            &format!("{}/VisualBounds2D", place.path),
+            &VisualBounds2D::new(Range2D { x_range, y_range }),
+        )?;
+        Ok(place)
+    }
+
+    fn view(&mut self, class: &str, title: &str, group: &str, share: f32) -> Result<Place> {
+        let id = self.next_id();
+        let path = format!("view/{id}");
+        let view = ViewBlueprint::new(class)
+            .with_display_name(title)
+            .with_space_origin(format!("/{group}"));
+        self.log(&path, &view)?;
+        // Without it the viewer shows nothing.
+        let contents = ViewContents::new([QueryExpression("$origin/**".into())]);
+        self.log(&format!("{path}/ViewContents"), &contents)?;
+        Ok(Place { id, path, share })
+    }
+
+    fn container(
+        &mut self,
+        kind: ContainerKind,
+        contents: Vec<Place>,
+        share: f32,
+    ) -> Result<Place> {
+        let id = self.next_id();
+        let path = format!("container/{id}");
+        let included = contents
+            .iter()
+            .map(|place| IncludedContent(place.path.as_str().into()));
+        let shares = contents.iter().map(|place| Float32(place.share));
+        let container = ContainerBlueprint::new(kind).with_contents(included);
+        let container = match kind {
+            ContainerKind::Horizontal => container.with_col_shares(shares.map(ColumnShare)),
+            ContainerKind::Vertical => container.with_row_shares(shares.map(RowShare)),
+            ContainerKind::Tabs | ContainerKind::Grid => container,
+        };
+        self.log(&path, &container)?;
+        Ok(Place { id, path, share })
+    }
+
+    fn viewport(&mut self, root: &Place) -> Result<()> {
+        let viewport = ViewportBlueprint::new()
+            .with_root_container(RootContainer(root.id))
+            .with_auto_layout(AutoLayout(Bool(false)))
+            .with_auto_views(AutoViews(Bool(false)));
+        self.log("viewport", &viewport)?;
+        let collapsed = PanelBlueprint::new().with_state(PanelState::Collapsed);
+        self.log("blueprint_panel", &collapsed)?;
+        self.log("selection_panel", &collapsed)?;
+        let time_panel = TimePanelBlueprint::new()
+            .with_state(PanelState::Collapsed)
+            .with_timeline(TimelineName(RUN_TIME.into()))
+            .with_play_state(match self.play {
+                Play::Paused => PlayState::Paused,
+                Play::Following => PlayState::Following,
+            });
+        self.log("time_panel", &time_panel)
+    }
+
+    fn log(&mut self, path: &str, what: &dyn AsComponents) -> Result<()> {
+        let time = [(Timeline::new_sequence("blueprint"), 0)];
+        let chunk = Chunk::builder(path).with_archetype_auto_row(time, what);
+        self.chunks.push(chunk.build()?);
+        Ok(())
+    }
+
+    /// Any names do that differ.
+    fn next_id(&mut self) -> Uuid {
+        self.places += 1;
+        let mut bytes = *b"canrig layout 00";
+        bytes[15] = self.places;
+        Uuid { bytes }
+    }
+}

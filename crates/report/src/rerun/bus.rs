@@ -1,0 +1,187 @@
+//! How punctual the cycles were and how busy the bus, from the stamps of the recording.
+
+use dbc::SignalMissing;
+use std::mem;
+use std::time::Duration;
+
+use rerun::RecordingStreamError;
+
+use super::groups;
+use super::output::{Output, send_scalars, send_static};
+use super::run_log::line;
+use super::times::{self, Moment};
+use recording::log::Stamped;
+use rig::setup::Setup;
+use recording::latency::{CycleReader, Stage};
+
+/// Stretch of time for which a load is told.
+const LOAD_STRETCH_SECONDS: f64 = 0.1;
+/// The signals in the group [`groups::TIMING`], with their names in the legend and their colours.
+const TIMING: [(&str, &str, [u8; 3]); 3] = [
+    (
+        "sync_lateness_microseconds",
+        "SYNC behind its time",
+        groups::PINK,
+    ),
+    (
+        "sync_to_position_microseconds",
+        "SYNC to position",
+        groups::SKY,
+    ),
+    (
+        "sync_to_command_microseconds",
+        "SYNC to command",
+        groups::ORANGE,
+    ),
+];
+
+/// What the stamps say of one cycle.
+struct Cycle {
+    moment: Moment,
+    /// As [`TIMING`]; NaN of what was not heard.
+    microseconds: [f64; 3],
+}
+
+/// What the stamps say, cycle by cycle.
+pub(crate) struct BusReader {
+    cycle: CycleReader,
+    period: Duration,
+    end: Duration,
+    bits_per_second: f64,
+    now: Moment,
+    cycles: Vec<Cycle>,
+    stretch: f64,
+    stretch_end: Duration,
+    bits: u32,
+    loads: Vec<(Moment, f64)>,
+}
+
+impl BusReader {
+    /// A reader that has heard nothing.
+    ///
+    /// # Errors
+    /// The database lacks a signal.
+    pub(crate) fn new(setup: &Setup) -> Result<Self, SignalMissing> {
+        let (scenario, database) = (&setup.scenario, &*setup.database);
+        Ok(Self {
+            cycle: CycleReader::new(database)?,
+            period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),
+            end: Duration::from_secs_f64(scenario.duration_seconds),
+            bits_per_second: 1e3 * f64::from(scenario.bus.bitrate_kilobits_per_second),
+            now: times::moment_at(0.0, 1.0),
+            cycles: Vec::new(),
+            stretch: 1.0,
+            stretch_end: first_from(LOAD_STRETCH_SECONDS),
+            bits: 0,
+            loads: Vec::new(),
+        })
+    }
+
+    /// Takes every frame of the bus in order.
+    pub(crate) fn take(&mut self, stamped: &Stamped) {
+        let time = self.cycle.hear(stamped).filter(|time| *time < self.end);
+        let Some(time) = time else {
+            return;
+        };
+        self.take_load(time, stamped.occupied_bits);
+        let micros = |time: Duration| time.as_secs_f64() * 1e6;
+        match self.cycle.stage(stamped, time) {
+            Some(Stage::Sync { time }) => self.begin_cycle(time),
+            Some(Stage::Position { after_sync }) => self.tell(1, micros(after_sync)),
+            Some(Stage::Command { after_sync, .. }) => self.tell(2, micros(after_sync)),
+            None => {}
+        }
+    }
+
+    /// Tells one of [`TIMING`] of this cycle, whose beginning may have been logged.
+    fn tell(&mut self, place: usize, microseconds: f64) {
+        if self.cycles.is_empty() {
+            self.push_cycle();
+        }
+        if let Some(cycle) = self.cycles.last_mut() {
+            cycle.microseconds[place] = microseconds;
+        }
+    }
+
+    fn push_cycle(&mut self) {
+        self.cycles.push(Cycle {
+            moment: self.now,
+            microseconds: [f64::NAN; 3],
+        });
+    }
+
+    fn begin_cycle(&mut self, time: Duration) {
+        let period_seconds = self.period.as_secs_f64();
+        let number = (time.as_secs_f64() / period_seconds).round();
+        let due_seconds = number * period_seconds;
+        self.now = times::moment_at(due_seconds, period_seconds);
+        let lateness = 1e6 * (time.as_secs_f64() - due_seconds);
+        self.push_cycle();
+        self.tell(0, lateness.round());
+    }
+
+    /// Counts bits; a stretch that is over becomes a row at its end.
+    fn take_load(&mut self, time: Duration, bits: u32) {
+        while time >= self.stretch_end {
+            let end_seconds = self.stretch * LOAD_STRETCH_SECONDS;
+            let end = times::moment_at(end_seconds, self.period.as_secs_f64());
+            let capacity = self.bits_per_second * LOAD_STRETCH_SECONDS;
+            let load = 100.0 * f64::from(self.bits) / capacity;
+            self.loads.push((end, load));
+            self.stretch += 1.0;
+            self.stretch_end = first_from(self.stretch * LOAD_STRETCH_SECONDS);
+            self.bits = 0;
+        }
+        self.bits += bits;
+    }
+
+    /// Logs what there is since the last time.
+    pub(super) fn log(&mut self, output: &mut impl Output) -> Result<(), RecordingStreamError> {
+        let cycles = mem::take(&mut self.cycles);
+        // Most cycles have a row of each timing, so the times are made once.
+        let all = times::columns(cycles.iter().map(|cycle| cycle.moment));
+        for (place, (name, ..)) in TIMING.into_iter().enumerate() {
+            let is_heard = |cycle: &&Cycle| !cycle.microseconds[place].is_nan();
+            let heard = cycles.iter().filter(is_heard);
+            let values: Vec<f64> = heard.clone().map(|it| it.microseconds[place]).collect();
+            if values.is_empty() {
+                continue;
+            }
+            let times = if values.len() == cycles.len() {
+                all.clone()
+            } else {
+                times::columns(heard.map(|cycle| cycle.moment))
+            };
+            send_scalars(output, format!("{}/{name}", groups::TIMING), times, values)?;
+        }
+        let (moments, loads): (Vec<_>, Vec<_>) = self.loads.drain(..).unzip();
+        if loads.is_empty() {
+            return Ok(());
+        }
+        send_scalars(output, LOAD, times::columns(moments.into_iter()), loads)
+    }
+}
+
+/// The first whole nanosecond that is not before.
+fn first_from(seconds: f64) -> Duration {
+    let nearest = Duration::from_secs_f64(seconds);
+    if nearest.as_secs_f64() < seconds {
+        nearest + Duration::from_nanos(1)
+    } else {
+        nearest
+    }
+}
+
+const LOAD: &str = "bus/load_percent";
+
+/// Names and colours.
+pub(super) fn log_styles(output: &mut impl Output) -> Result<(), RecordingStreamError> {
+    for (name, label, colour) in TIMING {
+        send_static(
+            output,
+            format!("{}/{name}", groups::TIMING),
+            &line(label, colour),
+        )?;
+    }
+    send_static(output, LOAD, &line("bus load", groups::GREEN))
+}

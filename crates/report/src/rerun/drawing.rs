@@ -1,0 +1,301 @@
+//! The rig as a drawing, in millimetres: the wire over its cooling element, the pulleys, the load and where it should be.
+
+use std::f64::consts::TAU;
+
+use rerun::{
+    Boxes2D, Color, LineStrips2D, Points2D, Radius, RecordingStreamError, SerializedComponentColumn,
+};
+use scenario::Scenario;
+use scenario::plant::SMA_ACTUATOR;
+
+use super::groups;
+use super::output::{Output, send_rows, send_static};
+use super::times::{self, Moment};
+use recording::timeline::Timeline;
+
+/// From the wire's cold end to the pulleys.
+const GAP: f64 = 12.0;
+/// From the pulleys' axle to the load at position 0.
+const CORD: f64 = 105.0;
+/// Half the load's width and height.
+const LOAD: [f64; 2] = [17.0, 11.0];
+/// Corners of a drawn circle.
+const CORNERS: u32 = 48;
+/// A movement or a change of temperature below this cannot be seen.
+const STEP_MILLIMETRES: f64 = 0.1;
+const STEP_CELSIUS: f64 = 0.5;
+/// Temperatures and their colours, with straight lines between.
+const COLOURS: [(f64, [f64; 3]); 4] = [
+    (20.0, [80.0, 130.0, 220.0]),
+    (50.0, [230.0, 190.0, 90.0]),
+    (75.0, [240.0, 110.0, 30.0]),
+    (100.0, [255.0, 50.0, 30.0]),
+];
+/// The truth where there is an emulator, else the observer's.
+const TEMPERATURES: [&str; 2] = ["wire_temperature_celsius", "estimated_temperature_celsius"];
+
+/// What of a row can be seen.
+#[derive(Clone, Copy)]
+struct Pose {
+    moment: Moment,
+    position: f64,
+    set_point: f64,
+    celsius: f64,
+}
+
+/// The drawing.
+pub(super) struct Drawing {
+    wire: f64,
+    inner: f64,
+    outer: f64,
+    last: Option<Pose>,
+}
+
+impl Drawing {
+    /// The actuator's drawing; other plants have none.
+    fn of(scenario: &Scenario) -> Option<Self> {
+        let mechanics = &scenario.plant.mechanics;
+        (scenario.plant.name() == SMA_ACTUATOR).then_some(Self {
+            wire: 1e3 * mechanics.wire_length_metres,
+            inner: 1e3 * mechanics.inner_pulley_radius_metres,
+            outer: 1e3 * mechanics.outer_pulley_radius_metres,
+            last: None,
+        })
+    }
+
+    /// Draws what stands still.
+    pub(super) fn draw(
+        output: &mut impl Output,
+        scenario: &Scenario,
+    ) -> Result<Option<Self>, RecordingStreamError> {
+        let Some(rig) = Self::of(scenario) else {
+            return Ok(None);
+        };
+        let anchor = vec![place(0.0, -9.0), place(0.0, 9.0)];
+        let circles = [rig.inner, rig.outer].map(|radius| rig.circle(radius));
+        let lines = LineStrips2D::new([anchor].into_iter().chain(circles))
+            .with_colors([groups::GREY])
+            .with_radii([Radius::new_ui_points(1.0)]);
+        send_static(output, "rig/frame", &lines)?;
+        let [left, right] = [0.08, 0.72].map(|part| part * rig.wire);
+        let cooler = Boxes2D::from_mins_and_sizes([place(left, 3.0)], [place(right - left, 8.0)])
+            .with_colors([[70, 90, 120]])
+            .with_labels(["cooling element"])
+            .with_show_labels(true);
+        send_static(output, "rig/cooling_element", &cooler)?;
+        let thin = [Radius::new_ui_points(1.0)];
+        let cord = LineStrips2D::update_fields()
+            .with_colors([groups::GREY])
+            .with_radii(thin);
+        for name in ["rig/lead", "rig/cord", "rig/spoke"] {
+            send_static(output, name, &cord)?;
+        }
+        let wire = LineStrips2D::update_fields().with_radii([Radius::new_ui_points(3.0)]);
+        send_static(output, "rig/wire", &wire)?;
+        let temperature = Points2D::new([place(0.4 * rig.wire, -18.0)])
+            .with_radii([Radius::new_ui_points(0.0)])
+            .with_show_labels(true);
+        send_static(output, "rig/temperature", &temperature)?;
+        let [width, height] = LOAD;
+        let load = Boxes2D::from_half_sizes([place(width, height)])
+            .with_colors([groups::SKY])
+            .with_radii([Radius::new_ui_points(1.5)])
+            .with_show_labels(true);
+        send_static(output, "rig/load", &load)?;
+        let target = LineStrips2D::update_fields()
+            .with_colors([groups::ORANGE])
+            .with_radii(thin);
+        send_static(output, "rig/set_point", &target)?;
+        Ok(Some(rig))
+    }
+
+    /// Draws what moves in a piece of the run.
+    pub(super) fn log(
+        &mut self,
+        output: &mut impl Output,
+        timeline: &Timeline,
+    ) -> Result<(), RecordingStreamError> {
+        let poses = self.new_poses(timeline);
+        if poses.is_empty() {
+            return Ok(());
+        }
+        let times = times::columns(poses.iter().map(|pose| pose.moment));
+        let mut send = |path: &str, columns: Vec<SerializedComponentColumn>| {
+            send_rows(output, path, times.clone(), columns)
+        };
+        let strips = |strip: &dyn Fn(&Pose) -> Vec<[f32; 2]>| {
+            LineStrips2D::update_fields().with_strips(poses.iter().map(strip))
+        };
+        let wire = strips(&|pose| vec![place(0.0, 0.0), place(self.joint(pose), 0.0)])
+            .with_colors(poses.iter().map(|pose| colour(pose.celsius)));
+        send("rig/wire", wire.columns_of_unit_batches()?.collect())?;
+        let temperature = Points2D::update_fields()
+            .with_colors(poses.iter().map(|pose| colour(pose.celsius)))
+            .with_labels(poses.iter().map(|pose| told(pose.celsius, 0, "°C")));
+        send(
+            "rig/temperature",
+            temperature.columns_of_unit_batches()?.collect(),
+        )?;
+        let lead = strips(&|pose| vec![place(self.joint(pose), 0.0), place(self.axle()[0], 0.0)]);
+        send("rig/lead", lead.columns_of_unit_batches()?.collect())?;
+        let cord = strips(&|pose| {
+            let [right, top] = self.load(pose.position);
+            vec![place(right, self.axle()[1]), place(right, top - LOAD[1])]
+        });
+        send("rig/cord", cord.columns_of_unit_batches()?.collect())?;
+        let spoke = strips(&|pose| self.spoke(pose.position));
+        send("rig/spoke", spoke.columns_of_unit_batches()?.collect())?;
+        let target = strips(&|pose| self.target(pose.set_point));
+        send("rig/set_point", target.columns_of_unit_batches()?.collect())?;
+        let load = Boxes2D::update_fields()
+            .with_centers(poses.iter().map(|pose| {
+                let [right, down] = self.load(pose.position);
+                place(right, down)
+            }))
+            .with_labels(poses.iter().map(|pose| told(pose.position, 1, "mm")));
+        send("rig/load", load.columns_of_unit_batches()?.collect())
+    }
+
+    /// The rows that look different from the ones before.
+    fn new_poses(&mut self, timeline: &Timeline) -> Vec<Pose> {
+        let celsius = TEMPERATURES
+            .iter()
+            .filter_map(|name| timeline.column(name))
+            .find(|column| groups::is_used(&column.values));
+        let mut poses = Vec::new();
+        for (row, &position) in timeline.position().iter().enumerate() {
+            let pose = Pose {
+                moment: match self.last {
+                    None => times::first_moment(timeline, row),
+                    Some(_) => times::moment(timeline, row),
+                },
+                position,
+                set_point: timeline.set_point_millimetres[row],
+                celsius: celsius.map_or(f64::NAN, |column| column.values[row]),
+            };
+            let is_new = self.last.is_none_or(|last| pose.differs_from(&last));
+            if position.is_finite() && is_new {
+                self.last = Some(pose);
+                poses.push(pose);
+            }
+        }
+        poses
+    }
+
+    /// The pulleys' axle: the wire pulls at the top of the inner one.
+    fn axle(&self) -> [f64; 2] {
+        [self.wire + GAP, self.inner]
+    }
+
+    /// The wire's moving end; the load moves further by the ratio of the pulleys.
+    fn joint(&self, pose: &Pose) -> f64 {
+        self.wire - pose.position * self.inner / self.outer
+    }
+
+    /// The middle of the load, which hangs from the outer pulley.
+    fn load(&self, position: f64) -> [f64; 2] {
+        let [right, down] = self.axle();
+        [right + self.outer, down + CORD + LOAD[1] - position]
+    }
+
+    /// Where the upper edge of the load should be.
+    fn target(&self, set_point: f64) -> Vec<[f32; 2]> {
+        if set_point.is_nan() {
+            return Vec::new();
+        }
+        let [right, middle] = self.load(set_point);
+        let reach = 1.6 * LOAD[0];
+        [right - reach, right + reach]
+            .map(|right| place(right, middle - LOAD[1]))
+            .to_vec()
+    }
+
+    /// A line across the outer pulley, which turns with it.
+    fn spoke(&self, position: f64) -> Vec<[f32; 2]> {
+        let angle = position / self.outer;
+        let (across, up) = (self.outer * libm::cos(angle), self.outer * libm::sin(angle));
+        let [right, down] = self.axle();
+        vec![
+            place(right - across, down + up),
+            place(right + across, down - up),
+        ]
+    }
+
+    fn circle(&self, radius: f64) -> Vec<[f32; 2]> {
+        let [right, down] = self.axle();
+        let corner = |number: u32| {
+            let angle = TAU * f64::from(number) / f64::from(CORNERS);
+            place(
+                right + radius * libm::cos(angle),
+                down + radius * libm::sin(angle),
+            )
+        };
+        (0..=CORNERS).map(corner).collect()
+    }
+}
+
+/// What the view must show: from the least to the largest coordinate, across and down.
+pub(super) fn bounds(scenario: &Scenario) -> Option<[[f64; 2]; 2]> {
+    let rig = Drawing::of(scenario)?;
+    let [right, down] = rig.load(0.0);
+    let top = rig.inner - rig.outer;
+    Some([
+        [-8.0, right + 2.2 * LOAD[0]],
+        [top - 6.0, down + LOAD[1] + 24.0],
+    ])
+}
+
+impl Pose {
+    fn differs_from(&self, other: &Self) -> bool {
+        let is_far = |a: f64, b: f64, step: f64| (a - b).abs() >= step || a.is_nan() != b.is_nan();
+        is_far(self.position, other.position, STEP_MILLIMETRES)
+            || is_far(self.set_point, other.set_point, STEP_MILLIMETRES)
+            || is_far(self.celsius, other.celsius, STEP_CELSIUS)
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "for the eye")]
+fn place(right: f64, down: f64) -> [f32; 2] {
+    [right as f32, down as f32]
+}
+
+/// A number with its unit; nothing where there is none.
+fn told(value: f64, decimals: usize, unit: &str) -> String {
+    if value.is_nan() {
+        String::new()
+    } else {
+        format!("{value:.decimals$} {unit}")
+    }
+}
+
+/// The colour of the wire at a temperature.
+fn colour(celsius: f64) -> Color {
+    let mut colour = COLOURS[0].1;
+    for pair in COLOURS.windows(2) {
+        let ((low, from), (high, to)) = (pair[0], pair[1]);
+        let part = ((celsius - low) / (high - low)).clamp(0.0, 1.0);
+        if part > 0.0 {
+            colour = [0, 1, 2].map(|place| from[place] + part * (to[place] - from[place]));
+        }
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "between two colours"
+    )]
+    let [red, green, blue] = colour.map(|part| part as u8);
+    Color::from_rgb(red, green, blue)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_wire_glows_from_blue_to_red() {
+        assert_eq!(colour(-10.0), Color::from_rgb(80, 130, 220));
+        assert_eq!(colour(f64::NAN), Color::from_rgb(80, 130, 220));
+        assert_eq!(colour(62.5), Color::from_rgb(235, 150, 60));
+        assert_eq!(colour(300.0), Color::from_rgb(255, 50, 30));
+    }
+}

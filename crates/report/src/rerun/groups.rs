@@ -1,0 +1,194 @@
+//! Which signals are drawn together, and how.
+
+use std::collections::BTreeSet;
+
+use dbc::{Database, signals};
+use scenario::Scenario;
+use scenario::plant::SMA_ACTUATOR;
+
+use crate::shown_unit;
+use rig::setup::Setup;
+
+/// How a signal is drawn.
+#[derive(Clone, Copy)]
+pub(super) struct Style<'a> {
+    /// The first part of its path; a view shows a whole group.
+    pub(super) group: &'a str,
+    /// Its name in the legend.
+    pub(super) label: &'a str,
+    /// Its colour.
+    pub(super) colour: [u8; 3],
+    is_drawn_when_zero: bool,
+}
+
+/// The group of signals that no view shows.
+pub(super) const OTHER: &str = "other";
+/// The group of what the stamps say of each cycle.
+pub(super) const TIMING: &str = "timing";
+/// The groups that only some runs have.
+pub(super) const DISTURBANCE: &str = "disturbance";
+pub(super) const SLIDING_VARIABLE: &str = "sliding_variable";
+pub(super) const LAW: &str = "law";
+pub(super) const MOTOR_SPEED: &str = "motor_speed";
+pub(super) const SPRING_FORCE: &str = "spring_force";
+/// The loop of fraction over temperature.
+pub(super) const HYSTERESIS: &str = "hysteresis";
+
+// Colours that people with any colour vision tell apart (Okabe and Ito), light enough for a dark viewer.
+pub(super) const ORANGE: [u8; 3] = [230, 159, 0];
+pub(super) const SKY: [u8; 3] = [86, 180, 233];
+pub(super) const GREEN: [u8; 3] = [0, 158, 115];
+pub(super) const PINK: [u8; 3] = [204, 121, 167];
+const YELLOW: [u8; 3] = [240, 228, 66];
+pub(super) const GREY: [u8; 3] = [128, 128, 128];
+
+/// Signals by the beginning of their names.
+const STYLES: [(&str, Style<'static>); 21] = [
+    ("set_point_", always("position", "set-point", ORANGE)),
+    ("position_", always("position", "measured", SKY)),
+    ("true_position_", always("position", "true", GREEN)),
+    (
+        "reference_position_",
+        if_used("position", "filtered reference", PINK),
+    ),
+    (
+        "error_millimetres",
+        always("error", "set-point − measured", SKY),
+    ),
+    ("target_current_", always("current", "commanded", ORANGE)),
+    ("current_", always("current", "measured", SKY)),
+    ("wire_temperature_", always("temperature", "true", GREEN)),
+    ("winding_temperature_", always("temperature", "true", GREEN)),
+    ("motor_speed_", always(MOTOR_SPEED, "true", GREEN)),
+    ("spring_force_", always(SPRING_FORCE, "true", GREEN)),
+    (
+        "estimated_temperature_",
+        if_used("temperature", "estimated", PINK),
+    ),
+    (
+        "martensite_fraction",
+        always("martensite_fraction", "true", GREEN),
+    ),
+    (
+        "estimated_martensite_fraction",
+        if_used("martensite_fraction", "estimated", PINK),
+    ),
+    (
+        "sliding_variable",
+        if_used(SLIDING_VARIABLE, "sliding variable", SKY),
+    ),
+    ("equivalent_part_", if_used(LAW, "equivalent part", ORANGE)),
+    ("switching_part_", if_used(LAW, "switching part", SKY)),
+    (
+        "scenario_convection_factor",
+        if_used(DISTURBANCE, "convection factor, scenario", GREY),
+    ),
+    (
+        "convection_factor",
+        if_used(DISTURBANCE, "convection factor, bus", YELLOW),
+    ),
+    (
+        "scenario_added_load_",
+        if_used(DISTURBANCE, "added load (g), scenario", GREY),
+    ),
+    (
+        "added_load_",
+        if_used(DISTURBANCE, "added load (g), bus", ORANGE),
+    ),
+];
+
+const fn always<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
+    Style {
+        group,
+        label,
+        colour,
+        is_drawn_when_zero: true,
+    }
+}
+
+/// Nodes send 0 for what they do not have: a law without an observer has no estimates.
+const fn if_used<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
+    Style {
+        group,
+        label,
+        colour,
+        is_drawn_when_zero: false,
+    }
+}
+
+/// A signal of a plant or a law that is drawn nowhere else: a group and a view of its own.
+pub(super) struct OwnView<'a> {
+    pub(super) title: String,
+    pub(super) style: Style<'a>,
+}
+
+/// The signals of a scenario's plant and law that need views of their own.
+pub(super) fn own_views(setup: &Setup) -> Vec<OwnView<'_>> {
+    let Scenario {
+        plant, controller, ..
+    } = &setup.scenario;
+    let signals = signals::of_the_plant(&setup.database).filter(|_| plant.own.is_some());
+    let signals = signals.map(|it| (it.name.as_str(), &it.unit, &it.comment, "true", GREEN));
+    let terms = signals::of_the_own_law(&setup.database).filter(|_| controller.own.is_some());
+    let terms = terms.map(|it| (it.name.as_str(), &it.unit, &it.comment, "law", PINK));
+    let shipped = Database::shipped();
+    // What is called like a shipped signal is drawn with it.
+    let own = signals
+        .chain(terms)
+        .filter(|(name, ..)| !shipped.has_signal(name));
+    let view = own.map(|(name, unit, comment, label, colour)| {
+        let comment = comment.trim_end_matches('.');
+        OwnView {
+            title: match shown_unit(unit) {
+                "" => comment.to_owned(),
+                unit => format!("{comment} ({unit})"),
+            },
+            style: always(name, label, colour),
+        }
+    });
+    view.collect()
+}
+
+fn known(name: &str) -> Option<Style<'static>> {
+    let known = STYLES.iter().find(|(start, _)| name.starts_with(start));
+    known.map(|(_, style)| *style)
+}
+
+/// The style of a signal; those that no view shows are in the group [`OTHER`].
+pub(super) fn style<'a>(
+    name: &str,
+    is_used: impl FnOnce() -> bool,
+    own: &[OwnView<'a>],
+) -> Style<'a> {
+    if let Some(view) = own.iter().find(|view| view.style.group == name) {
+        return view.style;
+    }
+    let drawn = known(name).filter(|style| style.is_drawn_when_zero || is_used());
+    drawn.unwrap_or(always(OTHER, "", GREY))
+}
+
+/// Whether a node sends a signal in earnest.
+pub(super) fn is_used(values: &[f64]) -> bool {
+    values.iter().any(|value| value.abs() > 0.0)
+}
+
+/// The groups that a run will have, before anything was heard of it.
+pub(super) fn expected(setup: &Setup) -> BTreeSet<&str> {
+    let scenario = &setup.scenario;
+    let mut groups = BTreeSet::from(["error"]);
+    let own = own_views(setup);
+    let signals = signals::of_the_plant(&setup.database);
+    groups.extend(signals.map(|signal| style(&signal.name, || true, &own).group));
+    groups.extend(own.iter().map(|view| view.style.group));
+    if scenario.plant.name() == SMA_ACTUATOR {
+        groups.insert(HYSTERESIS);
+    }
+    if !scenario.disturbance.commands().is_empty() {
+        groups.insert(DISTURBANCE);
+    }
+    let law = &scenario.controller;
+    if law.sliding_mode.is_some() || law.sliding_mode_paper.is_some() {
+        groups.insert(SLIDING_VARIABLE);
+    }
+    groups
+}

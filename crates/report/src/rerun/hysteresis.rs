@@ -1,0 +1,330 @@
+//! Martensite fraction over temperature: the loop that makes the wire hard to control.
+//!
+//! The viewer has no plot of one signal over another, so the plot is drawn: a frame with its numbers, the whole path,
+//! and a point that moves with the time.
+
+use rerun::{LineStrips2D, Points2D, Radius, RecordingStreamError};
+
+use super::groups;
+use super::output::{Output, send_rows, send_static};
+use super::times::{self, Moment};
+use recording::timeline::Timeline;
+
+/// The signals (temperature, fraction): the truth where there is an emulator, else the observer's.
+const PAIRS: [(&str, &str); 2] = [
+    ("wire_temperature_celsius", "martensite_fraction"),
+    (
+        "estimated_temperature_celsius",
+        "estimated_martensite_fraction",
+    ),
+];
+/// Size of the drawing; the viewer's y axis points down.
+pub(super) const WIDTH: f64 = 160.0;
+pub(super) const HEIGHT: f64 = 100.0;
+/// A point of the path nearer to the one before than this cannot be seen.
+const STEP: f64 = 0.25;
+/// Points that are kept of a path; of a longer one every other is left out.
+const POINTS_MAX: usize = 20_000;
+/// How often the path of a run that goes on is drawn anew.
+const PATH_PERIOD_SECONDS: f64 = 0.5;
+/// Grid lines are at multiples of the first of these that needs no more than so many steps.
+const GRID_CELSIUS: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0];
+const GRID_FRACTION: [f64; 5] = [0.01, 0.02, 0.05, 0.1, 0.2];
+const GRID_STEPS_MAX: u32 = 6;
+
+/// A point of the path.
+#[derive(Clone, Copy)]
+struct Point {
+    moment: Moment,
+    celsius: f64,
+    fraction: f64,
+}
+
+impl Point {
+    fn place(&self, frame: &Frame) -> [f32; 2] {
+        frame.place(self.celsius, self.fraction)
+    }
+}
+
+/// The path so far, and the frame that holds it.
+#[derive(Default)]
+pub(super) struct Hysteresis {
+    celsius: Span,
+    fraction: Span,
+    frame: Option<Frame>,
+    points: Vec<Point>,
+    is_path_old: bool,
+    drawn_at_seconds: f64,
+}
+
+impl Hysteresis {
+    /// Whether anything is drawn.
+    pub(super) fn is_there(&self) -> bool {
+        self.frame.is_some()
+    }
+
+    /// Draws what a piece of the run adds.
+    pub(super) fn log(
+        &mut self,
+        output: &mut impl Output,
+        timeline: &Timeline,
+    ) -> Result<(), RecordingStreamError> {
+        let Some((temperature, fraction)) = signals(timeline) else {
+            return Ok(());
+        };
+        let rows = temperature.iter().zip(fraction).enumerate();
+        let rows =
+            rows.filter(|(_, (celsius, fraction))| celsius.is_finite() && fraction.is_finite());
+        let is_new_frame = self.widen(rows.clone().map(|(_, values)| values));
+        let Some(frame) = &self.frame else {
+            return Ok(());
+        };
+        if is_new_frame {
+            frame.log(output)?;
+        }
+        // In another frame everything is in another place.
+        let first = if is_new_frame { 0 } else { self.points.len() };
+        let mut last = self.points.last().map(|point| point.place(frame));
+        for (row, (&celsius, &fraction)) in rows {
+            let here = frame.place(celsius, fraction);
+            if last.is_some_and(|last| !is_far(here, last)) {
+                continue;
+            }
+            let moment = if row == 0 && last.is_none() {
+                times::first_moment(timeline, row)
+            } else {
+                times::moment(timeline, row)
+            };
+            self.points.push(Point {
+                moment,
+                celsius,
+                fraction,
+            });
+            last = Some(here);
+        }
+        log_now(output, frame, &self.points[first..])?;
+        self.is_path_old |= first < self.points.len();
+        let now_seconds = timeline.end_seconds();
+        if now_seconds - self.drawn_at_seconds >= PATH_PERIOD_SECONDS {
+            self.drawn_at_seconds = now_seconds;
+            self.log_path(output)?;
+        }
+        Ok(())
+    }
+
+    /// Takes the values into the axes; `true` when the frame is another now.
+    fn widen<'a>(&mut self, values: impl Iterator<Item = (&'a f64, &'a f64)>) -> bool {
+        for (celsius, fraction) in values {
+            self.celsius.take(*celsius);
+            self.fraction.take(*fraction);
+        }
+        let celsius = Axis::new(&self.celsius, &GRID_CELSIUS);
+        let fraction = Axis::new(&self.fraction, &GRID_FRACTION);
+        let frame = celsius
+            .zip(fraction)
+            .map(|(celsius, fraction)| Frame { celsius, fraction });
+        let is_new = frame != self.frame;
+        self.frame = frame;
+        is_new
+    }
+
+    /// Draws the whole path, which stands still while the point moves along it, unless it is drawn.
+    pub(super) fn log_path(
+        &mut self,
+        output: &mut impl Output,
+    ) -> Result<(), RecordingStreamError> {
+        let Some(frame) = self.frame.as_ref().filter(|_| self.is_path_old) else {
+            return Ok(());
+        };
+        self.is_path_old = false;
+        let path: Vec<[f32; 2]> = self.points.iter().map(|point| point.place(frame)).collect();
+        let strip = LineStrips2D::new([path])
+            .with_colors([groups::GREEN])
+            .with_radii([Radius::new_ui_points(1.0)]);
+        if self.points.len() > POINTS_MAX {
+            let mut number = 0;
+            self.points.retain(|_| {
+                number += 1;
+                number % 2 == 0
+            });
+        }
+        send_static(output, "hysteresis/path", &strip)
+    }
+}
+
+/// The point that moves with the time.
+fn log_now(
+    output: &mut impl Output,
+    frame: &Frame,
+    points: &[Point],
+) -> Result<(), RecordingStreamError> {
+    if points.is_empty() {
+        return Ok(());
+    }
+    let times = times::columns(points.iter().map(|point| point.moment));
+    let places = Points2D::new(points.iter().map(|point| point.place(frame)));
+    send_rows(
+        output,
+        "hysteresis/now",
+        times,
+        places.columns_of_unit_batches()?,
+    )
+}
+
+/// How the point looks.
+pub(super) fn log_style(output: &mut impl Output) -> Result<(), RecordingStreamError> {
+    let look = Points2D::update_fields()
+        .with_colors([groups::ORANGE])
+        .with_radii([Radius::new_ui_points(5.0)]);
+    send_static(output, "hysteresis/now", &look)
+}
+
+fn is_far(a: [f32; 2], b: [f32; 2]) -> bool {
+    let [right, down] = [a[0] - b[0], a[1] - b[1]].map(f64::from);
+    right * right + down * down >= STEP * STEP
+}
+
+fn signals(timeline: &Timeline) -> Option<(&[f64], &[f64])> {
+    PAIRS.iter().find_map(|(temperature, fraction)| {
+        let temperature = &timeline.column(temperature)?.values;
+        let fraction = &timeline.column(fraction)?.values;
+        let is_there = temperature
+            .iter()
+            .zip(fraction)
+            .any(|(t, f)| t.is_finite() && f.is_finite());
+        is_there.then_some((temperature.as_slice(), fraction.as_slice()))
+    })
+}
+
+/// From the least to the largest value so far.
+struct Span {
+    low: f64,
+    high: f64,
+}
+
+impl Default for Span {
+    fn default() -> Self {
+        Self {
+            low: f64::INFINITY,
+            high: f64::NEG_INFINITY,
+        }
+    }
+}
+
+impl Span {
+    fn take(&mut self, value: f64) {
+        self.low = self.low.min(value);
+        self.high = self.high.max(value);
+    }
+}
+
+/// One axis of the frame: whole grid lines around all values.
+#[derive(PartialEq)]
+struct Axis {
+    low: f64,
+    step: f64,
+    steps: u32,
+}
+
+impl Axis {
+    /// `None` when there are no values.
+    fn new(span: &Span, steps: &[f64]) -> Option<Self> {
+        let &Span { low, high } = span;
+        let axes = steps.iter().map(|&step| {
+            let first = (low / step).floor();
+            // A value on a line does not need the next one.
+            let count = ((high / step - 1e-9).ceil() - first).max(1.0);
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "at least 1, and held to the limit below"
+            )]
+            let steps = count.min(1e6) as u32;
+            Self {
+                low: first * step,
+                step,
+                steps,
+            }
+        });
+        let mut fitting = axes.filter(|axis| low <= high && axis.steps <= GRID_STEPS_MAX);
+        fitting.next()
+    }
+
+    /// Where a value lies: 0 at the low end, 1 at the high end.
+    fn part(&self, value: f64) -> f64 {
+        (value - self.low) / (self.step * f64::from(self.steps))
+    }
+
+    fn lines(&self) -> impl Iterator<Item = f64> {
+        (0..=self.steps).map(|number| self.low + self.step * f64::from(number))
+    }
+}
+
+/// From °C and fraction to the drawing.
+#[derive(PartialEq)]
+struct Frame {
+    celsius: Axis,
+    fraction: Axis,
+}
+
+impl Frame {
+    /// A place by the parts of the axes.
+    #[expect(clippy::cast_possible_truncation, reason = "for the eye")]
+    fn at(right: f64, up: f64) -> [f32; 2] {
+        [(right * WIDTH) as f32, ((1.0 - up) * HEIGHT) as f32]
+    }
+
+    fn place(&self, celsius: f64, fraction: f64) -> [f32; 2] {
+        let right = self.celsius.part(celsius);
+        Self::at(right, self.fraction.part(fraction))
+    }
+
+    fn log(&self, output: &mut impl Output) -> Result<(), RecordingStreamError> {
+        let mut lines: Vec<[[f32; 2]; 2]> = Vec::new();
+        let mut numbers: Vec<([f32; 2], String)> = Vec::new();
+        for celsius in self.celsius.lines() {
+            let right = self.celsius.part(celsius);
+            lines.push([Self::at(right, 0.0), Self::at(right, 1.0)]);
+            numbers.push((Self::at(right, -0.03), format!("{celsius:.0} °C")));
+        }
+        let decimals = if self.fraction.step < 0.1 { 2 } else { 1 };
+        for fraction in self.fraction.lines() {
+            let up = self.fraction.part(fraction);
+            lines.push([Self::at(0.0, up), Self::at(1.0, up)]);
+            numbers.push((Self::at(-0.04, up + 0.04), format!("{fraction:.decimals$}")));
+        }
+        let lines = LineStrips2D::new(lines)
+            .with_colors([groups::GREY])
+            .with_radii([Radius::new_ui_points(0.5)]);
+        send_static(output, "hysteresis/frame", &lines)?;
+        let (places, texts): (Vec<_>, Vec<_>) = numbers.into_iter().unzip();
+        let numbers = Points2D::new(places)
+            .with_labels(texts)
+            .with_show_labels(true)
+            .with_colors([groups::GREY])
+            .with_radii([Radius::new_ui_points(0.0)]);
+        send_static(output, "hysteresis/numbers", &numbers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_has_few_lines_around_all_values() {
+        let axis = |values: &[f64]| {
+            let mut span = Span::default();
+            values.iter().for_each(|value| span.take(*value));
+            let axis = Axis::new(&span, &GRID_CELSIUS)?;
+            Some((axis.low, axis.step, axis.steps))
+        };
+        assert_eq!(axis(&[20.0, 57.0]), Some((20.0, 10.0, 4)));
+        assert_eq!(axis(&[20.0, 90.0]), Some((20.0, 20.0, 4)));
+        assert_eq!(axis(&[-1.0, 0.0]), Some((-1.0, 1.0, 1)));
+        assert_eq!(axis(&[25.0]), Some((25.0, 1.0, 1)));
+        assert_eq!(axis(&[]), None);
+        assert_eq!(axis(&[0.0, 1e9]), None);
+        assert_eq!(axis(&[f64::NEG_INFINITY, f64::INFINITY]), None);
+    }
+}

@@ -1,0 +1,384 @@
+//! Logs a run, as a whole or piece by piece.
+
+use std::collections::BTreeSet;
+
+use rerun::{
+    AnyValues, EntityPath, RecordingStreamError, SeriesLines, TextDocument, TextLog, TextLogLevel,
+    TimeColumn,
+    components::{AggregationPolicy, InterpolationMode, Text},
+};
+use scenario::Scenario;
+use scenario::events::DisturbanceCommand;
+
+use super::blueprint::{self, Play};
+use super::bus::{self, BusReader};
+use super::groups::{self, OwnView, Style};
+use super::hysteresis::{self, Hysteresis};
+use super::output::{Output, send_rows, send_scalars, send_static};
+use super::drawing::Drawing;
+use super::times;
+use recording::events::{Event, Level};
+use judge::SETTLING_BAND;
+use crate::terminal;
+use rig::setup::Setup;
+use recording::timeline::Timeline;
+use judge::verdict::{Outcome, Verdict, title};
+
+/// A signal that changes in fewer than one of so many rows has rows only where it changes.
+const CHANGES_SELDOM: usize = 4;
+
+/// How much of a run is known when its signals are logged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Known {
+    /// Everything: it is logged at once.
+    Whole,
+    /// What has happened so far: more pieces follow.
+    SoFar,
+}
+
+/// A run on its way to a file or a viewer.
+pub(crate) struct Recording<'a, O> {
+    output: O,
+    setup: &'a Setup,
+    scenario: &'a Scenario,
+    known: Known,
+    hysteresis: Hysteresis,
+    /// None where the plant is no SMA actuator.
+    drawing: Option<Drawing>,
+    /// Signals that were sent in earnest so far.
+    used: BTreeSet<String>,
+    /// Paths that have their names and colours.
+    styled: BTreeSet<String>,
+    groups: BTreeSet<&'a str>,
+    /// The views of what only this plant and this law have.
+    own: Vec<OwnView<'a>>,
+    /// Time of the last row or event.
+    end_seconds: f64,
+}
+
+impl<'a, O: Output> Recording<'a, O> {
+    /// A recording with nothing in it but what never changes.
+    pub(crate) fn begin(
+        mut output: O,
+        setup: &'a Setup,
+        known: Known,
+    ) -> Result<Self, RecordingStreamError> {
+        bus::log_styles(&mut output)?;
+        hysteresis::log_style(&mut output)?;
+        let scenario = &setup.scenario;
+        let drawing = Drawing::draw(&mut output, scenario)?;
+        Ok(Self {
+            output,
+            setup,
+            scenario,
+            known,
+            drawing,
+            hysteresis: Hysteresis::default(),
+            used: BTreeSet::new(),
+            styled: BTreeSet::new(),
+            groups: BTreeSet::new(),
+            own: groups::own_views(setup),
+            end_seconds: 0.0,
+        })
+    }
+
+    /// Where it goes.
+    pub(crate) fn output(&self) -> &O {
+        &self.output
+    }
+
+    /// Sends the layout of a run that has just begun, with all that may come.
+    pub(crate) fn expect_all(&mut self) -> Result<(), RecordingStreamError> {
+        let groups = groups::expected(self.setup);
+        blueprint::send(&mut self.output, self.setup, &groups, Play::Following)
+    }
+
+    /// Logs a piece of the run.
+    pub(crate) fn log(
+        &mut self,
+        timeline: &Timeline,
+        bus: &mut BusReader,
+    ) -> Result<(), RecordingStreamError> {
+        self.log_signals(timeline)?;
+        self.hysteresis.log(&mut self.output, timeline)?;
+        if let Some(drawing) = &mut self.drawing {
+            drawing.log(&mut self.output, timeline)?;
+        }
+        self.log_settling_bands(timeline)?;
+        self.log_events(timeline.period_seconds, &timeline.events)?;
+        let last_event = timeline
+            .events
+            .last()
+            .map_or(0.0, |event| event.time_seconds);
+        let end_seconds = timeline.end_seconds().max(last_event);
+        self.end_seconds = self.end_seconds.max(end_seconds);
+        bus.log(&mut self.output)
+    }
+
+    /// Sends the layout of what there is.
+    pub(crate) fn finish(mut self) -> Result<O, RecordingStreamError> {
+        if self.hysteresis.is_there() {
+            self.groups.insert(groups::HYSTERESIS);
+        }
+        blueprint::send(&mut self.output, self.setup, &self.groups, Play::Paused)?;
+        Ok(self.output)
+    }
+
+    /// The end: the verdict as a page, as the last event, and as the recording's properties.
+    pub(crate) fn log_verdict(&mut self, verdict: &Verdict) -> Result<(), RecordingStreamError> {
+        self.hysteresis.log_path(&mut self.output)?;
+        let page = TextDocument::from_markdown(page(verdict));
+        send_static(&mut self.output, "verdict", &page)?;
+        let event = Event {
+            time_seconds: self.end_seconds,
+            level: match verdict.outcome {
+                Outcome::Pass => Level::Info,
+                Outcome::Fail => Level::Error,
+                _ => Level::Warning,
+            },
+            text: format!("verdict: {}", verdict.outcome.word()),
+        };
+        let period_seconds = self.scenario.bus.sync_period_milliseconds / 1e3;
+        self.log_events(period_seconds, &[event])?;
+        let text = |text: &str| Text(text.into());
+        let properties = AnyValues::default()
+            .with_component::<Text>("outcome", [text(verdict.outcome.word())])
+            .with_component::<Text>("seed", [text(&verdict.seed.to_string())])
+            .with_component::<Text>("canrig_version", [text(&verdict.version)]);
+        let path = EntityPath::properties().join(&EntityPath::from("run"));
+        send_static(&mut self.output, path, &properties)
+    }
+
+    /// Set-point, error, disturbances and all signals of the bus.
+    fn log_signals(&mut self, timeline: &Timeline) -> Result<(), RecordingStreamError> {
+        let samples = timeline
+            .set_point_millimetres
+            .iter()
+            .zip(timeline.position());
+        let error: Vec<f64> = samples
+            .map(|(set_point, position)| set_point - position)
+            .collect();
+        let scenario = self.scenario;
+        let factors = asked(scenario, timeline, 1.0, |command| command.convection_factor);
+        let grams = asked(scenario, timeline, 0.0, |command| command.added_grams);
+        let own = [
+            ("set_point_millimetres", &timeline.set_point_millimetres),
+            ("error_millimetres", &error),
+            ("scenario_convection_factor", &factors),
+            ("scenario_added_load_grams", &grams),
+        ];
+        let columns = timeline
+            .columns
+            .iter()
+            .map(|column| (column.name.as_str(), &column.values));
+        // Most signals have the same rows, so the times are made once.
+        let mut times = (Vec::new(), times::at_rows(timeline, &[]));
+        for (name, values) in own.into_iter().chain(columns) {
+            let style = self.style(name, values);
+            let rows = Rows::of(values, style.group, self.known);
+            let numbers = rows.numbers();
+            if numbers.is_empty() {
+                continue;
+            }
+            if numbers != times.0 {
+                times = (numbers.to_vec(), times::at_rows(timeline, numbers));
+            }
+            self.log_signal(name, style, &rows, values, times.1.clone())?;
+        }
+        Ok(())
+    }
+
+    fn style(&mut self, name: &str, values: &[f64]) -> Style<'a> {
+        let used = &mut self.used;
+        let is_used =
+            || used.contains(name) || groups::is_used(values) && used.insert(name.to_owned());
+        groups::style(name, is_used, &self.own)
+    }
+
+    /// One signal as an entity of its group.
+    fn log_signal(
+        &mut self,
+        name: &str,
+        style: Style<'a>,
+        rows: &Rows,
+        values: &[f64],
+        times: [TimeColumn; 2],
+    ) -> Result<(), RecordingStreamError> {
+        let path = format!("{}/{name}", style.group);
+        self.groups.insert(style.group);
+        if !self.styled.contains(&path) {
+            let look = rows.drawn(if style.group == groups::OTHER {
+                held()
+            } else {
+                line(style.label, style.colour)
+            });
+            send_static(&mut self.output, path.as_str(), &look)?;
+            self.styled.insert(path.clone());
+        }
+        let values = rows.numbers().iter().map(|&row| values[row]);
+        send_scalars(&mut self.output, path, times, values.collect())
+    }
+
+    /// The band that each judged step must settle in, as far as the piece goes.
+    fn log_settling_bands(&mut self, timeline: &Timeline) -> Result<(), RecordingStreamError> {
+        let Some(begin) = timeline.time_seconds.first() else {
+            return Ok(());
+        };
+        for (number, step) in self.scenario.judged_steps().iter().enumerate() {
+            let from = step.window.from_seconds.max(*begin);
+            let until = step.window.until_seconds.min(timeline.end_seconds());
+            if from >= until {
+                continue;
+            }
+            let band = SETTLING_BAND * (step.to_millimetres - step.from_millimetres).abs();
+            let ends = [from, until];
+            let moments = ends.map(|time| times::moment_at(time, timeline.period_seconds));
+            let times = times::columns(moments.into_iter());
+            for (side, edge) in [("upper", band), ("lower", -band)] {
+                let number = number + 1;
+                let path = format!("position/settling_band/step_{number}/{side}_millimetres");
+                if !self.styled.contains(&path) {
+                    let look = line("settling band", groups::GREY).with_widths([1.0]);
+                    send_static(&mut self.output, path.as_str(), &look)?;
+                    self.styled.insert(path.clone());
+                }
+                let values = vec![step.to_millimetres + edge; 2];
+                send_scalars(&mut self.output, path, times.clone(), values)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What happened.
+    fn log_events(
+        &mut self,
+        period_seconds: f64,
+        events: &[Event],
+    ) -> Result<(), RecordingStreamError> {
+        if events.is_empty() {
+            return Ok(());
+        }
+        let moments = events
+            .iter()
+            .map(|event| times::moment_at(event.time_seconds, period_seconds));
+        let texts = events.iter().map(|event| event.text.as_str());
+        let rows = TextLog::update_fields()
+            .with_many_text(texts)
+            .with_many_level(events.iter().map(level))
+            .columns_of_unit_batches()?;
+        send_rows(&mut self.output, "events", times::columns(moments), rows)
+    }
+}
+
+/// The verdict as Markdown.
+fn page(verdict: &Verdict) -> String {
+    let mut text = format!("**{}: {}**\n", verdict.scenario, verdict.outcome.word());
+    if let Some(reason) = &verdict.reason {
+        text += &format!("\n{reason}\n");
+    }
+    text += "\n| metric | measured | limit | |\n|---|---|---|---|\n";
+    for metric in &verdict.metrics {
+        let passed = match metric.passed {
+            Some(true) => "pass",
+            Some(false) => "**FAIL**",
+            None => "",
+        };
+        text += &format!(
+            "| {} | {} | {} | {passed} |\n",
+            title(&metric.name),
+            terminal::measured(metric),
+            terminal::limit(metric.limit),
+        );
+    }
+    text
+}
+
+/// What the scenario asks of the disturbance node, per row; NaN where it never asks.
+fn asked(
+    scenario: &Scenario,
+    timeline: &Timeline,
+    before: f64,
+    output: fn(&DisturbanceCommand) -> f64,
+) -> Vec<f64> {
+    let commands = scenario.disturbance.commands();
+    if commands.iter().all(|command| output(command) == before) {
+        return vec![f64::NAN; timeline.cycle.len()];
+    }
+    let at = |time: &f64| {
+        let begun = commands
+            .iter()
+            .rev()
+            .find(|command| command.at_seconds <= *time);
+        begun.map_or(before, output)
+    };
+    timeline.time_seconds.iter().map(at).collect()
+}
+
+/// The rows to write of a signal. Those without a value are left out.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Rows {
+    /// All others.
+    All(Vec<usize>),
+    /// Those in which it changes, and the last.
+    Changes(Vec<usize>),
+}
+
+impl Rows {
+    pub(super) fn of(values: &[f64], group: &str, known: Known) -> Self {
+        let changes_max = match known {
+            _ if group == groups::OTHER => usize::MAX,
+            Known::Whole => values.len().div_ceil(CHANGES_SELDOM),
+            Known::SoFar => 0,
+        };
+        let mut changes: Vec<usize> = Vec::new();
+        let (mut held, mut rest) = (f64::NAN, values.iter());
+        while let Some(&value) = rest.find(|value| **value != held) {
+            if value.is_nan() {
+                continue;
+            }
+            if changes.len() + 1 >= changes_max {
+                let rows = 0..values.len();
+                return Self::All(rows.filter(|&row| !values[row].is_nan()).collect());
+            }
+            changes.push(values.len() - rest.len() - 1);
+            held = value;
+        }
+        let last = values.iter().rposition(|value| !value.is_nan());
+        changes.extend(last.filter(|last| changes.last() != Some(last)));
+        Self::Changes(changes)
+    }
+
+    fn numbers(&self) -> &[usize] {
+        match self {
+            Self::All(rows) | Self::Changes(rows) => rows,
+        }
+    }
+
+    /// Where many rows fall on one pixel, the viewer draws their extremes and holds the largest until the next row. So
+    /// what waits long for its next row must be drawn as it is.
+    fn drawn(&self, look: SeriesLines) -> SeriesLines {
+        match self {
+            Self::All(_) => look,
+            Self::Changes(_) => look.with_aggregation_policy(AggregationPolicy::Off),
+        }
+    }
+}
+
+/// How a signal is drawn.
+pub(super) fn line(label: &str, colour: [u8; 3]) -> SeriesLines {
+    held().with_names([label]).with_colors([colour])
+}
+
+/// A signal holds between its rows.
+fn held() -> SeriesLines {
+    SeriesLines::new().with_interpolation_mode(InterpolationMode::StepAfter)
+}
+
+fn level(event: &Event) -> TextLogLevel {
+    match event.level {
+        Level::Info => TextLogLevel::INFO,
+        Level::Warning => TextLogLevel::WARN,
+        Level::Error => TextLogLevel::ERROR,
+    }
+    .into()
+}

@@ -1,0 +1,294 @@
+//! The file is read back with the SDK's own reader and held to the timeline.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::time::Duration;
+
+use canopen::CanFrame;
+use dbc::Database;
+use re_protos::log_msg::v1alpha1::{ArrowMsg, RrdFooter};
+use re_span::Span;
+use rerun::external::re_log_encoding::{
+    Decodable, Decoder, RrdManifestBuilder, StreamFooter, ToApplication,
+};
+use rerun::log::{Chunk, LogMsg};
+use rerun::{Scalars, SeriesLines};
+
+use super::groups::Style;
+use super::run_log::Rows;
+use super::times::{CYCLE, RUN_TIME};
+use super::*;
+use judge::judge;
+use recording::log::Stamped;
+use recording::timeline;
+
+/// The cycle in which the drive of the made-up run is silent.
+const SILENT: u64 = 70;
+
+/// Run time in nanoseconds, cycle, value.
+type Row = (i64, i64, f64);
+
+fn scenario() -> Scenario {
+    let text = "schema = 1\nname = \"made up\"\nduration_seconds = 0.3\n\n[controller.sliding_mode]\n\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
+        [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 35.0\n";
+    Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap()
+}
+
+/// 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.
+fn made_up_run() -> (Vec<Stamped>, Timeline, Verdict) {
+    let database = Database::shipped();
+    let message = |name: &str, signals: &[(&str, f64)]| {
+        let mut builder = database.builder(name).unwrap();
+        for (signal, value) in signals {
+            builder.set(
+                &database.signal(&format!("{name}.{signal}")).unwrap(),
+                *value,
+            );
+        }
+        builder.frame()
+    };
+    let drive = |cycle: u32| {
+        let position = f64::from(cycle / 7) * 0.06;
+        let signals = [
+            ("statusword_state", 55.0),
+            ("position_millimetres", position),
+            ("current_amperes", 0.3),
+        ];
+        message("drive_tpdo1", &signals)
+    };
+    let mut frames = vec![(9_900, drive(0))];
+    for cycle in 0..300_u32 {
+        let begin = u64::from(cycle) * 1000 + 10_000;
+        frames.push((begin, CanFrame::new(0x080, &[1])));
+        if u64::from(cycle) != SILENT {
+            frames.push((begin + 100, drive(cycle)));
+        }
+        let signals = [
+            ("wire_temperature_celsius", 20.0 + 0.2 * f64::from(cycle)),
+            ("martensite_fraction", 1.0 - f64::from(cycle) / 300.0),
+        ];
+        frames.push((begin + 200, message("drive_tpdo2", &signals)));
+    }
+    let stamped = |(micros, frame)| Stamped::new(Duration::from_micros(micros), frame);
+    let frames: Vec<Stamped> = frames.into_iter().map(stamped).collect();
+    let timeline = timeline::decode(&frames, &scenario(), database).unwrap();
+    let verdict = judge(&timeline, &scenario(), 0);
+    (frames, timeline, verdict)
+}
+
+/// All chunks of the recording itself, without the layout.
+fn chunks(path: &Path) -> Vec<Chunk> {
+    let file = BufReader::new(File::open(path).unwrap());
+    let mut chunks = Vec::new();
+    for message in Decoder::<LogMsg>::decode_eager(file).unwrap() {
+        if let LogMsg::ArrowMsg(store, message) = message.unwrap()
+            && store.is_recording()
+        {
+            chunks.push(Chunk::from_arrow_msg(&message).unwrap());
+        }
+    }
+    chunks
+}
+
+/// The scalars of a recording by path.
+fn scalars(path: &Path) -> BTreeMap<String, Vec<Row>> {
+    let mut series: BTreeMap<String, Vec<Row>> = BTreeMap::new();
+    let component = Scalars::descriptor_scalars().component;
+    for chunk in chunks(path) {
+        let values: Vec<f64> = chunk
+            .iter_slices::<f64>(component)
+            .map(|value| value[0])
+            .collect();
+        if values.is_empty() {
+            continue;
+        }
+        let times = |name: &str| {
+            let (_, times) = chunk
+                .timelines()
+                .iter()
+                .find(|(timeline, _)| timeline.as_str() == name)
+                .unwrap();
+            times.times_raw().to_vec()
+        };
+        let rows = times(RUN_TIME).into_iter().zip(times(CYCLE)).zip(values);
+        let rows = rows.map(|((time, cycle), value)| (time, cycle, value));
+        series
+            .entry(chunk.entity_path().to_string())
+            .or_default()
+            .extend(rows);
+    }
+    series
+}
+
+/// The value that the viewer shows in a cycle.
+fn held(rows: &[Row], cycle: u64) -> Option<f64> {
+    let cycle = i64::try_from(cycle).unwrap();
+    rows.iter()
+        .take_while(|row| row.1 <= cycle)
+        .last()
+        .map(|row| row.2)
+}
+
+fn written() -> (tempfile::TempDir, std::path::PathBuf, Timeline) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    let (frames, timeline, verdict) = made_up_run();
+    let database = Database::shipped();
+    write(&path, &frames, &timeline, &verdict, &scenario(), database).unwrap();
+    (folder, path, timeline)
+}
+
+#[test]
+fn every_value_of_the_timeline_is_in_the_file() {
+    let (_folder, path, timeline) = written();
+    let series = scalars(&path);
+    let mut compared = 0;
+    for column in &timeline.columns {
+        let is_used = || groups::is_used(&column.values);
+        let Style { group, .. } = groups::style(&column.name, is_used, &[]);
+        let rows = series
+            .get(&format!("/{group}/{}", column.name))
+            .cloned()
+            .unwrap_or_default();
+        for (row, value) in column
+            .values
+            .iter()
+            .enumerate()
+            .filter(|(_, value)| !value.is_nan())
+        {
+            assert_eq!(
+                held(&rows, timeline.cycle[row]),
+                Some(*value),
+                "{} in row {row}",
+                column.name
+            );
+            compared += 1;
+        }
+    }
+    assert!(compared > 3 * 299, "{compared}");
+    assert_eq!(
+        series["/position/set_point_millimetres"],
+        [
+            (0, 0, 10.0),
+            (100_000_000, 100, 35.0),
+            (299_000_000, 299, 35.0)
+        ]
+    );
+}
+
+#[test]
+fn a_signal_that_seldom_changes_or_is_not_drawn_has_rows_where_it_changes_and_the_others_in_every_cycle()
+ {
+    let nan = f64::NAN;
+    let values = [nan, 1.0, 1.0, nan, 1.0, 2.0, 2.0, 2.0];
+    let drawn = |values: &[f64]| Rows::of(values, "position", Known::Whole);
+    assert_eq!(drawn(&values), Rows::All(vec![1, 2, 4, 5, 6, 7]));
+    assert_eq!(
+        drawn(&[values, [2.0; 8]].concat()),
+        Rows::Changes(vec![1, 5, 15])
+    );
+    assert_eq!(drawn(&[nan; 9]), Rows::Changes(Vec::new()));
+    // Of a run that goes on it is not known what it will do.
+    let so_far = Rows::of(&[1.0; 9], "position", Known::SoFar);
+    assert_eq!(so_far, Rows::All((0..9).collect()));
+    let other = |values: &[f64]| Rows::of(values, groups::OTHER, Known::SoFar);
+    assert_eq!(other(&values), Rows::Changes(vec![1, 5, 7]));
+    assert_eq!(other(&[nan, nan]), Rows::Changes(Vec::new()));
+    assert_eq!(other(&[3.0]), Rows::Changes(vec![0]));
+}
+
+#[test]
+fn the_viewer_draws_every_row_of_a_signal_that_has_few() {
+    let (_folder, path, _) = written();
+    let series = scalars(&path);
+    let policy = SeriesLines::descriptor_aggregation_policy().component;
+    let chunks = chunks(&path);
+    let is_drawn_whole = |path: &str| {
+        let styles = chunks.iter().filter(|chunk| chunk.is_static());
+        let mut styles = styles.filter(|chunk| chunk.entity_path().to_string() == path);
+        styles.any(|style| style.components().contains_component(policy))
+    };
+    // The drive was silent in the cycle of a change.
+    let position = &series["/position/position_millimetres"];
+    assert_eq!(position.len(), 44);
+    assert_eq!(position[10].1, i64::try_from(SILENT).unwrap() + 1);
+    assert!(is_drawn_whole("/position/position_millimetres"));
+    assert_eq!(series["/other/statusword_state"].len(), 2);
+    assert!(is_drawn_whole("/other/statusword_state"));
+    assert_eq!(series["/temperature/wire_temperature_celsius"].len(), 300);
+    assert!(!is_drawn_whole("/temperature/wire_temperature_celsius"));
+}
+
+#[test]
+fn the_settling_band_is_that_of_the_verdict() {
+    let (_folder, path, _) = written();
+    let band = &scalars(&path)["/position/settling_band/step_1/upper_millimetres"];
+    assert_eq!(
+        band.as_slice(),
+        [(100_000_000, 100, 36.25), (300_000_000, 300, 36.25)]
+    );
+}
+
+#[test]
+fn the_table_of_contents_says_where_each_chunk_is_and_is_that_of_the_sdk() {
+    let (_folder, path, _) = written();
+    let bytes = fs::read(&path).unwrap();
+    let piece = |begin: u64, length: u64| {
+        let [begin, length] = [begin, length].map(|number| usize::try_from(number).unwrap());
+        &bytes[begin..begin + length]
+    };
+    let (_, end) = bytes.split_at(bytes.len() - StreamFooter::ENCODED_SIZE_BYTES);
+    let end = StreamFooter::from_rrd_bytes(end).unwrap();
+    let place = end.entries[0].rrd_footer_byte_span_from_start_excluding_header;
+    let table = RrdFooter::from_rrd_bytes(piece(place.start, place.len)).unwrap();
+    let table = table.to_application(()).unwrap();
+    assert_eq!(table.manifests.len(), 2);
+    for (store, contents) in &table.manifests {
+        contents.sanity_check_heavy().unwrap();
+        let begins = contents.col_chunk_byte_offset().unwrap();
+        let lengths = contents.col_chunk_byte_size().unwrap();
+        let ids = contents.col_chunk_id().unwrap();
+        let mut found = 0;
+        let mut sdk = RrdManifestBuilder::default();
+        for ((begin, length), id) in begins.zip(lengths).zip(ids) {
+            let message = ArrowMsg::from_rrd_bytes(piece(begin, length)).unwrap();
+            let payload_bytes = message.uncompressed_size;
+            let message = message.to_application(()).unwrap();
+            assert_eq!(message.chunk_id, id.as_tuid());
+            let chunk = Chunk::from_arrow_msg(&message).unwrap();
+            let batch = chunk.to_chunk_batch().unwrap();
+            let place = Span::from_start_len(begin, length);
+            sdk.append(&batch, place, payload_bytes).unwrap();
+            found += 1;
+        }
+        let sdk = sdk.build(store.clone()).unwrap();
+        assert_eq!(contents.data, sdk.data);
+        assert_eq!(contents.sorbet_schema_sha256, sdk.sorbet_schema_sha256);
+        if store.is_recording() {
+            assert_eq!(found, chunks(&path).len());
+        }
+    }
+}
+
+#[test]
+fn the_file_is_complete_or_not_there() {
+    let (folder, path, _) = written();
+    let bytes = std::fs::read(&path).unwrap();
+    assert!(bytes.starts_with(b"RRF"));
+    assert!(!folder.path().join("run.rrd.partial").exists());
+    let (frames, timeline, verdict) = made_up_run();
+    let nowhere = folder.path().join("missing").join("run.rrd");
+    let database = Database::shipped();
+    let written = write(
+        &nowhere,
+        &frames,
+        &timeline,
+        &verdict,
+        &scenario(),
+        database,
+    );
+    assert!(written.is_err());
+}

@@ -1,0 +1,68 @@
+//! The two timelines of a recording.
+
+use rerun::TimeColumn;
+
+use recording::timeline::Timeline;
+
+/// Scenario time.
+pub(super) const RUN_TIME: &str = "run_time";
+/// Number of the cycle since scenario time 0.
+pub(super) const CYCLE: &str = "cycle";
+
+/// A time on both timelines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Moment {
+    pub(super) seconds: f64,
+    pub(super) cycle: i64,
+}
+
+/// The time of a row.
+pub(super) fn moment(timeline: &Timeline, row: usize) -> Moment {
+    Moment {
+        seconds: timeline.time_seconds[row],
+        cycle: i64::try_from(timeline.cycle[row]).unwrap_or(i64::MAX),
+    }
+}
+
+/// The time of a row that is the first of its kind: what it shows is shown from the first event on.
+pub(super) fn first_moment(timeline: &Timeline, row: usize) -> Moment {
+    let here = moment(timeline, row);
+    match timeline.events.first() {
+        Some(event) if event.time_seconds < here.seconds => {
+            moment_at(event.time_seconds, timeline.period_seconds)
+        }
+        _ => here,
+    }
+}
+
+/// A time that may lie before the first cycle or within one.
+pub(super) fn moment_at(seconds: f64, period_seconds: f64) -> Moment {
+    Moment {
+        seconds,
+        cycle: whole((seconds / period_seconds + 1e-6).floor()),
+    }
+}
+
+/// Both timelines at some times.
+pub(super) fn columns(moments: impl Iterator<Item = Moment> + Clone) -> [TimeColumn; 2] {
+    let nanoseconds = moments
+        .clone()
+        .map(|moment| whole((moment.seconds * 1e9).round()));
+    [
+        TimeColumn::new_duration_nanos(RUN_TIME, nanoseconds),
+        TimeColumn::new_sequence(CYCLE, moments.map(|moment| moment.cycle)),
+    ]
+}
+
+/// Both timelines at some rows.
+pub(super) fn at_rows(timeline: &Timeline, rows: &[usize]) -> [TimeColumn; 2] {
+    columns(rows.iter().map(|&row| moment(timeline, row)))
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "run times stay far below 292 years"
+)]
+fn whole(value: f64) -> i64 {
+    value as i64
+}

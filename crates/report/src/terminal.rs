@@ -1,0 +1,210 @@
+//! The verdict as a table for people.
+
+use std::path::Path;
+
+use comfy_table::{Attribute, Cell, CellAlignment, Color, ContentArrangement, Table, presets};
+
+use scenario::expect::Limit;
+
+use recording::run_folder::file;
+use judge::timing::Timing;
+use judge::verdict::{Metric, Outcome, Verdict, title};
+
+/// A verdict: its name, its table, its outcome and why.
+#[must_use]
+pub fn verdict(verdict: &Verdict) -> String {
+    let mut text = named_table(verdict);
+    if let Some(reason) = &verdict.reason {
+        text += &format!(": {reason}");
+    }
+    text
+}
+
+fn named_table(verdict: &Verdict) -> String {
+    let mut text = format!("\n{}\n", verdict.scenario);
+    if !verdict.metrics.is_empty() {
+        text += &format!("{}\n", table(verdict));
+    }
+    for loss in &verdict.losses {
+        text += &format!("{loss}\n");
+    }
+    if let Some(timing) = &verdict.timing {
+        text += &format!("{}\n", timing_table(timing));
+    }
+    text + verdict.outcome.word()
+}
+
+/// Everything about one run: its name, its table, its outcome, where to look.
+#[must_use]
+pub fn run(verdict: &Verdict, folder: &Path) -> String {
+    let mut text = named_table(verdict);
+    // Why a run broke off was told as an error already.
+    if let Some(reason) = verdict
+        .reason
+        .as_ref()
+        .filter(|_| verdict.outcome != Outcome::Incomplete)
+    {
+        text += &format!(": {reason}");
+    }
+    text += &format!("\nrun folder  {}", folder.display());
+    let recording = folder.join(file::RERUN);
+    if recording.exists() {
+        text += &format!(
+            "\nlook at it  rerun {}   (viewer: pip install rerun-sdk==0.36.3)",
+            recording.display()
+        );
+    }
+    text
+}
+
+/// One line for each of several runs.
+#[must_use]
+pub fn summary(verdicts: &[Verdict]) -> String {
+    let mut table = empty_table(["scenario", "limits", "result"]);
+    for verdict in verdicts {
+        let limited = verdict
+            .metrics
+            .iter()
+            .filter(|metric| metric.limit.is_some());
+        let passed = limited
+            .clone()
+            .filter(|metric| metric.passed == Some(true))
+            .count();
+        let colour = match verdict.outcome {
+            Outcome::Pass => Color::Green,
+            Outcome::Fail | Outcome::Incomplete => Color::Red,
+            Outcome::Inconclusive => Color::Yellow,
+        };
+        table.add_row([
+            Cell::new(&verdict.scenario),
+            Cell::new(format!("{passed} of {} met", limited.count())),
+            Cell::new(verdict.outcome.word()).fg(colour),
+        ]);
+    }
+    format!("\n{table}")
+}
+
+/// The table of one run's metrics beside their limits.
+#[must_use]
+pub fn table(verdict: &Verdict) -> String {
+    let mut table = empty_table(["metric", "measured", "limit", "result"]);
+    for metric in &verdict.metrics {
+        table.add_row([
+            Cell::new(title(&metric.name)),
+            Cell::new(measured(metric)).set_alignment(CellAlignment::Right),
+            Cell::new(limit(metric.limit)),
+            result(metric, verdict.outcome),
+        ]);
+    }
+    table.to_string()
+}
+
+/// A table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them.
+pub fn empty_table<const N: usize>(header: [&str; N]) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_content_arrangement(ContentArrangement::Dynamic);
+    table.set_header(header);
+    if std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty()) {
+        table.force_no_tty();
+    }
+    table
+}
+
+/// Latencies and latenesses in microseconds, what was lost, and why not to trust it.
+fn timing_table(timing: &Timing) -> String {
+    let mut table = empty_table(["microseconds", "median", "p99", "p99.9", "max"]);
+    for (name, quantiles) in timing.rows() {
+        let values = [
+            quantiles.median,
+            quantiles.p99,
+            quantiles.p99_9,
+            quantiles.max,
+        ];
+        let values = values
+            .map(|value| Cell::new(format!("{value:.0}")).set_alignment(CellAlignment::Right));
+        table.add_row([Cell::new(name)].into_iter().chain(values));
+    }
+    let mut text = format!("{table}\n{}", timing.losses());
+    for reason in &timing.distrust {
+        text += &format!("\nnot trusted: {reason}");
+    }
+    text
+}
+
+pub fn measured(metric: &Metric) -> String {
+    let measured = match (metric.value, &metric.remark) {
+        (Some(value), _) => significant(value),
+        (None, Some(remark)) => remark.clone(),
+        (None, None) => "–".to_owned(),
+    };
+    match metric.at_seconds {
+        Some(time) => format!("{measured} at {time:.3} s"),
+        None => measured,
+    }
+}
+
+/// Four significant digits, without an exponent.
+#[must_use]
+pub fn significant(value: f64) -> String {
+    let decimals = match value.abs() {
+        v if v >= 1000.0 => 0,
+        v if v >= 100.0 => 1,
+        v if v >= 10.0 => 2,
+        v if v >= 1.0 => 3,
+        _ => 4,
+    };
+    format!("{value:.decimals$}")
+}
+
+pub fn limit(limit: Option<Limit>) -> String {
+    let Some(limit) = limit else {
+        return String::new();
+    };
+    match (limit.min, limit.max) {
+        (Some(min), Some(max)) => format!("{min} … {max}"),
+        (Some(min), None) => format!("≥ {min}"),
+        (None, Some(max)) => format!("≤ {max}"),
+        (None, None) => String::new(),
+    }
+}
+
+pub fn result(metric: &Metric, outcome: Outcome) -> Cell {
+    match (metric.passed, outcome) {
+        (None, _) if metric.limit.is_some() => Cell::new("not judged").fg(Color::Yellow),
+        (None, _) => Cell::new(""),
+        (Some(_), Outcome::Inconclusive) => Cell::new("not judged").fg(Color::Yellow),
+        (Some(true), _) => Cell::new("pass").fg(Color::Green),
+        (Some(false), _) => Cell::new("FAIL")
+            .fg(Color::Red)
+            .add_attribute(Attribute::Bold),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use scenario::expect::Limit;
+
+    use super::*;
+
+    #[test]
+    fn a_row_shows_value_limit_and_result() {
+        let limit = Some(Limit {
+            min: None,
+            max: Some(0.23),
+        });
+        let mut verdict = Verdict::incomplete("step", 1, "");
+        verdict.outcome = Outcome::Fail;
+        verdict.metrics = vec![Metric::new(
+            "settling_time_seconds",
+            Err("never settled".to_owned()),
+            limit,
+        )];
+        let text = table(&verdict);
+        assert!(text.contains("settling time seconds"), "{text}");
+        assert!(
+            text.contains("never settled") && text.contains("≤ 0.23") && text.contains("FAIL"),
+            "{text}"
+        );
+    }
+}

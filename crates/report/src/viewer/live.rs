@@ -1,0 +1,136 @@
+//! The thread that shows a run in a viewer, and may hang on it.
+
+use dbc::SignalMissing;
+use std::sync::mpsc::{self, Receiver};
+use std::time::Duration;
+
+use platform::clock::sleep;
+use platform::scheduling;
+use rerun::log::ChunkBatcherConfig;
+use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
+use rtrb::Consumer;
+
+use super::{Show, ViewerAddress};
+use recording::log::Stamped;
+use crate::rerun::{APPLICATION, BusReader, Known, Recording};
+use rig::setup::Setup;
+use recording::tap::{Tap, WhenFull};
+use recording::timeline::Reader;
+use judge::verdict::Verdict;
+
+/// How often what was heard is sent.
+const PIECE_PERIOD: Duration = Duration::from_millis(100);
+/// Frames that one piece may hold, so that what is on its way to the viewer is bounded.
+const PIECE_FRAMES_MAX: usize = 20_000;
+/// How long one wait for the viewer lasts before it is looked whether it is still there.
+const FLUSH_PATIENCE: Duration = Duration::from_secs(1);
+
+/// Why a viewer does not show the run any more.
+#[derive(Debug, thiserror::Error)]
+enum LiveError {
+    #[error(transparent)]
+    Recording(#[from] RecordingStreamError),
+    #[error(transparent)]
+    Signal(#[from] SignalMissing),
+    #[error("it does not answer any more")]
+    Gone,
+}
+
+impl Show {
+    /// Begins to show a run; its frames go into the tap.
+    pub(super) fn start(
+        address: &ViewerAddress,
+        setup: &Setup,
+        when_full: WhenFull,
+    ) -> (Tap, Self) {
+        let (tap, frames, dropped) = Tap::new(when_full);
+        let (verdict, judged) = mpsc::channel();
+        let (end, ended) = mpsc::channel();
+        let (url, setup) = (address.url(), setup.clone());
+        std::thread::spawn(move || {
+            scheduling::step_back();
+            let shown = connect(&url, &setup.scenario.name).and_then(|stream| {
+                let shown = follow(stream.clone(), &setup, frames, &judged);
+                // What it is dropped for would have to be sent first, to somebody who takes nothing.
+                if shown.is_err() {
+                    std::mem::forget(stream);
+                }
+                shown
+            });
+            // Nobody may wait for it any more.
+            let _ = end.send(shown.map_err(|error| error.to_string()));
+        });
+        let show = Self {
+            address: address.clone(),
+            dropped,
+            verdict,
+            ended,
+        };
+        (tap, show)
+    }
+}
+
+/// Each run is a recording of its own, also when it is played twice.
+fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
+    let stream = RecordingStreamBuilder::new(APPLICATION)
+        .enabled(true)
+        .recording_name(name)
+        // Each piece is flushed, so the SDK need not look for rows on its own account.
+        .batcher_config(ChunkBatcherConfig {
+            flush_tick: PIECE_PERIOD,
+            ..ChunkBatcherConfig::DEFAULT
+        })
+        .connect_grpc_opts(url)?;
+    stream.set_log_time_enabled(false);
+    Ok(stream)
+}
+
+/// Logs pieces until the run's end of the ring is dropped, then the verdict.
+fn follow(
+    stream: RecordingStream,
+    setup: &Setup,
+    mut frames: Consumer<Stamped>,
+    judged: &Receiver<Verdict>,
+) -> Result<(), LiveError> {
+    let mut reader = Reader::new(setup)?;
+    let mut bus = BusReader::new(setup)?;
+    let mut recording = Recording::begin(stream, setup, Known::SoFar)?;
+    recording.expect_all()?;
+    loop {
+        let is_last = frames.is_abandoned() && frames.slots() <= PIECE_FRAMES_MAX;
+        let is_behind = frames.slots() > PIECE_FRAMES_MAX;
+        let new = frames.slots().min(PIECE_FRAMES_MAX);
+        for stamped in frames.read_chunk(new).into_iter().flatten() {
+            reader.take(&stamped);
+            bus.take(&stamped);
+        }
+        let piece = if is_last {
+            reader.take_rest(&setup.scenario)?
+        } else {
+            reader.take_piece(&setup.scenario)?
+        };
+        recording.log(&piece, &mut bus)?;
+        flush(recording.output())?;
+        if is_last {
+            break;
+        }
+        if !is_behind {
+            sleep(PIECE_PERIOD);
+        }
+    }
+    if let Ok(verdict) = judged.recv() {
+        recording.log_verdict(&verdict)?;
+    }
+    flush(recording.output())
+}
+
+/// Waits until the viewer has everything: no more than a piece is ever on the way, however slow or paused the viewer is.
+fn flush(stream: &RecordingStream) -> Result<(), LiveError> {
+    loop {
+        match stream.flush_with_timeout(FLUSH_PATIENCE) {
+            Ok(()) => return Ok(()),
+            Err(rerun::sink::SinkFlushError::Timeout) => {}
+            Err(_) => return Err(LiveError::Gone),
+        }
+    }
+}

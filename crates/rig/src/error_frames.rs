@@ -1,0 +1,157 @@
+//! What a CAN driver tells of the bus itself, by the error messages of `linux/can/error.h`; those of the modelled bus are
+//! such, too.
+
+use canopen::CanFrame;
+
+/// Transmission timed out.
+const TRANSMIT_TIMEOUT: u32 = 0x001;
+/// Arbitration was lost.
+const ARBITRATION_LOST: u32 = 0x002;
+/// The CAN controller's state is in data[1].
+pub const CONTROLLER: u32 = 0x004;
+/// A violation of the protocol is in data[2].
+const PROTOCOL: u32 = 0x008;
+/// The transceiver's state is in data[4].
+const TRANSCEIVER: u32 = 0x010;
+/// Nobody acknowledged a frame.
+const NO_ACKNOWLEDGEMENT: u32 = 0x020;
+/// The CAN controller takes no part in the bus any more.
+pub const BUS_OFF: u32 = 0x040;
+/// An error of the bus, not told further.
+const BUS_ERROR: u32 = 0x080;
+/// The CAN controller takes part again.
+pub const RESTARTED: u32 = 0x100;
+
+/// data[1]: too many errors in receiving.
+pub const RECEIVE_PASSIVE: u8 = 0x10;
+/// data[1]: too many errors in sending.
+pub const TRANSMIT_PASSIVE: u8 = 0x20;
+/// data[1]: few errors again.
+pub const BACK_TO_ACTIVE: u8 = 0x40;
+
+/// States of the CAN controller by the bits of data[1].
+const STATES: [(u8, &str); 5] = [
+    (0x01, "receive buffer overflow"),
+    (0x02, "transmit buffer overflow"),
+    (0x04 | 0x08, "error warning"),
+    (RECEIVE_PASSIVE | TRANSMIT_PASSIVE, "error passive"),
+    (BACK_TO_ACTIVE, "error active"),
+];
+
+/// What is no state, by the class.
+const ERRORS: [(u32, &str); 5] = [
+    (NO_ACKNOWLEDGEMENT, "no acknowledgement"),
+    (TRANSMIT_TIMEOUT, "transmission timed out"),
+    (TRANSCEIVER, "transceiver fault"),
+    (BUS_ERROR, "bus error"),
+    (ARBITRATION_LOST, "arbitration lost"),
+];
+
+/// Violations of the protocol by the bits of data[2].
+const VIOLATIONS: [(u8, &str); 4] = [
+    (0x01 | 0x08 | 0x10, "bit error"),
+    (0x02, "form error"),
+    (0x04, "stuff error"),
+    (0x20, "overload"),
+];
+
+/// One message of a driver.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ErrorMessage {
+    /// The number of the node whose CAN controller it is about, on the modelled bus; 0 is the bench's own interface.
+    pub node: u8,
+    /// What is wrong, for people: states first, then errors.
+    pub text: String,
+    /// Whether it tells that something is well again, or belongs to a healthy bus.
+    pub is_good: bool,
+    /// Whether it tells a change of state, which comes once; other errors come with each frame.
+    pub is_state: bool,
+}
+
+/// Reads an error message; none if the frame is an ordinary one.
+#[must_use]
+#[inline]
+pub fn read(frame: &CanFrame) -> Option<ErrorMessage> {
+    frame.is_error().then(|| told(frame))
+}
+
+fn told(frame: &CanFrame) -> ErrorMessage {
+    let class = frame.raw_id();
+    let [_, controller, protocol, _, _, node, ..] = frame.buffer();
+    let has = |class_bit: u32| class & class_bit != 0;
+    let of_bits = |bits: u8, words: &[(u8, &'static str)]| {
+        let told = words.iter().filter(move |(mask, _)| bits & mask != 0);
+        told.map(|(_, word)| *word).collect::<Vec<_>>()
+    };
+    let of_class = |words: &[(u32, &'static str)]| {
+        let told = words.iter().filter(|(bit, _)| has(*bit));
+        told.map(|(_, word)| *word).collect::<Vec<_>>()
+    };
+    let mut words = of_class(&[(BUS_OFF, "bus-off"), (RESTARTED, "back from bus-off")]);
+    if has(CONTROLLER) {
+        words.extend(of_bits(controller, &STATES));
+    }
+    let is_state = !words.is_empty();
+    words.extend(of_class(&ERRORS));
+    if has(PROTOCOL) {
+        words.extend(of_bits(protocol, &VIOLATIONS));
+    }
+    let is_good = matches!(
+        words.as_slice(),
+        ["back from bus-off" | "error active" | "arbitration lost"]
+    );
+    if words.is_empty() {
+        words.push("error not told further");
+    }
+    ErrorMessage {
+        node,
+        text: words.join(", "),
+        is_good,
+        is_state,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use canopen::frame::ERROR_FLAG;
+
+    use super::*;
+
+    fn message(class: u32, controller: u8, protocol: u8) -> ErrorMessage {
+        let data = [0, controller, protocol, 0, 0, 0, 0, 0];
+        read(&CanFrame::from_raw(ERROR_FLAG | class, 8, data).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn an_ordinary_frame_is_none() {
+        assert_eq!(read(&CanFrame::new(0x004, &[0, 0x10])), None);
+    }
+
+    #[test]
+    fn states_are_told_as_changes() {
+        let off = message(BUS_OFF, 0, 0);
+        assert_eq!(
+            (off.text.as_str(), off.is_good, off.is_state),
+            ("bus-off", false, true)
+        );
+        let back = message(RESTARTED, 0, 0);
+        assert_eq!(
+            (back.text.as_str(), back.is_good),
+            ("back from bus-off", true)
+        );
+        let warning = message(CONTROLLER, 0x08, 0);
+        assert_eq!(
+            (warning.text.as_str(), warning.is_good),
+            ("error warning", false)
+        );
+    }
+
+    #[test]
+    fn what_comes_with_each_frame_is_no_state() {
+        let alone = message(NO_ACKNOWLEDGEMENT | PROTOCOL | BUS_ERROR, 0, 0x04);
+        assert_eq!(alone.text, "no acknowledgement, bus error, stuff error");
+        assert!(!alone.is_state && !alone.is_good);
+        assert!(message(ARBITRATION_LOST, 0, 0).is_good);
+        assert_eq!(message(0, 0, 0).text, "error not told further");
+    }
+}

@@ -1,0 +1,126 @@
+//! Who has been heard on the bus, and what a guest may do there.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
+use canopen::{CanFrame, NmtState};
+
+use crate::data_sheet::DataSheet;
+
+const SYNC: u16 = 0x080;
+const HEARTBEAT: u16 = 0x700;
+
+/// What has been heard on the bus.
+#[derive(Clone, Debug, Default)]
+pub struct Presence {
+    states: BTreeMap<u8, NmtState>,
+    has_sync: bool,
+    /// Nodes on whose default SDO channel somebody speaks.
+    sdo_users: BTreeSet<u8>,
+}
+
+impl Presence {
+    /// Takes a frame of somebody else.
+    pub fn hear(&mut self, frame: &CanFrame) {
+        let Some(id) = frame.standard_id() else {
+            return;
+        };
+        let node_id = (id & 0x7F) as u8;
+        match id - u16::from(node_id) {
+            SYNC if node_id == 0 => self.has_sync = true,
+            HEARTBEAT if node_id != 0 => {
+                let number = frame.data().first().map(|state| state & 0x7F);
+                if let Some(state) = number.and_then(NmtState::from_number) {
+                    self.states.insert(node_id, state);
+                }
+            }
+            DEFAULT_REQUEST_ID | DEFAULT_RESPONSE_ID if node_id != 0 => {
+                self.sdo_users.insert(node_id);
+            }
+            _ => {}
+        }
+    }
+
+    /// The nodes with a heartbeat, and the state that it told last.
+    #[must_use]
+    pub fn states(&self) -> &BTreeMap<u8, NmtState> {
+        &self.states
+    }
+
+    /// How a running manager shows, if one does.
+    #[must_use]
+    pub fn manager(&self, sheets: &[DataSheet]) -> Option<String> {
+        let is_manager = |node_id: &u8| {
+            let mut sheets = sheets.iter();
+            sheets.any(|sheet| sheet.is_manager() && sheet.node_id == *node_id)
+        };
+        if let Some(node_id) = self.states.keys().find(|node_id| is_manager(node_id)) {
+            return Some(format!("the heartbeat of the manager, node {node_id}"));
+        }
+        self.has_sync.then(|| "SYNC".to_owned())
+    }
+
+    /// Why a guest must not use the default SDO channel of a node. A manager's own channel nobody else uses.
+    #[must_use]
+    pub fn why_not_default_channel(&self, node_id: u8, sheets: &[DataSheet]) -> Option<String> {
+        let is_manager = sheets
+            .iter()
+            .any(|sheet| sheet.is_manager() && sheet.node_id == node_id);
+        let reason = if self.sdo_users.contains(&node_id) {
+            "others were heard on it".to_owned()
+        } else if is_manager {
+            return None;
+        } else {
+            format!("{} was heard", self.manager(sheets)?)
+        };
+        Some(format!(
+            "the default SDO channel of node {node_id} belongs to the running controller ({reason})"
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canrig::tools::data_sheet::of_the_rig;
+
+    fn after(frames: &[(u16, &[u8])]) -> Presence {
+        let mut presence = Presence::default();
+        for (id, data) in frames {
+            presence.hear(&CanFrame::new(*id, data));
+        }
+        presence
+    }
+
+    #[test]
+    fn a_silent_bus_lets_guests_use_default_channels() {
+        let sheets = of_the_rig();
+        let presence = after(&[(0x710, &[0x7F]), (0x190, &[0; 8])]);
+        assert_eq!(presence.states()[&0x10], NmtState::PreOperational);
+        assert_eq!(presence.why_not_default_channel(0x10, &sheets), None);
+    }
+
+    #[test]
+    fn a_running_manager_keeps_guests_away() {
+        let sheets = of_the_rig();
+        for frame in [(0x080, &[1][..]), (0x701, &[5]), (0x080, &[])] {
+            let presence = after(&[frame]);
+            let reason = presence.why_not_default_channel(0x11, &sheets).unwrap();
+            assert!(
+                reason.contains("belongs to the running controller"),
+                "{reason}"
+            );
+            assert_eq!(presence.why_not_default_channel(0x01, &sheets), None);
+        }
+    }
+
+    #[test]
+    fn traffic_on_a_channel_keeps_guests_off_that_channel() {
+        let presence = after(&[(0x611, &[0x40, 0, 0x10, 0, 0, 0, 0, 0])]);
+        assert!(presence.why_not_default_channel(0x11, &[]).is_some());
+        assert!(presence.why_not_default_channel(0x12, &[]).is_none());
+        // The drive's second channel, and an emergency, are nobody's default channel.
+        let presence = after(&[(0x690, &[0; 8]), (0x6D0, &[0; 8]), (0x090, &[0; 8])]);
+        assert!((1..=127).all(|id| presence.why_not_default_channel(id, &[]).is_none()));
+    }
+}

@@ -1,0 +1,56 @@
+//! `canrig check`: scenario and rig files, without playing them.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use scenario::rig::Rig;
+
+use rig::FILE_BYTES_MAX;
+use worlds::catalogue::catalogue;
+use crate::console::{complain, say, usage};
+use crate::exit::Exit;
+use crate::play::scenario_files;
+use rig::rig_file::LoadedRig;
+use rig::setup::Setup;
+
+/// Arguments of `check`.
+#[derive(Args, Debug)]
+pub struct CheckArgs {
+    /// Scenario or rig files, or folders of them
+    #[arg(required = true, value_name = "SCENARIO")]
+    pub scenarios: Vec<PathBuf>,
+}
+
+/// Checks the files and says of each whether it is valid.
+#[must_use]
+pub fn check(args: &CheckArgs) -> Exit {
+    let paths = match scenario_files(&args.scenarios, |_| true) {
+        Ok(paths) => paths,
+        Err(error) => return usage(&error),
+    };
+    let mut worst = Exit::Pass;
+    for path in paths {
+        match checked(&path) {
+            Ok(name) => say(&format!("{}: valid ({name})", path.display())),
+            Err(error) => {
+                complain(&format!("{error:?}"));
+                worst = worst.max(Exit::ScenarioInvalid);
+            }
+        }
+    }
+    worst
+}
+
+/// The name of a valid scenario or rig file.
+fn checked(path: &Path) -> miette::Result<String> {
+    let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
+    if Rig::is_meant(&text) {
+        let loaded = LoadedRig::load(path)?;
+        return Ok(format!("rig: {}", loaded.rig.name));
+    }
+    let scenario = Setup::load(path, catalogue())?.scenario;
+    Ok(match &scenario.sweep {
+        Some(sweep) => format!("{}, {} runs in a sweep", scenario.name, sweep.runs()),
+        None => scenario.name,
+    })
+}

@@ -1,0 +1,311 @@
+//! `canrig run`: scenarios with controller and plant as processes on a CAN bus.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use platform::bus::BusAddress;
+use platform::scheduling;
+use scenario::Scenario;
+
+use recording::capture::{Capture, Watch};
+use crate::console::{complain, complain_of, usage};
+use crate::event::{Listener, RunEvent};
+use crate::exit::Exit;
+use rig::external::{External, ExternalNode};
+use crate::observer::observed;
+use crate::play::{PlayArgs, Stage, is_scenario, play_all, prepared, scenario_files};
+use worlds::preflight::{Preflight, Step};
+use rig::rig_file::{LoadedRig, RigError};
+use recording::run_folder::RunFolder;
+use rig::setup::Setup;
+use recording::tap::WhenFull;
+use crate::terminal::Terminal;
+use worlds::line::Line;
+use worlds::{BusChoice, End, Played, RunBus, WorldError, choose_bus, processes, real_time};
+
+/// Arguments of `run`.
+#[derive(Args, Debug)]
+pub struct RunArgs {
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub play: PlayArgs,
+    /// The bus: `auto`, `private` (a vcan that only this run sees), `embedded` (a socket private to you) or a CAN
+    /// interface such as `vcan0`
+    #[arg(long, value_name = "BUS", default_value = "auto")]
+    pub bus: BusChoice,
+    /// Which time the processes live in
+    #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
+    pub clock: ClockChoice,
+    /// Nodes that canrig does not start but expects on the bus, such as a real drive. Limits on what then nobody tells are
+    /// not judged, and end a run that fails no other in exit code 5
+    #[arg(long, value_enum, value_name = "NODE", value_delimiter = ',')]
+    pub external: Vec<ExternalNode>,
+    /// The rig file of a real drive, which is then external: its bus, objects, scaling, time-outs and hard limits. Without it,
+    /// `rig.toml` beside the first scenario goes with --external drive
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+    /// End after the pre-flight of an external drive: interface, nodes, objects, direction under a slow heating ramp, stop
+    #[arg(long)]
+    pub dry_run: bool,
+    /// In the pre-flight, do not heat the wire until the load moves
+    #[arg(long)]
+    pub no_heating: bool,
+    /// Fail unless the bus is the kernel's own, so that a CI job cannot skip it silently
+    #[arg(long)]
+    pub require_vcan: bool,
+}
+
+/// Which time the processes live in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ClockChoice {
+    /// The machine's clock
+    RealTime,
+    /// Virtual time: a verdict that no busy machine can bend
+    Lockstep,
+}
+
+/// Plays the scenarios, or makes the pre-flight alone; the worst exit of all.
+#[must_use]
+pub fn run(args: &RunArgs) -> Exit {
+    let terminal = Terminal::new(&args.play);
+    let plan = match Plan::resolve(args, &terminal) {
+        Ok(plan) => plan,
+        Err(exit) => return exit,
+    };
+    plan.announce();
+    if args.dry_run {
+        return plan.dry_run(args);
+    }
+    play_all(&args.play, &plan, &terminal)
+}
+
+/// What the arguments come to: on which bus, by which clock, with whose nodes.
+struct Plan<'a> {
+    bus: RunBus,
+    clock: ClockChoice,
+    external: External,
+    rig: Option<Arc<LoadedRig>>,
+    preflight: Preflight,
+    listener: &'a Terminal,
+}
+
+impl<'a> Plan<'a> {
+    /// Finds rig and bus, and refuses what does not go together.
+    fn resolve(args: &RunArgs, listener: &'a Terminal) -> Result<Self, Exit> {
+        let external = External::new(&args.external).map_err(usage)?;
+        let rig = rig_of(args, &external).map_err(|error| {
+            complain_of(error);
+            Exit::ScenarioInvalid
+        })?;
+        let external = match rig {
+            Some(_) => external.with_drive(),
+            None => external,
+        };
+        refuse(args, &external).map_err(usage)?;
+        let choice = match (&args.bus, &rig) {
+            (BusChoice::Auto, Some(rig)) => rig.rig.bus.interface.clone(),
+            _ => None,
+        };
+        let choice = choice.map_or_else(|| args.bus.clone(), BusChoice::Interface);
+        let bus = choose_bus(&choice, args.require_vcan).map_err(|error| {
+            complain(&format!("canrig: {error}"));
+            Exit::BenchFailed
+        })?;
+        Ok(Self {
+            bus,
+            clock: args.clock,
+            external,
+            rig: rig.map(Arc::new),
+            preflight: Preflight::new(!args.no_heating),
+            listener,
+        })
+    }
+
+    fn note(&self, text: String) {
+        self.listener.hear(&RunEvent::Note(text));
+    }
+
+    /// What a reader of the output must know of all runs.
+    fn announce(&self) {
+        let clock = match self.clock {
+            ClockChoice::RealTime => "real time",
+            ClockChoice::Lockstep => "lock-step",
+        };
+        self.note(format!("bus: {} · clock: {clock}", self.bus));
+        if !self.external.is_empty() {
+            let external = &self.external;
+            self.note(format!("external: {external} (expected on the bus)"));
+        }
+        if self.clock == ClockChoice::RealTime
+            && let Some(refusal) = refused_priority()
+        {
+            self.note(format!("note: {refusal}"));
+        }
+        if let Some(rig) = &self.rig {
+            let (name, path) = (&rig.rig.name, rig.path.display());
+            self.note(format!("rig: {name} ({path})"));
+        }
+    }
+
+    /// Tools find the only embedded bus by themselves; of several, and of a private one, each has its address.
+    fn announce_address(&self, address: &BusAddress) {
+        if matches!(address, BusAddress::Embedded(_) | BusAddress::Private(_)) {
+            self.note(format!("bus address: {address}"));
+        }
+    }
+
+    fn on_step(&self, step: &Step) {
+        self.listener.hear(&RunEvent::Preflight(step));
+    }
+
+    /// Opens the bus, makes the pre-flight of a drive that is external, and plays the scenario.
+    fn in_real_time(
+        &self,
+        setup: &Setup,
+        folder: &RunFolder,
+        capture: &mut Capture<'_>,
+    ) -> Result<Played, WorldError> {
+        let mut line = Line::open(&self.bus)?;
+        self.announce_address(line.address());
+        let ended = match self.fly(setup, folder.path(), &mut line, capture.watch()) {
+            Ok(End::Completed) => {
+                line.forget();
+                real_time::play(setup, folder, capture, &mut line, &mut |_| false)
+            }
+            Ok(end) => Ok(Played { end, host: None }),
+            Err(error) => Err(error),
+        };
+        line.close(capture)?;
+        ended
+    }
+
+    fn fly(
+        &self,
+        setup: &Setup,
+        parent: &Path,
+        line: &mut Line,
+        watch: &Watch,
+    ) -> Result<End, WorldError> {
+        let report = |step: &Step| self.on_step(step);
+        (self.preflight).make(setup, parent, &self.bus, line, watch, &report)
+    }
+
+    /// The pre-flight of the first scenario, which stands for all: they share rig and bus.
+    fn dry_run(&self, args: &RunArgs) -> Exit {
+        let paths = match scenario_files(&args.play.scenarios, is_scenario) {
+            Ok(paths) => paths,
+            Err(error) => return usage(&error),
+        };
+        let Some(path) = paths.first() else {
+            return usage("no scenario is named");
+        };
+        let setup = match prepared(path, self, self.listener) {
+            Ok(setup) => setup,
+            Err(exit) => return exit,
+        };
+        let watch = Watch::default();
+        let made = || {
+            let mut line = Line::open(&self.bus)?;
+            self.announce_address(line.address());
+            self.fly(&setup, &args.play.output, &mut line, &watch)
+        };
+        match observed(|| watch.interrupt(), || (), made) {
+            Ok(End::Completed) => Exit::Pass,
+            Ok(End::Interrupted) => Exit::Interrupted,
+            Err(error) => {
+                complain(&format!("canrig: {error}"));
+                Exit::BenchFailed
+            }
+        }
+    }
+}
+
+impl Stage for Plan<'_> {
+    fn prepare(&self, setup: Setup) -> Result<Setup, String> {
+        let setup = setup.on(self.rig.clone(), self.external.clone());
+        let scenario = &setup.scenario;
+        let is_lockstep = self.clock == ClockChoice::Lockstep;
+        admits(scenario, &self.bus, is_lockstep)?;
+        self.external.admits(scenario)?;
+        if let Some(rig) = &self.rig {
+            rig.admits(scenario)?;
+        }
+        Ok(setup)
+    }
+
+    fn when_full(&self) -> WhenFull {
+        match self.clock {
+            ClockChoice::RealTime => WhenFull::Drop,
+            ClockChoice::Lockstep => WhenFull::Wait,
+        }
+    }
+
+    fn play(
+        &self,
+        setup: &Setup,
+        folder: &RunFolder,
+        capture: &mut Capture<'_>,
+    ) -> Result<Played, WorldError> {
+        match self.clock {
+            ClockChoice::RealTime => self.in_real_time(setup, folder, capture),
+            ClockChoice::Lockstep => {
+                processes::in_lockstep(&setup.scenario, folder, capture, &self.bus)
+            }
+        }
+    }
+}
+
+/// The rig that the arguments name, or the one beside the first scenario if the drive is a real one.
+fn rig_of(args: &RunArgs, external: &External) -> Result<Option<LoadedRig>, RigError> {
+    if let Some(path) = &args.rig {
+        return LoadedRig::load(path).map(Some);
+    }
+    let first = args.play.scenarios.first();
+    match first.filter(|_| external.has(ExternalNode::Drive)) {
+        Some(folder) if folder.is_dir() => LoadedRig::in_folder(folder),
+        Some(file) => LoadedRig::in_folder(file.parent().unwrap_or(Path::new(""))),
+        None => Ok(None),
+    }
+}
+
+/// Refuses arguments that do not go together.
+fn refuse(args: &RunArgs, external: &External) -> Result<(), &'static str> {
+    if args.clock == ClockChoice::Lockstep && !external.is_empty() {
+        return Err(
+            "--external needs --clock real-time: a node of somebody else's keeps its own time",
+        );
+    }
+    if args.dry_run && !external.has(ExternalNode::Drive) {
+        return Err(
+            "--dry-run needs --external drive or --rig: it checks a drive that canrig does not emulate",
+        );
+    }
+    Ok(())
+}
+
+/// Faults of the bus need the modelled one; no real bus delays or loses frames as it is told.
+fn admits(scenario: &Scenario, bus: &RunBus, is_lockstep: bool) -> Result<(), String> {
+    let is_modelled = is_lockstep && matches!(bus, RunBus::Embedded { .. });
+    if is_modelled || scenario.fault.bus.is_empty() {
+        return Ok(());
+    }
+    let windows = scenario.fault.windows();
+    let first = windows.iter().find(|fault| fault.place.group == "bus");
+    let kind = first.map_or("", |fault| fault.place.kind);
+    Err(format!(
+        "[[fault.bus.{kind}]] is possible on the modelled bus only: use `canrig simulate`, or `canrig run --clock lockstep --bus embedded`"
+    ))
+}
+
+/// Why the nodes will run without real-time priority; found out on a thread that ends at once.
+fn refused_priority() -> Option<String> {
+    let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
+    asked
+        .ok()
+        .and_then(Result::err)
+        .map(|refused| refused.to_string())
+}

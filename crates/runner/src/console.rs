@@ -1,0 +1,191 @@
+//! What people see while the program works. Nothing here panics when the reader of a pipe is gone.
+
+use std::io::{self, IsTerminal, Write};
+use std::panic::PanicHookInfo;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use miette::Diagnostic;
+
+use crate::exit::Exit;
+use recording::gauge::Reading;
+
+/// Prints a line on standard output.
+pub fn say(text: &str) {
+    let _ = writeln!(io::stdout(), "{text}");
+}
+
+/// Prints a line on standard error.
+pub fn complain(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// Says what is wrong with the command line; the exit code of that.
+pub fn usage(message: &str) -> Exit {
+    complain(&format!("canrig: {message}"));
+    Exit::Usage
+}
+
+/// Prints an error with the place in the file that it underlines.
+pub fn complain_of(error: impl Diagnostic + Send + Sync + 'static) {
+    complain(&format!("{:?}", miette::Report::new(error)));
+}
+
+/// Tells of a panic in words that help to report it.
+pub fn report_panic(info: &PanicHookInfo<'_>) {
+    complain(&format!(
+        "canrig: internal error: {info}\nThis is a fault of canrig {}; please report it with the command that you typed.",
+        env!("CARGO_PKG_VERSION")
+    ));
+}
+
+/// A line that shows what a computation of unknown length does. It is drawn on a terminal only.
+pub struct Activity {
+    bar: ProgressBar,
+}
+
+impl Activity {
+    /// A line without text.
+    #[must_use]
+    pub fn new(is_shown: bool) -> Self {
+        let bar = ProgressBar::with_draw_target(None, target(is_shown));
+        let style = ProgressStyle::with_template("{spinner} {msg}");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+        Self { bar }
+    }
+
+    /// Says what is going on.
+    pub fn show(&self, text: &str) {
+        self.bar.tick();
+        self.bar.set_message(text.to_owned());
+    }
+}
+
+impl Drop for Activity {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// A line that shows how far a scenario is and how the run stands. It is drawn on a terminal only.
+pub struct Progress {
+    bar: ProgressBar,
+}
+
+impl Progress {
+    /// A bar at zero.
+    #[must_use]
+    pub fn new(duration_seconds: f64, is_shown: bool) -> Self {
+        let bar = ProgressBar::with_draw_target(
+            Some(micros(Duration::from_secs_f64(duration_seconds))),
+            target(is_shown),
+        );
+        let style = ProgressStyle::with_template("{bar:20} {percent:>3} %  {msg}");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Self { bar }
+    }
+
+    /// Shows the state of the run.
+    pub fn show(&self, reading: &Reading) {
+        self.bar.set_position(micros(reading.time));
+        self.bar.set_message(state(reading));
+    }
+}
+
+/// The state of a run in 48 columns, so that it fits beside the bar in 80; numbers stay in their places.
+fn state(reading: &Reading) -> String {
+    if reading.time.is_zero() {
+        return "starting".to_owned();
+    }
+    let mut text = format!("{:.1} s", reading.time.as_secs_f64());
+    if let Some(position) = reading.position_millimetres {
+        text += &format!("  {position:6.2} mm");
+    }
+    if let Some(error) = reading.error_millimetres {
+        text += &format!("  error {error:+6.2} mm");
+    }
+    if let Some(lateness) = reading.lateness {
+        text += &format!("  {:5} µs late", lateness.as_micros());
+    }
+    text
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// A bar that shows how many of many runs are done. It is drawn on a terminal only.
+pub struct Count {
+    bar: ProgressBar,
+    before: usize,
+}
+
+impl Count {
+    /// A bar at zero; of an unknown number it counts only.
+    #[must_use]
+    pub fn new(total: Option<usize>, is_shown: bool) -> Self {
+        let bar = ProgressBar::with_draw_target(total.map(|total| total as u64), target(is_shown));
+        let style = ProgressStyle::with_template("{bar:40} {pos} of {len} runs  {eta} left");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Self { bar, before: 0 }
+    }
+
+    /// The same with so many of the runs done before, which tell nothing of the time that is left.
+    #[must_use]
+    pub fn going_on_from(mut self, before: usize) -> Self {
+        self.bar.set_position(before as u64);
+        self.bar.reset_eta();
+        self.before = before;
+        self
+    }
+
+    /// Moves the bar to a number of runs.
+    pub fn show(&self, done: usize) {
+        self.bar.set_position((self.before + done) as u64);
+    }
+}
+
+impl Drop for Count {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// The terminal, or nowhere.
+fn target(is_shown: bool) -> ProgressDrawTarget {
+    if is_shown && io::stderr().is_terminal() {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
+    }
+}
+
+fn micros(time: Duration) -> u64 {
+    u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_state_of_a_run_fits_beside_the_bar() {
+        let reading = Reading {
+            time: Duration::from_millis(9_140),
+            position_millimetres: Some(34.986),
+            error_millimetres: Some(0.014),
+            lateness: Some(Duration::from_micros(143)),
+        };
+        let text = state(&reading);
+        assert_eq!(text, "9.1 s   34.99 mm  error  +0.01 mm    143 µs late");
+        assert!(text.chars().count() <= 49, "{text}");
+        assert_eq!(state(&Reading::default()), "starting");
+        let open_loop = Reading {
+            error_millimetres: None,
+            ..reading
+        };
+        assert_eq!(state(&open_loop), "9.1 s   34.99 mm    143 µs late");
+    }
+}

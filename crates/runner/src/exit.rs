@@ -1,0 +1,80 @@
+//! Exit codes: what a caller may rely on.
+
+use std::process::ExitCode;
+
+use judge::verdict::Outcome;
+
+/// How a command ended, from best to worst in the order that decides between several scenarios.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Exit {
+    /// Everything passed.
+    Pass,
+    /// The timing was not trustworthy, or a limit is on what nobody on the bus tells.
+    Inconclusive,
+    /// A limit was not met.
+    VerdictFailed,
+    /// A scenario file is invalid.
+    ScenarioInvalid,
+    /// The bus or a process failed.
+    BenchFailed,
+    /// The program itself is at fault.
+    Internal,
+    /// The command line is wrong.
+    Usage,
+    /// The user stopped it.
+    Interrupted,
+}
+
+impl Exit {
+    /// The number that the process returns.
+    #[must_use]
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Pass => 0,
+            Self::VerdictFailed => 1,
+            Self::Usage => 2,
+            Self::ScenarioInvalid => 3,
+            Self::BenchFailed => 4,
+            Self::Inconclusive => 5,
+            Self::Internal => 70,
+            Self::Interrupted => 130,
+        }
+    }
+}
+
+/// A run that broke off is the bench's failure.
+impl From<Outcome> for Exit {
+    fn from(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Pass => Self::Pass,
+            Outcome::Fail => Self::VerdictFailed,
+            Outcome::Inconclusive => Self::Inconclusive,
+            Outcome::Incomplete => Self::BenchFailed,
+        }
+    }
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit.code())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_of_several_scenarios_decides() {
+        // 70 > 4 > 3 > 1 > 5 > 0
+        let order = [
+            Exit::Internal,
+            Exit::BenchFailed,
+            Exit::ScenarioInvalid,
+            Exit::VerdictFailed,
+            Exit::Inconclusive,
+        ];
+        assert!(order.windows(2).all(|pair| pair[0] > pair[1]));
+        assert!(Exit::Inconclusive > Exit::Pass);
+    }
+}

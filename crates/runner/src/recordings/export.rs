@@ -1,0 +1,100 @@
+//! `canrig export`: a recording in another program's format.
+
+use std::path::PathBuf;
+use clap::{Args, ValueEnum};
+use std::io::{self, Write};
+
+use super::{Recorded, RecordedError, refuse};
+use crate::console::complain;
+use crate::exit::Exit;
+use report::{asc, blf, csv, mf4, parquet};
+use dbc::scenario_clock::ScenarioClock;
+
+/// Arguments of `export`.
+#[derive(Args, Debug)]
+pub struct ExportArgs {
+    /// A run folder, or a log beside its scenario.toml
+    #[arg(value_name = "RUN")]
+    pub recording: PathBuf,
+    /// The format
+    #[arg(long, short, value_enum)]
+    pub format: Format,
+    /// Where to write, instead of to standard output
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+/// A format for other programs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// One row a cycle, signals as columns, as signals.csv
+    Csv,
+    /// The frames as Vector's ASCII log (CANalyzer, python-can, SavvyCAN)
+    Asc,
+    /// The frames as Vector's binary log (CANalyzer, python-can)
+    Blf,
+    /// The signals as ASAM MDF 4.10 (asammdf, CANape)
+    Mf4,
+    /// The signals as Apache Parquet (pandas, Polars, DuckDB)
+    Parquet,
+}
+
+/// Writes the recording.
+#[must_use]
+pub fn export(args: &ExportArgs) -> Exit {
+    let (recorded, bytes) = match converted(args) {
+        Ok(converted) => converted,
+        Err(error) => return refuse(error),
+    };
+    if let Some(broken) = &recorded.log.broken {
+        complain(&format!(
+            "canrig: the log breaks off ({broken}); what is before that is written"
+        ));
+    }
+    let Some(place) = &args.output else {
+        // A reader that has gone needs no more.
+        let _ = io::stdout().write_all(&bytes);
+        return Exit::Pass;
+    };
+    match std::fs::write(place, bytes) {
+        Ok(()) => Exit::Pass,
+        Err(error) => {
+            complain(&format!(
+                "canrig: {} cannot be written: {error}",
+                place.display()
+            ));
+            Exit::BenchFailed
+        }
+    }
+}
+
+fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
+    let recorded = Recorded::load(&args.recording, None)?;
+    let frames = &recorded.log.frames;
+    let bytes = match args.format {
+        Format::Csv => csv_table(&recorded)?,
+        Format::Asc => asc::to_asc(frames).into_bytes(),
+        Format::Blf => blf::to_blf(frames),
+        Format::Mf4 => measurement(&recorded)?,
+        Format::Parquet => parquet::to_parquet(&recorded.timeline()?)?,
+    };
+    Ok((recorded, bytes))
+}
+
+fn csv_table(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
+    let timeline = recorded.timeline()?;
+    let mut table = Vec::new();
+    csv::write(&mut table, &timeline).expect("memory takes all that is written");
+    Ok(table)
+}
+
+fn measurement(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
+    let timeline = recorded.timeline()?;
+    let mut clock = ScenarioClock::new(&recorded.setup.database)?;
+    for stamped in &recorded.log.frames {
+        if clock.on_frame(stamped.time, &stamped.frame) {
+            break;
+        }
+    }
+    Ok(mf4::to_mf4(&timeline, clock.zero().unwrap_or_default()))
+}

@@ -1,0 +1,239 @@
+//! A recording read back from the disk.
+
+use dbc::SignalMissing;
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use scenario::ScenarioError;
+
+use worlds::catalogue::catalogue;
+use judge::{judge, judge_timing};
+use recording::log::{Log, read_cut_log};
+use rig::rig_file::{LoadedRig, RigError};
+use rig::setup::Setup;
+use recording::run_folder::file;
+use recording::timeline::{self, Timeline};
+use judge::verdict::{Outcome, Verdict};
+
+/// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names them.
+const VERDICT_BYTES_MAX: u64 = 16 << 20;
+
+/// Why a recording cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordedError {
+    /// A file cannot be read.
+    #[error("{} cannot be read: {source}", path.display())]
+    Read {
+        /// Which one.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A folder of something else.
+    #[error("{} is no run folder: there is no {} in it", path.display(), file::SCENARIO)]
+    NoRun {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A log without a scenario.
+    #[error("{}: what was played? Name its scenario with --scenario FILE", path.display())]
+    NoScenario {
+        /// The log.
+        path: PathBuf,
+    },
+    /// Not one frame in it.
+    #[error("{} holds no frame{}", path.display(), broken.as_ref().map(|broken| format!(" ({broken})")).unwrap_or_default())]
+    Empty {
+        /// The log.
+        path: PathBuf,
+        /// Where it breaks off.
+        broken: Option<String>,
+    },
+    /// The scenario is not valid.
+    #[error("the scenario of the recording is not valid")]
+    Scenario(Box<ScenarioError>),
+    /// The rig file is not valid.
+    #[error("the rig file of the recording is not valid")]
+    Rig(Box<RigError>),
+    /// The DBC lacks a signal.
+    #[error(transparent)]
+    Signal(#[from] SignalMissing),
+    /// The Parquet library refuses.
+    #[error("no Parquet file can be made: {0}")]
+    Parquet(#[from] parquet::errors::ParquetError),
+}
+
+/// A recording: a run folder, or a log of `candump -L` and the scenario that was played.
+pub struct Recorded {
+    /// What the user named.
+    pub path: PathBuf,
+    /// The scenario that was played.
+    pub setup: Setup,
+    /// The frames.
+    pub log: Log,
+    /// The verdict of the run; none for a log that canrig has not written.
+    pub stored: Option<Verdict>,
+    /// Whether it is a run folder.
+    pub is_folder: bool,
+}
+
+impl Recorded {
+    /// Reads a run folder, or a log with the scenario `played` or the `scenario.toml` beside it.
+    ///
+    /// # Errors
+    /// A file is missing or not valid. A log that breaks off is no error.
+    pub fn load(path: &Path, played: Option<&Path>) -> Result<Self, RecordedError> {
+        let is_folder = is_folder(path)?;
+        if is_folder && played.is_none() {
+            require_run(path)?;
+        }
+        let folder = if is_folder {
+            path
+        } else {
+            path.parent().unwrap_or(Path::new("."))
+        };
+        let log_path = if is_folder {
+            path.join(file::BUS_LOG)
+        } else {
+            path.to_owned()
+        };
+        let beside = folder.join(file::SCENARIO);
+        let scenario = match played {
+            Some(played) => played,
+            None if is_folder || beside.exists() => &beside,
+            None => {
+                return Err(RecordedError::NoScenario {
+                    path: path.to_owned(),
+                });
+            }
+        };
+        let log = read_log(&log_path)?;
+        if log.frames.is_empty() && !is_folder {
+            return Err(RecordedError::Empty {
+                path: log_path,
+                broken: log.broken,
+            });
+        }
+        let mut setup =
+            Setup::load(scenario, catalogue()).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
+        let stored = match played {
+            None => read_verdict(&folder.join(file::VERDICT))?,
+            Some(_) => None,
+        };
+        if let Some(stored) = &stored {
+            let rig = LoadedRig::in_folder(folder)
+                .map_err(|error| RecordedError::Rig(Box::new(error)))?;
+            setup = setup.on(rig.map(Arc::new), stored.external.clone());
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            setup,
+            log,
+            stored,
+            is_folder,
+        })
+    }
+
+    /// The recording, decoded.
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub fn timeline(&self) -> Result<Timeline, SignalMissing> {
+        timeline::decode(&self.log.frames, &self.setup)
+    }
+
+    /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, for its own reason.
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
+        let stored = self.stored.as_ref();
+        let lost = stored.map_or(0, |stored| stored.frames_lost);
+        let mut verdict = judge(timeline, &self.setup, lost);
+        if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
+            verdict.outcome = Outcome::Incomplete;
+            verdict.reason.clone_from(&stored.reason);
+        }
+        if self.is_folder && stored.is_none() {
+            let reason = format!("the run broke off before there was a {}", file::VERDICT);
+            verdict.outcome = Outcome::Incomplete;
+            verdict.reason = Some(reason);
+        }
+        if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
+            let timing = timing.again(&self.log.frames, &self.setup)?;
+            judge_timing(&mut verdict, timing, &self.setup.scenario.expect);
+        }
+        Ok(verdict)
+    }
+
+    /// The verdict of the run itself, or what it would have been.
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub fn verdict(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
+        match &self.stored {
+            Some(stored) => Ok(stored.clone()),
+            None => self.judge(timeline),
+        }
+    }
+}
+
+/// Whether a path that exists is a folder.
+fn is_folder(path: &Path) -> Result<bool, RecordedError> {
+    let metadata = path.metadata().map_err(|source| RecordedError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(metadata.is_dir())
+}
+
+/// Refuses what is no run folder.
+pub(super) fn require_run(path: &Path) -> Result<(), RecordedError> {
+    if is_folder(path)? && path.join(file::SCENARIO).exists() {
+        return Ok(());
+    }
+    Err(RecordedError::NoRun {
+        path: path.to_owned(),
+    })
+}
+
+fn read_log(path: &Path) -> Result<Log, RecordedError> {
+    let read = File::open(path).and_then(|file| read_cut_log(BufReader::new(file)));
+    match read {
+        // Killed before the first frame.
+        Err(error)
+            if error.kind() == io::ErrorKind::NotFound
+                && path.ends_with(file::BUS_LOG)
+                && has_scenario(path) =>
+        {
+            Ok(Log {
+                broken: Some("there is none".to_owned()),
+                ..Log::default()
+            })
+        }
+        read => read.map_err(|source| RecordedError::Read {
+            path: path.to_owned(),
+            source,
+        }),
+    }
+}
+
+fn has_scenario(log: &Path) -> bool {
+    log.with_file_name(file::SCENARIO).exists()
+}
+
+/// The verdict of a run; none when there is no file. One that is no verdict was cut, so it counts as none too.
+pub(super) fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
+    match scenario::read_text(path, VERDICT_BYTES_MAX) {
+        Ok(text) => Ok(Verdict::from_json(&text).ok()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        // Not text, so not a verdict either.
+        Err(error) if error.kind() == io::ErrorKind::InvalidData => Ok(None),
+        Err(source) => Err(RecordedError::Read {
+            path: path.to_owned(),
+            source,
+        }),
+    }
+}

@@ -1,0 +1,145 @@
+//! `canrig replay`: a recording judged again.
+
+use std::path::PathBuf;
+use clap::Args;
+use crate::play::ViewerArgs;
+use std::time::Duration;
+
+use platform::clock::{Clock, sleep};
+
+use super::{Recorded, RecordedError, refuse};
+use crate::console::{complain, say};
+use crate::exit::Exit;
+use report::terminal;
+use worlds::catalogue::catalogue;
+use rig::setup::Setup;
+use recording::tap::WhenFull;
+use judge::verdict::Verdict;
+
+/// Frames go to a viewer no earlier than this before their time.
+const AHEAD_MAX: Duration = Duration::from_millis(10);
+
+/// Arguments of `replay`.
+#[derive(Args, Debug)]
+pub struct ReplayArgs {
+    /// A run folder, or a log of `candump -L`
+    #[arg(value_name = "RUN|LOG")]
+    pub recording: PathBuf,
+    /// For a run folder: take the limits ([expect]) of this scenario. For a log: the scenario that was played
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Print the verdict as JSON, as verdict.json has it
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    #[expect(
+        missing_docs,
+        reason = "clap shows the doc comment of a flattened field as help"
+    )]
+    pub viewer: ViewerArgs,
+    /// How fast the viewer shows it: 1 as it was, 0.1 in slow motion, inf at once
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed)]
+    pub speed: f64,
+}
+
+/// A factor on time.
+fn speed(text: &str) -> Result<f64, String> {
+    let factor: f64 = text.parse().map_err(|_| "a number is expected, or inf")?;
+    if factor >= 1e-3 {
+        Ok(factor)
+    } else {
+        Err("0.001 is the slowest".to_owned())
+    }
+}
+
+/// Judges a recording again; the exit code is that of the verdict.
+#[must_use]
+pub fn replay(args: &ReplayArgs) -> Exit {
+    match judged(args) {
+        Err(error) => refuse(error),
+        Ok((recorded, verdict)) => {
+            show(args, &recorded, &verdict);
+            tell(args, &recorded, &verdict);
+            verdict.outcome.into()
+        }
+    }
+}
+
+fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
+    let path = &args.recording;
+    let limits = args.scenario.as_deref().filter(|_| path.is_dir());
+    let played = args.scenario.as_deref().filter(|_| !path.is_dir());
+    let mut recorded = Recorded::load(path, played)?;
+    if let Some(limits) = limits {
+        let other =
+            Setup::load(limits, catalogue()).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
+        recorded.setup.scenario.expect = other.scenario.expect;
+    }
+    let timeline = recorded.timeline()?;
+    let verdict = recorded.judge(&timeline)?;
+    Ok((recorded, verdict))
+}
+
+/// Plays the recording into the viewers, as fast as was asked for.
+fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
+    let (mut viewers, refused) = args.viewer.open();
+    complain_all(&refused);
+    if viewers.is_empty() {
+        return;
+    }
+    let (mut taps, shows) = viewers.show(&recorded.setup, WhenFull::Wait);
+    let frames = &recorded.log.frames;
+    let begin = frames.first().map_or(Duration::ZERO, |first| first.time);
+    let clock = Clock::start();
+    for stamped in frames {
+        let since = stamped.time.saturating_sub(begin);
+        let due = Duration::try_from_secs_f64(since.as_secs_f64() / args.speed);
+        let ahead = due.unwrap_or(Duration::MAX).saturating_sub(clock.now());
+        if ahead >= AHEAD_MAX {
+            sleep(ahead);
+        }
+        for tap in &mut taps {
+            tap.take(*stamped);
+        }
+    }
+    drop(taps);
+    complain_all(&shows.end(verdict, &mut viewers));
+}
+
+fn complain_all(reasons: &[String]) {
+    for reason in reasons {
+        complain(&format!("canrig: {reason}"));
+    }
+}
+
+fn tell(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
+    if let Some(broken) = &recorded.log.broken {
+        let read = recorded.log.frames.len();
+        complain(&format!(
+            "canrig: the log breaks off ({broken}); {read} frames before that are judged"
+        ));
+    }
+    if args.json {
+        say(verdict.to_json().trim_end());
+        return;
+    }
+    say(&terminal::verdict(verdict));
+    if let (Some(stored), None) = (&recorded.stored, &args.scenario) {
+        say(&against(stored, verdict));
+    }
+}
+
+/// What the verdict of the run said.
+fn against(stored: &Verdict, verdict: &Verdict) -> String {
+    if stored == verdict {
+        return "the same verdict as that of the run".to_owned();
+    }
+    let other_version = match stored.version == verdict.version {
+        true => String::new(),
+        false => format!(", by canrig {}", stored.version),
+    };
+    format!(
+        "the verdict of the run was: {}{other_version}",
+        stored.outcome.word()
+    )
+}

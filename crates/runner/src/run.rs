@@ -1,0 +1,119 @@
+//! One scenario from its setup to its verdict.
+
+use std::path::{Path, PathBuf};
+
+use dbc::scenario_clock::ScenarioClock;
+use scenario::Scenario;
+
+use recording::capture::{Capture, Watch};
+use crate::exit::Exit;
+use recording::gauge::Gauge;
+use judge::{judge, judge_broken};
+use report::{ReportError, Run};
+use recording::run_folder::{RunFolder, WriteError, file};
+use recording::session::write_setup;
+use rig::setup::Setup;
+use recording::tap::Tap;
+use recording::timeline::{self, Timeline};
+use judge::timing::Timing;
+use judge::verdict::Verdict;
+use worlds::{End, Played, WorldError};
+
+/// What a run left.
+pub struct Judged {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// How the program ends.
+    pub exit: Exit,
+}
+
+/// Plays the scenario in a world, records and judges it, and hands the frames on to the taps meanwhile. What was
+/// recorded before a failure of the world is kept, with a verdict that says "incomplete" and why.
+///
+/// # Errors
+/// The files of the run cannot be written.
+pub fn run(
+    setup: &Setup,
+    parent: &Path,
+    watch: &Watch,
+    taps: Vec<Tap>,
+    world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
+) -> Result<Judged, ReportError> {
+    let folder = create_folder(parent, setup)?;
+    let gauge = Gauge::new(&setup.scenario, &setup.database)?;
+    let clock = ScenarioClock::new(&setup.database)?;
+    let mut capture = Capture::new(folder.bus_log()?, gauge, clock, watch, taps);
+    let ended = world(&folder, &mut capture);
+    let (frames, frames_lost) = capture.finish()?;
+    let timeline = timeline::decode(&frames, setup)?;
+    let mut verdict = verdict(&ended, &timeline, setup, frames_lost);
+    if let Ok(Played {
+        host: Some(host), ..
+    }) = &ended
+    {
+        let timing = Timing::of(&frames, setup, host.clone())?;
+        judge::judge_timing(&mut verdict, timing, &setup.scenario.expect);
+    }
+    let run = Run {
+        setup,
+        frames: &frames,
+        timeline: &timeline,
+        verdict: &verdict,
+    };
+    report::write_all(&run, &folder)?;
+    let exit = match ended {
+        Ok(Played {
+            end: End::Interrupted,
+            ..
+        }) => Exit::Interrupted,
+        _ => verdict.outcome.into(),
+    };
+    Ok(Judged {
+        verdict,
+        folder: folder.path().to_owned(),
+        exit,
+    })
+}
+
+/// Makes the folder of a run with what is played and a verdict "incomplete" in it: that is what a reader finds should the
+/// run break off.
+fn create_folder(parent: &Path, setup: &Setup) -> Result<RunFolder, WriteError> {
+    let Scenario { name, seed, .. } = &setup.scenario;
+    let folder = RunFolder::create(parent, name, *seed, &setup.text)?;
+    let unfinished = "the run has not ended; if no process works on it any more, it broke off";
+    let verdict = Verdict::incomplete_of(setup, unfinished);
+    folder.write(file::VERDICT, verdict.to_json().as_bytes())?;
+    write_setup(&folder, setup)?;
+    Ok(folder)
+}
+
+/// What a run came to, however its world ended.
+#[must_use]
+pub fn verdict(
+    ended: &Result<Played, WorldError>,
+    timeline: &Timeline,
+    setup: &Setup,
+    frames_lost: u64,
+) -> Verdict {
+    match ended {
+        Err(error) => {
+            let error = with_cause(error, timeline, frames_lost);
+            judge_broken(timeline, setup, &error)
+        }
+        Ok(Played {
+            end: End::Interrupted,
+            ..
+        }) => Verdict::incomplete_of(setup, "interrupted by the user"),
+        Ok(_) => judge(timeline, setup, frames_lost),
+    }
+}
+
+/// A busy machine looks like a broken node; where it was busy, that is said too.
+fn with_cause(error: &WorldError, timeline: &Timeline, frames_lost: u64) -> String {
+    let busy = judge::too_many_missed(timeline);
+    let lost = (frames_lost > 0).then(|| judge::lost_frames(frames_lost));
+    let causes = busy.into_iter().chain(lost);
+    causes.fold(error.to_string(), |text, cause| format!("{text}\n{cause}"))
+}

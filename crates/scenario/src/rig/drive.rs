@@ -1,0 +1,560 @@
+//! What is known of the drive before anybody meets it: identity and PDOs, from its EDS and the rig file.
+
+use canopen::eds::EdsError;
+use canopen::nmt::NodeId;
+use canopen::{CanFrame, ObjectDictionary, cia402};
+
+use super::{Drive, ObjectAddress};
+
+const METRES_PER_MILLIMETRE: f64 = 1e-3;
+/// Rated current of the emulated drive (0x6075).
+const RATED_CURRENT_AMPERES: f64 = 1.0;
+/// The drive samples and applies on every SYNC.
+const EVERY_SYNC: u8 = 1;
+
+/// Why a drive cannot be led.
+#[derive(Debug, thiserror::Error)]
+pub enum DriveError {
+    /// Its EDS cannot be read.
+    #[error("the EDS is wrong: {0}")]
+    Eds(#[from] EdsError),
+    /// A PDO of the drive is not described.
+    #[error("the drive's EDS describes no usable PDO at 0x{0:04X}")]
+    Pdo(u16),
+    /// The drive lacks an object.
+    #[error("the drive's EDS has no object 0x{index:04X}:{sub_index:02X}")]
+    NoObject {
+        /// Its index.
+        index: u16,
+        /// Its sub-index.
+        sub_index: u8,
+    },
+    /// An object of the drive is of another type.
+    #[error("the drive's object 0x{index:04X}:{sub_index:02X} is no integer of 8, 16 or 32 bits")]
+    NoInteger {
+        /// Its index.
+        index: u16,
+        /// Its sub-index.
+        sub_index: u8,
+    },
+    /// No object's name.
+    #[error("\"{0}\" names no object")]
+    Address(String),
+    /// No node's number.
+    #[error("{0} is no node-ID")]
+    NodeId(u8),
+    /// More objects than a PDO holds.
+    #[error(
+        "the objects of the rig file take {bytes} bytes in PDO mapping 0x{mapping:04X} (limit 8)"
+    )]
+    PdoTooLong {
+        /// The mapping's index.
+        mapping: u16,
+        /// Their bytes.
+        bytes: usize,
+    },
+}
+
+/// What the drive's TPDO1 tells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Feedback {
+    /// 0x6041.
+    pub statusword: u16,
+    /// Height of the load above its stop.
+    pub position_metres: f64,
+    /// Current through the wire; none where the drive does not tell it.
+    pub current_amperes: Option<f64>,
+}
+
+/// A PDO of the drive as its EDS describes it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pdo {
+    /// Index of the communication parameters.
+    pub parameters: u16,
+    /// Index of the mapping.
+    pub mapping: u16,
+    /// Its identifier with the flags of CiA 301.
+    pub cob_id: u32,
+    /// When it is sent or taken over, as CiA 301 numbers it.
+    pub transmission_type: u8,
+    /// Index, sub-index and length in bits of each mapped object (CiA 301, figure 74).
+    pub entries: Vec<u32>,
+}
+
+impl Pdo {
+    fn read(dictionary: &ObjectDictionary, parameters: u16, mapping: u16) -> Option<Self> {
+        let count = u8::try_from(dictionary.unsigned(mapping, 0)?).ok()?;
+        let entries = (1..=count).map(|sub_index| dictionary.unsigned(mapping, sub_index));
+        Some(Self {
+            parameters,
+            mapping,
+            cob_id: dictionary.unsigned(parameters, 1)?,
+            transmission_type: u8::try_from(dictionary.unsigned(parameters, 2)?).ok()?,
+            entries: entries.collect::<Option<_>>()?,
+        })
+    }
+
+    /// The 11-bit identifier below the flags.
+    fn id(&self) -> u16 {
+        (self.cob_id & 0x7FF) as u16
+    }
+
+    fn length_bytes(&self) -> usize {
+        bytes_of(&self.entries)
+    }
+
+    /// Where a mapped object lies.
+    fn place(&self, object: &Object) -> Option<Field> {
+        let place = self
+            .entries
+            .iter()
+            .position(|entry| *entry == object.entry)?;
+        let start_byte = bytes_of(&self.entries[..place]);
+        Field::new(start_byte, object.length_bytes, object.is_signed)
+    }
+
+    /// The PDO with these objects: as the EDS maps it if they are all there, else with them alone.
+    fn with(mut self, objects: &[Object]) -> Result<Self, DriveError> {
+        let is_mapped = |object: &Object| self.place(object).is_some();
+        if !objects.iter().all(is_mapped) || self.length_bytes() > 8 {
+            self.entries = objects.iter().map(|object| object.entry).collect();
+        }
+        // Some drives wait for a SYNC or send by themselves; the cycle is the controller's.
+        if self.transmission_type == 0 || self.transmission_type > 240 {
+            self.transmission_type = EVERY_SYNC;
+        }
+        match self.length_bytes() {
+            0..=8 => Ok(self),
+            bytes => Err(DriveError::PdoTooLong {
+                mapping: self.mapping,
+                bytes,
+            }),
+        }
+    }
+}
+
+/// The bytes that mapping entries take together; their lengths are whole bytes.
+fn bytes_of(entries: &[u32]) -> usize {
+    entries
+        .iter()
+        .map(|entry| (entry & 0xFF) as usize / 8)
+        .sum()
+}
+
+/// An object that is to be in a PDO.
+#[derive(Clone, Copy, Debug)]
+struct Object {
+    /// As a mapping has it.
+    entry: u32,
+    length_bytes: usize,
+    is_signed: bool,
+}
+
+impl Object {
+    /// An integer of the drive's dictionary.
+    fn find(dictionary: &ObjectDictionary, address: ObjectAddress) -> Result<Self, DriveError> {
+        let ObjectAddress { index, sub_index } = address;
+        let handle = dictionary
+            .find(index, sub_index)
+            .map_err(|_| DriveError::NoObject { index, sub_index })?;
+        let data_type = dictionary.entry(handle).data_type;
+        let length_bytes = data_type
+            .size_bytes()
+            .filter(|bytes| matches!(bytes, 1 | 2 | 4) && !data_type.is_real())
+            .ok_or(DriveError::NoInteger { index, sub_index })?;
+        #[expect(clippy::cast_possible_truncation, reason = "at most 32 bits")]
+        let bits = 8 * length_bytes as u32;
+        Ok(Self {
+            entry: u32::from(index) << 16 | u32::from(sub_index) << 8 | bits,
+            length_bytes,
+            is_signed: data_type.is_signed(),
+        })
+    }
+}
+
+/// Where an integer lies in a PDO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its first byte, which is its lowest.
+    pub start_byte: usize,
+    /// One, two or four bytes.
+    pub length_bytes: usize,
+    /// Two's complement.
+    pub is_signed: bool,
+    /// Bits above it in a PDO of 8 bytes.
+    bits_above: usize,
+    /// Bits of an integer of 8 bytes that it has not.
+    unused_bits: usize,
+}
+
+impl Field {
+    /// `None` where a PDO ends before it does.
+    fn new(start_byte: usize, length_bytes: usize, is_signed: bool) -> Option<Self> {
+        let bytes_above = 8_usize.checked_sub(start_byte + length_bytes)?;
+        Some(Self {
+            start_byte,
+            length_bytes,
+            is_signed,
+            bits_above: 8 * bytes_above,
+            unused_bits: 64 - 8 * length_bytes,
+        })
+    }
+
+    /// From a PDO's 8 bytes as an integer. Shifting to the top drops what lies above the field, shifting down again what
+    /// lies below it.
+    #[inline]
+    fn read(self, data: u64) -> i64 {
+        let at_top = data << self.bits_above;
+        if self.is_signed {
+            at_top.cast_signed() >> self.unused_bits
+        } else {
+            (at_top >> self.unused_bits).cast_signed()
+        }
+    }
+
+    /// A value where it lies in a PDO of 8 bytes, all else 0.
+    #[inline]
+    fn placed(self, value: i64) -> u64 {
+        let at_top = value.cast_unsigned() << self.unused_bits;
+        at_top >> self.bits_above
+    }
+
+    fn end_byte(self) -> usize {
+        self.start_byte + self.length_bytes
+    }
+
+    /// The largest value.
+    fn max(self) -> f64 {
+        let bits = 8 * self.length_bytes - usize::from(self.is_signed);
+        #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
+        let max = ((1_i64 << bits) - 1) as f64;
+        max
+    }
+}
+
+/// A field and what its values stand for: `(raw − offset) / units`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scaled {
+    /// Where it lies.
+    pub field: Field,
+    /// Raw steps in an ampere or a millimetre.
+    pub units: f64,
+    /// Raw value of 0.
+    pub offset: f64,
+}
+
+impl Scaled {
+    #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
+    fn steps_from_zero(&self, data: u64) -> f64 {
+        self.field.read(data) as f64 - self.offset
+    }
+
+    fn read(&self, data: u64) -> f64 {
+        self.steps_from_zero(data) / self.units
+    }
+}
+
+/// The drive's identity and the layout of its PDOs.
+#[derive(Clone, Debug)]
+pub struct DriveLayout {
+    node_id: NodeId,
+    dictionary: ObjectDictionary,
+    feedback: Pdo,
+    command: Pdo,
+    mode_of_operation: i8,
+    statusword: Field,
+    position: Scaled,
+    current: Option<Scaled>,
+    controlword: Field,
+    target: Scaled,
+    /// No command goes beyond it; whole units of the target.
+    target_max: f64,
+}
+
+impl DriveLayout {
+    /// The drive that canrig emulates, by the objects of its EDS.
+    ///
+    /// # Errors
+    /// As [`DriveLayout::new`].
+    pub fn emulated(dictionary: ObjectDictionary) -> Result<Self, DriveError> {
+        Self::new(dictionary, &Drive::default(), RATED_CURRENT_AMPERES)
+    }
+
+    /// A drive by the objects of its EDS with their defaults, what the rig file says of it, and the largest current that
+    /// it may be given.
+    ///
+    /// # Errors
+    /// The EDS has no such objects.
+    pub fn new(
+        dictionary: ObjectDictionary,
+        rig: &Drive,
+        current_amperes_max: f64,
+    ) -> Result<Self, DriveError> {
+        let node_id = NodeId::new(rig.node_id).ok_or(DriveError::NodeId(rig.node_id))?;
+        let pdo = |parameters, mapping| {
+            let pdo = Pdo::read(&dictionary, parameters, mapping);
+            pdo.ok_or(DriveError::Pdo(parameters))
+        };
+        let object = |text: &str| {
+            let address = text
+                .parse()
+                .map_err(|_| DriveError::Address(text.to_owned()))?;
+            Object::find(&dictionary, address)
+        };
+        let word = |index| {
+            let sub_index = 0;
+            Object::find(&dictionary, ObjectAddress { index, sub_index })
+        };
+        let (statusword, controlword) = (word(cia402::STATUSWORD)?, word(cia402::CONTROLWORD)?);
+        let position = object(&rig.position.object)?;
+        let target = object(&rig.command.object)?;
+        let has_current = !rig.current.object.is_empty();
+        let current = has_current
+            .then(|| object(&rig.current.object))
+            .transpose()?;
+        let told: Vec<Object> = [statusword, position].into_iter().chain(current).collect();
+        let feedback = pdo(0x1800, 0x1A00)?.with(&told)?;
+        let command = pdo(0x1400, 0x1600)?.with(&[controlword, target])?;
+        let missing =
+            |pdo: &Pdo, object: &Object| pdo.place(object).ok_or(DriveError::Pdo(pdo.parameters));
+        let scaled = |field, units, offset| Scaled {
+            field,
+            units,
+            offset,
+        };
+        let current = current
+            .map(|object| missing(&feedback, &object))
+            .transpose()?;
+        let target = scaled(
+            missing(&command, &target)?,
+            rig.command.units_per_ampere,
+            0.0,
+        );
+        let units_max = libm::floor(current_amperes_max * target.units);
+        Ok(Self {
+            node_id,
+            statusword: missing(&feedback, &statusword)?,
+            position: scaled(
+                missing(&feedback, &position)?,
+                rig.position.units_per_millimetre,
+                rig.position.units_at_stop,
+            ),
+            current: current.map(|field| scaled(field, rig.current.units_per_ampere, 0.0)),
+            controlword: missing(&command, &controlword)?,
+            target,
+            target_max: units_max.min(target.field.max()),
+            mode_of_operation: rig.mode_of_operation,
+            dictionary,
+            feedback,
+            command,
+        })
+    }
+
+    /// Identifier of TPDO1.
+    #[must_use]
+    pub fn feedback_id(&self) -> u16 {
+        self.feedback.id()
+    }
+
+    /// Identifier of RPDO1.
+    #[must_use]
+    pub fn command_id(&self) -> u16 {
+        self.command.id()
+    }
+
+    /// Its node-ID.
+    #[must_use]
+    #[inline]
+    pub fn node_id(&self) -> NodeId {
+        self.node_id
+    }
+
+    /// Its objects with their defaults.
+    #[must_use]
+    pub fn dictionary(&self) -> &ObjectDictionary {
+        &self.dictionary
+    }
+
+    /// TPDO1 and RPDO1, as the drive is to be configured.
+    #[must_use]
+    pub fn pdos(&self) -> [&Pdo; 2] {
+        [&self.feedback, &self.command]
+    }
+
+    /// What is written to 0x6060.
+    #[must_use]
+    pub fn mode_of_operation(&self) -> i8 {
+        self.mode_of_operation
+    }
+
+    /// Lengths of TPDO1 and RPDO1.
+    #[must_use]
+    pub fn lengths_bytes(&self) -> [usize; 2] {
+        [self.feedback.length_bytes(), self.command.length_bytes()]
+    }
+
+    /// Where the words of the power state machine lie: statusword in TPDO1, controlword in RPDO1.
+    #[must_use]
+    pub fn words(&self) -> [Field; 2] {
+        [self.statusword, self.controlword]
+    }
+
+    /// The position, in millimetres, in TPDO1.
+    #[must_use]
+    pub fn position(&self) -> Scaled {
+        self.position
+    }
+
+    /// The measured current, in amperes, in TPDO1; none where the drive does not tell it.
+    #[must_use]
+    pub fn current(&self) -> Option<Scaled> {
+        self.current
+    }
+
+    /// The commanded current, in amperes, in RPDO1.
+    #[must_use]
+    pub fn target(&self) -> Scaled {
+        self.target
+    }
+
+    /// The content of TPDO1; `None` for other frames and when it is too short.
+    #[must_use]
+    #[inline]
+    pub fn decode(&self, frame: &CanFrame) -> Option<Feedback> {
+        if frame.standard_id() != Some(self.feedback.id())
+            || frame.data().len() < self.feedback.length_bytes()
+        {
+            return None;
+        }
+        let data = u64::from_le_bytes(frame.buffer());
+        let metres_per_unit = METRES_PER_MILLIMETRE / self.position.units;
+        Some(Feedback {
+            statusword: u16::try_from(self.statusword.read(data)).ok()?,
+            position_metres: self.position.steps_from_zero(data) * metres_per_unit,
+            current_amperes: self.current.map(|current| current.read(data)),
+        })
+    }
+
+    /// The commanded current in RPDO1; `None` for other frames and when it is too short.
+    #[must_use]
+    pub fn decode_target(&self, frame: &CanFrame) -> Option<f64> {
+        let is_command = frame.standard_id() == Some(self.command.id())
+            && frame.data().len() >= self.target.field.end_byte();
+        is_command.then(|| self.target.read(u64::from_le_bytes(frame.buffer())))
+    }
+
+    /// RPDO1; the current is limited to what the drive may be given and its object can hold.
+    #[must_use]
+    #[inline]
+    pub fn encode(&self, controlword: u16, current_amperes: f64) -> CanFrame {
+        let max = self.target_max;
+        let min = if self.target.field.is_signed {
+            -max
+        } else {
+            0.0
+        };
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "limited to the object's range, whose ends are whole"
+        )]
+        let target = (current_amperes * self.target.units)
+            .round()
+            .clamp(min, max) as i64;
+        let controlword = self.controlword.placed(i64::from(controlword));
+        let data = (controlword | self.target.field.placed(target)).to_le_bytes();
+        CanFrame::new(self.command.id(), &data[..self.command.length_bytes()])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::eds;
+
+    /// The EDS of the drive that canrig emulates.
+    const DRIVE_EDS: &str = include_str!("../../../../dbc/drive.eds");
+
+    fn objects(eds: &str, node_id: u8) -> ObjectDictionary {
+        eds::parse(eds, node_id).unwrap().dictionary
+    }
+
+    fn emulated() -> DriveLayout {
+        DriveLayout::emulated(objects(DRIVE_EDS, 0x10)).unwrap()
+    }
+
+    #[test]
+    fn feedback_and_command_are_laid_out_as_the_eds_says() {
+        let drive = emulated();
+        let frame = CanFrame::new(0x190, &[0x37, 0x02, 0x10, 0x27, 0, 0, 0, 2]);
+        let feedback = drive.decode(&frame).unwrap();
+        assert_eq!(feedback.statusword, 0x0237);
+        assert!((feedback.position_metres - 0.01).abs() < 1e-15);
+        assert_eq!(
+            drive.encode(0x0F, 0.5),
+            CanFrame::new(0x210, &[0x0F, 0, 0xF4, 0x01])
+        );
+    }
+
+    #[test]
+    fn short_and_foreign_frames_are_no_feedback() {
+        let drive = emulated();
+        assert_eq!(drive.decode(&CanFrame::new(0x190, &[0; 7])), None);
+        assert_eq!(drive.decode(&CanFrame::new(0x191, &[0; 8])), None);
+    }
+
+    #[test]
+    fn a_command_is_never_beyond_the_drives_range() {
+        let drive = emulated();
+        for (amperes, permille) in [
+            (2.0, 1000_i16),
+            (-0.5, -500),
+            (-2.0, -1000),
+            (f64::NAN, 0),
+            (f64::INFINITY, 1000),
+        ] {
+            assert_eq!(drive.encode(0, amperes).data()[2..], permille.to_le_bytes());
+        }
+    }
+
+    #[test]
+    fn an_object_that_is_not_mapped_is_mapped_and_one_that_is_not_there_is_refused() {
+        let text = DRIVE_EDS.replace("0x60640020", "0x60780010");
+        let drive = DriveLayout::emulated(objects(&text, 0x10)).unwrap();
+        let wanted = [0x6041_0010, 0x6064_0020, 0x6078_0010];
+        assert_eq!(drive.feedback.entries, wanted);
+        let mut rig = Drive::default();
+        rig.position.object = "0x2345:01".to_owned();
+        let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
+        assert_eq!(error.to_string(), "the drive's EDS has no object 0x2345:01");
+        rig.position.object = "0x1008".to_owned();
+        let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
+        assert!(
+            error.to_string().contains("0x1008:00 is no integer"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn other_objects_scalings_and_limits_come_from_the_rig_file() {
+        let mut rig = Drive {
+            node_id: 0x20,
+            ..Drive::default()
+        };
+        // Counts fall from 5000 at the stop by 10 a millimetre; the command is in 1/2 permille.
+        rig.position.units_per_millimetre = -10.0;
+        rig.position.units_at_stop = 5000.0;
+        rig.command.units_per_ampere = 2000.0;
+        rig.current.object = String::new();
+        let drive = DriveLayout::new(objects(DRIVE_EDS, 0x20), &rig, 0.9).unwrap();
+        let told = drive.decode(&CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0, 0]));
+        let feedback = told.unwrap();
+        assert!((feedback.position_metres - 0.006).abs() < 1e-12);
+        assert_eq!(feedback.current_amperes, None);
+        for (amperes, units) in [(0.5, 1000_i16), (0.95, 1800), (7.0, 1800)] {
+            let frame = drive.encode(0x0F, amperes);
+            assert_eq!(frame.standard_id(), Some(0x220));
+            assert_eq!(frame.data()[2..], units.to_le_bytes());
+            assert_eq!(drive.decode_target(&frame), Some(f64::from(units) / 2000.0));
+        }
+    }
+}

@@ -1,0 +1,732 @@
+//! Tests of the loader as a user meets it: files in, messages out.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use miette::{GraphicalReportHandler, GraphicalTheme};
+use proptest::prelude::*;
+
+use crate::{ControllerView, Scenario, ScenarioError};
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios")
+}
+
+fn shipped() -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder()).unwrap();
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| {
+        path.extension()
+            .is_some_and(|extension| extension == "toml")
+    });
+    files.sort();
+    files
+}
+
+fn render(error: &ScenarioError) -> String {
+    let handler =
+        GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor()).with_width(110);
+    let mut text = String::new();
+    handler.render_report(&mut text, error).unwrap();
+    text.lines()
+        .map(|line| format!("{}\n", line.trim_end()))
+        .collect()
+}
+
+fn no_tables(_: &str) -> std::io::Result<String> {
+    Err(std::io::Error::other("no such file"))
+}
+
+/// The least valid scenario, with `more` behind it.
+fn with(more: &str) -> String {
+    format!("schema = 1\nname = \"test\"\nduration_seconds = 12.0\n{more}")
+}
+
+const CLOSED: &str =
+    "[controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+
+#[track_caller]
+fn check(text: &str, expected: &str) {
+    let error =
+        Scenario::parse(text, "broken.toml", no_tables).expect_err("the scenario is broken");
+    let rendered = render(&error);
+    assert_eq!(rendered.trim(), expected.trim(), "\n{rendered}");
+}
+
+#[test]
+fn a_misspelt_key_is_one_problem_with_the_right_name() {
+    check(
+        &with(CLOSED).replace("position_mil", "postion_mil"),
+        "
+  × broken.toml is not a valid scenario
+
+Error:
+  × unknown key `postion_millimetres` in [[reference.hold]]
+   ╭─[broken.toml:7:1]
+ 6 │ at_seconds = 0.0
+ 7 │ postion_millimetres = 10.0
+   · ─────────┬─────────
+   ·          ╰── did you mean `position_millimetres`?
+   ╰────
+  help: known here: at_seconds, position_millimetres
+",
+    );
+}
+
+#[test]
+fn several_problems_are_reported_together_in_the_order_of_the_file() {
+    let text = with(CLOSED).replace("12.0", "0").replace("= 10.0", "= 75");
+    check(
+        &format!("{text}[expect]\novershoot_percent = {{ min = 2, max = 1 }}\n"),
+        "
+  × broken.toml is not a valid scenario: 4 problems
+
+Error:
+  × `duration_seconds` = 0 is out of range
+   ╭─[broken.toml:3:20]
+ 2 │ name = \"test\"
+ 3 │ duration_seconds = 0
+   ·                    ┬
+   ·                    ╰── must be above 0, at most 86400
+ 4 │ [controller.pid]
+   ╰────
+
+Error:
+  × [[reference.hold]] starts after the end of the run
+   ╭─[broken.toml:6:14]
+ 5 │ [[reference.hold]]
+ 6 │ at_seconds = 0.0
+   ·              ─┬─
+   ·               ╰── the run ends at 0 s
+ 7 │ position_millimetres = 75
+   ╰────
+
+Error:
+  × `reference.hold.position_millimetres` = 75 is out of range
+   ╭─[broken.toml:7:24]
+ 6 │ at_seconds = 0.0
+ 7 │ position_millimetres = 75
+   ·                        ─┬
+   ·                         ╰── must be from 0 to 60
+ 8 │ [expect]
+   ╰────
+
+Error:
+  × no value meets the limit `overshoot_percent`
+   ╭─[broken.toml:9:21]
+ 8 │ [expect]
+ 9 │ overshoot_percent = { min = 2, max = 1 }
+   ·                     ──────────┬─────────
+   ·                               ╰── min 2 is above max 1
+   ╰────
+",
+    );
+}
+
+#[test]
+fn a_syntax_error_underlines_where_the_reading_stopped() {
+    check(
+        &with("[controller.pid\n"),
+        "
+  × broken.toml is not a valid scenario
+
+Error:
+  × TOML syntax error
+   ╭─[broken.toml:4:15]
+ 3 │ duration_seconds = 12.0
+ 4 │ [controller.pid
+   ·               ▲
+   ·               ╰── unclosed table, expected `]`
+   ╰────
+",
+    );
+}
+
+#[test]
+fn an_array_of_tables_written_as_a_table_says_how_to_write_it() {
+    check(
+        &with(CLOSED).replace("[[reference.hold]]", "[reference.hold]"),
+        "
+  × broken.toml is not a valid scenario
+
+Error:
+  × `reference.hold` must be an array of tables
+   ╭─[broken.toml:5:1]
+ 4 │ [controller.pid]
+ 5 │ [reference.hold]
+   · ────────┬───────
+   ·         ╰── this is a table
+ 6 │ at_seconds = 0.0
+   ╰────
+  help: write it with double brackets: [[reference.hold]]
+",
+    );
+}
+
+#[test]
+fn the_problem_of_a_table_points_into_the_table() {
+    let text =
+        with("[controller.pid]\n[[reference.table]]\nfrom_seconds = 0.0\nfile = \"wave.csv\"\n");
+    let table = "time_seconds,position_millimetres\n0.0,10.0\n0.5, high\n";
+    let error = Scenario::parse(&text, "broken.toml", |_| Ok(table.to_owned())).unwrap_err();
+    let expected = "
+  × broken.toml is not a valid scenario
+
+Error:
+  × the table has no number in column position_millimetres, line 3
+   ╭─[wave.csv:3:6]
+ 2 │ 0.0,10.0
+ 3 │ 0.5, high
+   ·      ──┬─
+   ·        ╰── not a finite number
+   ╰────
+";
+    assert_eq!(
+        render(&error).trim(),
+        expected.trim(),
+        "\n{}",
+        render(&error)
+    );
+}
+
+/// A way to break a file: the text, the line and column where it is underlined, what is said, and what stands there.
+type Broken = (String, usize, usize, &'static str, &'static str);
+
+#[track_caller]
+fn check_broken<const N: usize>(cases: [Broken; N]) {
+    for (text, line, column, message, label) in cases {
+        let error = Scenario::parse(&text, "broken.toml", no_tables).expect_err(message);
+        let rendered = render(&error);
+        let [problem] = error.problems() else {
+            panic!("{rendered}");
+        };
+        assert_eq!(problem.to_string(), message, "{rendered}");
+        assert!(
+            rendered.contains(&format!("╰── {label}\n")),
+            "expected label: {label}\n{rendered}"
+        );
+        assert_eq!(
+            problem.line_and_column(),
+            Some((line, column)),
+            "{rendered}"
+        );
+    }
+}
+
+#[test]
+fn a_key_of_the_wrong_type_or_length_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let change = |from: &str, to: &str| closed.replace(from, to);
+    check_broken([
+        (
+            change("schema = 1", "schema = 2"),
+            1,
+            10,
+            "`schema` = 2 is out of range",
+            "must be 1",
+        ),
+        (
+            change("\"test\"", "\"te\\u001Bst\""),
+            2,
+            8,
+            "`name` has a control character in it",
+            "one line of plain text",
+        ),
+        (
+            change("schema = 1", "schema = 1.5"),
+            1,
+            10,
+            "`schema` must be an integer",
+            "this is a number with a fraction",
+        ),
+        (
+            change("\"test\"", "\"\""),
+            2,
+            8,
+            "`name` has 0 characters",
+            "must have 1 to 200",
+        ),
+        (
+            change("duration_seconds = 12.0\n", ""),
+            1,
+            1,
+            "the scenario lacks the key `duration_seconds`",
+            "`duration_seconds` is missing",
+        ),
+    ]);
+}
+
+#[test]
+fn a_number_or_a_key_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let change = |from: &str, to: &str| closed.replace(from, to);
+    check_broken([
+        (
+            change("= 10.0", "= \"10\""),
+            7,
+            24,
+            "`reference.hold.position_millimetres` must be a number",
+            "this is a string",
+        ),
+        (
+            change("= 10.0", "= nan"),
+            7,
+            24,
+            "`reference.hold.position_millimetres` must be finite",
+            "not a finite number",
+        ),
+        (
+            change("= 10.0", "= -inf"),
+            7,
+            24,
+            "`reference.hold.position_millimetres` must be finite",
+            "not a finite number",
+        ),
+        (
+            change("= 10.0", "= 1e999"),
+            7,
+            24,
+            "`reference.hold.position_millimetres` must be finite",
+            "not a finite number",
+        ),
+        (
+            change("= 10.0", "= 99999999999999999999"),
+            7,
+            24,
+            "`reference.hold.position_millimetres` is too large",
+            "does not fit a number",
+        ),
+        (
+            change("position_millimetres = 10.0\n", ""),
+            5,
+            1,
+            "[[reference.hold]] lacks the key `position_millimetres`",
+            "`position_millimetres` is missing",
+        ),
+        (
+            change("[controller.pid]", "[controler.pid]\n[controller.pid]"),
+            4,
+            2,
+            "unknown key `controler` in the scenario",
+            "did you mean `controller`?",
+        ),
+    ]);
+}
+
+#[test]
+fn a_law_or_a_set_point_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let change = |from: &str, to: &str| closed.replace(from, to);
+    let more = |text: &str| format!("{closed}{text}");
+    let step = "[[reference.step]]\nat_seconds = 5.0\nposition_millimetres = 20.0\n";
+    check_broken([
+        (
+            change("[controller.pid]", "[controller]"),
+            4,
+            2,
+            "no control law",
+            "a law is missing here",
+        ),
+        (
+            change(
+                "[controller.pid]",
+                "[controller.pid]\n[controller.open_loop]",
+            ),
+            5,
+            13,
+            "more than one control law",
+            "`pid` is chosen already",
+        ),
+        (
+            with("[controller.pid]\n"),
+            4,
+            13,
+            "the closed loop `pid` has no set-point",
+            "needs one to follow",
+        ),
+        (
+            more(&format!("{step}{step}")),
+            12,
+            14,
+            "times of [[reference.step]] are out of order",
+            "must be after 5 s, where the one before starts",
+        ),
+        (
+            more(&step.replace("5.0", "0")),
+            9,
+            14,
+            "two pieces of [reference] start at 0 s",
+            "a hold starts at the same time",
+        ),
+        (
+            more(&step.replace("5.0", "12.0")),
+            9,
+            14,
+            "[[reference.step]] starts after the end of the run",
+            "the run ends at 12 s",
+        ),
+    ]);
+}
+
+#[test]
+fn a_piece_of_the_set_point_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let more = |text: &str| format!("{closed}{text}");
+    check_broken([
+        (
+            more(
+                "[[reference.ramp]]\nfrom_seconds = 3\nuntil_seconds = 3\nposition_millimetres = 1\n",
+            ),
+            10,
+            17,
+            "[[reference.ramp]] ends before it begins",
+            "must be after 3 s",
+        ),
+        (
+            more(
+                "[[reference.sine]]\nfrom_seconds = 3\ncentre_millimetres = 55\namplitude_millimetres = 10\nperiod_seconds = 1\n",
+            ),
+            11,
+            25,
+            "the sine leaves the travel of 0 to 60 mm",
+            "goes from 45 to 65 mm",
+        ),
+        (
+            more("[[reference.table]]\nfrom_seconds = 3\nfile = \"../x.csv\"\n"),
+            10,
+            8,
+            "a table must lie in the scenario's folder",
+            "no absolute path, no `..`",
+        ),
+        (
+            more("[[reference.table]]\nfrom_seconds = 3\nfile = \"x.csv\"\n"),
+            10,
+            8,
+            "the table cannot be read",
+            "no such file",
+        ),
+        (
+            with("[[controller.open_loop.step]]\nat_seconds = 1\ncurrent_amperes = 1.5\n"),
+            6,
+            19,
+            "`controller.open_loop.step.current_amperes` = 1.5 is out of range",
+            "must be from 0 to 1",
+        ),
+    ]);
+}
+
+#[test]
+fn a_limit_or_a_bus_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let more = |text: &str| format!("{closed}{text}");
+    check_broken([
+        (
+            more("[expect]\ncurrent_amperes_rms = {}\n"),
+            9,
+            23,
+            "the limit `current_amperes_rms` is empty",
+            "give min, max or both",
+        ),
+        (
+            more("[expect]\ncurrent_amperes_rms = { min = 1.0, max = 0.5 }\n"),
+            9,
+            23,
+            "no value meets the limit `current_amperes_rms`",
+            "min 1 is above max 0.5",
+        ),
+        (
+            more("[expect]\nsettling_time_seconds = { max = 0.5 }\n"),
+            9,
+            25,
+            "`settling_time_seconds` cannot be judged",
+            "needs a [[reference.step]]",
+        ),
+        (
+            more("[expect]\nrecovery_time_seconds = { max = 0.5 }\n"),
+            9,
+            25,
+            "`recovery_time_seconds` cannot be judged",
+            "needs a [[disturbance.…]]",
+        ),
+        (
+            more("[bus]\nbitrate_kilobits_per_second = 300\n"),
+            9,
+            31,
+            "`bus.bitrate_kilobits_per_second` = 300 is out of range",
+            "must be one of: 10, 20, 50, 125, 250, 500, 800, 1000",
+        ),
+        (
+            more("[bus]\nsync_period_milliseconds = 0.25\n"),
+            9,
+            28,
+            "`bus.sync_period_milliseconds` = 0.25 is out of range",
+            "must be a multiple of 0.1",
+        ),
+    ]);
+}
+
+#[test]
+fn a_plant_or_a_disturbance_that_is_wrong_has_its_place_and_its_words() {
+    let closed = with(CLOSED);
+    let more = |text: &str| format!("{closed}{text}");
+    check_broken([
+        (
+            more("[plant.mechanics]\nstress_strain = \"ful\"\n"),
+            9,
+            17,
+            "`plant.mechanics.stress_strain` cannot be \"ful\"",
+            "must be one of: austenite_only, full",
+        ),
+        (
+            more("[plant.phase]\naustenite_finish_celsius = 50.0\n"),
+            9,
+            28,
+            "`austenite_finish_celsius` must be above `austenite_start_celsius`",
+            "must be above 53",
+        ),
+        (
+            more("[plant]\nheat = 3\n"),
+            9,
+            8,
+            "`plant.heat` must be a table",
+            "this is an integer",
+        ),
+        (
+            more(
+                "[[disturbance.fan]]\nfrom_seconds = 1\nuntil_seconds = 3\nconvection_factor = 5\n[[disturbance.fan]]\nfrom_seconds = 2\nuntil_seconds = 4\nconvection_factor = 5\n",
+            ),
+            13,
+            16,
+            "two fans blow at a time",
+            "the one before blows until 3 s",
+        ),
+        (
+            more("[[disturbance.load]]\nat_seconds = 1\nadded_grams = -40\n"),
+            10,
+            15,
+            "nothing is left of the load",
+            "must leave something of 40 g",
+        ),
+    ]);
+}
+
+#[test]
+fn every_problem_of_a_table_has_its_line() {
+    let header = "time_seconds,position_millimetres\n";
+    let cases = [
+        ("", 1, 1, "the table has the wrong header, line 1"),
+        ("t,x\n0,1\n", 1, 1, "the table has the wrong header, line 1"),
+        ("HEAD", 1, 1, "the table has no rows, line 1"),
+        (
+            "HEAD0,1\n1,2,3\n",
+            3,
+            1,
+            "the table has a row with the wrong number of columns, line 3",
+        ),
+        (
+            "HEAD0,1\n1,\n",
+            3,
+            3,
+            "the table has no number in column position_millimetres, line 3",
+        ),
+        (
+            "HEAD0,1\nNaN,2\n",
+            3,
+            1,
+            "the table has no number in column time_seconds, line 3",
+        ),
+        (
+            "HEAD0,1\n0,2\n",
+            3,
+            1,
+            "the table has times out of order in column time_seconds, line 3",
+        ),
+        (
+            "HEAD-1,1\n",
+            2,
+            1,
+            "the table has times out of order in column time_seconds, line 2",
+        ),
+        (
+            "HEAD0,60.5\n",
+            2,
+            3,
+            "the table leaves the travel in column position_millimetres, line 2",
+        ),
+    ];
+    for (text, line, column, message) in cases {
+        let problem = crate::table::parse("x.csv", &text.replace("HEAD", header)).unwrap_err();
+        assert_eq!(problem.to_string(), message);
+        assert_eq!(problem.line_and_column(), Some((line, column)), "{message}");
+        assert_eq!(problem.file_name(), "x.csv");
+    }
+    let rows = crate::table::parse(
+        "x.csv",
+        "\u{feff}time_seconds, position_millimetres\r\n0, 1\r\n\r\n2,3.5\r\n",
+    );
+    assert_eq!(rows.unwrap(), [(0.0, 1.0), (2.0, 3.5)]);
+}
+
+#[test]
+fn files_and_tables_are_read_within_bounds() {
+    let folder = std::env::temp_dir().join(format!("canrig-scenario-{}", std::process::id()));
+    let inside = folder.join("inside");
+    fs::create_dir_all(&inside).unwrap();
+    let path = inside.join("s.toml");
+    let text =
+        with("[controller.pid]\n[[reference.table]]\nfrom_seconds = 0.0\nfile = \"wave.csv\"\n");
+    fs::write(&path, &text).unwrap();
+    fs::write(
+        inside.join("wave.csv"),
+        "time_seconds,position_millimetres\n0,1\n2,3\n",
+    )
+    .unwrap();
+    let scenario = Scenario::load(&path).unwrap();
+    assert_eq!(scenario.reference.at(1.0).position_metres, 0.002);
+
+    fs::write(
+        folder.join("secret.csv"),
+        "time_seconds,position_millimetres\n0,1\n",
+    )
+    .unwrap();
+    fs::remove_file(inside.join("wave.csv")).unwrap();
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink(folder.join("secret.csv"), inside.join("wave.csv")).unwrap();
+        let error = Scenario::load(&path).unwrap_err();
+        assert!(
+            render(&error).contains("it lies outside the scenario's folder"),
+            "{}",
+            render(&error)
+        );
+    }
+
+    fs::write(&path, "#".repeat((1 << 20) + 1)).unwrap();
+    let error = Scenario::load(&path).unwrap_err();
+    assert_eq!(
+        error.problems()[0].to_string(),
+        "the file cannot be read: it is longer than 1048576 bytes"
+    );
+    fs::write(&path, [0xFF, 0xFE]).unwrap();
+    assert!(
+        Scenario::load(&path).unwrap_err().problems()[0]
+            .to_string()
+            .contains("UTF-8")
+    );
+    assert!(Scenario::load(&folder).is_err());
+    assert!(Scenario::load(&folder.join("missing.toml")).is_err());
+    fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn the_controller_never_looks_at_the_plant() {
+    let text = with(CLOSED)
+        + "[plant]\nnonsense = 1\n[expect]\nnonsense = 2\n[disturbance]\nnonsense = 3\n[fault]\nnonsense = 4\n";
+    assert_eq!(
+        Scenario::parse(&text, "x.toml", no_tables)
+            .unwrap_err()
+            .problems()
+            .len(),
+        4
+    );
+    let view = ControllerView::parse(&text, "x.toml", no_tables).unwrap();
+    assert_eq!(view.bus.sync_period(), std::time::Duration::from_millis(1));
+    let text = text.replace("[plant]", "[plants]");
+    assert_eq!(
+        ControllerView::parse(&text, "x.toml", no_tables)
+            .unwrap_err()
+            .problems()
+            .len(),
+        1
+    );
+}
+
+#[test]
+fn more_problems_than_fit_are_counted() {
+    let text = with(CLOSED) + &"[[reference.step]]\nx = 1\n".repeat(100);
+    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    assert_eq!(error.problems().len(), 50);
+    assert_eq!(
+        error.to_string(),
+        "x.toml is not a valid scenario: 300 problems, the first 50 of them"
+    );
+    let text = with(CLOSED) + &"[[reference.step]]\n".repeat(10_001);
+    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    assert_eq!(
+        error.problems()[0].to_string(),
+        "`reference.step` has 10001 entries"
+    );
+}
+
+#[test]
+fn deep_nesting_is_an_error_not_a_stack_overflow() {
+    let text = with(&format!("x = {}", "[".repeat(100_000)));
+    assert!(Scenario::parse(&text, "x.toml", no_tables).is_err());
+    let text = with(&format!("{} = 1", vec!["a"; 100_000].join(".")));
+    assert!(Scenario::parse(&text, "x.toml", no_tables).is_err());
+}
+
+#[test]
+fn a_place_in_an_endless_line_is_told_instead_of_underlined() {
+    let text = with(&format!("x = {}", "[".repeat(100_000)));
+    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let rendered = render(&error);
+    assert!(rendered.len() < 5000, "{rendered}");
+    assert!(rendered.contains("column 85"), "{rendered}");
+    assert!(error.problems()[0].line_and_column().is_some());
+}
+
+#[test]
+fn all_shipped_scenarios_load_and_name_their_schema() {
+    assert!(shipped().len() >= 8);
+    for path in shipped() {
+        let scenario = Scenario::load(&path).unwrap_or_else(|error| panic!("{}", render(&error)));
+        let view = ControllerView::load(&path).unwrap_or_else(|error| panic!("{}", render(&error)));
+        assert_eq!(view, scenario.controller_view());
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(
+            text.starts_with("#:schema ./schema.json\n"),
+            "{}",
+            path.display()
+        );
+    }
+}
+
+#[test]
+fn the_committed_schema_is_current() {
+    crate::schema::assert_committed("schema.json", &crate::schema::json_schema());
+}
+
+proptest! {
+    #[test]
+    fn arbitrary_text_never_panics(text in ".{0,400}") {
+        let _ = Scenario::parse(&text, "x.toml", no_tables);
+        let _ = ControllerView::parse(&text, "x.toml", no_tables);
+        let _ = crate::table::parse("x.csv", &text);
+    }
+
+    #[test]
+    fn a_valid_file_with_a_part_replaced_never_panics(
+        file in any::<prop::sample::Index>(),
+        at in any::<prop::sample::Index>(),
+        length in 0_usize..40,
+        by in "([a-z_=. \\n\\[\\]{}\"0-9é-]|nan|inf|-1|1e400|true){0,12}",
+    ) {
+        let files = shipped();
+        let text: Vec<char> = fs::read_to_string(&files[file.index(files.len())]).unwrap().chars().collect();
+        let at = at.index(text.len());
+        let end = (at + length).min(text.len());
+        let text: String = text[..at].iter().copied().chain(by.chars()).chain(text[end..].iter().copied()).collect();
+        if let Err(error) = Scenario::parse(&text, "x.toml", no_tables) {
+            prop_assert!(!error.problems().is_empty());
+            prop_assert!(error.problems().iter().all(|problem| problem.line_and_column().is_some()));
+            render(&error);
+        }
+        let _ = ControllerView::parse(&text, "x.toml", no_tables);
+    }
+
+    #[test]
+    fn arbitrary_rows_never_panic(rows in "([0-9.,eE+-]|\\n|nan){0,80}") {
+        let _ = crate::table::parse("x.csv", &format!("time_seconds,position_millimetres\n{rows}"));
+    }
+}

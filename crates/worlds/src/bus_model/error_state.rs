@@ -1,0 +1,205 @@
+//! Error counters of one station: error active, error passive, bus-off and back (ISO 11898-1, "Fault confinement").
+
+use std::time::Duration;
+
+use canopen::CanFrame;
+use canopen::frame::ERROR_FLAG;
+
+use rig::error_frames::{
+    BACK_TO_ACTIVE, BUS_OFF, CONTROLLER, RECEIVE_PASSIVE, RESTARTED, TRANSMIT_PASSIVE,
+};
+
+/// What a transmitter's error adds to its counter, and a receiver's to its.
+const TRANSMIT_ERROR: u16 = 8;
+const RECEIVE_ERROR: u16 = 1;
+/// Above this a station is error passive.
+const ACTIVE_MAX: u16 = 127;
+/// Above this a transmitter is bus-off.
+const PASSIVE_MAX: u16 = 255;
+/// What a good reception makes of a receive counter above [`ACTIVE_MAX`]; the standard admits 119 to 127.
+const RECOVERED_RECEIVE_COUNT: u16 = 119;
+/// Bus-off ends after so many sequences of recessive bits.
+const RECOVERY_SEQUENCES: u32 = 128;
+/// Their length.
+pub(crate) const SEQUENCE_BITS: u32 = 11;
+
+/// How far a station takes part in the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Activity {
+    /// It answers an error with an active error flag.
+    Active,
+    /// It answers with a passive flag and waits after its own frames.
+    Passive,
+    /// It neither sends nor receives.
+    Off,
+}
+
+/// A station's counters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ErrorState {
+    transmit: u16,
+    receive: u16,
+    /// Recessive sequences seen since bus-off, and up to when they are counted.
+    recovery: Option<(u32, Duration)>,
+}
+
+impl ErrorState {
+    /// How far the station takes part.
+    #[must_use]
+    pub fn activity(&self) -> Activity {
+        if self.recovery.is_some() {
+            Activity::Off
+        } else if self.transmit.max(self.receive) > ACTIVE_MAX {
+            Activity::Passive
+        } else {
+            Activity::Active
+        }
+    }
+
+    /// Its own frame was disturbed; the bus is free again at `free_at`.
+    pub fn on_transmit_error(&mut self, free_at: Duration) {
+        self.transmit += TRANSMIT_ERROR;
+        if self.transmit > PASSIVE_MAX {
+            self.recovery = Some((0, free_at));
+        }
+    }
+
+    /// A frame of another was disturbed.
+    pub fn on_receive_error(&mut self) {
+        self.receive = (self.receive + RECEIVE_ERROR).min(PASSIVE_MAX);
+    }
+
+    /// Its own frame has passed.
+    pub fn on_transmitted(&mut self) {
+        self.transmit = self.transmit.saturating_sub(1);
+    }
+
+    /// A frame of another has passed.
+    pub fn on_received(&mut self) {
+        self.receive = match self.receive {
+            0 => 0,
+            1..=ACTIVE_MAX => self.receive - 1,
+            _ => RECOVERED_RECEIVE_COUNT,
+        };
+    }
+
+    /// Something occupied the bus: the idle time before it counts, and its own recessive end as one sequence.
+    pub fn on_bus_used(&mut self, start: Duration, free_at: Duration, sequence: Duration) {
+        if let Some((sequences, counted_to)) = &mut self.recovery {
+            *sequences += idle_sequences(*counted_to, start, sequence) + 1;
+            *counted_to = free_at;
+        }
+    }
+
+    /// When bus-off ends if the bus stays idle.
+    #[must_use]
+    pub fn recovers_at(&self, sequence: Duration) -> Option<Duration> {
+        let (sequences, counted_to) = self.recovery?;
+        Some(counted_to + sequence * RECOVERY_SEQUENCES.saturating_sub(sequences))
+    }
+
+    /// Back from bus-off, with counters at 0.
+    pub fn recover(&mut self) {
+        *self = Self::default();
+    }
+
+    /// What the station's CAN driver tells of its state, as `linux/can/error.h` has it: the class, the controller's state, in
+    /// data[5] the node's number, the counters in data[6] and data[7].
+    #[must_use]
+    pub fn message(&self, node: u8, has_recovered: bool) -> CanFrame {
+        let (class, controller) = match self.activity() {
+            Activity::Off => (BUS_OFF, 0),
+            Activity::Active if has_recovered => (RESTARTED, 0),
+            Activity::Active => (CONTROLLER, BACK_TO_ACTIVE),
+            Activity::Passive if self.transmit > ACTIVE_MAX => (CONTROLLER, TRANSMIT_PASSIVE),
+            Activity::Passive => (CONTROLLER, RECEIVE_PASSIVE),
+        };
+        let [transmit, receive] =
+            [self.transmit, self.receive].map(|count| u8::try_from(count).unwrap_or(u8::MAX));
+        let data = [0, controller, 0, 0, 0, node, transmit, receive];
+        CanFrame::from_raw(ERROR_FLAG | class, 8, data).unwrap_or_else(|| CanFrame::new(0, &[]))
+    }
+}
+
+fn idle_sequences(from: Duration, until: Duration, sequence: Duration) -> u32 {
+    let sequences = until.saturating_sub(from).as_nanos() / sequence.as_nanos().max(1);
+    u32::try_from(sequences).unwrap_or(u32::MAX / 2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rig::error_frames;
+
+    #[test]
+    fn sixteen_errors_make_passive_and_thirty_two_bus_off() {
+        let mut state = ErrorState::default();
+        let activities: Vec<Activity> = (0..32)
+            .map(|_| {
+                state.on_transmit_error(Duration::ZERO);
+                state.activity()
+            })
+            .collect();
+        assert!(activities[..15].iter().all(|one| *one == Activity::Active));
+        assert!(
+            activities[15..31]
+                .iter()
+                .all(|one| *one == Activity::Passive)
+        );
+        assert_eq!(activities[31], Activity::Off);
+    }
+
+    #[test]
+    fn good_frames_count_down_by_one() {
+        let mut state = ErrorState::default();
+        (0..16).for_each(|_| state.on_transmit_error(Duration::ZERO));
+        assert_eq!(state.activity(), Activity::Passive);
+        state.on_transmitted();
+        assert_eq!(state.activity(), Activity::Active);
+        let mut receiver = ErrorState::default();
+        (0..200).for_each(|_| receiver.on_receive_error());
+        assert_eq!(receiver.activity(), Activity::Passive);
+        receiver.on_received();
+        assert_eq!(receiver.activity(), Activity::Active);
+        assert_eq!(receiver.receive, RECOVERED_RECEIVE_COUNT);
+    }
+
+    #[test]
+    fn bus_off_ends_after_128_times_11_recessive_bits() {
+        let (bit, sequence) = (Duration::from_micros(1), Duration::from_micros(11));
+        let mut state = ErrorState::default();
+        (0..32).for_each(|_| state.on_transmit_error(Duration::ZERO));
+        assert_eq!(state.recovers_at(sequence), Some(bit * 11 * 128));
+        // A frame of 100 bits after 22 idle ones: two sequences before it, one at its end.
+        state.on_bus_used(bit * 22, bit * 122, sequence);
+        assert_eq!(state.recovers_at(sequence), Some(bit * (122 + 11 * 125)));
+        state.recover();
+        assert_eq!(
+            (state.activity(), state.recovers_at(sequence)),
+            (Activity::Active, None)
+        );
+    }
+
+    #[test]
+    fn messages_say_who_is_in_which_state() {
+        let mut state = ErrorState::default();
+        (0..16).for_each(|_| state.on_transmit_error(Duration::ZERO));
+        let described = |message: CanFrame| {
+            let message = error_frames::read(&message).unwrap();
+            (message.node, message.text)
+        };
+        let told = |text: &str| (16, text.to_owned());
+        assert_eq!(described(state.message(16, false)), told("error passive"));
+        assert_eq!(
+            state.message(16, false).to_string(),
+            "20000004#0020000000108000"
+        );
+        (0..16).for_each(|_| state.on_transmit_error(Duration::ZERO));
+        assert_eq!(described(state.message(16, false)), told("bus-off"));
+        state.recover();
+        assert_eq!(
+            described(state.message(16, true)),
+            told("back from bus-off")
+        );
+    }
+}

@@ -1,0 +1,46 @@
+//! The plants and laws of this program: those that ship and those that a bench from outside registered.
+
+use std::sync::LazyLock;
+
+use controller::catalogue::own_laws;
+use plant_emulator::{InvalidEmulator, catalogue as plants};
+use scenario::{Objection, Scenario};
+
+use rig::catalogue::Catalogue;
+
+/// Every plant and every law that a scenario may choose. Plants and laws from outside are registered before it is first used.
+#[must_use]
+pub fn catalogue() -> &'static Catalogue {
+    static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
+        let plants = plants::kinds().map(|kind| (kind.name(), kind.signals()));
+        Catalogue::new(plants, own_laws(), plant_objection)
+    });
+    &CATALOGUE
+}
+
+fn plant_objection(scenario: &Scenario) -> Option<Objection> {
+    let Err(InvalidEmulator::Plant(invalid)) = plants::check(scenario) else {
+        return None;
+    };
+    let plant = scenario.plant.name();
+    let path = match invalid.parameter() {
+        Some(parameter) => format!("plant.{plant}.{parameter}"),
+        None => format!("plant.{plant}"),
+    };
+    Some(Objection {
+        path,
+        message: format!("the plant `{plant}` makes no physical sense"),
+        label: invalid.to_string(),
+        help: None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_column_of_the_shipped_plants_and_laws_has_a_name_of_its_own() {
+        assert_eq!(catalogue().check(), Ok(()));
+    }
+}

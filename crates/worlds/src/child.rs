@@ -1,0 +1,197 @@
+//! A node in a process of its own: how it starts, how it is asked to stop, how its end is told.
+
+use std::fs::{self, File};
+use std::io;
+use std::os::fd::OwnedFd;
+use std::path::PathBuf;
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+
+use platform::bus::BusAddress;
+use platform::process;
+use tokio::io::AsyncReadExt;
+use tokio::process::{Child, ChildStdin, Command};
+use tokio::time::timeout;
+
+use super::WorldError;
+use recording::run_folder::RunFolder;
+
+/// Lines of a log that a message shows.
+const LOG_TAIL_LINES: usize = 12;
+/// Bytes at the end of a log that are searched for these lines.
+const LOG_TAIL_BYTES: usize = 4096;
+/// How long a process may take to its orderly end, in wall time.
+const END_PATIENCE: Duration = Duration::from_secs(3);
+
+/// A node's process.
+pub(super) struct NodeProcess {
+    name: &'static str,
+    child: Child,
+    /// The node stops when this pipe ends, so it stops too when this process is killed.
+    lifeline: Option<ChildStdin>,
+    log: PathBuf,
+    /// A fault of the scenario has killed it.
+    is_struck: bool,
+}
+
+impl NodeProcess {
+    /// Starts this program again as the node `name`. What it complains of goes into a log in the run's folder; what it
+    /// prints is its report; `side_channel` is handed on.
+    pub(super) fn spawn(
+        name: &'static str,
+        folder: &RunFolder,
+        bus: Option<&BusAddress>,
+        side_channel: Option<OwnedFd>,
+    ) -> Result<Self, WorldError> {
+        let fault = |source| WorldError::Spawn { name, source };
+        let log = folder.path().join(format!("{name}.log"));
+        let output = File::create(&log).map_err(fault)?;
+        let mut command = process::myself().map_err(fault)?;
+        command
+            .args(["node", name])
+            .arg("--scenario")
+            .arg(folder.scenario());
+        if let Some(rig) = folder.rig() {
+            command.arg("--rig").arg(rig);
+        }
+        if let Some(bus) = bus {
+            command.arg("--bus").arg(bus.to_string());
+        }
+        if let Some(side_channel) = side_channel {
+            let number = process::inherit(&mut command, side_channel);
+            command.arg("--lockstep").arg(number.to_string());
+        }
+        command.stdout(Stdio::piped()).stderr(output);
+        let mut child = Command::from(command)
+            .kill_on_drop(true)
+            .spawn()
+            .map_err(fault)?;
+        let lifeline = child.stdin.take();
+        Ok(Self {
+            name,
+            child,
+            lifeline,
+            log,
+            is_struck: false,
+        })
+    }
+
+    /// Kills the process as a fault of the scenario.
+    pub(super) async fn strike(&mut self) -> Result<(), WorldError> {
+        self.is_struck = true;
+        let killed = self.child.kill().await;
+        killed.map_err(|source| WorldError::Spawn {
+            name: self.name,
+            source,
+        })
+    }
+
+    /// Stops the process where it is as a fault of the scenario, or lets it go on.
+    pub(super) fn freeze(&self, is_frozen: bool) -> Result<(), WorldError> {
+        let number = self.child.id().unwrap_or_default();
+        process::freeze(number, is_frozen).map_err(|source| WorldError::Spawn {
+            name: self.name,
+            source,
+        })
+    }
+
+    /// Waits for the process to end before it was asked to; the error that tells of it. One that was killed on purpose has
+    /// not.
+    pub(super) async fn early_end(&mut self) -> WorldError {
+        if self.is_struck {
+            return std::future::pending().await;
+        }
+        match self.child.wait().await {
+            Ok(status) => self.failure(status),
+            Err(source) => WorldError::Spawn {
+                name: self.name,
+                source,
+            },
+        }
+    }
+
+    /// Asks the node for its safe state and waits for its end; what the node reports of itself.
+    ///
+    /// # Errors
+    /// It does not end in time, or ends badly.
+    pub(super) async fn stop(&mut self) -> Result<String, WorldError> {
+        self.lifeline = None;
+        if self.is_struck {
+            return Ok(String::new());
+        }
+        // Should it be frozen still; one that has ended already is told below.
+        let _ = self.freeze(false);
+        match timeout(END_PATIENCE, self.child.wait()).await {
+            Ok(Ok(status)) if status.success() => {
+                self.remove_empty_log();
+                Ok(self.report().await)
+            }
+            Ok(Ok(status)) => Err(self.failure(status)),
+            Ok(Err(source)) => Err(WorldError::Spawn {
+                name: self.name,
+                source,
+            }),
+            Err(_) => {
+                // Already late, so how the kill goes does not matter any more.
+                let _ = self.child.kill().await;
+                Err(WorldError::NoStop { name: self.name })
+            }
+        }
+    }
+
+    /// One line, so that it fits the pipe and the node never waited for its reader.
+    async fn report(&mut self) -> String {
+        let mut text = String::new();
+        if let Some(mut output) = self.child.stdout.take() {
+            // Without a report the timing is not trusted; nothing else depends on it.
+            let _ = output.read_to_string(&mut text).await;
+        }
+        text
+    }
+
+    fn failure(&self, status: ExitStatus) -> WorldError {
+        let log = self
+            .log_tail()
+            .map(|tail| format!("; the end of its log:\n{tail}"));
+        WorldError::Process {
+            name: self.name,
+            how: how(status),
+            log: log.unwrap_or_default(),
+        }
+    }
+
+    fn log_tail(&self) -> Option<String> {
+        let bytes = fs::read(&self.log).ok()?;
+        let text = String::from_utf8_lossy(&bytes[bytes.len().saturating_sub(LOG_TAIL_BYTES)..])
+            .into_owned();
+        let lines: Vec<&str> = text.lines().collect();
+        let tail = &lines[lines.len().saturating_sub(LOG_TAIL_LINES)..];
+        (!tail.is_empty()).then(|| {
+            tail.iter()
+                .map(|line| format!("    {line}"))
+                .collect::<Vec<_>>()
+                .join("\n")
+        })
+    }
+
+    /// A node that had nothing to say leaves no file.
+    fn remove_empty_log(&self) {
+        let is_empty = fs::metadata(&self.log).is_ok_and(|metadata| metadata.len() == 0);
+        let removed = if is_empty {
+            fs::remove_file(&self.log)
+        } else {
+            Ok(())
+        };
+        // An empty file more does no harm.
+        let _: io::Result<()> = removed;
+    }
+}
+
+fn how(status: ExitStatus) -> String {
+    use std::os::unix::process::ExitStatusExt;
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("ended with exit code {code}"),
+        (None, Some(signal)) => format!("was killed by signal {signal}"),
+        (None, None) => "ended".to_owned(),
+    }
+}

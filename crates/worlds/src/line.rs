@@ -1,0 +1,147 @@
+//! The bus of a run in real time, and the bench's ear and voice on it.
+
+use std::time::Duration;
+
+use canopen::{Filter, Node};
+use platform::bus::{Bus, BusAddress, BusError};
+use platform::clock;
+use platform::hub::Hub;
+use platform::private_bus::PrivateBus;
+use platform::recorder::Recorder;
+use platform::stop::{StopSignal, Stopper};
+
+use super::{BENCH, RunBus, WorldError};
+use recording::capture::{Capture, Watch};
+use recording::log::Stamped;
+
+/// How often the recorded frames are taken and written.
+pub(super) const COLLECT_PERIOD: Duration = Duration::from_millis(20);
+
+/// A stop signal for a thread of the bench.
+pub(super) fn stop_signal() -> Result<(Stopper, StopSignal), WorldError> {
+    StopSignal::manual().map_err(|source| WorldError::Spawn {
+        name: BENCH,
+        source,
+    })
+}
+
+/// The bus of a run and the ear on it.
+pub struct Line {
+    pub(super) address: BusAddress,
+    recorder: Recorder,
+    hub: Option<Hub>,
+    private: Option<PrivateBus>,
+}
+
+impl Line {
+    /// Joins the bus, or makes it.
+    ///
+    /// # Errors
+    /// It is not to be had.
+    pub fn open(bus: &RunBus) -> Result<Self, WorldError> {
+        match bus {
+            RunBus::Embedded { .. } => {
+                let (hub, recorder) = Hub::start()?;
+                Ok(Self {
+                    address: hub.address(),
+                    recorder,
+                    hub: Some(hub),
+                    private: None,
+                })
+            }
+            RunBus::Interface(name) => {
+                let recorder = Recorder::on_interface(name)?;
+                Ok(Self {
+                    address: BusAddress::Interface(name.clone()),
+                    recorder,
+                    hub: None,
+                    private: None,
+                })
+            }
+            RunBus::Private => {
+                let mut private = PrivateBus::start()?;
+                Ok(Self {
+                    address: BusAddress::Private(private.process()),
+                    recorder: private.recorder()?,
+                    hub: None,
+                    private: Some(private),
+                })
+            }
+        }
+    }
+
+    /// Where other programs find the bus.
+    #[must_use]
+    pub fn address(&self) -> &BusAddress {
+        &self.address
+    }
+
+    /// The bench's own place on the bus.
+    pub(super) fn voice(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
+        match &mut self.private {
+            Some(private) => private.voice(filters),
+            None => platform::open(&self.address, filters),
+        }
+    }
+
+    /// By how much the clock of the stamps was stepped; the hub's is monotonic.
+    pub(super) fn wall_clock_step(&self) -> Duration {
+        if self.hub.is_some() {
+            Duration::ZERO
+        } else {
+            self.recorder.wall_clock_step()
+        }
+    }
+
+    /// Takes what was heard since the last time; `true` when there was something.
+    pub(crate) fn collect(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
+        let epoch = self.recorder.wall_epoch();
+        let mut has_heard = false;
+        while let Some(stamped) = self.recorder.next() {
+            capture.take(Stamped::new(epoch + stamped.time, stamped.frame));
+            has_heard = true;
+        }
+        capture.flush()?;
+        Ok(has_heard)
+    }
+
+    /// Forgets what was heard since the last time.
+    pub fn forget(&mut self) {
+        while self.recorder.next().is_some() {}
+    }
+
+    /// Moves a node on the bus until it has done its work or the user stops it.
+    pub(crate) fn converse(
+        &mut self,
+        node: &mut (dyn Node + Send),
+        watch: &Watch,
+    ) -> Result<(), WorldError> {
+        let mut voice = self.voice(&node.filters())?;
+        let (stopper, stop) = stop_signal()?;
+        let mut stopper = Some(stopper);
+        std::thread::scope(|scope| {
+            let conversation = scope.spawn(|| platform::real_time::run(node, &mut *voice, &stop));
+            while !conversation.is_finished() {
+                if watch.is_interrupted() {
+                    stopper = None;
+                }
+                clock::sleep(COLLECT_PERIOD);
+            }
+            drop(stopper);
+            let ended = conversation.join();
+            let ended = ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            ended.map(|_| ()).map_err(WorldError::Bench)
+        })
+    }
+
+    /// Ends the bus and takes the last frames, and how many were lost.
+    ///
+    /// # Errors
+    /// The recording cannot be written.
+    pub fn close(mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
+        self.recorder.stop();
+        self.hub = None;
+        capture.lose(self.recorder.lost());
+        self.collect(capture).map(|_| ())
+    }
+}

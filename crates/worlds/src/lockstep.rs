@@ -1,0 +1,173 @@
+//! Virtual time: the coordinator moves the nodes, in this process or in others.
+
+use std::time::Duration;
+
+use canopen::CanFrame;
+use dbc::Database;
+use platform::bus::Bus;
+use platform::lockstep::{Local, Participant};
+use scenario::Scenario;
+use scenario::fault::bus::Station;
+
+use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, START_PATIENCE, STOP_PATIENCE, WorldError};
+use crate::bus_model::faults::BusFaults;
+use recording::capture::Capture;
+use crate::coordinator::{Coordinator, CoordinatorError, Wire};
+use crate::disturbance_node::DisturbanceProducer;
+use crate::nodes;
+use recording::log::Stamped;
+use rig::setup::Setup;
+
+/// Frames of one cycle, those included that come more seldom.
+const FRAMES_PER_CYCLE: f64 = 5.0;
+/// Frames for which there is room from the beginning; a longer run gets more as it goes on.
+const FRAMES_EXPECTED_MAX: f64 = 1e6;
+/// Events between two looks at the disk and at the user's wish to stop.
+const EVENTS_PER_FLUSH: u32 = 8192;
+
+const NO_START: WorldError = WorldError::NoStart {
+    patience: START_PATIENCE,
+};
+
+/// The three participants of every run.
+pub struct Roles<'a> {
+    /// The rig.
+    pub plant_emulator: &'a mut dyn Participant,
+    /// The bench's own node, which commands the disturbances.
+    pub bench: &'a mut dyn Participant,
+    /// The manager; the last to join and the first to stop.
+    pub controller: &'a mut dyn Participant,
+}
+
+/// Runs the scenario in this process.
+///
+/// # Errors
+/// A node failed, or the recording cannot be written.
+pub fn simulate(setup: &Setup, capture: &mut Capture<'_>) -> Result<End, WorldError> {
+    let scenario = &setup.scenario;
+    let mut plant_emulator = nodes::plant_emulator(scenario)?;
+    let mut bench = DisturbanceProducer::new(scenario, &setup.database)?;
+    let view = scenario.controller_view();
+    let make = move || nodes::controller(&view, None);
+    let mut controller = nodes::faulty_controller(make, &scenario.fault, |_| false)?;
+    let roles = Roles {
+        plant_emulator: &mut Local::new(PLANT_EMULATOR, &mut *plant_emulator),
+        bench: &mut Local::new(BENCH, &mut bench),
+        controller: &mut Local::new(CONTROLLER, &mut *controller),
+    };
+    play(scenario, roles, capture, None)
+}
+
+/// Plays the scenario with these participants. With a `wire` the winner of each arbitration goes on it.
+///
+/// # Errors
+/// A participant or the wire failed, or the recording cannot be written.
+pub fn play(
+    scenario: &Scenario,
+    roles: Roles<'_>,
+    capture: &mut Capture<'_>,
+    wire: Option<&mut dyn Bus>,
+) -> Result<End, WorldError> {
+    let participants = [roles.plant_emulator, roles.bench, roles.controller];
+    let [plant_emulator, bench, controller] = [0, 1, 2];
+    let stations = vec![Station::Drive, Station::Bench, Station::Controller];
+    let faults = BusFaults::new(scenario, Database::shipped(), stations)?;
+    let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants)
+        .with_faults(faults);
+    capture.expect(frames_expected(scenario));
+    let mut taps = Taps { capture, wire };
+    let end = Duration::from_secs_f64(scenario.duration_seconds);
+    let is_faulty = !scenario.fault.is_empty();
+    let end = run_until(&mut coordinator, &mut taps, end, is_faulty)?;
+    coordinator.settle(&mut taps)?;
+    // The manager goes first: it takes the current away and stops the others while they still listen.
+    for (index, name) in [
+        (controller, CONTROLLER),
+        (bench, BENCH),
+        (plant_emulator, PLANT_EMULATOR),
+    ] {
+        coordinator.stop(index)?;
+        let give_up = coordinator.now() + STOP_PATIENCE;
+        while !coordinator.is_stopped(index) {
+            let is_late = coordinator.step(&mut taps)?.is_none_or(|now| now > give_up);
+            // What a fault keeps from ending is left as it is.
+            if is_late && is_faulty {
+                break;
+            }
+            if is_late {
+                return Err(WorldError::NoStop { name });
+            }
+        }
+    }
+    Ok(end)
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a positive number below a million"
+)]
+fn frames_expected(scenario: &Scenario) -> usize {
+    let cycles = 1e3 * scenario.duration_seconds / scenario.bus.sync_period_milliseconds;
+    (cycles * FRAMES_PER_CYCLE).min(FRAMES_EXPECTED_MAX) as usize
+}
+
+fn run_until(
+    coordinator: &mut Coordinator<'_>,
+    taps: &mut Taps<'_, '_, '_>,
+    end: Duration,
+    is_faulty: bool,
+) -> Result<End, WorldError> {
+    coordinator.set_horizon(START_PATIENCE);
+    let mut until = None;
+    for event in 0u32.. {
+        let Some(now) = coordinator.step(taps)? else {
+            return Err(NO_START);
+        };
+        match until {
+            Some(until) if now >= until => break,
+            Some(_) => {}
+            // A fault that keeps the scenario from beginning is seen to its end.
+            None if now > START_PATIENCE && is_faulty => break,
+            None if now > START_PATIENCE => return Err(NO_START),
+            None => {
+                until = taps.capture.zero().map(|zero| zero + end);
+                if let Some(until) = until {
+                    coordinator.set_horizon(until);
+                }
+            }
+        }
+        if event % EVENTS_PER_FLUSH == 0 {
+            taps.capture.flush()?;
+            if taps.capture.is_interrupted() {
+                return Ok(End::Interrupted);
+            }
+        }
+    }
+    Ok(End::Completed)
+}
+
+/// Where the winners go: to the recording and, where there is one, on the real wire.
+struct Taps<'a, 'b, 'c> {
+    capture: &'a mut Capture<'b>,
+    wire: Option<&'c mut dyn Bus>,
+}
+
+impl Wire for Taps<'_, '_, '_> {
+    fn put(
+        &mut self,
+        time: Duration,
+        frame: &CanFrame,
+        occupied_bits: u32,
+    ) -> Result<(), CoordinatorError> {
+        self.capture
+            .take(Stamped::counted(time, *frame, occupied_bits));
+        match &mut self.wire {
+            Some(wire) => wire.send(frame).map_err(|source| CoordinatorError::Wire {
+                frame: *frame,
+                source,
+            }),
+            None => Ok(()),
+        }
+    }
+}

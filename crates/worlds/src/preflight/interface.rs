@@ -1,0 +1,185 @@
+//! The interface to the bus: is it up, at the right bit rate, and without errors?
+
+use std::io;
+
+use platform::link::{Link, State};
+
+use super::checklist::Check;
+use crate::RunBus;
+
+const INTERFACE: &str = "interface";
+const BIT_RATE: &str = "bit rate";
+const BUS_ERRORS: &str = "bus errors";
+const BITS_PER_KILOBIT: u32 = 1000;
+
+/// What the kernel tells of the interface, held against the bit rate that the rig file or the scenario has.
+pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
+    match bus {
+        RunBus::Interface(name) => checks_of(name, platform::link::link(name), kilobits_per_second),
+        RunBus::Embedded { .. } | RunBus::Private => vec![
+            Check::passed(INTERFACE, "canrig's own bus"),
+            Check::open(BIT_RATE, "a bus without one"),
+            Check::open(BUS_ERRORS, "a bus without errors"),
+        ],
+    }
+}
+
+fn checks_of(name: &str, told: io::Result<Link>, kilobits_per_second: u32) -> Vec<Check> {
+    match told {
+        Ok(link) => vec![
+            interface(name, &link),
+            bit_rate(name, &link, kilobits_per_second),
+            bus_errors(name, &link),
+        ],
+        Err(error) => vec![Check::failed(
+            INTERFACE,
+            format!(
+                "the kernel tells nothing of {name}: {error}; look at `ip -details link show {name}`"
+            ),
+        )],
+    }
+}
+
+fn interface(name: &str, link: &Link) -> Check {
+    if !link.is_up {
+        let text = format!("{name} is down; bring it up with: ip link set {name} up");
+        return Check::failed(INTERFACE, text);
+    }
+    for (is_on, mode) in [
+        (link.is_listen_only, "listen-only"),
+        (link.is_loopback, "loopback"),
+    ] {
+        if is_on {
+            let text = format!(
+                "{name} is in {mode} mode; set it down, then: ip link set {name} type can {mode} off"
+            );
+            return Check::failed(INTERFACE, text);
+        }
+    }
+    Check::passed(INTERFACE, format!("{name} is up"))
+}
+
+fn bit_rate(name: &str, link: &Link, kilobits_per_second: u32) -> Check {
+    let Some(told) = link.bit_rate else {
+        return Check::open(BIT_RATE, "not told by this interface");
+    };
+    let wanted = kilobits_per_second * BITS_PER_KILOBIT;
+    let shown = f64::from(told) / f64::from(BITS_PER_KILOBIT);
+    if told == wanted {
+        return Check::passed(BIT_RATE, format!("{shown} kbit/s"));
+    }
+    let text = format!(
+        "{shown} kbit/s instead of {kilobits_per_second}; set {name} down, then: ip link set {name} up type can bitrate {wanted}"
+    );
+    Check::failed(BIT_RATE, text)
+}
+
+fn bus_errors(name: &str, link: &Link) -> Check {
+    let Some(state) = link.state else {
+        return Check::open(BUS_ERRORS, "not told by this interface");
+    };
+    let counters = link.errors.map_or_else(String::new, |[transmit, receive]| {
+        format!(", error counters {transmit} (transmit) and {receive} (receive)")
+    });
+    let advice = match state {
+        State::ErrorActive => {
+            return Check::passed(BUS_ERRORS, format!("error active{counters}"));
+        }
+        State::ErrorWarning | State::ErrorPassive => {
+            "look at the cable, both terminating resistors and every node's bit rate".to_owned()
+        }
+        State::BusOff | State::Stopped => {
+            format!("mend the bus, then: ip link set {name} type can restart")
+        }
+    };
+    let words = match state {
+        State::ErrorActive => "error active",
+        State::ErrorWarning => "error warning",
+        State::ErrorPassive => "error passive",
+        State::BusOff => "bus-off",
+        State::Stopped => "stopped",
+    };
+    Check::failed(BUS_ERRORS, format!("{words}{counters}; {advice}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: Link = Link {
+        is_up: true,
+        bit_rate: Some(1_000_000),
+        state: Some(State::ErrorActive),
+        errors: Some([0, 0]),
+        is_listen_only: false,
+        is_loopback: false,
+    };
+
+    fn lines(link: Link) -> String {
+        let checks = checks_of("can0", Ok(link), 1000);
+        let lines: Vec<String> = checks.iter().map(ToString::to_string).collect();
+        lines.join("\n")
+    }
+
+    #[test]
+    fn a_good_interface_passes_and_a_virtual_one_tells_nothing() {
+        let good = "✓ interface     can0 is up\n✓ bit rate      1000 kbit/s\n\
+            ✓ bus errors    error active, error counters 0 (transmit) and 0 (receive)";
+        assert_eq!(lines(GOOD), good);
+        let vcan = Link {
+            is_up: true,
+            ..Link::default()
+        };
+        let told = "✓ interface     can0 is up\n· bit rate      not told by this interface\n\
+            · bus errors    not told by this interface";
+        assert_eq!(lines(vcan), told);
+    }
+
+    #[test]
+    fn each_thing_that_is_wrong_is_told_with_what_to_do() {
+        let state = |state, errors| Link {
+            state: Some(state),
+            errors: Some(errors),
+            ..GOOD
+        };
+        let bit_rate = Link {
+            bit_rate: Some(500_000),
+            ..GOOD
+        };
+        let listen_only = Link {
+            is_listen_only: true,
+            ..GOOD
+        };
+        let loopback = Link {
+            is_loopback: true,
+            ..GOOD
+        };
+        for (link, line) in [
+            (Link::default(), "✗ interface     can0 is down; bring it up"),
+            (listen_only, "✗ interface     can0 is in listen-only mode"),
+            (loopback, "✗ interface     can0 is in loopback mode"),
+            (bit_rate, "✗ bit rate      500 kbit/s instead of 1000; "),
+            (
+                state(State::ErrorWarning, [96, 0]),
+                "✗ bus errors    error warning, error counters 96",
+            ),
+            (
+                state(State::ErrorPassive, [128, 3]),
+                "✗ bus errors    error passive, error counters 128 (transmit) and 3",
+            ),
+            (
+                state(State::BusOff, [255, 0]),
+                "ip link set can0 type can restart",
+            ),
+        ] {
+            let told = lines(link);
+            assert!(told.contains(line), "{line} is not in\n{told}");
+        }
+        let none = checks_of("can0", Err(io::Error::other("no such device")), 1000);
+        assert!(
+            none[0]
+                .to_string()
+                .starts_with("✗ interface     the kernel tells nothing of can0")
+        );
+    }
+}

@@ -1,0 +1,417 @@
+//! The drive and what else is expected on the bus: are they there, who are they, and do they have the objects?
+//!
+//! A node without node-ID. It listens whether somebody else leads, resets the drive's communication, and then asks by SDO,
+//! one object after the other. No current can flow: a drive that was reset is not enabled.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use canopen::object_dictionary::Entry;
+use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
+use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, ObjectDictionary, Progress, cia402};
+use scenario::rig::ObjectAddress;
+
+use super::checklist::Check;
+use rig::rig_file::LoadedRig;
+use rig::data_sheet::of_the_rig;
+use rig::presence::Presence;
+
+/// How long is listened for another manager: longer than its SYNCs are apart.
+const LISTEN_TIME: Duration = Duration::from_millis(300);
+/// Between two calls to a node that has not answered.
+const CALL_PERIOD: Duration = Duration::from_millis(100);
+/// Standard objects that a controller uses, where the drive has them.
+const USED: [(u16, u8); 4] = [
+    (cia402::CONTROLWORD, 0),
+    (cia402::STATUSWORD, 0),
+    (cia402::MODES_OF_OPERATION, 0),
+    (0x1016, 1),
+];
+const HEARTBEAT_TIME: (u16, u8) = (0x1017, 0);
+const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
+const IDENTITY: [(u16, u8); 3] = [DEVICE_TYPE, (0x1018, 1), (0x1018, 2)];
+
+/// One SDO transfer.
+#[derive(Clone, Debug)]
+struct Question {
+    entry: Entry,
+    /// What is written; read without.
+    written: Option<Vec<u8>>,
+}
+
+impl Question {
+    fn name(&self) -> String {
+        let Entry {
+            index,
+            sub_index,
+            name,
+            ..
+        } = &self.entry;
+        format!("0x{index:04X}:{sub_index:02X} ({name})")
+    }
+}
+
+type Answer = (Question, Result<Vec<u8>, SdoError>);
+
+#[derive(Debug)]
+enum Phase {
+    Start,
+    Listening { until: Duration },
+    Calling { until: Duration, again: Duration },
+    Asking,
+    Done,
+}
+
+/// The questions to the nodes of a rig, and their answers.
+#[derive(Debug)]
+pub(super) struct Interview {
+    dictionary: ObjectDictionary,
+    patience: Duration,
+    phase: Phase,
+    /// The drive first, then other nodes that are only called.
+    to_call: VecDeque<(NodeId, &'static str)>,
+    present: Vec<(NodeId, &'static str)>,
+    client: SdoClient,
+    answer_time: Duration,
+    identity: VecDeque<Question>,
+    objects: VecDeque<Question>,
+    answers: Vec<Answer>,
+    presence: Presence,
+    manager: Option<String>,
+    output: VecDeque<CanFrame>,
+}
+
+impl Interview {
+    /// The interview of a rig's drive, and a call to `others`.
+    pub(super) fn new(
+        rig: &LoadedRig,
+        dictionary: ObjectDictionary,
+        others: &[(NodeId, &'static str)],
+    ) -> Self {
+        let drive = (rig.drive.node_id(), "drive");
+        let timeouts = &rig.rig.timeouts;
+        let answer_time = Duration::from_millis(timeouts.sdo_answer_milliseconds.into());
+        let entry = |(index, sub_index): (u16, u8)| {
+            let handle = dictionary.find(index, sub_index).ok()?;
+            Some(dictionary.entry(handle).clone())
+        };
+        let known = IDENTITY
+            .into_iter()
+            .filter(|(index, sub_index)| dictionary.unsigned(*index, *sub_index).is_some());
+        let identity = known.filter_map(entry).map(|entry| Question {
+            entry,
+            written: None,
+        });
+        let used = objects_of(rig).into_iter().filter_map(entry);
+        let objects = used.flat_map(questions);
+        Self {
+            patience: timeouts.bring_up(),
+            phase: Phase::Start,
+            to_call: std::iter::once(drive)
+                .chain(others.iter().copied())
+                .collect(),
+            present: Vec::new(),
+            client: SdoClient::new(drive.0.get()).with_timeout(answer_time),
+            answer_time,
+            identity: identity.collect(),
+            objects: objects.collect(),
+            answers: Vec::new(),
+            presence: Presence::default(),
+            manager: None,
+            output: VecDeque::new(),
+            dictionary,
+        }
+    }
+
+    /// What came of it.
+    pub(super) fn checks(&self) -> Vec<Check> {
+        let mut checks = vec![self.no_other_manager()];
+        if self.manager.is_some() {
+            return checks;
+        }
+        checks.push(self.nodes());
+        if !self.to_call.is_empty() {
+            return checks;
+        }
+        let (identity, objects): (Vec<&Answer>, Vec<&Answer>) =
+            self.answers.iter().partition(|(question, _)| {
+                IDENTITY.contains(&(question.entry.index, question.entry.sub_index))
+            });
+        checks.push(self.check_identity(&identity));
+        checks.push(check_objects(&objects));
+        checks
+    }
+
+    fn no_other_manager(&self) -> Check {
+        match &self.manager {
+            None => Check::passed("other manager", "none is heard"),
+            Some(heard) => Check::failed(
+                "other manager",
+                format!(
+                    "{heard} is heard: end the other controller, or name it with --external controller"
+                ),
+            ),
+        }
+    }
+
+    fn nodes(&self) -> Check {
+        let named = |(node, name): &(NodeId, &str)| format!("{name} (node {node})");
+        match self.to_call.front() {
+            None => {
+                let present: Vec<String> = self.present.iter().map(named).collect();
+                Check::passed("nodes", format!("found: {}", present.join(", ")))
+            }
+            Some(absent) => Check::failed(
+                "nodes",
+                format!(
+                    "{} answered no SDO for {} s: is it switched on, is that its node-ID, and its bit rate that of the bus?",
+                    named(absent),
+                    self.patience.as_secs_f64()
+                ),
+            ),
+        }
+    }
+
+    fn check_identity(&self, answers: &[&Answer]) -> Check {
+        let mut shown = Vec::new();
+        for (question, answer) in answers {
+            let Entry {
+                index, sub_index, ..
+            } = question.entry;
+            let name = question.name();
+            let wanted = self.dictionary.unsigned(index, sub_index);
+            match answer {
+                Err(error) => return Check::failed("identity", error.to_string()),
+                Ok(bytes) if unsigned(bytes) == wanted => {
+                    shown.extend(wanted.map(|wanted| format!("0x{wanted:X}")));
+                }
+                Ok(bytes) => {
+                    let told = unsigned(bytes)
+                        .map_or("no number".to_owned(), |told| format!("0x{told:X}"));
+                    let wanted = wanted.map_or_else(String::new, |wanted| format!("0x{wanted:X}"));
+                    let text = format!(
+                        "{name} is {told}, in the EDS {wanted}: another drive, or another EDS"
+                    );
+                    return Check::failed("identity", text);
+                }
+            }
+        }
+        let text = format!(
+            "as in the EDS: device type, vendor, product {}",
+            shown.join(", ")
+        );
+        Check::passed("identity", text)
+    }
+
+    fn call(&mut self, now: Duration, until: Duration) {
+        let Some((node, _)) = self.to_call.front() else {
+            return self.ask_next(now);
+        };
+        self.client = SdoClient::new(node.get()).with_timeout(self.answer_time);
+        self.phase = Phase::Calling {
+            until,
+            again: now + CALL_PERIOD,
+        };
+        let (index, sub_index) = DEVICE_TYPE;
+        self.start(now, index, sub_index, None);
+    }
+
+    fn ask_next(&mut self, now: Duration) {
+        let Some(question) = self.identity.front().or(self.objects.front()).cloned() else {
+            self.phase = Phase::Done;
+            return;
+        };
+        self.phase = Phase::Asking;
+        let drive = self.present.first().map_or(1, |(node, _)| node.get());
+        self.client = SdoClient::new(drive).with_timeout(self.answer_time);
+        let Entry {
+            index, sub_index, ..
+        } = question.entry;
+        self.start(now, index, sub_index, question.written.as_deref());
+    }
+
+    fn start(&mut self, now: Duration, index: u16, sub_index: u8, written: Option<&[u8]>) {
+        let started = match written {
+            None => self.client.start_upload(now, index, sub_index),
+            Some(bytes) => self.client.start_download(now, index, sub_index, bytes),
+        };
+        debug_assert!(
+            started.is_ok(),
+            "a new client is idle, and numbers are short"
+        );
+        self.drain();
+    }
+
+    fn advance(&mut self, now: Duration) {
+        self.drain();
+        let Some(result) = self.client.take_result() else {
+            return;
+        };
+        match self.phase {
+            // An abort is an answer, too; silence is not.
+            Phase::Calling { .. } if has_answered(&result) => {
+                self.present.extend(self.to_call.pop_front());
+                self.call(now, now + self.patience);
+            }
+            Phase::Asking => {
+                let asked = self
+                    .identity
+                    .pop_front()
+                    .or_else(|| self.objects.pop_front());
+                self.answers
+                    .extend(asked.map(|question| (question, result)));
+                self.ask_next(now);
+            }
+            _ => {}
+        }
+    }
+
+    fn drain(&mut self) {
+        while let Some(frame) = self.client.next_frame() {
+            self.output.push_back(frame);
+        }
+    }
+}
+
+/// Every object of the drive that a run uses.
+fn objects_of(rig: &LoadedRig) -> Vec<(u16, u8)> {
+    let drive = &rig.rig.drive;
+    let named = [
+        &drive.command.object,
+        &drive.position.object,
+        &drive.current.object,
+    ];
+    let addresses = named.into_iter().filter_map(|text| text.parse().ok());
+    let addresses = addresses.map(|address: ObjectAddress| (address.index, address.sub_index));
+    addresses.chain(USED).chain([HEARTBEAT_TIME]).collect()
+}
+
+/// Read what the EDS calls readable, and write 0 to what it calls writable: that takes a command or a watch away.
+fn questions(entry: Entry) -> Vec<Question> {
+    let mut questions = Vec::new();
+    if entry.access.is_readable() {
+        questions.push(Question {
+            entry: entry.clone(),
+            written: None,
+        });
+    }
+    // 0 is no mode of some drives; it is written with its right value later.
+    let may_be_zero = entry.index != cia402::MODES_OF_OPERATION;
+    if let Some(bytes) = entry.data_type.size_bytes()
+        && entry.access.is_writable()
+        && may_be_zero
+    {
+        questions.push(Question {
+            written: Some(vec![0; bytes]),
+            entry,
+        });
+    }
+    questions
+}
+
+fn check_objects(answers: &[&Answer]) -> Check {
+    let (mut read, mut written) = (0, 0);
+    for (question, answer) in answers {
+        let wanted = question.entry.data_type.size_bytes();
+        match (answer, &question.written) {
+            (Err(error), None) => {
+                let text = format!("{} cannot be read: {error}", question.name());
+                return Check::failed("objects", text);
+            }
+            (Err(error), Some(_)) => {
+                let text = format!("{} does not take 0: {error}", question.name());
+                return Check::failed("objects", text);
+            }
+            (Ok(bytes), None) if wanted.is_some_and(|wanted| wanted != bytes.len()) => {
+                let text = format!(
+                    "{} has {} bytes, in the EDS {}",
+                    question.name(),
+                    bytes.len(),
+                    wanted.unwrap_or_default()
+                );
+                return Check::failed("objects", text);
+            }
+            (Ok(_), None) => read += 1,
+            (Ok(_), Some(_)) => written += 1,
+        }
+    }
+    Check::passed(
+        "objects",
+        format!("{read} read, {written} written, as the EDS says"),
+    )
+}
+
+fn has_answered(result: &Result<Vec<u8>, SdoError>) -> bool {
+    !matches!(result, Err(error) if matches!(error.failure, SdoFailure::TimedOut(_)))
+}
+
+/// A little-endian number of one to four bytes.
+fn unsigned(bytes: &[u8]) -> Option<u32> {
+    let mut buffer = [0; 4];
+    buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);
+    (!bytes.is_empty()).then_some(u32::from_le_bytes(buffer))
+}
+
+impl Node for Interview {
+    fn filters(&self) -> Vec<Filter> {
+        vec![Filter::ALL]
+    }
+
+    fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+        self.presence.hear(frame);
+        self.client.on_frame(now, frame);
+        self.advance(now);
+    }
+
+    fn on_tick(&mut self, now: Duration) {
+        match self.phase {
+            Phase::Start => {
+                let until = now + LISTEN_TIME;
+                self.phase = Phase::Listening { until };
+            }
+            Phase::Listening { until } if now >= until => {
+                self.manager = self.presence.manager(&of_the_rig());
+                if self.manager.is_some() {
+                    self.phase = Phase::Done;
+                    return;
+                }
+                let drive = self.to_call.front().map(|(node, _)| *node);
+                self.output
+                    .push_back(NmtCommand::ResetCommunication.frame(drive));
+                self.call(now, now + self.patience);
+            }
+            Phase::Calling { until, .. } if now >= until => self.phase = Phase::Done,
+            Phase::Calling { until, again } if now >= again => self.call(now, until),
+            Phase::Asking => {
+                self.client.on_tick(now);
+                self.advance(now);
+            }
+            _ => {}
+        }
+    }
+
+    fn on_stop(&mut self, _now: Duration) {
+        self.phase = Phase::Done;
+    }
+
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        self.output.pop_front()
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        match self.phase {
+            Phase::Start => Some(Duration::ZERO),
+            Phase::Listening { until } => Some(until),
+            Phase::Calling { until, again } => Some(until.min(again)),
+            Phase::Asking => self.client.next_deadline(),
+            Phase::Done => None,
+        }
+    }
+
+    fn progress(&self) -> Progress {
+        match self.phase {
+            Phase::Done => Progress::Stopped,
+            _ => Progress::Running,
+        }
+    }
+}

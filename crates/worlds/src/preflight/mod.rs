@@ -1,0 +1,263 @@
+//! Before the first scenario runs on a drive that is not the emulator: a checklist.
+//!
+//! First what can be asked without any current: the interface (`interface`), then the nodes and their objects (`interview`).
+//! Then our controller leads the drive as it will later, under the same limits and the same supervisor, but with a slow
+//! heating ramp, and what the bus shows is judged (`heating`). The first check that fails ends it.
+
+mod checklist;
+mod heating;
+mod interface;
+mod interview;
+
+use std::cell::Cell;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use canopen::eds;
+use canopen::nmt::NodeId;
+use dbc::scenario_clock::ScenarioClock;
+use platform::clock;
+use scenario::Scenario;
+
+pub use checklist::{Check, Outcome};
+
+use recording::capture::{Capture, Watch};
+use rig::external::{External, ExternalNode};
+use recording::gauge::Gauge;
+use rig::rig_file::LoadedRig;
+use crate::catalogue::catalogue;
+use recording::run_folder::RunFolder;
+use recording::session::write_setup;
+use rig::setup::Setup;
+use crate::line::Line;
+use crate::{End, RunBus, WorldError, real_time};
+use heating::Heating;
+use interview::Interview;
+
+/// Name of the session under which the drive is heated, and of its folder.
+const NAME: &str = "pre-flight";
+/// How often is looked whether the user stops the pre-flight.
+const POLL_PERIOD: Duration = Duration::from_millis(20);
+/// Heartbeats of a drive that was stopped are awaited for so long beyond their time-out.
+const HEARTBEAT_PATIENCE: Duration = Duration::from_millis(50);
+
+/// What a pre-flight says while it goes on.
+pub enum Step {
+    /// It begins.
+    Begun,
+    /// Something was checked.
+    Checked(Check),
+    /// The wire cools before the scenario.
+    Cooling(Duration),
+}
+
+/// The pre-flight of one command: made once, before its first scenario.
+pub struct Preflight {
+    may_heat: bool,
+    is_made: Cell<bool>,
+}
+
+impl Preflight {
+    /// A pre-flight that may heat the wire, or may not.
+    #[must_use]
+    pub fn new(may_heat: bool) -> Self {
+        Self {
+            may_heat,
+            is_made: Cell::new(false),
+        }
+    }
+
+    /// Makes the checks, unless they have been made or the drive is the emulator; a folder in `parent` keeps what was on the
+    /// bus while the drive was led.
+    ///
+    /// # Errors
+    /// The check that failed, or why it could not be made.
+    pub fn make(
+        &self,
+        setup: &Setup,
+        parent: &Path,
+        bus: &RunBus,
+        line: &mut Line,
+        watch: &Watch,
+        report: &dyn Fn(&Step),
+    ) -> Result<End, WorldError> {
+        if self.is_made.replace(true) || !setup.external.has(ExternalNode::Drive) {
+            return Ok(End::Completed);
+        }
+        report(&Step::Begun);
+        let bit_rate = setup.scenario.bus.bitrate_kilobits_per_second;
+        pass(interface::checks(bus, bit_rate), report)?;
+        if setup.external.has(ExternalNode::Controller) {
+            let text = "left to the external controller, which leads it";
+            pass(vec![Check::open("drive", text)], report)?;
+            return Ok(End::Completed);
+        }
+        let rig = self.rig(setup)?;
+        let mut interview = interview(&rig, &setup.external)?;
+        line.converse(&mut interview, watch)?;
+        if watch.is_interrupted() {
+            return Ok(End::Interrupted);
+        }
+        pass(interview.checks(), report)?;
+        let session = Session { parent, line, watch };
+        let end = heat(&rig, setup, session, report)?;
+        if end == End::Interrupted || !rig.rig.preflight.heating {
+            return Ok(end);
+        }
+        let cooling = Duration::from_secs_f64(rig.rig.preflight.cooling_seconds);
+        report(&Step::Cooling(cooling));
+        Ok(wait(cooling, watch))
+    }
+
+    /// The rig, or that of the emulated drive where there is no rig file, with the user's wish.
+    fn rig(&self, setup: &Setup) -> Result<Arc<LoadedRig>, WorldError> {
+        let mut rig = match &setup.rig {
+            Some(rig) => LoadedRig::clone(rig),
+            None => emulated(&setup.scenario)?,
+        };
+        rig.rig.preflight.heating &= self.may_heat;
+        Ok(Arc::new(rig))
+    }
+}
+
+/// Reports the checks, up to the first that failed.
+fn pass(checks: Vec<Check>, report: &dyn Fn(&Step)) -> Result<(), WorldError> {
+    for check in checks {
+        let failed = (check.outcome == Outcome::Failed).then(|| WorldError::Preflight {
+            name: check.name,
+            found: check.found.clone(),
+        });
+        report(&Step::Checked(check));
+        if let Some(failed) = failed {
+            return Err(failed);
+        }
+    }
+    Ok(())
+}
+
+/// Where the drive is led: with the folder of the recording in `parent`.
+struct Session<'a> {
+    parent: &'a Path,
+    line: &'a mut Line,
+    watch: &'a Watch,
+}
+
+/// Leads the drive through the ramp and judges what was on the bus.
+fn heat(
+    rig: &Arc<LoadedRig>,
+    setup: &Setup,
+    session: Session<'_>,
+    report: &dyn Fn(&Step),
+) -> Result<End, WorldError> {
+    let Session {
+        parent,
+        line,
+        watch,
+    } = session;
+    let ramp = ramp(rig, setup)?;
+    let Scenario { name, seed, .. } = &ramp.scenario;
+    let folder = RunFolder::create(parent, name, *seed, &ramp.text)?;
+    write_setup(&folder, &ramp)?;
+    let gauge = Gauge::new(&ramp.scenario, &rig.database)?;
+    let clock = ScenarioClock::new(&rig.database)?;
+    let mut capture = Capture::new(folder.bus_log()?, gauge, clock, watch, Vec::new());
+    let mut heating = Heating::new(rig)?;
+    let mut is_enough = |capture: &Capture<'_>| {
+        heating.follow(capture.frames());
+        heating.is_over()
+    };
+    let ended = real_time::play(&ramp, &folder, &mut capture, line, &mut is_enough);
+    await_stopped(line, &mut capture, &mut heating)?;
+    capture.finish()?;
+    if matches!(&ended, Ok(played) if played.end == End::Interrupted) {
+        return Ok(End::Interrupted);
+    }
+    pass(heating.checks(ended.as_ref().map(|_| ())), report)?;
+    Ok(End::Completed)
+}
+
+fn interview(rig: &LoadedRig, external: &External) -> Result<Interview, WorldError> {
+    let dictionary = eds::parse(&rig.eds, rig.drive.node_id().get());
+    let dictionary = dictionary
+        .map_err(|error| cannot_be_made(&error))?
+        .dictionary;
+    let fan = NodeId::new(rig.rig.fan.node_id).filter(|_| external.has(ExternalNode::Fan));
+    let fan = fan.map(|node_id| (node_id, "fan and load module"));
+    Ok(Interview::new(rig, dictionary, fan.as_slice()))
+}
+
+/// What is known of the emulated drive, and the limits that its wire has.
+fn emulated(scenario: &Scenario) -> Result<LoadedRig, WorldError> {
+    let bus = &scenario.bus;
+    let text = format!(
+        "schema = 1\nname = \"the emulated drive\"\n[bus]\nbitrate_kilobits_per_second = {}\n\
+         sync_period_milliseconds = {:?}\n[limits]\ncurrent_amperes = 1.0\n\
+         position_millimetres = {{ min = -2.0, max = 59.5 }}\nspeed_millimetres_per_second = 500.0\n",
+        bus.bitrate_kilobits_per_second, bus.sync_period_milliseconds
+    );
+    LoadedRig::of_text(&text).map_err(|error| cannot_be_made(&error))
+}
+
+/// The session in which the drive is led: at rest, then under a ramp from 0 A to the limit of the rig.
+fn ramp(rig: &Arc<LoadedRig>, setup: &Setup) -> Result<Setup, WorldError> {
+    let preflight = &rig.rig.preflight;
+    let rest = heating::REST.as_secs_f64();
+    let limit = rig.rig.limits.current_amperes;
+    let seconds = match preflight.heating {
+        true => preflight.heating_seconds_max,
+        false => rest,
+    };
+    let mut text = format!(
+        "schema = 1\nname = \"{NAME}\"\nduration_seconds = {:?}\n",
+        rest + seconds
+    );
+    text += "[controller.open_loop]\n";
+    if preflight.heating {
+        let until = rest + limit / preflight.ramp_amperes_per_second;
+        text += &format!(
+            "[[controller.open_loop.ramp]]\nfrom_seconds = {rest:?}\nuntil_seconds = {until:?}\ncurrent_amperes = {limit:?}\n"
+        );
+    }
+    let scenario = Scenario::parse(&text, NAME, |_| Err(std::io::ErrorKind::NotFound.into()));
+    let scenario = scenario.map_err(|error| cannot_be_made(&error))?;
+    let ramp = Setup::of(scenario, catalogue()).from_file(NAME, text);
+    Ok(ramp.on(Some(Arc::clone(rig)), setup.external.clone()))
+}
+
+fn cannot_be_made(reason: &dyn std::fmt::Display) -> WorldError {
+    WorldError::Preflight {
+        name: NAME,
+        found: format!("it cannot be made: {reason}"),
+    }
+}
+
+/// Listens on until the drive has told that it was stopped.
+fn await_stopped(
+    line: &mut Line,
+    capture: &mut Capture<'_>,
+    heating: &mut Heating<'_>,
+) -> Result<(), WorldError> {
+    let patience = heating.patience() + HEARTBEAT_PATIENCE;
+    let clock = clock::Clock::start();
+    loop {
+        line.collect(capture)?;
+        heating.follow(capture.frames());
+        if heating.is_stopped() || clock.now() > patience {
+            return Ok(());
+        }
+        clock::sleep(POLL_PERIOD);
+    }
+}
+
+/// Waits, unless the user does not want to.
+fn wait(time: Duration, watch: &Watch) -> End {
+    let clock = clock::Clock::start();
+    while clock.now() < time {
+        if watch.is_interrupted() {
+            return End::Interrupted;
+        }
+        clock::sleep(POLL_PERIOD);
+    }
+    End::Completed
+}
