@@ -4,12 +4,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use canrig::identify::fit::Fit;
-use canrig::identify::parameter::{self, Parameter};
-use canrig::identify::report;
-use canrig::identify::search::{self, Detour, Found};
-use canrig::identify::start::{self, Start};
-use canrig::identify::trace::Trace;
+use paper::identify::fit::Fit;
+use paper::identify::parameter::{self, Parameter};
+use paper::identify::report;
+use paper::identify::search::{self, Detour, Found};
+use paper::identify::start::{self, Start};
+use paper::identify::trace::Trace;
 use dbc::Database;
 use scenario::plant::Plant;
 use tempfile::TempDir;
@@ -348,7 +348,7 @@ fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
             "{commanded} A, {measured} A at {at} s"
         );
     }
-    let heated = |stretch: &&canrig::identify::trace::Stretch| stretch.inputs.current_amperes > 0.0;
+    let heated = |stretch: &&paper::identify::trace::Stretch| stretch.inputs.current_amperes > 0.0;
     let begins = |trace: &Trace| {
         let before = trace
             .stretches

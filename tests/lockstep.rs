@@ -203,18 +203,25 @@ fn one_process_twice_and_three_processes_leave_the_same_bytes() {
     }
 }
 
+/// A scenario with what is known before it is played.
+fn setup(path: &Path) -> rig::setup::Setup {
+    rig::setup::Setup::load(path, worlds::catalogue::catalogue()).unwrap()
+}
+
 #[test]
 fn the_recording_alone_gives_the_same_verdict() {
-    use canrig::{judge::judge, recording::read_log, timeline::decode};
+    use judge::judge;
+    use recording::log::read_log;
+    use recording::timeline::decode;
     let folder = tempfile::tempdir().unwrap();
     let (code, ..) = output(canrig(folder.path(), "simulate").arg(scenario("fan.toml")));
     assert_eq!(code, Some(0));
     let run = only_run(folder.path());
     let log = fs::File::open(run.join("bus.log")).unwrap();
     let frames = read_log(std::io::BufReader::new(log)).unwrap();
-    let scenario = scenario::Scenario::load(&run.join("scenario.toml")).unwrap();
-    let timeline = decode(&frames, &scenario, dbc::Database::shipped()).unwrap();
-    let verdict = judge(&timeline, &scenario, 0);
+    let setup = setup(&run.join("scenario.toml"));
+    let timeline = decode(&frames, &setup).unwrap();
+    let verdict = judge(&timeline, &setup, 0);
     assert_eq!(
         verdict.to_json(),
         fs::read_to_string(run.join("verdict.json")).unwrap()
@@ -265,13 +272,14 @@ impl platform::lockstep::Participant for Asked<'_> {
 /// The proof of ARCHITECTURE.md, held to a run: late delivery and looking ahead change nothing.
 #[test]
 fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
-    use canrig::capture::Watch;
-    use canrig::disturbance_node::DisturbanceProducer;
-    use canrig::run::{Source, World, run};
-    use canrig::world::lockstep::{Roles, play, simulate};
+    use recording::capture::Watch;
+    use worlds::disturbance_node::DisturbanceProducer;
+    use runner::run::run;
+    use worlds::Played;
+    use worlds::lockstep::{Roles, play, simulate};
     let database = dbc::Database::shipped();
     for name in ["fan.toml", "step.toml"] {
-        let source = Source::load(&scenario(name)).unwrap();
+        let source = setup(&scenario(name));
         let folder = tempfile::tempdir().unwrap();
         let [ahead, asked] = ["ahead", "asked"].map(|name| folder.path().join(name));
         run(
@@ -279,7 +287,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
             &ahead,
             &Watch::default(),
             Vec::new(),
-            |_, capture| simulate(&source.scenario, database, capture).map(World::in_virtual_time),
+            |_, capture| simulate(&source, capture).map(Played::in_virtual_time),
         )
         .unwrap();
         run(
@@ -289,16 +297,16 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
             Vec::new(),
             |_, capture| {
                 let scenario = &source.scenario;
-                let mut plant_emulator = canrig::nodes::plant_emulator(scenario).unwrap();
+                let mut plant_emulator = worlds::nodes::plant_emulator(scenario).unwrap();
                 let mut bench = DisturbanceProducer::new(scenario, database).unwrap();
                 let mut controller =
-                    canrig::nodes::controller(&scenario.controller_view(), None).unwrap();
+                    worlds::nodes::controller(&scenario.controller_view(), None).unwrap();
                 let roles = Roles {
                     plant_emulator: &mut Asked(Local::new("plant-emulator", &mut *plant_emulator)),
                     bench: &mut Asked(Local::new("bench", &mut bench)),
                     controller: &mut Asked(Local::new("controller", &mut controller)),
                 };
-                play(scenario, roles, capture, None).map(World::in_virtual_time)
+                play(scenario, roles, capture, None).map(Played::in_virtual_time)
             },
         )
         .unwrap();
@@ -375,10 +383,11 @@ fn a_loaded_machine_changes_nothing() {
 /// Time does not go on before each listener has its frame, however long one sleeps.
 #[test]
 fn a_recorder_that_sleeps_loses_and_changes_nothing() {
-    use canrig::capture::Watch;
-    use canrig::run::{Source, World, run};
+    use recording::capture::Watch;
+    use runner::run::run;
+    use worlds::Played;
     let folder = tempfile::tempdir().unwrap();
-    let source = Source::load(&crate::support::short_scenario(folder.path(), 1.0)).unwrap();
+    let source = setup(&crate::support::short_scenario(folder.path(), 1.0));
     let database = dbc::Database::shipped();
     let mut runs = Vec::new();
     for sleeps in [false, true] {
@@ -389,20 +398,20 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
             &Watch::default(),
             Vec::new(),
             |_, capture| {
-                let mut plant_emulator = canrig::nodes::plant_emulator(&source.scenario).unwrap();
+                let mut plant_emulator = worlds::nodes::plant_emulator(&source.scenario).unwrap();
                 let mut controller =
-                    canrig::nodes::controller(&source.scenario.controller_view(), None).unwrap();
+                    worlds::nodes::controller(&source.scenario.controller_view(), None).unwrap();
                 let mut bench =
-                    canrig::disturbance_node::DisturbanceProducer::new(&source.scenario, database)
+                    worlds::disturbance_node::DisturbanceProducer::new(&source.scenario, database)
                         .unwrap();
                 let mut sleeper = Sleeper { sleeps, calls: 0 };
-                let roles = canrig::world::lockstep::Roles {
+                let roles = worlds::lockstep::Roles {
                     plant_emulator: &mut Local::new("plant-emulator", &mut *plant_emulator),
                     bench: &mut Local::new("bench", &mut bench),
                     controller: &mut Local::new("controller", &mut controller),
                 };
-                canrig::world::lockstep::play(&source.scenario, roles, capture, Some(&mut sleeper))
-                    .map(World::in_virtual_time)
+                worlds::lockstep::play(&source.scenario, roles, capture, Some(&mut sleeper))
+                    .map(Played::in_virtual_time)
             },
         )
         .unwrap();

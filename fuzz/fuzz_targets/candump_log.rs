@@ -1,7 +1,7 @@
 //! Any bytes as a log of candump: refused, or read, and what was read survives being written.
 #![no_main]
 
-use canrig::recording::{read_cut_log, read_log, write_log};
+use recording::log::{read_cut_log, read_log, write_log};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {

@@ -4,19 +4,21 @@
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use canrig::judge::judge;
-use canrig::recording::Stamped;
-use canrig::timeline;
-use canrig::verdict::Verdict;
 use canrig_fuzz::steps;
-use dbc::Database;
+use judge::judge;
+use judge::verdict::Verdict;
 use libfuzzer_sys::fuzz_target;
+use recording::log::Stamped;
+use recording::timeline;
+use rig::setup::Setup;
 use scenario::Scenario;
+use worlds::catalogue::catalogue;
 
-static SCENARIO: LazyLock<Scenario> = LazyLock::new(|| {
+static SETUP: LazyLock<Setup> = LazyLock::new(|| {
     let text = include_str!("../../scenarios/fan.toml");
     let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
-    Scenario::parse(text, "fan.toml", no_table).expect("the scenario is valid")
+    let scenario = Scenario::parse(text, "fan.toml", no_table).expect("the scenario is valid");
+    Setup::of(scenario, catalogue())
 });
 
 fuzz_target!(|bytes: &[u8]| {
@@ -27,9 +29,8 @@ fuzz_target!(|bytes: &[u8]| {
             Stamped::new(now, step.frame)
         })
         .collect();
-    let timeline = timeline::decode(&frames, &SCENARIO, Database::shipped())
-        .expect("the rig's own database");
-    let verdict = judge(&timeline, &SCENARIO, 0);
+    let timeline = timeline::decode(&frames, &SETUP).expect("the rig's own database");
+    let verdict = judge(&timeline, &SETUP, 0);
     let read = Verdict::from_json(&verdict.to_json()).expect("our own verdict is valid");
     assert_eq!(read.to_json(), verdict.to_json());
 });

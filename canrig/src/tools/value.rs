@@ -269,7 +269,7 @@ fn parse_integer(text: &str) -> Option<i128> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tools::data_sheet::of_the_rig;
+    use rig::data_sheet::of_the_rig;
     use proptest::prelude::*;
 
     fn entry(index: u16, sub_index: u8) -> Entry {

@@ -130,6 +130,8 @@ mod tests {
     use scenario::Scenario;
 
     use super::*;
+    use rig::catalogue::Catalogue;
+    use rig::setup::Setup;
     use recording::log::Stamped;
     use recording::timeline::decode;
 
@@ -171,12 +173,9 @@ mod tests {
              [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let timeline = decode(&frames(), &scenario, Database::shipped()).unwrap();
-        let run = Run {
-            timeline: &timeline,
-            scenario: &scenario,
-        };
-        let rows = metrics(&run);
+        let setup = Setup::of(scenario, &Catalogue::shipped());
+        let timeline = decode(&frames(), &setup).unwrap();
+        let rows = metrics(&Run::new(&timeline, &setup));
         let found: Vec<_> = rows
             .iter()
             .map(|row| {

@@ -6,6 +6,7 @@ use dbc::Database;
 use super::*;
 use recording::log::Stamped;
 use recording::timeline::decode;
+use rig::catalogue::Catalogue;
 
 const OPERATION_ENABLED: f64 = 39.0;
 
@@ -46,8 +47,9 @@ fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
 }
 
 fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
-    let timeline = decode(frames, scenario, Database::shipped()).unwrap();
-    judge(&timeline, scenario, lost)
+    let setup = Setup::of(scenario.clone(), &Catalogue::shipped());
+    let timeline = decode(frames, &setup).unwrap();
+    judge(&timeline, &setup, lost)
 }
 
 fn value(verdict: &Verdict, name: &str) -> Option<f64> {

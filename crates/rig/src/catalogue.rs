@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
 use dbc::{Database, LawTerm, PlantSignal, Signal};
+use scenario::plant::SMA_ACTUATOR;
 use scenario::{Objection, Scenario};
 
 use crate::data_sheet;
@@ -40,6 +41,23 @@ impl Catalogue {
         Self {
             frames: frames.collect(),
             plant_objection,
+        }
+    }
+
+    /// The SMA actuator under the shipped laws, by the DBC that ships: enough to read its recordings without any plant's code.
+    #[must_use]
+    pub fn shipped() -> Self {
+        let frames = Frames {
+            plant: SMA_ACTUATOR.to_owned(),
+            law: None,
+            law_terms: Vec::new(),
+            database: Arc::new(Database::shipped().clone()),
+            without_truth: OnceLock::new(),
+            names: OnceLock::new(),
+        };
+        Self {
+            frames: vec![Arc::new(frames)],
+            plant_objection: |_| None,
         }
     }
 

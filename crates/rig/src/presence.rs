@@ -82,7 +82,7 @@ impl Presence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canrig::tools::data_sheet::of_the_rig;
+    use crate::data_sheet::of_the_rig;
 
     fn after(frames: &[(u16, &[u8])]) -> Presence {
         let mut presence = Presence::default();

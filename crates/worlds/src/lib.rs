@@ -3,7 +3,7 @@
 mod bus_model;
 pub mod catalogue;
 mod coordinator;
-mod disturbance_node;
+pub mod disturbance_node;
 pub mod nodes;
 pub mod preflight;
 mod supervisor;

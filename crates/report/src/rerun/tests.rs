@@ -23,6 +23,9 @@ use super::*;
 use judge::judge;
 use recording::log::Stamped;
 use recording::timeline;
+use rig::catalogue::Catalogue;
+use rig::setup::Setup;
+use scenario::Scenario;
 
 /// The cycle in which the drive of the made-up run is silent.
 const SILENT: u64 = 70;
@@ -30,11 +33,13 @@ const SILENT: u64 = 70;
 /// Run time in nanoseconds, cycle, value.
 type Row = (i64, i64, f64);
 
-fn scenario() -> Scenario {
+fn setup() -> Setup {
     let text = "schema = 1\nname = \"made up\"\nduration_seconds = 0.3\n\n[controller.sliding_mode]\n\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
         [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 35.0\n";
-    Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap()
+    let scenario =
+        Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap();
+    Setup::of(scenario, &Catalogue::shipped())
 }
 
 /// 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.
@@ -74,8 +79,8 @@ fn made_up_run() -> (Vec<Stamped>, Timeline, Verdict) {
     }
     let stamped = |(micros, frame)| Stamped::new(Duration::from_micros(micros), frame);
     let frames: Vec<Stamped> = frames.into_iter().map(stamped).collect();
-    let timeline = timeline::decode(&frames, &scenario(), database).unwrap();
-    let verdict = judge(&timeline, &scenario(), 0);
+    let timeline = timeline::decode(&frames, &setup()).unwrap();
+    let verdict = judge(&timeline, &setup(), 0);
     (frames, timeline, verdict)
 }
 
@@ -132,12 +137,25 @@ fn held(rows: &[Row], cycle: u64) -> Option<f64> {
         .map(|row| row.2)
 }
 
+fn run<'a>(
+    setup: &'a Setup,
+    frames: &'a [Stamped],
+    timeline: &'a Timeline,
+    verdict: &'a Verdict,
+) -> Run<'a> {
+    Run {
+        setup,
+        frames,
+        timeline,
+        verdict,
+    }
+}
+
 fn written() -> (tempfile::TempDir, std::path::PathBuf, Timeline) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let (frames, timeline, verdict) = made_up_run();
-    let database = Database::shipped();
-    write(&path, &frames, &timeline, &verdict, &scenario(), database).unwrap();
+    write(&path, &run(&setup(), &frames, &timeline, &verdict)).unwrap();
     (folder, path, timeline)
 }
 
@@ -281,14 +299,6 @@ fn the_file_is_complete_or_not_there() {
     assert!(!folder.path().join("run.rrd.partial").exists());
     let (frames, timeline, verdict) = made_up_run();
     let nowhere = folder.path().join("missing").join("run.rrd");
-    let database = Database::shipped();
-    let written = write(
-        &nowhere,
-        &frames,
-        &timeline,
-        &verdict,
-        &scenario(),
-        database,
-    );
+    let written = write(&nowhere, &run(&setup(), &frames, &timeline, &verdict));
     assert!(written.is_err());
 }
