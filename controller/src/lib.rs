@@ -1,4 +1,14 @@
 //! The controller: control laws with observer and nominal model, and the node that runs them on the bus.
+//!
+//! Comes in: what a controller may know of a scenario (`ControllerView`), a rig file with its drive's EDS if the drive is not
+//! the emulated one, and the frames of the drive. Goes out: a [`ControllerNode`], which finds the drive, configures it by
+//! SDO, leads it by a law's current commands in RPDO1, explains each command in its own TPDOs, and stops the drive when
+//! something is wrong.
+//!
+//! [`law`] says what a law is, [`catalogue`] lists those that ship and those that a bench from outside brings.
+//!
+//! It does not know: the true plant (its model is nominal), disturbances, faults and limits of the scenario, and in which
+//! world it runs. The platform is named in `main.rs` only.
 
 pub mod catalogue;
 mod cause;

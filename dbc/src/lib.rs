@@ -1,7 +1,13 @@
 //! What the bytes mean: the DBC database and the EDS files of the rig.
 //!
-//! [`SMA_ACTUATOR`] lays out every frame on the bus, [`DRIVE_EDS`], [`DISTURBANCE_EDS`] and [`CONTROLLER_EDS`] the
-//! objects behind them; a test holds them to each other. Recorder, judge and tools read frames through [`Database`].
+//! Comes in: frames, the text of a DBC or EDS file, the signals of a plant or the terms of a law. Goes out: the values of
+//! signals by their names, frames with values in them, the objects of a data sheet, scenario time.
+//!
+//! [`SMA_ACTUATOR`] lays out every frame on the bus; [`DRIVE_EDS`], [`DISTURBANCE_EDS`] and [`CONTROLLER_EDS`] lay out the
+//! objects behind them, and a test holds them to each other. Recorder, judge and tools read frames through [`Database`];
+//! [`signals`] has the names that the bench itself uses.
+//!
+//! It does not know: scenarios, plants and laws beyond their signals, recordings, who sent a frame and why.
 //!
 //! ```
 //! use canopen::CanFrame;

@@ -1,9 +1,14 @@
 //! The plant emulator: a plant behind the bus interface of a real drive.
 //!
-//! [`plant`] says what a plant is, [`sma`] is the actuator of the paper and [`dc_motor`] a
-//! motor with gearbox, one file per part of the model. [`drive`] and
-//! [`disturbance`] are the two nodes that act on a plant, [`PlantEmulator`] both of them and the plant as one participant
-//! of the bus.
+//! Comes in: a scenario, and the frames of whoever leads the drive. Goes out: the frames of a drive and of a disturbance
+//! module, and the truth about the plant that no real drive publishes.
+//!
+//! [`plant`] says what a plant is; [`sma`] is the actuator of the paper and [`dc_motor`] a motor with gearbox, one file for
+//! each part of the model; [`catalogue`] lists them with those that a bench from outside brings. [`drive`] and
+//! [`disturbance`] are the two nodes that act on a plant; [`PlantEmulator`] is both of them and the plant as one participant.
+//!
+//! It does not know: control laws, what is expected of a run, and in which world it runs. The platform is named in `main.rs`
+//! only.
 
 pub mod amplifier;
 pub mod catalogue;

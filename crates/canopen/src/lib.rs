@@ -1,7 +1,13 @@
 //! CANopen without I/O and without a clock.
 //!
-//! One file per service, named by the standard (CiA 301, CiA 402, CiA 306 for EDS). Every node is a state machine
-//! behind [`Node`]: frames and the time go in, frames and the next deadline come out.
+//! Comes in: the frames that a node receives, the time, orders of the application, the text of an EDS. Goes out: the frames
+//! that the node sends, the time of its next deadline, an [`ObjectDictionary`], how many bits a frame takes on the wire.
+//!
+//! Every node is a state machine behind [`Node`]; a [`Device`] is one with the services of the standard round an
+//! [`Application`]. There is one file for each service, named by the standard: CiA 301, CiA 402, and CiA 306 for EDS files.
+//!
+//! It does not know: sockets, threads, the clock of the machine, what the bytes of this bench's PDOs mean, and whether
+//! anything is simulated.
 
 pub mod application;
 pub mod cia402;

@@ -1,7 +1,11 @@
 //! Faults on purpose, as far as several rooms need them.
 //!
-//! [`Faulty`] wraps a node and lets it fail as the scenario's `[fault.node]` says, in every world. [`Stream`] is the
-//! random numbers of one fault. Sensor, amplifier and plant fail in the plant emulator, the bus in the bus model.
+//! Comes in: the `[fault]` table of a scenario, a seed, a node and the frames for it. Goes out: the same node as a
+//! [`Faulty`] one, which fails as `[fault.node]` says, in every world alike; the random numbers of one fault as a
+//! [`Stream`], which no other fault disturbs.
+//!
+//! It does not know: buses, plants and sensors. Sensor, amplifier and plant fail in the plant emulator, and the bus fails in
+//! the bus model.
 
 mod faulty;
 mod plan;

@@ -1,7 +1,13 @@
 //! Everything that touches the operating system: buses, clock, scheduling, processes, and the two runners.
 //!
-//! A [`canopen::Node`] knows no time and no socket. [`real_time`] moves it by the monotonic clock and a [`bus`];
-//! [`lockstep`] moves it in virtual time, on behalf of a coordinator that models the bus.
+//! Comes in: a [`canopen::Node`], which knows no time and no socket, and the [`bus::BusAddress`] where it shall live. Goes
+//! out: the node's frames on that bus, stamped frames of everybody from a [`recorder`], and a report on how late the node's
+//! loop woke up.
+//!
+//! [`real_time`] moves a node by the monotonic clock and a [`bus`]; [`lockstep`] moves it in virtual time, on behalf of a
+//! coordinator that models the bus. [`open()`] joins a bus of any kind: SocketCAN, the [`hub`]'s or the [`private_bus`].
+//!
+//! It does not know: scenarios, what a frame means, what a node is for.
 
 pub mod bus;
 pub mod clock;

@@ -1,6 +1,14 @@
-//! Scenario files: what to try and what passes.
+//! Scenario files say what to try and what passes; rig files say on which drive.
 //!
-//! [`Scenario`] is everything; the controller gets a [`ControllerView`] that cannot see `[plant]`.
+//! Comes in: the text of a scenario or a rig file, the tables that it names, the tables of plants and laws from outside, the
+//! objects of a drive's EDS. Goes out: a [`Scenario`] or a [`rig::Rig`], or every [`Problem`] with the character where it
+//! stands; the JSON Schemas of both; what a rig file makes of a drive ([`rig::drive`]) and the watch over its limits
+//! ([`rig::limits`]).
+//!
+//! The controller gets a [`ControllerView`], which cannot see `[plant]`.
+//!
+//! It does not know: the signals of the bus (the caller brings an [`Objection`] to a name that is none), which data sheets
+//! ship, how a plant behaves, how a run is played or judged.
 
 mod bus;
 mod check;

@@ -1,0 +1,346 @@
+//! Which PDOs a dictionary has, what may be written to their objects, and what these come to (CiA 301, 7.5.2.35 to 7.5.2.38).
+
+use std::time::Duration;
+
+use crate::cob_id::CobId;
+use crate::object_dictionary::{AbortCode, Access, Handle, ObjectDictionary, copy};
+
+const RPDO_PARAMETERS: u16 = 0x1400;
+const RPDO_MAPPINGS: u16 = 0x1600;
+const TPDO_PARAMETERS: u16 = 0x1800;
+const TPDO_MAPPINGS: u16 = 0x1A00;
+const NUMBERS_PER_TYPE: u16 = 0x200;
+/// Distance between a PDO's parameters and its mapping.
+const MAPPING_OFFSET: u16 = RPDO_MAPPINGS - RPDO_PARAMETERS;
+
+const COB_ID: u8 = 1;
+const TRANSMISSION_TYPE: u8 = 2;
+const INHIBIT_TIME: u8 = 3;
+const EVENT_TIMER: u8 = 5;
+const SYNC_START: u8 = 6;
+
+const OBJECTS_MAX: u8 = 8;
+const LENGTH_MAX: u8 = 8;
+
+/// The way of a PDO as seen from its node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Direction {
+    Receive,
+    Transmit,
+}
+
+/// A PDO object's place: which PDO, and whether its parameters or its mapping.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Place {
+    pub(crate) direction: Direction,
+    /// 1 to 512.
+    pub(crate) number: u16,
+    is_mapping: bool,
+}
+
+impl Place {
+    /// The place of a PDO object; `None` for other indices.
+    pub(crate) fn of(index: u16) -> Option<Self> {
+        let (direction, is_mapping, base) = match index {
+            0x1400..=0x15FF => (Direction::Receive, false, RPDO_PARAMETERS),
+            0x1600..=0x17FF => (Direction::Receive, true, RPDO_MAPPINGS),
+            0x1800..=0x19FF => (Direction::Transmit, false, TPDO_PARAMETERS),
+            0x1A00..=0x1BFF => (Direction::Transmit, true, TPDO_MAPPINGS),
+            _ => return None,
+        };
+        Some(Self {
+            direction,
+            number: index - base + 1,
+            is_mapping,
+        })
+    }
+
+    /// The place of a PDO's parameters.
+    pub(super) fn of_parameters(direction: Direction, number: u16) -> Self {
+        Self {
+            direction,
+            number,
+            is_mapping: false,
+        }
+    }
+
+    fn parameters_index(self) -> u16 {
+        let base = match self.direction {
+            Direction::Receive => RPDO_PARAMETERS,
+            Direction::Transmit => TPDO_PARAMETERS,
+        };
+        base + self.number - 1
+    }
+}
+
+/// The numbers of the PDOs that a dictionary has parameters for.
+pub(crate) fn numbers(
+    dictionary: &ObjectDictionary,
+    direction: Direction,
+) -> impl Iterator<Item = u16> + '_ {
+    (1..=NUMBERS_PER_TYPE).filter(move |number| {
+        let place = Place::of_parameters(direction, *number);
+        dictionary.find(place.parameters_index(), COB_ID).is_ok()
+    })
+}
+
+/// The rules for writing a PDO object, beyond access rights and limits.
+pub(crate) fn check_write(
+    dictionary: &ObjectDictionary,
+    place: Place,
+    sub_index: u8,
+    bytes: &[u8],
+) -> Result<(), AbortCode> {
+    let cob_id = dictionary.unsigned(place.parameters_index(), COB_ID);
+    let cob_id = CobId(cob_id.unwrap_or(0));
+    if place.is_mapping {
+        check_mapping_write(dictionary, place, cob_id, sub_index, bytes)
+    } else {
+        check_parameter_write(place.direction, cob_id, sub_index, bytes)
+    }
+}
+
+/// CiA 301, 7.5.2.35 and 7.5.2.37.
+fn check_parameter_write(
+    direction: Direction,
+    old: CobId,
+    sub_index: u8,
+    bytes: &[u8],
+) -> Result<(), AbortCode> {
+    match sub_index {
+        COB_ID => {
+            let new = CobId::from_bytes(bytes)?;
+            new.check()?;
+            if old.is_valid() && new.is_valid() && old.id() != new.id() {
+                return Err(AbortCode::INVALID_VALUE);
+            }
+            Ok(())
+        }
+        TRANSMISSION_TYPE => match (direction, bytes) {
+            (_, [0..=240 | 254 | 255]) | (Direction::Transmit, [252 | 253]) => Ok(()),
+            _ => Err(AbortCode::INVALID_VALUE),
+        },
+        INHIBIT_TIME | SYNC_START if direction == Direction::Transmit && old.is_valid() => {
+            Err(AbortCode::DEVICE_STATE)
+        }
+        SYNC_START if matches!(bytes, [241..=255]) => Err(AbortCode::INVALID_VALUE),
+        _ => Ok(()),
+    }
+}
+
+/// CiA 301, 7.5.2.36 and 7.5.2.38.
+fn check_mapping_write(
+    dictionary: &ObjectDictionary,
+    place: Place,
+    cob_id: CobId,
+    sub_index: u8,
+    bytes: &[u8],
+) -> Result<(), AbortCode> {
+    let index = place.parameters_index() + MAPPING_OFFSET;
+    let count = dictionary.unsigned(index, 0).unwrap_or(0);
+    if cob_id.is_valid() || (sub_index != 0 && count != 0) {
+        return Err(AbortCode::UNSUPPORTED_ACCESS);
+    }
+    match (sub_index, bytes) {
+        (0, [count]) => Mapping::read(dictionary, index, *count, place.direction).map(drop),
+        (0, _) => Err(AbortCode::LENGTH_MISMATCH),
+        _ => {
+            let bytes = bytes.try_into().map_err(|_| AbortCode::LENGTH_MISMATCH)?;
+            match u32::from_le_bytes(bytes) {
+                0 => Ok(()),
+                entry => Slot::new(dictionary, entry, place.direction).map(drop),
+            }
+        }
+    }
+}
+
+/// One mapped object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Slot {
+    /// `None` for a dummy, whose bytes nobody takes.
+    handle: Option<Handle>,
+    size_bytes: u8,
+}
+
+impl Slot {
+    const UNUSED: Self = Self {
+        handle: None,
+        size_bytes: 0,
+    };
+
+    /// The slot that a mapping entry describes: index, sub-index, length in bits (CiA 301, figure 74).
+    fn new(
+        dictionary: &ObjectDictionary,
+        entry: u32,
+        direction: Direction,
+    ) -> Result<Self, AbortCode> {
+        let [length_bits, sub_index, low, high] = entry.to_le_bytes();
+        let index = u16::from_le_bytes([low, high]);
+        let size_bytes = length_bits / 8;
+        if direction == Direction::Receive
+            && dummy_size_bytes(index, sub_index) == Some(length_bits / 8)
+            && length_bits % 8 == 0
+        {
+            let handle = None;
+            return Ok(Self { handle, size_bytes });
+        }
+        let handle = dictionary.find(index, sub_index)?;
+        let entry = dictionary.entry(handle);
+        let size_bits = entry.data_type.size_bytes().map(|size| size * 8);
+        if !entry.is_pdo_mappable
+            || !is_direction_allowed(entry.access, direction)
+            || size_bits != Some(usize::from(length_bits))
+        {
+            return Err(AbortCode::NOT_MAPPABLE);
+        }
+        let handle = Some(handle);
+        Ok(Self { handle, size_bytes })
+    }
+}
+
+/// The length of a data type that may stand as a dummy in an RPDO (CiA 301, 7.4.7.1).
+fn dummy_size_bytes(index: u16, sub_index: u8) -> Option<u8> {
+    match (index, sub_index) {
+        (0x0002 | 0x0005, 0) => Some(1),
+        (0x0003 | 0x0006, 0) => Some(2),
+        (0x0004 | 0x0007, 0) => Some(4),
+        _ => None,
+    }
+}
+
+/// CiA 306: what may be mapped where.
+fn is_direction_allowed(access: Access, direction: Direction) -> bool {
+    match access {
+        Access::ReadWrite => true,
+        Access::ReadOnly | Access::Constant | Access::ReadWriteRead => {
+            direction == Direction::Transmit
+        }
+        Access::WriteOnly | Access::ReadWriteWrite => direction == Direction::Receive,
+    }
+}
+
+/// A checked mapping: where the bytes of a PDO belong. Packing and unpacking allocate nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mapping {
+    slots: [Slot; OBJECTS_MAX as usize],
+    /// Slots in use.
+    count: usize,
+    pub(super) length: u8,
+}
+
+impl Mapping {
+    const EMPTY: Self = Self {
+        slots: [Slot::UNUSED; OBJECTS_MAX as usize],
+        count: 0,
+        length: 0,
+    };
+
+    /// The mapping of the first `count` entries of a mapping object.
+    fn read(
+        dictionary: &ObjectDictionary,
+        index: u16,
+        count: u8,
+        direction: Direction,
+    ) -> Result<Self, AbortCode> {
+        if count > OBJECTS_MAX {
+            return Err(AbortCode::PDO_TOO_LONG);
+        }
+        let mut mapping = Self {
+            count: usize::from(count),
+            ..Self::EMPTY
+        };
+        for (sub_index, slot) in (1..=count).zip(&mut mapping.slots) {
+            let handle = dictionary.find(index, sub_index)?;
+            let entry = u32::try_from(dictionary.entry(handle).as_integer());
+            let entry = entry.map_err(|_| AbortCode::NOT_MAPPABLE)?;
+            *slot = Slot::new(dictionary, entry, direction)?;
+            mapping.length += slot.size_bytes;
+        }
+        if mapping.length > LENGTH_MAX {
+            return Err(AbortCode::PDO_TOO_LONG);
+        }
+        Ok(mapping)
+    }
+
+    /// Bytes on the wire.
+    #[must_use]
+    pub fn length(&self) -> usize {
+        usize::from(self.length)
+    }
+
+    /// The bytes of the PDO from the dictionary.
+    pub(super) fn pack(&self, dictionary: &ObjectDictionary) -> [u8; 8] {
+        let mut data = [0; 8];
+        for (range, handle) in self.ranges() {
+            copy(&mut data[range], dictionary.entry(handle).value());
+        }
+        data
+    }
+
+    /// Stores the bytes of the PDO in the dictionary.
+    pub(super) fn unpack(&self, dictionary: &mut ObjectDictionary, data: &[u8; 8]) {
+        for (range, handle) in self.ranges() {
+            let stored = dictionary.store(handle, &data[range]);
+            debug_assert!(stored.is_ok(), "a slot has the size of its object");
+        }
+    }
+
+    /// Each object with its place in the PDO.
+    pub(super) fn ranges(&self) -> impl Iterator<Item = (std::ops::Range<usize>, Handle)> + '_ {
+        let mut start = 0;
+        self.slots[..self.count].iter().filter_map(move |slot| {
+            let range = start..start + usize::from(slot.size_bytes);
+            start = range.end;
+            slot.handle.map(|handle| (range, handle))
+        })
+    }
+}
+
+/// A PDO's communication parameters.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Parameters {
+    /// `None` while the PDO does not exist.
+    pub(super) cob_id: Option<u16>,
+    pub(super) allows_remote_frames: bool,
+    pub(super) transmission_type: u8,
+    pub(super) inhibit_time: Duration,
+    pub(super) event_timer: Option<Duration>,
+    pub(super) sync_start: u8,
+}
+
+impl Parameters {
+    fn read(dictionary: &ObjectDictionary, place: Place) -> Result<Self, AbortCode> {
+        let get = |sub_index| dictionary.unsigned(place.parameters_index(), sub_index);
+        let cob_id = CobId(get(COB_ID).unwrap_or(u32::MAX));
+        if cob_id.is_valid() {
+            cob_id.check()?;
+        }
+        let small = |value: Option<u32>| value.and_then(|value| u8::try_from(value).ok());
+        let event_timer = get(EVENT_TIMER).filter(|milliseconds| *milliseconds != 0);
+        Ok(Self {
+            cob_id: cob_id.is_valid().then(|| cob_id.id()),
+            allows_remote_frames: !cob_id.flag_30(),
+            transmission_type: small(get(TRANSMISSION_TYPE)).unwrap_or(255),
+            inhibit_time: Duration::from_micros(u64::from(get(INHIBIT_TIME).unwrap_or(0)) * 100),
+            event_timer: event_timer.map(|value| Duration::from_millis(u64::from(value))),
+            sync_start: small(get(SYNC_START)).unwrap_or(0),
+        })
+    }
+
+    pub(super) fn is_synchronous(&self) -> bool {
+        self.transmission_type <= 240
+    }
+}
+
+/// Reads a PDO's parameters and mapping.
+pub(super) fn read(
+    dictionary: &ObjectDictionary,
+    place: Place,
+) -> Result<(Parameters, Mapping), AbortCode> {
+    let parameters = Parameters::read(dictionary, place)?;
+    let index = place.parameters_index() + MAPPING_OFFSET;
+    let count = u8::try_from(dictionary.unsigned(index, 0).unwrap_or(0));
+    let count = count.map_err(|_| AbortCode::PDO_TOO_LONG)?;
+    let mapping = Mapping::read(dictionary, index, count, place.direction)?;
+    Ok((parameters, mapping))
+}

@@ -1,0 +1,165 @@
+//! PDOs that a node receives.
+
+use std::time::Duration;
+
+use super::configuration::{Direction, Mapping, Parameters, Place, read};
+use crate::frame::CanFrame;
+use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
+
+/// A synchronous RPDO that has arrived and takes effect at the next SYNC.
+#[derive(Clone, Copy, Debug)]
+pub struct WaitingPdo {
+    /// Number of the RPDO, from 1.
+    pub number: u16,
+    mapping: Mapping,
+    data: [u8; 8],
+}
+
+impl WaitingPdo {
+    /// The integer that an object will get; `None` when it is not mapped here.
+    #[must_use]
+    pub fn integer(&self, dictionary: &ObjectDictionary, wanted: Handle) -> Option<i128> {
+        let (range, handle) = self
+            .mapping
+            .ranges()
+            .find(|(_, handle)| *handle == wanted)?;
+        Some(dictionary.entry(handle).decode_integer(&self.data[range]))
+    }
+}
+
+/// What became of a received PDO.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Received {
+    /// Its data are in the dictionary.
+    Stored,
+    /// Its data wait for the next SYNC.
+    Waiting,
+    /// It was too short and is ignored.
+    TooShort,
+}
+
+/// A receive PDO.
+#[derive(Clone, Debug)]
+pub(crate) struct Rpdo {
+    place: Place,
+    parameters: Parameters,
+    mapping: Mapping,
+    waiting: Option<[u8; 8]>,
+    deadline: Option<Duration>,
+}
+
+impl Rpdo {
+    /// The RPDO as the dictionary configures it.
+    pub(crate) fn new(dictionary: &ObjectDictionary, number: u16) -> Result<Self, AbortCode> {
+        let place = Place::of_parameters(Direction::Receive, number);
+        let (parameters, mapping) = read(dictionary, place)?;
+        Ok(Self {
+            place,
+            parameters,
+            mapping,
+            waiting: None,
+            deadline: None,
+        })
+    }
+
+    /// Reads the configuration again after a write; an invalid one leaves the PDO without effect.
+    pub(crate) fn configure(&mut self, dictionary: &ObjectDictionary) {
+        match read(dictionary, self.place) {
+            Ok((parameters, mapping)) => (self.parameters, self.mapping) = (parameters, mapping),
+            Err(_) => self.parameters.cob_id = None,
+        }
+        self.stop();
+    }
+
+    /// Number, from 1.
+    pub(crate) fn number(&self) -> u16 {
+        self.place.number
+    }
+
+    /// True when frames with this identifier are for this PDO.
+    #[inline]
+    pub(crate) fn listens_to(&self, id: u16) -> bool {
+        self.parameters.cob_id == Some(id) && self.mapping.length > 0
+    }
+
+    /// True when nothing happens before a SYNC, whatever arrives: neither its data nor the end of a dead-line.
+    pub(crate) fn is_silent(&self) -> bool {
+        self.is_synchronous() && !self.is_timed()
+    }
+
+    /// True when it may have a deadline.
+    pub(crate) fn is_timed(&self) -> bool {
+        self.parameters.event_timer.is_some()
+    }
+
+    /// Forgets what was received (Operational left, or new configuration).
+    pub(crate) fn stop(&mut self) {
+        self.waiting = None;
+        self.deadline = None;
+    }
+
+    /// True when what arrives now must wait for a SYNC.
+    #[inline]
+    pub(crate) fn is_synchronous(&self) -> bool {
+        self.parameters.is_synchronous()
+    }
+
+    /// True when a payload is longer than the mapping.
+    #[inline]
+    pub(crate) fn is_exceeded_by(&self, frame: &CanFrame) -> bool {
+        frame.data().len() > self.mapping.length()
+    }
+
+    /// Takes the payload of a frame; the dead-line (sub-index 5) runs from here.
+    pub(crate) fn on_frame(
+        &mut self,
+        now: Duration,
+        dictionary: &mut ObjectDictionary,
+        frame: &CanFrame,
+    ) -> Received {
+        if frame.data().len() < self.mapping.length() {
+            return Received::TooShort;
+        }
+        self.deadline = self.parameters.event_timer.map(|timer| now + timer);
+        if !self.is_synchronous() {
+            self.mapping.unpack(dictionary, &frame.buffer());
+            return Received::Stored;
+        }
+        self.waiting = Some(frame.buffer());
+        Received::Waiting
+    }
+
+    /// What waits for the next SYNC.
+    pub(crate) fn waiting(&self) -> Option<WaitingPdo> {
+        self.waiting.map(|data| WaitingPdo {
+            number: self.place.number,
+            mapping: self.mapping,
+            data,
+        })
+    }
+
+    /// Puts what waited into the dictionary; false when nothing did.
+    #[inline]
+    pub(crate) fn on_sync(&mut self, dictionary: &mut ObjectDictionary) -> bool {
+        let waiting = self.waiting.take();
+        if let Some(data) = &waiting {
+            self.mapping.unpack(dictionary, data);
+        }
+        waiting.is_some()
+    }
+
+    /// True once when the dead-line has passed.
+    #[inline]
+    pub(crate) fn has_timed_out(&mut self, now: Duration) -> bool {
+        let has_timed_out = self.deadline.is_some_and(|deadline| now >= deadline);
+        if has_timed_out {
+            self.deadline = None;
+        }
+        has_timed_out
+    }
+
+    /// When the dead-line passes.
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        self.deadline
+    }
+}
