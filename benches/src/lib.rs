@@ -16,7 +16,7 @@ const SCENARIO: &str = "schema = 1\nname = \"bench\"\nduration_seconds = 1.0\n\n
                         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 const PERIOD: Duration = Duration::from_millis(1);
 
-/// Fails above so many instructions, about a third more than were counted when the limit was set.
+/// Fails above so many instructions: about a third more than were counted when the limit was set, unless the benchmark says otherwise.
 #[must_use]
 pub fn limit(instructions: u64) -> LibraryBenchmarkConfig {
     let mut callgrind = Callgrind::default();

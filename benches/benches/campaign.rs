@@ -1,0 +1,59 @@
+//! How many instructions a sweep takes for one cycle, from the case's number to its row: everything but the disk.
+
+use std::hint::black_box;
+use std::path::Path;
+
+// What `canrig sweep` is made of.
+use campaigns::campaign::play_one;
+use campaigns::sweep::plan::Plan;
+use campaigns::sweep::row::{Ended, Row};
+use recording::capture::Watch;
+use rig::setup::Setup;
+use worlds::catalogue::catalogue;
+
+use canrig_benches::limit;
+use gungraun::prelude::*;
+
+const SWEEP: &str = "../scenarios/sweeps/plants.toml";
+/// A plant that the controller does not know, without and with noise at the sensor.
+const CASES: [usize; 2] = [1, 201];
+/// Cycles of these cases; the benchmark's name says it again, for `benches/run`.
+const CYCLES: u64 = 24_000;
+/// Three per cent more than were counted when the limit was set.
+const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 18_520;
+
+/// What is played: the sweep's cases follow from it.
+fn plan() -> Plan {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(SWEEP);
+    let setup = Setup::load(&file, catalogue()).expect("the shipped sweep is valid");
+    Plan::new(&setup).expect("it is a sweep")
+}
+
+/// A case as a thread of `canrig sweep` plays it: its row, and how many cycles it had.
+fn played(plan: &Plan, number: usize) -> (Row, usize) {
+    let case = plan.case(number);
+    let scenario = case.scenario().expect("the case is valid");
+    let row = play_one(number, &scenario, &Watch::default(), |played| {
+        let row = Row::of_verdict(number, &case.id, played.verdict);
+        (row, played.timeline.cycle.len())
+    });
+    row.expect("the case is played")
+}
+
+/// Holds what was played against what the count is divided by.
+fn check(rows: [(Row, usize); CASES.len()]) {
+    let cycles: usize = rows.iter().map(|(_, cycles)| cycles).sum();
+    assert_eq!(u64::try_from(cycles), Ok(CYCLES), "cycles were played");
+    for (row, _) in rows {
+        assert_eq!(row.ended, Ended::Pass, "{row:?}");
+    }
+}
+
+#[library_benchmark(config = limit(CYCLES * INSTRUCTIONS_PER_CYCLE_MAX))]
+#[bench::cycles_24000(args = (plan()), teardown = check)]
+fn sweep_in_memory(plan: Plan) -> [(Row, usize); CASES.len()] {
+    CASES.map(|number| black_box(played(&plan, number)))
+}
+
+library_benchmark_group!(name = campaign, benchmarks = [sweep_in_memory]);
+main!(library_benchmark_groups = campaign);
