@@ -4,13 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use dbc::Database;
 use paper::identify::fit::Fit;
 use paper::identify::parameter::{self, Parameter};
 use paper::identify::report;
 use paper::identify::search::{self, Detour, Found};
 use paper::identify::start::{self, Start};
 use paper::identify::trace::Trace;
-use dbc::Database;
 use scenario::plant::Plant;
 use tempfile::TempDir;
 

@@ -273,9 +273,9 @@ impl platform::lockstep::Participant for Asked<'_> {
 #[test]
 fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use recording::capture::Watch;
-    use worlds::disturbance_node::DisturbanceProducer;
     use runner::run::run;
     use worlds::Played;
+    use worlds::disturbance_node::DisturbanceProducer;
     use worlds::lockstep::{Roles, play, simulate};
     let database = dbc::Database::shipped();
     for name in ["fan.toml", "step.toml"] {

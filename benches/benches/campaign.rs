@@ -33,7 +33,7 @@ fn plan() -> Plan {
 fn played(plan: &Plan, number: usize) -> (Row, usize) {
     let case = plan.case(number);
     let scenario = case.scenario().expect("the case is valid");
-    let row = play_one(number, &scenario, &Watch::default(), |played| {
+    let row = play_one(number, scenario, &Watch::default(), |played| {
         let row = Row::of_verdict(number, &case.id, played.verdict);
         (row, played.timeline.cycle.len())
     });

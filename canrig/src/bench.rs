@@ -9,10 +9,10 @@ use controller::law::ControlLaw;
 use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, tell_plants};
 use plant_emulator::plant::Plant;
 
-use worlds::catalogue::catalogue;
 use crate::cli::{self, Cli};
-use runner::exit::Exit;
 use runner::console;
+use runner::exit::Exit;
+use worlds::catalogue::catalogue;
 
 /// Files, sockets and pipes that a run has open at once, with some to spare.
 const OPEN_FILES: u64 = 64;

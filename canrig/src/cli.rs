@@ -3,28 +3,28 @@
 use clap::{Parser, Subcommand};
 use platform::{private_bus, process};
 
+use crate::doctor::{DoctorArgs, doctor};
+use crate::host::{NodeArgs, host};
+use crate::manual::{CompletionsArgs, ManArgs, completions, man};
+use crate::new::{NewArgs, new};
+use crate::schema::{SchemaArgs, schema};
+use crate::tools::monitor::{MonitorArgs, monitor};
+use crate::tools::nodes::{NodesArgs, nodes};
+use crate::tools::sdo::{SdoArgs, sdo};
+use campaigns::sweep::command::{SweepArgs, sweep};
+use campaigns::sweep::merge::{MergeArgs, merge};
+use campaigns::torture::command::{TortureArgs, torture};
+use paper::identify::command::{IdentifyArgs, identify};
+use paper::reproduce::command::{ReproduceArgs, reproduce};
 use runner::commands::check::{CheckArgs, check};
 use runner::commands::run::{RunArgs, run};
 use runner::commands::simulate::{SimulateArgs, simulate};
-use crate::doctor::{DoctorArgs, doctor};
 use runner::exit::Exit;
-use crate::host::{NodeArgs, host};
-use paper::identify::command::{IdentifyArgs, identify};
-use crate::manual::{CompletionsArgs, ManArgs, completions, man};
-use crate::new::{NewArgs, new};
 use runner::recordings::compare::{CompareArgs, compare};
 use runner::recordings::coverage::{CoverageArgs, coverage};
 use runner::recordings::export::{ExportArgs, export};
 use runner::recordings::replay::{ReplayArgs, replay};
 use runner::recordings::report::{ReportArgs, report};
-use paper::reproduce::command::{ReproduceArgs, reproduce};
-use crate::schema::{SchemaArgs, schema};
-use campaigns::sweep::command::{SweepArgs, sweep};
-use campaigns::sweep::merge::{MergeArgs, merge};
-use crate::tools::monitor::{MonitorArgs, monitor};
-use crate::tools::nodes::{NodesArgs, nodes};
-use crate::tools::sdo::{SdoArgs, sdo};
-use campaigns::torture::command::{TortureArgs, torture};
 
 const EXAMPLES: &str = "\
 Examples:

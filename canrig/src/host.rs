@@ -14,11 +14,11 @@ use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
 use scenario::{ControllerView, Scenario};
 
+use recording::latency::{NodeReport, Quantiles};
+use rig::rig_file::LoadedRig;
 use runner::console::{complain, say};
 use runner::exit::Exit;
 use worlds::nodes::{controller, faulty_controller, plant_emulator};
-use rig::rig_file::LoadedRig;
-use recording::latency::{NodeReport, Quantiles};
 
 /// Arguments of `node`.
 #[derive(Args, Debug)]

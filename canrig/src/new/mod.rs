@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use scenario::own::Section;
 
+use name::{InvalidName, Name};
 use runner::console::{complain, say};
 use runner::exit::Exit;
-use name::{InvalidName, Name};
 
 /// The checkout that this program was built from. It may be gone, or on another machine.
 const BUILT_FROM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");

@@ -131,7 +131,9 @@ impl ToolError {
     #[must_use]
     pub fn exit(&self) -> Exit {
         match self {
-            Self::Usage(_) | Self::File { .. } | Self::DataSheet(_) | Self::Dbc { .. } => Exit::Usage,
+            Self::Usage(_) | Self::File { .. } | Self::DataSheet(_) | Self::Dbc { .. } => {
+                Exit::Usage
+            }
             _ => Exit::BenchFailed,
         }
     }
@@ -194,4 +196,3 @@ fn ended(outcome: Result<String, ToolError>) -> Exit {
         }
     }
 }
-

@@ -13,12 +13,12 @@ use dbc::Database;
 use platform::clock::Clock;
 use platform::stop::StopSignal;
 
-use rig::data_sheet::{DataSheet, of_the_rig};
 use super::nodes::state_name;
 use super::{ToolBusArgs, ToolError, ended, open, seconds, value};
-use runner::exit::Exit;
-use runner::console::complain;
+use rig::data_sheet::{DataSheet, of_the_rig};
 use rig::error_frames;
+use runner::console::complain;
+use runner::exit::Exit;
 
 /// How long a quiet bus is waited for before Ctrl-C and the duration are looked at.
 const PATIENCE: Duration = Duration::from_millis(50);

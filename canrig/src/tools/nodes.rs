@@ -15,9 +15,9 @@ use canopen::{CanFrame, Filter, NmtState, Node, Progress};
 use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets};
 
+use super::{ToolBusArgs, ToolError, ended, seconds};
 use rig::data_sheet::{DataSheet, of_the_rig};
 use rig::presence::Presence;
-use super::{ToolBusArgs, ToolError, ended, seconds};
 use runner::exit::Exit;
 
 /// How long the tool listens before it speaks, unless told otherwise: longer than usual heartbeat periods.

@@ -13,9 +13,9 @@ use canopen::{CanFrame, Filter, Node, Progress};
 use clap::{Args, Subcommand};
 use dbc::Database;
 
+use super::{ToolBusArgs, ToolError, ended, value};
 use rig::data_sheet::{self, DataSheet, of_the_rig};
 use rig::presence::Presence;
-use super::{ToolBusArgs, ToolError, ended, value};
 use runner::exit::Exit;
 
 /// How long the tool listens before it uses the default channel: longer than usual heartbeat periods.

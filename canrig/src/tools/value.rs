@@ -269,8 +269,8 @@ fn parse_integer(text: &str) -> Option<i128> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rig::data_sheet::of_the_rig;
     use proptest::prelude::*;
+    use rig::data_sheet::of_the_rig;
 
     fn entry(index: u16, sub_index: u8) -> Entry {
         of_the_rig()[1].entry(index, sub_index).unwrap().clone()

@@ -9,17 +9,17 @@ use std::time::Duration;
 
 use scenario::Scenario;
 
+use dbc::scenario_clock::ScenarioClock;
+use judge::verdict::Verdict;
 use recording::capture::{Capture, Watch};
-use runner::console::Count;
-use worlds::catalogue::catalogue;
 use recording::log::Stamped;
+use recording::timeline::{self, Timeline};
+use rig::setup::Setup;
+use runner::console::Count;
 use runner::observer::observed;
 use runner::run;
-use rig::setup::Setup;
-use recording::timeline::{self, Timeline};
-use judge::verdict::Verdict;
+use worlds::catalogue::catalogue;
 use worlds::{Played, lockstep};
-use dbc::scenario_clock::ScenarioClock;
 
 /// Results that may wait for an earlier one to end, by thread: so much is held in memory, however many runs there are.
 const WAITING_MAX: usize = 32;

@@ -1,22 +1,22 @@
 //! From a timeline to a verdict. Nothing but the recording counts.
 
 mod harmonic;
-pub mod timing;
-pub mod verdict;
 mod metrics;
 mod reactions;
 mod sequences;
 mod signals;
+pub mod timing;
+pub mod verdict;
 
 use scenario::Scenario;
 use scenario::expect::Expect;
 
-use recording::events::{Event, Level};
-use rig::setup::Setup;
-use recording::timeline::Timeline;
 use crate::timing::Timing;
 use crate::verdict::{Metric, Outcome, Verdict};
 use metrics::Run;
+use recording::events::{Event, Level};
+use recording::timeline::Timeline;
+use rig::setup::Setup;
 
 pub use metrics::SETTLING_BAND;
 

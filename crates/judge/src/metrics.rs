@@ -6,9 +6,9 @@ use scenario::expect::Limit;
 
 use super::{BUS_LOAD, reactions, sequences, signals};
 use crate::harmonic::Harmonic;
-use rig::setup::Setup;
-use recording::timeline::Timeline;
 use crate::verdict::Metric;
+use recording::timeline::Timeline;
+use rig::setup::Setup;
 
 /// Half the width of the settling band, by the height of the step (PAPER, "Definitions").
 pub const SETTLING_BAND: f64 = 0.05;

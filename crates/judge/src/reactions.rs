@@ -6,9 +6,9 @@ use scenario::events::Window;
 use scenario::expect::{Emergency, Limit};
 
 use super::metrics::{Run, Value, largest, recovery};
+use crate::verdict::Metric;
 use recording::timeline::{Column, Timeline};
 use recording::truth::Truth;
-use crate::verdict::Metric;
 
 /// Without current for so long counts as current 0: a law may command no current for some cycles.
 const WITHOUT_CURRENT_SECONDS: f64 = 0.1;

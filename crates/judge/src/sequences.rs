@@ -5,8 +5,8 @@ use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
 use super::metrics::{Run, TIME_TOLERANCE_SECONDS};
 use super::signals::{Finding, samples_in, trace};
-use recording::traces::Sample;
 use crate::verdict::{Metric, rounded};
+use recording::traces::Sample;
 
 /// A row for each event of each sequence.
 pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
@@ -130,10 +130,10 @@ mod tests {
     use scenario::Scenario;
 
     use super::*;
-    use rig::catalogue::Catalogue;
-    use rig::setup::Setup;
     use recording::log::Stamped;
     use recording::timeline::decode;
+    use rig::catalogue::Catalogue;
+    use rig::setup::Setup;
 
     /// A run of 1 s from 0.1 s of the log on: cycles until the drive tells 0x8130 at 0.5 s, then current 0, but for one cycle.
     fn frames() -> Vec<Stamped> {

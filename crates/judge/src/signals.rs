@@ -6,8 +6,8 @@ use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
 use super::metrics::{Run, TIME_TOLERANCE_SECONDS, Value};
 use super::reactions::untold;
-use recording::traces::{Sample, Trace};
 use crate::verdict::{Metric, rounded};
+use recording::traces::{Sample, Trace};
 
 /// What a demand came to, and when: the worst of it, or its fulfilment.
 pub(super) struct Finding {

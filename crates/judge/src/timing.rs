@@ -8,10 +8,10 @@ use scenario::expect::Limit;
 use scenario::timing::{QuantileLimits, TimingLimits};
 use serde::{Deserialize, Serialize};
 
+use crate::verdict::Metric;
 use recording::latency::{Host, Latencies, NodeReport, Quantiles};
 use recording::log::Stamped;
 use rig::setup::Setup;
-use crate::verdict::Metric;
 
 const NO_LOOP: &str = "not available: all nodes are external";
 /// A wall clock that was stepped by more makes the stamps worthless.
@@ -41,11 +41,7 @@ impl Timing {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn of(
-        frames: &[Stamped],
-        setup: &Setup,
-        host: Host,
-    ) -> Result<Self, SignalMissing> {
+    pub fn of(frames: &[Stamped], setup: &Setup, host: Host) -> Result<Self, SignalMissing> {
         let latencies = Latencies::of(frames, setup)?;
         let quantiles = |histogram| Quantiles::of(histogram, 1);
         Ok(Self {

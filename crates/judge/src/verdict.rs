@@ -3,9 +3,9 @@
 use scenario::expect::{Limit, Requirements};
 use serde::{Deserialize, Serialize};
 
+use crate::timing::Timing;
 use rig::external::External;
 use rig::setup::Setup;
-use crate::timing::Timing;
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]

@@ -7,8 +7,8 @@ use dbc::{Database, Message, Signal, SignalHandle};
 use scenario::Scenario;
 use scenario::expect::Emergency;
 
-use rig::error_frames::{self, ErrorMessage};
 use crate::log::Stamped;
+use rig::error_frames::{self, ErrorMessage};
 
 /// An error of the bus that was silent for so long begins anew.
 const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);

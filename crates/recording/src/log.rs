@@ -9,7 +9,6 @@ use canopen::CanFrame;
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 use canopen::frame_bits::occupied_bits;
 
-
 /// Longest line of a log that is read.
 const LINE_LENGTH_MAX: u64 = 256;
 /// So much after the last good line is read in search of another one.

@@ -61,12 +61,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// The folder cannot be made.
-    pub fn create(
-        parent: &Path,
-        name: &str,
-        seed: u64,
-        text: &str,
-    ) -> Result<Self, WriteError> {
+    pub fn create(parent: &Path, name: &str, seed: u64, text: &str) -> Result<Self, WriteError> {
         fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
         let base = format!("{}-{}", slug(name), hash(seed, text));
         let path = create_numbered(parent, &base).map_err(WriteError::at(&parent.join(&base)))?;

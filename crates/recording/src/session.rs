@@ -5,8 +5,8 @@ use std::path::Path;
 
 use scenario::Scenario;
 
-use rig::rig_file::LoadedRig;
 use crate::run_folder::{RunFolder, WriteError, file};
+use rig::rig_file::LoadedRig;
 use rig::setup::Setup;
 
 /// Writes the scenario with the files that it names, and the rig file with its EDS.

@@ -9,12 +9,12 @@ use dbc::{Database, Signal, SignalHandle, SignalMissing, signals};
 use scenario::Scenario;
 
 use crate::events::{Event, EventReader, ToldEmergency};
-use crate::losses::LossReader;
 use crate::log::Stamped;
-use rig::setup::Setup;
+use crate::losses::LossReader;
 use crate::traces::{Trace, TraceReader};
 use crate::truth::{Truth, TruthReader};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
+use rig::setup::Setup;
 
 /// One signal over all cycles.
 #[derive(Clone, Debug, PartialEq)]

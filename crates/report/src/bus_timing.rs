@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use dbc::{Database, SignalMissing, signals};
 
-use recording::log::Stamped;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
+use recording::log::Stamped;
 
 /// Stretches of time for which the load is told.
 const LOAD_STRETCHES: u32 = 200;

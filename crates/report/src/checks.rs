@@ -3,10 +3,10 @@
 use maud::{Markup, html};
 use scenario::expect::{Demand, SignalCheck};
 
-use super::plot::{Colour, Patch, Plot, Shape};
 use super::Run;
-use rig::setup::Setup;
+use super::plot::{Colour, Patch, Plot, Shape};
 use recording::traces::Trace;
+use rig::setup::Setup;
 
 /// Signals that get a plot; the verdict lists the others too.
 const PLOTS_MAX: usize = 12;

@@ -7,10 +7,10 @@ use dbc::SignalMissing;
 use rig::setup::Setup;
 
 use super::{csv, html, junit};
+use judge::verdict::Verdict;
 use recording::log::Stamped;
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::timeline::Timeline;
-use judge::verdict::Verdict;
 
 /// A judged run: everything that a report is made of.
 pub struct Run<'a> {

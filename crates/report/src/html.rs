@@ -9,12 +9,12 @@ use scenario::events::JudgedStep;
 use super::bus_timing::{BusTiming, Spread, histogram};
 use super::plot::{Colour, Extent, Patch, Plot, Shape};
 use super::{Run, checks, page, shown_unit};
-use recording::events::{Event, Level};
-use rig::external::ExternalNode;
 use judge::SETTLING_BAND;
+use judge::timing::Timing;
+use recording::events::{Event, Level};
 use recording::run_folder::file;
 use recording::timeline::Timeline;
-use judge::timing::Timing;
+use rig::external::ExternalNode;
 
 /// Events that are listed; a run with more of them has its own trouble, told by the first ones.
 const EVENTS_MAX: usize = 300;
@@ -60,9 +60,7 @@ pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
 fn head(run: &Run<'_>) -> Markup {
     let scenario = &run.setup.scenario;
     let Run {
-        verdict,
-        timeline,
-        ..
+        verdict, timeline, ..
     } = run;
     let law = scenario.controller.law_name();
     html! {

@@ -1,6 +1,5 @@
 //! What a run leaves behind for people and for other programs.
 
-pub mod viewer;
 pub mod asc;
 pub mod blf;
 mod bus_timing;
@@ -19,6 +18,7 @@ pub mod plot;
 pub mod rerun;
 pub mod terminal;
 mod thin;
+pub mod viewer;
 
 pub use files::{ReportError, Run, write_all};
 

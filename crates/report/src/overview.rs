@@ -7,8 +7,8 @@ use maud::{Markup, html};
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
-use recording::timeline::Timeline;
 use judge::verdict::{Verdict, title};
+use recording::timeline::Timeline;
 
 /// Runs whose positions are laid over each other in one plot; with more nobody can tell them apart.
 const RUNS_IN_A_PLOT: usize = 7;

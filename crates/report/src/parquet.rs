@@ -42,11 +42,7 @@ pub struct Table<W: Write + Send>(SerializedFileWriter<W>);
 
 impl<W: Write + Send> Table<W> {
     /// A table with columns and no rows.
-    pub fn new(
-        output: W,
-        name: &str,
-        columns: &[(&str, Kind)],
-    ) -> Result<Self, ParquetError> {
+    pub fn new(output: W, name: &str, columns: &[(&str, Kind)]) -> Result<Self, ParquetError> {
         let properties = WriterProperties::builder()
             .set_created_by(concat!("canrig ", env!("CARGO_PKG_VERSION")).to_owned())
             .build();

@@ -7,13 +7,13 @@
 mod blueprint;
 mod bus;
 mod contents;
+mod drawing;
 mod fields;
 mod file;
 mod groups;
 mod hysteresis;
 mod output;
 mod run_log;
-mod drawing;
 #[cfg(test)]
 mod tests;
 mod times;
@@ -30,8 +30,8 @@ use rerun::external::re_log_types::{StoreId, StoreInfo};
 use rerun::{EntityPath, RecordingStreamError, StoreKind, new_store_info};
 
 use super::Run;
-use recording::timeline::Timeline;
 use judge::verdict::Verdict;
+use recording::timeline::Timeline;
 
 pub(crate) use bus::BusReader;
 use file::RecordingFile;
@@ -62,10 +62,7 @@ pub enum RerunError {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write(
-    path: &Path,
-    run: &Run<'_>,
-) -> Result<(), RerunError> {
+pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
     let Run {
         setup,
         frames,

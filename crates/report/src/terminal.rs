@@ -6,9 +6,9 @@ use comfy_table::{Attribute, Cell, CellAlignment, Color, ContentArrangement, Tab
 
 use scenario::expect::Limit;
 
-use recording::run_folder::file;
 use judge::timing::Timing;
 use judge::verdict::{Metric, Outcome, Verdict, title};
+use recording::run_folder::file;
 
 /// A verdict: its name, its table, its outcome and why.
 #[must_use]

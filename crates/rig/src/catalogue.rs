@@ -33,9 +33,9 @@ impl Catalogue {
         let own = own_laws.map(|(name, terms)| (Some(name), terms));
         let laws = Vec::from_iter([shipped].into_iter().chain(own));
         let frames = plants.flat_map(|(plant, signals)| {
-            let pairs = laws.iter().map(move |(law, terms)| {
-                Arc::new(Frames::new(plant, signals, *law, terms))
-            });
+            let pairs = laws
+                .iter()
+                .map(move |(law, terms)| Arc::new(Frames::new(plant, signals, *law, terms)));
             pairs.collect::<Vec<_>>()
         });
         Self {

@@ -3,8 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use canopen::object_dictionary::Entry;
 use canopen::eds::EdsError;
+use canopen::object_dictionary::Entry;
 use canopen::{ObjectDictionary, eds};
 
 use crate::FILE_BYTES_MAX;

@@ -6,19 +6,19 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use worlds::catalogue::catalogue;
-use recording::capture::{Capture, Watch};
 use crate::console::{complain_of, usage};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::observer::observed;
-use rig::rig_file::RIG_FILE;
 use crate::run::{Judged, run};
-use recording::run_folder::RunFolder;
-use rig::setup::Setup;
-use recording::tap::WhenFull;
 use crate::terminal::Terminal;
+use recording::capture::{Capture, Watch};
+use recording::run_folder::RunFolder;
+use recording::tap::WhenFull;
 use report::viewer::{ViewerAddress, Viewers};
+use rig::rig_file::RIG_FILE;
+use rig::setup::Setup;
+use worlds::catalogue::catalogue;
 use worlds::{Played, WorldError};
 
 /// Levels of folders that are searched for scenarios.

@@ -5,18 +5,18 @@ use std::path::{Path, PathBuf};
 use dbc::scenario_clock::ScenarioClock;
 use scenario::Scenario;
 
-use recording::capture::{Capture, Watch};
 use crate::exit::Exit;
-use recording::gauge::Gauge;
-use judge::{judge, judge_broken};
-use report::{ReportError, Run};
-use recording::run_folder::{RunFolder, WriteError, file};
-use recording::session::write_setup;
-use rig::setup::Setup;
-use recording::tap::Tap;
-use recording::timeline::{self, Timeline};
 use judge::timing::Timing;
 use judge::verdict::Verdict;
+use judge::{judge, judge_broken};
+use recording::capture::{Capture, Watch};
+use recording::gauge::Gauge;
+use recording::run_folder::{RunFolder, WriteError, file};
+use recording::session::write_setup;
+use recording::tap::Tap;
+use recording::timeline::{self, Timeline};
+use report::{ReportError, Run};
+use rig::setup::Setup;
 use worlds::{End, Played, WorldError};
 
 /// What a run left.

@@ -6,11 +6,11 @@ use crate::console::{Progress, complain, say};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::play::PlayArgs;
-use worlds::preflight::Step;
-use report::terminal;
 use crate::run::Judged;
 use judge::verdict::Outcome;
+use report::terminal;
 use std::path::Path;
+use worlds::preflight::Step;
 
 /// Prints what happens, as far as the user wants it.
 pub(crate) struct Terminal {

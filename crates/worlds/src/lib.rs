@@ -2,18 +2,18 @@
 
 mod bus_model;
 pub mod catalogue;
-mod coordinator;
-pub mod disturbance_node;
-pub mod nodes;
-pub mod preflight;
-mod supervisor;
 mod child;
 mod choice;
+mod coordinator;
+pub mod disturbance_node;
 pub mod line;
 pub mod lockstep;
+pub mod nodes;
+pub mod preflight;
 pub mod processes;
 pub mod real_time;
 mod strikes;
+mod supervisor;
 
 pub use choice::{BusChoice, RunBus, choose_bus};
 
@@ -23,8 +23,8 @@ use std::time::Duration;
 use dbc::SignalMissing;
 
 use crate::coordinator::CoordinatorError;
-use recording::run_folder::WriteError;
 use recording::latency::Host;
+use recording::run_folder::WriteError;
 
 /// Names of the nodes, for messages and for the command line of their processes.
 const CONTROLLER: &str = "controller";

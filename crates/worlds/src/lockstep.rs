@@ -11,10 +11,10 @@ use scenario::fault::bus::Station;
 
 use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, START_PATIENCE, STOP_PATIENCE, WorldError};
 use crate::bus_model::faults::BusFaults;
-use recording::capture::Capture;
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
 use crate::nodes;
+use recording::capture::Capture;
 use recording::log::Stamped;
 use rig::setup::Setup;
 

@@ -8,8 +8,8 @@ use plant_emulator::catalogue;
 use scenario::fault::Faults;
 use scenario::{ControllerView, Scenario};
 
-use rig::rig_file::LoadedRig;
 use crate::WorldError;
+use rig::rig_file::LoadedRig;
 
 /// The rig with its drive and its disturbance module.
 ///

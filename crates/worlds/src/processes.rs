@@ -11,9 +11,9 @@ use tokio::runtime::Runtime;
 use super::child::NodeProcess;
 use super::lockstep::{self, Roles};
 use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, Played, RunBus, WorldError};
-use recording::capture::Capture;
 use crate::coordinator::CoordinatorError;
 use crate::disturbance_node::DisturbanceProducer;
+use recording::capture::Capture;
 use recording::run_folder::RunFolder;
 
 /// The nodes that are processes of their own; none where somebody else's is on the bus.

@@ -13,13 +13,13 @@ use super::line::{COLLECT_PERIOD, Line, stop_signal};
 use super::processes::{Processes, runtime};
 use super::strikes::{Strike, Strikes};
 use super::{CONTROLLER, End, PLANT_EMULATOR, Played, START_PATIENCE, WorldError};
-use recording::capture::Capture;
 use crate::disturbance_node::DisturbanceProducer;
-use rig::external::ExternalNode;
-use recording::run_folder::RunFolder;
-use rig::setup::Setup;
 use crate::supervisor::Supervisor;
+use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
+use recording::run_folder::RunFolder;
+use rig::external::ExternalNode;
+use rig::setup::Setup;
 
 /// What the controller needs beyond the bring-up until current flows, with some to spare.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);

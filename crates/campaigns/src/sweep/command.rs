@@ -11,12 +11,12 @@ use super::row::{Ended, Row};
 use super::store::{Found, Header, Store, StoreError};
 use crate::campaign::{self, Campaign, Stopped};
 use recording::capture::Watch;
-use runner::console::{Count, complain, say};
-use runner::exit::Exit;
-use rig::setup::Setup;
-use runner::play;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_setup;
+use rig::setup::Setup;
+use runner::console::{Count, complain, say};
+use runner::exit::Exit;
+use runner::play;
 
 /// Why a sweep did not come to its end.
 #[derive(Debug, thiserror::Error)]

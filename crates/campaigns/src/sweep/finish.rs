@@ -5,11 +5,11 @@ use super::plan::Plan;
 use super::store::StoreError;
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
-use runner::console::say;
-use runner::exit::Exit;
-use rig::setup::Setup;
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::copy_tables;
+use rig::setup::Setup;
+use runner::console::say;
+use runner::exit::Exit;
 
 /// Name of the folder with the scenarios of cases that do not pass.
 const FAILING: &str = "failing";

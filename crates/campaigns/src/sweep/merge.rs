@@ -11,11 +11,11 @@ use super::finish::{FinishError, finish};
 use super::plan::{Plan, PlanError};
 use super::row::Row;
 use super::store::{self, Header, Rows, Store, StoreError};
+use recording::run_folder::{WriteError, file};
+use rig::setup::Setup;
 use runner::console::complain;
 use runner::exit::Exit;
-use rig::setup::Setup;
 use runner::play;
-use recording::run_folder::{WriteError, file};
 
 /// Missing cases that are named.
 const MISSING_SHOWN_MAX: usize = 10;

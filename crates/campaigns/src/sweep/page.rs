@@ -3,11 +3,11 @@
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
-use report::plot::{Colour, Extent, Patch, Plot, Shape};
-use report::{page, terminal};
 use super::row::Ended;
 use super::summary::{Failing, Spread, Summary};
 use judge::verdict::title;
+use report::plot::{Colour, Extent, Patch, Plot, Shape};
+use report::{page, terminal};
 
 /// The heads of the metrics' table.
 const HEADS: [&str; 8] = [

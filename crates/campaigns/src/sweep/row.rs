@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use runner::exit::Exit;
 use judge::verdict::{Outcome, Verdict};
+use runner::exit::Exit;
 
 /// How a case ended.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]

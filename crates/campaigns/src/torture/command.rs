@@ -10,14 +10,14 @@ use scenario::Scenario;
 use super::draw;
 use super::invariants::{Violation, violation};
 use super::shrink::{Case, of_fault};
-use worlds::catalogue::catalogue;
 use crate::campaign::Campaign;
 use recording::capture::Watch;
+use rig::setup::Setup;
 use runner::console::{complain, say};
 use runner::exit::Exit;
 use runner::play;
 use runner::run::run;
-use rig::setup::Setup;
+use worlds::catalogue::catalogue;
 use worlds::{Played, lockstep};
 
 /// Failing cases that are shrunk; more of them have the same cause more often than not.

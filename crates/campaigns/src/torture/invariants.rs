@@ -9,9 +9,9 @@ use scenario::Scenario;
 use scenario::fault::node::{Node, Output};
 
 use crate::campaign::Run;
+use judge::verdict::Outcome;
 use recording::log::Stamped;
 use recording::truth::Truth;
-use judge::verdict::Outcome;
 
 /// 1 A, the amplifier's most, settles the paper's wire at 138.44 °C; the message counts hundredths.
 const TEMPERATURE_CELSIUS_MAX: f64 = 138.5;

@@ -1,9 +1,9 @@
 //! `canrig identify`: from arguments to a folder with plant, scenario, report and pictures.
 
-use clap::Args;
-use std::str::FromStr;
 use crate::identify::start::Start;
+use clap::Args;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use dbc::Database;
 use scenario::Scenario;
@@ -18,9 +18,9 @@ use super::search::{self, Found, SearchError};
 use super::start;
 use super::statistics::Statistics;
 use super::trace::Trace;
+use recording::run_folder::{RunFolder, file};
 use runner::console::{Activity, complain, say};
 use runner::exit::Exit;
-use recording::run_folder::{RunFolder, file};
 
 /// Most recordings of one identification.
 const RECORDINGS_MAX: usize = 100;
@@ -179,8 +179,8 @@ fn read_database(path: &Path) -> Result<Database, Failure> {
         message: format!("{} is no DBC: {reason}", path.display()),
         exit: Exit::Usage,
     };
-    let text = scenario::read_text(path, rig::FILE_BYTES_MAX)
-        .map_err(|error| fault(error.to_string()))?;
+    let text =
+        scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|error| fault(error.to_string()))?;
     Database::parse(&text).map_err(|error| fault(error.to_string()))
 }
 

@@ -53,8 +53,8 @@ pub fn read_plant(path: &Path) -> Result<Plant, PlantFileError> {
         path: path.to_owned(),
         reason,
     };
-    let text = scenario::read_text(path, rig::FILE_BYTES_MAX)
-        .map_err(|error| fault(error.to_string()))?;
+    let text =
+        scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|error| fault(error.to_string()))?;
     let mut table: toml::Table = text
         .parse()
         .map_err(|error: toml::de::Error| fault(error.message().to_owned()))?;

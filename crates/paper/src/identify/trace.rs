@@ -11,13 +11,13 @@ use scenario::plant::Sensor;
 use scenario::rig::Rig;
 use scenario::{Scenario, ScenarioError};
 
-use recording::log::{self, Stamped};
-use rig::rig_file::{LoadedRig, RigError};
-use worlds::catalogue::catalogue;
-use recording::run_folder::file;
-use rig::setup::Setup;
-use recording::timeline::{self, Timeline};
 use dbc::scenario_clock::SYNC_COB_ID;
+use recording::log::{self, Stamped};
+use recording::run_folder::file;
+use recording::timeline::{self, Timeline};
+use rig::rig_file::{LoadedRig, RigError};
+use rig::setup::Setup;
+use worlds::catalogue::catalogue;
 
 /// Distance of the positions that are compared. The wire's time constant is 0.65 s; closer ones would add little.
 const GRID_SECONDS: f64 = 0.01;

@@ -2,9 +2,9 @@
 
 use scenario::Scenario;
 
-use worlds::catalogue::catalogue;
-use rig::setup::Setup;
 use campaigns::sweep::plan::Plan;
+use rig::setup::Setup;
+use worlds::catalogue::catalogue;
 
 macro_rules! bases {
     ($($name:ident),*) => {

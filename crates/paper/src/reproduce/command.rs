@@ -11,9 +11,9 @@ use super::finding::Finding;
 use super::number::Number;
 use super::{material, page, response, robustness, sensitivity};
 use campaigns::campaign::{Campaign, Fault, Interrupted};
+use recording::run_folder::{RunFolder, WriteError, file};
 use runner::console::{Activity, complain, say};
 use runner::exit::Exit;
-use recording::run_folder::{RunFolder, WriteError, file};
 use runner::observer::observed;
 
 /// Name of the file with all numbers.

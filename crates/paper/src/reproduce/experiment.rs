@@ -8,11 +8,11 @@ use scenario::events::Window;
 use scenario::expect::Expect;
 
 use super::number::Number;
-use campaigns::campaign;
 use crate::identify::trace::Trace;
-use report::plot::{Colour, Shape};
-use recording::timeline::Timeline;
+use campaigns::campaign;
 use judge::verdict::Verdict;
+use recording::timeline::Timeline;
+use report::plot::{Colour, Shape};
 
 /// How much is played.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

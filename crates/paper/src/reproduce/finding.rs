@@ -18,4 +18,3 @@ impl Finding {
         self.evaluation.numbers.iter().all(Number::holds)
     }
 }
-

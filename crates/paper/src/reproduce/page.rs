@@ -3,13 +3,13 @@
 use comfy_table::{Cell, CellAlignment};
 use maud::{Markup, html};
 
+use super::experiment::{Effort, Figure, Table};
+use super::finding::Finding;
+use super::number::Number;
+use judge::verdict::Outcome;
 use report::page;
 use report::plot::{Extent, Patch, Plot};
 use report::terminal::{empty_table, limit, measured, result};
-use super::finding::Finding;
-use super::experiment::{Effort, Figure, Table};
-use super::number::Number;
-use judge::verdict::Outcome;
 
 /// What a reader must know before the first number.
 const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on shape memory alloys actuators\", played on the emulated \

@@ -10,9 +10,9 @@ use super::groups;
 use super::output::{Output, send_scalars, send_static};
 use super::run_log::line;
 use super::times::{self, Moment};
+use recording::latency::{CycleReader, Stage};
 use recording::log::Stamped;
 use rig::setup::Setup;
-use recording::latency::{CycleReader, Stage};
 
 /// Stretch of time for which a load is told.
 const LOAD_STRETCH_SECONDS: f64 = 0.1;

@@ -12,17 +12,17 @@ use scenario::events::DisturbanceCommand;
 
 use super::blueprint::{self, Play};
 use super::bus::{self, BusReader};
+use super::drawing::Drawing;
 use super::groups::{self, OwnView, Style};
 use super::hysteresis::{self, Hysteresis};
 use super::output::{Output, send_rows, send_scalars, send_static};
-use super::drawing::Drawing;
 use super::times;
-use recording::events::{Event, Level};
-use judge::SETTLING_BAND;
 use crate::terminal;
-use rig::setup::Setup;
-use recording::timeline::Timeline;
+use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict, title};
+use recording::events::{Event, Level};
+use recording::timeline::Timeline;
+use rig::setup::Setup;
 
 /// A signal that changes in fewer than one of so many rows has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;

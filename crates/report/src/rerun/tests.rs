@@ -37,8 +37,7 @@ fn setup() -> Setup {
     let text = "schema = 1\nname = \"made up\"\nduration_seconds = 0.3\n\n[controller.sliding_mode]\n\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
         [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 35.0\n";
-    let scenario =
-        Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap();
+    let scenario = Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap();
     Setup::of(scenario, &Catalogue::shipped())
 }
 

@@ -11,12 +11,12 @@ use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use rtrb::Consumer;
 
 use super::{Show, ViewerAddress};
-use recording::log::Stamped;
 use crate::rerun::{APPLICATION, BusReader, Known, Recording};
-use rig::setup::Setup;
+use judge::verdict::Verdict;
+use recording::log::Stamped;
 use recording::tap::{Tap, WhenFull};
 use recording::timeline::Reader;
-use judge::verdict::Verdict;
+use rig::setup::Setup;
 
 /// How often what was heard is sent.
 const PIECE_PERIOD: Duration = Duration::from_millis(100);

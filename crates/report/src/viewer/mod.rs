@@ -17,9 +17,9 @@ pub use address::ViewerAddress;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use rig::setup::Setup;
-use recording::tap::{Dropped, Tap, WhenFull};
 use judge::verdict::Verdict;
+use recording::tap::{Dropped, Tap, WhenFull};
+use rig::setup::Setup;
 
 /// How long a run waits at its end for a viewer that takes nothing.
 pub const END_PATIENCE: Duration = Duration::from_secs(2);
@@ -103,7 +103,9 @@ impl Shows {
                     reason
                 }
             };
-            Some(format!("the viewer at {address} {what}; the recording is complete"))
+            Some(format!(
+                "the viewer at {address} {what}; the recording is complete"
+            ))
         });
         missed.collect()
     }

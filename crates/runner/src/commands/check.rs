@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use scenario::rig::Rig;
 
-use rig::FILE_BYTES_MAX;
-use worlds::catalogue::catalogue;
 use crate::console::{complain, say, usage};
 use crate::exit::Exit;
 use crate::play::scenario_files;
+use rig::FILE_BYTES_MAX;
 use rig::rig_file::LoadedRig;
 use rig::setup::Setup;
+use worlds::catalogue::catalogue;
 
 /// Arguments of `check`.
 #[derive(Args, Debug)]

@@ -8,20 +8,20 @@ use platform::bus::BusAddress;
 use platform::scheduling;
 use scenario::Scenario;
 
-use recording::capture::{Capture, Watch};
 use crate::console::{complain, complain_of, usage};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
-use rig::external::{External, ExternalNode};
 use crate::observer::observed;
 use crate::play::{PlayArgs, Stage, is_scenario, play_all, prepared, scenario_files};
-use worlds::preflight::{Preflight, Step};
-use rig::rig_file::{LoadedRig, RigError};
-use recording::run_folder::RunFolder;
-use rig::setup::Setup;
-use recording::tap::WhenFull;
 use crate::terminal::Terminal;
+use recording::capture::{Capture, Watch};
+use recording::run_folder::RunFolder;
+use recording::tap::WhenFull;
+use rig::external::{External, ExternalNode};
+use rig::rig_file::{LoadedRig, RigError};
+use rig::setup::Setup;
 use worlds::line::Line;
+use worlds::preflight::{Preflight, Step};
 use worlds::{BusChoice, End, Played, RunBus, WorldError, choose_bus, processes, real_time};
 
 /// Arguments of `run`.

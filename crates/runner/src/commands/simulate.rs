@@ -2,14 +2,14 @@
 
 use clap::Args;
 
-use recording::capture::Capture;
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::play::{PlayArgs, Stage, play_all};
-use recording::run_folder::RunFolder;
-use rig::setup::Setup;
-use recording::tap::WhenFull;
 use crate::terminal::Terminal;
+use recording::capture::Capture;
+use recording::run_folder::RunFolder;
+use recording::tap::WhenFull;
+use rig::setup::Setup;
 use worlds::{Played, WorldError, lockstep};
 
 /// Arguments of `simulate`.

@@ -1,14 +1,14 @@
 //! `canrig export`: a recording in another program's format.
 
-use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use std::io::{self, Write};
+use std::path::PathBuf;
 
 use super::{Recorded, RecordedError, refuse};
 use crate::console::complain;
 use crate::exit::Exit;
-use report::{asc, blf, csv, mf4, parquet};
 use dbc::scenario_clock::ScenarioClock;
+use report::{asc, blf, csv, mf4, parquet};
 
 /// Arguments of `export`.
 #[derive(Args, Debug)]

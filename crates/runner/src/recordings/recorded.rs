@@ -8,14 +8,14 @@ use std::sync::Arc;
 
 use scenario::ScenarioError;
 
-use worlds::catalogue::catalogue;
+use judge::verdict::{Outcome, Verdict};
 use judge::{judge, judge_timing};
 use recording::log::{Log, read_cut_log};
-use rig::rig_file::{LoadedRig, RigError};
-use rig::setup::Setup;
 use recording::run_folder::file;
 use recording::timeline::{self, Timeline};
-use judge::verdict::{Outcome, Verdict};
+use rig::rig_file::{LoadedRig, RigError};
+use rig::setup::Setup;
+use worlds::catalogue::catalogue;
 
 /// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names them.
 const VERDICT_BYTES_MAX: u64 = 16 << 20;
@@ -116,8 +116,8 @@ impl Recorded {
                 broken: log.broken,
             });
         }
-        let mut setup =
-            Setup::load(scenario, catalogue()).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
+        let mut setup = Setup::load(scenario, catalogue())
+            .map_err(|error| RecordedError::Scenario(Box::new(error)))?;
         let stored = match played {
             None => read_verdict(&folder.join(file::VERDICT))?,
             Some(_) => None,

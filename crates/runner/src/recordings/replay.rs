@@ -1,8 +1,8 @@
 //! `canrig replay`: a recording judged again.
 
-use std::path::PathBuf;
-use clap::Args;
 use crate::play::ViewerArgs;
+use clap::Args;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use platform::clock::{Clock, sleep};
@@ -10,11 +10,11 @@ use platform::clock::{Clock, sleep};
 use super::{Recorded, RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
-use report::terminal;
-use worlds::catalogue::catalogue;
-use rig::setup::Setup;
-use recording::tap::WhenFull;
 use judge::verdict::Verdict;
+use recording::tap::WhenFull;
+use report::terminal;
+use rig::setup::Setup;
+use worlds::catalogue::catalogue;
 
 /// Frames go to a viewer no earlier than this before their time.
 const AHEAD_MAX: Duration = Duration::from_millis(10);
@@ -71,8 +71,8 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
     let played = args.scenario.as_deref().filter(|_| !path.is_dir());
     let mut recorded = Recorded::load(path, played)?;
     if let Some(limits) = limits {
-        let other =
-            Setup::load(limits, catalogue()).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
+        let other = Setup::load(limits, catalogue())
+            .map_err(|error| RecordedError::Scenario(Box::new(error)))?;
         recorded.setup.scenario.expect = other.scenario.expect;
     }
     let timeline = recorded.timeline()?;

@@ -8,10 +8,10 @@ use super::recorded::require_run;
 use super::{Recorded, RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
-use report::{Run, html, overview};
+use judge::verdict::Verdict;
 use recording::run_folder::file;
 use recording::timeline::Timeline;
-use judge::verdict::Verdict;
+use report::{Run, html, overview};
 
 /// Arguments of `report`.
 #[derive(Args, Debug)]

@@ -11,10 +11,10 @@ use dbc::scenario_clock::ScenarioClock;
 use scenario::rig::drive::{Feedback, Scaled};
 
 use super::checklist::Check;
-use rig::error_frames;
-use recording::log::Stamped;
-use rig::rig_file::LoadedRig;
 use crate::WorldError;
+use recording::log::Stamped;
+use rig::error_frames;
+use rig::rig_file::LoadedRig;
 
 /// How long the load is watched at rest before the current rises.
 pub(super) const REST: Duration = Duration::from_secs(1);

@@ -12,9 +12,9 @@ use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, ObjectDictionary, Prog
 use scenario::rig::ObjectAddress;
 
 use super::checklist::Check;
-use rig::rig_file::LoadedRig;
 use rig::data_sheet::of_the_rig;
 use rig::presence::Presence;
+use rig::rig_file::LoadedRig;
 
 /// How long is listened for another manager: longer than its SYNCs are apart.
 const LISTEN_TIME: Duration = Duration::from_millis(300);

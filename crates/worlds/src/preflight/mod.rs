@@ -22,18 +22,18 @@ use scenario::Scenario;
 
 pub use checklist::{Check, Outcome};
 
-use recording::capture::{Capture, Watch};
-use rig::external::{External, ExternalNode};
-use recording::gauge::Gauge;
-use rig::rig_file::LoadedRig;
 use crate::catalogue::catalogue;
-use recording::run_folder::RunFolder;
-use recording::session::write_setup;
-use rig::setup::Setup;
 use crate::line::Line;
 use crate::{End, RunBus, WorldError, real_time};
 use heating::Heating;
 use interview::Interview;
+use recording::capture::{Capture, Watch};
+use recording::gauge::Gauge;
+use recording::run_folder::RunFolder;
+use recording::session::write_setup;
+use rig::external::{External, ExternalNode};
+use rig::rig_file::LoadedRig;
+use rig::setup::Setup;
 
 /// Name of the session under which the drive is heated, and of its folder.
 const NAME: &str = "pre-flight";
@@ -100,7 +100,11 @@ impl Preflight {
             return Ok(End::Interrupted);
         }
         pass(interview.checks(), report)?;
-        let session = Session { parent, line, watch };
+        let session = Session {
+            parent,
+            line,
+            watch,
+        };
         let end = heat(&rig, setup, session, report)?;
         if end == End::Interrupted || !rig.rig.preflight.heating {
             return Ok(end);

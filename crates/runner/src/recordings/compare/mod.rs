@@ -19,8 +19,8 @@ use self::tolerance::Tolerances;
 use super::{Recorded, RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
-use recording::timeline::Timeline;
 use judge::verdict::{Metric, Verdict};
+use recording::timeline::Timeline;
 
 pub use tolerance::GivenTolerance;
 

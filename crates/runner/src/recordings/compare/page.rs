@@ -3,12 +3,12 @@
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
+use super::difference::{Comparison, MetricDifference, SignalDifference};
+use judge::verdict::title;
+use recording::timeline::Timeline;
 use report::page;
 use report::plot::{Colour, Patch, Plot, Shape};
 use report::terminal;
-use super::difference::{Comparison, MetricDifference, SignalDifference};
-use recording::timeline::Timeline;
-use judge::verdict::title;
 
 /// Signals that the terminal shows; the page shows all.
 const ROWS_MAX: usize = 8;

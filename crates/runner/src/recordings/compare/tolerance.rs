@@ -3,8 +3,8 @@
 use std::str::FromStr;
 
 use super::{CompareError, SET_POINT};
-use recording::timeline::Timeline;
 use judge::verdict::Verdict;
+use recording::timeline::Timeline;
 
 /// The tolerance of a metric by its value, where that is more than its unit's.
 const METRIC_SHARE: f64 = 0.05;

@@ -6,8 +6,8 @@ mod page;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use scenario::ScenarioError;
 use clap::Args;
+use scenario::ScenarioError;
 
 use self::matrix::Requirement;
 use super::recorded::{read_verdict, require_run};
@@ -15,10 +15,10 @@ use super::report::{link, write};
 use super::{RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
-use worlds::catalogue::catalogue;
-use rig::setup::Setup;
-use recording::run_folder::file;
 use judge::verdict::{Outcome, Verdict};
+use recording::run_folder::file;
+use rig::setup::Setup;
+use worlds::catalogue::catalogue;
 
 /// Columns of the list: the requirement's name, and what it says.
 const COLUMNS: [&str; 2] = ["id", "text"];

@@ -6,9 +6,9 @@ use std::path::Path;
 use comfy_table::{Cell, Color};
 use maud::{Markup, html};
 
-use report::{page, terminal};
 use super::matrix::{Requirement, Test};
 use judge::verdict::{Outcome, title};
+use report::{page, terminal};
 
 /// What is said of a requirement that nothing tests.
 const NEVER_TESTED: &str = "never tested";
