@@ -1,65 +1,229 @@
 //! The rooms keep apart what ARCHITECTURE.md says they keep apart.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::support::root;
 
-/// Which rooms a room may depend on.
-const MAY_DEPEND_ON: [(&str, &[&str]); 8] = [
-    ("scenario", &["canopen"]),
+/// A room, by its package's name, and the rooms that it may depend on. Each stands above all that it names.
+const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
     ("canopen", &[]),
     ("dbc", &["canopen"]),
-    ("faults", &["scenario", "dbc", "canopen"]),
-    ("controller", &["scenario", "dbc", "canopen", "platform"]),
+    ("scenario", &["canopen"]),
+    ("faults", &["canopen", "dbc", "scenario"]),
+    ("platform", &["canopen"]),
+    ("controller", &["canopen", "dbc", "scenario", "platform"]),
     (
         "plant-emulator",
-        &["scenario", "faults", "dbc", "canopen", "platform"],
+        &["canopen", "dbc", "scenario", "faults", "platform"],
     ),
-    ("platform", &["canopen"]),
+    ("rig", &["canopen", "dbc", "scenario"]),
+    (
+        "recording",
+        &["canopen", "dbc", "scenario", "platform", "rig"],
+    ),
+    ("judge", &["canopen", "dbc", "scenario", "rig", "recording"]),
+    (
+        "worlds",
+        &[
+            "canopen",
+            "dbc",
+            "scenario",
+            "faults",
+            "platform",
+            "controller",
+            "plant-emulator",
+            "rig",
+            "recording",
+        ],
+    ),
+    (
+        "report",
+        &[
+            "canopen",
+            "dbc",
+            "scenario",
+            "platform",
+            "rig",
+            "recording",
+            "judge",
+        ],
+    ),
+    (
+        "runner",
+        &[
+            "canopen",
+            "dbc",
+            "scenario",
+            "platform",
+            "rig",
+            "recording",
+            "judge",
+            "worlds",
+            "report",
+        ],
+    ),
+    (
+        "campaigns",
+        &[
+            "canopen",
+            "dbc",
+            "scenario",
+            "faults",
+            "plant-emulator",
+            "rig",
+            "recording",
+            "judge",
+            "worlds",
+            "report",
+            "runner",
+        ],
+    ),
+    (
+        "paper",
+        &[
+            "canopen",
+            "dbc",
+            "scenario",
+            "plant-emulator",
+            "rig",
+            "recording",
+            "judge",
+            "worlds",
+            "report",
+            "runner",
+            "campaigns",
+        ],
+    ),
     (
         "canrig",
         &[
+            "canopen",
+            "dbc",
             "scenario",
             "faults",
-            "dbc",
-            "canopen",
+            "platform",
             "controller",
             "plant-emulator",
-            "platform",
+            "rig",
+            "recording",
+            "judge",
+            "worlds",
+            "report",
+            "runner",
+            "campaigns",
+            "paper",
         ],
     ),
 ];
+
+/// The rooms that print: what `runner` has a console for, and the nodes' own programs.
+const MAY_PRINT: [&str; 4] = ["runner", "campaigns", "paper", "canrig"];
+/// Text that reaches a terminal by itself.
+const PRINTS: [&str; 5] = [
+    "println!(",
+    "eprint!(",
+    " print!(",
+    "io::stdout()",
+    "io::stderr()",
+];
+
+/// A package of the workspace.
+struct Room {
+    name: String,
+    folder: PathBuf,
+    /// The packages of the workspace that it names in its manifest, those for tests left out.
+    depends_on: BTreeSet<String>,
+}
 
 fn manifest(path: &Path) -> toml::Table {
     fs::read_to_string(path).unwrap().parse().unwrap()
 }
 
-/// All dependencies of a manifest, those for tests too.
-fn dependencies(manifest: &toml::Table) -> Vec<String> {
-    let sections = ["dependencies", "dev-dependencies", "build-dependencies"];
-    let tables = sections
+/// The keys of a manifest's tables, by the package that each means: a key may be another name for it.
+fn packages(manifest: &toml::Table, section: &str) -> Vec<String> {
+    let Some(table) = manifest.get(section).and_then(toml::Value::as_table) else {
+        return Vec::new();
+    };
+    let package = |(key, value): (&String, &toml::Value)| {
+        let renamed = value.get("package").and_then(toml::Value::as_str);
+        renamed.map_or_else(|| key.clone(), str::to_owned)
+    };
+    table.iter().map(package).collect()
+}
+
+/// The members of the workspace as their manifests say.
+fn rooms(root: &Path) -> Vec<Room> {
+    let members = manifest(&root.join("Cargo.toml"))["workspace"]["members"].clone();
+    let members: Vec<String> = members.try_into().unwrap();
+    let mut rooms: Vec<Room> = members
         .iter()
-        .filter_map(|section| manifest.get(*section)?.as_table());
-    tables.flat_map(|table| table.keys().cloned()).collect()
+        .map(|member| {
+            let folder = root.join(member);
+            let manifest = manifest(&folder.join("Cargo.toml"));
+            let sections = ["dependencies", "build-dependencies"];
+            let named = sections.map(|section| packages(&manifest, section));
+            Room {
+                name: manifest["package"]["name"].as_str().unwrap().to_owned(),
+                folder,
+                depends_on: named.concat().into_iter().collect(),
+            }
+        })
+        .collect();
+    let names: BTreeSet<String> = rooms.iter().map(|room| room.name.clone()).collect();
+    for room in &mut rooms {
+        room.depends_on.retain(|name| names.contains(name));
+    }
+    rooms
+}
+
+/// What the manifests have that the table forbids.
+fn forbidden(rooms: &[Room]) -> Vec<String> {
+    let allowed: BTreeMap<_, _> = MAY_DEPEND_ON.into_iter().collect();
+    let of_room = |room: &Room| {
+        let Some(allowed) = allowed.get(room.name.as_str()) else {
+            return vec![format!("{} has no rule", room.name)];
+        };
+        let strange = room.depends_on.iter();
+        let strange = strange.filter(|name| !allowed.contains(&name.as_str()));
+        strange
+            .map(|name| format!("{} must not depend on {name}", room.name))
+            .collect()
+    };
+    rooms.iter().flat_map(of_room).collect()
 }
 
 #[test]
 fn each_room_depends_only_on_the_rooms_it_may() {
-    let allowed: BTreeMap<_, _> = MAY_DEPEND_ON.into_iter().collect();
-    let members = manifest(&root().join("Cargo.toml"))["workspace"]["members"].clone();
-    let members: Vec<String> = members.try_into().unwrap();
-    assert_eq!(members.len(), allowed.len(), "a room without a rule");
-    for member in &members {
-        let depends_on = dependencies(&manifest(&root().join(member).join("Cargo.toml")));
-        let rooms = depends_on.iter().filter(|name| members.contains(name));
-        for room in rooms {
+    let rooms = rooms(&root());
+    assert_eq!(rooms.len(), MAY_DEPEND_ON.len(), "a rule without a room");
+    assert_eq!(forbidden(&rooms), Vec::<String>::new());
+    // Who depends on nothing at all would make the rules say nothing.
+    let arrows: usize = rooms.iter().map(|room| room.depends_on.len()).sum();
+    assert!(arrows > 40, "{arrows} arrows");
+}
+
+#[test]
+fn a_forbidden_arrow_is_found() {
+    let mut rooms = rooms(&root());
+    let judge = rooms.iter_mut().find(|room| room.name == "judge").unwrap();
+    judge.depends_on.insert("worlds".to_owned());
+    assert_eq!(forbidden(&rooms), ["judge must not depend on worlds"]);
+}
+
+/// The table is a stair: no rule names a room that stands above or beside its own, so there is no circle.
+#[test]
+fn no_rule_makes_a_circle() {
+    let mut below = BTreeSet::new();
+    for (room, depends_on) in MAY_DEPEND_ON {
+        for name in depends_on {
             assert!(
-                allowed[member.as_str()].contains(&room.as_str()),
-                "{member} must not depend on {room}"
+                below.contains(name),
+                "{room} may depend on {name}, which is not below it"
             );
         }
+        below.insert(room);
     }
 }
 
@@ -82,41 +246,116 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
+/// The lines of a file that are code in use: without comments, and without the tests at its end.
+fn code(text: &str) -> impl Iterator<Item = &str> {
+    let end = text.find("\n#[cfg(test)]\nmod tests").unwrap_or(text.len());
+    let lines = text[..end].lines();
+    lines.filter(|line| !line.trim_start().starts_with("//"))
+}
+
+/// The lines of a file by which something reaches the terminal.
+fn prints(text: &str) -> Vec<&str> {
+    let is_print = |line: &&str| PRINTS.iter().any(|print| line.contains(print));
+    code(text).filter(is_print).collect()
+}
+
 #[test]
-fn libraries_of_nodes_do_not_know_the_platform() {
-    for room in ["controller", "plant-emulator"] {
-        for path in sources(&root().join(room).join("src")) {
-            let names_platform = fs::read_to_string(&path).unwrap().contains("platform::");
-            let is_main = path.ends_with("src/main.rs");
-            assert!(
-                !names_platform || is_main,
-                "{} names platform",
-                path.display()
-            );
+fn nothing_below_the_runner_prints() {
+    let rooms = rooms(&root());
+    let silent = rooms
+        .iter()
+        .filter(|room| !MAY_PRINT.contains(&room.name.as_str()));
+    for room in silent {
+        for path in sources(&room.folder.join("src")) {
+            // A node's program says what went wrong on its own standard error.
+            if path.ends_with("src/main.rs") || path.ends_with("tests.rs") {
+                continue;
+            }
+            let text = fs::read_to_string(&path).unwrap();
+            let printed = prints(&text);
+            assert!(printed.is_empty(), "{} prints: {printed:?}", path.display());
+        }
+    }
+}
+
+/// Output goes through one console.
+#[test]
+fn only_the_console_and_what_prints_data_open_the_terminal() {
+    let allowed = [
+        "runner/src/console.rs",
+        // Bytes that a pipe takes: an exported recording, completions, lines of live traffic.
+        "runner/src/commands/export.rs",
+        "canrig/src/manual.rs",
+        "canrig/src/tools/monitor.rs",
+    ];
+    let rooms = rooms(&root());
+    let talkative = rooms
+        .iter()
+        .filter(|room| MAY_PRINT.contains(&room.name.as_str()));
+    for room in talkative {
+        for path in sources(&room.folder.join("src")) {
+            let is_allowed = allowed.iter().any(|end| path.ends_with(end));
+            if is_allowed || path.to_string_lossy().contains("/src/new/") {
+                continue;
+            }
+            let text = fs::read_to_string(&path).unwrap();
+            let printed = prints(&text);
+            assert!(printed.is_empty(), "{} prints: {printed:?}", path.display());
         }
     }
 }
 
 #[test]
+fn a_print_below_the_runner_is_found() {
+    let planted = "fn judge() {\n    println!(\"passed\");\n}\n";
+    assert_eq!(prints(planted), ["    println!(\"passed\");"]);
+    let harmless = "// println!(\"x\")\nfn f() {}\n\n#[cfg(test)]\nmod tests { fn g() { println!(\"x\"); } }\n";
+    assert_eq!(prints(harmless), Vec::<&str>::new());
+}
+
+/// Whether any source of a package names something in its code.
+#[track_caller]
+fn must_not_name(package: &str, name: &str, is_excepted: impl Fn(&Path) -> bool) {
+    let rooms = rooms(&root());
+    let room = rooms.iter().find(|room| room.name == package).unwrap();
+    for path in sources(&room.folder.join("src")) {
+        let text = fs::read_to_string(&path).unwrap();
+        let names = code(&text).any(|line| line.contains(name));
+        assert!(
+            !names || is_excepted(&path),
+            "{} names {name}",
+            path.display()
+        );
+    }
+}
+
+#[test]
+fn libraries_of_nodes_do_not_know_the_platform() {
+    for package in ["controller", "plant-emulator"] {
+        must_not_name(package, "platform::", |path| path.ends_with("src/main.rs"));
+    }
+}
+
+/// A controller that knew the setup would know the plant.
+#[test]
+fn nodes_do_not_know_the_setup() {
+    for package in ["controller", "plant-emulator"] {
+        must_not_name(package, "Setup", |_| false);
+    }
+}
+
+#[test]
 fn only_platform_is_unsafe() {
-    for room in MAY_DEPEND_ON
-        .iter()
-        .map(|(room, _)| room)
-        .filter(|room| **room != "platform")
-    {
-        for path in sources(&root().join(room).join("src")) {
-            let text = fs::read_to_string(&path).unwrap();
-            assert!(!text.contains("unsafe "), "{} is unsafe", path.display());
+    for (package, _) in MAY_DEPEND_ON {
+        if package != "platform" {
+            must_not_name(package, "unsafe ", |_| false);
         }
     }
 }
 
 #[test]
 fn nothing_asks_whether_it_is_simulated() {
-    for room in ["controller", "plant-emulator", "canopen"] {
-        for path in sources(&root().join(room).join("src")) {
-            let text = fs::read_to_string(&path).unwrap().to_lowercase();
-            assert!(!text.contains("is_simulat"), "{} asks", path.display());
-        }
+    for package in ["controller", "plant-emulator", "canopen"] {
+        must_not_name(package, "is_simulat", |_| false);
     }
 }
