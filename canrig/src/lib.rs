@@ -12,7 +12,6 @@ pub mod cli;
 pub mod commands;
 pub mod console;
 pub mod coordinator;
-mod digits;
 pub mod distribution;
 pub mod disturbance_node;
 pub mod doctor;

@@ -9,16 +9,11 @@ use canopen::CanFrame;
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 
 use crate::bus_model::occupied_bits;
-use crate::digits;
 
 /// Longest line of a log that is read.
 const LINE_LENGTH_MAX: u64 = 256;
 /// So much after the last good line is read in search of another one.
 const UNREADABLE_BYTES_MAX: usize = 1 << 20;
-/// Enough for every line that is written.
-const LINE_CAPACITY: usize = 64;
-/// Lines that are handed on together.
-const LINES_PER_WRITE: usize = 4096;
 
 /// A frame and when its last bit passed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,69 +47,9 @@ impl Stamped {
 /// One line of `candump -L`, with the interface written as `can0` in every world.
 impl fmt::Display for Stamped {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut line = Vec::with_capacity(LINE_CAPACITY);
-        Line::new().push(&mut line, self);
-        formatter.write_str(String::from_utf8_lossy(&line).trim_end())
+        let (seconds, micros) = (self.time.as_secs(), self.time.subsec_micros());
+        write!(formatter, "({seconds:010}.{micros:06}) can0 {}", self.frame)
     }
-}
-
-/// What writes lines without the machinery of `format!`, since recordings have many: a usual line, each part of which has
-/// its place.
-struct Line {
-    text: [u8; Self::BYTES],
-    /// Those in the text; thousands of frames have the same.
-    seconds: u64,
-}
-
-impl Line {
-    /// Of a usual line with eight bytes of data.
-    const BYTES: usize = 46;
-
-    const fn new() -> Self {
-        Self {
-            text: *b"(0000000000.000000) can0 000#0000000000000000\n",
-            seconds: 0,
-        }
-    }
-
-    /// Appends the frame as candump writes it, and the end of the line.
-    #[inline(always)]
-    fn push(&mut self, lines: &mut Vec<u8>, stamped: &Stamped) {
-        let seconds = stamped.time.as_secs();
-        let (Some(id), 0..10_000_000_000) = (stamped.frame.standard_id(), seconds) else {
-            push_unusual(lines, stamped);
-            return;
-        };
-        if seconds != self.seconds {
-            self.text[1..11].fill(b'0');
-            digits::put(&mut self.text[1..11], seconds);
-            self.seconds = seconds;
-        }
-        // The processor reads slowly what it has just written in parts, so the parts are written where they stay.
-        let begin = lines.len();
-        lines.extend_from_slice(&self.text);
-        let text = &mut lines[begin..][..Self::BYTES];
-        text[12..18].copy_from_slice(&digits::eight(stamped.time.subsec_micros())[2..]);
-        let [high, low] = id.to_be_bytes();
-        text[25] = digits::HEXADECIMAL[usize::from(high)][1];
-        text[26..28].copy_from_slice(&digits::HEXADECIMAL[usize::from(low)]);
-        // Eight bytes in any case, which is sooner done than to count them.
-        let data = text[29..45].as_chunks_mut::<2>().0;
-        for (pair, byte) in data.iter_mut().zip(stamped.frame.buffer()) {
-            *pair = digits::HEXADECIMAL[usize::from(byte)];
-        }
-        let end = 29 + 2 * stamped.frame.data().len();
-        text[end] = b'\n';
-        lines.truncate(begin + end + 1);
-    }
-}
-
-/// Appends the line of a frame or a time that few recordings have.
-#[cold]
-fn push_unusual(lines: &mut Vec<u8>, stamped: &Stamped) {
-    let (seconds, micros) = (stamped.time.as_secs(), stamped.time.subsec_micros());
-    let line = format!("({seconds:010}.{micros:06}) can0 {}\n", stamped.frame);
-    lines.extend_from_slice(line.as_bytes());
 }
 
 /// Why a line is no frame.
@@ -198,21 +133,14 @@ fn hexadecimal(digits: &str) -> Option<u32> {
     is_plain.then(|| u32::from_str_radix(digits, 16).ok())?
 }
 
-/// Writes frames as `candump -L` does, many lines at a time.
+/// Writes frames as `candump -L` does, to an output that has a buffer.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write_log(mut output: impl Write, frames: &[Stamped]) -> io::Result<()> {
-    let mut line = Line::new();
-    let mut lines = Vec::with_capacity(LINES_PER_WRITE.min(frames.len()) * LINE_CAPACITY);
-    for frames in frames.chunks(LINES_PER_WRITE) {
-        lines.clear();
-        for stamped in frames {
-            line.push(&mut lines, stamped);
-        }
-        output.write_all(&lines)?;
-    }
-    Ok(())
+    frames
+        .iter()
+        .try_for_each(|stamped| writeln!(output, "{stamped}"))
 }
 
 /// Reads a log of `candump -L`.

@@ -6,7 +6,6 @@ use std::fmt::Write;
 use maud::{Markup, PreEscaped, html};
 
 use super::thin::{self, Polyline};
-use crate::digits;
 
 /// Size of the drawing in its own units; it is stretched to the place that the page gives it.
 pub(super) const WIDTH: f64 = 3200.0;
@@ -348,47 +347,26 @@ impl Scale {
 
 /// The commands of an SVG path, in steps from point to point; with `close`, each down to the lower edge and back.
 fn path_data(lines: &[Polyline], close: bool) -> String {
-    let mut data = Vec::new();
+    let mut data = String::new();
     for line in lines {
-        let Some((mut last, rest)) = line.split_first().map(|(first, rest)| (*first, rest)) else {
+        let Some((&start, rest)) = line.split_first() else {
             continue;
         };
-        let start = last;
-        push_pair(&mut data, b'M', last);
+        // Writing into a string cannot fail.
+        let _ = write!(data, "M{} {}", start.0, start.1);
         if rest.is_empty() {
             // A single point is drawn as a dot, by the round ends of a line without length.
-            data.extend_from_slice(b"h0");
+            data.push_str("h0");
         }
-        for (number, point) in rest.iter().enumerate() {
-            let before = if number == 0 { b'l' } else { b' ' };
-            push_pair(&mut data, before, (point.0 - last.0, point.1 - last.1));
-            last = *point;
+        for (step, [from, to]) in line.array_windows().enumerate() {
+            let before = if step == 0 { 'l' } else { ' ' };
+            let _ = write!(data, "{before}{} {}", to.0 - from.0, to.1 - from.1);
         }
         if close {
-            let back = format!("V{HEIGHT}H{}z", start.0);
-            data.extend_from_slice(back.as_bytes());
+            let _ = write!(data, "V{HEIGHT}H{}z", start.0);
         }
     }
-    String::from_utf8(data).unwrap_or_default()
-}
-
-fn push_pair(data: &mut Vec<u8>, before: u8, pair: (i32, i32)) {
-    // Room for two numbers of ten digits with their signs, and what stands before each.
-    let mut text = [b' '; 24];
-    let first = put_signed(&mut text, pair.1) - 1;
-    let first = put_signed(&mut text[..first], pair.0) - 1;
-    text[first] = before;
-    data.extend_from_slice(&text[first..]);
-}
-
-/// Writes a number at the end of a text, and tells where it begins.
-fn put_signed(text: &mut [u8], number: i32) -> usize {
-    let first = digits::put(text, number.unsigned_abs().into());
-    if number >= 0 {
-        return first;
-    }
-    text[first - 1] = b'-';
-    first - 1
+    data
 }
 
 /// The range of no values.
