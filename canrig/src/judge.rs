@@ -117,7 +117,7 @@ pub fn judge(timeline: &Timeline, scenario: &Scenario, frames_lost: u64) -> Verd
     Verdict {
         schema: 1,
         scenario: scenario.name.clone(),
-        version: env!("CARGO_PKG_VERSION"),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
         seed: scenario.seed,
         requirements: scenario.requirements.clone(),
         external: External::default(),

@@ -47,7 +47,7 @@ impl Outcome {
 }
 
 /// One metric.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Metric {
     /// Its key in `[expect]`, or what a check demands; the unit is in the name.
     pub name: String,
@@ -66,7 +66,7 @@ pub struct Metric {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub passed: Option<bool>,
     /// The requirements that it tests.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub requirements: Requirements,
 }
 
@@ -133,22 +133,22 @@ pub(crate) fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }
 
-/// The verdict of one run, as `verdict.json` holds it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// The verdict of one run, as `verdict.json` holds it, whichever version wrote it.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Verdict {
     /// Version of this file's format.
     pub schema: u32,
     /// The scenario's name.
     pub scenario: String,
     /// The program's version.
-    pub version: &'static str,
+    pub version: String,
     /// The scenario's seed.
     pub seed: u64,
     /// The requirements that the scenario as a whole tests.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub requirements: Requirements,
     /// The nodes that were not canrig's.
-    #[serde(skip_serializing_if = "External::is_empty")]
+    #[serde(default, skip_serializing_if = "External::is_empty")]
     pub external: External,
     /// How the run ended.
     pub outcome: Outcome,
@@ -156,12 +156,12 @@ pub struct Verdict {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     /// Frames that the recorder lost: the one thing that the frames of a recording do not tell.
-    #[serde(skip_serializing_if = "is_none_lost")]
+    #[serde(default, skip_serializing_if = "is_none_lost")]
     pub frames_lost: u64,
     /// All metrics that the run has or the scenario limits.
     pub metrics: Vec<Metric>,
     /// Losses and emergencies of the run, the first of them.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<String>,
     /// How well the deadlines were kept; none in virtual time.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -175,7 +175,7 @@ impl Verdict {
         Self {
             schema: 1,
             scenario: scenario.to_owned(),
-            version: env!("CARGO_PKG_VERSION"),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
             seed,
             requirements: Requirements::new(),
             external: External::default(),
@@ -202,7 +202,7 @@ impl Verdict {
     /// # Errors
     /// The text is no verdict.
     pub fn from_json(text: &str) -> serde_json::Result<Self> {
-        serde_json::from_str::<StoredVerdict>(text).map(Self::from)
+        serde_json::from_str(text)
     }
 
     /// The text of `verdict.json`.
@@ -223,67 +223,6 @@ impl Verdict {
 )]
 fn is_none_lost(frames: &u64) -> bool {
     *frames == 0
-}
-
-/// `verdict.json` as any version may have written it.
-#[derive(Deserialize)]
-struct StoredVerdict {
-    schema: u32,
-    scenario: String,
-    version: String,
-    seed: u64,
-    #[serde(default)]
-    requirements: Requirements,
-    #[serde(default)]
-    external: External,
-    outcome: Outcome,
-    reason: Option<String>,
-    #[serde(default)]
-    frames_lost: u64,
-    metrics: Vec<StoredMetric>,
-    #[serde(default)]
-    losses: Vec<String>,
-    timing: Option<Timing>,
-}
-
-#[derive(Deserialize)]
-struct StoredMetric {
-    name: String,
-    value: Option<f64>,
-    at_seconds: Option<f64>,
-    remark: Option<String>,
-    limit: Option<Limit>,
-    passed: Option<bool>,
-    #[serde(default)]
-    requirements: Requirements,
-}
-
-impl From<StoredVerdict> for Verdict {
-    fn from(stored: StoredVerdict) -> Self {
-        let metrics = stored.metrics.into_iter().map(|metric| Metric {
-            name: metric.name,
-            value: metric.value,
-            at_seconds: metric.at_seconds,
-            remark: metric.remark,
-            limit: metric.limit,
-            passed: metric.passed,
-            requirements: metric.requirements,
-        });
-        Self {
-            schema: stored.schema,
-            scenario: stored.scenario,
-            version: stored.version.leak(),
-            seed: stored.seed,
-            requirements: stored.requirements,
-            external: stored.external,
-            outcome: stored.outcome,
-            reason: stored.reason,
-            frames_lost: stored.frames_lost,
-            metrics: metrics.collect(),
-            losses: stored.losses,
-            timing: stored.timing,
-        }
-    }
 }
 
 #[cfg(test)]
@@ -309,6 +248,25 @@ mod tests {
         verdict.metrics[0].requirements = vec!["REQ-2".to_owned()];
         assert_eq!(Verdict::from_json(&verdict.to_json()).unwrap(), verdict);
         assert!(Verdict::from_json("{}").is_err());
+    }
+
+    /// What a version wrote before there were requirements, losses and external nodes.
+    #[test]
+    fn a_verdict_of_an_earlier_version_reads_back() {
+        let text = r#"{ "schema": 1, "scenario": "step", "version": "0.0.1", "seed": 1, "outcome": "pass",
+            "metrics": [{ "name": "overshoot_percent", "value": null }] }"#;
+        let verdict = Verdict::from_json(text).unwrap();
+        let expected = Verdict {
+            version: "0.0.1".to_owned(),
+            outcome: Outcome::Pass,
+            reason: None,
+            metrics: vec![Metric {
+                remark: None,
+                ..Metric::new("overshoot_percent", Err(String::new()), None)
+            }],
+            ..Verdict::incomplete("step", 1, "")
+        };
+        assert_eq!(verdict, expected);
     }
 
     #[test]

@@ -16,7 +16,7 @@ pub fn to_xml(verdicts: &[Verdict]) -> Result<String, quick_junit::SerializeErro
 
 fn suite(verdict: &Verdict) -> TestSuite {
     let mut suite = TestSuite::new(verdict.scenario.as_str());
-    suite.add_property(("version", verdict.version));
+    suite.add_property(("version", verdict.version.as_str()));
     suite.add_property(("seed", verdict.seed.to_string().as_str()));
     suite.add_properties(properties(&verdict.requirements));
     let class = verdict.scenario.as_str();

@@ -140,7 +140,7 @@ impl<'a, O: Output> Recording<'a, O> {
         let properties = AnyValues::default()
             .with_component::<Text>("outcome", [text(verdict.outcome.word())])
             .with_component::<Text>("seed", [text(&verdict.seed.to_string())])
-            .with_component::<Text>("canrig_version", [text(verdict.version)]);
+            .with_component::<Text>("canrig_version", [text(&verdict.version)]);
         let path = EntityPath::properties().join(&EntityPath::from("run"));
         send_static(&mut self.output, path, &properties)
     }
