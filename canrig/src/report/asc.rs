@@ -3,7 +3,10 @@
 use std::fmt::Write;
 use std::time::Duration;
 
-use super::calendar::Moment;
+use jiff::Timestamp;
+use jiff::civil::DateTime;
+use jiff::tz::Offset;
+
 use crate::recording::Stamped;
 
 /// The identifier in a raw one, without its flags.
@@ -43,23 +46,14 @@ pub fn to_asc(frames: &[Stamped]) -> String {
 
 /// As Vector's programs write it: `Fri Nov 20 06:15:12.000 am 2026`.
 fn date(time: Duration) -> String {
-    let Moment {
-        year,
-        month,
-        day,
-        weekday,
-        hour,
-        minute,
-        second,
-    } = Moment::utc(time);
-    let weekday = ["Sun", "Mon", "Tue", "Wed", "Thu", "Fri", "Sat"][usize::from(weekday)];
-    let months = [
-        "Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec",
-    ];
-    let month = months[usize::from(month) - 1];
-    let half = if hour < 12 { "am" } else { "pm" };
-    let hour = (hour + 11) % 12 + 1;
-    format!("{weekday} {month} {day:02} {hour:02}:{minute:02}:{second:02}.000 {half} {year}")
+    let format = "%a %b %d %I:%M:%S.000 %P %Y";
+    utc(time).strftime(format).to_string()
+}
+
+/// The date this long after the beginning of 1970; at most the end of 9999.
+pub(super) fn utc(time: Duration) -> DateTime {
+    let time = Timestamp::UNIX_EPOCH.saturating_add(time);
+    Offset::UTC.to_datetime(time.unwrap_or(Timestamp::MAX))
 }
 
 #[cfg(test)]
@@ -84,5 +78,19 @@ mod tests {
         assert_eq!(lines[0], "date Thu Nov 20 06:15:12.000 am 2025");
         assert_eq!(lines[5], "   0.000250 1  190             Rx   d 2 01 AB");
         assert_eq!(lines[6], "   1.500000 1  80              Rx   d 0");
+    }
+
+    /// As `date -u -d @SECONDS` says.
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        for (seconds, expected) in [
+            (0, "Thu Jan 01 12:00:00.000 am 1970"),
+            (951_782_400, "Tue Feb 29 12:00:00.000 am 2000"),
+            (1_735_689_599, "Tue Dec 31 11:59:59.000 pm 2024"),
+            (4_107_585_600, "Mon Mar 01 12:00:00.000 pm 2100"),
+        ] {
+            assert_eq!(date(Duration::from_secs(seconds)), expected);
+        }
+        assert!(date(Duration::MAX).ends_with("9999"));
     }
 }

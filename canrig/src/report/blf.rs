@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::calendar::Moment;
+use super::asc::utc;
 use crate::recording::Stamped;
 
 const FILE_HEADER_BYTES: u32 = 144;
@@ -116,17 +116,16 @@ fn push_container(containers: &mut Vec<u8>, content: &mut Vec<u8>) -> u64 {
 
 /// A SYSTEMTIME of Windows.
 fn push_system_time(file: &mut Vec<u8>, time: Duration) {
-    let moment = Moment::utc(time);
-    let millis = u16::try_from(time.subsec_millis()).unwrap_or(0);
+    let date = utc(time);
     for field in [
-        moment.year,
-        moment.month,
-        moment.weekday,
-        moment.day,
-        moment.hour,
-        moment.minute,
-        moment.second,
-        millis,
+        date.year(),
+        date.month().into(),
+        date.weekday().to_sunday_zero_offset().into(),
+        date.day().into(),
+        date.hour().into(),
+        date.minute().into(),
+        date.second().into(),
+        date.millisecond(),
     ] {
         file.extend_from_slice(&field.to_le_bytes());
     }
@@ -136,6 +135,15 @@ fn push_system_time(file: &mut Vec<u8>, time: Duration) {
 mod tests {
     use super::*;
     use canopen::CanFrame;
+
+    /// `date -u -d @951782400`, and half a second.
+    #[test]
+    fn a_date_has_its_day_of_the_week_and_its_milliseconds() {
+        let mut bytes = Vec::new();
+        push_system_time(&mut bytes, Duration::from_millis(951_782_400_500));
+        let fields = bytes.as_chunks().0.iter().copied().map(u16::from_le_bytes);
+        assert!(fields.eq([2000, 2, 2, 29, 0, 0, 0, 500]));
+    }
 
     #[test]
     fn sizes_add_up() {

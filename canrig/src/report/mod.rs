@@ -3,7 +3,6 @@
 pub mod asc;
 pub mod blf;
 mod bus_timing;
-mod calendar;
 mod checks;
 pub mod comparison;
 pub mod coverage;
