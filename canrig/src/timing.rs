@@ -219,76 +219,64 @@ impl Timing {
     /// The limits that are given, held against their values.
     #[must_use]
     pub fn metrics(&self, limits: &TimingLimits) -> Vec<Metric> {
-        let mut metrics = Vec::new();
-        let mut judge =
-            |names: [&'static str; 4], values: Option<Quantiles>, limits: QuantileLimits| {
-                let limits = [limits.median, limits.p99, limits.p99_9, limits.max];
-                for (place, (name, limit)) in names.into_iter().zip(limits).enumerate() {
-                    if limit.is_none() {
-                        continue;
-                    }
-                    metrics.push(match values {
-                        Some(values) => {
-                            let values = [values.median, values.p99, values.p99_9, values.max];
-                            Metric::new(name, Ok(values[place]), limit)
-                        }
-                        None => Metric::not_judged(name, NO_LOOP.to_owned(), limit),
-                    });
-                }
-            };
-        judge(
-            [
-                "wake_up_lateness_microseconds_median",
-                "wake_up_lateness_microseconds_p99",
-                "wake_up_lateness_microseconds_p99_9",
-                "wake_up_lateness_microseconds_max",
-            ],
-            self.wake_up_lateness(),
-            limits.wake_up_lateness_microseconds,
-        );
-        judge(
-            [
-                "sync_to_position_microseconds_median",
-                "sync_to_position_microseconds_p99",
-                "sync_to_position_microseconds_p99_9",
-                "sync_to_position_microseconds_max",
-            ],
-            Some(self.sync_to_position_microseconds),
-            limits.sync_to_position_microseconds,
-        );
-        judge(
-            [
-                "position_to_command_microseconds_median",
-                "position_to_command_microseconds_p99",
-                "position_to_command_microseconds_p99_9",
-                "position_to_command_microseconds_max",
-            ],
-            Some(self.position_to_command_microseconds),
-            limits.position_to_command_microseconds,
-        );
-        judge(
-            [
-                "round_trip_microseconds_median",
-                "round_trip_microseconds_p99",
-                "round_trip_microseconds_p99_9",
-                "round_trip_microseconds_max",
-            ],
-            Some(self.round_trip_microseconds),
-            limits.round_trip_microseconds,
-        );
-        if limits.frames_delayed.is_some() {
-            metrics.push(self.judge_delayed(limits.frames_delayed));
-        }
-        metrics
+        let latencies = [
+            (
+                "wake_up_lateness_microseconds",
+                self.wake_up_lateness(),
+                limits.wake_up_lateness_microseconds,
+            ),
+            (
+                "sync_to_position_microseconds",
+                Some(self.sync_to_position_microseconds),
+                limits.sync_to_position_microseconds,
+            ),
+            (
+                "position_to_command_microseconds",
+                Some(self.position_to_command_microseconds),
+                limits.position_to_command_microseconds,
+            ),
+            (
+                "round_trip_microseconds",
+                Some(self.round_trip_microseconds),
+                limits.round_trip_microseconds,
+            ),
+        ];
+        let quantiles = latencies
+            .into_iter()
+            .flat_map(|(latency, values, limits)| quantile_metrics(latency, values, limits));
+        #[expect(clippy::cast_precision_loss, reason = "frames of one run")]
+        let delayed = self.frames_delayed().map(|frames| frames as f64);
+        let delayed = metric("frames_delayed".to_owned(), delayed, limits.frames_delayed);
+        quantiles.chain(delayed).collect()
     }
+}
 
-    #[expect(clippy::cast_precision_loss, reason = "frames of one run")]
-    fn judge_delayed(&self, limit: Option<Limit>) -> Metric {
-        match self.frames_delayed() {
-            Some(frames) => Metric::new("frames_delayed", Ok(frames as f64), limit),
-            None => Metric::not_judged("frames_delayed", NO_LOOP.to_owned(), limit),
-        }
-    }
+/// The limits of one latency that are given, held against its quantiles.
+fn quantile_metrics(
+    latency: &'static str,
+    values: Option<Quantiles>,
+    limits: QuantileLimits,
+) -> impl Iterator<Item = Metric> {
+    let quantiles = [
+        ("median", values.map(|values| values.median), limits.median),
+        ("p99", values.map(|values| values.p99), limits.p99),
+        ("p99_9", values.map(|values| values.p99_9), limits.p99_9),
+        ("max", values.map(|values| values.max), limits.max),
+    ];
+    quantiles
+        .into_iter()
+        .filter_map(move |(quantile, value, limit)| {
+            metric(format!("{latency}_{quantile}"), value, limit)
+        })
+}
+
+/// A value held against its limit, where one is given. External nodes report no value.
+fn metric(name: String, value: Option<f64>, limit: Option<Limit>) -> Option<Metric> {
+    limit?;
+    Some(match value {
+        Some(value) => Metric::new(name, Ok(value), limit),
+        None => Metric::not_judged(name, NO_LOOP.to_owned(), limit),
+    })
 }
 
 /// Why the timing of this host proves nothing.
@@ -453,7 +441,10 @@ fn record(histogram: &mut Histogram<u64>, latency: Duration) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
+
     use canopen::CanFrame;
+    use serde_json::{Value, json};
 
     fn stamped(micros: u64, id: u16, data: &[u8]) -> Stamped {
         Stamped::new(Duration::from_micros(micros), CanFrame::new(id, data))
@@ -505,6 +496,75 @@ mod tests {
             "the machine is overloaded (load 8.0 on 2 processors)",
         ];
         assert_eq!(distrust(&host), expected);
+    }
+
+    /// The limits of each key in the schema's `[expect.timing]` become metrics with the names that it has in `requirements`.
+    #[test]
+    fn each_key_of_the_schema_has_its_metric() {
+        let schema: Value = serde_json::from_str(&scenario::schema::json_schema()).unwrap();
+        let keys = |table: &str| {
+            let properties = &schema["definitions"][table]["properties"];
+            let keys: Vec<String> = properties.as_object().unwrap().keys().cloned().collect();
+            keys
+        };
+        let limit = json!({ "max": 1.0 });
+        let quantiles = keys("QuantileLimits");
+        let mut limits = serde_json::Map::new();
+        let mut expected = BTreeSet::new();
+        for key in keys("TimingLimits") {
+            if key == "frames_delayed" {
+                limits.insert(key.clone(), limit.clone());
+                expected.insert(key);
+                continue;
+            }
+            let of_each = quantiles.iter().map(|name| (name.clone(), limit.clone()));
+            expected.extend(quantiles.iter().map(|name| format!("{key}_{name}")));
+            limits.insert(key, of_each.collect::<serde_json::Map<_, _>>().into());
+        }
+        assert_eq!(expected.len(), 4 * 4 + 1);
+        let limits: TimingLimits = serde_json::from_value(limits.into()).unwrap();
+        let timing = Timing {
+            controller: None,
+            plant_emulator: None,
+            sync_to_position_microseconds: Quantiles::default(),
+            position_to_command_microseconds: Quantiles::default(),
+            round_trip_microseconds: Quantiles::default(),
+            distrust: Vec::new(),
+        };
+        let metrics = timing.metrics(&limits);
+        let names: Vec<&str> = metrics.iter().map(|metric| metric.name.as_str()).collect();
+        assert_eq!(BTreeSet::from_iter(limits.rows()), expected);
+        assert!(limits.rows().eq(names), "in the same order");
+    }
+
+    /// Each quantile is held against its own limit.
+    #[test]
+    fn a_metric_has_the_value_of_its_quantile() {
+        let quantiles = Quantiles {
+            median: 1.0,
+            p99: 2.0,
+            p99_9: 3.0,
+            max: 4.0,
+        };
+        let limit = Some(Limit {
+            min: None,
+            max: Some(2.5),
+        });
+        let limits = QuantileLimits {
+            median: limit,
+            p99: None,
+            p99_9: limit,
+            max: limit,
+        };
+        let rows = quantile_metrics("latency", Some(quantiles), limits);
+        let rows = rows.map(|metric| (metric.name, metric.value.unwrap(), metric.passed.unwrap()));
+        let expected = [
+            ("latency_median", 1.0, true),
+            ("latency_p99_9", 3.0, false),
+            ("latency_max", 4.0, false),
+        ];
+        let expected = expected.map(|(name, value, passed)| (name.to_owned(), value, passed));
+        assert_eq!(rows.collect::<Vec<_>>(), expected);
     }
 
     #[test]
