@@ -1,15 +1,12 @@
 //! A classical CAN frame and the filters that select frames.
 
 use std::fmt;
-use std::num::NonZeroU8;
 
 /// A classical CAN frame, as the kernel's `struct can_frame` carries it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CanFrame {
     id: u32,
-    /// One more than the length, so that an optional frame takes no more room than a frame: each is handed on a dozen
-    /// times, and goes in two registers.
-    length_and_one: NonZeroU8,
+    length: u8,
     data: [u8; 8],
 }
 
@@ -34,7 +31,7 @@ impl CanFrame {
         bytes[..data.len()].copy_from_slice(data);
         Self {
             id: u32::from(id),
-            length_and_one: NonZeroU8::MIN.saturating_add(data.len() as u8),
+            length: data.len() as u8,
             data: bytes,
         }
     }
@@ -42,11 +39,7 @@ impl CanFrame {
     /// A frame from the fields of the kernel's `struct can_frame`; `None` when `length` exceeds 8.
     #[must_use]
     pub fn from_raw(id: u32, length: u8, data: [u8; 8]) -> Option<Self> {
-        (length <= 8).then_some(Self {
-            id,
-            length_and_one: NonZeroU8::MIN.saturating_add(length),
-            data,
-        })
+        (length <= 8).then_some(Self { id, length, data })
     }
 
     /// The identifier with the kernel's flags.
@@ -88,7 +81,7 @@ impl CanFrame {
     #[must_use]
     #[inline]
     pub fn data(&self) -> &[u8] {
-        &self.data[..usize::from(self.length_and_one.get() - 1)]
+        &self.data[..usize::from(self.length)]
     }
 
     /// All 8 bytes of the payload's buffer; those beyond the length are as they came.

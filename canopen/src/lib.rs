@@ -15,7 +15,6 @@ pub mod nmt;
 pub mod node;
 pub mod object_dictionary;
 pub mod pdo;
-pub mod rounding;
 pub mod sdo;
 mod sdo_block;
 mod sdo_channels;

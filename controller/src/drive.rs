@@ -5,7 +5,6 @@ use canopen::{CanFrame, ObjectDictionary, cia402};
 use scenario::rig::{self, ObjectAddress};
 
 use crate::node::ControllerError;
-use canopen::rounding::to_be_cut;
 
 const METRES_PER_MILLIMETRE: f64 = 1e-3;
 /// Rated current of the emulated drive (0x6075).
@@ -399,7 +398,7 @@ impl Drive {
             clippy::cast_possible_truncation,
             reason = "limited to the object's range, whose ends are whole"
         )]
-        let target = to_be_cut(current_amperes * self.target.units).clamp(min, max) as i64;
+        let target = (current_amperes * self.target.units).round().clamp(min, max) as i64;
         let controlword = self.controlword.placed(i64::from(controlword));
         let data = (controlword | self.target.field.placed(target)).to_le_bytes();
         CanFrame::new(self.command.id(), &data[..self.command.length_bytes()])

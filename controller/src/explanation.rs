@@ -7,7 +7,6 @@ use dbc::{LAW_TERMS_OBJECT, LawTerm};
 
 use crate::law::{Explanation, Law};
 use crate::node::ControllerError;
-use canopen::rounding::to_be_cut;
 
 /// Communication and mapping of TPDO2 to TPDO4, which hold a law's own terms.
 const TPDOS: [[u16; 2]; 3] = [[0x1801, 0x1A01], [0x1802, 0x1A02], [0x1803, 0x1A03]];
@@ -115,11 +114,11 @@ impl ExplanationObjects {
         reason = "`as` cuts to the ends of the type, which is what is wanted"
     )]
     pub(crate) fn store(&self, dictionary: &mut ObjectDictionary, terms: &Explanation, law: &Law) {
-        let micro = |value: f64| (to_be_cut(value * MICRO) as i32).to_le_bytes();
+        let micro = |value: f64| ((value * MICRO).round() as i32).to_le_bytes();
         let real = |value: f64| (value as f32).to_le_bytes();
-        let temperature = to_be_cut(terms.estimated_temperature_celsius * CENTI) as i16;
+        let temperature = (terms.estimated_temperature_celsius * CENTI).round() as i16;
         let fraction = terms.estimated_martensite_fraction.clamp(0.0, 1.0);
-        let fraction = to_be_cut(fraction * FRACTION_STEPS) as u16;
+        let fraction = (fraction * FRACTION_STEPS).round() as u16;
         let mut store = |place: usize, value: &[u8]| {
             let stored = dictionary.store(self.first_to_last[place], value);
             debug_assert!(stored.is_ok(), "the EDS gives each object its type");

@@ -6,8 +6,6 @@ use dbc::LawTerm;
 use scenario::own::Parameters;
 use scenario::reference::SetPoint;
 
-use canopen::rounding::to_be_cut;
-
 /// Largest current in A; commands lie between 0, or what a law's table says, and this.
 pub const CURRENT_AMPERES_MAX: f64 = 1.0;
 
@@ -238,8 +236,11 @@ pub fn limited_current(current_amperes: f64) -> f64 {
 pub fn limited_current_from(amperes_min: f64, current_amperes: f64) -> f64 {
     // `clamp` would keep a NaN.
     let limited = current_amperes.max(amperes_min).min(CURRENT_AMPERES_MAX);
-    #[expect(clippy::cast_possible_truncation, reason = "cut on purpose")]
-    let thousandths = to_be_cut(limited * 1000.0) as i32;
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "a whole number, limited to a few thousands"
+    )]
+    let thousandths = (limited * 1000.0).round() as i32;
     f64::from(thousandths) / 1000.0
 }
 

@@ -2,7 +2,6 @@
 
 use canopen::ObjectDictionary;
 use canopen::object_dictionary::{DataType, Handle};
-use canopen::rounding::to_be_cut;
 
 /// The data sheet lacks an object that the application needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -53,7 +52,7 @@ pub(crate) fn rounded_i32(value: f64) -> i32 {
         clippy::cast_possible_truncation,
         reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
     )]
-    let rounded = to_be_cut(value) as i32;
+    let rounded = value.round() as i32;
     rounded
 }
 
@@ -64,7 +63,7 @@ pub(crate) fn rounded_i16(value: f64) -> i16 {
         clippy::cast_possible_truncation,
         reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
     )]
-    let rounded = to_be_cut(value) as i16;
+    let rounded = value.round() as i16;
     rounded
 }
 
@@ -76,7 +75,7 @@ pub(crate) fn rounded_u16(value: f64) -> u16 {
         clippy::cast_sign_loss,
         reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
     )]
-    let rounded = to_be_cut(value) as u16;
+    let rounded = value.round() as u16;
     rounded
 }
 

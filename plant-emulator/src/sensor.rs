@@ -3,8 +3,6 @@
 use faults::Stream;
 use scenario::plant;
 
-use canopen::rounding::to_be_cut;
-
 /// Largest resolution that the converter emulates.
 pub const RESOLUTION_BITS_MAX: u32 = 24;
 
@@ -58,7 +56,7 @@ impl PositionSensor {
         if self.noise_metres_rms > 0.0 {
             position += self.noise_metres_rms * self.stream.normal();
         }
-        let counts = to_be_cut(position / self.count_metres);
+        let counts = (position / self.count_metres).round();
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,

@@ -1,7 +1,5 @@
 //! Leaves out the points of a curve that nobody can see, so that a page stays small however long the run was.
 
-use canopen::rounding::to_be_cut;
-
 use super::plot::{HEIGHT, Scale, WIDTH};
 
 /// Points that are joined, in whole units of the drawing.
@@ -184,9 +182,9 @@ fn nearest(value: f64) -> i32 {
     let value = value.clamp(-1e6, 1e6);
     #[expect(
         clippy::cast_possible_truncation,
-        reason = "clamped to far less than i32, and cut on purpose"
+        reason = "clamped to far less than i32"
     )]
-    let value = to_be_cut(value) as i32;
+    let value = value.round() as i32;
     value
 }
 
