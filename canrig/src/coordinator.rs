@@ -17,13 +17,12 @@ use platform::lockstep::{Answer, Audience, LockstepError, Participant};
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
 use crate::bus_model::faults::{BusFaults, is_truth};
 use crate::bus_model::{BusModel, SUSPEND_BITS, arbitration_key, frame_bits};
-use crate::nanoseconds::{Nanoseconds, nanoseconds};
 
 /// Frames that one participant may have waiting; more means that the bus cannot carry what it sends.
 const QUEUE_LIMIT: usize = 10_000;
 
 /// How far a participant goes ahead at most, so that one that never speaks does not run away.
-const LOOK_AHEAD_MAX: Nanoseconds = 100_000_000;
+const LOOK_AHEAD_MAX: Duration = Duration::from_millis(100);
 
 /// Where the winners of the arbitration go besides their addressees.
 pub trait Wire {
@@ -75,7 +74,7 @@ pub enum CoordinatorError {
 type Timed = (Duration, CanFrame);
 
 /// The time of what will not happen by itself.
-const NEVER: Nanoseconds = Nanoseconds::MAX;
+const NEVER: Duration = Duration::MAX;
 
 struct Slot<'a> {
     participant: &'a mut dyn Participant,
@@ -92,15 +91,15 @@ struct Slot<'a> {
     /// What it has queued, oldest first: a frame takes part in the arbitration from its time on.
     outbox: VecDeque<Timed>,
     /// An error passive station may not send before.
-    suspended_until: Nanoseconds,
+    suspended_until: Duration,
     /// What it said last.
     answer: Answer,
     /// From when on its first waiting frame takes part in the arbitration. Asked at every event, like the next, while
     /// few events change them.
-    sends_at: Nanoseconds,
+    sends_at: Duration,
     /// The earliest time at which it may queue something that is not known yet; [`NEVER`] when it has stopped or when only
     /// a frame can wake it.
-    may_speak_at: Nanoseconds,
+    may_speak_at: Duration,
 }
 
 impl<'a> Slot<'a> {
@@ -117,7 +116,7 @@ impl<'a> Slot<'a> {
             inbox: Vec::new(),
             must_hear: false,
             outbox: VecDeque::new(),
-            suspended_until: 0,
+            suspended_until: Duration::ZERO,
             answer,
             sends_at: NEVER,
             may_speak_at: NEVER,
@@ -133,18 +132,16 @@ impl<'a> Slot<'a> {
             Progress::Running => self.answer.next_deadline,
             _ => None,
         };
-        self.may_speak_at = speaks.map_or(NEVER, nanoseconds);
+        self.may_speak_at = speaks.unwrap_or(NEVER);
         let first = self.outbox.front();
-        self.sends_at = first.map_or(NEVER, |(time, _)| {
-            nanoseconds(*time).max(self.suspended_until)
-        });
+        self.sends_at = first.map_or(NEVER, |(time, _)| (*time).max(self.suspended_until));
     }
 
     /// Takes a frame from the bus, if it is for this participant.
     #[inline]
-    fn hear(&mut self, time: Nanoseconds, frame: &CanFrame) {
+    fn hear(&mut self, time: Duration, frame: &CanFrame) {
         if self.heard.accepts(frame) && self.answer.progress == Progress::Running {
-            self.inbox.push((Duration::from_nanos(time), *frame));
+            self.inbox.push((time, *frame));
             if !self.silent.accepts(frame) {
                 self.must_hear = true;
                 self.may_speak_at = time;
@@ -163,8 +160,8 @@ struct InFlight {
     frame: CanFrame,
     /// None for a foreign node.
     sender: Option<usize>,
-    start: Nanoseconds,
-    end: Nanoseconds,
+    start: Duration,
+    end: Duration,
     occupied_bits: u32,
     /// An error ended it; its sender tries again.
     is_disturbed: bool,
@@ -176,9 +173,9 @@ pub struct Coordinator<'a> {
     bus: BusModel,
     faults: Option<BusFaults>,
     in_flight: Option<InFlight>,
-    now: Nanoseconds,
+    now: Duration,
     /// Nobody goes ahead beyond this time, at which somebody may be asked to stop.
-    horizon: Nanoseconds,
+    horizon: Duration,
 }
 
 impl<'a> Coordinator<'a> {
@@ -199,7 +196,7 @@ impl<'a> Coordinator<'a> {
             bus: BusModel::new(bitrate_kilobits_per_second),
             faults: None,
             in_flight: None,
-            now: 0,
+            now: Duration::ZERO,
             horizon: NEVER,
         }
     }
@@ -214,7 +211,7 @@ impl<'a> Coordinator<'a> {
     /// The virtual time.
     #[must_use]
     pub fn now(&self) -> Duration {
-        Duration::from_nanos(self.now)
+        self.now
     }
 
     /// Goes to the next event, the end of a frame or the start of one, and returns its time, or `None` when nothing
@@ -226,7 +223,7 @@ impl<'a> Coordinator<'a> {
         if let Some(passed) = self.in_flight.take() {
             self.now = passed.end;
             self.pass(&passed, wire)?;
-            return Ok(Some(self.now()));
+            return Ok(Some(self.now));
         }
         let next = self.slots.iter().fold(NEVER, |next, slot| {
             next.min(slot.sends_at).min(slot.may_speak_at)
@@ -243,12 +240,12 @@ impl<'a> Coordinator<'a> {
             }
         }
         self.arbitrate();
-        Ok(Some(self.now()))
+        Ok(Some(self.now))
     }
 
     /// Lets nobody go ahead beyond a time.
     pub fn set_horizon(&mut self, horizon: Duration) {
-        self.horizon = nanoseconds(horizon);
+        self.horizon = horizon;
     }
 
     /// Goes on until nobody is ahead any more, so that a participant may be asked to stop now: what it then says must not
@@ -258,11 +255,7 @@ impl<'a> Coordinator<'a> {
     /// As [`Coordinator::step`].
     pub fn settle(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
         self.horizon = self.now;
-        while self
-            .slots
-            .iter()
-            .any(|slot| slot.answer.reached > self.now())
-        {
+        while self.slots.iter().any(|slot| slot.answer.reached > self.now) {
             self.step(wire)?;
         }
         Ok(())
@@ -274,7 +267,7 @@ impl<'a> Coordinator<'a> {
     /// It failed or does not answer.
     pub fn stop(&mut self, index: usize) -> Result<(), CoordinatorError> {
         // One that has gone ahead cannot go back.
-        let at = self.now().max(self.slots[index].answer.reached);
+        let at = self.now.max(self.slots[index].answer.reached);
         self.advance(index, at, at)?;
         let slot = &mut self.slots[index];
         slot.participant.stop(at, &mut slot.answer)?;
@@ -300,7 +293,7 @@ impl<'a> Coordinator<'a> {
         let winner = firsts
             .map(|(index, (_, frame))| (arbitration_key(frame), index))
             .min();
-        let now = self.now();
+        let now = self.now;
         if let Some(faults) = &mut self.faults
             && let Some(frame) = faults.foreign(now)
             && winner.is_none_or(|(key, _)| arbitration_key(&frame) < key)
@@ -317,7 +310,7 @@ impl<'a> Coordinator<'a> {
         let Some((_, frame)) = self.slots[sender].outbox.front().copied() else {
             return;
         };
-        let now = self.now();
+        let now = self.now;
         let disturbed = self.faults.as_mut().and_then(|faults| {
             let bits = faults.disturbs(sender, now, &frame, frame_bits(&frame))?;
             Some((bits, faults.states[sender].activity() == Activity::Passive))
@@ -352,7 +345,7 @@ impl<'a> Coordinator<'a> {
 
     /// The end of a transmission: who listens hears the frame, or all count the error.
     fn pass(&mut self, passed: &InFlight, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
-        let now = self.now();
+        let now = self.now;
         if !passed.is_disturbed {
             wire.put(now, &passed.frame, passed.occupied_bits)?;
         }
@@ -384,8 +377,8 @@ impl<'a> Coordinator<'a> {
         passed: &InFlight,
         wire: &mut dyn Wire,
     ) -> Result<(), CoordinatorError> {
-        let (now, start) = (self.now(), Duration::from_nanos(passed.start));
-        let free_at = Duration::from_nanos(self.bus.free_at());
+        let (now, start) = (self.now, passed.start);
+        let free_at = self.bus.free_at();
         let sequence = self.sequence();
         let Some(faults) = &mut self.faults else {
             return Ok(());
@@ -405,7 +398,7 @@ impl<'a> Coordinator<'a> {
             if after == Activity::Off {
                 slot.outbox.retain(|(_, frame)| is_truth(frame));
             } else if after == Activity::Passive && Some(index) == passed.sender {
-                slot.suspended_until = self.bus.free_at() + self.bus.bit_time(SUSPEND_BITS);
+                slot.suspended_until = free_at + self.bus.bit_time(SUSPEND_BITS);
             }
             slot.look_ahead();
             if after != before {
@@ -419,7 +412,7 @@ impl<'a> Coordinator<'a> {
 
     /// Lets stations come back from bus-off.
     fn recover(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
-        let (now, sequence) = (self.now(), self.sequence());
+        let (now, sequence) = (self.now, self.sequence());
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
@@ -438,11 +431,11 @@ impl<'a> Coordinator<'a> {
 
     /// How long the idle bus takes for what counts towards the end of bus-off.
     fn sequence(&self) -> Duration {
-        Duration::from_nanos(self.bus.bit_time(SEQUENCE_BITS))
+        self.bus.bit_time(SEQUENCE_BITS)
     }
 
     /// When a fault next does something by itself.
-    fn next_fault(&self) -> Nanoseconds {
+    fn next_fault(&self) -> Duration {
         let Some(faults) = &self.faults else {
             return NEVER;
         };
@@ -451,21 +444,21 @@ impl<'a> Coordinator<'a> {
             .states
             .iter()
             .map(|state| state.recovers_at(sequence));
-        let free_at = Duration::from_nanos(self.now.max(self.bus.free_at()));
+        let free_at = self.now.max(self.bus.free_at());
         let foreign = faults.next_foreign(free_at);
-        earliest(recoveries.chain([foreign])).map_or(NEVER, nanoseconds)
+        earliest(recoveries.chain([foreign])).unwrap_or(NEVER)
     }
 
     /// Gives a participant what has arrived for it and lets it go as far as nobody can reach it.
     fn ask(&mut self, index: usize) -> Result<(), CoordinatorError> {
-        let until = Duration::from_nanos(self.unreachable_until(index));
-        self.advance(index, self.now(), until)
+        let until = self.unreachable_until(index);
+        self.advance(index, self.now, until)
     }
 
     /// The time before which no frame can arrive at a participant that is not an answer to its own. While the bus is
     /// idle: when no frame waits that is for it or may be answered, whoever speaks next speaks at a known time, and
     /// what is said then arrives later.
-    fn unreachable_until(&self, index: usize) -> Nanoseconds {
+    fn unreachable_until(&self, index: usize) -> Duration {
         let hearer = &self.slots[index];
         let mut next = self.horizon.min(self.now + LOOK_AHEAD_MAX);
         if let Some(faults) = &self.faults {

@@ -7,7 +7,6 @@ use dbc::{Database, Message, Signal, SignalHandle};
 use scenario::Scenario;
 use scenario::expect::Emergency;
 
-use crate::by_identifier::ByIdentifier;
 use crate::error_frames::{self, ErrorMessage};
 use crate::recording::Stamped;
 
@@ -71,7 +70,8 @@ struct Source {
 
 /// Reads events from frames: every change of a state, every NMT command, every emergency.
 pub(crate) struct EventReader {
-    sources: ByIdentifier<Source>,
+    /// By the raw identifier of their messages.
+    sources: BTreeMap<u32, Source>,
     events: Vec<(Duration, Level, String)>,
     emergencies: Vec<(Duration, Emergency)>,
     /// When each was last told.
@@ -99,7 +99,7 @@ impl EventReader {
 
     /// The identifiers of the messages that make events; errors of the bus make some besides.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
-        self.sources.raw_ids()
+        self.sources.keys().copied()
     }
 
     pub(crate) fn take(&mut self, stamped: &Stamped) {
@@ -107,7 +107,7 @@ impl EventReader {
             self.take_error(stamped.time, message);
             return;
         }
-        let Some(source) = self.sources.get_mut(stamped.frame.raw_id()) else {
+        let Some(source) = self.sources.get_mut(&stamped.frame.raw_id()) else {
             return;
         };
         let bits = source.signal.bits(&stamped.frame);

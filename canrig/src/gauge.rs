@@ -6,7 +6,6 @@ use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 use scenario::reference::Trajectory;
 
-use crate::nanoseconds::{Nanoseconds, nanoseconds};
 use crate::recording::Stamped;
 use crate::signals::{self, SignalMissing};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
@@ -67,16 +66,15 @@ impl Gauge {
             error_millimetres: set_point
                 .zip(position)
                 .map(|(set_point, position)| set_point - position),
-            lateness: lateness.max().map(Duration::from_nanos),
+            lateness: lateness.max(),
         })
     }
 
     /// By how much a SYNC came after the nearest whole cycle; zero when it came before.
-    fn lateness(&self, time: Duration) -> Nanoseconds {
-        let period = nanoseconds(self.period).max(1);
-        let half = period / 2;
-        let since = nanoseconds(time).saturating_add(half) % period;
-        since.saturating_sub(half)
+    fn lateness(&self, time: Duration) -> Duration {
+        let half = self.period / 2;
+        let since = time.saturating_add(half).as_nanos() % self.period.as_nanos().max(1);
+        Duration::from_nanos_u128(since).saturating_sub(half)
     }
 }
 

@@ -5,7 +5,6 @@
 
 pub mod bench;
 pub mod bus_model;
-mod by_identifier;
 pub mod campaign;
 pub mod capture;
 pub mod cli;
@@ -26,7 +25,6 @@ pub mod identify;
 pub mod judge;
 mod losses;
 pub mod manual;
-pub mod nanoseconds;
 pub mod new;
 pub mod nodes;
 pub mod preflight;

@@ -1,14 +1,13 @@
 //! What fell silent: SYNC, the drive's position, heartbeats. Told from the recording alone.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
 use scenario::Scenario;
 
-use crate::by_identifier::ByIdentifier;
 use crate::events::{Event, Level};
-use crate::nanoseconds::{Nanoseconds, nanoseconds};
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
 const PERIODS_MAX: u32 = 20;
@@ -32,16 +31,17 @@ const HEARTBEATS: [(&str, &str); 3] = [
 /// One message that must keep coming.
 struct Watched {
     what: &'static str,
-    limit: Nanoseconds,
+    limit: Duration,
     /// In scenario time.
-    last: Option<Nanoseconds>,
+    last: Option<Duration>,
 }
 
 /// Watches from the start of the scenario to its end.
 pub(crate) struct LossReader {
-    watched: ByIdentifier<Watched>,
-    end: Nanoseconds,
-    latest: Nanoseconds,
+    /// By the raw identifier of their messages.
+    watched: BTreeMap<u32, Watched>,
+    end: Duration,
+    latest: Duration,
     events: Vec<Event>,
 }
 
@@ -56,44 +56,44 @@ impl LossReader {
             let period = Duration::from_millis(message.cycle_time_milliseconds);
             let watched = Watched {
                 what,
-                limit: nanoseconds(limit.unwrap_or(HEARTBEATS_MAX * period)),
+                limit: limit.unwrap_or(HEARTBEATS_MAX * period),
                 last: None,
             };
             Some((message.raw_id, watched))
         });
         Self {
             watched: watched.collect(),
-            end: nanoseconds(Duration::from_secs_f64(scenario.duration_seconds)),
-            latest: 0,
+            end: Duration::from_secs_f64(scenario.duration_seconds),
+            latest: Duration::ZERO,
             events: Vec::new(),
         }
     }
 
     /// The identifiers of the messages that are watched.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
-        self.watched.raw_ids()
+        self.watched.keys().copied()
     }
 
     /// Takes the scenario time of every frame.
-    pub(crate) fn pass(&mut self, scenario_time: Nanoseconds) {
+    pub(crate) fn pass(&mut self, scenario_time: Duration) {
         if scenario_time <= self.end {
             self.latest = scenario_time;
         }
     }
 
     /// Takes a frame of a message that is watched.
-    pub(crate) fn take(&mut self, frame: &CanFrame, time: Nanoseconds) {
+    pub(crate) fn take(&mut self, frame: &CanFrame, time: Duration) {
         if time > self.end {
             return;
         }
-        let Some(watched) = self.watched.get_mut(frame.raw_id()) else {
+        let Some(watched) = self.watched.get_mut(&frame.raw_id()) else {
             return;
         };
         let last = watched.last.replace(time).unwrap_or_default();
         let silent = time.saturating_sub(last);
         if silent > watched.limit {
             let what = watched.what;
-            let text = format!("loss: no {what} for {} ms", silent / 1_000_000);
+            let text = format!("loss: no {what} for {} ms", silent.as_millis());
             self.events.push(event(last, Level::Error, text));
             let text = format!("{what} is back");
             self.events.push(event(time, Level::Info, text));
@@ -113,9 +113,9 @@ impl LossReader {
     }
 }
 
-fn event(time: Nanoseconds, level: Level, text: String) -> Event {
+fn event(time: Duration, level: Level, text: String) -> Event {
     Event {
-        time_seconds: Duration::from_nanos(time).as_secs_f64(),
+        time_seconds: time.as_secs_f64(),
         level,
         text,
     }

@@ -1,15 +1,14 @@
 //! A recording, decoded: one row a cycle, and the events between them.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::{Database, Signal, SignalHandle};
 use scenario::Scenario;
 
-use crate::by_identifier::ByIdentifier;
 use crate::events::{Event, EventReader, ToldEmergency};
 use crate::losses::LossReader;
-use crate::nanoseconds::{Nanoseconds, nanoseconds};
 use crate::recording::Stamped;
 use crate::signals::{self, COLUMN_MESSAGES, SignalMissing};
 use crate::traces::{Trace, TraceReader};
@@ -176,6 +175,7 @@ impl Tracked {
 
 /// A message whose signals become columns.
 struct TrackedMessage {
+    raw_id: u32,
     signals: Vec<Tracked>,
     /// Measured values belong to their cycle; everything else holds until it changes.
     is_measured: bool,
@@ -248,18 +248,19 @@ impl TrackedMessage {
 pub(crate) struct Reader {
     clock: ScenarioClock,
     period: Duration,
-    end: Nanoseconds,
+    end: Duration,
     end_cycle: u64,
     events: EventReader,
     losses: LossReader,
     truth: TruthReader,
     fan: FanReader,
-    /// The messages that events, losses, the truth and the fan are read from.
-    telling: ByIdentifier<()>,
+    /// Raw identifiers of the messages that events, losses, the truth and the fan are read from.
+    telling: BTreeSet<u32>,
     traces: TraceReader,
-    last_frame: Nanoseconds,
+    last_frame: Duration,
     traffic: Traffic,
-    messages: ByIdentifier<TrackedMessage>,
+    /// In the order of the columns.
+    messages: Vec<TrackedMessage>,
     cycle: Vec<u64>,
     cycles_due: u64,
 }
@@ -271,7 +272,7 @@ impl Reader {
     /// The database lacks a signal that the bench needs.
     pub(crate) fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
         let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
-        let end = nanoseconds(Duration::from_secs_f64(scenario.duration_seconds));
+        let end = Duration::from_secs_f64(scenario.duration_seconds);
         let events = EventReader::new(database);
         let losses = LossReader::new(scenario, database);
         let truth = TruthReader::new(database)?;
@@ -283,13 +284,13 @@ impl Reader {
             period,
             end,
             end_cycle: cycles(end, period),
-            telling: telling.map(|id| (id, ())).collect(),
+            telling: telling.collect(),
             events,
             losses,
             truth,
             fan,
             traces: TraceReader::new(scenario, database),
-            last_frame: 0,
+            last_frame: Duration::ZERO,
             traffic: Traffic::new(scenario),
             messages: tracked_messages(database)?,
             cycle: Vec::new(),
@@ -304,7 +305,7 @@ impl Reader {
         self.cycle.reserve(rows);
         let signals = self
             .messages
-            .values_mut()
+            .iter_mut()
             .flat_map(|message| &mut message.signals);
         signals.for_each(|signal| signal.rows.reserve(rows));
     }
@@ -313,13 +314,13 @@ impl Reader {
     pub(crate) fn take(&mut self, stamped: &Stamped) {
         let frame = &stamped.frame;
         let is_sync = self.clock.on_frame(stamped.time, frame);
-        let now = nanoseconds(stamped.time);
-        let time = self.clock.scenario_time(stamped.time).map(nanoseconds);
+        let now = stamped.time;
+        let time = self.clock.scenario_time(stamped.time);
         self.last_frame = now;
         if let Some(time) = time {
             self.losses.pass(time);
         }
-        if frame.is_error() || self.telling.get_mut(frame.raw_id()).is_some() {
+        if frame.is_error() || self.telling.contains(&frame.raw_id()) {
             self.take_telling(stamped, time);
         }
         // How the nodes stop after the scenario's end is no part of its last cycle.
@@ -336,7 +337,7 @@ impl Reader {
     }
 
     /// Takes a frame for those that want few.
-    fn take_telling(&mut self, stamped: &Stamped, time: Option<Nanoseconds>) {
+    fn take_telling(&mut self, stamped: &Stamped, time: Option<Duration>) {
         self.events.take(stamped);
         if let Some(time) = time {
             self.losses.take(&stamped.frame, time);
@@ -364,7 +365,8 @@ impl Reader {
     }
 
     fn take_signals(&mut self, frame: &CanFrame) {
-        if let Some(message) = self.messages.get_mut(frame.raw_id()) {
+        let mut messages = self.messages.iter_mut();
+        if let Some(message) = messages.find(|message| message.raw_id == frame.raw_id()) {
             message.take(frame, self.cycle.len());
         }
     }
@@ -401,12 +403,12 @@ impl Reader {
             .iter()
             .map(|cycle| start_seconds(*cycle, period_seconds))
             .collect();
-        let messages = self.messages.values_mut();
+        let messages = self.messages.iter_mut();
         let columns: Vec<Column> = messages
             .flat_map(|message| message.take_rows(rows))
             .collect();
         let zero = self.clock.zero();
-        let since_zero = self.last_frame.saturating_sub(zero.map_or(0, nanoseconds));
+        let since_zero = self.last_frame.saturating_sub(zero.unwrap_or_default());
         let place = |path: &str| {
             let name = path.split_once('.').map_or(path, |(_, name)| name);
             columns
@@ -429,7 +431,7 @@ impl Reader {
             has_fan: self.fan.is_heard && self.fan.is_commanded,
             traces: Vec::new(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
-            last_frame_seconds: Duration::from_nanos(since_zero).as_secs_f64(),
+            last_frame_seconds: since_zero.as_secs_f64(),
             bus_load_percent: self.traffic.load_percent(),
             sync_interval_milliseconds_max: self.traffic.sync_interval_milliseconds_max(),
         })
@@ -469,10 +471,10 @@ impl FanReader {
 /// How busy the bus is, from the first SYNC to the end of the scenario.
 struct Traffic {
     bitrate_kilobits_per_second: f64,
-    first_sync: Option<Nanoseconds>,
-    latest_sync: Option<Nanoseconds>,
-    latest: Nanoseconds,
-    sync_interval_max: Option<Nanoseconds>,
+    first_sync: Option<Duration>,
+    latest_sync: Option<Duration>,
+    latest: Duration,
+    sync_interval_max: Option<Duration>,
     bits: u64,
 }
 
@@ -482,13 +484,13 @@ impl Traffic {
             bitrate_kilobits_per_second: f64::from(scenario.bus.bitrate_kilobits_per_second),
             first_sync: None,
             latest_sync: None,
-            latest: 0,
+            latest: Duration::ZERO,
             sync_interval_max: None,
             bits: 0,
         }
     }
 
-    fn take(&mut self, frame: &CanFrame, now: Nanoseconds, occupied_bits: u32) {
+    fn take(&mut self, frame: &CanFrame, now: Duration, occupied_bits: u32) {
         if self.first_sync.is_some() {
             self.bits += u64::from(occupied_bits);
         }
@@ -508,7 +510,7 @@ impl Traffic {
         };
         #[expect(clippy::cast_precision_loss, reason = "bit counts stay far below 2^52")]
         let milliseconds = self.bits as f64 / self.bitrate_kilobits_per_second;
-        let recorded = 1e3 * Duration::from_nanos(self.latest.saturating_sub(first)).as_secs_f64();
+        let recorded = 1e3 * self.latest.saturating_sub(first).as_secs_f64();
         if recorded > 0.0 {
             100.0 * milliseconds / recorded
         } else {
@@ -517,13 +519,12 @@ impl Traffic {
     }
 
     fn sync_interval_milliseconds_max(&self) -> f64 {
-        self.sync_interval_max.map_or(f64::NAN, |interval| {
-            1e3 * Duration::from_nanos(interval).as_secs_f64()
-        })
+        self.sync_interval_max
+            .map_or(f64::NAN, |interval| 1e3 * interval.as_secs_f64())
     }
 }
 
-fn tracked_messages(database: &Database) -> Result<ByIdentifier<TrackedMessage>, SignalMissing> {
+fn tracked_messages(database: &Database) -> Result<Vec<TrackedMessage>, SignalMissing> {
     let mut messages = Vec::new();
     for name in COLUMN_MESSAGES {
         let message = match database.message(name) {
@@ -535,15 +536,15 @@ fn tracked_messages(database: &Database) -> Result<ByIdentifier<TrackedMessage>,
             let handle = database.require(&format!("{name}.{}", signal.name))?;
             Ok(Tracked::new(handle, signal))
         });
-        let tracked = TrackedMessage {
+        messages.push(TrackedMessage {
+            raw_id: message.raw_id,
             signals: signals.collect::<Result<_, SignalMissing>>()?,
             is_measured: signals::POSITION.starts_with(name),
             latest: None,
             rows: 0,
-        };
-        messages.push((message.raw_id, tracked));
+        });
     }
-    Ok(messages.into_iter().collect())
+    Ok(messages)
 }
 
 /// Scenario time at which a cycle begins.
@@ -556,9 +557,9 @@ fn start_seconds(cycle: u64, period_seconds: f64) -> f64 {
 }
 
 /// The nearest whole number of periods.
-fn cycles(time: Nanoseconds, period: Duration) -> u64 {
-    let period = nanoseconds(period);
-    time.saturating_add(period / 2) / period.max(1)
+fn cycles(time: Duration, period: Duration) -> u64 {
+    let cycles = time.saturating_add(period / 2).as_nanos() / period.as_nanos().max(1);
+    u64::try_from(cycles).unwrap_or(u64::MAX)
 }
 
 fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Vec<f64> {

@@ -7,7 +7,6 @@ use canopen::CanFrame;
 use dbc::{Database, SignalHandle};
 use scenario::Scenario;
 
-use crate::nanoseconds::{Nanoseconds, nanoseconds};
 use crate::signal_names::SignalNames;
 use crate::signals::COLUMN_MESSAGES;
 
@@ -46,7 +45,7 @@ struct Collected {
 /// Collects the samples from the frames.
 pub(crate) struct TraceReader {
     collected: Vec<Collected>,
-    end: Nanoseconds,
+    end: Duration,
 }
 
 impl TraceReader {
@@ -65,7 +64,7 @@ impl TraceReader {
         }
         Self {
             collected: collected.into_values().collect(),
-            end: nanoseconds(Duration::from_secs_f64(scenario.duration_seconds)),
+            end: Duration::from_secs_f64(scenario.duration_seconds),
         }
     }
 
@@ -78,13 +77,13 @@ impl TraceReader {
     pub(crate) fn take(
         &mut self,
         frame: &CanFrame,
-        scenario_time: Option<Nanoseconds>,
+        scenario_time: Option<Duration>,
         cycle_seconds: Option<f64>,
     ) {
         let Some(time) = scenario_time.filter(|time| *time < self.end) else {
             return;
         };
-        let time_seconds = Duration::from_nanos(time).as_secs_f64();
+        let time_seconds = time.as_secs_f64();
         for collected in &mut self.collected {
             let Some(value) = collected.handle.decode(frame) else {
                 continue;

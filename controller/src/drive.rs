@@ -398,7 +398,9 @@ impl Drive {
             clippy::cast_possible_truncation,
             reason = "limited to the object's range, whose ends are whole"
         )]
-        let target = (current_amperes * self.target.units).round().clamp(min, max) as i64;
+        let target = (current_amperes * self.target.units)
+            .round()
+            .clamp(min, max) as i64;
         let controlword = self.controlword.placed(i64::from(controlword));
         let data = (controlword | self.target.field.placed(target)).to_le_bytes();
         CanFrame::new(self.command.id(), &data[..self.command.length_bytes()])

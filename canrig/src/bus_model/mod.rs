@@ -3,9 +3,9 @@
 pub mod error_state;
 pub mod faults;
 
-use canopen::CanFrame;
+use std::time::Duration;
 
-use crate::nanoseconds::Nanoseconds;
+use canopen::CanFrame;
 
 /// Recessive bits between two frames (intermission).
 const INTERFRAME_BITS: u32 = 3;
@@ -196,8 +196,8 @@ const FRAME_BITS_END: usize = 256;
 pub struct BusModel {
     nanoseconds_per_bit: f64,
     /// How long as many bits as frames have take, since each frame asks twice.
-    frame_times: [Nanoseconds; FRAME_BITS_END],
-    free_at: Nanoseconds,
+    frame_times: [Duration; FRAME_BITS_END],
+    free_at: Duration,
 }
 
 impl BusModel {
@@ -205,26 +205,26 @@ impl BusModel {
     #[must_use]
     pub fn new(bitrate_kilobits_per_second: u32) -> Self {
         let nanoseconds_per_bit = 1e6 / f64::from(bitrate_kilobits_per_second);
-        let mut frame_times = [0; FRAME_BITS_END];
+        let mut frame_times = [Duration::ZERO; FRAME_BITS_END];
         for (bits, time) in (0..).zip(&mut frame_times) {
             *time = bit_time(bits, nanoseconds_per_bit);
         }
         Self {
             nanoseconds_per_bit,
             frame_times,
-            free_at: 0,
+            free_at: Duration::ZERO,
         }
     }
 
     /// When the next frame may start.
     #[must_use]
-    pub fn free_at(&self) -> Nanoseconds {
+    pub fn free_at(&self) -> Duration {
         self.free_at
     }
 
     /// Puts a frame on the idle bus. Returns when its last bit has passed, and how many bits it takes, as
     /// [`occupied_bits`].
-    pub fn transmit(&mut self, start: Nanoseconds, frame: &CanFrame) -> (Nanoseconds, u32) {
+    pub fn transmit(&mut self, start: Duration, frame: &CanFrame) -> (Duration, u32) {
         let occupied = occupied_bits(frame);
         let end = start + self.bit_time(occupied - INTERFRAME_BITS);
         self.free_at = start + self.bit_time(occupied);
@@ -232,7 +232,7 @@ impl BusModel {
     }
 
     /// A transmission that is disturbed after some bits: error flags and delimiter follow. Returns when they have passed.
-    pub fn disturb(&mut self, start: Nanoseconds, bits: u32, is_passive: bool) -> Nanoseconds {
+    pub fn disturb(&mut self, start: Duration, bits: u32, is_passive: bool) -> Duration {
         let flags = if is_passive {
             PASSIVE_FLAG_BITS
         } else {
@@ -245,7 +245,7 @@ impl BusModel {
 
     /// How long a number of bits takes.
     #[must_use]
-    pub fn bit_time(&self, bits: u32) -> Nanoseconds {
+    pub fn bit_time(&self, bits: u32) -> Duration {
         let known = self.frame_times.get(bits as usize);
         known.map_or_else(|| bit_time(bits, self.nanoseconds_per_bit), |time| *time)
     }
@@ -256,8 +256,8 @@ impl BusModel {
     clippy::cast_sign_loss,
     reason = "a positive number of at most 200 000 bits x 1e6 ns"
 )]
-fn bit_time(bits: u32, nanoseconds_per_bit: f64) -> Nanoseconds {
-    libm::round(f64::from(bits) * nanoseconds_per_bit) as Nanoseconds
+fn bit_time(bits: u32, nanoseconds_per_bit: f64) -> Duration {
+    Duration::from_nanos((f64::from(bits) * nanoseconds_per_bit).round() as u64)
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use dbc::Database;
 
-use crate::nanoseconds::nanoseconds;
 use crate::recording::Stamped;
 use crate::signals::{self, SignalMissing};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
@@ -69,20 +68,19 @@ impl BusTiming {
         let mut clock = ScenarioClock::new(database)?;
         let begins = |stamped: &Stamped| clock.on_frame(stamped.time, &stamped.frame);
         let frames = &frames[frames.iter().position(begins).unwrap_or(frames.len())..];
-        let zero = frames.first().map_or(0, |first| nanoseconds(first.time));
+        let zero = frames.first().map_or(Duration::ZERO, |first| first.time);
         let duration = Duration::from_secs_f64(duration_seconds);
-        let end = nanoseconds(duration);
         let mut timing = Self::default();
         let mut load = Load::new(duration, bitrate_kilobits_per_second);
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
         for stamped in frames {
-            let now = nanoseconds(stamped.time);
+            let now = stamped.time;
             let scenario_time = now.saturating_sub(zero);
-            if scenario_time >= end {
+            if scenario_time >= duration {
                 break;
             }
             load.take(scenario_time, stamped.occupied_bits);
-            let since_sync = |sync: u64| now.saturating_sub(sync) / 1000;
+            let since_sync = |sync: Duration| microseconds(now.saturating_sub(sync));
             let id = stamped.frame.raw_id();
             if id == u32::from(SYNC_COB_ID) {
                 timing.cycles.extend(sync.replace(now).map(since_sync));
@@ -101,9 +99,13 @@ impl BusTiming {
     }
 }
 
+fn microseconds(duration: Duration) -> Microseconds {
+    u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
+}
+
 /// Counts the bits in each stretch of time.
 struct Load {
-    stretch_nanoseconds: u64,
+    stretch: Duration,
     bitrate_kilobits_per_second: f64,
     bits: Vec<u64>,
 }
@@ -112,14 +114,14 @@ impl Load {
     fn new(duration: Duration, bitrate_kilobits_per_second: u32) -> Self {
         let stretch = Duration::from_millis(10).max(duration / LOAD_STRETCHES);
         Self {
-            stretch_nanoseconds: nanoseconds(stretch),
+            stretch,
             bitrate_kilobits_per_second: f64::from(bitrate_kilobits_per_second),
             bits: Vec::new(),
         }
     }
 
-    fn take(&mut self, nanoseconds: u64, bits: u32) {
-        let Some(place) = usize::try_from(nanoseconds / self.stretch_nanoseconds)
+    fn take(&mut self, time: Duration, bits: u32) {
+        let Some(place) = usize::try_from(time.as_nanos() / self.stretch.as_nanos())
             .ok()
             .filter(|place| *place <= LOAD_STRETCHES as usize)
         else {
@@ -136,7 +138,7 @@ impl Load {
         if self.bits.len() > 1 {
             self.bits.pop();
         }
-        let seconds = Duration::from_nanos(self.stretch_nanoseconds).as_secs_f64();
+        let seconds = self.stretch.as_secs_f64();
         #[expect(clippy::cast_precision_loss, reason = "counts stay far below 2^52")]
         let middles = (0..self.bits.len())
             .map(|place| (place as f64 + 0.5) * seconds)
