@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::fit::Fit;
 use super::parameter::{self, Parameter};
-use super::plot::{self, Curves};
+use super::picture;
 use super::report;
 use super::search::{self, Found, SearchError};
 use super::start;
@@ -288,14 +288,12 @@ fn write_pictures(
     let mut first = 0;
     for (number, trace) in (1..).zip(fit.traces) {
         let end = first + trace.positions_metres.len();
-        let curves = Curves {
-            trace,
-            start_metres: start.get(first..end).unwrap_or_default(),
-            fitted_metres: fitted.get(first..end).unwrap_or_default(),
-        };
-        let picture = format!("fit-{number}.svg");
-        folder.write(&picture, plot::to_svg(&curves)?.as_bytes())?;
-        text += &format!("![measured and found position]({picture})\n");
+        let start = start.get(first..end).unwrap_or_default();
+        let fitted = fitted.get(first..end).unwrap_or_default();
+        let name = format!("fit-{number}.svg");
+        let picture = picture::to_svg(trace, start, fitted);
+        folder.write(&name, picture.as_bytes())?;
+        text += &format!("![measured and found position]({name})\n");
         first = end;
     }
     Ok(text)

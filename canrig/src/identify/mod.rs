@@ -2,13 +2,13 @@
 //!
 //! Recordings become `trace`s; `fit` simulates the plant under their inputs and takes the residual on the position;
 //! `search` makes it small from a `start` with the optimisers of `optimiser`; `statistics` says what the result is worth;
-//! `report` and `plot` tell it, and `command` does all of this for the command line.
+//! `report` and `picture` tell it, and `command` does all of this for the command line.
 
 pub mod command;
 pub mod fit;
 pub mod optimiser;
 pub mod parameter;
-pub mod plot;
+pub mod picture;
 pub mod report;
 pub mod search;
 pub mod sensor_model;

@@ -13,6 +13,7 @@ pub mod mf4;
 pub mod overview;
 mod page;
 pub mod parquet;
+pub mod picture;
 pub mod plot;
 pub mod reproduction;
 #[cfg(feature = "rerun")]

@@ -34,7 +34,7 @@ impl Colour {
     /// Number of colours that the style sheet defines.
     const COUNT: usize = 8;
 
-    fn class(self) -> String {
+    pub(super) fn class(self) -> String {
         let number = match self {
             Self::Wanted => 0,
             Self::Measured => 1,
@@ -84,16 +84,18 @@ impl Curve<'_> {
 
 /// A rectangle behind the curves; infinite sides reach the edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Patch {
+pub struct Patch {
     /// Class in the style sheet.
-    pub(super) class: &'static str,
-    pub(super) x: (f64, f64),
-    pub(super) y: (f64, f64),
+    pub class: &'static str,
+    /// From left to right.
+    pub x: (f64, f64),
+    /// From bottom to top.
+    pub y: (f64, f64),
 }
 
 /// What the height of a plot stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Extent {
+pub enum Extent {
     /// Everything.
     All,
     /// Everything, and 0.
@@ -105,20 +107,36 @@ pub(super) enum Extent {
 }
 
 /// A plot.
-pub(super) struct Plot<'a> {
-    pub(super) title: String,
-    pub(super) y_unit: &'a str,
-    pub(super) x_label: &'a str,
-    pub(super) extent: Extent,
+pub struct Plot<'a> {
+    /// What it shows.
+    pub title: String,
+    /// The unit of the height; empty for numbers without one.
+    pub y_unit: &'a str,
+    /// What stands below the horizontal axis.
+    pub x_label: &'a str,
+    /// What the height stands for.
+    pub extent: Extent,
     pub(super) curves: Vec<Curve<'a>>,
-    pub(super) patches: Vec<Patch>,
+    /// What stands behind the curves.
+    pub patches: Vec<Patch>,
     /// The stretch of x that is shown; all of it when absent.
-    pub(super) x_range: Option<(f64, f64)>,
+    pub x_range: Option<(f64, f64)>,
+}
+
+/// What is drawn of a plot: the same on a page and in a picture.
+pub(super) struct Drawing {
+    /// Grid, patches and curves, in the drawing's own units.
+    pub(super) content: Markup,
+    /// Labels at per cent from the left.
+    pub(super) x_labels: Vec<(f64, String)>,
+    /// Labels at per cent from the top.
+    pub(super) y_labels: Vec<(f64, String)>,
+    is_cut: bool,
 }
 
 impl<'a> Plot<'a> {
     /// A plot over time without curves.
-    pub(super) fn over_time(title: impl Into<String>, y_unit: &'a str) -> Self {
+    pub fn over_time(title: impl Into<String>, y_unit: &'a str) -> Self {
         Self {
             title: title.into(),
             y_unit,
@@ -131,7 +149,7 @@ impl<'a> Plot<'a> {
     }
 
     /// Adds a curve, unless it has no value at all.
-    pub(super) fn draw(
+    pub fn draw(
         &mut self,
         label: impl Into<String>,
         colour: Colour,
@@ -156,12 +174,7 @@ impl<'a> Plot<'a> {
         if self.curves.is_empty() {
             return html! {};
         }
-        let view = View::of(self);
-        let x_ticks = ticks(view.x);
-        let y_ticks = match self.extent {
-            Extent::Logarithmic => decades(view.y),
-            _ => ticks(view.y),
-        };
+        let drawing = self.drawing();
         let names: Vec<&str> = self
             .curves
             .iter()
@@ -172,7 +185,7 @@ impl<'a> Plot<'a> {
                 figcaption {
                     strong { (self.title) }
                     @if !self.y_unit.is_empty() { " (" (self.y_unit) ")" }
-                    @if view.is_cut { ", peaks cut" }
+                    @if drawing.is_cut { ", peaks cut" }
                     span.legend {
                         @for curve in &self.curves {
                             span { i.(curve.colour.class()).dashed[curve.shape == Shape::Dashed] {} (curve.label) }
@@ -181,20 +194,40 @@ impl<'a> Plot<'a> {
                 }
                 div.axes {
                     div.y aria-hidden="true" {
-                        @for (value, label) in &y_ticks { span style=(format!("top:{:.2}%", 100.0 - view.up(*value))) { (label) } }
+                        @for (place, label) in &drawing.y_labels { span style=(format!("top:{place:.2}%")) { (label) } }
                     }
                     svg viewBox=(format!("0 0 {WIDTH} {HEIGHT}")) preserveAspectRatio="none" role="img"
                         aria-label=(format!("{}: {}", self.title, names.join(", "))) {
-                        (PreEscaped(view.grid(&x_ticks, &y_ticks)))
-                        @for patch in &self.patches { (PreEscaped(view.patch(patch))) }
-                        @for curve in &self.curves { (PreEscaped(view.curve(curve))) }
+                        (drawing.content)
                     }
                     div.x aria-hidden="true" {
-                        @for (value, label) in &x_ticks { span style=(format!("left:{:.2}%", view.along(*value))) { (label) } }
+                        @for (place, label) in &drawing.x_labels { span style=(format!("left:{place:.2}%")) { (label) } }
                     }
                 }
                 p.x-label { (self.x_label) }
             }
+        }
+    }
+
+    pub(super) fn drawing(&self) -> Drawing {
+        let view = View::of(self);
+        let x_ticks = ticks(view.x);
+        let y_ticks = match self.extent {
+            Extent::Logarithmic => decades(view.y),
+            _ => ticks(view.y),
+        };
+        let content = html! {
+            (PreEscaped(view.grid(&x_ticks, &y_ticks)))
+            @for patch in &self.patches { (PreEscaped(view.patch(patch))) }
+            @for curve in &self.curves { (PreEscaped(view.curve(curve))) }
+        };
+        let along = |(value, label)| (view.along(value), label);
+        let down = |(value, label)| (100.0 - view.up(value), label);
+        Drawing {
+            content,
+            x_labels: x_ticks.into_iter().map(along).collect(),
+            y_labels: y_ticks.into_iter().map(down).collect(),
+            is_cut: view.is_cut,
         }
     }
 }
