@@ -111,9 +111,12 @@ impl fmt::Display for CanFrame {
         if self.is_remote() {
             return formatter.write_str("R");
         }
-        self.data()
-            .iter()
-            .try_for_each(|byte| write!(formatter, "{byte:02X}"))
+        // The bytes are one number, the first of them its highest.
+        let digits = 2 * usize::from(self.length);
+        match u64::from_be_bytes(self.data).checked_shr(64 - 8 * u32::from(self.length)) {
+            Some(number) => write!(formatter, "{number:0digits$X}"),
+            None => Ok(()),
+        }
     }
 }
 
