@@ -6,14 +6,15 @@ use std::time::Duration;
 use dbc::Database;
 use platform::clock::sleep;
 use platform::scheduling;
-use rerun::log::ChunkBatcherConfig;
-use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
+use re_sdk::log::ChunkBatcherConfig;
+use re_sdk::sink::SinkFlushError;
+use re_sdk::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use rtrb::Consumer;
 use scenario::Scenario;
 
 use super::{Show, ViewerAddress};
 use crate::recording::Stamped;
-use crate::report::rerun::{APPLICATION, BusReader, Known, Recording};
+use crate::report::rerun::{APPLICATION, BusReader, Known, Recording, RerunError};
 use crate::run::Source;
 use crate::signals::SignalMissing;
 use crate::tap::{Tap, WhenFull};
@@ -31,7 +32,9 @@ const FLUSH_PATIENCE: Duration = Duration::from_secs(1);
 #[derive(Debug, thiserror::Error)]
 enum LiveError {
     #[error(transparent)]
-    Recording(#[from] RecordingStreamError),
+    Connection(#[from] RecordingStreamError),
+    #[error(transparent)]
+    Recording(#[from] RerunError),
     #[error(transparent)]
     Signal(#[from] SignalMissing),
     #[error("it does not answer any more")]
@@ -133,7 +136,7 @@ fn flush(stream: &RecordingStream) -> Result<(), LiveError> {
     loop {
         match stream.flush_with_timeout(FLUSH_PATIENCE) {
             Ok(()) => return Ok(()),
-            Err(rerun::sink::SinkFlushError::Timeout) => {}
+            Err(SinkFlushError::Timeout) => {}
             Err(_) => return Err(LiveError::Gone),
         }
     }
