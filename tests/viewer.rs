@@ -7,8 +7,8 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use rerun::external::re_log_encoding::Decoder;
-use rerun::log::{Chunk, LogMsg};
+use re_sdk::external::re_log_encoding::Decoder;
+use re_sdk::log::{Chunk, LogMsg};
 
 use crate::real_time::in_real_time;
 use crate::support::{canrig, only_run, output, scenario, short_scenario};

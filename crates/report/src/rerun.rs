@@ -6,9 +6,7 @@
 
 mod blueprint;
 mod bus;
-mod contents;
 mod drawing;
-mod fields;
 mod file;
 mod groups;
 mod hysteresis;
@@ -24,10 +22,9 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
 use std::path::Path;
 
-use rerun::archetypes::RecordingInfo;
-use rerun::external::re_log_encoding::EncodeError;
-use rerun::external::re_log_types::{StoreId, StoreInfo};
-use rerun::{EntityPath, RecordingStreamError, StoreKind, new_store_info};
+use re_sdk::external::re_log_encoding::EncodeError;
+use re_sdk::log::ChunkError;
+use re_sdk::{EntityPath, RecordingInfo, SerializationError, StoreId, StoreKind};
 
 use super::Run;
 use judge::verdict::Verdict;
@@ -44,9 +41,12 @@ pub(crate) const APPLICATION: &str = "canrig";
 /// Why the recording cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum RerunError {
-    /// The SDK refuses.
+    /// Rows and their times do not fit each other.
     #[error(transparent)]
-    Recording(#[from] RecordingStreamError),
+    Chunk(#[from] ChunkError),
+    /// The SDK cannot put values into a column.
+    #[error(transparent)]
+    Serialization(#[from] SerializationError),
     /// The disk does not take the file.
     #[error(transparent)]
     File(#[from] io::Error),
@@ -73,11 +73,8 @@ pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
     frames.iter().for_each(|stamped| bus.take(stamped));
     let partial = path.with_added_extension("partial");
     let id = recording_id(timeline, verdict);
-    let info = StoreInfo {
-        store_id: StoreId::new(StoreKind::Recording, APPLICATION, id),
-        ..new_store_info(APPLICATION)
-    };
-    let mut file = RecordingFile::create(&partial, info)?;
+    let store = StoreId::new(StoreKind::Recording, APPLICATION, id);
+    let mut file = RecordingFile::create(&partial, store)?;
     let properties = RecordingInfo::new()
         .with_name(setup.scenario.name.as_str())
         .with_start_time(0_i64);

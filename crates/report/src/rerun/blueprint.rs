@@ -4,27 +4,26 @@
 
 use std::collections::BTreeSet;
 
-use rerun::datatypes::{Bool, Float32, Range1D, Range2D, Uuid};
-use rerun::external::re_log_types::{BlueprintActivationCommand, StoreId, StoreInfo};
-use rerun::external::re_sdk_types::blueprint::archetypes::{
+use re_sdk::external::re_log_types::BlueprintActivationCommand;
+use re_sdk::log::{Chunk, LogMsg};
+use re_sdk::{AsComponents, StoreId, StoreKind, Timeline};
+use re_sdk_types::blueprint::archetypes::{
     ContainerBlueprint, PanelBlueprint, PlotLegend, TextLogColumns, TimeAxis, TimePanelBlueprint,
     ViewBlueprint, ViewContents, ViewportBlueprint, VisualBounds2D,
 };
-use rerun::external::re_sdk_types::blueprint::components::{
+use re_sdk_types::blueprint::components::{
     AutoLayout, AutoViews, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis,
     PanelState, PlayState, QueryExpression, RootContainer, RowShare, TextLogColumn, TimelineName,
 };
-use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
-use rerun::log::Chunk;
-use rerun::time::Timeline;
-use rerun::{AsComponents, RecordingStreamError, StoreKind};
+use re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
+use re_sdk_types::datatypes::{Bool, Float32, Range1D, Range2D, Uuid};
 
-use super::output::Output;
+use super::output::{Output, begin};
 use super::times::RUN_TIME;
-use super::{APPLICATION, drawing, groups, hysteresis};
+use super::{APPLICATION, RerunError, drawing, groups, hysteresis};
 use rig::setup::Setup;
 
-type Result<T> = std::result::Result<T, RecordingStreamError>;
+type Result<T> = std::result::Result<T, RerunError>;
 
 /// What the viewer does with the time at first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,26 +41,22 @@ pub(super) fn send(
     groups: &BTreeSet<&str>,
     play: Play,
 ) -> Result<()> {
-    let Some(info) = output.info() else {
-        return Ok(());
-    };
-    let info = StoreInfo {
-        store_id: StoreId::new(StoreKind::Blueprint, APPLICATION, "canrig layout"),
-        ..info
-    };
+    let store = StoreId::new(StoreKind::Blueprint, APPLICATION, "canrig layout");
+    output.send_message(begin(store.clone()))?;
     let mut layout = Layout {
-        chunks: Vec::new(),
+        output,
+        store: store.clone(),
         setup,
         play,
         places: 0,
     };
     layout.build(groups)?;
-    let command = BlueprintActivationCommand {
-        blueprint_id: info.store_id.clone(),
+    let show = BlueprintActivationCommand {
+        blueprint_id: store,
         make_active: true,
         make_default: true,
     };
-    output.send_layout(info, layout.chunks, command)
+    output.send_message(show.into())
 }
 
 /// A view or container, and its share of the room.
@@ -71,14 +66,15 @@ struct Place {
     share: f32,
 }
 
-struct Layout<'a> {
-    chunks: Vec<Chunk>,
+struct Layout<'a, O> {
+    output: &'a mut O,
+    store: StoreId,
     setup: &'a Setup,
     play: Play,
     places: u8,
 }
 
-impl Layout<'_> {
+impl<O: Output> Layout<'_, O> {
     fn build(&mut self, groups: &BTreeSet<&str>) -> Result<()> {
         let has = |group| groups.contains(group);
         let mut left = vec![self.plot("Position (mm)", "position", 2.2)?];
@@ -247,8 +243,9 @@ impl Layout<'_> {
     fn log(&mut self, path: &str, what: &dyn AsComponents) -> Result<()> {
         let time = [(Timeline::new_sequence("blueprint"), 0)];
         let chunk = Chunk::builder(path).with_archetype_auto_row(time, what);
-        self.chunks.push(chunk.build()?);
-        Ok(())
+        let rows = chunk.build()?.to_arrow_msg()?;
+        let message = LogMsg::ArrowMsg(self.store.clone(), rows);
+        self.output.send_message(message)
     }
 
     /// Any names do that differ.

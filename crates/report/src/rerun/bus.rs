@@ -4,12 +4,11 @@ use dbc::SignalMissing;
 use std::mem;
 use std::time::Duration;
 
-use rerun::RecordingStreamError;
 
-use super::groups;
 use super::output::{Output, send_scalars, send_static};
 use super::run_log::line;
 use super::times::{self, Moment};
+use super::{RerunError, groups};
 use recording::latency::{CycleReader, Stage};
 use recording::log::Stamped;
 use rig::setup::Setup;
@@ -136,7 +135,7 @@ impl BusReader {
     }
 
     /// Logs what there is since the last time.
-    pub(super) fn log(&mut self, output: &mut impl Output) -> Result<(), RecordingStreamError> {
+    pub(super) fn log(&mut self, output: &mut impl Output) -> Result<(), RerunError> {
         let cycles = mem::take(&mut self.cycles);
         // Most cycles have a row of each timing, so the times are made once.
         let all = times::columns(cycles.iter().map(|cycle| cycle.moment));
@@ -175,7 +174,7 @@ fn first_from(seconds: f64) -> Duration {
 const LOAD: &str = "bus/load_percent";
 
 /// Names and colours.
-pub(super) fn log_styles(output: &mut impl Output) -> Result<(), RecordingStreamError> {
+pub(super) fn log_styles(output: &mut impl Output) -> Result<(), RerunError> {
     for (name, label, colour) in TIMING {
         send_static(
             output,

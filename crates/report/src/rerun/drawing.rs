@@ -2,15 +2,15 @@
 
 use std::f64::consts::TAU;
 
-use rerun::{
-    Boxes2D, Color, LineStrips2D, Points2D, Radius, RecordingStreamError, SerializedComponentColumn,
-};
+use re_sdk::SerializedComponentColumn;
+use re_sdk_types::archetypes::{Boxes2D, LineStrips2D, Points2D};
+use re_sdk_types::components::{Color, Radius};
 use scenario::Scenario;
 use scenario::plant::SMA_ACTUATOR;
 
-use super::groups;
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
+use super::{RerunError, groups};
 use recording::timeline::Timeline;
 
 /// From the wire's cold end to the pulleys.
@@ -67,7 +67,7 @@ impl Drawing {
     pub(super) fn draw(
         output: &mut impl Output,
         scenario: &Scenario,
-    ) -> Result<Option<Self>, RecordingStreamError> {
+    ) -> Result<Option<Self>, RerunError> {
         let Some(rig) = Self::of(scenario) else {
             return Ok(None);
         };
@@ -114,7 +114,7 @@ impl Drawing {
         &mut self,
         output: &mut impl Output,
         timeline: &Timeline,
-    ) -> Result<(), RecordingStreamError> {
+    ) -> Result<(), RerunError> {
         let poses = self.new_poses(timeline);
         if poses.is_empty() {
             return Ok(());

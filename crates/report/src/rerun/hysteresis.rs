@@ -3,11 +3,12 @@
 //! The viewer has no plot of one signal over another, so the plot is drawn: a frame with its numbers, the whole path,
 //! and a point that moves with the time.
 
-use rerun::{LineStrips2D, Points2D, Radius, RecordingStreamError};
+use re_sdk_types::archetypes::{LineStrips2D, Points2D};
+use re_sdk_types::components::Radius;
 
-use super::groups;
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
+use super::{RerunError, groups};
 use recording::timeline::Timeline;
 
 /// The signals (temperature, fraction): the truth where there is an emulator, else the observer's.
@@ -68,7 +69,7 @@ impl Hysteresis {
         &mut self,
         output: &mut impl Output,
         timeline: &Timeline,
-    ) -> Result<(), RecordingStreamError> {
+    ) -> Result<(), RerunError> {
         let Some((temperature, fraction)) = signals(timeline) else {
             return Ok(());
         };
@@ -129,10 +130,7 @@ impl Hysteresis {
     }
 
     /// Draws the whole path, which stands still while the point moves along it, unless it is drawn.
-    pub(super) fn log_path(
-        &mut self,
-        output: &mut impl Output,
-    ) -> Result<(), RecordingStreamError> {
+    pub(super) fn log_path(&mut self, output: &mut impl Output) -> Result<(), RerunError> {
         let Some(frame) = self.frame.as_ref().filter(|_| self.is_path_old) else {
             return Ok(());
         };
@@ -153,11 +151,7 @@ impl Hysteresis {
 }
 
 /// The point that moves with the time.
-fn log_now(
-    output: &mut impl Output,
-    frame: &Frame,
-    points: &[Point],
-) -> Result<(), RecordingStreamError> {
+fn log_now(output: &mut impl Output, frame: &Frame, points: &[Point]) -> Result<(), RerunError> {
     if points.is_empty() {
         return Ok(());
     }
@@ -172,7 +166,7 @@ fn log_now(
 }
 
 /// How the point looks.
-pub(super) fn log_style(output: &mut impl Output) -> Result<(), RecordingStreamError> {
+pub(super) fn log_style(output: &mut impl Output) -> Result<(), RerunError> {
     let look = Points2D::update_fields()
         .with_colors([groups::ORANGE])
         .with_radii([Radius::new_ui_points(5.0)]);
@@ -279,7 +273,7 @@ impl Frame {
         Self::at(right, self.fraction.part(fraction))
     }
 
-    fn log(&self, output: &mut impl Output) -> Result<(), RecordingStreamError> {
+    fn log(&self, output: &mut impl Output) -> Result<(), RerunError> {
         let mut lines: Vec<[[f32; 2]; 2]> = Vec::new();
         let mut numbers: Vec<([f32; 2], String)> = Vec::new();
         for celsius in self.celsius.lines() {

@@ -1,61 +1,41 @@
 //! Where a recording goes, in chunks: rows of one entity.
 
-use std::sync::Arc;
-
-use rerun::external::arrow::array::{FixedSizeBinaryArray, Float64Array, ListArray};
-use rerun::external::arrow::buffer::{Buffer, OffsetBuffer};
-use rerun::external::arrow::datatypes::{DataType, Field};
-use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreInfo};
-use rerun::log::{Chunk, ChunkId, RowId};
-use rerun::{
-    AsComponents, EntityPath, RecordingStream, RecordingStreamError, Scalars,
-    SerializedComponentColumn, TimeColumn, TimePoint,
+use re_sdk::external::re_log_types::{SetStoreInfo, StoreInfo};
+use re_sdk::log::{Chunk, ChunkId, LogMsg, RowId, TimeColumn};
+use re_sdk::{
+    AsComponents, EntityPath, RecordingStream, SerializedComponentColumn, StoreId, TimePoint,
 };
+use re_sdk_types::archetypes::Scalars;
+
+use super::{APPLICATION, RerunError};
 
 /// A file, or a viewer.
 pub(crate) trait Output {
-    /// Which recording it is; none when it goes nowhere.
-    fn info(&self) -> Option<StoreInfo>;
+    /// Takes rows of one entity of the recording.
+    fn send(&mut self, chunk: Chunk) -> Result<(), RerunError>;
 
-    /// Takes rows of one entity.
-    fn send(&mut self, chunk: Chunk);
-
-    /// Takes a layout, and the command to show it.
-    fn send_layout(
-        &mut self,
-        info: StoreInfo,
-        layout: Vec<Chunk>,
-        show: BlueprintActivationCommand,
-    ) -> Result<(), RecordingStreamError>;
+    /// Takes a message that is not of the recording itself.
+    fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError>;
 }
 
 impl Output for RecordingStream {
-    fn info(&self) -> Option<StoreInfo> {
-        self.store_info()
-    }
-
-    fn send(&mut self, chunk: Chunk) {
+    fn send(&mut self, chunk: Chunk) -> Result<(), RerunError> {
         self.send_chunk(chunk);
+        Ok(())
     }
 
-    fn send_layout(
-        &mut self,
-        info: StoreInfo,
-        layout: Vec<Chunk>,
-        show: BlueprintActivationCommand,
-    ) -> Result<(), RecordingStreamError> {
-        let store = info.store_id.clone();
-        let mut messages = vec![begin(info)];
-        for chunk in layout {
-            messages.push(LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg()?));
-        }
-        self.send_blueprint(messages, show);
+    fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError> {
+        self.record_msg(message);
         Ok(())
     }
 }
 
 /// The first message of a recording or a layout.
-pub(super) fn begin(info: StoreInfo) -> LogMsg {
+pub(super) fn begin(store_id: StoreId) -> LogMsg {
+    let info = StoreInfo {
+        store_id,
+        ..re_sdk::new_store_info(APPLICATION)
+    };
     let row_id = *RowId::new();
     SetStoreInfo { row_id, info }.into()
 }
@@ -65,53 +45,32 @@ pub(super) fn send_static(
     output: &mut impl Output,
     path: impl Into<EntityPath>,
     what: &dyn AsComponents,
-) -> Result<(), RecordingStreamError> {
+) -> Result<(), RerunError> {
     let chunk = Chunk::builder(path).with_archetype_auto_row(TimePoint::default(), what);
-    output.send(chunk.build()?);
-    Ok(())
+    output.send(chunk.build()?)
 }
 
-/// Sends rows of one number each. The SDK takes numbers one by one; here their array is the one that is written.
+/// Sends rows of one number each.
 pub(super) fn send_scalars(
     output: &mut impl Output,
     path: impl Into<EntityPath>,
     times: [TimeColumn; 2],
     values: Vec<f64>,
-) -> Result<(), RecordingStreamError> {
-    let item = Field::new_list_field(DataType::Float64, true);
-    let one_each = OffsetBuffer::from_repeated_length(1, values.len());
-    let values = Arc::new(Float64Array::from(values));
-    let rows = ListArray::new(Arc::new(item), one_each, values, None);
-    let column = SerializedComponentColumn::new(rows, Scalars::descriptor_scalars());
-    send_rows(output, path, times, [column])
+) -> Result<(), RerunError> {
+    let columns = Scalars::new(values).columns_of_unit_batches()?;
+    send_rows(output, path, times, columns)
 }
 
-/// Sends rows with their times. The SDK's constructors sort them first, although nearly all are in the order of time
-/// already.
+/// Sends rows with their times.
 pub(super) fn send_rows(
     output: &mut impl Output,
     path: impl Into<EntityPath>,
     times: [TimeColumn; 2],
     columns: impl IntoIterator<Item = SerializedComponentColumn>,
-) -> Result<(), RecordingStreamError> {
-    let (id, path) = (ChunkId::new(), path.into());
-    let is_in_order = times.iter().all(TimeColumn::is_sorted);
-    let count = times[0].num_rows();
+) -> Result<(), RerunError> {
     let times = times.map(|times| (*times.timeline().name(), times));
     let times = times.into_iter().collect();
     let columns = columns.into_iter().collect();
-    let chunk = if is_in_order {
-        Chunk::new(id, path, Some(true), row_ids(count), times, columns)
-    } else {
-        Chunk::from_auto_row_ids(id, path, times, columns)
-    };
-    output.send(chunk?);
-    Ok(())
-}
-
-/// Identifiers for so many rows, one after the other.
-fn row_ids(count: usize) -> FixedSizeBinaryArray {
-    let first = RowId::new().as_u128();
-    let ids: Vec<[u8; 16]> = (first..).take(count).map(u128::to_be_bytes).collect();
-    FixedSizeBinaryArray::new(16, Buffer::from_vec(ids.into_flattened()), None)
+    let chunk = Chunk::from_auto_row_ids(ChunkId::new(), path.into(), times, columns)?;
+    output.send(chunk)
 }

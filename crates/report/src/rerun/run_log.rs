@@ -2,14 +2,15 @@
 
 use std::collections::BTreeSet;
 
-use rerun::{
-    AnyValues, EntityPath, RecordingStreamError, SeriesLines, TextDocument, TextLog, TextLogLevel,
-    TimeColumn,
-    components::{AggregationPolicy, InterpolationMode, Text},
-};
+use re_sdk::EntityPath;
+use re_sdk::log::TimeColumn;
+use re_sdk_types::AnyValues;
+use re_sdk_types::archetypes::{SeriesLines, TextDocument, TextLog};
+use re_sdk_types::components::{AggregationPolicy, InterpolationMode, Text, TextLogLevel};
 use scenario::Scenario;
 use scenario::events::DisturbanceCommand;
 
+use super::RerunError;
 use super::blueprint::{self, Play};
 use super::bus::{self, BusReader};
 use super::drawing::Drawing;
@@ -62,7 +63,7 @@ impl<'a, O: Output> Recording<'a, O> {
         mut output: O,
         setup: &'a Setup,
         known: Known,
-    ) -> Result<Self, RecordingStreamError> {
+    ) -> Result<Self, RerunError> {
         bus::log_styles(&mut output)?;
         hysteresis::log_style(&mut output)?;
         let scenario = &setup.scenario;
@@ -88,7 +89,7 @@ impl<'a, O: Output> Recording<'a, O> {
     }
 
     /// Sends the layout of a run that has just begun, with all that may come.
-    pub(crate) fn expect_all(&mut self) -> Result<(), RecordingStreamError> {
+    pub(crate) fn expect_all(&mut self) -> Result<(), RerunError> {
         let groups = groups::expected(self.setup);
         blueprint::send(&mut self.output, self.setup, &groups, Play::Following)
     }
@@ -98,7 +99,7 @@ impl<'a, O: Output> Recording<'a, O> {
         &mut self,
         timeline: &Timeline,
         bus: &mut BusReader,
-    ) -> Result<(), RecordingStreamError> {
+    ) -> Result<(), RerunError> {
         self.log_signals(timeline)?;
         self.hysteresis.log(&mut self.output, timeline)?;
         if let Some(drawing) = &mut self.drawing {
@@ -116,7 +117,7 @@ impl<'a, O: Output> Recording<'a, O> {
     }
 
     /// Sends the layout of what there is.
-    pub(crate) fn finish(mut self) -> Result<O, RecordingStreamError> {
+    pub(crate) fn finish(mut self) -> Result<O, RerunError> {
         if self.hysteresis.is_there() {
             self.groups.insert(groups::HYSTERESIS);
         }
@@ -125,7 +126,7 @@ impl<'a, O: Output> Recording<'a, O> {
     }
 
     /// The end: the verdict as a page, as the last event, and as the recording's properties.
-    pub(crate) fn log_verdict(&mut self, verdict: &Verdict) -> Result<(), RecordingStreamError> {
+    pub(crate) fn log_verdict(&mut self, verdict: &Verdict) -> Result<(), RerunError> {
         self.hysteresis.log_path(&mut self.output)?;
         let page = TextDocument::from_markdown(page(verdict));
         send_static(&mut self.output, "verdict", &page)?;
@@ -150,7 +151,7 @@ impl<'a, O: Output> Recording<'a, O> {
     }
 
     /// Set-point, error, disturbances and all signals of the bus.
-    fn log_signals(&mut self, timeline: &Timeline) -> Result<(), RecordingStreamError> {
+    fn log_signals(&mut self, timeline: &Timeline) -> Result<(), RerunError> {
         let samples = timeline
             .set_point_millimetres
             .iter()
@@ -203,7 +204,7 @@ impl<'a, O: Output> Recording<'a, O> {
         rows: &Rows,
         values: &[f64],
         times: [TimeColumn; 2],
-    ) -> Result<(), RecordingStreamError> {
+    ) -> Result<(), RerunError> {
         let path = format!("{}/{name}", style.group);
         self.groups.insert(style.group);
         if !self.styled.contains(&path) {
@@ -220,7 +221,7 @@ impl<'a, O: Output> Recording<'a, O> {
     }
 
     /// The band that each judged step must settle in, as far as the piece goes.
-    fn log_settling_bands(&mut self, timeline: &Timeline) -> Result<(), RecordingStreamError> {
+    fn log_settling_bands(&mut self, timeline: &Timeline) -> Result<(), RerunError> {
         let Some(begin) = timeline.time_seconds.first() else {
             return Ok(());
         };
@@ -250,11 +251,7 @@ impl<'a, O: Output> Recording<'a, O> {
     }
 
     /// What happened.
-    fn log_events(
-        &mut self,
-        period_seconds: f64,
-        events: &[Event],
-    ) -> Result<(), RecordingStreamError> {
+    fn log_events(&mut self, period_seconds: f64, events: &[Event]) -> Result<(), RerunError> {
         if events.is_empty() {
             return Ok(());
         }

@@ -8,13 +8,9 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
-use re_protos::log_msg::v1alpha1::{ArrowMsg, RrdFooter};
-use re_span::Span;
-use rerun::external::re_log_encoding::{
-    Decodable, Decoder, RrdManifestBuilder, StreamFooter, ToApplication,
-};
-use rerun::log::{Chunk, LogMsg};
-use rerun::{Scalars, SeriesLines};
+use re_sdk::external::re_log_encoding::{Decoder, RawRrdManifest};
+use re_sdk::log::{Chunk, LogMsg};
+use re_sdk_types::archetypes::{Scalars, SeriesLines};
 
 use super::groups::Style;
 use super::run_log::Rows;
@@ -250,44 +246,18 @@ fn the_settling_band_is_that_of_the_verdict() {
 }
 
 #[test]
-fn the_table_of_contents_says_where_each_chunk_is_and_is_that_of_the_sdk() {
+fn the_table_of_contents_names_each_chunk_of_the_recording_and_of_its_layout() {
     let (_folder, path, _) = written();
-    let bytes = fs::read(&path).unwrap();
-    let piece = |begin: u64, length: u64| {
-        let [begin, length] = [begin, length].map(|number| usize::try_from(number).unwrap());
-        &bytes[begin..begin + length]
+    let contents = RawRrdManifest::from_rrd_bytes(&fs::read(&path).unwrap()).unwrap();
+    let of = |kind| {
+        let mut tables = contents.iter().filter(|it| it.store_id.kind() == kind);
+        let table = tables.next().unwrap();
+        table.sanity_check_heavy().unwrap();
+        table.col_chunk_id().unwrap().collect::<Vec<_>>()
     };
-    let (_, end) = bytes.split_at(bytes.len() - StreamFooter::ENCODED_SIZE_BYTES);
-    let end = StreamFooter::from_rrd_bytes(end).unwrap();
-    let place = end.entries[0].rrd_footer_byte_span_from_start_excluding_header;
-    let table = RrdFooter::from_rrd_bytes(piece(place.start, place.len)).unwrap();
-    let table = table.to_application(()).unwrap();
-    assert_eq!(table.manifests.len(), 2);
-    for (store, contents) in &table.manifests {
-        contents.sanity_check_heavy().unwrap();
-        let begins = contents.col_chunk_byte_offset().unwrap();
-        let lengths = contents.col_chunk_byte_size().unwrap();
-        let ids = contents.col_chunk_id().unwrap();
-        let mut found = 0;
-        let mut sdk = RrdManifestBuilder::default();
-        for ((begin, length), id) in begins.zip(lengths).zip(ids) {
-            let message = ArrowMsg::from_rrd_bytes(piece(begin, length)).unwrap();
-            let payload_bytes = message.uncompressed_size;
-            let message = message.to_application(()).unwrap();
-            assert_eq!(message.chunk_id, id.as_tuid());
-            let chunk = Chunk::from_arrow_msg(&message).unwrap();
-            let batch = chunk.to_chunk_batch().unwrap();
-            let place = Span::from_start_len(begin, length);
-            sdk.append(&batch, place, payload_bytes).unwrap();
-            found += 1;
-        }
-        let sdk = sdk.build(store.clone()).unwrap();
-        assert_eq!(contents.data, sdk.data);
-        assert_eq!(contents.sorbet_schema_sha256, sdk.sorbet_schema_sha256);
-        if store.is_recording() {
-            assert_eq!(found, chunks(&path).len());
-        }
-    }
+    let chunks: Vec<_> = chunks(&path).iter().map(Chunk::id).collect();
+    assert_eq!(of(StoreKind::Recording), chunks);
+    assert!(of(StoreKind::Blueprint).len() > 20);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The two timelines of a recording.
 
-use rerun::TimeColumn;
+use re_sdk::log::TimeColumn;
 
 use recording::timeline::Timeline;
 

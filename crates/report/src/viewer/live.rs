@@ -6,12 +6,13 @@ use std::time::Duration;
 
 use platform::clock::sleep;
 use platform::scheduling;
-use rerun::log::ChunkBatcherConfig;
-use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
+use re_sdk::log::ChunkBatcherConfig;
+use re_sdk::sink::SinkFlushError;
+use re_sdk::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use rtrb::Consumer;
 
 use super::{Show, ViewerAddress};
-use crate::rerun::{APPLICATION, BusReader, Known, Recording};
+use crate::rerun::{APPLICATION, BusReader, Known, Recording, RerunError};
 use judge::verdict::Verdict;
 use recording::log::Stamped;
 use recording::tap::{Tap, WhenFull};
@@ -29,7 +30,9 @@ const FLUSH_PATIENCE: Duration = Duration::from_secs(1);
 #[derive(Debug, thiserror::Error)]
 enum LiveError {
     #[error(transparent)]
-    Recording(#[from] RecordingStreamError),
+    Connection(#[from] RecordingStreamError),
+    #[error(transparent)]
+    Recording(#[from] RerunError),
     #[error(transparent)]
     Signal(#[from] SignalMissing),
     #[error("it does not answer any more")]
@@ -129,7 +132,7 @@ fn flush(stream: &RecordingStream) -> Result<(), LiveError> {
     loop {
         match stream.flush_with_timeout(FLUSH_PATIENCE) {
             Ok(()) => return Ok(()),
-            Err(rerun::sink::SinkFlushError::Timeout) => {}
+            Err(SinkFlushError::Timeout) => {}
             Err(_) => return Err(LiveError::Gone),
         }
     }
