@@ -100,7 +100,10 @@ fn from_command_line() -> Exit {
 
 fn execute(cli: Cli) -> Exit {
     match platform::process::permit_open_files(OPEN_FILES) {
-        Ok(()) => cli::execute(cli),
+        Ok(()) => {
+            platform::memory::keep_freed();
+            cli::execute(cli)
+        }
         Err(error) => {
             console::complain(&error.to_string());
             Exit::BenchFailed

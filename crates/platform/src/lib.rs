@@ -17,6 +17,7 @@ pub mod hub;
 mod kernel_format;
 pub mod link;
 pub mod lockstep;
+pub mod memory;
 mod open;
 pub mod private_bus;
 pub mod probe;
