@@ -14,7 +14,7 @@ use scenario::expect::Expect;
 use crate::timing::Timing;
 use crate::verdict::{Metric, Outcome, Verdict};
 use metrics::Run;
-use recording::events::{Event, Level};
+use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
 use rig::setup::Setup;
 
@@ -140,7 +140,7 @@ fn losses(timeline: &Timeline, scenario: &Scenario) -> Vec<String> {
         .zero_seconds
         .map_or(f64::INFINITY, |_| scenario.duration_seconds);
     let is_error =
-        |event: &&Event| event.level == Level::Error && event.time_seconds <= end_seconds;
+        |event: &&TimelineEvent| event.level == Level::Error && event.time_seconds <= end_seconds;
     let errors = timeline.events.iter().filter(is_error).take(LOSSES_MAX);
     errors
         .map(|event| format!("{:.3} s {}", event.time_seconds, event.text))

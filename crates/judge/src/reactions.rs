@@ -8,7 +8,7 @@ use scenario::expect::{Emergency, Limit};
 use super::metrics::{Run, Value, largest, recovery};
 use crate::verdict::Metric;
 use recording::timeline::{Column, Timeline};
-use recording::truth::Truth;
+use recording::truth::PlantTruth;
 
 /// Without current for so long counts as current 0: a law may command no current for some cycles.
 const WITHOUT_CURRENT_SECONDS: f64 = 0.1;
@@ -144,7 +144,7 @@ fn current_zero(run: &Run<'_>) -> Value {
     Err("current flows on".to_owned())
 }
 
-fn is_heated(truth: &Truth) -> bool {
+fn is_heated(truth: &PlantTruth) -> bool {
     truth.current_amperes != 0.0
 }
 

@@ -6,7 +6,7 @@ use scenario::expect::{Emergency, Expected, Limit, Sequence};
 use super::metrics::{Run, TIME_TOLERANCE_SECONDS};
 use super::signals::{Finding, samples_in, trace};
 use crate::verdict::{Metric, rounded};
-use recording::traces::Sample;
+use recording::traces::SignalSample;
 
 /// A row for each event of each sequence.
 pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
@@ -101,7 +101,7 @@ fn told(run: &Run<'_>, part: &str, is_next: impl Fn(f64) -> bool) -> Option<f64>
 
 /// When a signal gets within the limits and stays there for long enough.
 fn stay(
-    samples: &[Sample],
+    samples: &[SignalSample],
     event: &Expected,
     rest: Window,
     is_next: impl Fn(f64) -> bool,

@@ -7,7 +7,7 @@ use scenario::expect::{Course, Demand, Limit, SignalCheck};
 use super::metrics::{Run, TIME_TOLERANCE_SECONDS, Value};
 use super::reactions::untold;
 use crate::verdict::{Metric, rounded};
-use recording::traces::{Sample, Trace};
+use recording::traces::{SignalSample, SignalTrace};
 
 /// What a demand came to, and when: the worst of it, or its fulfilment.
 pub(super) struct Finding {
@@ -73,7 +73,7 @@ fn at_most(max: f64) -> Limit {
 }
 
 /// The trace of a signal that was heard at all.
-pub(super) fn trace<'a>(run: &Run<'a>, name: &str) -> Result<&'a Trace, Finding> {
+pub(super) fn trace<'a>(run: &Run<'a>, name: &str) -> Result<&'a SignalTrace, Finding> {
     let path = run.setup.names().find(name);
     let path = path.map_err(|error| Finding::none(error.to_string()))?;
     if run.timeline.zero_seconds.is_none() {
@@ -90,7 +90,7 @@ pub(super) fn trace<'a>(run: &Run<'a>, name: &str) -> Result<&'a Trace, Finding>
 }
 
 /// The samples of a window, up to but without its end.
-pub(super) fn samples_in(samples: &[Sample], window: Window) -> &[Sample] {
+pub(super) fn samples_in(samples: &[SignalSample], window: Window) -> &[SignalSample] {
     let before = |limit: f64| {
         samples.partition_point(|sample| sample.time_seconds < limit - TIME_TOLERANCE_SECONDS)
     };
@@ -98,7 +98,7 @@ pub(super) fn samples_in(samples: &[Sample], window: Window) -> &[Sample] {
     &samples[from..until.max(from)]
 }
 
-fn find(trace: &Trace, window: Window, demand: &Demand<'_>, limit: Limit) -> Finding {
+fn find(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limit) -> Finding {
     let samples = samples_in(&trace.samples, window);
     if samples.is_empty() {
         return Finding::none(absence(trace, window));
@@ -124,8 +124,8 @@ fn find(trace: &Trace, window: Window, demand: &Demand<'_>, limit: Limit) -> Fin
 }
 
 /// Why a window is empty.
-fn absence(trace: &Trace, window: Window) -> String {
-    let is_before = |sample: &&Sample| sample.time_seconds < window.from_seconds;
+fn absence(trace: &SignalTrace, window: Window) -> String {
+    let is_before = |sample: &&SignalSample| sample.time_seconds < window.from_seconds;
     let last = trace.samples.iter().rev().find(is_before);
     let next = trace
         .samples
@@ -139,7 +139,7 @@ fn absence(trace: &Trace, window: Window) -> String {
 }
 
 /// The first stretch of the window in which a cyclic signal was silent.
-fn silence(trace: &Trace, samples: &[Sample], window: Window) -> Option<(f64, f64)> {
+fn silence(trace: &SignalTrace, samples: &[SignalSample], window: Window) -> Option<(f64, f64)> {
     let limit = trace.silence_seconds_max?;
     let times = samples.iter().map(|sample| sample.time_seconds);
     let ends = [window.from_seconds]
@@ -150,11 +150,11 @@ fn silence(trace: &Trace, samples: &[Sample], window: Window) -> Option<(f64, f6
 }
 
 /// From the start of the window to the first sample within the limit.
-fn arrival(samples: &[Sample], from_seconds: f64, wanted: Limit) -> Finding {
+fn arrival(samples: &[SignalSample], from_seconds: f64, wanted: Limit) -> Finding {
     if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
         return Finding::at(Ok(first.time_seconds - from_seconds), first.time_seconds);
     }
-    let outside = |sample: &&Sample| -margin(sample.value, wanted);
+    let outside = |sample: &&SignalSample| -margin(sample.value, wanted);
     let numbers = samples.iter().filter(|sample| !sample.value.is_nan());
     match numbers.min_by(|left, right| outside(left).total_cmp(&outside(right))) {
         Some(nearest) => {
@@ -166,7 +166,7 @@ fn arrival(samples: &[Sample], from_seconds: f64, wanted: Limit) -> Finding {
 }
 
 /// The value that is nearest to a limit or farthest beyond it; the first of several.
-fn worst(values: impl Iterator<Item = Sample>, limit: Limit) -> Finding {
+fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Finding {
     let worst = values.reduce(|worst, sample| {
         match margin(sample.value, limit) < margin(worst.value, limit) {
             true => sample,
@@ -187,16 +187,16 @@ fn margin(value: f64, limit: Limit) -> f64 {
 }
 
 /// The change per second up to each sample.
-fn rates(samples: &[Sample]) -> impl Iterator<Item = Sample> {
-    samples.windows(2).map(|pair| Sample {
+fn rates(samples: &[SignalSample]) -> impl Iterator<Item = SignalSample> {
+    samples.windows(2).map(|pair| SignalSample {
         time_seconds: pair[1].time_seconds,
         value: (pair[1].value - pair[0].value) / (pair[1].time_seconds - pair[0].time_seconds),
     })
 }
 
 /// How far each sample is from the course.
-fn distances(samples: &[Sample], course: &Course) -> impl Iterator<Item = Sample> {
-    samples.iter().map(|sample| Sample {
+fn distances(samples: &[SignalSample], course: &Course) -> impl Iterator<Item = SignalSample> {
+    samples.iter().map(|sample| SignalSample {
         value: (sample.value - course.at(sample.time_seconds)).abs(),
         ..*sample
     })
@@ -208,8 +208,8 @@ mod tests {
 
     use super::*;
 
-    fn trace_of(samples: Vec<Sample>) -> Trace {
-        Trace {
+    fn trace_of(samples: Vec<SignalSample>) -> SignalTrace {
+        SignalTrace {
             path: "message.signal".to_owned(),
             unit: String::new(),
             silence_seconds_max: Some(0.02),
@@ -218,10 +218,10 @@ mod tests {
     }
 
     /// A sample each millisecond of the first second.
-    fn every_millisecond(value: impl Fn(f64) -> f64) -> Trace {
+    fn every_millisecond(value: impl Fn(f64) -> f64) -> SignalTrace {
         let sample = |number| {
             let time_seconds = f64::from(number) * 1e-3;
-            Sample {
+            SignalSample {
                 time_seconds,
                 value: value(time_seconds),
             }
@@ -245,7 +245,7 @@ mod tests {
 
     #[track_caller]
     fn check(
-        trace: &Trace,
+        trace: &SignalTrace,
         window: Window,
         demand: &Demand<'_>,
         limit: Limit,
@@ -259,7 +259,12 @@ mod tests {
     }
 
     #[track_caller]
-    fn check_stays(trace: &Trace, within: Window, expected: Result<f64, &str>, at: Option<f64>) {
+    fn check_stays(
+        trace: &SignalTrace,
+        within: Window,
+        expected: Result<f64, &str>,
+        at: Option<f64>,
+    ) {
         let wanted = limit(0.0, 1.0);
         check(trace, within, &Demand::Stays(wanted), wanted, expected, at);
     }
@@ -322,7 +327,7 @@ mod tests {
         let ramp = every_millisecond(|time| time);
         let late = Err("no sample; the last came at 0.999 s");
         check_stays(&ramp, window(2.0, 3.0), late, None);
-        let early = trace_of(vec![Sample {
+        let early = trace_of(vec![SignalSample {
             time_seconds: 5.0,
             value: 0.5,
         }]);
@@ -331,7 +336,7 @@ mod tests {
         let silent = Err("silent from 0.999 to 1.500 s");
         check_stays(&ramp, window(0.0, 1.5), silent, None);
         let gap = every_millisecond(|time| time);
-        let kept = |sample: &Sample| !(0.3..0.6).contains(&sample.time_seconds);
+        let kept = |sample: &SignalSample| !(0.3..0.6).contains(&sample.time_seconds);
         let gap = trace_of(gap.samples.into_iter().filter(kept).collect());
         let silent = Err("silent from 0.299 to 0.600 s");
         check_stays(&gap, window(0.0, 1.0), silent, None);
@@ -360,7 +365,7 @@ mod tests {
         ) {
             let values: Vec<f64> = values.into_iter().map(rounded).collect();
             let wanted = limit(rounded(low), rounded(high));
-            let trace = Trace {
+            let trace = SignalTrace {
                 silence_seconds_max: None,
                 ..every_millisecond(|time| {
                     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 999")]
@@ -369,10 +374,10 @@ mod tests {
                 })
             };
             let within = window(from, from + length);
-            let inside = |sample: &&Sample| {
+            let inside = |sample: &&SignalSample| {
                 sample.time_seconds >= from - 1e-9 && sample.time_seconds < from + length - 1e-9
             };
-            let seen: Vec<Sample> = trace.samples.iter().filter(inside).copied().collect();
+            let seen: Vec<SignalSample> = trace.samples.iter().filter(inside).copied().collect();
             let finding = find(&trace, within, &Demand::Stays(wanted), wanted);
             let Ok(value) = finding.value else {
                 prop_assert!(seen.is_empty());
@@ -380,7 +385,7 @@ mod tests {
             };
             let all = seen.iter().all(|sample| wanted.admits(sample.value));
             prop_assert_eq!(wanted.admits(value), all);
-            let told = Sample { time_seconds: finding.at_seconds.unwrap(), value };
+            let told = SignalSample { time_seconds: finding.at_seconds.unwrap(), value };
             prop_assert!(seen.contains(&told));
             // A wider band never turns a pass into a failure, and what keeps a band has reached it at once.
             let wider = limit(rounded(low) - 0.5, rounded(high) + 0.5);

@@ -20,7 +20,7 @@ use super::times;
 use crate::terminal;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict, title};
-use recording::events::{Event, Level};
+use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
 use rig::setup::Setup;
 
@@ -129,7 +129,7 @@ impl<'a, O: Output> Recording<'a, O> {
         self.hysteresis.log_path(&mut self.output)?;
         let page = TextDocument::from_markdown(page(verdict));
         send_static(&mut self.output, "verdict", &page)?;
-        let event = Event {
+        let event = TimelineEvent {
             time_seconds: self.end_seconds,
             level: match verdict.outcome {
                 Outcome::Pass => Level::Info,
@@ -253,7 +253,7 @@ impl<'a, O: Output> Recording<'a, O> {
     fn log_events(
         &mut self,
         period_seconds: f64,
-        events: &[Event],
+        events: &[TimelineEvent],
     ) -> Result<(), RecordingStreamError> {
         if events.is_empty() {
             return Ok(());
@@ -374,7 +374,7 @@ fn held() -> SeriesLines {
     SeriesLines::new().with_interpolation_mode(InterpolationMode::StepAfter)
 }
 
-fn level(event: &Event) -> TextLogLevel {
+fn level(event: &TimelineEvent) -> TextLogLevel {
     match event.level {
         Level::Info => TextLogLevel::INFO,
         Level::Warning => TextLogLevel::WARN,
