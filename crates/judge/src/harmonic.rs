@@ -4,19 +4,17 @@ use nalgebra::{Matrix3, Vector3};
 
 /// `mean + sine · sin ωt + cosine · cos ωt`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Harmonic {
-    /// The mean.
-    pub mean: f64,
+pub(crate) struct Harmonic {
+    pub(crate) mean: f64,
     /// The part in phase with `sin ωt`.
-    pub sine: f64,
+    pub(crate) sine: f64,
     /// The part in phase with `cos ωt`.
-    pub cosine: f64,
+    pub(crate) cosine: f64,
 }
 
 impl Harmonic {
     /// The least squares fit to samples `(time, value)`; `None` when they do not determine it.
-    #[must_use]
-    pub fn fit(samples: impl Iterator<Item = (f64, f64)>, period_seconds: f64) -> Option<Self> {
+    pub(crate) fn fit(samples: impl Iterator<Item = (f64, f64)>, period_seconds: f64) -> Option<Self> {
         let omega = std::f64::consts::TAU / period_seconds;
         let (mut normal, mut right, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0_u32);
         for (time, value) in samples {
@@ -34,14 +32,12 @@ impl Harmonic {
     }
 
     /// Half the height.
-    #[must_use]
-    pub fn amplitude(&self) -> f64 {
+    pub(crate) fn amplitude(&self) -> f64 {
         libm::hypot(self.sine, self.cosine)
     }
 
     /// How far it is ahead of `sin ωt`, from −180 to 180.
-    #[must_use]
-    pub fn phase_degrees(&self) -> f64 {
+    pub(crate) fn phase_degrees(&self) -> f64 {
         libm::atan2(self.cosine, self.sine).to_degrees()
     }
 }

@@ -1,103 +1,40 @@
-//! What the run did about its faults, from the recording alone.
+//! What the run did about its faults, from the recording alone. Without faults most of it means nothing.
 
 use canopen::cia402::State;
+use recording::timeline::{Column, Timeline};
+use recording::truth::PlantTruth;
 use scenario::Scenario;
 use scenario::events::Window;
-use scenario::expect::{Emergency, Limit};
+use scenario::expect::Emergency;
 
-use super::metrics::{Run, Value, largest, recovery};
-use crate::verdict::Metric;
-use recording::timeline::{Column, Timeline};
-use recording::truth::Truth;
+use crate::disturbances::recovery;
+use crate::evidence::{Evidence, Measurement, MetricValue, largest};
 
 /// Without current for so long counts as current 0: a law may command no current for some cycles.
 const WITHOUT_CURRENT_SECONDS: f64 = 0.1;
-/// What is looked at to tell the state at the end.
+/// The state at the end is that of this time before it.
 const END_SECONDS: f64 = 0.1;
 
 const STATUSWORD: &str = "statusword_state";
-/// How the signals are called that tell how warm the current makes a plant.
+/// How the names of signals end that report how warm the current makes a plant.
 const TEMPERATURE: &str = "_temperature_celsius";
 const ESTIMATED: &str = "estimated_";
 
-/// The metrics of faults: all in a scenario with faults, only what is limited in others.
-pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
-    let expect = &run.scenario.expect;
-    let mut metrics = Vec::new();
-    if expect.temperature_celsius.is_some() || !run.scenario.fault.is_empty() {
-        let name = "temperature_celsius";
-        let limit = expect.temperature_celsius;
-        metrics.push(match temperature_max(run.timeline) {
-            Ok(temperature) => Metric::new(name, Ok(temperature), limit),
-            Err(_) => untold(name, limit),
-        });
+/// The highest temperature: in a scenario with faults always, in others where it is limited.
+pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
+    let scenario = evidence.scenario;
+    if scenario.expect.temperature_celsius.is_none() && scenario.fault.is_empty() {
+        return Measurement::NotAsked;
     }
-    if !expect.no_event.is_empty() {
-        let unwanted = unwanted_events(run);
-        let value = match unwanted.first() {
-            None => Ok(0.0),
-            Some(text) => Err(format!("there is \"{text}\"")),
-        };
-        metrics.push(Metric::new("no_event", value, exactly(0.0)));
+    let mut temperatures = temperatures(evidence.timeline).peekable();
+    match temperatures.peek() {
+        Some(_) => Measurement::Measured(largest(temperatures)),
+        None => Measurement::only_emulated(),
     }
-    if !run.scenario.fault.is_empty() {
-        metrics.extend(of_faults(run));
-    }
-    metrics
-}
-
-/// What only the emulated plant tells, where there is none.
-pub(super) fn untold(name: impl Into<String>, limit: Option<Limit>) -> Metric {
-    let reason = "not available: only the emulated plant tells it".to_owned();
-    Metric::not_judged(name, reason, limit)
-}
-
-fn of_faults(run: &Run<'_>) -> Vec<Metric> {
-    let expect = &run.scenario.expect;
-    let mut metrics = Vec::new();
-    let within = |max: f64| Limit {
-        min: None,
-        max: Some(max),
-    };
-    let of_truth = |name, value: Value, limit| match run.timeline.truth.is_empty() {
-        false => Metric::new(name, value, limit),
-        true => untold(name, limit),
-    };
-    metrics.push(of_truth(
-        "current_zero_within_milliseconds",
-        current_zero(run).map(|seconds| seconds * 1e3),
-        expect.current_zero_within_milliseconds.map(within),
-    ));
-    if !run.scenario.reference.is_empty() {
-        metrics.push(Metric::new(
-            "recovers_within_seconds",
-            recovery_from_faults(run),
-            expect.recovers_within_seconds.map(within),
-        ));
-    }
-    let state = if is_safe_at_end(run) { 1.0 } else { 0.0 };
-    let wanted = expect.safe_state.map(|safe| if safe { 1.0 } else { 0.0 });
-    metrics.push(of_truth("safe_state", Ok(state), wanted.and_then(exactly)));
-    if !expect.emcy.is_empty() {
-        let missing = missing_emergencies(run);
-        let value = match missing.as_slice() {
-            [] => Ok(0.0),
-            missing => Err(format!("{} was not told", missing.join(", "))),
-        };
-        metrics.push(Metric::new("emcy", value, exactly(0.0)));
-    }
-    metrics
-}
-
-fn exactly(value: f64) -> Option<Limit> {
-    Some(Limit {
-        min: Some(value),
-        max: Some(value),
-    })
 }
 
 /// The plant's own peaks, and the drive's view of the truth where the plant is silent.
-fn temperature_max(timeline: &Timeline) -> Value {
+fn temperatures(timeline: &Timeline) -> impl Iterator<Item = f64> {
     let peaks = timeline.truth.iter();
     let peaks = peaks.map(|truth| truth.peak_temperature_celsius);
     let is_true = |column: &&Column| {
@@ -106,8 +43,37 @@ fn temperature_max(timeline: &Timeline) -> Value {
     let columns = timeline.columns.iter().filter(is_true);
     let sampled = columns.flat_map(|column| column.values.iter());
     let temperatures = peaks.chain(sampled.copied());
-    largest(temperatures.filter(|temperature| !temperature.is_nan()))
-        .map_err(|_| "no temperature in the recording".to_owned())
+    temperatures.filter(|temperature| !temperature.is_nan())
+}
+
+/// 0 where no event has a text that none may have.
+pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
+    let unwanted = &evidence.scenario.expect.no_event;
+    if unwanted.is_empty() {
+        return Measurement::NotAsked;
+    }
+    let is_unwanted = |text: &str| unwanted.iter().any(|part| text.contains(part.as_str()));
+    let mut events = evidence.timeline.events.iter();
+    let found = events
+        .find(|event| event.time_seconds <= evidence.end_seconds() && is_unwanted(&event.text));
+    Measurement::Measured(match found {
+        None => Ok(0.0),
+        Some(event) => Err(format!("there is \"{}\"", event.text)),
+    })
+}
+
+/// Milliseconds from the first fault to the start of the first stretch without current.
+pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
+    if evidence.scenario.fault.is_empty() {
+        return Measurement::NotAsked;
+    }
+    let truth = &evidence.timeline.truth;
+    let Some(first) = truth.first() else {
+        return Measurement::only_emulated();
+    };
+    let fault = first_fault_seconds(evidence.scenario).max(first.time_seconds);
+    let zero = zero_since(truth, fault).map(|since| 1e3 * (since - fault));
+    Measurement::Measured(zero.ok_or_else(|| "current flows on".to_owned()))
 }
 
 /// When the first fault begins; those of the boot do at the start of the recording.
@@ -119,16 +85,14 @@ fn first_fault_seconds(scenario: &Scenario) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// From the first fault to the start of the first stretch without current.
-fn current_zero(run: &Run<'_>) -> Value {
-    let truth = &run.timeline.truth;
-    let Some(first) = truth.first() else {
-        return Err("the plant tells no truth".to_owned());
-    };
-    let fault = first_fault_seconds(run.scenario).max(first.time_seconds);
+/// The start of the first stretch without current after a fault.
+fn zero_since(truth: &[PlantTruth], fault_seconds: f64) -> Option<f64> {
     let mut zero_since = None;
     for pair in truth.windows(2) {
-        let (from, until) = (pair[0].time_seconds.max(fault), pair[1].time_seconds);
+        let (from, until) = (
+            pair[0].time_seconds.max(fault_seconds),
+            pair[1].time_seconds,
+        );
         if until <= from {
             continue;
         }
@@ -138,46 +102,66 @@ fn current_zero(run: &Run<'_>) -> Value {
         }
         let since = *zero_since.get_or_insert(from);
         if until - since >= WITHOUT_CURRENT_SECONDS {
-            return Ok(since - fault);
+            return Some(since);
         }
     }
-    Err("current flows on".to_owned())
+    None
 }
 
-fn is_heated(truth: &Truth) -> bool {
+fn is_heated(truth: &PlantTruth) -> bool {
     truth.current_amperes != 0.0
 }
 
-fn recovery_from_faults(run: &Run<'_>) -> Value {
-    let windows = run.scenario.fault.windows();
+/// From the end of the last fault until the deviation stays small.
+pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
+    let scenario = evidence.scenario;
+    if scenario.fault.is_empty() || scenario.reference.is_empty() {
+        return Measurement::NotAsked;
+    }
+    Measurement::Measured(recovery_after(evidence, last_fault_end_seconds(scenario)))
+}
+
+/// None where a fault lasts to the end.
+fn last_fault_end_seconds(scenario: &Scenario) -> Option<f64> {
+    let windows = scenario.fault.windows();
     let ends = windows.iter().map(|fault| match fault.from_seconds {
         // Booting is over when the scenario begins.
         None => Some(0.0),
         Some(_) => fault.until_seconds,
     });
-    let Some(ends) = ends.collect::<Option<Vec<f64>>>() else {
-        return Err("a fault lasts to the end".to_owned());
-    };
-    let from_seconds = ends.into_iter().fold(0.0, f64::max);
-    let until_seconds = run.scenario.duration_seconds;
-    if from_seconds >= until_seconds || run.timeline.end_seconds() + END_SECONDS < until_seconds {
+    let ends = ends.collect::<Option<Vec<f64>>>()?;
+    Some(ends.into_iter().fold(0.0, f64::max))
+}
+
+fn recovery_after(evidence: &Evidence<'_>, fault_end_seconds: Option<f64>) -> MetricValue {
+    let from_seconds = fault_end_seconds.ok_or("a fault lasts to the end")?;
+    let until_seconds = evidence.scenario.duration_seconds;
+    let is_cut = evidence.timeline.end_seconds() + END_SECONDS < until_seconds;
+    if from_seconds >= until_seconds || is_cut {
         return Err("not recovered".to_owned());
     }
     let window = Window {
         from_seconds,
         until_seconds,
     };
-    recovery(run, window)
+    recovery(evidence, window)
+}
+
+/// 1 where the bench is safe at the end, else 0.
+pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
+    if evidence.scenario.fault.is_empty() {
+        return Measurement::NotAsked;
+    }
+    if evidence.timeline.truth.is_empty() {
+        return Measurement::only_emulated();
+    }
+    let is_safe = is_safe_at_end(evidence);
+    Measurement::Measured(Ok(if is_safe { 1.0 } else { 0.0 }))
 }
 
 /// No current in the wire at the end, and a drive that is not enabled, or silent.
-fn is_safe_at_end(run: &Run<'_>) -> bool {
-    let timeline = run.timeline;
-    let end = if timeline.zero_seconds.is_some() {
-        run.scenario.duration_seconds
-    } else {
-        f64::INFINITY
-    };
+fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
+    let (timeline, end) = (evidence.timeline, evidence.end_seconds());
     let before_end = timeline.truth.iter();
     let before_end = before_end.filter(|truth| truth.time_seconds <= end);
     let Some(last) = before_end.clone().next_back() else {
@@ -206,30 +190,25 @@ fn is_enabled_since(timeline: &Timeline, from_seconds: f64) -> bool {
     })
 }
 
-fn missing_emergencies(run: &Run<'_>) -> Vec<String> {
-    let is_told = |wanted: &Emergency| {
-        let mut told = run.timeline.emergencies.iter();
-        told.any(|told| told.emergency == *wanted && told.time_seconds <= end_seconds(run))
-    };
-    let wanted = run.scenario.expect.emcy.iter();
-    let missing = wanted.filter(|text| !text.parse().is_ok_and(|wanted| is_told(&wanted)));
-    missing.cloned().collect()
-}
-
-fn unwanted_events<'a>(run: &Run<'a>) -> Vec<&'a str> {
-    let unwanted = &run.scenario.expect.no_event;
-    let events = run.timeline.events.iter();
-    let events = events.filter(|event| event.time_seconds <= end_seconds(run));
-    let texts = events.map(|event| event.text.as_str());
-    texts
-        .filter(|text| unwanted.iter().any(|part| text.contains(part.as_str())))
-        .collect()
-}
-
-/// The end of the scenario; of the recording, if it never began.
-fn end_seconds(run: &Run<'_>) -> f64 {
-    match run.timeline.zero_seconds {
-        Some(_) => run.scenario.duration_seconds,
-        None => f64::INFINITY,
+/// 0 where all emergencies that are demanded came.
+pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
+    let demanded = &evidence.scenario.expect.emcy;
+    if evidence.scenario.fault.is_empty() || demanded.is_empty() {
+        return Measurement::NotAsked;
     }
+    let came = |wanted: &Emergency| {
+        let mut emergencies = evidence.timeline.emergencies.iter();
+        emergencies
+            .any(|one| one.emergency == *wanted && one.time_seconds <= evidence.end_seconds())
+    };
+    let is_missing = |text: &&String| !text.parse().is_ok_and(|wanted| came(&wanted));
+    let missing: Vec<&str> = demanded
+        .iter()
+        .filter(is_missing)
+        .map(String::as_str)
+        .collect();
+    Measurement::Measured(match missing.as_slice() {
+        [] => Ok(0.0),
+        missing => Err(format!("{} was not told", missing.join(", "))),
+    })
 }

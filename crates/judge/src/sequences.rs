@@ -1,27 +1,26 @@
 //! Events held against `[[expect.sequence]]`: each after the one before, soon enough.
 
+use recording::traces::SignalSample;
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
-use super::metrics::{Run, TIME_TOLERANCE_SECONDS};
-use super::signals::{Finding, samples_in, trace};
-use crate::verdict::{Metric, rounded};
-use recording::traces::Sample;
+use crate::evidence::{Evidence, Observation, TIME_TOLERANCE_SECONDS, samples_in};
+use crate::metric::{Metric, rounded};
 
 /// A row for each event of each sequence.
-pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
-    let sequences = run.scenario.expect.sequence.iter();
+pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
+    let sequences = evidence.scenario.expect.sequence.iter();
     sequences
-        .flat_map(|sequence| of_sequence(run, sequence))
+        .flat_map(|sequence| of_sequence(evidence, sequence))
         .collect()
 }
 
-fn of_sequence(run: &Run<'_>, sequence: &Sequence) -> Vec<Metric> {
-    let window = sequence.window(run.scenario.duration_seconds);
+fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
+    let window = sequence.window(evidence.scenario.duration_seconds);
     let mut before: Result<f64, String> = Ok(window.from_seconds);
     let mut metrics = Vec::new();
     for (place, event) in sequence.event.iter().enumerate() {
-        let finding = match &before {
+        let observation = match &before {
             Ok(since) => {
                 let rest = Window {
                     from_seconds: *since,
@@ -29,9 +28,9 @@ fn of_sequence(run: &Run<'_>, sequence: &Sequence) -> Vec<Metric> {
                 };
                 // What came twice in one event's words must come twice on the bus.
                 let again = place.checked_sub(1).map(|last| &sequence.event[last]) == Some(event);
-                next(run, event, rest, again)
+                next(evidence, event, rest, again)
             }
-            Err(missing) => Finding::none(format!("{missing} did not come before")),
+            Err(missing) => Observation::none(format!("{missing} did not come before")),
         };
         let longest = event
             .within_milliseconds
@@ -40,20 +39,20 @@ fn of_sequence(run: &Run<'_>, sequence: &Sequence) -> Vec<Metric> {
             min: None,
             max: Some(longest),
         };
-        before = match (finding.at_seconds, before) {
+        before = match (observation.at_seconds, before) {
             (Some(at), Ok(_)) => Ok(at),
             (None, Ok(_)) => Err(event.to_string()),
             (_, missing) => missing,
         };
-        metrics.push(finding.metric(sequence.row_name(place), limit));
+        metrics.push(observation.metric(sequence.row_name(place), limit));
     }
     metrics
 }
 
 /// The next coming of an event in a stretch of time, in milliseconds from its start.
-fn next(run: &Run<'_>, event: &Expected, rest: Window, again: bool) -> Finding {
-    if run.timeline.zero_seconds.is_none() {
-        return Finding::none("the scenario never began");
+fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) -> Observation {
+    if evidence.timeline.zero_seconds.is_none() {
+        return Observation::none("the scenario never began");
     }
     let earliest = match again {
         true => rest.from_seconds + TIME_TOLERANCE_SECONDS,
@@ -63,36 +62,38 @@ fn next(run: &Run<'_>, event: &Expected, rest: Window, again: bool) -> Finding {
     let found = match event {
         Expected {
             emcy: Some(text), ..
-        } => Ok(emergency(run, text, is_next)),
+        } => Ok(emergency(evidence, text, is_next)),
         Expected {
             text: Some(text), ..
-        } => Ok(told(run, text, is_next)),
+        } => Ok(event_with(evidence, text, is_next)),
         Expected {
             signal: Some(name), ..
-        } => trace(run, name).map(|trace| stay(&trace.samples, event, rest, is_next)),
-        _ => Err(Finding::none("nothing is expected")),
+        } => evidence
+            .trace(name)
+            .map(|trace| stay(&trace.samples, event, rest, is_next)),
+        _ => Err(Observation::none("nothing is expected")),
     };
     match found {
         Ok(Some(at_seconds)) => {
             let since = (at_seconds - rest.from_seconds).max(0.0);
-            Finding::at(Ok(1e3 * since), at_seconds)
+            Observation::at(Ok(1e3 * since), at_seconds)
         }
-        Ok(None) => Finding::none(format!("did not come after {:.3} s", rest.from_seconds)),
-        Err(finding) => finding,
+        Ok(None) => Observation::none(format!("did not come after {:.3} s", rest.from_seconds)),
+        Err(observation) => observation,
     }
 }
 
-fn emergency(run: &Run<'_>, text: &str, is_next: impl Fn(f64) -> bool) -> Option<f64> {
+fn emergency(evidence: &Evidence<'_>, text: &str, is_next: impl Fn(f64) -> bool) -> Option<f64> {
     let wanted: Emergency = text.parse().ok()?;
-    let told = run.timeline.emergencies.iter();
-    let mut times = told
-        .filter(|told| told.emergency == wanted)
-        .map(|told| told.time_seconds);
+    let emergencies = evidence.timeline.emergencies.iter();
+    let mut times = emergencies
+        .filter(|one| one.emergency == wanted)
+        .map(|one| one.time_seconds);
     times.find(|time| is_next(*time))
 }
 
-fn told(run: &Run<'_>, part: &str, is_next: impl Fn(f64) -> bool) -> Option<f64> {
-    let events = run.timeline.events.iter();
+fn event_with(evidence: &Evidence<'_>, part: &str, is_next: impl Fn(f64) -> bool) -> Option<f64> {
+    let events = evidence.timeline.events.iter();
     let mut times = events
         .filter(|event| event.text.contains(part))
         .map(|event| event.time_seconds);
@@ -101,7 +102,7 @@ fn told(run: &Run<'_>, part: &str, is_next: impl Fn(f64) -> bool) -> Option<f64>
 
 /// When a signal gets within the limits and stays there for long enough.
 fn stay(
-    samples: &[Sample],
+    samples: &[SignalSample],
     event: &Expected,
     rest: Window,
     is_next: impl Fn(f64) -> bool,
@@ -127,15 +128,15 @@ mod tests {
 
     use canopen::CanFrame;
     use dbc::Database;
-    use scenario::Scenario;
-
-    use super::*;
     use recording::log::Stamped;
     use recording::timeline::decode;
     use rig::catalogue::Catalogue;
     use rig::setup::Setup;
+    use scenario::Scenario;
 
-    /// A run of 1 s from 0.1 s of the log on: cycles until the drive tells 0x8130 at 0.5 s, then current 0, but for one cycle.
+    use super::*;
+
+    /// A run of 1 s from 0.1 s of the log on: cycles until the drive sends 0x8130 at 0.5 s, then current 0, but for one cycle.
     fn frames() -> Vec<Stamped> {
         let database = Database::shipped();
         let feedback = |current: f64| {
@@ -175,7 +176,7 @@ mod tests {
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let setup = Setup::of(scenario, &Catalogue::shipped());
         let timeline = decode(&frames(), &setup).unwrap();
-        let rows = metrics(&Run::new(&timeline, &setup));
+        let rows = metrics(&Evidence::new(&timeline, &setup));
         let found: Vec<_> = rows
             .iter()
             .map(|row| {
@@ -239,7 +240,7 @@ mod tests {
         let missing = Err("no signal is called `convection`");
         check(&format!("event = [{unknown}]"), &[(missing, false)]);
         let truth = "{ signal = \"plant_current_amperes\", reaches = { min = 0 } }";
-        let untold = Err("not available: only the emulated plant tells it");
-        check(&format!("event = [{truth}]"), &[(untold, false)]);
+        let unavailable = Err("not available: only the emulated plant tells it");
+        check(&format!("event = [{truth}]"), &[(unavailable, false)]);
     }
 }

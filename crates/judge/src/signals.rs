@@ -1,68 +1,36 @@
 //! What signals did, held against `[[expect.signal]]`. Where nothing was seen, nothing passes.
 
-use dbc::signals::TRUTH_MESSAGES;
+use recording::traces::{SignalSample, SignalTrace};
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
-use super::metrics::{Run, TIME_TOLERANCE_SECONDS, Value};
-use super::reactions::untold;
-use crate::verdict::{Metric, rounded};
-use recording::traces::{Sample, Trace};
-
-/// What a demand came to, and when: the worst of it, or its fulfilment.
-pub(super) struct Finding {
-    pub(super) value: Value,
-    pub(super) at_seconds: Option<f64>,
-    /// Nobody on this bus tells it, so it is neither met nor missed.
-    is_untold: bool,
-}
-
-impl Finding {
-    pub(super) fn at(value: Value, at_seconds: f64) -> Self {
-        Self {
-            value,
-            at_seconds: Some(at_seconds),
-            is_untold: false,
-        }
-    }
-
-    pub(super) fn none(reason: impl Into<String>) -> Self {
-        Self {
-            value: Err(reason.into()),
-            at_seconds: None,
-            is_untold: false,
-        }
-    }
-
-    /// The row of the verdict.
-    pub(super) fn metric(self, name: String, limit: Limit) -> Metric {
-        if self.is_untold {
-            return untold(name, Some(limit));
-        }
-        Metric::new(name, self.value, Some(limit)).at(self.at_seconds)
-    }
-}
+use crate::evidence::{Evidence, Observation, TIME_TOLERANCE_SECONDS, samples_in};
+use crate::metric::{Metric, rounded};
 
 /// A row for each demand.
-pub(super) fn metrics(run: &Run<'_>) -> Vec<Metric> {
-    let checks = run.scenario.expect.signal.iter();
+pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
+    let checks = evidence.scenario.expect.signal.iter();
     checks
-        .flat_map(|check| check.demands().map(|demand| metric(run, check, &demand)))
+        .flat_map(|check| {
+            check
+                .demands()
+                .map(|demand| metric(evidence, check, &demand))
+        })
         .collect()
 }
 
-fn metric(run: &Run<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Metric {
-    let window = check.window(demand, run.scenario.duration_seconds);
+fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Metric {
+    let window = check.window(demand, evidence.scenario.duration_seconds);
     let limit = match demand {
         Demand::Stays(limit) | Demand::RatePerSecond(limit) => *limit,
         Demand::Reaches(_) => at_most(rounded(window.until_seconds - window.from_seconds)),
         Demand::Follows(course) => at_most(course.tolerance),
     };
-    let finding = match trace(run, &check.name) {
-        Ok(trace) => find(trace, window, demand, limit),
-        Err(finding) => finding,
+    let observation = match evidence.trace(&check.name) {
+        Ok(trace) => observe(trace, window, demand, limit),
+        Err(observation) => observation,
     };
-    finding.metric(check.row_name(demand), limit)
+    observation.metric(check.row_name(demand), limit)
 }
 
 fn at_most(max: f64) -> Limit {
@@ -72,50 +40,24 @@ fn at_most(max: f64) -> Limit {
     }
 }
 
-/// The trace of a signal that was heard at all.
-pub(super) fn trace<'a>(run: &Run<'a>, name: &str) -> Result<&'a Trace, Finding> {
-    let path = run.setup.names().find(name);
-    let path = path.map_err(|error| Finding::none(error.to_string()))?;
-    if run.timeline.zero_seconds.is_none() {
-        return Err(Finding::none("the scenario never began"));
-    }
-    let trace = run.timeline.traces.iter().find(|trace| trace.path == path);
-    let message = path.split('.').next().unwrap_or_default();
-    trace
-        .filter(|trace| !trace.samples.is_empty())
-        .ok_or_else(|| Finding {
-            is_untold: TRUTH_MESSAGES.contains(&message),
-            ..Finding::none(format!("{path} never was on the bus"))
-        })
-}
-
-/// The samples of a window, up to but without its end.
-pub(super) fn samples_in(samples: &[Sample], window: Window) -> &[Sample] {
-    let before = |limit: f64| {
-        samples.partition_point(|sample| sample.time_seconds < limit - TIME_TOLERANCE_SECONDS)
-    };
-    let (from, until) = (before(window.from_seconds), before(window.until_seconds));
-    &samples[from..until.max(from)]
-}
-
-fn find(trace: &Trace, window: Window, demand: &Demand<'_>, limit: Limit) -> Finding {
+fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limit) -> Observation {
     let samples = samples_in(&trace.samples, window);
     if samples.is_empty() {
-        return Finding::none(absence(trace, window));
+        return Observation::none(absence(trace, window));
     }
     if let Demand::Reaches(wanted) = demand {
         return arrival(samples, window.from_seconds, *wanted);
     }
     if let Some(sample) = samples.iter().find(|sample| !sample.value.is_finite()) {
         let reason = format!("{} is no number", sample.value);
-        return Finding::at(Err(reason), sample.time_seconds);
+        return Observation::at(Err(reason), sample.time_seconds);
     }
     if let Some((from, until)) = silence(trace, samples, window) {
-        return Finding::none(format!("silent from {from:.3} to {until:.3} s"));
+        return Observation::none(format!("silent from {from:.3} to {until:.3} s"));
     }
     match demand {
         Demand::RatePerSecond(_) if samples.len() < 2 => {
-            Finding::none("a single sample has no rate")
+            Observation::none("a single sample has no rate")
         }
         Demand::RatePerSecond(_) => worst(rates(samples), limit),
         Demand::Follows(course) => worst(distances(samples, course), limit),
@@ -124,8 +66,8 @@ fn find(trace: &Trace, window: Window, demand: &Demand<'_>, limit: Limit) -> Fin
 }
 
 /// Why a window is empty.
-fn absence(trace: &Trace, window: Window) -> String {
-    let is_before = |sample: &&Sample| sample.time_seconds < window.from_seconds;
+fn absence(trace: &SignalTrace, window: Window) -> String {
+    let is_before = |sample: &&SignalSample| sample.time_seconds < window.from_seconds;
     let last = trace.samples.iter().rev().find(is_before);
     let next = trace
         .samples
@@ -139,7 +81,7 @@ fn absence(trace: &Trace, window: Window) -> String {
 }
 
 /// The first stretch of the window in which a cyclic signal was silent.
-fn silence(trace: &Trace, samples: &[Sample], window: Window) -> Option<(f64, f64)> {
+fn silence(trace: &SignalTrace, samples: &[SignalSample], window: Window) -> Option<(f64, f64)> {
     let limit = trace.silence_seconds_max?;
     let times = samples.iter().map(|sample| sample.time_seconds);
     let ends = [window.from_seconds]
@@ -150,23 +92,23 @@ fn silence(trace: &Trace, samples: &[Sample], window: Window) -> Option<(f64, f6
 }
 
 /// From the start of the window to the first sample within the limit.
-fn arrival(samples: &[Sample], from_seconds: f64, wanted: Limit) -> Finding {
+fn arrival(samples: &[SignalSample], from_seconds: f64, wanted: Limit) -> Observation {
     if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
-        return Finding::at(Ok(first.time_seconds - from_seconds), first.time_seconds);
+        return Observation::at(Ok(first.time_seconds - from_seconds), first.time_seconds);
     }
-    let outside = |sample: &&Sample| -margin(sample.value, wanted);
+    let outside = |sample: &&SignalSample| -margin(sample.value, wanted);
     let numbers = samples.iter().filter(|sample| !sample.value.is_nan());
     match numbers.min_by(|left, right| outside(left).total_cmp(&outside(right))) {
         Some(nearest) => {
             let reason = format!("not reached, only {}", rounded(nearest.value));
-            Finding::at(Err(reason), nearest.time_seconds)
+            Observation::at(Err(reason), nearest.time_seconds)
         }
-        None => Finding::none("NaN is no number"),
+        None => Observation::none("NaN is no number"),
     }
 }
 
 /// The value that is nearest to a limit or farthest beyond it; the first of several.
-fn worst(values: impl Iterator<Item = Sample>, limit: Limit) -> Finding {
+fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Observation {
     let worst = values.reduce(|worst, sample| {
         match margin(sample.value, limit) < margin(worst.value, limit) {
             true => sample,
@@ -174,8 +116,8 @@ fn worst(values: impl Iterator<Item = Sample>, limit: Limit) -> Finding {
         }
     });
     match worst {
-        Some(sample) => Finding::at(Ok(sample.value), sample.time_seconds),
-        None => Finding::none("no sample"),
+        Some(sample) => Observation::at(Ok(sample.value), sample.time_seconds),
+        None => Observation::none("no sample"),
     }
 }
 
@@ -187,16 +129,16 @@ fn margin(value: f64, limit: Limit) -> f64 {
 }
 
 /// The change per second up to each sample.
-fn rates(samples: &[Sample]) -> impl Iterator<Item = Sample> {
-    samples.windows(2).map(|pair| Sample {
+fn rates(samples: &[SignalSample]) -> impl Iterator<Item = SignalSample> {
+    samples.windows(2).map(|pair| SignalSample {
         time_seconds: pair[1].time_seconds,
         value: (pair[1].value - pair[0].value) / (pair[1].time_seconds - pair[0].time_seconds),
     })
 }
 
 /// How far each sample is from the course.
-fn distances(samples: &[Sample], course: &Course) -> impl Iterator<Item = Sample> {
-    samples.iter().map(|sample| Sample {
+fn distances(samples: &[SignalSample], course: &Course) -> impl Iterator<Item = SignalSample> {
+    samples.iter().map(|sample| SignalSample {
         value: (sample.value - course.at(sample.time_seconds)).abs(),
         ..*sample
     })
@@ -208,8 +150,8 @@ mod tests {
 
     use super::*;
 
-    fn trace_of(samples: Vec<Sample>) -> Trace {
-        Trace {
+    fn trace_of(samples: Vec<SignalSample>) -> SignalTrace {
+        SignalTrace {
             path: "message.signal".to_owned(),
             unit: String::new(),
             silence_seconds_max: Some(0.02),
@@ -218,10 +160,10 @@ mod tests {
     }
 
     /// A sample each millisecond of the first second.
-    fn every_millisecond(value: impl Fn(f64) -> f64) -> Trace {
+    fn every_millisecond(value: impl Fn(f64) -> f64) -> SignalTrace {
         let sample = |number| {
             let time_seconds = f64::from(number) * 1e-3;
-            Sample {
+            SignalSample {
                 time_seconds,
                 value: value(time_seconds),
             }
@@ -245,27 +187,32 @@ mod tests {
 
     #[track_caller]
     fn check(
-        trace: &Trace,
+        trace: &SignalTrace,
         window: Window,
         demand: &Demand<'_>,
         limit: Limit,
         expected: Result<f64, &str>,
         at_seconds: Option<f64>,
     ) {
-        let finding = find(trace, window, demand, limit);
-        let value = finding.value.map(rounded);
+        let observation = observe(trace, window, demand, limit);
+        let value = observation.value.map(rounded);
         assert_eq!(value, expected.map_err(str::to_owned));
-        assert_eq!(finding.at_seconds.map(rounded), at_seconds);
+        assert_eq!(observation.at_seconds.map(rounded), at_seconds);
     }
 
     #[track_caller]
-    fn check_stays(trace: &Trace, within: Window, expected: Result<f64, &str>, at: Option<f64>) {
+    fn check_stays(
+        trace: &SignalTrace,
+        within: Window,
+        expected: Result<f64, &str>,
+        at: Option<f64>,
+    ) {
         let wanted = limit(0.0, 1.0);
         check(trace, within, &Demand::Stays(wanted), wanted, expected, at);
     }
 
     #[test]
-    fn the_sample_nearest_to_a_limit_or_beyond_it_is_told() {
+    fn the_sample_nearest_to_a_limit_or_beyond_it_is_reported() {
         let ramp = every_millisecond(|time| time);
         check_stays(&ramp, window(0.2, 0.9), Ok(0.899), Some(0.899));
         check_stays(&ramp, window(0.2, 0.4), Ok(0.2), Some(0.2));
@@ -322,7 +269,7 @@ mod tests {
         let ramp = every_millisecond(|time| time);
         let late = Err("no sample; the last came at 0.999 s");
         check_stays(&ramp, window(2.0, 3.0), late, None);
-        let early = trace_of(vec![Sample {
+        let early = trace_of(vec![SignalSample {
             time_seconds: 5.0,
             value: 0.5,
         }]);
@@ -331,7 +278,7 @@ mod tests {
         let silent = Err("silent from 0.999 to 1.500 s");
         check_stays(&ramp, window(0.0, 1.5), silent, None);
         let gap = every_millisecond(|time| time);
-        let kept = |sample: &Sample| !(0.3..0.6).contains(&sample.time_seconds);
+        let kept = |sample: &SignalSample| !(0.3..0.6).contains(&sample.time_seconds);
         let gap = trace_of(gap.samples.into_iter().filter(kept).collect());
         let silent = Err("silent from 0.299 to 0.600 s");
         check_stays(&gap, window(0.0, 1.0), silent, None);
@@ -360,7 +307,7 @@ mod tests {
         ) {
             let values: Vec<f64> = values.into_iter().map(rounded).collect();
             let wanted = limit(rounded(low), rounded(high));
-            let trace = Trace {
+            let trace = SignalTrace {
                 silence_seconds_max: None,
                 ..every_millisecond(|time| {
                     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 999")]
@@ -369,24 +316,24 @@ mod tests {
                 })
             };
             let within = window(from, from + length);
-            let inside = |sample: &&Sample| {
+            let inside = |sample: &&SignalSample| {
                 sample.time_seconds >= from - 1e-9 && sample.time_seconds < from + length - 1e-9
             };
-            let seen: Vec<Sample> = trace.samples.iter().filter(inside).copied().collect();
-            let finding = find(&trace, within, &Demand::Stays(wanted), wanted);
-            let Ok(value) = finding.value else {
+            let seen: Vec<SignalSample> = trace.samples.iter().filter(inside).copied().collect();
+            let observation = observe(&trace, within, &Demand::Stays(wanted), wanted);
+            let Ok(value) = observation.value else {
                 prop_assert!(seen.is_empty());
                 return Ok(());
             };
             let all = seen.iter().all(|sample| wanted.admits(sample.value));
             prop_assert_eq!(wanted.admits(value), all);
-            let told = Sample { time_seconds: finding.at_seconds.unwrap(), value };
-            prop_assert!(seen.contains(&told));
+            let judged = SignalSample { time_seconds: observation.at_seconds.unwrap(), value };
+            prop_assert!(seen.contains(&judged));
             // A wider band never turns a pass into a failure, and what keeps a band has reached it at once.
             let wider = limit(rounded(low) - 0.5, rounded(high) + 0.5);
-            let again = find(&trace, within, &Demand::Stays(wider), wider).value.unwrap();
+            let again = observe(&trace, within, &Demand::Stays(wider), wider).value.unwrap();
             prop_assert!(!all || wider.admits(again));
-            let reached = find(&trace, within, &Demand::Reaches(wanted), wanted);
+            let reached = observe(&trace, within, &Demand::Reaches(wanted), wanted);
             prop_assert!(!all || reached.at_seconds == Some(seen[0].time_seconds));
         }
     }

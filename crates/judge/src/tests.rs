@@ -2,11 +2,14 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
-
-use super::*;
 use recording::log::Stamped;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
+use rig::setup::Setup;
+use scenario::Scenario;
+
+use crate::judge;
+use crate::verdict::{Outcome, Verdict};
 
 const OPERATION_ENABLED: f64 = 39.0;
 
@@ -169,7 +172,7 @@ fn a_disturbance_is_watched_until_3_s_after_its_end() {
 }
 
 #[test]
-fn what_nobody_tells_is_not_judged_and_does_not_pass() {
+fn what_nobody_sends_is_not_judged_and_does_not_pass() {
     let fan =
         "[[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 2.5\nconvection_factor = 5.0\n";
     let limits =
@@ -218,7 +221,7 @@ fn a_step_that_never_settles_misses_its_limit() {
 #[test]
 fn what_comes_after_the_end_is_no_part_of_the_last_cycle() {
     let mut frames = frames(4000, |_| Some(35.0));
-    // The scenario begins at 1 ms and ends at 4.001 s; then a drive that stops may say anything.
+    // The scenario begins at 1 ms and ends at 4.001 s; then a drive that stops may send anything.
     let late = Duration::from_micros(4_001_200);
     frames.push(Stamped::new(late, frames[0].frame));
     let verdict = verdict_of(&scenario(""), &frames, 0);
@@ -232,7 +235,7 @@ fn cycles_that_are_missing_at_the_end_are_missed_ones() {
         verdict_of(&scenario(""), &late, 0).outcome,
         Outcome::Incomplete
     );
-    // A SYNC after the end tells that the scenario ended: the machine stood still for 15 ms, not the run.
+    // A SYNC after the end shows that the scenario ended: the machine stood still for 15 ms, not the run.
     let after_end = Duration::from_micros(4_001_300);
     late.push(Stamped::new(after_end, CanFrame::new(0x080, &[1])));
     let verdict = verdict_of(&scenario(""), &late, 0);

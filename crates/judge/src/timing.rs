@@ -4,14 +4,14 @@ use std::ops::Add;
 use std::time::Duration;
 
 use dbc::SignalMissing;
+use recording::latency::{Host, Latencies, NodeReport, Quantiles};
+use recording::log::Stamped;
+use rig::setup::Setup;
 use scenario::expect::Limit;
 use scenario::timing::{QuantileLimits, TimingLimits};
 use serde::{Deserialize, Serialize};
 
-use crate::verdict::Metric;
-use recording::latency::{Host, Latencies, NodeReport, Quantiles};
-use recording::log::Stamped;
-use rig::setup::Setup;
+use crate::metric::Metric;
 
 const NO_LOOP: &str = "not available: all nodes are external";
 /// A wall clock that was stepped by more makes the stamps worthless.
@@ -194,21 +194,20 @@ fn metric(name: String, value: Option<f64>, limit: Option<Limit>) -> Option<Metr
 /// Why the timing of this host proves nothing.
 fn distrust(host: &Host) -> Vec<String> {
     let mut reasons: Vec<String> = Vec::new();
-    for report in [&host.controller, &host.plant_emulator]
+    let reports = [&host.controller, &host.plant_emulator];
+    for refusal in reports
         .into_iter()
         .flatten()
+        .flat_map(|report| &report.refused)
     {
-        for refusal in &report.refused {
-            if !reasons.contains(refusal) {
-                reasons.push(refusal.clone());
-            }
+        if !reasons.contains(refusal) {
+            reasons.push(refusal.clone());
         }
     }
     if host.wall_clock_step > CLOCK_STEP_MAX {
-        reasons.push(format!(
-            "the wall clock was stepped by {:.1} ms during the run",
-            1e3 * host.wall_clock_step.as_secs_f64()
-        ));
+        let milliseconds = 1e3 * host.wall_clock_step.as_secs_f64();
+        let step = format!("the wall clock was stepped by {milliseconds:.1} ms during the run");
+        reasons.push(step);
     }
     if let Some((load, processors)) = host.load {
         #[expect(clippy::cast_precision_loss, reason = "a number of processors")]
@@ -318,80 +317,5 @@ mod tests {
         ];
         let expected = expected.map(|(name, value, passed)| (name.to_owned(), value, passed));
         assert_eq!(rows.collect::<Vec<_>>(), expected);
-    }
-
-    #[test]
-    fn limits_on_time_pass_only_where_the_timing_is_trusted() {
-        use scenario::expect::Expect;
-
-        use crate::judge_timing;
-        use crate::verdict::{Outcome, Verdict};
-        use scenario::expect::Limit;
-        let timing = |p99, distrust: &[&str]| Timing {
-            controller: Some(NodeReport::default()),
-            plant_emulator: Some(NodeReport::default()),
-            sync_to_position_microseconds: Quantiles::default(),
-            position_to_command_microseconds: Quantiles::default(),
-            round_trip_microseconds: Quantiles {
-                p99,
-                ..Quantiles::default()
-            },
-            distrust: distrust.iter().map(ToString::to_string).collect(),
-        };
-        let max = |max| {
-            let limit = Limit {
-                min: None,
-                max: Some(max),
-            };
-            Some(limit)
-        };
-        let name = "round_trip_microseconds_p99";
-        let mut limits = Expect {
-            requirements: [(name.to_owned(), vec!["REQ-1".to_owned()])].into(),
-            ..Expect::default()
-        };
-        limits.timing.round_trip_microseconds.p99 = max(800.0);
-        let outcome = |missed: f64, timing: Timing, limits: &Expect| {
-            let mut verdict = Verdict::incomplete("hold", 1, "");
-            verdict.metrics = vec![Metric::new("missed_cycles_percent", Ok(missed), max(0.1))];
-            let passed = verdict.metrics[0].passed == Some(true);
-            verdict.outcome = if passed { Outcome::Pass } else { Outcome::Fail };
-            judge_timing(&mut verdict, timing, limits);
-            let row = verdict.metrics.iter().find(|metric| metric.name == name);
-            assert!(row.is_none_or(|row| row.requirements == ["REQ-1"]));
-            assert_eq!(row.is_some(), !limits.timing.is_empty());
-            verdict.outcome
-        };
-        let refused = ["no priority"];
-        assert_eq!(outcome(0.0, timing(700.0, &[]), &limits), Outcome::Pass);
-        assert_eq!(outcome(0.0, timing(900.0, &[]), &limits), Outcome::Fail);
-        for p99 in [700.0, 900.0] {
-            let judged = outcome(0.0, timing(p99, &refused), &limits);
-            assert_eq!(judged, Outcome::Inconclusive);
-        }
-        assert_eq!(outcome(0.5, timing(700.0, &[]), &limits), Outcome::Fail);
-        // What nobody tells does not pass, and does not hide what fails.
-        let untold = |p99| {
-            let mut verdict = Verdict::incomplete("hold", 1, "");
-            let name = "temperature_celsius";
-            verdict.metrics = vec![Metric::not_judged(
-                name,
-                "not available".to_owned(),
-                max(90.0),
-            )];
-            verdict.outcome = Outcome::Inconclusive;
-            verdict.reason = Some(format!("not judged: {name}"));
-            judge_timing(&mut verdict, timing(p99, &[]), &limits);
-            verdict.outcome
-        };
-        assert_eq!(untold(700.0), Outcome::Inconclusive);
-        assert_eq!(untold(900.0), Outcome::Fail);
-        // Without limits on time the timing is only reported.
-        let none = Expect::default();
-        assert_eq!(outcome(0.0, timing(9e9, &refused), &none), Outcome::Pass);
-        assert_eq!(
-            outcome(0.5, timing(9e9, &refused), &none),
-            Outcome::Inconclusive
-        );
     }
 }

@@ -1,11 +1,12 @@
-//! What a run came to: metrics beside their limits, and the outcome.
+//! What a run came to: metrics beside their limits, and the outcome. `verdict.json` holds it.
 
-use scenario::expect::{Limit, Requirements};
-use serde::{Deserialize, Serialize};
-
-use crate::timing::Timing;
 use rig::external::External;
 use rig::setup::Setup;
+use scenario::expect::Requirements;
+use serde::{Deserialize, Serialize};
+
+pub use crate::metric::{Metric, title};
+use crate::timing::Timing;
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
@@ -34,103 +35,14 @@ impl Outcome {
     }
 }
 
-/// One metric.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-pub struct Metric {
-    /// Its key in `[expect]`, or what a check demands; the unit is in the name.
-    pub name: String,
-    /// The measured value; none where the run does not have it (no step, never settled).
-    pub value: Option<f64>,
-    /// When it was so, in scenario time; for checks of signals only.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub at_seconds: Option<f64>,
-    /// Why there is no value.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub remark: Option<String>,
-    /// Its limit; none where it is only reported.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub limit: Option<Limit>,
-    /// Whether the limit is met; none where there is no limit.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub passed: Option<bool>,
-    /// The requirements that it tests.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub requirements: Requirements,
-}
-
-impl Metric {
-    /// Holds a value against its limit. Without a value a limit is not met.
-    #[must_use]
-    pub fn new(name: impl Into<String>, value: Result<f64, String>, limit: Option<Limit>) -> Self {
-        let passed = limit.map(|limit| value.as_ref().is_ok_and(|value| meets(*value, limit)));
-        let (value, remark) = match value {
-            Ok(value) => (Some(rounded(value)), None),
-            Err(remark) => (None, Some(remark)),
-        };
-        Self {
-            name: name.into(),
-            value,
-            at_seconds: None,
-            remark,
-            limit,
-            passed,
-            requirements: Requirements::new(),
-        }
-    }
-
-    /// A metric that this bus does not tell: its limit is neither met nor missed.
-    #[must_use]
-    pub fn not_judged(name: impl Into<String>, reason: String, limit: Option<Limit>) -> Self {
-        Self {
-            name: name.into(),
-            value: None,
-            at_seconds: None,
-            remark: Some(reason),
-            limit,
-            passed: None,
-            requirements: Requirements::new(),
-        }
-    }
-
-    /// The same metric with the time at which it was so.
-    #[must_use]
-    pub fn at(self, seconds: Option<f64>) -> Self {
-        Self {
-            at_seconds: seconds.map(rounded),
-            ..self
-        }
-    }
-}
-
-/// What a metric is called, for people: a key as words, the name of a check as it is.
-#[must_use]
-pub fn title(name: &str) -> String {
-    match name.contains(' ') {
-        true => name.to_owned(),
-        false => name.replace('_', " "),
-    }
-}
-
-fn meets(value: f64, limit: Limit) -> bool {
-    let value = rounded(value);
-    limit.min.is_none_or(|min| value >= min) && limit.max.is_none_or(|max| value <= max)
-}
-
-/// Six decimals: more than any metric is known to, and the same text on every machine.
-pub(crate) fn rounded(value: f64) -> f64 {
-    (value * 1e6).round() / 1e6
-}
-
 /// The verdict of one run, as `verdict.json` holds it, whichever version wrote it.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Verdict {
     /// Version of this file's format.
     pub schema: u32,
-    /// The scenario's name.
     pub scenario: String,
     /// The program's version.
     pub version: String,
-    /// The scenario's seed.
     pub seed: u64,
     /// The requirements that the scenario as a whole tests.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -138,12 +50,11 @@ pub struct Verdict {
     /// The nodes that were not canrig's.
     #[serde(default, skip_serializing_if = "External::is_empty")]
     pub external: External,
-    /// How the run ended.
     pub outcome: Outcome,
-    /// Why, where the metrics do not tell.
+    /// Why, where the metrics do not show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Frames that the recorder lost: the one thing that the frames of a recording do not tell.
+    /// Frames that the recorder lost: the one thing that the frames of a recording do not show.
     #[serde(default, skip_serializing_if = "is_none_lost")]
     pub frames_lost: u64,
     /// All metrics that the run has or the scenario limits.
@@ -217,8 +128,10 @@ fn is_none_lost(frames: &u64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use rig::external::ExternalNode;
+    use scenario::expect::Limit;
+
+    use super::*;
 
     #[test]
     fn a_stored_verdict_reads_back_whole() {
@@ -257,20 +170,5 @@ mod tests {
             ..Verdict::incomplete("step", 1, "")
         };
         assert_eq!(verdict, expected);
-    }
-
-    #[test]
-    fn limits_are_two_sided_and_inclusive() {
-        let limit = Some(Limit {
-            min: Some(0.1),
-            max: Some(0.23),
-        });
-        let passed = |value| Metric::new("settling_time_seconds", value, limit).passed;
-        assert_eq!(passed(Ok(0.23)), Some(true));
-        assert_eq!(passed(Ok(0.230_001)), Some(false));
-        assert_eq!(passed(Ok(0.05)), Some(false));
-        assert_eq!(passed(Ok(f64::NAN)), Some(false));
-        assert_eq!(passed(Err("never settled".to_owned())), Some(false));
-        assert_eq!(Metric::new("overshoot_percent", Ok(1.0), None).passed, None);
     }
 }

@@ -31,7 +31,7 @@ const STAMP_GAP: Duration = Duration::from_secs(1);
 
 /// A frame and when it was on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stamped {
+pub struct ReceivedFrame {
     /// Time since the recorder's epoch, see [`Recorder::wall_epoch`].
     pub time: Duration,
     /// The frame.
@@ -40,7 +40,7 @@ pub struct Stamped {
 
 /// Hears every frame on a bus.
 pub struct Recorder {
-    frames: Consumer<Stamped>,
+    frames: Consumer<ReceivedFrame>,
     lost: Arc<AtomicU64>,
     clock: Clock,
     ear: Option<InterfaceEar>,
@@ -87,7 +87,7 @@ impl Recorder {
         clippy::should_implement_trait,
         reason = "None is not the end, so this is no iterator"
     )]
-    pub fn next(&mut self) -> Option<Stamped> {
+    pub fn next(&mut self) -> Option<ReceivedFrame> {
         self.frames.pop().ok()
     }
 
@@ -129,7 +129,7 @@ impl fmt::Debug for Recorder {
 
 /// The writing end of a recorder's ring.
 pub(crate) struct Ring {
-    frames: Producer<Stamped>,
+    frames: Producer<ReceivedFrame>,
     lost: Arc<AtomicU64>,
     clock: Clock,
 }
@@ -141,7 +141,7 @@ impl Ring {
     }
 
     fn push(&mut self, time: Duration, frame: CanFrame) {
-        if self.frames.push(Stamped { time, frame }).is_err() {
+        if self.frames.push(ReceivedFrame { time, frame }).is_err() {
             self.add_lost(1);
         }
     }

@@ -5,28 +5,28 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use crate::gauge::{Gauge, Reading};
-use crate::log::Stamped;
-use crate::run_folder::{BusLog, WriteError};
-use crate::tap::Tap;
 use dbc::scenario_clock::ScenarioClock;
 
-/// What the threads of a run tell each other.
+use crate::frame_queue::FrameQueue;
+use crate::log::Stamped;
+use crate::progress::{ProgressReader, RunProgress};
+use crate::run_folder::{BusLog, WriteError};
+
+/// What the threads of a run share: its progress, and the request to end.
 #[derive(Debug, Default)]
 pub struct Watch {
-    reading: Mutex<Reading>,
+    progress: Mutex<RunProgress>,
     is_interrupted: AtomicBool,
 }
 
 impl Watch {
-    /// The state of the run.
     #[must_use]
-    pub fn reading(&self) -> Reading {
-        *self.reading.lock().unwrap_or_else(PoisonError::into_inner)
+    pub fn progress(&self) -> RunProgress {
+        *self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn show(&self, reading: Reading) {
-        *self.reading.lock().unwrap_or_else(PoisonError::into_inner) = reading;
+    fn show(&self, progress: RunProgress) {
+        *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = progress;
     }
 
     /// Asks the run to end.
@@ -49,26 +49,26 @@ pub struct Capture<'a> {
     written: usize,
     log: Option<BusLog>,
     clock: ScenarioClock,
-    gauge: Option<Gauge>,
+    progress: Option<ProgressReader>,
     watch: &'a Watch,
-    taps: Vec<Tap>,
+    observers: Vec<FrameQueue>,
 }
 
 impl<'a> Capture<'a> {
-    /// An empty capture of a run with a folder: writes to `log`, shows the run's state to `watch` and hands the frames on
-    /// to `taps`.
+    /// An empty capture of a run with a folder: writes to `log`, shows the run's progress to `watch` and hands the frames
+    /// on to `observers`.
     #[must_use]
     pub fn new(
         log: BusLog,
-        gauge: Gauge,
+        progress: ProgressReader,
         clock: ScenarioClock,
         watch: &'a Watch,
-        taps: Vec<Tap>,
+        observers: Vec<FrameQueue>,
     ) -> Self {
         Self {
             log: Some(log),
-            gauge: Some(gauge),
-            taps,
+            progress: Some(progress),
+            observers,
             ..Self::in_memory(clock, watch)
         }
     }
@@ -81,10 +81,10 @@ impl<'a> Capture<'a> {
             lost: 0,
             written: 0,
             log: None,
-            gauge: None,
+            progress: None,
             clock,
             watch,
-            taps: Vec::new(),
+            observers: Vec::new(),
         }
     }
 
@@ -98,8 +98,8 @@ impl<'a> Capture<'a> {
     pub fn take(&mut self, stamped: Stamped) {
         self.clock.on_frame(stamped.time, &stamped.frame);
         self.frames.push(stamped);
-        for tap in &mut self.taps {
-            tap.take(stamped);
+        for observer in &mut self.observers {
+            observer.push(stamped);
         }
     }
 
@@ -123,7 +123,6 @@ impl<'a> Capture<'a> {
         self.watch.is_interrupted()
     }
 
-    /// Through which the threads of the run tell each other.
     #[must_use]
     pub fn watch(&self) -> &'a Watch {
         self.watch
@@ -135,7 +134,7 @@ impl<'a> Capture<'a> {
         &self.frames
     }
 
-    /// Writes what is not yet in `bus.log`, and shows how the run stands.
+    /// Writes what is not yet in `bus.log`, and shows how far the run is.
     ///
     /// # Errors
     /// The disk does not take it.
@@ -144,9 +143,9 @@ impl<'a> Capture<'a> {
             return Ok(());
         };
         let new = &self.frames[self.written..];
-        let gauge = self.gauge.as_ref();
-        if let Some(reading) = gauge.and_then(|gauge| gauge.read(new, &self.clock)) {
-            self.watch.show(reading);
+        let reader = self.progress.as_ref();
+        if let Some(progress) = reader.and_then(|reader| reader.read(new, &self.clock)) {
+            self.watch.show(progress);
         }
         log.append(new)?;
         self.written = self.frames.len();

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use dbc::{Database, Message, Signal, SignalHandle};
+use rig::error_frames::{self, ErrorMessage};
 use scenario::Scenario;
 use scenario::expect::Emergency;
 
 use crate::log::Stamped;
-use rig::error_frames::{self, ErrorMessage};
 
 /// An error of the bus that was silent for so long begins anew.
 const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
@@ -24,29 +24,27 @@ pub enum Level {
     Error,
 }
 
-/// One thing that happened.
+/// One thing that happened, on the bus or by the scenario.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Event {
+pub struct TimelineEvent {
     /// Scenario time; negative before scenario time 0.
     pub time_seconds: f64,
-    /// How grave it is.
     pub level: Level,
     /// What happened, for people.
     pub text: String,
 }
 
-/// An emergency that a node told.
+/// An emergency that a node sent.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ToldEmergency {
+pub struct TimedEmergency {
     /// Scenario time.
     pub time_seconds: f64,
-    /// Who told which.
     pub emergency: Emergency,
 }
 
 /// What of a message is worth an event.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum EventKind {
     /// A state, whenever it changes.
     State,
     /// Every message.
@@ -56,10 +54,10 @@ enum Kind {
 }
 
 /// A signal that makes events.
-struct Source {
+struct EventSignal {
     signal: SignalHandle,
     definition: Signal,
-    kind: Kind,
+    kind: EventKind,
     node: String,
     /// The latest value, and the bits that it was made of.
     last: Option<f64>,
@@ -68,38 +66,62 @@ struct Source {
     cause: Option<(SignalHandle, Signal)>,
 }
 
+impl EventSignal {
+    /// The signal's value with its label, where it makes an event.
+    fn read(&mut self, stamped: &Stamped) -> Option<(f64, String)> {
+        let is_state = self.kind == EventKind::State;
+        let bits = self.signal.bits(&stamped.frame);
+        if is_state && self.last_bits == bits {
+            return None;
+        }
+        let value = self.signal.decode(&stamped.frame)?;
+        self.last_bits = bits;
+        let before = self.last.replace(value);
+        let before = before.and_then(|value| self.definition.label(value));
+        let label = self.definition.label(value);
+        if is_state && before.is_some() && before == label {
+            return None;
+        }
+        let text = label.map_or_else(|| format!("{value}"), str::to_owned);
+        Some((value, text))
+    }
+
+    /// The label of what explains an emergency further.
+    fn cause(&self, stamped: &Stamped) -> Option<&str> {
+        let (signal, definition) = self.cause.as_ref()?;
+        definition.label(signal.decode(&stamped.frame)?)
+    }
+}
+
 /// Reads events from frames: every change of a state, every NMT command, every emergency.
 pub(crate) struct EventReader {
     /// By the raw identifier of their messages.
-    sources: BTreeMap<u32, Source>,
+    signals: BTreeMap<u32, EventSignal>,
     events: Vec<(Duration, Level, String)>,
     emergencies: Vec<(Duration, Emergency)>,
-    /// When each was last told.
+    /// When each was last seen.
     bus_errors: BTreeMap<String, Duration>,
-    told_until_seconds: f64,
+    given_until_seconds: f64,
 }
 
 impl EventReader {
     pub(crate) fn new(database: &Database) -> Self {
-        let sources = database
-            .messages()
-            .iter()
-            .filter_map(|message| source(database, message));
-        let sources = sources
-            .map(|source| (source.signal.raw_id(), source))
-            .collect();
+        let messages = database.messages().iter();
+        let signals = messages.filter_map(|message| event_signal(database, message));
         Self {
-            sources,
+            signals: signals
+                .map(|signal| (signal.signal.raw_id(), signal))
+                .collect(),
             events: Vec::new(),
             emergencies: Vec::new(),
             bus_errors: BTreeMap::new(),
-            told_until_seconds: f64::NEG_INFINITY,
+            given_until_seconds: f64::NEG_INFINITY,
         }
     }
 
     /// The identifiers of the messages that make events; errors of the bus make some besides.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
-        self.sources.keys().copied()
+        self.signals.keys().copied()
     }
 
     pub(crate) fn take(&mut self, stamped: &Stamped) {
@@ -107,49 +129,24 @@ impl EventReader {
             self.take_error(stamped.time, message);
             return;
         }
-        let Some(source) = self.sources.get_mut(&stamped.frame.raw_id()) else {
+        let Some(signal) = self.signals.get_mut(&stamped.frame.raw_id()) else {
             return;
         };
-        let bits = source.signal.bits(&stamped.frame);
-        if source.kind == Kind::State && source.last_bits == bits {
-            return;
-        }
-        let Some(value) = source.signal.decode(&stamped.frame) else {
+        let Some((value, label)) = signal.read(stamped) else {
             return;
         };
-        source.last_bits = bits;
-        let before = source
-            .last
-            .replace(value)
-            .and_then(|value| source.definition.label(value));
-        let label = source.definition.label(value);
-        if source.kind == Kind::State && before.is_some() && before == label {
-            return;
-        }
-        let label = label.map_or_else(|| format!("{value}"), str::to_owned);
-        let (level, mut text) = describe(source.kind, &source.node, value, &label);
-        if source.kind == Kind::Emergency && value != 0.0 {
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "a signal of 16 bits"
-            )]
-            let code = value as u16;
-            let node = source.node.clone();
-            let emergency = Emergency { node, code };
+        let (level, mut text) = describe(signal.kind, &signal.node, value, &label);
+        if signal.kind == EventKind::Emergency && value != 0.0 {
+            let emergency = emergency(&signal.node, value);
             self.emergencies.push((stamped.time, emergency));
-            let cause = source
-                .cause
-                .as_ref()
-                .and_then(|(signal, definition)| definition.label(signal.decode(&stamped.frame)?));
-            if let Some(cause) = cause {
+            if let Some(cause) = signal.cause(stamped) {
                 text += &format!(": {cause}");
             }
         }
         self.events.push((stamped.time, level, text));
     }
 
-    /// What a CAN driver tells. What it may tell with each frame is told when it begins.
+    /// What a CAN driver reports. What it may report with each frame is an event when it begins.
     fn take_error(&mut self, time: Duration, message: ErrorMessage) {
         let ErrorMessage {
             node,
@@ -157,7 +154,7 @@ impl EventReader {
             is_good,
             is_state,
         } = message;
-        let text = format!("{}: {text}", station(node));
+        let text = format!("{}: {text}", controller_of(node));
         let before = self.bus_errors.insert(text.clone(), time);
         let goes_on = before.is_some_and(|before| time < before + BUS_ERROR_PAUSE);
         if goes_on && !is_state {
@@ -168,14 +165,14 @@ impl EventReader {
     }
 
     /// The emergencies in the order of time; the scenario began at `zero`, on the recording's clock.
-    pub(crate) fn emergencies(&self, zero: Option<Duration>) -> Vec<ToldEmergency> {
+    pub(crate) fn emergencies(&self, zero: Option<Duration>) -> Vec<TimedEmergency> {
         let zero = zero.unwrap_or_default().as_secs_f64();
-        let told = self.emergencies.iter();
-        told.map(|(time, emergency)| ToldEmergency {
+        let emergencies = self.emergencies.iter();
+        let emergencies = emergencies.map(|(time, emergency)| TimedEmergency {
             time_seconds: time.as_secs_f64() - zero,
             emergency: emergency.clone(),
-        })
-        .collect()
+        });
+        emergencies.collect()
     }
 
     /// What happened since the last time, and what the scenario did before `until_seconds`, in the order of time. Before
@@ -185,42 +182,52 @@ impl EventReader {
         until_seconds: f64,
         scenario: &Scenario,
         zero: Option<Duration>,
-    ) -> Vec<Event> {
+    ) -> Vec<TimelineEvent> {
         if zero.is_none() && until_seconds.is_finite() {
             return Vec::new();
         }
-        let zero = zero.unwrap_or_default();
-        let from_seconds = std::mem::replace(&mut self.told_until_seconds, until_seconds);
-        let mut events: Vec<Event> = Vec::new();
-        for (time, level, text) in self.events.drain(..) {
-            events.push(Event {
-                time_seconds: time.as_secs_f64() - zero.as_secs_f64(),
-                level,
-                text,
+        let zero_seconds = zero.unwrap_or_default().as_secs_f64();
+        let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
+        let on_bus = self.events.drain(..);
+        let on_bus = on_bus.map(|(time, level, text)| TimelineEvent {
+            time_seconds: time.as_secs_f64() - zero_seconds,
+            level,
+            text,
+        });
+        let planned = scenario.events().into_iter();
+        let planned = planned
+            .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
+            .map(|event| TimelineEvent {
+                time_seconds: event.at_seconds,
+                level: Level::Warning,
+                text: event.text,
             });
-        }
-        let is_new = |time: f64| from_seconds <= time && time < until_seconds;
-        for event in scenario.events() {
-            if is_new(event.at_seconds) {
-                events.push(Event {
-                    time_seconds: event.at_seconds,
-                    level: Level::Warning,
-                    text: event.text,
-                });
-            }
-        }
+        let mut events: Vec<TimelineEvent> = on_bus.chain(planned).collect();
         events.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
         events
     }
 }
 
+fn emergency(node: &str, value: f64) -> Emergency {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a signal of 16 bits"
+    )]
+    let code = value as u16;
+    Emergency {
+        node: node.to_owned(),
+        code,
+    }
+}
+
 /// The signal of a message that makes events, if it has one.
-fn source(database: &Database, message: &Message) -> Option<Source> {
+fn event_signal(database: &Database, message: &Message) -> Option<EventSignal> {
     let kinds = [
-        ("nmt_state", Kind::State),
-        ("statusword_state", Kind::State),
-        ("nmt_command", Kind::Command),
-        ("error_code", Kind::Emergency),
+        ("nmt_state", EventKind::State),
+        ("statusword_state", EventKind::State),
+        ("nmt_command", EventKind::Command),
+        ("error_code", EventKind::Emergency),
     ];
     kinds.into_iter().find_map(|(name, kind)| {
         let path = format!("{}.{name}", message.name);
@@ -231,7 +238,7 @@ fn source(database: &Database, message: &Message) -> Option<Source> {
             .unwrap_or_default()
             .to_owned();
         let (signal, definition) = (database.signal(&path)?, database.definition(&path)?.clone());
-        Some(Source {
+        Some(EventSignal {
             signal,
             definition,
             kind,
@@ -244,7 +251,7 @@ fn source(database: &Database, message: &Message) -> Option<Source> {
 }
 
 /// Whose CAN controller a node's number stands for.
-fn station(node: u8) -> &'static str {
+fn controller_of(node: u8) -> &'static str {
     match node {
         0x01 => "controller",
         0x10 => "drive",
@@ -258,12 +265,14 @@ fn cause(database: &Database, message: &str) -> Option<(SignalHandle, Signal)> {
     Some((database.signal(&path)?, database.definition(&path)?.clone()))
 }
 
-fn describe(kind: Kind, node: &str, value: f64, label: &str) -> (Level, String) {
+fn describe(kind: EventKind, node: &str, value: f64, label: &str) -> (Level, String) {
     match kind {
-        Kind::State if label.starts_with("fault") => (Level::Error, format!("{node}: {label}")),
-        Kind::State => (Level::Info, format!("{node}: {label}")),
-        Kind::Command => (Level::Info, format!("NMT command: {label}")),
-        Kind::Emergency if value == 0.0 => (Level::Info, format!("{node}: emergency over")),
-        Kind::Emergency => (Level::Error, format!("{node}: emergency {label}")),
+        EventKind::State if label.starts_with("fault") => {
+            (Level::Error, format!("{node}: {label}"))
+        }
+        EventKind::State => (Level::Info, format!("{node}: {label}")),
+        EventKind::Command => (Level::Info, format!("NMT command: {label}")),
+        EventKind::Emergency if value == 0.0 => (Level::Info, format!("{node}: emergency over")),
+        EventKind::Emergency => (Level::Error, format!("{node}: emergency {label}")),
     }
 }

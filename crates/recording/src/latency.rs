@@ -7,10 +7,10 @@ use std::time::Duration;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use dbc::{Database, SignalMissing, signals};
 use hdrhistogram::Histogram;
+use rig::setup::Setup;
 use serde::{Deserialize, Serialize};
 
 use crate::log::Stamped;
-use rig::setup::Setup;
 
 /// Latencies above this count as this.
 const LATENCY_MICROSECONDS_MAX: u64 = 10_000_000;
@@ -58,7 +58,6 @@ impl Quantiles {
 /// What a node's loop counted, as its process reports it at its end.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct NodeReport {
-    /// Ticks of the node.
     pub ticks: u64,
     /// Deadlines that had passed before the tick before them was done.
     pub overruns: u64,
@@ -126,28 +125,30 @@ impl Latencies {
 
     fn take(&mut self, stamped: &Stamped, end: Duration) {
         match self.cycle.take(stamped, end) {
-            Some(Stage::Position { after_sync }) => record(&mut self.sync_to_position, after_sync),
-            Some(Stage::Command {
+            Some(CycleStage::Position { after_sync }) => {
+                record(&mut self.sync_to_position, after_sync)
+            }
+            Some(CycleStage::Command {
                 after_position,
                 after_sync,
             }) => {
                 record(&mut self.position_to_command, after_position);
                 record(&mut self.round_trip, after_sync);
             }
-            Some(Stage::Sync { .. }) | None => {}
+            Some(CycleStage::Sync { .. }) | None => {}
         }
     }
 }
 
 /// A step of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
+pub enum CycleStage {
     /// It began.
     Sync {
         /// When, in scenario time.
         time: Duration,
     },
-    /// The drive told its position.
+    /// The drive sent its position.
     Position {
         /// Since the SYNC.
         after_sync: Duration,
@@ -171,8 +172,6 @@ pub struct CycleReader {
 }
 
 impl CycleReader {
-    /// A reader that has heard nothing.
-    ///
     /// # Errors
     /// The database lacks a signal.
     pub fn new(database: &Database) -> Result<Self, SignalMissing> {
@@ -186,37 +185,37 @@ impl CycleReader {
     }
 
     /// Takes every frame of the bus in order; what it is to its cycle, from scenario time 0 to `end`.
-    pub(crate) fn take(&mut self, stamped: &Stamped, end: Duration) -> Option<Stage> {
-        let time = self.hear(stamped).filter(|time| *time < end)?;
+    pub(crate) fn take(&mut self, stamped: &Stamped, end: Duration) -> Option<CycleStage> {
+        let time = self.on_frame(stamped).filter(|time| *time < end)?;
         self.stage(stamped, time)
     }
 
-    /// Hears every frame of the bus in order; its scenario time, `None` before the scenario began.
+    /// Takes every frame of the bus in order; its scenario time, `None` before the scenario began.
     #[inline]
-    pub fn hear(&mut self, stamped: &Stamped) -> Option<Duration> {
+    pub fn on_frame(&mut self, stamped: &Stamped) -> Option<Duration> {
         self.clock.on_frame(stamped.time, &stamped.frame);
         self.clock.scenario_time(stamped.time)
     }
 
-    /// What a frame that was heard is to its cycle.
+    /// What a frame is to its cycle, after [`CycleReader::on_frame`].
     #[inline]
-    pub fn stage(&mut self, stamped: &Stamped, time: Duration) -> Option<Stage> {
+    pub fn stage(&mut self, stamped: &Stamped, time: Duration) -> Option<CycleStage> {
         let since = |before: Duration| stamped.time.saturating_sub(before);
         let id = stamped.frame.raw_id();
         if id == u32::from(SYNC_COB_ID) {
             self.sync = Some(stamped.time);
             self.position = None;
-            Some(Stage::Sync { time })
+            Some(CycleStage::Sync { time })
         } else if id == self.position_id && self.position.is_none() {
             let sync = self.sync?;
             self.position = Some(stamped.time);
-            Some(Stage::Position {
+            Some(CycleStage::Position {
                 after_sync: since(sync),
             })
         } else if id == self.command_id {
             let position = self.position.take()?;
             let sync = self.sync.take()?;
-            Some(Stage::Command {
+            Some(CycleStage::Command {
                 after_position: since(position),
                 after_sync: since(sync),
             })

@@ -19,7 +19,6 @@ const UNREADABLE_BYTES_MAX: usize = 1 << 20;
 pub struct Stamped {
     /// Time of the recording's clock: virtual time, or the wall clock's since 1970. Whole microseconds, as the log's.
     pub time: Duration,
-    /// The frame.
     pub frame: CanFrame,
     /// Bits that it took from the bus. They follow from the frame, and are counted once.
     pub occupied_bits: u32,

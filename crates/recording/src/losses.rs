@@ -1,4 +1,4 @@
-//! What fell silent: SYNC, the drive's position, heartbeats. Told from the recording alone.
+//! What fell silent: SYNC, the drive's position, heartbeats; by the recording alone.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use canopen::CanFrame;
 use dbc::Database;
 use scenario::Scenario;
 
-use crate::events::{Event, Level};
+use crate::events::{Level, TimelineEvent};
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
 const PERIODS_MAX: u32 = 20;
@@ -42,7 +42,7 @@ pub(crate) struct LossReader {
     watched: BTreeMap<u32, Watched>,
     end: Duration,
     latest: Duration,
-    events: Vec<Event>,
+    events: Vec<TimelineEvent>,
 }
 
 impl LossReader {
@@ -101,7 +101,7 @@ impl LossReader {
     }
 
     /// All losses, those that last among them.
-    pub(crate) fn take_all(&mut self) -> Vec<Event> {
+    pub(crate) fn take_all(&mut self) -> Vec<TimelineEvent> {
         for watched in self.watched.values() {
             let Some(last) = watched.last else { continue };
             if self.latest.saturating_sub(last) > watched.limit {
@@ -113,8 +113,8 @@ impl LossReader {
     }
 }
 
-fn event(time: Duration, level: Level, text: String) -> Event {
-    Event {
+fn event(time: Duration, level: Level, text: String) -> TimelineEvent {
+    TimelineEvent {
         time_seconds: time.as_secs_f64(),
         level,
         text,

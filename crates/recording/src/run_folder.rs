@@ -35,9 +35,7 @@ pub mod file {
 #[derive(Debug, thiserror::Error)]
 #[error("{} cannot be written: {source}", path.display())]
 pub struct WriteError {
-    /// Which file or folder.
     pub path: PathBuf,
-    /// Why.
     pub source: io::Error,
 }
 
@@ -49,7 +47,6 @@ impl WriteError {
     }
 }
 
-/// The folder of one run.
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
@@ -105,7 +102,6 @@ impl RunFolder {
         self.path.join(file::SCENARIO)
     }
 
-    /// Where the folder is.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
@@ -154,8 +150,6 @@ pub struct BusLog {
 }
 
 impl BusLog {
-    /// Appends frames.
-    ///
     /// # Errors
     /// The disk does not take them.
     pub fn append(&mut self, frames: &[Stamped]) -> Result<(), WriteError> {
@@ -250,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hash_tells_seeds_and_texts_apart() {
+    fn the_hash_keeps_seeds_and_texts_apart() {
         assert_ne!(hash(1, "a"), hash(2, "a"));
         assert_ne!(hash(1, "a"), hash(1, "b"));
         assert_eq!(hash(1, "a").len(), 8);

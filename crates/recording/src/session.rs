@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::Path;
 
+use rig::rig_file::LoadedRig;
+use rig::setup::Setup;
 use scenario::Scenario;
 
 use crate::run_folder::{RunFolder, WriteError, file};
-use rig::rig_file::LoadedRig;
-use rig::setup::Setup;
 
 /// Writes the scenario with the files that it names, and the rig file with its EDS.
 ///

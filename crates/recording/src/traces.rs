@@ -6,7 +6,6 @@ use std::time::Duration;
 use canopen::CanFrame;
 use dbc::signals::COLUMN_MESSAGES;
 use dbc::{Database, SignalHandle};
-
 use rig::setup::Setup;
 
 /// So many times without a cyclic message are a silence, as in `losses`.
@@ -14,16 +13,15 @@ const PERIODS_MAX: u32 = 20;
 
 /// One value that was on the bus.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
+pub struct SignalSample {
     /// Scenario time: of its cycle for messages that follow SYNC, else of the frame.
     pub time_seconds: f64,
-    /// The physical value.
     pub value: f64,
 }
 
 /// One signal from scenario time 0 to the scenario's end.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Trace {
+pub struct SignalTrace {
     /// `message.signal`.
     pub path: String,
     /// The unit in the DBC; empty for numbers without one.
@@ -31,34 +29,43 @@ pub struct Trace {
     /// Longest time between two samples of a message that is sent cyclically.
     pub silence_seconds_max: Option<f64>,
     /// The samples in the order of time, at most one at a time.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<SignalSample>,
 }
 
-/// A signal to be collected.
+impl SignalTrace {
+    /// The latest sample of a cycle counts, as in `signals.csv`; a clock that went back leaves no order behind.
+    fn push(&mut self, sample: SignalSample) {
+        let is_over = |last: &SignalSample| last.time_seconds >= sample.time_seconds;
+        while self.samples.last().is_some_and(is_over) {
+            self.samples.pop();
+        }
+        self.samples.push(sample);
+    }
+}
+
 struct Collected {
     handle: SignalHandle,
     follows_sync: bool,
-    trace: Trace,
+    trace: SignalTrace,
 }
 
-/// Collects the samples from the frames.
+/// Collects the samples of signals from the frames.
 pub(crate) struct TraceReader {
     collected: Vec<Collected>,
     end: Duration,
 }
 
 impl TraceReader {
-    /// A reader for all signals that the scenario names; names that stand for no signal are left to the judge.
+    /// Reads all signals that the scenario names; names that stand for no signal are left to the judge.
     pub(crate) fn new(setup: &Setup) -> Self {
         let scenario = &setup.scenario;
         let period = scenario.bus.sync_period();
         let mut collected = BTreeMap::new();
         for (_, name) in scenario.expect.named_signals() {
-            let path = setup.names().find(name);
-            if let Some((path, found)) = path
-                .ok()
-                .and_then(|path| Some((path, collect(path, period, &setup.database)?)))
-            {
+            let Ok(path) = setup.names().find(name) else {
+                continue;
+            };
+            if let Some(found) = collect(path, period, &setup.database) {
                 collected.insert(path, found);
             }
         }
@@ -68,7 +75,6 @@ impl TraceReader {
         }
     }
 
-    /// The scenario names no signal.
     pub(crate) fn is_empty(&self) -> bool {
         self.collected.is_empty()
     }
@@ -89,24 +95,15 @@ impl TraceReader {
                 continue;
             };
             let of_cycle = cycle_seconds.filter(|_| collected.follows_sync);
-            let time_seconds = of_cycle.unwrap_or(time_seconds);
-            let samples = &mut collected.trace.samples;
-            // The latest of a cycle counts, as in `signals.csv`; a clock that went back leaves no order behind.
-            while samples
-                .last()
-                .is_some_and(|last| last.time_seconds >= time_seconds)
-            {
-                samples.pop();
-            }
-            samples.push(Sample {
-                time_seconds,
+            collected.trace.push(SignalSample {
+                time_seconds: of_cycle.unwrap_or(time_seconds),
                 value,
             });
         }
     }
 
     /// The traces, each given once.
-    pub(crate) fn take_all(&mut self) -> Vec<Trace> {
+    pub(crate) fn take_all(&mut self) -> Vec<SignalTrace> {
         let traces = self.collected.drain(..);
         traces.map(|collected| collected.trace).collect()
     }
@@ -119,7 +116,7 @@ fn collect(path: &str, sync_period: Duration, database: &Database) -> Option<Col
     Some(Collected {
         handle: database.signal(path)?,
         follows_sync: COLUMN_MESSAGES.contains(&message),
-        trace: Trace {
+        trace: SignalTrace {
             path: path.to_owned(),
             unit: database.definition(path)?.unit.clone(),
             silence_seconds_max: (!cycle_time.is_zero()).then_some(silence.as_secs_f64()),

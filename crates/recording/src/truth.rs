@@ -1,4 +1,4 @@
-//! What the emulated plant said of itself, on the scenario's time.
+//! What the emulated plant reported of itself, in scenario time.
 
 use std::time::Duration;
 
@@ -6,9 +6,9 @@ use dbc::{Database, SignalHandle, SignalMissing};
 
 use crate::log::Stamped;
 
-/// One message of the plant.
+/// One message of the emulated plant.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Truth {
+pub struct PlantTruth {
     /// When it was so, in scenario time; negative before its beginning.
     pub time_seconds: f64,
     /// Current through the wire.
@@ -23,7 +23,7 @@ pub(crate) struct TruthReader {
     current: SignalHandle,
     peak_temperature: SignalHandle,
     time: SignalHandle,
-    messages: Vec<Truth>,
+    messages: Vec<PlantTruth>,
     offset_seconds: f64,
 }
 
@@ -52,7 +52,7 @@ impl TruthReader {
         self.offset_seconds = self
             .offset_seconds
             .min(stamped.time.as_secs_f64() - time_seconds);
-        self.messages.push(Truth {
+        self.messages.push(PlantTruth {
             time_seconds,
             current_amperes: current.unwrap_or(f64::NAN),
             peak_temperature_celsius: temperature.unwrap_or(f64::NAN),
@@ -60,7 +60,7 @@ impl TruthReader {
     }
 
     /// The messages in scenario time.
-    pub(crate) fn take_all(&mut self, zero: Option<Duration>) -> Vec<Truth> {
+    pub(crate) fn take_all(&mut self, zero: Option<Duration>) -> Vec<PlantTruth> {
         let zero_seconds = zero.unwrap_or_default().as_secs_f64();
         for message in &mut self.messages {
             message.time_seconds += self.offset_seconds - zero_seconds;

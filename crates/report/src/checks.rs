@@ -5,7 +5,7 @@ use scenario::expect::{Demand, SignalCheck};
 
 use super::Run;
 use super::plot::{Colour, Patch, Plot, Shape};
-use recording::traces::Trace;
+use recording::traces::SignalTrace;
 use rig::setup::Setup;
 
 /// Signals that get a plot; the verdict lists the others too.
@@ -13,7 +13,7 @@ const PLOTS_MAX: usize = 12;
 
 /// A trace as a plot takes it.
 struct Drawn<'a> {
-    trace: &'a Trace,
+    trace: &'a SignalTrace,
     time_seconds: Vec<f64>,
     values: Vec<f64>,
     /// The rows of the courses that it must follow.
@@ -41,11 +41,11 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
     }
 }
 
-fn is_about(setup: &Setup, check: &SignalCheck, trace: &Trace) -> bool {
+fn is_about(setup: &Setup, check: &SignalCheck, trace: &SignalTrace) -> bool {
     setup.names().find(&check.name) == Ok(&trace.path)
 }
 
-fn drawn<'a>(trace: &'a Trace, setup: &Setup) -> Drawn<'a> {
+fn drawn<'a>(trace: &'a SignalTrace, setup: &Setup) -> Drawn<'a> {
     let scenario = &setup.scenario;
     let mut drawn = Drawn {
         trace,

@@ -11,7 +11,7 @@ use super::plot::{Colour, Extent, Patch, Plot, Shape};
 use super::{Run, checks, page, shown_unit};
 use judge::SETTLING_BAND;
 use judge::timing::Timing;
-use recording::events::{Event, Level};
+use recording::events::{Level, TimelineEvent};
 use recording::run_folder::file;
 use recording::timeline::Timeline;
 use rig::external::ExternalNode;
@@ -450,7 +450,7 @@ fn host(timing: &Timing) -> Markup {
     }
 }
 
-fn events(events: &[Event]) -> Markup {
+fn events(events: &[TimelineEvent]) -> Markup {
     html! {
         h2 { "Events" }
         div.wide { table {

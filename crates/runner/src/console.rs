@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use miette::Diagnostic;
 
 use crate::exit::Exit;
-use recording::gauge::Reading;
+use recording::progress::RunProgress;
 
 /// Prints a line on standard output.
 pub fn say(text: &str) {
@@ -86,14 +86,14 @@ impl Progress {
     }
 
     /// Shows the state of the run.
-    pub fn show(&self, reading: &Reading) {
+    pub fn show(&self, reading: &RunProgress) {
         self.bar.set_position(micros(reading.time));
         self.bar.set_message(state(reading));
     }
 }
 
 /// The state of a run in 48 columns, so that it fits beside the bar in 80; numbers stay in their places.
-fn state(reading: &Reading) -> String {
+fn state(reading: &RunProgress) -> String {
     if reading.time.is_zero() {
         return "starting".to_owned();
     }
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn the_state_of_a_run_fits_beside_the_bar() {
-        let reading = Reading {
+        let reading = RunProgress {
             time: Duration::from_millis(9_140),
             position_millimetres: Some(34.986),
             error_millimetres: Some(0.014),
@@ -181,8 +181,8 @@ mod tests {
         let text = state(&reading);
         assert_eq!(text, "9.1 s   34.99 mm  error  +0.01 mm    143 µs late");
         assert!(text.chars().count() <= 49, "{text}");
-        assert_eq!(state(&Reading::default()), "starting");
-        let open_loop = Reading {
+        assert_eq!(state(&RunProgress::default()), "starting");
+        let open_loop = RunProgress {
             error_millimetres: None,
             ..reading
         };

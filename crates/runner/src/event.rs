@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use judge::verdict::Verdict;
-use recording::gauge::Reading;
+use recording::progress::RunProgress;
 use worlds::preflight::Step;
 
 use crate::run::Judged;
@@ -20,7 +20,7 @@ pub enum RunEvent<'a> {
         duration_seconds: f64,
     },
     /// How far the scenario is. It comes from another thread.
-    Reached(Reading),
+    Reached(RunProgress),
     /// A scenario was played and judged.
     Judged {
         /// Its file.

@@ -13,8 +13,8 @@ use crate::observer::observed;
 use crate::run::{Judged, run};
 use crate::terminal::Terminal;
 use recording::capture::{Capture, Watch};
+use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
-use recording::tap::WhenFull;
 use report::viewer::{ViewerAddress, Viewers};
 use rig::rig_file::RIG_FILE;
 use rig::setup::Setup;
@@ -156,11 +156,11 @@ fn play_one(
     listener.hear(&RunEvent::Began {
         duration_seconds: scenario.duration_seconds,
     });
-    let (taps, shows) = viewers.show(setup, stage.when_full());
-    let judged = run(setup, &args.output, &watch, taps, |folder, capture| {
+    let (queues, shows) = viewers.show(setup, stage.when_full());
+    let judged = run(setup, &args.output, &watch, queues, |folder, capture| {
         observed(
             || watch.interrupt(),
-            || listener.hear(&RunEvent::Reached(watch.reading())),
+            || listener.hear(&RunEvent::Reached(watch.progress())),
             || stage.play(setup, folder, capture),
         )
     });

@@ -10,10 +10,10 @@ use judge::timing::Timing;
 use judge::verdict::Verdict;
 use judge::{judge, judge_broken};
 use recording::capture::{Capture, Watch};
-use recording::gauge::Gauge;
+use recording::frame_queue::FrameQueue;
+use recording::progress::ProgressReader;
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::write_setup;
-use recording::tap::Tap;
 use recording::timeline::{self, Timeline};
 use report::{ReportError, Run};
 use rig::setup::Setup;
@@ -29,7 +29,7 @@ pub struct Judged {
     pub exit: Exit,
 }
 
-/// Plays the scenario in a world, records and judges it, and hands the frames on to the taps meanwhile. What was
+/// Plays the scenario in a world, records and judges it, and hands the frames on to the queues meanwhile. What was
 /// recorded before a failure of the world is kept, with a verdict that says "incomplete" and why.
 ///
 /// # Errors
@@ -38,13 +38,13 @@ pub fn run(
     setup: &Setup,
     parent: &Path,
     watch: &Watch,
-    taps: Vec<Tap>,
+    queues: Vec<FrameQueue>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
 ) -> Result<Judged, ReportError> {
     let folder = create_folder(parent, setup)?;
-    let gauge = Gauge::new(&setup.scenario, &setup.database)?;
+    let progress = ProgressReader::new(&setup.scenario, &setup.database)?;
     let clock = ScenarioClock::new(&setup.database)?;
-    let mut capture = Capture::new(folder.bus_log()?, gauge, clock, watch, taps);
+    let mut capture = Capture::new(folder.bus_log()?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
     let (frames, frames_lost) = capture.finish()?;
     let timeline = timeline::decode(&frames, setup)?;

@@ -104,63 +104,6 @@ pub struct Expect {
 }
 
 impl Expect {
-    /// The limits that are given, each with the name of its metric, in the order of the format.
-    pub fn limits(&self) -> impl Iterator<Item = (&'static str, Limit)> + use<> {
-        let limits = [
-            ("settling_time_seconds", self.settling_time_seconds),
-            ("overshoot_percent", self.overshoot_percent),
-            (
-                "steady_state_error_millimetres",
-                self.steady_state_error_millimetres,
-            ),
-            (
-                "tracking_error_millimetres_rms",
-                self.tracking_error_millimetres_rms,
-            ),
-            ("sine_gain", self.sine_gain),
-            ("sine_phase_degrees", self.sine_phase_degrees),
-            ("sine_offset_millimetres", self.sine_offset_millimetres),
-            (
-                "maximum_deviation_millimetres",
-                self.maximum_deviation_millimetres,
-            ),
-            ("recovery_time_seconds", self.recovery_time_seconds),
-            ("current_amperes_rms", self.current_amperes_rms),
-            ("position_millimetres_max", self.position_millimetres_max),
-            ("missed_cycles_percent", self.missed_cycles_percent),
-            ("bus_load_percent", self.bus_load_percent),
-            (
-                "sync_interval_milliseconds_max",
-                self.sync_interval_milliseconds_max,
-            ),
-            ("temperature_celsius", self.temperature_celsius),
-        ];
-        let given = |(name, limit): (_, Option<Limit>)| limit.map(|limit| (name, limit));
-        limits.into_iter().filter_map(given)
-    }
-}
-
-impl Expect {
-    /// The keys of all limits and reactions that are given, in the order of the format.
-    pub fn keys(&self) -> impl Iterator<Item = &'static str> {
-        let others = [
-            (
-                "current_zero_within_milliseconds",
-                self.current_zero_within_milliseconds.is_some(),
-            ),
-            (
-                "recovers_within_seconds",
-                self.recovers_within_seconds.is_some(),
-            ),
-            ("safe_state", self.safe_state.is_some()),
-            ("emcy", !self.emcy.is_empty()),
-            ("no_event", !self.no_event.is_empty()),
-        ];
-        let others = others.into_iter().filter(|(_, is_given)| *is_given);
-        let limits = self.limits().map(|(name, _)| name);
-        limits.chain(others.map(|(name, _)| name))
-    }
-
     /// The rows of the verdict that test requirements, each with these.
     #[must_use]
     pub fn requirements_of_rows(&self) -> BTreeMap<String, Requirements> {
@@ -223,44 +166,5 @@ impl FromStr for Emergency {
             node: node.to_owned(),
             code,
         })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn limits_lists_every_key_of_the_table() {
-        let limit = Limit {
-            min: Some(0.0),
-            max: Some(1.0),
-        };
-        let schema = crate::schema::schema_of::<Expect>();
-        let names = schema["properties"].as_object().unwrap().keys();
-        let is_limit = |name: &&String| {
-            let no_limits = [
-                "current_zero_within_milliseconds",
-                "emcy",
-                "no_event",
-                "recovers_within_seconds",
-                "requirements",
-                "safe_state",
-                "sequence",
-                "signal",
-                "timing",
-            ];
-            !no_limits.contains(&name.as_str())
-        };
-        let names: Vec<&String> = names.filter(is_limit).collect();
-        let text: String = names
-            .iter()
-            .map(|name| format!("{name} = {{ min = 0.0, max = 1.0 }}\n"))
-            .collect();
-        let expect: Expect = toml::from_str(&text).unwrap();
-        let mut listed: Vec<&str> = expect.limits().map(|(name, _)| name).collect();
-        listed.sort_unstable();
-        assert_eq!(listed, names);
-        assert!(expect.limits().all(|(_, given)| given == limit));
     }
 }

@@ -23,6 +23,7 @@ pub mod fault;
 mod left_out;
 mod limit;
 mod load;
+pub mod metrics;
 mod nearest;
 mod null;
 pub mod own;

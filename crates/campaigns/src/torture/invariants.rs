@@ -11,7 +11,7 @@ use scenario::fault::node::{Node, Output};
 use crate::campaign::Run;
 use judge::verdict::Outcome;
 use recording::log::Stamped;
-use recording::truth::Truth;
+use recording::truth::PlantTruth;
 
 /// 1 A, the amplifier's most, settles the paper's wire at 138.44 °C; the message counts hundredths.
 const TEMPERATURE_CELSIUS_MAX: f64 = 138.5;
@@ -85,7 +85,7 @@ fn not_too_hot(played: &Run<'_>) -> Option<Violation> {
     if played.scenario.plant.name() != SMA_ACTUATOR {
         return None;
     }
-    let is_hot = |truth: &&Truth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
+    let is_hot = |truth: &&PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
     let hot = played.timeline.truth.iter().find(is_hot)?;
     let (celsius, time) = (hot.peak_temperature_celsius, hot.time_seconds);
     violated(
@@ -97,8 +97,9 @@ fn not_too_hot(played: &Run<'_>) -> Option<Violation> {
 /// Before scenario time 0 nobody commands a current; a run that a fault of the boot prevents never comes to it.
 fn no_current_before_the_start(played: &Run<'_>) -> Option<Violation> {
     let timeline = played.timeline;
-    let is_before = |truth: &&Truth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
-    let heated = |truth: &&Truth| truth.current_amperes > 0.0;
+    let is_before =
+        |truth: &&PlantTruth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
+    let heated = |truth: &&PlantTruth| truth.current_amperes > 0.0;
     let truth = timeline.truth.iter().filter(is_before).find(heated)?;
     let (amperes, time) = (truth.current_amperes, truth.time_seconds);
     violated(

@@ -9,7 +9,7 @@ use super::output::{Output, send_scalars, send_static};
 use super::run_log::line;
 use super::times::{self, Moment};
 use super::{RerunError, groups};
-use recording::latency::{CycleReader, Stage};
+use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
 use rig::setup::Setup;
 
@@ -78,16 +78,16 @@ impl BusReader {
 
     /// Takes every frame of the bus in order.
     pub(crate) fn take(&mut self, stamped: &Stamped) {
-        let time = self.cycle.hear(stamped).filter(|time| *time < self.end);
+        let time = self.cycle.on_frame(stamped).filter(|time| *time < self.end);
         let Some(time) = time else {
             return;
         };
         self.take_load(time, stamped.occupied_bits);
         let micros = |time: Duration| time.as_secs_f64() * 1e6;
         match self.cycle.stage(stamped, time) {
-            Some(Stage::Sync { time }) => self.begin_cycle(time),
-            Some(Stage::Position { after_sync }) => self.tell(1, micros(after_sync)),
-            Some(Stage::Command { after_sync, .. }) => self.tell(2, micros(after_sync)),
+            Some(CycleStage::Sync { time }) => self.begin_cycle(time),
+            Some(CycleStage::Position { after_sync }) => self.tell(1, micros(after_sync)),
+            Some(CycleStage::Command { after_sync, .. }) => self.tell(2, micros(after_sync)),
             None => {}
         }
     }

@@ -21,7 +21,7 @@ use super::times;
 use crate::terminal;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict, title};
-use recording::events::{Event, Level};
+use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
 use rig::setup::Setup;
 
@@ -130,7 +130,7 @@ impl<'a, O: Output> Recording<'a, O> {
         self.hysteresis.log_path(&mut self.output)?;
         let page = TextDocument::from_markdown(page(verdict));
         send_static(&mut self.output, "verdict", &page)?;
-        let event = Event {
+        let event = TimelineEvent {
             time_seconds: self.end_seconds,
             level: match verdict.outcome {
                 Outcome::Pass => Level::Info,
@@ -251,7 +251,7 @@ impl<'a, O: Output> Recording<'a, O> {
     }
 
     /// What happened.
-    fn log_events(&mut self, period_seconds: f64, events: &[Event]) -> Result<(), RerunError> {
+    fn log_events(&mut self, period_seconds: f64, events: &[TimelineEvent]) -> Result<(), RerunError> {
         if events.is_empty() {
             return Ok(());
         }
@@ -371,7 +371,7 @@ fn held() -> SeriesLines {
     SeriesLines::new().with_interpolation_mode(InterpolationMode::StepAfter)
 }
 
-fn level(event: &Event) -> TextLogLevel {
+fn level(event: &TimelineEvent) -> TextLogLevel {
     match event.level {
         Level::Info => TextLogLevel::INFO,
         Level::Warning => TextLogLevel::WARN,

@@ -14,9 +14,9 @@ use rtrb::Consumer;
 use super::{Show, ViewerAddress};
 use crate::rerun::{APPLICATION, BusReader, Known, Recording, RerunError};
 use judge::verdict::Verdict;
+use recording::frame_queue::{FrameQueue, WhenFull};
 use recording::log::Stamped;
-use recording::tap::{Tap, WhenFull};
-use recording::timeline::Reader;
+use recording::timeline::TimelineReader;
 use rig::setup::Setup;
 
 /// How often what was heard is sent.
@@ -40,13 +40,13 @@ enum LiveError {
 }
 
 impl Show {
-    /// Begins to show a run; its frames go into the tap.
+    /// Begins to show a run; its frames go into the queue.
     pub(super) fn start(
         address: &ViewerAddress,
         setup: &Setup,
         when_full: WhenFull,
-    ) -> (Tap, Self) {
-        let (tap, frames, dropped) = Tap::new(when_full);
+    ) -> (FrameQueue, Self) {
+        let (queue, frames, dropped) = FrameQueue::new(when_full);
         let (verdict, judged) = mpsc::channel();
         let (end, ended) = mpsc::channel();
         let (url, setup) = (address.url(), setup.clone());
@@ -69,7 +69,7 @@ impl Show {
             verdict,
             ended,
         };
-        (tap, show)
+        (queue, show)
     }
 }
 
@@ -95,7 +95,7 @@ fn follow(
     mut frames: Consumer<Stamped>,
     judged: &Receiver<Verdict>,
 ) -> Result<(), LiveError> {
-    let mut reader = Reader::new(setup)?;
+    let mut reader = TimelineReader::new(setup)?;
     let mut bus = BusReader::new(setup)?;
     let mut recording = Recording::begin(stream, setup, Known::SoFar)?;
     recording.expect_all()?;

@@ -1,6 +1,6 @@
 //! A Rerun viewer that shows the run while it goes on.
 //!
-//! The run does not depend on it: frames go through a ring of bounded size ([`recording::tap`]) to a thread of their own,
+//! The run does not depend on it: frames go through a ring of bounded size ([`recording::frame_queue`]) to a thread of their own,
 //! which logs in pieces of a tenth of a second and waits for the viewer after each. Whoever does not drain is dropped from; at the
 //! run's end the viewer has [`END_PATIENCE`] for what is still on the way.
 //!
@@ -18,7 +18,7 @@ use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
 use judge::verdict::Verdict;
-use recording::tap::{Dropped, Tap, WhenFull};
+use recording::frame_queue::{DroppedFrames, FrameQueue, WhenFull};
 use rig::setup::Setup;
 
 /// How long a run waits at its end for a viewer that takes nothing.
@@ -63,17 +63,17 @@ impl Viewers {
     /// Begins to show a run in each viewer: where its frames go, and how to end.
     #[must_use]
     #[cfg(feature = "rerun")]
-    pub fn show(&self, setup: &Setup, when_full: WhenFull) -> (Vec<Tap>, Shows) {
+    pub fn show(&self, setup: &Setup, when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
         let started = self.addresses.iter();
         let started = started.map(|address| Show::start(address, setup, when_full));
-        let (taps, shows) = started.unzip();
-        (taps, Shows(shows))
+        let (queues, shows) = started.unzip();
+        (queues, Shows(shows))
     }
 
     /// Without the SDK there are no viewers.
     #[must_use]
     #[cfg(not(feature = "rerun"))]
-    pub fn show(&self, _setup: &Setup, _when_full: WhenFull) -> (Vec<Tap>, Shows) {
+    pub fn show(&self, _setup: &Setup, _when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
         (Vec::new(), Shows::default())
     }
 }
@@ -115,7 +115,7 @@ impl Shows {
 #[derive(Debug)]
 struct Show {
     address: ViewerAddress,
-    dropped: Dropped,
+    dropped: DroppedFrames,
     verdict: Sender<Verdict>,
     /// How the thread ended; it may hang on a viewer that is paused, so it is not joined.
     ended: Receiver<Result<(), String>>,

@@ -7,8 +7,8 @@ use crate::exit::Exit;
 use crate::play::{PlayArgs, Stage, play_all};
 use crate::terminal::Terminal;
 use recording::capture::Capture;
+use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
-use recording::tap::WhenFull;
 use rig::setup::Setup;
 use worlds::{Played, WorldError, lockstep};
 

@@ -11,7 +11,7 @@ use super::{Recorded, RecordedError, refuse};
 use crate::console::{complain, say};
 use crate::exit::Exit;
 use judge::verdict::Verdict;
-use recording::tap::WhenFull;
+use recording::frame_queue::WhenFull;
 use report::terminal;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
@@ -87,7 +87,7 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     if viewers.is_empty() {
         return;
     }
-    let (mut taps, shows) = viewers.show(&recorded.setup, WhenFull::Wait);
+    let (mut queues, shows) = viewers.show(&recorded.setup, WhenFull::Wait);
     let frames = &recorded.log.frames;
     let begin = frames.first().map_or(Duration::ZERO, |first| first.time);
     let clock = Clock::start();
@@ -98,11 +98,11 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
         if ahead >= AHEAD_MAX {
             sleep(ahead);
         }
-        for tap in &mut taps {
-            tap.take(*stamped);
+        for queue in &mut queues {
+            queue.push(*stamped);
         }
     }
-    drop(taps);
+    drop(queues);
     complain_all(&shows.end(verdict, &mut viewers));
 }
 

@@ -28,7 +28,7 @@ use crate::{End, RunBus, WorldError, real_time};
 use heating::Heating;
 use interview::Interview;
 use recording::capture::{Capture, Watch};
-use recording::gauge::Gauge;
+use recording::progress::ProgressReader;
 use recording::run_folder::RunFolder;
 use recording::session::write_setup;
 use rig::external::{External, ExternalNode};
@@ -163,9 +163,9 @@ fn heat(
     let Scenario { name, seed, .. } = &ramp.scenario;
     let folder = RunFolder::create(parent, name, *seed, &ramp.text)?;
     write_setup(&folder, &ramp)?;
-    let gauge = Gauge::new(&ramp.scenario, &rig.database)?;
+    let progress = ProgressReader::new(&ramp.scenario, &rig.database)?;
     let clock = ScenarioClock::new(&rig.database)?;
-    let mut capture = Capture::new(folder.bus_log()?, gauge, clock, watch, Vec::new());
+    let mut capture = Capture::new(folder.bus_log()?, progress, clock, watch, Vec::new());
     let mut heating = Heating::new(rig)?;
     let mut is_enough = |capture: &Capture<'_>| {
         heating.follow(capture.frames());

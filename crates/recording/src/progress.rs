@@ -1,20 +1,19 @@
-//! What people want to see of a run while it goes on.
+//! How far a run is, for those who watch it.
 
 use std::time::Duration;
 
+use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use dbc::{Database, SignalHandle, SignalMissing, signals};
 use scenario::Scenario;
 use scenario::reference::Trajectory;
 
 use crate::log::Stamped;
-use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 
 /// The state of a run, as far as it is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Reading {
+pub struct RunProgress {
     /// Scenario time; zero before it begins.
     pub time: Duration,
-    /// The measured position.
     pub position_millimetres: Option<f64>,
     /// Set-point minus position, where the scenario has a set-point.
     pub error_millimetres: Option<f64>,
@@ -24,15 +23,13 @@ pub struct Reading {
 
 /// Reads the state of a run from its frames.
 #[derive(Debug)]
-pub struct Gauge {
+pub struct ProgressReader {
     position: SignalHandle,
     set_point: Option<Trajectory>,
     period: Duration,
 }
 
-impl Gauge {
-    /// A gauge for a scenario.
-    ///
+impl ProgressReader {
     /// # Errors
     /// The database lacks the position.
     pub fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
@@ -46,7 +43,7 @@ impl Gauge {
 
     /// The state after these frames, the latest of the run; `None` before scenario time 0 or without frames.
     #[must_use]
-    pub fn read(&self, frames: &[Stamped], clock: &ScenarioClock) -> Option<Reading> {
+    pub fn read(&self, frames: &[Stamped], clock: &ScenarioClock) -> Option<RunProgress> {
         let time = clock.scenario_time(frames.last()?.time)?;
         let position = frames
             .iter()
@@ -59,7 +56,7 @@ impl Gauge {
             .filter(|stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID));
         let lateness =
             syncs.filter_map(|sync| Some(self.lateness(clock.scenario_time(sync.time)?)));
-        Some(Reading {
+        Some(RunProgress {
             time,
             position_millimetres: position,
             error_millimetres: set_point
@@ -85,10 +82,11 @@ mod tests {
     #[test]
     fn position_error_and_the_worst_lateness_are_read() {
         let database = Database::shipped();
-        let text = "schema = 1\nname = \"gauge\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+        let text = "schema = 1\nname = \"progress\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Scenario::parse(text, "gauge.toml", |_| unreachable!("no table")).unwrap();
-        let gauge = Gauge::new(&scenario, database).unwrap();
+        let scenario =
+            Scenario::parse(text, "progress.toml", |_| unreachable!("no table")).unwrap();
+        let reader = ProgressReader::new(&scenario, database).unwrap();
         let mut clock = ScenarioClock::new(database).unwrap();
         let drive = |position: f64| {
             let mut builder = database.builder("drive_tpdo1").unwrap();
@@ -112,16 +110,16 @@ mod tests {
         ];
         let stamped = |(micros, frame)| Stamped::new(Duration::from_micros(micros), frame);
         let frames = frames.map(stamped);
-        assert_eq!(gauge.read(&frames[..1], &clock), None);
+        assert_eq!(reader.read(&frames[..1], &clock), None);
         for stamped in &frames {
             clock.on_frame(stamped.time, &stamped.frame);
         }
-        let reading = gauge.read(&frames, &clock).unwrap();
-        assert_eq!(reading.time, Duration::from_micros(3100));
-        assert_eq!(reading.lateness, Some(Duration::from_micros(300)));
-        let position = reading.position_millimetres.unwrap();
+        let progress = reader.read(&frames, &clock).unwrap();
+        assert_eq!(progress.time, Duration::from_micros(3100));
+        assert_eq!(progress.lateness, Some(Duration::from_micros(300)));
+        let position = progress.position_millimetres.unwrap();
         assert!((position - 9.5).abs() < 0.01, "{position}");
-        let error = reading.error_millimetres.unwrap();
+        let error = progress.error_millimetres.unwrap();
         assert!((error - (10.0 - position)).abs() < 1e-9, "{error}");
     }
 }

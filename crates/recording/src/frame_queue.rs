@@ -1,6 +1,6 @@
-//! Frames for a listener that may be slow, paused or gone: a wait-free ring of bounded size to a thread of its own.
+//! Frames for an observer that may be slow, paused or gone: a wait-free ring of bounded size to a thread of its own.
 //!
-//! A push costs 10 to 25 ns a frame, measured by the ignored test below, whatever the listener does: neither lock,
+//! A push costs 10 to 25 ns a frame, measured by the ignored test below, whatever the observer does: neither lock,
 //! allocation nor system call. That is 0.1 µs a cycle, however many signals its frames hold.
 
 use std::sync::Arc;
@@ -12,58 +12,57 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use crate::log::Stamped;
 
-/// Frames that a listener may be behind: about ten seconds of a bus with six frames in a cycle of 1 ms, in 3 MB.
+/// Frames that an observer may be behind: about ten seconds of a bus with six frames in a cycle of 1 ms, in 3 MB.
 const CAPACITY: usize = 1 << 16;
-/// How long virtual time stands still for a listener that takes nothing. After that it is no longer waited for.
+/// How long virtual time stands still for an observer that takes nothing. After that it is no longer waited for.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How often it is looked whether there is room.
 const LOOK_PERIOD: Duration = Duration::from_millis(1);
 
-/// What to do with a frame when the listener is too far behind.
+/// What to do with a frame when the observer is too far behind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WhenFull {
     /// Leave it out, and count it: real time waits for nobody.
     Drop,
-    /// Wait for room, as long as the listener takes anything at all.
+    /// Wait for room, as long as the observer takes anything at all.
     Wait,
 }
 
-/// Frames that a listener has not got.
+/// Frames that an observer has not got.
 #[derive(Clone, Debug, Default)]
-pub struct Dropped(Arc<AtomicU64>);
+pub struct DroppedFrames(Arc<AtomicU64>);
 
-impl Dropped {
-    /// How many.
+impl DroppedFrames {
     #[must_use]
     pub fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// The run's end of the ring.
+/// The run's end of a bounded queue of frames.
 #[derive(Debug)]
-pub struct Tap {
+pub struct FrameQueue {
     ring: Producer<Stamped>,
     when_full: WhenFull,
-    dropped: Dropped,
+    dropped: DroppedFrames,
 }
 
-impl Tap {
-    /// A ring: the run's end, the listener's end, and the count of what did not fit.
+impl FrameQueue {
+    /// The run's end, the observer's end, and the count of what did not fit.
     #[must_use]
-    pub fn new(when_full: WhenFull) -> (Self, Consumer<Stamped>, Dropped) {
-        let (ring, listener) = RingBuffer::new(CAPACITY);
-        let dropped = Dropped::default();
-        let tap = Self {
+    pub fn new(when_full: WhenFull) -> (Self, Consumer<Stamped>, DroppedFrames) {
+        let (ring, observer) = RingBuffer::new(CAPACITY);
+        let dropped = DroppedFrames::default();
+        let queue = Self {
             ring,
             when_full,
             dropped: dropped.clone(),
         };
-        (tap, listener, dropped)
+        (queue, observer, dropped)
     }
 
     /// Hands a frame on.
-    pub fn take(&mut self, stamped: Stamped) {
+    pub fn push(&mut self, stamped: Stamped) {
         let Err(PushError::Full(stamped)) = self.ring.push(stamped) else {
             return;
         };
@@ -75,7 +74,7 @@ impl Tap {
         self.dropped.0.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Waits for room. A listener that made none is not waited for again.
+    /// Waits for room. An observer that made none is not waited for again.
     fn has_room_in_time(&mut self) -> bool {
         let mut waited = Duration::ZERO;
         while self.ring.is_full() && !self.ring.is_abandoned() && waited < PATIENCE {
@@ -101,48 +100,48 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_counted_and_the_first_frames_stay() {
-        let (mut tap, mut listener, dropped) = Tap::new(WhenFull::Drop);
-        (0..CAPACITY + 3).for_each(|number| tap.take(frame(number)));
+        let (mut queue, mut observer, dropped) = FrameQueue::new(WhenFull::Drop);
+        (0..CAPACITY + 3).for_each(|number| queue.push(frame(number)));
         assert_eq!(dropped.count(), 3);
-        assert_eq!(listener.pop(), Ok(frame(0)));
-        tap.take(frame(7));
-        assert_eq!((dropped.count(), listener.slots()), (3, CAPACITY));
+        assert_eq!(observer.pop(), Ok(frame(0)));
+        queue.push(frame(7));
+        assert_eq!((dropped.count(), observer.slots()), (3, CAPACITY));
     }
 
     #[test]
     fn virtual_time_waits_for_a_slow_listener_and_not_for_one_that_is_gone() {
-        let (mut tap, mut listener, dropped) = Tap::new(WhenFull::Wait);
+        let (mut queue, mut observer, dropped) = FrameQueue::new(WhenFull::Wait);
         let count = CAPACITY + 1000;
-        let heard = std::thread::spawn(move || {
-            let mut heard = 0;
-            while heard < count {
-                match listener.pop() {
-                    Ok(_) => heard += 1,
+        let received = std::thread::spawn(move || {
+            let mut received = 0;
+            while received < count {
+                match observer.pop() {
+                    Ok(_) => received += 1,
                     Err(_) => sleep(LOOK_PERIOD),
                 }
             }
-            heard
+            received
         });
-        (0..count).for_each(|number| tap.take(frame(number)));
-        assert_eq!((heard.join().unwrap(), dropped.count()), (count, 0));
-        // The listener's end went with its thread.
-        (0..CAPACITY + 5).for_each(|number| tap.take(frame(number)));
+        (0..count).for_each(|number| queue.push(frame(number)));
+        assert_eq!((received.join().unwrap(), dropped.count()), (count, 0));
+        // The observer's end went with its thread.
+        (0..CAPACITY + 5).for_each(|number| queue.push(frame(number)));
         assert_eq!(dropped.count(), 5);
     }
 
-    /// `cargo test --release -p canrig --lib -- --ignored --nocapture what_a_push_costs`
+    /// `cargo test --release -p recording -- --ignored --nocapture what_a_push_costs`
     #[test]
     #[ignore = "a measurement"]
     fn what_a_push_costs() {
-        let (mut tap, mut listener, dropped) = Tap::new(WhenFull::Drop);
+        let (mut queue, mut observer, dropped) = FrameQueue::new(WhenFull::Drop);
         let clock = platform::clock::Clock::start();
         let mut busy = Duration::ZERO;
         let rounds = 100;
         for _ in 0..rounds {
             let begin = clock.now();
-            (0..CAPACITY).for_each(|number| tap.take(frame(number)));
+            (0..CAPACITY).for_each(|number| queue.push(frame(number)));
             busy += clock.now() - begin;
-            while listener.pop().is_ok() {}
+            while observer.pop().is_ok() {}
         }
         let pushes = u32::try_from(rounds * CAPACITY).unwrap();
         let nanos = busy.as_secs_f64() * 1e9 / f64::from(pushes);

@@ -1,0 +1,119 @@
+//! A row of a verdict: a value beside its limit.
+
+use scenario::expect::{Limit, Requirements};
+use serde::{Deserialize, Serialize};
+
+/// One row of a verdict: a metric, or a check of a signal or a sequence.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Metric {
+    /// Its key in `[expect]`, or what a check demands; the unit is in the name.
+    pub name: String,
+    /// The measured value; none where the run does not have it (no step, never settled).
+    pub value: Option<f64>,
+    /// When it was so, in scenario time; for checks of signals only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub at_seconds: Option<f64>,
+    /// Why there is no value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub remark: Option<String>,
+    /// Its limit; none where it is only reported.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub limit: Option<Limit>,
+    /// Whether the limit is met; none where there is no limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub passed: Option<bool>,
+    /// The requirements that it tests.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub requirements: Requirements,
+}
+
+impl Metric {
+    /// Holds a value against its limit. Without a value a limit is not met.
+    #[must_use]
+    pub fn new(name: impl Into<String>, value: Result<f64, String>, limit: Option<Limit>) -> Self {
+        let passed = limit.map(|limit| value.as_ref().is_ok_and(|value| meets(*value, limit)));
+        let (value, remark) = match value {
+            Ok(value) => (Some(rounded(value)), None),
+            Err(remark) => (None, Some(remark)),
+        };
+        Self {
+            name: name.into(),
+            value,
+            at_seconds: None,
+            remark,
+            limit,
+            passed,
+            requirements: Requirements::new(),
+        }
+    }
+
+    /// A metric of which nobody on this bus sends anything: its limit is neither met nor missed.
+    #[must_use]
+    pub fn not_judged(name: impl Into<String>, reason: String, limit: Option<Limit>) -> Self {
+        Self {
+            name: name.into(),
+            value: None,
+            at_seconds: None,
+            remark: Some(reason),
+            limit,
+            passed: None,
+            requirements: Requirements::new(),
+        }
+    }
+
+    /// With the time at which it was so.
+    #[must_use]
+    pub fn at(self, seconds: Option<f64>) -> Self {
+        Self {
+            at_seconds: seconds.map(rounded),
+            ..self
+        }
+    }
+}
+
+/// What a metric is called, for people: a key as words, the name of a check as it is.
+#[must_use]
+pub fn title(name: &str) -> String {
+    match name.contains(' ') {
+        true => name.to_owned(),
+        false => name.replace('_', " "),
+    }
+}
+
+fn meets(value: f64, limit: Limit) -> bool {
+    let value = rounded(value);
+    limit.min.is_none_or(|min| value >= min) && limit.max.is_none_or(|max| value <= max)
+}
+
+/// Six decimals: more than any metric is known to, and the same text on every machine.
+pub(crate) fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
+
+/// The reason of a run that cannot pass: limits on something that nobody on the bus sends.
+pub(crate) fn not_judged(metrics: &[Metric]) -> Option<String> {
+    let undecided = |metric: &&Metric| metric.limit.is_some() && metric.passed.is_none();
+    let undecided = metrics.iter().filter(undecided);
+    let names: Vec<&str> = undecided.map(|metric| metric.name.as_str()).collect();
+    (!names.is_empty()).then(|| format!("not judged: {}", names.join(", ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_are_two_sided_and_inclusive() {
+        let limit = Some(Limit {
+            min: Some(0.1),
+            max: Some(0.23),
+        });
+        let passed = |value| Metric::new("settling_time_seconds", value, limit).passed;
+        assert_eq!(passed(Ok(0.23)), Some(true));
+        assert_eq!(passed(Ok(0.230_001)), Some(false));
+        assert_eq!(passed(Ok(0.05)), Some(false));
+        assert_eq!(passed(Ok(f64::NAN)), Some(false));
+        assert_eq!(passed(Err("never settled".to_owned())), Some(false));
+        assert_eq!(Metric::new("overshoot_percent", Ok(1.0), None).passed, None);
+    }
+}

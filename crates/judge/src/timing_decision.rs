@@ -1,0 +1,143 @@
+//! Holds the timing of a run in real time against its limits, and decides the outcome again.
+
+use scenario::expect::Expect;
+
+use crate::metric::{Metric, not_judged};
+use crate::timing::Timing;
+use crate::verdict::{Outcome, Verdict};
+
+/// Metrics that a busy host makes worse.
+const HOST_METRICS: [&str; 2] = ["missed_cycles_percent", "sync_interval_milliseconds_max"];
+
+/// Adds the timing of a run in real time and judges its limits. Where the timing is not trusted they are neither met nor
+/// missed, and the run cannot pass.
+pub fn judge_timing(verdict: &mut Verdict, timing: Timing, expect: &Expect) {
+    let unavailable = not_judged(&verdict.metrics);
+    let mut metrics = timing.metrics(&expect.timing);
+    for metric in &mut metrics {
+        let own = expect.requirements.get(&metric.name);
+        metric.requirements = own.cloned().unwrap_or_default();
+    }
+    if !timing.distrust.is_empty() {
+        metrics.iter_mut().for_each(|metric| metric.passed = None);
+        excuse_host(&mut verdict.metrics);
+    }
+    verdict.metrics.extend(metrics);
+    if is_open(verdict, unavailable.as_ref()) {
+        decide(verdict, &timing, unavailable);
+    }
+    verdict.timing = Some(timing);
+}
+
+/// These are met by luck at worst, but missed by the machine.
+fn excuse_host(metrics: &mut [Metric]) {
+    for metric in metrics {
+        if HOST_METRICS.contains(&metric.name.as_str()) && metric.passed == Some(false) {
+            metric.passed = None;
+        }
+    }
+}
+
+/// Whether the timing can change the outcome.
+fn is_open(verdict: &Verdict, unavailable: Option<&String>) -> bool {
+    match verdict.outcome {
+        Outcome::Pass | Outcome::Fail => true,
+        // Only for what nobody on the bus sends; what the timing adds may fail still.
+        Outcome::Inconclusive => unavailable.is_some() && verdict.reason.as_ref() == unavailable,
+        Outcome::Incomplete => false,
+    }
+}
+
+fn decide(verdict: &mut Verdict, timing: &Timing, unavailable: Option<String>) {
+    let limited = verdict.metrics.iter();
+    let limited = limited.filter(|metric| metric.limit.is_some());
+    let results: Vec<Option<bool>> = limited.map(|metric| metric.passed).collect();
+    if results.contains(&Some(false)) {
+        (verdict.outcome, verdict.reason) = (Outcome::Fail, None);
+    } else if results.contains(&None) {
+        let distrust = timing.distrust.join("; ");
+        let late = (not_judged(&verdict.metrics) != unavailable)
+            .then(|| format!("the timing cannot be judged: {distrust}"));
+        let reasons: Vec<String> = unavailable.into_iter().chain(late).collect();
+        verdict.outcome = Outcome::Inconclusive;
+        verdict.reason = Some(reasons.join("; "));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use recording::latency::{NodeReport, Quantiles};
+    use scenario::expect::Limit;
+
+    use super::*;
+
+    #[test]
+    fn limits_on_time_pass_only_where_the_timing_is_trusted() {
+        let timing = |p99, distrust: &[&str]| Timing {
+            controller: Some(NodeReport::default()),
+            plant_emulator: Some(NodeReport::default()),
+            sync_to_position_microseconds: Quantiles::default(),
+            position_to_command_microseconds: Quantiles::default(),
+            round_trip_microseconds: Quantiles {
+                p99,
+                ..Quantiles::default()
+            },
+            distrust: distrust.iter().map(ToString::to_string).collect(),
+        };
+        let max = |max| {
+            let limit = Limit {
+                min: None,
+                max: Some(max),
+            };
+            Some(limit)
+        };
+        let name = "round_trip_microseconds_p99";
+        let mut limits = Expect {
+            requirements: [(name.to_owned(), vec!["REQ-1".to_owned()])].into(),
+            ..Expect::default()
+        };
+        limits.timing.round_trip_microseconds.p99 = max(800.0);
+        let outcome = |missed: f64, timing: Timing, limits: &Expect| {
+            let mut verdict = Verdict::incomplete("hold", 1, "");
+            verdict.metrics = vec![Metric::new("missed_cycles_percent", Ok(missed), max(0.1))];
+            let passed = verdict.metrics[0].passed == Some(true);
+            verdict.outcome = if passed { Outcome::Pass } else { Outcome::Fail };
+            judge_timing(&mut verdict, timing, limits);
+            let row = verdict.metrics.iter().find(|metric| metric.name == name);
+            assert!(row.is_none_or(|row| row.requirements == ["REQ-1"]));
+            assert_eq!(row.is_some(), !limits.timing.is_empty());
+            verdict.outcome
+        };
+        let refused = ["no priority"];
+        assert_eq!(outcome(0.0, timing(700.0, &[]), &limits), Outcome::Pass);
+        assert_eq!(outcome(0.0, timing(900.0, &[]), &limits), Outcome::Fail);
+        for p99 in [700.0, 900.0] {
+            let judged = outcome(0.0, timing(p99, &refused), &limits);
+            assert_eq!(judged, Outcome::Inconclusive);
+        }
+        assert_eq!(outcome(0.5, timing(700.0, &[]), &limits), Outcome::Fail);
+        // What nobody sends does not pass, and does not hide what fails.
+        let unavailable = |p99| {
+            let mut verdict = Verdict::incomplete("hold", 1, "");
+            let name = "temperature_celsius";
+            verdict.metrics = vec![Metric::not_judged(
+                name,
+                "not available".to_owned(),
+                max(90.0),
+            )];
+            verdict.outcome = Outcome::Inconclusive;
+            verdict.reason = Some(format!("not judged: {name}"));
+            judge_timing(&mut verdict, timing(p99, &[]), &limits);
+            verdict.outcome
+        };
+        assert_eq!(unavailable(700.0), Outcome::Inconclusive);
+        assert_eq!(unavailable(900.0), Outcome::Fail);
+        // Without limits on time the timing is only reported.
+        let none = Expect::default();
+        assert_eq!(outcome(0.0, timing(9e9, &refused), &none), Outcome::Pass);
+        assert_eq!(
+            outcome(0.5, timing(9e9, &refused), &none),
+            Outcome::Inconclusive
+        );
+    }
+}

@@ -1,0 +1,175 @@
+//! Fills the columns of a timeline, one value for each cycle. Most signals keep a value for long, so rows are filled many
+//! at a time, and only the signals whose bits changed are decoded.
+
+use canopen::CanFrame;
+use dbc::signals::{COLUMN_MESSAGES, OPTIONAL_MESSAGES, POSITION};
+use dbc::{Database, Message, Signal, SignalHandle, SignalMissing};
+
+use super::decoded::Column;
+
+/// The columns of all messages, in their order.
+pub(super) struct Columns(Vec<MessageColumns>);
+
+impl Columns {
+    pub(super) fn new(database: &Database) -> Result<Self, SignalMissing> {
+        let mut messages = Vec::new();
+        for name in COLUMN_MESSAGES {
+            match database.message(name) {
+                Some(message) => messages.push(MessageColumns::new(message, database)?),
+                None if OPTIONAL_MESSAGES.contains(&name) => {}
+                None => return Err(SignalMissing::new(name)),
+            }
+        }
+        Ok(Self(messages))
+    }
+
+    pub(super) fn reserve(&mut self, rows: usize) {
+        for message in &mut self.0 {
+            for signal in &mut message.signals {
+                signal.rows.reserve(rows);
+            }
+        }
+    }
+
+    /// Takes a frame of the latest of so many cycles.
+    pub(super) fn take(&mut self, frame: &CanFrame, rows: usize) {
+        let mut messages = self.0.iter_mut();
+        if let Some(message) = messages.find(|message| message.raw_id == frame.raw_id()) {
+            message.take(frame, rows);
+        }
+    }
+
+    /// Takes the first rows out.
+    pub(super) fn take_rows(&mut self, rows: usize) -> Vec<Column> {
+        let messages = self.0.iter_mut();
+        messages
+            .flat_map(|message| message.take_rows(rows))
+            .collect()
+    }
+}
+
+/// A signal that becomes a column.
+struct SignalColumn {
+    handle: SignalHandle,
+    name: String,
+    unit: String,
+    /// The value from the first row on that is not there yet.
+    latest: f64,
+    /// The rows up to the last change.
+    rows: Vec<f64>,
+}
+
+impl SignalColumn {
+    fn new(handle: SignalHandle, signal: &Signal) -> Self {
+        Self {
+            handle,
+            name: signal.name.clone(),
+            unit: signal.unit.clone(),
+            latest: f64::NAN,
+            rows: Vec::new(),
+        }
+    }
+
+    /// Has another value from a row on.
+    fn change(&mut self, row: usize, value: f64) {
+        self.fill(row);
+        self.latest = value;
+    }
+
+    /// Has all rows before this one.
+    fn fill(&mut self, row: usize) {
+        match row.saturating_sub(self.rows.len()) {
+            0 => {}
+            // That of a signal which changes in each cycle.
+            1 => self.rows.push(self.latest),
+            _ => self.rows.resize(row, self.latest),
+        }
+    }
+
+    fn take_column(&mut self, rows: usize) -> Column {
+        self.fill(rows);
+        Column {
+            name: self.name.clone(),
+            unit: self.unit.clone(),
+            values: std::mem::take(&mut self.rows),
+        }
+    }
+}
+
+/// A message whose signals become columns.
+struct MessageColumns {
+    raw_id: u32,
+    signals: Vec<SignalColumn>,
+    /// Measured values belong to their cycle; everything else holds until it changes.
+    is_measured: bool,
+    /// The latest frame; none where it was too short for a signal, or its values do not hold any more.
+    latest: Option<CanFrame>,
+    /// How many rows there were when it came.
+    rows: usize,
+}
+
+impl MessageColumns {
+    fn new(message: &Message, database: &Database) -> Result<Self, SignalMissing> {
+        let signals = message.signals.iter().map(|signal| {
+            let handle = database.require(&format!("{}.{}", message.name, signal.name))?;
+            Ok(SignalColumn::new(handle, signal))
+        });
+        Ok(Self {
+            raw_id: message.raw_id,
+            signals: signals.collect::<Result<_, SignalMissing>>()?,
+            is_measured: POSITION.starts_with(&message.name),
+            latest: None,
+            rows: 0,
+        })
+    }
+
+    fn take(&mut self, frame: &CanFrame, rows: usize) {
+        // The latest row is not over, and there is none before the first cycle.
+        let row = rows.saturating_sub(1);
+        self.end_before(row);
+        let changed = self.changed_bits(frame);
+        let mut is_whole = true;
+        for signal in &mut self.signals {
+            if signal.handle.mask() & changed == 0 {
+                continue;
+            }
+            if let Some(value) = signal.handle.decode(frame) {
+                signal.change(row, value);
+                continue;
+            }
+            is_whole = false;
+            if self.is_measured && self.rows < rows {
+                signal.change(row, f64::NAN);
+            }
+        }
+        self.latest = is_whole.then_some(*frame);
+        self.rows = rows;
+    }
+
+    /// The bits by which the frame differs from the latest; all where they cannot be compared.
+    fn changed_bits(&self, frame: &CanFrame) -> u64 {
+        let bits = |frame: &CanFrame| u64::from_le_bytes(frame.buffer());
+        match &self.latest {
+            Some(latest) if latest.data().len() == frame.data().len() => bits(latest) ^ bits(frame),
+            _ => u64::MAX,
+        }
+    }
+
+    /// Measured values that were not sent again have none from the cycle behind theirs to this row.
+    fn end_before(&mut self, row: usize) {
+        if self.is_measured && self.rows < row {
+            for signal in &mut self.signals {
+                signal.change(self.rows, f64::NAN);
+            }
+            self.latest = None;
+        }
+    }
+
+    /// Takes the first rows out.
+    fn take_rows(&mut self, rows: usize) -> impl Iterator<Item = Column> {
+        self.end_before(rows);
+        self.rows = self.rows.saturating_sub(rows);
+        let signals = self.signals.iter_mut();
+        signals.map(move |signal| signal.take_column(rows))
+    }
+}

@@ -1,0 +1,112 @@
+//! The decoded recording: one row for each cycle.
+
+use crate::events::{TimedEmergency, TimelineEvent};
+use crate::traces::SignalTrace;
+use crate::truth::PlantTruth;
+
+/// One signal over all cycles.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column {
+    /// The signal's name in the DBC; the unit is its end.
+    pub name: String,
+    /// The unit in the DBC; empty for numbers without one.
+    pub unit: String,
+    /// Physical value per cycle; NaN where the signal was not on the bus yet, or, for the drive's measured values, in
+    /// a cycle in which the drive was silent.
+    pub values: Vec<f64>,
+}
+
+/// A recording, decoded.
+#[derive(Clone, Debug)]
+pub struct Timeline {
+    /// The SYNC period.
+    pub period_seconds: f64,
+    /// Number of the cycle since scenario time 0, per row. Rows of cycles that never began are absent.
+    pub cycle: Vec<u64>,
+    /// Scenario time per row: the cycle's number times the period.
+    pub time_seconds: Vec<f64>,
+    /// The cycles that should have begun by the latest SYNC, up to the scenario's end.
+    pub cycles_due: u64,
+    /// The raw set-point of the scenario per row; NaN where the scenario has none.
+    pub set_point_millimetres: Vec<f64>,
+    pub columns: Vec<Column>,
+    /// Time in which frames occupied the bus by all time, from the first SYNC on; NaN without two SYNCs.
+    pub bus_load_percent: f64,
+    /// The longest time between two SYNCs; NaN without two SYNCs.
+    pub sync_interval_milliseconds_max: f64,
+    /// What happened, in the order of time.
+    pub events: Vec<TimelineEvent>,
+    pub emergencies: Vec<TimedEmergency>,
+    /// What the emulated plant reported of itself; empty without faults.
+    pub truth: Vec<PlantTruth>,
+    /// Whether the fan and load module was there and got its commands.
+    pub has_fan: bool,
+    /// The signals that the scenario's checks name.
+    pub traces: Vec<SignalTrace>,
+    /// When the scenario began, on the recording's clock; none if it never did.
+    pub zero_seconds: Option<f64>,
+    /// Scenario time of the last frame.
+    pub last_frame_seconds: f64,
+    /// Places of two columns that every recording has.
+    pub(super) position: usize,
+    pub(super) current: usize,
+}
+
+impl Timeline {
+    /// A column by its signal's name.
+    #[must_use]
+    pub fn column(&self, name: &str) -> Option<&Column> {
+        self.columns.iter().find(|column| column.name == name)
+    }
+
+    /// The measured position in millimetres.
+    #[must_use]
+    pub fn position(&self) -> &[f64] {
+        &self.columns[self.position].values
+    }
+
+    /// The measured current in amperes.
+    #[must_use]
+    pub fn current(&self) -> &[f64] {
+        &self.columns[self.current].values
+    }
+
+    /// Scenario time at the end of the last cycle.
+    #[must_use]
+    pub fn end_seconds(&self) -> f64 {
+        self.time_seconds
+            .last()
+            .map_or(0.0, |time| time + self.period_seconds)
+    }
+
+    /// Scenario time at the end of the last cycle that was due.
+    #[must_use]
+    pub fn due_seconds(&self) -> f64 {
+        cycle_start_seconds(self.cycles_due, self.period_seconds)
+    }
+
+    /// Cycles that never began or in which the drive was silent, by all that were due.
+    #[must_use]
+    pub fn missed_cycles_percent(&self) -> f64 {
+        if self.cycles_due == 0 {
+            return 0.0;
+        }
+        let is_served = |position: &&f64| !position.is_nan();
+        let served = self.position().iter().filter(is_served).count();
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "cycle counts stay far below 2^52"
+        )]
+        let (due, served) = (self.cycles_due as f64, served as f64);
+        100.0 * (due - served) / due
+    }
+}
+
+/// Scenario time at which a cycle begins.
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "cycle numbers stay far below 2^52"
+)]
+pub(super) fn cycle_start_seconds(cycle: u64, period_seconds: f64) -> f64 {
+    cycle as f64 * period_seconds
+}

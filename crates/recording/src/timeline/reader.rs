@@ -1,0 +1,325 @@
+//! Decodes frames, cycle by cycle.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use dbc::scenario_clock::ScenarioClock;
+use dbc::{SignalMissing, signals};
+use rig::setup::Setup;
+use scenario::Scenario;
+
+use super::columns::Columns;
+use super::decoded::{Column, Timeline, cycle_start_seconds};
+use super::traffic::Traffic;
+use crate::events::EventReader;
+use crate::fan::FanReader;
+use crate::log::Stamped;
+use crate::losses::LossReader;
+use crate::traces::TraceReader;
+use crate::truth::TruthReader;
+
+/// Decodes frames until the scenario's end.
+///
+/// # Errors
+/// The database lacks a signal that the bench needs.
+pub fn decode(frames: &[Stamped], setup: &Setup) -> Result<Timeline, SignalMissing> {
+    let mut reader = TimelineReader::new(setup)?;
+    reader.reserve(frames.len());
+    for stamped in frames {
+        reader.take(stamped);
+    }
+    reader.take_rest(&setup.scenario)
+}
+
+/// Decodes the frames of a run as they come.
+pub struct TimelineReader {
+    clock: ScenarioClock,
+    period: Duration,
+    end: Duration,
+    end_cycle: u64,
+    events: EventReader,
+    losses: LossReader,
+    truth: TruthReader,
+    fan: FanReader,
+    /// Raw identifiers of the messages that events, losses, the truth and the fan are read from.
+    rare: BTreeSet<u32>,
+    traces: TraceReader,
+    last_frame: Duration,
+    traffic: Traffic,
+    columns: Columns,
+    cycle: Vec<u64>,
+    cycles_due: u64,
+}
+
+impl TimelineReader {
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub fn new(setup: &Setup) -> Result<Self, SignalMissing> {
+        let (scenario, database) = (&setup.scenario, &*setup.database);
+        let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
+        let end = Duration::from_secs_f64(scenario.duration_seconds);
+        let events = EventReader::new(database);
+        let losses = LossReader::new(scenario, database);
+        let truth = TruthReader::new(database)?;
+        let fan = FanReader::new(database)?;
+        let rare = events.raw_ids().chain(losses.raw_ids());
+        let rare = rare.chain([truth.raw_id()]).chain(fan.raw_ids()).collect();
+        Ok(Self {
+            clock: ScenarioClock::new(database)?,
+            period,
+            end,
+            end_cycle: cycles(end, period),
+            rare,
+            events,
+            losses,
+            truth,
+            fan,
+            traces: TraceReader::new(setup),
+            last_frame: Duration::ZERO,
+            traffic: Traffic::new(scenario),
+            columns: Columns::new(database)?,
+            cycle: Vec::new(),
+            cycles_due: 0,
+        })
+    }
+
+    /// Makes room for the rows of so many frames.
+    fn reserve(&mut self, frames: usize) {
+        let cycles = usize::try_from(self.end_cycle).unwrap_or(usize::MAX);
+        let rows = cycles.min(frames);
+        self.cycle.reserve(rows);
+        self.columns.reserve(rows);
+    }
+
+    /// Takes every frame of the bus in order.
+    pub fn take(&mut self, stamped: &Stamped) {
+        let frame = &stamped.frame;
+        let is_sync = self.clock.on_frame(stamped.time, frame);
+        let time = self.clock.scenario_time(stamped.time);
+        self.last_frame = stamped.time;
+        if let Some(time) = time {
+            self.losses.pass(time);
+        }
+        if frame.is_error() || self.rare.contains(&frame.raw_id()) {
+            self.take_rare(stamped, time);
+        }
+        // How the nodes stop after the scenario's end is no part of its last cycle.
+        if time.is_none_or(|time| time < self.end) {
+            let bits = stamped.occupied_bits;
+            self.traffic.take(frame, stamped.time, bits);
+            self.columns.take(frame, self.cycle.len());
+        }
+        if let Some(time) = time.filter(|_| is_sync) {
+            self.begin_cycle(cycles(time, self.period));
+        }
+        if !self.traces.is_empty() {
+            self.traces.take(frame, time, self.cycle_seconds());
+        }
+    }
+
+    /// Takes a frame for those that read few: most frames are cyclic and none of theirs.
+    fn take_rare(&mut self, stamped: &Stamped, time: Option<Duration>) {
+        self.events.take(stamped);
+        if let Some(time) = time {
+            self.losses.take(&stamped.frame, time);
+        }
+        if stamped.frame.raw_id() == self.truth.raw_id() {
+            self.truth.take(stamped);
+        }
+        self.fan.take(&stamped.frame);
+    }
+
+    /// When the latest cycle began.
+    fn cycle_seconds(&self) -> Option<f64> {
+        let latest = self.cycle.last()?;
+        Some(cycle_start_seconds(*latest, self.period.as_secs_f64()))
+    }
+
+    fn begin_cycle(&mut self, number: u64) {
+        let due = number.saturating_add(1).min(self.end_cycle);
+        self.cycles_due = self.cycles_due.max(due);
+        let is_new = self.cycle.last().is_none_or(|last| number > *last);
+        if is_new && number < self.end_cycle {
+            self.cycle.push(number);
+        }
+    }
+
+    /// The cycles that no later frame can change, and what happened until now; each is given once.
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub fn take_piece(&mut self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+        let closed = self.cycle.len().saturating_sub(1);
+        let mut piece = self.take_rows(closed, scenario)?;
+        let zero = self.clock.zero();
+        piece.events = self.events.take_until(piece.end_seconds(), scenario, zero);
+        Ok(piece)
+    }
+
+    /// Everything that was not given yet.
+    ///
+    /// # Errors
+    /// The database lacks a signal that the bench needs.
+    pub fn take_rest(&mut self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+        let mut rest = self.take_rows(self.cycle.len(), scenario)?;
+        let zero = self.clock.zero();
+        rest.events = self.events.take_until(f64::INFINITY, scenario, zero);
+        rest.events.extend(self.losses.take_all());
+        rest.events
+            .sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
+        rest.emergencies = self.events.emergencies(zero);
+        rest.truth = self.truth.take_all(zero);
+        rest.traces = self.traces.take_all();
+        Ok(rest)
+    }
+
+    /// The first rows as a timeline of their own, without what happened besides.
+    fn take_rows(&mut self, rows: usize, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+        let period_seconds = self.period.as_secs_f64();
+        let cycle = take_front(&mut self.cycle, rows);
+        let starts = cycle.iter();
+        let time_seconds: Vec<f64> = starts
+            .map(|cycle| cycle_start_seconds(*cycle, period_seconds))
+            .collect();
+        let columns = self.columns.take_rows(rows);
+        let zero = self.clock.zero();
+        let since_zero = self.last_frame.saturating_sub(zero.unwrap_or_default());
+        Ok(Timeline {
+            period_seconds,
+            set_point_millimetres: set_points(scenario, &time_seconds),
+            cycle,
+            time_seconds,
+            cycles_due: self.cycles_due,
+            position: place(&columns, signals::POSITION)?,
+            current: place(&columns, signals::CURRENT)?,
+            columns,
+            events: Vec::new(),
+            emergencies: Vec::new(),
+            truth: Vec::new(),
+            has_fan: self.fan.has_fan(),
+            traces: Vec::new(),
+            zero_seconds: zero.map(|zero| zero.as_secs_f64()),
+            last_frame_seconds: since_zero.as_secs_f64(),
+            bus_load_percent: self.traffic.load_percent(),
+            sync_interval_milliseconds_max: self.traffic.sync_interval_milliseconds_max(),
+        })
+    }
+}
+
+/// Where the column of a signal stands.
+fn place(columns: &[Column], path: &str) -> Result<usize, SignalMissing> {
+    let name = path.split_once('.').map_or(path, |(_, name)| name);
+    let place = columns.iter().position(|column| column.name == name);
+    place.ok_or_else(|| SignalMissing::new(path))
+}
+
+/// Takes the first values out, without moving them.
+fn take_front<T>(values: &mut Vec<T>, count: usize) -> Vec<T> {
+    let rest = values.split_off(count);
+    std::mem::replace(values, rest)
+}
+
+/// The nearest whole number of periods.
+fn cycles(time: Duration, period: Duration) -> u64 {
+    let cycles = time.saturating_add(period / 2).as_nanos() / period.as_nanos().max(1);
+    u64::try_from(cycles).unwrap_or(u64::MAX)
+}
+
+fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Vec<f64> {
+    if scenario.reference.is_empty() {
+        return vec![f64::NAN; time_seconds.len()];
+    }
+    let trajectory = scenario.reference.trajectory();
+    let times = time_seconds.iter();
+    times
+        .map(|time| trajectory.at(*time).position_metres * 1e3)
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use canopen::CanFrame;
+    use dbc::SignalHandle;
+    use dbc::scenario_clock::{STATUSWORD, SYNC_COB_ID};
+    use proptest::prelude::*;
+    use rig::catalogue::Catalogue;
+
+    use super::*;
+
+    /// A signal that is read cycle by cycle.
+    struct Simple {
+        handle: SignalHandle,
+        is_measured: bool,
+        latest: f64,
+        rows: Vec<f64>,
+    }
+
+    impl Simple {
+        fn begin_cycle(&mut self) {
+            if self.is_measured {
+                self.latest = f64::NAN;
+            }
+            self.rows.push(self.latest);
+        }
+
+        fn take(&mut self, frame: &CanFrame) {
+            if let Some(value) = self.handle.decode(frame) {
+                self.latest = value;
+                self.rows
+                    .last_mut()
+                    .into_iter()
+                    .for_each(|last| *last = value);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn rows_hold_what_was_sent_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
+            let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
+            let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+            let setup = Setup::of(scenario, &Catalogue::shipped());
+            let (scenario, database) = (&setup.scenario, &*setup.database);
+            let paths = [signals::POSITION, signals::CURRENT, STATUSWORD, signals::TARGET_CURRENT];
+            let mut expected = paths.map(|path| Simple {
+                handle: database.require(path).unwrap(),
+                is_measured: path.starts_with("drive_tpdo1"),
+                latest: f64::NAN,
+                rows: Vec::new(),
+            });
+            let ids = [0, 3].map(|place: usize| u16::try_from(expected[place].handle.raw_id()).unwrap());
+            let mut enabled = database.builder("drive_tpdo1").unwrap();
+            enabled.set(&expected[2].handle, 55.0);
+            let sync = CanFrame::new(SYNC_COB_ID, &[]);
+            let mut reader = TimelineReader::new(&setup).unwrap();
+            let mut pieces = Vec::new();
+            let mut micros = 0;
+            for (kind, byte, length) in [(8, 0, 0), (0, 0, 0)].into_iter().chain(steps) {
+                let sent = |id| CanFrame::new(id, &[byte & 3; 8][..length]);
+                let frame = match kind {
+                    0 | 1 => sync,
+                    2..5 => sent(ids[0]),
+                    5 | 6 => sent(ids[1]),
+                    7 => {
+                        pieces.push(reader.take_piece(scenario).unwrap());
+                        continue;
+                    }
+                    _ => enabled.frame(),
+                };
+                if frame == sync {
+                    micros += 1000 * (1 + u64::from(byte % 3));
+                    expected.iter_mut().for_each(Simple::begin_cycle);
+                }
+                expected.iter_mut().for_each(|signal| signal.take(&frame));
+                reader.take(&Stamped::new(Duration::from_micros(micros), frame));
+            }
+            pieces.push(reader.take_rest(scenario).unwrap());
+            for (path, signal) in paths.iter().zip(&expected) {
+                let (_, name) = path.split_once('.').unwrap();
+                let rows = pieces.iter().flat_map(|piece| &piece.column(name).unwrap().values);
+                let bits = |rows: Vec<f64>| rows.into_iter().map(f64::to_bits).collect::<Vec<_>>();
+                prop_assert_eq!(bits(rows.copied().collect()), bits(signal.rows.clone()), "{}", path);
+            }
+        }
+    }
+}
