@@ -54,7 +54,7 @@ fn eventually(condition: impl Fn() -> bool) {
     }
 }
 
-fn recorded(recorder: &mut Recorder, count: usize) -> Vec<crate::recorder::Stamped> {
+fn recorded(recorder: &mut Recorder, count: usize) -> Vec<crate::recorder::RecordedFrame> {
     let clock = Clock::start();
     let mut frames = vec![];
     while frames.len() < count {
