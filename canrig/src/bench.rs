@@ -4,9 +4,9 @@ use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
 use clap::Parser;
-use controller::catalogue::{InvalidOwnLaw, OwnLaw, tell_laws};
+use controller::catalogue::{InvalidOwnLaw, OwnLaw, register_laws};
 use controller::law::ControlLaw;
-use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, tell_plants};
+use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, register_plants};
 use plant_emulator::plant::Plant;
 
 use crate::cli::{self, Cli};
@@ -62,7 +62,7 @@ impl Bench {
     pub fn main(self) -> ExitCode {
         std::panic::set_hook(Box::new(console::report_panic));
         // What a panic leaves of the bench is dropped with it.
-        let run = AssertUnwindSafe(|| match self.tell() {
+        let run = AssertUnwindSafe(|| match self.register() {
             Ok(()) => from_command_line(),
             Err(error) => {
                 console::complain(&format!("canrig: this bench cannot begin: {error}"));
@@ -73,12 +73,12 @@ impl Bench {
         exit.unwrap_or(Exit::Internal).into()
     }
 
-    fn tell(self) -> Result<(), InvalidBench> {
+    fn register(self) -> Result<(), InvalidBench> {
         if self.plants.is_empty() && self.laws.is_empty() {
             return Ok(());
         }
-        tell_plants(self.plants)?;
-        tell_laws(self.laws)?;
+        register_plants(self.plants)?;
+        register_laws(self.laws)?;
         catalogue().check().map_err(InvalidBench::Signals)
     }
 }

@@ -1,6 +1,6 @@
 //! The command line.
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use platform::{private_bus, process};
 
 use crate::doctor::{DoctorArgs, doctor};
@@ -76,7 +76,7 @@ Exit codes, of the worst run:
 /// Proves a controller against a plant over a CAN bus, before the real drive is on the table.
 #[derive(Debug, Parser)]
 #[command(version, after_help = EXAMPLES, max_term_width = 100)]
-pub struct Cli {
+pub(crate) struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -84,7 +84,7 @@ pub struct Cli {
 
 /// What to do.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub(crate) enum Command {
     /// Play scenarios with controller and plant as processes on a CAN bus, and judge them
     Run(RunArgs),
     /// Play scenarios in one process and virtual time, and judge them
@@ -143,7 +143,7 @@ pub enum Command {
 
 /// Does what the command line says.
 #[must_use]
-pub fn execute(cli: Cli) -> Exit {
+pub(crate) fn execute(cli: Cli) -> Exit {
     match cli.command {
         Command::Run(args) => run(&args),
         Command::Simulate(args) => simulate(&args),
@@ -164,8 +164,8 @@ pub fn execute(cli: Cli) -> Exit {
         Command::Nodes(args) => nodes(&args),
         Command::Sdo(args) => sdo(&args),
         Command::Monitor(args) => monitor(args),
-        Command::Completions(args) => completions(&args),
-        Command::Man(args) => man(&args),
+        Command::Completions(args) => completions(&args, &mut Cli::command()),
+        Command::Man(args) => man(&args, Cli::command()),
         Command::Node(args) => host(&args),
         Command::PrivateBus { channel } => {
             let served = process::inherited_channel(channel).and_then(private_bus::serve);

@@ -16,7 +16,7 @@ const VIEWER: &str = "rerun";
 
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Finding {
+pub(crate) struct MachineCheck {
     /// What.
     pub what: &'static str,
     /// What was found.
@@ -25,7 +25,7 @@ pub struct Finding {
     pub mend: Option<String>,
 }
 
-impl Finding {
+impl MachineCheck {
     fn new(what: &'static str, found: Result<String, (String, &str)>) -> Self {
         let (found, mend) = match found {
             Ok(found) => (found, None),
@@ -37,7 +37,7 @@ impl Finding {
 
 /// Arguments of `doctor`.
 #[derive(Args, Debug)]
-pub struct DoctorArgs {
+pub(crate) struct DoctorArgs {
     /// End with exit code 4 when something is amiss
     #[arg(long)]
     pub strict: bool,
@@ -45,10 +45,10 @@ pub struct DoctorArgs {
 
 /// Looks at this machine and prints what serves and what does not.
 #[must_use]
-pub fn doctor(args: &DoctorArgs) -> Exit {
-    let findings = examine();
-    say(&table(&findings));
-    if args.strict && findings.iter().any(|finding| finding.mend.is_some()) {
+pub(crate) fn doctor(args: &DoctorArgs) -> Exit {
+    let checks = examine();
+    say(&table(&checks));
+    if args.strict && checks.iter().any(|check| check.mend.is_some()) {
         Exit::BenchFailed
     } else {
         Exit::Pass
@@ -56,7 +56,7 @@ pub fn doctor(args: &DoctorArgs) -> Exit {
 }
 
 /// Looks at everything. Asks for memory and makes a private bus for a moment.
-fn examine() -> Vec<Finding> {
+fn examine() -> Vec<MachineCheck> {
     vec![
         kernel_can(),
         private_bus(),
@@ -69,11 +69,11 @@ fn examine() -> Vec<Finding> {
     ]
 }
 
-/// The findings as lines.
-fn table(findings: &[Finding]) -> String {
-    let width = findings.iter().map(|finding| finding.what.len()).max();
+/// The checks as lines.
+fn table(checks: &[MachineCheck]) -> String {
+    let width = checks.iter().map(|check| check.what.len()).max();
     let width = width.unwrap_or_default();
-    let lines = findings.iter().map(|Finding { what, found, mend }| {
+    let lines = checks.iter().map(|MachineCheck { what, found, mend }| {
         let mark = if mend.is_some() { "no" } else { "ok" };
         let line = format!("{mark}  {what:width$}  {found}");
         match mend {
@@ -84,20 +84,20 @@ fn table(findings: &[Finding]) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-fn kernel_can() -> Finding {
+fn kernel_can() -> MachineCheck {
     let found = probe::kernel_can().map(|()| "CAN sockets open".to_owned());
     let mend = "sudo modprobe can-raw vcan   (where the kernel is built with CAN; else use --bus embedded)";
-    Finding::new(
+    MachineCheck::new(
         "kernel CAN",
         found.map_err(|error| (first_part(&error), mend)),
     )
 }
 
-fn private_bus() -> Finding {
+fn private_bus() -> MachineCheck {
     let found =
         PrivateBus::start().map(|_| "a vcan in a namespace of one's own carries frames".to_owned());
     let mend = "sudo modprobe vcan can-raw && sudo sysctl user.max_user_namespaces=10000 kernel.unprivileged_userns_clone=1";
-    Finding::new(
+    MachineCheck::new(
         "private bus",
         found.map_err(|error| (first_part(&error), mend)),
     )
@@ -110,7 +110,7 @@ fn first_part(error: &impl ToString) -> String {
     text[..end].to_owned()
 }
 
-fn fifo() -> Finding {
+fn fifo() -> MachineCheck {
     // On a thread that ends at once, so that nothing else runs with the priority.
     let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
     let found = match asked {
@@ -121,19 +121,19 @@ fn fifo() -> Finding {
         )),
         Err(_) => Err(("could not be asked".to_owned(), "")),
     };
-    Finding::new("real-time priority", found)
+    MachineCheck::new("real-time priority", found)
 }
 
-fn memory() -> Finding {
+fn memory() -> MachineCheck {
     let found = scheduling::lock_memory().map(|()| "granted".to_owned());
     let mend = "sudo prlimit --pid $$ --memlock=unlimited";
-    Finding::new(
+    MachineCheck::new(
         "locked memory",
         found.map_err(|error| (first_part(&error), mend)),
     )
 }
 
-fn clock_source() -> Finding {
+fn clock_source() -> MachineCheck {
     let read = setting("/sys/devices/system/clocksource/clocksource0/current_clocksource");
     let found = match read {
         None => Ok("the system does not say".to_owned()),
@@ -150,34 +150,34 @@ fn clock_source() -> Finding {
             "add clocksource=tsc tsc=reliable to the kernel's command line",
         )),
     };
-    Finding::new("clock source", found)
+    MachineCheck::new("clock source", found)
 }
 
-fn governor() -> Finding {
+fn governor() -> MachineCheck {
     let found = match setting("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor") {
         None => Ok("none: the clock rate is not this system's to choose".to_owned()),
         Some(governor) if governor == "performance" => Ok(governor),
         Some(governor) => Err((governor, "sudo cpupower frequency-set -g performance")),
     };
-    Finding::new("CPU governor", found)
+    MachineCheck::new("CPU governor", found)
 }
 
-fn isolation() -> Finding {
+fn isolation() -> MachineCheck {
     // Not needed, so never amiss.
     let isolated = setting("/sys/devices/system/cpu/isolated");
     let found = isolated.filter(|cpus| !cpus.is_empty());
     let none = "no CPU is isolated (optional: isolcpus=… on the kernel's command line)";
-    Finding::new("CPU isolation", Ok(found.unwrap_or(none.to_owned())))
+    MachineCheck::new("CPU isolation", Ok(found.unwrap_or(none.to_owned())))
 }
 
-fn viewer() -> Finding {
+fn viewer() -> MachineCheck {
     let path = env::var_os("PATH").unwrap_or_default();
     let place = env::split_paths(&path)
         .map(|folder| folder.join(VIEWER))
         .find(|program| program.is_file());
     let found = place.map(|place| place.display().to_string());
     let mend = "pip install rerun-sdk==0.36.3";
-    Finding::new("viewer", found.ok_or(("not in PATH".to_owned(), mend)))
+    MachineCheck::new("viewer", found.ok_or(("not in PATH".to_owned(), mend)))
 }
 
 /// The content of a one-line file of the kernel.
@@ -192,12 +192,12 @@ mod tests {
 
     #[test]
     fn what_is_amiss_comes_with_the_command_that_mends_it() {
-        let findings = [
-            Finding::new("kernel CAN", Ok("CAN sockets open".to_owned())),
-            Finding::new("viewer", Err(("not in PATH".to_owned(), "pip install it"))),
+        let checks = [
+            MachineCheck::new("kernel CAN", Ok("CAN sockets open".to_owned())),
+            MachineCheck::new("viewer", Err(("not in PATH".to_owned(), "pip install it"))),
         ];
         assert_eq!(
-            table(&findings),
+            table(&checks),
             "ok  kernel CAN  CAN sockets open\nno  viewer      not in PATH\n                mend: pip install it"
         );
     }

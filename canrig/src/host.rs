@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use canopen::Node;
 use clap::{Args, ValueEnum};
-use faults::Kind;
+use faults::FaultKind;
 use platform::bus::{Bus, BusAddress};
 use platform::hub;
 use platform::process::inherited_channel;
@@ -22,7 +22,7 @@ use worlds::nodes::{controller, faulty_controller, plant_emulator};
 
 /// Arguments of `node`.
 #[derive(Args, Debug)]
-pub struct NodeArgs {
+pub(crate) struct NodeArgs {
     /// Which node
     #[arg(value_enum)]
     pub role: Role,
@@ -42,7 +42,7 @@ pub struct NodeArgs {
 
 /// Which node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Role {
+pub(crate) enum Role {
     /// The manager with its control law
     Controller,
     /// The rig
@@ -51,7 +51,7 @@ pub enum Role {
 
 /// Where a node lives.
 #[derive(Args, Debug)]
-pub struct HostArgs {
+pub(crate) struct HostArgs {
     /// The bus, such as `can0` or `embedded:/path`; in lock-step only where frames cross a real bus
     #[arg(long)]
     pub bus: Option<BusAddress>,
@@ -67,14 +67,15 @@ fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, String> {
     let rig = args.rig.as_deref().map(LoadedRig::load).transpose();
     let rig = rig.map_err(|error| error.to_string())?;
     let is_real_time = args.host.lockstep.is_none();
-    let is_of_process = |kind: &Kind| is_real_time && matches!(kind, Kind::Crash(_) | Kind::Hang);
+    let is_of_process =
+        |kind: &FaultKind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang);
     let make = move || controller(&view, rig.as_ref());
     faulty_controller(make, &scenario.fault, is_of_process).map_err(|error| error.to_string())
 }
 
 /// Runs one node as this process: what the hidden subcommand `node` does.
 #[must_use]
-pub fn host(args: &NodeArgs) -> Exit {
+pub(crate) fn host(args: &NodeArgs) -> Exit {
     let hosted = match args.role {
         Role::Controller => hosted_controller(args).and_then(|mut node| run_node(&mut *node, args)),
         Role::PlantEmulator => Scenario::load(&args.scenario)
@@ -91,7 +92,7 @@ pub fn host(args: &NodeArgs) -> Exit {
     }
 }
 
-/// What the bench is told at the end.
+/// What the bench receives at the end.
 fn node_report(report: &RunReport, scheduling: &Scheduling) -> NodeReport {
     NodeReport {
         ticks: report.ticks,

@@ -1,18 +1,16 @@
-//! Shell completions and manual pages, made from the command line's own definition.
+//! Shell completions and manual pages, made from the definition of the command line.
 
-use std::io::{self, Write};
 use std::path::PathBuf;
 
-use clap::{Args, CommandFactory};
+use clap::{Args, Command};
 use clap_complete::Shell;
 
-use crate::cli::Cli;
-use runner::console::{complain, say};
+use runner::console::{complain, print, say};
 use runner::exit::Exit;
 
 /// Arguments of `completions`.
 #[derive(Args, Debug)]
-pub struct CompletionsArgs {
+pub(crate) struct CompletionsArgs {
     /// The shell
     #[arg(value_enum)]
     pub shell: Shell,
@@ -20,7 +18,7 @@ pub struct CompletionsArgs {
 
 /// Arguments of `man`.
 #[derive(Args, Debug)]
-pub struct ManArgs {
+pub(crate) struct ManArgs {
     /// The folder for them, such as ~/.local/share/man/man1
     #[arg(value_name = "FOLDER")]
     pub folder: PathBuf,
@@ -28,20 +26,19 @@ pub struct ManArgs {
 
 /// Prints the completions for a shell.
 #[must_use]
-pub fn completions(args: &CompletionsArgs) -> Exit {
+pub(crate) fn completions(args: &CompletionsArgs, command_line: &mut Command) -> Exit {
     let mut text = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "canrig", &mut text);
-    // A reader that has gone needs no completions.
-    let _ = io::stdout().write_all(&text);
+    clap_complete::generate(args.shell, command_line, "canrig", &mut text);
+    print(&String::from_utf8_lossy(&text));
     Exit::Pass
 }
 
 /// Writes `canrig.1` and a page for each command into a folder, which is made where it is missing.
 #[must_use]
-pub fn man(args: &ManArgs) -> Exit {
+pub(crate) fn man(args: &ManArgs, command_line: Command) -> Exit {
     let folder = &args.folder;
     let written = std::fs::create_dir_all(folder)
-        .and_then(|()| clap_mangen::generate_to(Cli::command(), folder));
+        .and_then(|()| clap_mangen::generate_to(command_line, folder));
     match written {
         Ok(()) => {
             say(&format!("man -l {}", folder.join("canrig.1").display()));

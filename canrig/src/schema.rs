@@ -7,7 +7,7 @@ use runner::exit::Exit;
 
 /// Arguments of `schema`.
 #[derive(Args, Debug)]
-pub struct SchemaArgs {
+pub(crate) struct SchemaArgs {
     /// That of rig files instead
     #[arg(long)]
     pub rig: bool,
@@ -15,7 +15,7 @@ pub struct SchemaArgs {
 
 /// Prints the schema.
 #[must_use]
-pub fn schema(args: &SchemaArgs) -> Exit {
+pub(crate) fn schema(args: &SchemaArgs) -> Exit {
     say(&match args.rig {
         true => scenario::schema::rig_json_schema(),
         false => scenario::schema::json_schema(),

@@ -87,7 +87,7 @@ static OWN: OnceLock<Vec<Told>> = OnceLock::new();
 ///
 /// # Errors
 /// One of them has a name, parameters or terms that it cannot have.
-pub fn tell_laws(laws: Vec<OwnLaw>) -> Result<(), InvalidOwnLaw> {
+pub fn register_laws(laws: Vec<OwnLaw>) -> Result<(), InvalidOwnLaw> {
     laws.iter().try_for_each(check)?;
     let (told, tables) = laws
         .into_iter()
@@ -211,7 +211,7 @@ mod tests {
         }
         // It is there already.
         assert!(matches!(
-            tell_laws(vec![OwnLaw::of::<Pid>()]),
+            register_laws(vec![OwnLaw::of::<Pid>()]),
             Err(InvalidOwnLaw::Table(_))
         ));
     }

@@ -13,7 +13,7 @@ use miette::{IntoDiagnostic, WrapErr};
 use platform::bus::BusAddress;
 use platform::stop::StopSignal;
 use platform::{real_time, scheduling};
-use scenario::rig::Rig;
+use scenario::rig::RigFile;
 use scenario::{ControllerView, read_text};
 
 /// Leads the drive on a CAN bus through a scenario until it is stopped (Ctrl-C).
@@ -57,7 +57,7 @@ fn controller(arguments: &Arguments) -> miette::Result<ControllerNode> {
     let Some(path) = &arguments.rig else {
         return ControllerNode::new(&view).into_diagnostic();
     };
-    let (rig, _) = Rig::load_with_text(path)?;
+    let (rig, _) = RigFile::load_with_text(path)?;
     let eds = match rig.eds_path(path) {
         Some(eds) => read_text(&eds, EDS_BYTES_MAX)
             .into_diagnostic()

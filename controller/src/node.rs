@@ -20,7 +20,7 @@ use canopen::{CanFrame, Device, Filter, Node, Progress, nmt::NodeId};
 use scenario::ControllerView;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::LimitWatch;
-use scenario::rig::{Drive, Rig, Timeouts};
+use scenario::rig::{RigDrive, RigFile, Timeouts};
 
 use crate::catalogue;
 use crate::error::ControllerError;
@@ -45,7 +45,7 @@ impl ControllerNode {
     /// # Errors
     /// The scenario selects no law, or an EDS does not fit.
     pub fn new(view: &ControllerView) -> Result<Self, ControllerError> {
-        let dictionary = dbc::dictionary(dbc::DRIVE_EDS, Drive::default().node_id)?;
+        let dictionary = dbc::dictionary(dbc::DRIVE_EDS, RigDrive::default().node_id)?;
         let drive = DriveLayout::emulated(dictionary)?;
         let timeouts = Timeouts::default();
         Self::leading(
@@ -64,7 +64,7 @@ impl ControllerNode {
     /// As [`ControllerNode::new`].
     pub fn on_rig(
         view: &ControllerView,
-        rig: &Rig,
+        rig: &RigFile,
         drive_eds: &str,
     ) -> Result<Self, ControllerError> {
         let view = ControllerView {

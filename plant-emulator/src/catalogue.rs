@@ -120,7 +120,7 @@ static OWN: OnceLock<Vec<Kind>> = OnceLock::new();
 ///
 /// # Errors
 /// One of them has a name, parameters or signals that it cannot have.
-pub fn tell_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
+pub fn register_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
     plants
         .iter()
         .try_for_each(|plant| check_signals(&plant.kind))?;

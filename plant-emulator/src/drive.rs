@@ -24,10 +24,10 @@ use objects::Objects;
 pub(crate) use objects::declare;
 
 use crate::amplifier::Amplifier;
+use crate::clocked_plant::ClockedPlant;
 use crate::faults::RigFaults;
 use crate::objects::MissingObject;
 use crate::plant::{Inputs, Plant};
-use crate::rig::Rig;
 use crate::sensor::PositionSensor;
 use crate::thermal_protection::ThermalProtection;
 
@@ -55,7 +55,7 @@ pub struct Drive<P: Plant> {
     amplifier: Amplifier,
     protection: ThermalProtection,
     /// The plant and what acts on it; its current is what the amplifier puts out.
-    rig: Rig<P>,
+    plant: ClockedPlant<P>,
     /// What goes wrong with sensor, amplifier and plant.
     faults: RigFaults,
     /// What the amplifier is told.
@@ -97,7 +97,7 @@ impl<P: Plant> Drive<P> {
             sensor: PositionSensor::new(&config.sensor, scenario.seed),
             amplifier: Amplifier::new(&config.amplifier, objects.rated_amperes(dictionary)),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
-            rig: Rig::new(plant),
+            plant: ClockedPlant::new(plant),
             faults: RigFaults::new(scenario),
             commanded_amperes: 0.0,
             deviates_since: None,
@@ -116,13 +116,13 @@ impl<P: Plant> Drive<P> {
     /// The plant, as far as it has been brought up to date.
     #[must_use]
     pub fn plant(&self) -> &P {
-        self.rig.plant()
+        self.plant.plant()
     }
 
     /// What acts on the plant.
     #[must_use]
     pub fn inputs(&self) -> &Inputs<P::Condition> {
-        self.rig.inputs()
+        self.plant.inputs()
     }
 
     /// The state of the power state machine.
@@ -138,7 +138,7 @@ impl<P: Plant> Drive<P> {
         convection_factor: f64,
         added_load_kilograms: f64,
     ) {
-        let present = self.rig.inputs();
+        let present = self.plant.inputs();
         let acting = (present.convection_factor, present.added_load_kilograms);
         if acting == (convection_factor, added_load_kilograms) {
             return;
@@ -154,14 +154,14 @@ impl<P: Plant> Drive<P> {
     /// This drive anew, as after power-on, wired to the same rig.
     pub(crate) fn renew(&mut self, fresh: &Self) {
         let worn = std::mem::replace(self, fresh.clone());
-        (self.rig, self.faults, self.sensor) = (worn.rig, worn.faults, worn.sensor);
+        (self.plant, self.faults, self.sensor) = (worn.plant, worn.faults, worn.sensor);
         self.clock_error = worn.clock_error;
         self.commanded_amperes = worn.commanded_amperes;
     }
 
-    /// The rig.
-    pub(crate) fn rig(&self) -> &Rig<P> {
-        &self.rig
+    /// The plant on the emulator's own clock.
+    pub(crate) fn clocked_plant(&self) -> &ClockedPlant<P> {
+        &self.plant
     }
 
     /// The faults of the rig.
@@ -171,7 +171,7 @@ impl<P: Plant> Drive<P> {
 
     /// The next time at which a fault of the rig begins or ends.
     pub(crate) fn next_fault(&self) -> Option<Duration> {
-        self.faults.next_change(self.rig.time())
+        self.faults.next_change(self.plant.time())
     }
 
     /// How far the node's clock is ahead of the emulator's own, and how far behind.
@@ -197,9 +197,9 @@ impl<P: Plant> Drive<P> {
     }
 
     fn act_on_plant(&mut self, now: Duration, inputs: Inputs<P::Condition>) {
-        if inputs != *self.rig.inputs() {
+        if inputs != *self.plant.inputs() {
             self.advance_to(now);
-            self.rig.set_inputs(inputs);
+            self.plant.set_inputs(inputs);
         }
     }
 
@@ -209,15 +209,15 @@ impl<P: Plant> Drive<P> {
         let inputs = Inputs {
             current_amperes: self.faults.current_amperes::<P>(now, commanded_amperes),
             condition: self.faults.condition::<P>(now),
-            ..*self.rig.inputs()
+            ..*self.plant.inputs()
         };
         self.act_on_plant(now, inputs);
     }
 
     /// Brings the plant and the overload integral to `now`.
     fn advance_to(&mut self, now: Duration) {
-        let current_amperes = self.rig.inputs().current_amperes;
-        let elapsed = self.rig.advance_to(now);
+        let current_amperes = self.plant.inputs().current_amperes;
+        let elapsed = self.plant.advance_to(now);
         self.protection
             .advance(elapsed.as_secs_f64(), current_amperes);
     }
@@ -226,15 +226,15 @@ impl<P: Plant> Drive<P> {
     fn sample(&mut self, services: &mut Services) {
         let now = self.now(services);
         self.advance_to(now);
-        let true_position = self.rig.plant().position_metres();
+        let true_position = self.plant.plant().position_metres();
         let sensor = &mut self.sensor;
         let convert = |position| sensor.sample(position);
         let counts = self.faults.sense(now, true_position, convert);
         let position = self.sensor.position_metres(counts);
-        let permille = self.amplifier.permille(self.rig.inputs().current_amperes);
+        let permille = self.amplifier.permille(self.plant.inputs().current_amperes);
         let dictionary = services.dictionary_mut();
         self.objects.set_position(dictionary, position);
-        self.objects.set_truth(dictionary, self.rig.plant());
+        self.objects.set_truth(dictionary, self.plant.plant());
         self.objects.set_current(dictionary, permille);
         self.objects
             .set_utilisation(dictionary, self.protection.utilisation());
@@ -288,7 +288,7 @@ impl<P: Plant> Drive<P> {
 
     /// A current that is not what is commanded, for some time, is a fault, over when it is again.
     fn supervise_current(&mut self, services: &mut Services) {
-        let deviation = self.rig.inputs().current_amperes - self.commanded_amperes;
+        let deviation = self.plant.inputs().current_amperes - self.commanded_amperes;
         if deviation.abs() <= CURRENT_DEVIATION_AMPERES_MAX {
             self.deviates_since = None;
             services.clear_error(ErrorCode::HARDWARE);
@@ -461,7 +461,7 @@ impl<P: Plant> Application for Drive<P> {
 
     fn next_deadline(&self) -> Option<Duration> {
         let (ahead, behind) = self.clock_error;
-        let physics = (self.rig.time() + self.idle_max + ahead).saturating_sub(behind);
+        let physics = (self.plant.time() + self.idle_max + ahead).saturating_sub(behind);
         let manager = self.manager.map(|(_, deadline)| deadline);
         earlier(self.sync_deadline(), earlier(manager, Some(physics)))
     }

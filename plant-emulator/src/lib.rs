@@ -12,6 +12,7 @@
 
 pub mod amplifier;
 pub mod catalogue;
+mod clocked_plant;
 pub mod dc_motor;
 pub mod disturbance;
 pub mod drive;
@@ -19,7 +20,6 @@ mod faults;
 pub mod integrator;
 mod objects;
 pub mod plant;
-mod rig;
 pub mod sensor;
 pub mod sma;
 pub mod thermal_protection;
@@ -27,7 +27,7 @@ mod truth;
 
 use std::time::Duration;
 
-use ::faults::{Faulty, Plan};
+use ::faults::{FaultPlan, Faulty};
 use canopen::eds::EdsError;
 use canopen::services::InvalidPdo;
 use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earlier};
@@ -113,7 +113,7 @@ impl<P: Plant> DriveNode<P> {
             return Ok(Self::Sound(sound));
         }
         let database = Database::shipped();
-        let plan = Plan::of(&scenario.fault, scenario::fault::node::Node::Drive);
+        let plan = FaultPlan::of(&scenario.fault, scenario::fault::node::Node::Drive);
         let fresh = sound.clone();
         let renew = move |device: &mut Device<Drive<P>>| {
             let mut drive = device.application().clone();
@@ -169,7 +169,7 @@ impl<P: Plant> DriveNode<P> {
             drive.cut_off(now);
         }
         drive.follow(now);
-        truth.observe(now, drive.rig());
+        truth.observe(now, drive.clocked_plant());
     }
 
     /// Before each event: the node's clock, so that the rig knows its own.

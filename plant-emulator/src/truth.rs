@@ -6,8 +6,8 @@ use std::time::Duration;
 use canopen::CanFrame;
 use dbc::{Database, MessageBuilder, SignalHandle, SignalMissing};
 
+use crate::clocked_plant::ClockedPlant;
 use crate::plant::Plant;
-use crate::rig::Rig;
 
 /// Time between two messages.
 const PERIOD: Duration = Duration::from_millis(10);
@@ -46,10 +46,10 @@ impl Truth {
 
     /// Looks at the rig after something happened to it. The temperature is monotonic while the inputs are constant, so
     /// its peaks lie where it is looked at.
-    pub(crate) fn observe<P: Plant>(&mut self, now: Duration, rig: &Rig<P>) {
-        let temperature = rig.plant().temperature_celsius();
+    pub(crate) fn observe<P: Plant>(&mut self, now: Duration, plant: &ClockedPlant<P>) {
+        let temperature = plant.plant().temperature_celsius();
         self.peak_celsius = self.peak_celsius.max(temperature);
-        let current_amperes = rig.inputs().current_amperes;
+        let current_amperes = plant.inputs().current_amperes;
         let is_heated = current_amperes != 0.0;
         if is_heated == self.is_heated && now < self.next {
             return;

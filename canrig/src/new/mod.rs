@@ -3,6 +3,7 @@
 //! The crates in `plant/` and `law/` are written out with `my_plant` and `my_law` renamed.
 
 mod name;
+mod profile;
 
 use std::fs;
 use std::io;
@@ -12,6 +13,7 @@ use clap::{Args, Subcommand};
 use scenario::own::Section;
 
 use name::{InvalidName, Name};
+use profile::release_profile;
 use runner::console::{complain, say};
 use runner::exit::Exit;
 
@@ -24,7 +26,7 @@ const IGNORED: &str = "/target\n/runs\n";
 
 /// Arguments of `new`.
 #[derive(Args, Debug)]
-pub struct NewArgs {
+pub(crate) struct NewArgs {
     /// What to write.
     #[command(subcommand)]
     pub what: What,
@@ -32,7 +34,7 @@ pub struct NewArgs {
 
 /// What a crate brings.
 #[derive(Debug, Subcommand)]
-pub enum What {
+pub(crate) enum What {
     /// A plant: something that a current moves, behind the emulated drive
     Plant(CrateArgs),
     /// A control law: from a measurement and a set-point to a current
@@ -41,7 +43,7 @@ pub enum What {
 
 /// The crate to write.
 #[derive(Args, Debug)]
-pub struct CrateArgs {
+pub(crate) struct CrateArgs {
     /// Name of the plant or law, of its table in scenarios and of the crate: small letters, digits and underscores
     pub name: String,
     /// Folder of the crate, which must not be there yet; the name if absent
@@ -96,6 +98,8 @@ enum NewError {
         "the sources that this canrig was built from are not on this machine; name a checkout with --canrig FOLDER"
     )]
     SourcesGone,
+    #[error("{} is no manifest of canrig: {reason}", path.display())]
+    Manifest { path: PathBuf, reason: String },
     #[error("{} cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
 }
@@ -111,7 +115,7 @@ impl NewError {
 
 /// Writes the crate that the arguments ask for, and says what to do with it.
 #[must_use]
-pub fn new(args: &NewArgs) -> Exit {
+pub(crate) fn new(args: &NewArgs) -> Exit {
     let (skeleton, args) = match &args.what {
         What::Plant(args) => (&PLANT, args),
         What::Law(args) => (&LAW, args),
@@ -136,6 +140,10 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<PathBuf, NewError> {
     let name = Name::new(&args.name, skeleton.section)?;
     let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name.snake()));
     let checkout = checkout(args.canrig.as_deref())?;
+    let profile = release_profile(&checkout).map_err(|reason| NewError::Manifest {
+        path: checkout.join("Cargo.toml"),
+        reason,
+    })?;
     if let Some(parent) = folder.parent() {
         make(parent, |parent| fs::create_dir_all(parent))?;
     }
@@ -150,7 +158,7 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<PathBuf, NewError> {
     for below in ["src", "scenarios"] {
         make(&folder.join(below), |path| fs::create_dir(path))?;
     }
-    for (path, text) in skeleton.files(&name, &checkout) {
+    for (path, text) in skeleton.files(&name, &checkout, &profile) {
         make(&folder.join(path), |path| fs::write(path, &text))?;
     }
     // The versions that canrig is tested with; cargo adds the new crate.
@@ -186,13 +194,13 @@ fn checkout(named: Option<&Path>) -> Result<PathBuf, NewError> {
 
 impl Skeleton {
     /// The files of the crate: where in its folder, and what.
-    fn files(&self, name: &Name, checkout: &Path) -> [(PathBuf, String); 6] {
+    fn files(&self, name: &Name, checkout: &Path, profile: &str) -> [(PathBuf, String); 6] {
         let renamed = |text: &str| {
             let text = text.replace(self.name, name.snake());
             text.replace(&name::camel(self.name), &name.camel())
         };
         let checkout = escaped(&checkout.display().to_string());
-        let manifest = renamed(self.manifest).replace(CHECKOUT, &checkout);
+        let manifest = renamed(self.manifest).replace(CHECKOUT, &checkout) + profile;
         let scenario = format!("scenarios/{}.toml", name.snake());
         [
             ("Cargo.toml".into(), manifest),
@@ -233,9 +241,11 @@ mod tests {
             assert!(text.contains(".swing_arm]"), "{text}");
             let program = fs::read_to_string(written_to.join("src/main.rs")).unwrap();
             assert!(program.contains("::<SwingArm>()"), "{program}");
-            for (path, text) in
-                skeleton.files(&Name::new("x1", skeleton.section).unwrap(), folder.path())
-            {
+            for (path, text) in skeleton.files(
+                &Name::new("x1", skeleton.section).unwrap(),
+                folder.path(),
+                "",
+            ) {
                 assert!(!text.to_lowercase().contains("my_"), "{}", path.display());
                 assert!(!text.contains("CANRIG"), "{}", path.display());
             }

@@ -195,7 +195,7 @@ mod tests {
             ("a_", "underscores"),
         ] {
             assert!(
-                refused(text).is_some_and(|told| told.contains(reason)),
+                refused(text).is_some_and(|refusal| refusal.contains(reason)),
                 "{text}"
             );
         }

@@ -3,10 +3,10 @@
 //! A tool is a guest on the bus. The default SDO channel of a node belongs to the controller while one runs
 //! ([`rig::presence`]), so a guest asks on the second channel where the node's data sheet has one.
 
-pub mod monitor;
-pub mod nodes;
-pub mod sdo;
-pub mod value;
+pub(crate) mod monitor;
+pub(crate) mod nodes;
+pub(crate) mod sdo;
+pub(crate) mod value;
 
 use clap::Args;
 use runner::console::{complain, say};
@@ -28,7 +28,7 @@ use runner::exit::Exit;
 
 /// The bus that a tool joins.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ToolBus {
+pub(crate) enum ToolBus {
     /// The embedded bus of the user's only running `canrig run`.
     Running,
     /// A bus with an address.
@@ -57,7 +57,7 @@ impl fmt::Display for ToolBus {
 
 /// The bus that a tool joins.
 #[derive(Args, Debug)]
-pub struct ToolBusArgs {
+pub(crate) struct ToolBusArgs {
     /// The bus: `embedded` (that of your only running `canrig run`), `embedded:/path` or `private:number` (a
     /// run tells its own), or a CAN interface such as `vcan0`
     #[arg(long, value_name = "BUS", default_value_t = ToolBus::Running)]
@@ -78,7 +78,7 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
 
 /// Why a tool cannot do what it was asked.
 #[derive(Debug, thiserror::Error)]
-pub enum ToolError {
+pub(crate) enum ToolError {
     /// What the user typed makes no sense.
     #[error("{0}")]
     Usage(String),
@@ -129,7 +129,7 @@ pub enum ToolError {
 impl ToolError {
     /// How the program ends.
     #[must_use]
-    pub fn exit(&self) -> Exit {
+    pub(crate) fn exit(&self) -> Exit {
         match self {
             Self::Usage(_) | Self::File { .. } | Self::DataSheet(_) | Self::Dbc { .. } => {
                 Exit::Usage
@@ -156,7 +156,7 @@ fn words(error: &RunError) -> String {
 ///
 /// # Errors
 /// None or several are running.
-pub fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
+pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
     match bus {
         ToolBus::At(address) => Ok(address.clone()),
         ToolBus::Running => {

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -17,19 +16,17 @@ use super::nodes::state_name;
 use super::{ToolBusArgs, ToolError, ended, open, seconds, value};
 use rig::data_sheet::{DataSheet, of_the_rig};
 use rig::error_frames;
-use runner::console::complain;
+use runner::console::{BufferedLines, complain};
 use runner::exit::Exit;
 
 /// How long a quiet bus is waited for before Ctrl-C and the duration are looked at.
 const PATIENCE: Duration = Duration::from_millis(50);
-/// Lines that wait for a busy bus at most, in bytes.
-const BUFFER_BYTES: usize = 64 << 10;
 /// Width of the column of names.
 const NAME_WIDTH: usize = 23;
 
 /// What to show and for how long.
 #[derive(Clone, Debug, Default)]
-pub struct Options {
+pub(crate) struct MonitorOptions {
     /// Show only frames whose name or identifier (hexadecimal) is among these; all when empty.
     pub only: Vec<String>,
     /// Leave these out.
@@ -55,17 +52,17 @@ struct Channel<'a> {
 
 /// Turns frames into lines.
 #[derive(Debug)]
-pub struct Decoder {
+pub(crate) struct Decoder {
     database: Database,
     sheets: Vec<DataSheet>,
-    options: Options,
+    options: MonitorOptions,
     last: BTreeMap<u32, CanFrame>,
 }
 
 impl Decoder {
     /// A decoder by a DBC and data sheets.
     #[must_use]
-    pub fn new(database: Database, sheets: Vec<DataSheet>, options: Options) -> Self {
+    pub(crate) fn new(database: Database, sheets: Vec<DataSheet>, options: MonitorOptions) -> Self {
         Self {
             database,
             sheets,
@@ -75,7 +72,7 @@ impl Decoder {
     }
 
     /// The line for a frame; `None` when the options leave it out.
-    pub fn line(&mut self, time: Duration, frame: &CanFrame) -> Option<String> {
+    pub(crate) fn line(&mut self, time: Duration, frame: &CanFrame) -> Option<String> {
         let name = self.name(frame);
         if !self.is_wanted(&name, frame) {
             return None;
@@ -105,7 +102,7 @@ impl Decoder {
             let digits = pattern.strip_prefix("0x").unwrap_or(pattern);
             name.contains(pattern.as_str()) || digits.eq_ignore_ascii_case(&id)
         };
-        let Options { only, except, .. } = &self.options;
+        let MonitorOptions { only, except, .. } = &self.options;
         (only.is_empty() || only.iter().any(is_meant)) && !except.iter().any(is_meant)
     }
 
@@ -261,7 +258,7 @@ fn sdo_words(channel: &Channel<'_>, payload: [u8; 8]) -> String {
 
 /// Arguments of `monitor`.
 #[derive(Args, Debug)]
-pub struct MonitorArgs {
+pub(crate) struct MonitorArgs {
     #[command(flatten)]
     #[expect(
         missing_docs,
@@ -293,7 +290,7 @@ pub struct MonitorArgs {
 
 /// Shows live traffic until the user stops it.
 #[must_use]
-pub fn monitor(args: MonitorArgs) -> Exit {
+pub(crate) fn monitor(args: MonitorArgs) -> Exit {
     match shown(args) {
         Ok(()) => Exit::Pass,
         Err(error) => ended(Err(error)),
@@ -302,7 +299,7 @@ pub fn monitor(args: MonitorArgs) -> Exit {
 
 fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let bus = args.bus.bus;
-    let options = Options {
+    let options = MonitorOptions {
         only: args.only,
         except: args.except,
         changes: args.changes,
@@ -331,14 +328,14 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
     let mut bus = open(&bus, &[Filter::ALL, Filter::ERRORS])?;
     let clock = Clock::start();
-    let mut output = Output::default();
+    let mut output = BufferedLines::default();
     let mut lines = 0;
     let is_over = |lines: u64| {
         count.is_some_and(|count| lines >= count)
             || duration.is_some_and(|duration| clock.now() >= duration)
             || stop.is_raised()
     };
-    while !output.is_closed && !is_over(lines) {
+    while !output.is_closed() && !is_over(lines) {
         // A busy bus fills a buffer; a quiet moment shows what there is.
         let frame = match bus.receive(Duration::ZERO)? {
             Some(frame) => Some(frame),
@@ -362,43 +359,19 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     Ok(())
 }
 
-/// Standard output with a buffer; a reader that went away is the end, not an error.
-#[derive(Default)]
-struct Output {
-    text: String,
-    is_closed: bool,
-}
-
-impl Output {
-    fn add(&mut self, line: &str) {
-        self.text += line;
-        self.text.push('\n');
-        if self.text.len() >= BUFFER_BYTES {
-            self.flush();
-        }
-    }
-
-    fn flush(&mut self) {
-        let mut stdout = std::io::stdout().lock();
-        let written = stdout.write_all(self.text.as_bytes());
-        self.is_closed |= written.and_then(|()| stdout.flush()).is_err();
-        self.text.clear();
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG};
     use proptest::prelude::*;
 
-    fn decoder(options: Options) -> Decoder {
+    fn decoder(options: MonitorOptions) -> Decoder {
         Decoder::new(Database::shipped().clone(), of_the_rig(), options)
     }
 
     /// The line without its time.
     fn line(frame: &CanFrame) -> String {
-        let line = decoder(Options::default()).line(Duration::from_millis(1500), frame);
+        let line = decoder(MonitorOptions::default()).line(Duration::from_millis(1500), frame);
         line.unwrap()
             .strip_prefix("    1.500000  ")
             .unwrap()
@@ -421,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn sdo_is_told_by_the_names_of_the_eds() {
+    fn sdo_is_described_by_the_names_of_the_eds() {
         for (id, data, words) in [
             (
                 0x610,
@@ -460,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn nodes_that_are_not_in_the_dbc_are_told_by_canopen() {
+    fn nodes_that_are_not_in_the_dbc_are_described_by_canopen() {
         for (id, data, words) in [
             (
                 0x722,
@@ -486,18 +459,18 @@ mod tests {
         let (drive, sync) = (CanFrame::new(0x190, &[0; 8]), CanFrame::new(0x080, &[1]));
         let now = Duration::ZERO;
         for pattern in ["drive_tpdo1", "drive", "0x190", "190"] {
-            let only = Options {
+            let only = MonitorOptions {
                 only: vec![pattern.to_owned()],
-                ..Options::default()
+                ..MonitorOptions::default()
             };
             let mut chosen = decoder(only);
             assert!(
                 chosen.line(now, &drive).is_some() && chosen.line(now, &sync).is_none(),
                 "{pattern}"
             );
-            let except = Options {
+            let except = MonitorOptions {
                 except: vec![pattern.to_owned()],
-                ..Options::default()
+                ..MonitorOptions::default()
             };
             let mut chosen = decoder(except);
             assert!(
@@ -505,16 +478,16 @@ mod tests {
                 "{pattern}"
             );
         }
-        let mut changes = decoder(Options {
+        let mut changes = decoder(MonitorOptions {
             changes: true,
-            ..Options::default()
+            ..MonitorOptions::default()
         });
         assert!(changes.line(now, &drive).is_some());
         assert!(changes.line(now, &drive).is_none());
         assert!(changes.line(now, &CanFrame::new(0x190, &[1; 8])).is_some());
-        let mut raw = decoder(Options {
+        let mut raw = decoder(MonitorOptions {
             raw: true,
-            ..Options::default()
+            ..MonitorOptions::default()
         });
         assert!(raw.line(now, &sync).unwrap().contains("[01 "));
     }
@@ -522,7 +495,7 @@ mod tests {
     proptest! {
         #[test]
         fn any_frame_has_a_line(id: u32, length in 0u8..=8, data: [u8; 8], raw: bool) {
-            let mut decoder = decoder(Options { raw, ..Options::default() });
+            let mut decoder = decoder(MonitorOptions { raw, ..MonitorOptions::default() });
             for id in [id, id & 0x7FF, id | EXTENDED_FLAG, id | ERROR_FLAG] {
                 let frame = CanFrame::from_raw(id, length, data).unwrap();
                 prop_assert!(decoder.line(Duration::ZERO, &frame).is_some());

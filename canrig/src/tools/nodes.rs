@@ -1,6 +1,6 @@
 //! `canrig nodes`: who is on a bus.
 //!
-//! First it listens: heartbeats tell nodes and their states, SYNC and heartbeats tell whether a manager runs. Without a
+//! First it listens: heartbeats show nodes and their states, SYNC and heartbeats show whether a manager runs. Without a
 //! manager it then calls every node-ID on its default SDO channel, so that nodes without a heartbeat show too. At last it
 //! asks each node for its identity: on the second SDO channel where the node's data sheet has one and the node answers
 //! there, else on the default channel, and not at all where that one belongs to a running controller.
@@ -20,8 +20,8 @@ use rig::data_sheet::{DataSheet, of_the_rig};
 use rig::presence::Presence;
 use runner::exit::Exit;
 
-/// How long the tool listens before it speaks, unless told otherwise: longer than usual heartbeat periods.
-pub const LISTEN_SECONDS: f64 = 1.0;
+/// How long the tool listens before it speaks by default: longer than usual heartbeat periods.
+pub(crate) const LISTEN_SECONDS: f64 = 1.0;
 /// Pause between two calls, so that the answers fit on a slow bus.
 const CALL_PERIOD: Duration = Duration::from_millis(2);
 /// How long the last node called may take to its answer.
@@ -44,7 +44,7 @@ const QUESTIONS: [(u16, u8); 6] = [
 
 /// What a node answered; `None` where it aborted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Identity {
+pub(crate) struct Identity {
     /// 0x1000
     pub device_type: Option<u32>,
     /// 0x1018:01 to :04
@@ -55,7 +55,7 @@ pub struct Identity {
 
 /// What is known of one node.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Finding {
+pub(crate) struct NodeOnBus {
     /// The state in its last heartbeat; `None` without heartbeat.
     pub state: Option<NmtState>,
     /// Who it says it is, or why that is not known.
@@ -66,7 +66,7 @@ pub struct Finding {
 
 /// The questions to one node.
 #[derive(Debug)]
-struct Interview {
+struct IdentityQuestions {
     node_id: u8,
     client: SdoClient,
     /// Whether the default channel has not been tried yet.
@@ -80,13 +80,13 @@ enum Phase {
     Listening { until: Option<Duration> },
     Calling { next: u8, at: Duration },
     Awaiting { until: Duration },
-    Asking(Box<Interview>),
+    Asking(Box<IdentityQuestions>),
     Done,
 }
 
 /// The roll call of a bus, a node without node-ID.
 #[derive(Debug)]
-pub struct RollCall {
+pub(crate) struct RollCall {
     sheets: Vec<DataSheet>,
     listen: Duration,
     presence: Presence,
@@ -102,7 +102,7 @@ pub struct RollCall {
 impl RollCall {
     /// A roll call that listens for a time first.
     #[must_use]
-    pub fn new(sheets: Vec<DataSheet>, listen: Duration) -> Self {
+    pub(crate) fn new(sheets: Vec<DataSheet>, listen: Duration) -> Self {
         Self {
             sheets,
             listen,
@@ -117,26 +117,26 @@ impl RollCall {
 
     /// What was found, by node-ID.
     #[must_use]
-    pub fn findings(&self) -> BTreeMap<u8, Finding> {
+    pub(crate) fn nodes(&self) -> BTreeMap<u8, NodeOnBus> {
         let states = self.presence.states();
         let ids = states.keys().chain(&self.called);
-        let finding = |node_id: &u8| {
+        let node = |node_id: &u8| {
             let unasked = || Err("not asked: interrupted".to_owned());
             let identity = self.identities.get(node_id).cloned();
             let identity = identity.unwrap_or_else(unasked);
-            let finding = Finding {
+            let node = NodeOnBus {
                 state: states.get(node_id).copied(),
                 data_sheet: self.data_sheet(*node_id, identity.as_ref().ok()),
                 identity,
             };
-            (*node_id, finding)
+            (*node_id, node)
         };
-        ids.map(finding).collect()
+        ids.map(node).collect()
     }
 
     /// How a running manager shows, if one does.
     #[must_use]
-    pub fn manager(&self) -> Option<String> {
+    pub(crate) fn manager(&self) -> Option<String> {
         self.presence.manager(&self.sheets)
     }
 
@@ -164,7 +164,7 @@ impl RollCall {
         }
     }
 
-    fn hear_answer_to_call(&mut self, frame: &CanFrame) {
+    fn on_answer_to_call(&mut self, frame: &CanFrame) {
         let node_id = frame
             .standard_id()
             .and_then(|id| id.checked_sub(DEFAULT_RESPONSE_ID))
@@ -245,30 +245,30 @@ impl RollCall {
                     }
                 },
             };
-            let mut interview = Box::new(Interview {
+            let mut questions = Box::new(IdentityQuestions {
                 node_id,
                 client: client.with_timeout(ANSWER_TIME),
                 may_change_channel: channel.is_some(),
                 next: 0,
                 identity: Identity::default(),
             });
-            interview.ask(now);
-            self.phase = Phase::Asking(interview);
+            questions.ask(now);
+            self.phase = Phase::Asking(questions);
             return;
         }
     }
 
     /// Takes what the node being asked has answered, and goes on.
     fn advance(&mut self, now: Duration) {
-        let Phase::Asking(interview) = &mut self.phase else {
+        let Phase::Asking(questions) = &mut self.phase else {
             return;
         };
-        if let Some(result) = interview.client.take_result() {
-            let node_id = interview.node_id;
-            match interview.take(&result) {
-                Ok(()) if interview.next < QUESTIONS.len() => interview.ask(now),
+        if let Some(result) = questions.client.take_result() {
+            let node_id = questions.node_id;
+            match questions.take(&result) {
+                Ok(()) if questions.next < QUESTIONS.len() => questions.ask(now),
                 Ok(()) => {
-                    let identity = std::mem::take(&mut interview.identity);
+                    let identity = std::mem::take(&mut questions.identity);
                     self.identities.insert(node_id, Ok(identity));
                     self.drain();
                     self.ask_next(now);
@@ -281,16 +281,16 @@ impl RollCall {
 
     /// A node that is silent on its second channel may not have one; its default channel may be asked where it is free.
     fn no_answer(&mut self, now: Duration, error: SdoError) {
-        let Phase::Asking(interview) = &mut self.phase else {
+        let Phase::Asking(questions) = &mut self.phase else {
             return;
         };
-        let node_id = interview.node_id;
+        let node_id = questions.node_id;
         let refusal = self.presence.why_not_default_channel(node_id, &self.sheets);
-        match (interview.may_change_channel && interview.next == 0, refusal) {
+        match (questions.may_change_channel && questions.next == 0, refusal) {
             (true, None) => {
-                interview.may_change_channel = false;
-                interview.client = SdoClient::new(node_id).with_timeout(ANSWER_TIME);
-                interview.ask(now);
+                questions.may_change_channel = false;
+                questions.client = SdoClient::new(node_id).with_timeout(ANSWER_TIME);
+                questions.ask(now);
             }
             (true, Some(_)) => {
                 let reason = "no answer on its second SDO channel; the first is the controller's";
@@ -305,15 +305,15 @@ impl RollCall {
     }
 
     fn drain(&mut self) {
-        if let Phase::Asking(interview) = &mut self.phase {
-            while let Some(frame) = interview.client.next_frame() {
+        if let Phase::Asking(questions) = &mut self.phase {
+            while let Some(frame) = questions.client.next_frame() {
                 self.output.push_back(frame);
             }
         }
     }
 }
 
-impl Interview {
+impl IdentityQuestions {
     fn ask(&mut self, now: Duration) {
         let (index, sub_index) = QUESTIONS[self.next];
         let started = self.client.start_upload(now, index, sub_index);
@@ -350,10 +350,10 @@ impl Node for RollCall {
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         match &mut self.phase {
             // Later frames may be answers to this tool itself.
-            Phase::Listening { .. } => self.presence.hear(frame),
-            Phase::Calling { .. } | Phase::Awaiting { .. } => self.hear_answer_to_call(frame),
-            Phase::Asking(interview) => {
-                interview.client.on_frame(now, frame);
+            Phase::Listening { .. } => self.presence.on_frame(frame),
+            Phase::Calling { .. } | Phase::Awaiting { .. } => self.on_answer_to_call(frame),
+            Phase::Asking(questions) => {
+                questions.client.on_frame(now, frame);
                 self.advance(now);
             }
             Phase::Done => {}
@@ -368,8 +368,8 @@ impl Node for RollCall {
             Phase::Listening { until: Some(until) } if now >= *until => self.begin(now),
             Phase::Calling { .. } => self.call(now),
             Phase::Awaiting { until } if now >= *until => self.ask_all(now),
-            Phase::Asking(interview) => {
-                interview.client.on_tick(now);
+            Phase::Asking(questions) => {
+                questions.client.on_tick(now);
                 self.advance(now);
             }
             _ => {}
@@ -390,7 +390,7 @@ impl Node for RollCall {
             Phase::Listening { until } => Some(until.unwrap_or_default()),
             Phase::Calling { at, .. } => Some(*at),
             Phase::Awaiting { until } => Some(*until),
-            Phase::Asking(interview) => interview.client.next_deadline(),
+            Phase::Asking(questions) => questions.client.next_deadline(),
             Phase::Done => None,
         }
     }
@@ -405,7 +405,7 @@ impl Node for RollCall {
 
 /// Arguments of `nodes`.
 #[derive(Args, Debug)]
-pub struct NodesArgs {
+pub(crate) struct NodesArgs {
     #[command(flatten)]
     #[expect(
         missing_docs,
@@ -422,7 +422,7 @@ pub struct NodesArgs {
 
 /// Calls the roll on a bus and prints who is there.
 #[must_use]
-pub fn nodes(args: &NodesArgs) -> Exit {
+pub(crate) fn nodes(args: &NodesArgs) -> Exit {
     ended(called(args))
 }
 
@@ -442,11 +442,11 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
     Ok(report(&roll_call))
 }
 
-/// The findings as a table.
+/// The nodes as a table.
 #[must_use]
-pub fn report(roll_call: &RollCall) -> String {
-    let findings = roll_call.findings();
-    if findings.is_empty() {
+pub(crate) fn report(roll_call: &RollCall) -> String {
+    let nodes = roll_call.nodes();
+    if nodes.is_empty() {
         return format!(
             "no node: no heartbeat in {:.1} s{}",
             roll_call.listen.as_secs_f64(),
@@ -467,9 +467,9 @@ pub fn report(roll_call: &RollCall) -> String {
         "name",
         "EDS",
     ]);
-    for (node_id, finding) in &findings {
-        let state = finding.state.map_or("no heartbeat", state_name).to_owned();
-        let [device_type, identity, name] = match &finding.identity {
+    for (node_id, node) in &nodes {
+        let state = node.state.map_or("no heartbeat", state_name).to_owned();
+        let [device_type, identity, name] = match &node.identity {
             Ok(identity) => [
                 identity
                     .device_type
@@ -479,14 +479,14 @@ pub fn report(roll_call: &RollCall) -> String {
             ],
             Err(reason) => [String::new(), reason.clone(), String::new()],
         };
-        let node = format!("{node_id} (0x{node_id:02X})");
+        let number = format!("{node_id} (0x{node_id:02X})");
         table.add_row([
-            node,
+            number,
             state,
             device_type,
             identity,
             name,
-            finding.data_sheet.clone(),
+            node.data_sheet.clone(),
         ]);
     }
     let mut text = table.to_string();
@@ -499,7 +499,7 @@ pub fn report(roll_call: &RollCall) -> String {
 
 /// The state as people call it.
 #[must_use]
-pub fn state_name(state: NmtState) -> &'static str {
+pub(crate) fn state_name(state: NmtState) -> &'static str {
     match state {
         NmtState::Initialising => "booting",
         NmtState::Stopped => "stopped",
@@ -519,14 +519,14 @@ fn device_type(device_type: u32) -> String {
 
 fn identity_words(identity: &[Option<u32>; 4]) -> String {
     let words = ["vendor", "product", "revision", "serial"];
-    let told = words
+    let numbers = words
         .into_iter()
         .zip(identity)
         .filter_map(|(word, number)| number.map(|number| format!("{word} 0x{number:X}")));
-    let told: Vec<String> = told.collect();
-    if told.is_empty() {
+    let numbers: Vec<String> = numbers.collect();
+    if numbers.is_empty() {
         "-".to_owned()
     } else {
-        told.join(", ")
+        numbers.join(", ")
     }
 }

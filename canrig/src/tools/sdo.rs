@@ -2,7 +2,7 @@
 //!
 //! The second SDO channel of the node's data sheet is used where it answers, so a running controller is never disturbed.
 //! Else the tool listens, and uses the default channel only where no controller shows: nobody else speaks on it, no SYNC
-//! and no manager's heartbeat is heard.
+//! and no manager's heartbeat comes.
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -19,13 +19,13 @@ use rig::presence::Presence;
 use runner::exit::Exit;
 
 /// How long the tool listens before it uses the default channel: longer than usual heartbeat periods.
-pub const LISTEN_TIME: Duration = Duration::from_secs(1);
+pub(crate) const LISTEN_TIME: Duration = Duration::from_secs(1);
 /// Time for each answer.
-pub const ANSWER_TIME: Duration = Duration::from_secs(1);
+pub(crate) const ANSWER_TIME: Duration = Duration::from_secs(1);
 
 /// What to do with an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Request {
+pub(crate) enum Request {
     /// Upload.
     Read,
     /// Download of these bytes.
@@ -42,7 +42,7 @@ enum Phase {
 
 /// One transfer with the channel's choice, a node without node-ID.
 #[derive(Debug)]
-pub struct Transfer {
+pub(crate) struct Transfer {
     node_id: u8,
     place: (u16, u8),
     request: Request,
@@ -59,7 +59,12 @@ pub struct Transfer {
 impl Transfer {
     /// A transfer with a node; `sheets` say where its channels are and who manages.
     #[must_use]
-    pub fn new(node_id: u8, place: (u16, u8), request: Request, sheets: Vec<DataSheet>) -> Self {
+    pub(crate) fn new(
+        node_id: u8,
+        place: (u16, u8),
+        request: Request,
+        sheets: Vec<DataSheet>,
+    ) -> Self {
         let mut of_node = sheets.iter().filter(|sheet| sheet.node_id == node_id);
         let second_channel = of_node.find_map(DataSheet::second_channel);
         Self {
@@ -81,7 +86,7 @@ impl Transfer {
     ///
     /// # Errors
     /// The transfer failed, or was not made since the channel is the controller's.
-    pub fn into_result(self) -> Result<Vec<u8>, ToolError> {
+    pub(crate) fn into_result(self) -> Result<Vec<u8>, ToolError> {
         match (self.result, self.refusal) {
             (Some(result), _) => Ok(result?),
             (None, Some(refusal)) => Err(ToolError::Refused(refusal)),
@@ -149,7 +154,7 @@ impl Transfer {
         let is_silent =
             matches!(&result, Err(error) if matches!(error.failure, SdoFailure::TimedOut(_)));
         match self.phase {
-            // A node that has no second channel after all. What was heard meanwhile counts as listening.
+            // A node that has no second channel after all. What came meanwhile counts as listening.
             Phase::Transfer {
                 is_second_channel: true,
             } if is_silent => self.use_default_channel(now),
@@ -176,7 +181,7 @@ impl Node for Transfer {
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        self.presence.hear(frame);
+        self.presence.on_frame(frame);
         self.client.on_frame(now, frame);
         self.advance(now);
     }
@@ -220,7 +225,7 @@ impl Node for Transfer {
 
 /// Arguments of `sdo`.
 #[derive(Args, Debug)]
-pub struct SdoArgs {
+pub(crate) struct SdoArgs {
     /// What to do with the object.
     #[command(subcommand)]
     pub action: SdoAction,
@@ -228,7 +233,7 @@ pub struct SdoArgs {
 
 /// What to do with an object.
 #[derive(Debug, Subcommand)]
-pub enum SdoAction {
+pub(crate) enum SdoAction {
     /// Read an object
     Read(ObjectArgs),
     /// Write an object
@@ -247,7 +252,7 @@ pub enum SdoAction {
 
 /// An object of a node.
 #[derive(Args, Debug)]
-pub struct ObjectArgs {
+pub(crate) struct ObjectArgs {
     /// The node: its number (16, 0x10) or `controller`, `drive`, `disturbance`
     pub node: String,
     /// The object: index and sub-index (6064, 0x1018:02) or its name in the EDS ("Statusword")
@@ -265,7 +270,7 @@ pub struct ObjectArgs {
 
 /// Reads or writes an object, and prints what it holds.
 #[must_use]
-pub fn sdo(args: &SdoArgs) -> Exit {
+pub(crate) fn sdo(args: &SdoArgs) -> Exit {
     ended(match &args.action {
         SdoAction::Read(target) => transferred(target, None),
         SdoAction::Write { object, value } => transferred(object, Some(value)),

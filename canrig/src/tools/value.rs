@@ -8,7 +8,7 @@ const SHOWN_BYTES_MAX: usize = 64;
 
 /// The standard's name of a type.
 #[must_use]
-pub fn type_name(data_type: DataType) -> &'static str {
+pub(crate) fn type_name(data_type: DataType) -> &'static str {
     match data_type {
         DataType::Boolean => "BOOLEAN",
         DataType::Integer8 => "INTEGER8",
@@ -40,7 +40,7 @@ pub fn type_name(data_type: DataType) -> &'static str {
 
 /// Bytes as a value of the object's type; of unknown objects as bytes.
 #[must_use]
-pub fn show(entry: Option<&Entry>, bytes: &[u8]) -> String {
+pub(crate) fn show(entry: Option<&Entry>, bytes: &[u8]) -> String {
     let Some(entry) = entry else {
         return show_bytes(bytes);
     };
@@ -106,11 +106,11 @@ fn show_bytes(bytes: &[u8]) -> String {
 
 /// What the DBC says of a value: number with unit, and labels, of each signal made from the object.
 #[must_use]
-pub fn meaning(database: &Database, entry: &Entry, bytes: &[u8]) -> Vec<String> {
+pub(crate) fn meaning(database: &Database, entry: &Entry, bytes: &[u8]) -> Vec<String> {
     let object = format!("0x{:04X}:{:02X}", entry.index, entry.sub_index);
     let signals = database.messages().iter().flat_map(|message| {
         let signals = message.signals.iter();
-        // Signals lie in the message where the object lies; the first of them tells where that is.
+        // Signals lie in the message where the object lies; the first of them shows where that is.
         let first = message
             .signals
             .iter()
@@ -146,7 +146,7 @@ fn meaning_of(signal: &Signal, start: u8, bytes: &[u8]) -> Option<String> {
 
 /// A signal with its value, unit and label.
 #[must_use]
-pub fn show_signal(signal: &Signal, value: f64) -> String {
+pub(crate) fn show_signal(signal: &Signal, value: f64) -> String {
     let number = match signal.label(value) {
         Some(label) => format!("\"{label}\""),
         None => show_number(signal.coding.factor, value),
@@ -158,7 +158,7 @@ pub fn show_signal(signal: &Signal, value: f64) -> String {
 
 /// True for what says nothing: a flag that is not set, and a few bits without a name of their own that are 0.
 #[must_use]
-pub fn is_idle(signal: &Signal, value: f64) -> bool {
+pub(crate) fn is_idle(signal: &Signal, value: f64) -> bool {
     let is_nameless = signal.unit.is_empty() && signal.coding.length_bits < 8;
     value == 0.0
         && signal
@@ -186,7 +186,7 @@ fn show_number(factor: f64, value: f64) -> String {
 ///
 /// # Errors
 /// What would have been right.
-pub fn parse(entry: &Entry, text: &str) -> Result<Vec<u8>, String> {
+pub(crate) fn parse(entry: &Entry, text: &str) -> Result<Vec<u8>, String> {
     let data_type = entry.data_type;
     let wrong = |expected: &str| {
         let (index, sub_index) = (entry.index, entry.sub_index);
@@ -231,7 +231,7 @@ pub fn parse(entry: &Entry, text: &str) -> Result<Vec<u8>, String> {
 
 /// Reads the bytes of an object without data sheet.
 #[must_use]
-pub fn parse_bytes(text: &str) -> Option<Vec<u8>> {
+pub(crate) fn parse_bytes(text: &str) -> Option<Vec<u8>> {
     let digits: String = text
         .chars()
         .filter(|letter| !letter.is_whitespace())

@@ -745,16 +745,16 @@ fn a_single_spike_costs_a_cycle_only() {
 }
 
 /// A rig file with the drive as node 0x20 and these limits on the position.
-fn rig(limits: &str) -> Rig {
+fn rig(limits: &str) -> RigFile {
     let text = format!(
         "schema = 1\nname = \"rig\"\n[bus]\nsync_period_milliseconds = 5.0\n[drive]\nnode_id = 32\n\
          [limits]\ncurrent_amperes = 0.3\nposition_millimetres = {limits}\nspeed_millimetres_per_second = 1e4\n\
          [timeouts]\ndrive_heartbeat_milliseconds = 50\ndrive_lost_milliseconds = 200\n"
     );
-    Rig::parse(&text, "rig.toml").unwrap()
+    RigFile::parse(&text, "rig.toml").unwrap()
 }
 
-fn bus_of(rig: &Rig) -> Bus {
+fn bus_of(rig: &RigFile) -> Bus {
     let mut bus = Bus::new(OPEN_LOOP);
     bus.controller = ControllerNode::on_rig(&view(OPEN_LOOP), rig, dbc::DRIVE_EDS).unwrap();
     let node = NodeId::new(rig.drive.node_id).unwrap();

@@ -9,7 +9,7 @@ use dbc::scenario_clock::ScenarioClock;
 use dbc::{Database, SignalMissing};
 use scenario::fault::node::Output;
 
-use crate::plan::{Kind, Plan, Planned};
+use crate::plan::{FaultKind, FaultPlan, PlannedFault};
 
 /// Frames that a hanging node's CAN controller and driver keep for it (assumed).
 const RECEIVE_FRAMES_MAX: usize = 32;
@@ -32,7 +32,7 @@ type Renew<N> = Box<dyn FnMut(&mut N) + Send>;
 pub struct Faulty<N> {
     node: N,
     renew: Renew<N>,
-    plan: Plan,
+    plan: FaultPlan,
     scenario: ScenarioClock,
     now: Duration,
     /// The latest time up to which the plan was followed.
@@ -59,7 +59,7 @@ impl<N: Node> Faulty<N> {
     /// The database has no statusword of a drive, from which scenario time follows.
     pub fn new(
         node: N,
-        plan: Plan,
+        plan: FaultPlan,
         database: &Database,
         renew: impl FnMut(&mut N) + Send + 'static,
     ) -> Result<Self, SignalMissing> {
@@ -131,7 +131,9 @@ impl<N: Node> Faulty<N> {
         self.clock.set_rate(now, self.drift_at(time));
         let has_restarted = self.plan.faults.iter().any(|fault| {
             let is_new = before.is_none_or(|before| before < fault.from);
-            fault.kind == Kind::Restart && is_new && time.is_some_and(|time| time >= fault.from)
+            fault.kind == FaultKind::Restart
+                && is_new
+                && time.is_some_and(|time| time >= fault.from)
         });
         let condition = self.condition_at(now, time);
         let was = std::mem::replace(&mut self.condition, condition);
@@ -148,13 +150,13 @@ impl<N: Node> Faulty<N> {
         }
     }
 
-    /// What it had to say and had not heard yet goes with it.
+    /// What it had to send and had not received yet goes with it.
     fn forget(&mut self) {
         self.outbox.clear();
         self.inbox.clear();
     }
 
-    /// Goes on after a hang: hears what was kept for it.
+    /// Goes on after a hang: receives what was kept for it.
     fn wake_up(&mut self) {
         let time = self.clock.node_time(self.now);
         for frame in std::mem::take(&mut self.inbox) {
@@ -167,9 +169,9 @@ impl<N: Node> Faulty<N> {
         now?.checked_sub(self.scenario.zero()?)
     }
 
-    fn active(&self, time: Option<Duration>) -> impl Iterator<Item = Kind> {
+    fn active(&self, time: Option<Duration>) -> impl Iterator<Item = FaultKind> {
         let faults = self.plan.faults.iter();
-        let acts = move |fault: &&Planned| time.is_some_and(|time| fault.acts_at(time));
+        let acts = move |fault: &&PlannedFault| time.is_some_and(|time| fault.acts_at(time));
         faults.filter(acts).map(|fault| fault.kind)
     }
 
@@ -178,10 +180,10 @@ impl<N: Node> Faulty<N> {
             return Condition::Dead(Output::Zero);
         }
         let dead = self.active(time).find_map(|kind| match kind {
-            Kind::Crash(output) => Some(Condition::Dead(output)),
+            FaultKind::Crash(output) => Some(Condition::Dead(output)),
             _ => None,
         });
-        let is_hanging = || self.active(time).any(|kind| kind == Kind::Hang);
+        let is_hanging = || self.active(time).any(|kind| kind == FaultKind::Hang);
         match dead {
             Some(dead) => dead,
             None if is_hanging() => Condition::Hanging,
@@ -191,7 +193,7 @@ impl<N: Node> Faulty<N> {
 
     fn drift_at(&self, time: Option<Duration>) -> f64 {
         let rates = self.active(time).map(|kind| match kind {
-            Kind::Drift(rate) => rate,
+            FaultKind::Drift(rate) => rate,
             _ => 0.0,
         });
         rates.sum()
@@ -218,11 +220,13 @@ impl<N: Node> Faulty<N> {
     fn collect(&mut self) {
         let time = self.scenario_time(Some(self.now));
         let slow = self.active(time).map(|kind| match kind {
-            Kind::Slow(delay) => delay,
+            FaultKind::Slow(delay) => delay,
             _ => Duration::ZERO,
         });
         let delay: Duration = slow.sum();
-        let loses_heartbeat = self.active(time).any(|kind| kind == Kind::LostHeartbeat);
+        let loses_heartbeat = self
+            .active(time)
+            .any(|kind| kind == FaultKind::LostHeartbeat);
         let heartbeat = 0x700 + u16::from(self.plan.number);
         while let Some(frame) = self.node.next_frame() {
             if loses_heartbeat && frame.standard_id() == Some(heartbeat) {

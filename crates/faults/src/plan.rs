@@ -7,7 +7,7 @@ use scenario::fault::{Faults, Lasting};
 
 /// How a node fails.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Kind {
+pub enum FaultKind {
     /// Dead; at its end it boots anew.
     Crash(Output),
     /// Frozen; at its end it goes on.
@@ -24,17 +24,17 @@ pub enum Kind {
 
 /// One fault in scenario time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Planned {
+pub struct PlannedFault {
     /// Begins.
     pub from: Duration,
     /// Ends; `Duration::MAX` if never.
     pub until: Duration,
     /// How.
-    pub kind: Kind,
+    pub kind: FaultKind,
 }
 
-impl Planned {
-    fn new(fault: &impl Lasting, kind: Kind) -> Self {
+impl PlannedFault {
+    fn new(fault: &impl Lasting, kind: FaultKind) -> Self {
         Self {
             from: Duration::from_secs_f64(fault.start_seconds()),
             until: fault
@@ -53,44 +53,44 @@ impl Planned {
 
 /// All that happens to one node.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Plan {
+pub struct FaultPlan {
     /// The node's number on the bus.
     pub number: u8,
     /// How long after the others it boots.
     pub late_boot: Duration,
     /// The rest.
-    pub faults: Vec<Planned>,
+    pub faults: Vec<PlannedFault>,
 }
 
-impl Plan {
+impl FaultPlan {
     /// What a scenario has in store for a node.
     #[must_use]
     pub fn of(faults: &Faults, node: Node) -> Self {
         let all = &faults.node;
         let mut planned = Vec::new();
         for fault in all.crash.iter().filter(|fault| fault.node == node) {
-            planned.push(Planned::new(fault, Kind::Crash(fault.output)));
+            planned.push(PlannedFault::new(fault, FaultKind::Crash(fault.output)));
         }
         for fault in all.hang.iter().filter(|fault| fault.node == node) {
-            planned.push(Planned::new(fault, Kind::Hang));
+            planned.push(PlannedFault::new(fault, FaultKind::Hang));
         }
         for fault in all.slow_cycle.iter().filter(|fault| fault.node == node) {
             let delay = Duration::from_secs_f64(fault.delay_milliseconds * 1e-3);
-            planned.push(Planned::new(fault, Kind::Slow(delay)));
+            planned.push(PlannedFault::new(fault, FaultKind::Slow(delay)));
         }
         for fault in all.clock_drift.iter().filter(|fault| fault.node == node) {
             let rate = fault.parts_per_million * 1e-6;
-            planned.push(Planned::new(fault, Kind::Drift(rate)));
+            planned.push(PlannedFault::new(fault, FaultKind::Drift(rate)));
         }
         for fault in all.lost_heartbeat.iter().filter(|fault| fault.node == node) {
-            planned.push(Planned::new(fault, Kind::LostHeartbeat));
+            planned.push(PlannedFault::new(fault, FaultKind::LostHeartbeat));
         }
         for fault in all.restart.iter().filter(|fault| fault.node == node) {
             let at = Duration::from_secs_f64(fault.at_seconds);
-            planned.push(Planned {
+            planned.push(PlannedFault {
                 from: at,
                 until: at,
-                kind: Kind::Restart,
+                kind: FaultKind::Restart,
             });
         }
         let boots = all.late_boot.iter().filter(|fault| fault.node == node);
@@ -104,7 +104,7 @@ impl Plan {
 
     /// Without the faults of these kinds, which something else plays.
     #[must_use]
-    pub fn without(mut self, is_played_elsewhere: impl Fn(&Kind) -> bool) -> Self {
+    pub fn without(mut self, is_played_elsewhere: impl Fn(&FaultKind) -> bool) -> Self {
         self.faults
             .retain(|fault| !is_played_elsewhere(&fault.kind));
         self

@@ -166,7 +166,7 @@ impl Bus for EmbeddedBus {
         self.socket.as_fd()
     }
 
-    /// As the hub told last: it tells before the first frame after a loss.
+    /// As the hub reported last: it reports before the first frame after a loss.
     fn dropped(&self) -> u64 {
         self.dropped.get()
     }

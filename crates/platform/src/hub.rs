@@ -96,16 +96,16 @@ impl Hub {
         let stop =
             eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).map_err(io::Error::from)?;
         let switch = Switch::new(listener, stop.try_clone()?, ring, Arc::clone(&counters))?;
-        let (tell, told) = std::sync::mpsc::channel();
+        let (sender, receiver) = std::sync::mpsc::channel();
         let thread = std::thread::Builder::new()
             .name("hub".into())
             .spawn(move || {
                 let asked = scheduling::request_fifo(PRIORITY);
                 // Nobody listens when the start itself was given up.
-                tell.send(asked).ok();
+                sender.send(asked).ok();
                 switch.run();
             })?;
-        let real_time = told
+        let real_time = receiver
             .recv()
             .map_err(|_| io::Error::other("its thread ended at once"))?;
         let hub = Self {

@@ -1,11 +1,11 @@
-//! What the kernel tells of a CAN interface (netlink): its state, bit rate and error counters.
+//! What the kernel reports of a CAN interface (netlink): its state, bit rate and error counters.
 
 use std::io;
 
 use socketcan::CanInterface;
 use socketcan::nl::{CanCtrlMode, CanState};
 
-/// A CAN interface. What its driver does not tell is `None`; a vcan tells only whether it is up.
+/// A CAN interface. What its driver does not report is `None`; a vcan reports only whether it is up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Link {
     /// Whether it is up.

@@ -56,7 +56,7 @@ pub enum PrivateBusError {
 /// A private bus while it lives.
 pub struct PrivateBus {
     recorder: Option<CanSocket>,
-    voice: Option<CanSocket>,
+    node_socket: Option<CanSocket>,
     helper: Child,
     /// The helper ends when this is closed.
     channel: Option<OwnedFd>,
@@ -80,15 +80,15 @@ impl PrivateBus {
         drop(command);
         let mut bus = Self {
             recorder: None,
-            voice: None,
+            node_socket: None,
             helper,
             channel: None,
         };
         let (text, sockets) = receive(&ours).map_err(PrivateBusError::Helper)?;
         bus.channel = Some(ours);
         let mut sockets = sockets.into_iter().map(CanSocket::from);
-        (bus.recorder, bus.voice) = (sockets.next(), sockets.next());
-        if bus.voice.is_none() {
+        (bus.recorder, bus.node_socket) = (sockets.next(), sockets.next());
+        if bus.node_socket.is_none() {
             return Err(PrivateBusError::Refused(text));
         }
         Ok(bus)
@@ -109,12 +109,12 @@ impl PrivateBus {
         Recorder::on_socket(INTERFACE, socket)
     }
 
-    /// The bench's own place on this bus; once.
+    /// Joins this bus as a node of the bench's own; once.
     ///
     /// # Errors
     /// When the system refuses it, or it was taken before.
-    pub fn voice(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
-        let socket = self.voice.take().ok_or_else(taken)?;
+    pub fn join(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
+        let socket = self.node_socket.take().ok_or_else(taken)?;
         Ok(Box::new(SocketCanBus::on_socket(
             INTERFACE, socket, filters,
         )?))

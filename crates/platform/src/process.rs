@@ -19,7 +19,7 @@ use rustix::process::{
 };
 
 /// A command that starts this program again, as a child that does not outlive us:
-/// - its standard input is a pipe from us, whose end tells it to stop ([`crate::stop::StopSignal::from_parent`]);
+/// - its standard input is a pipe from us, whose end stops it ([`crate::stop::StopSignal::from_parent`]);
 /// - Ctrl-C and a closed terminal do not end it, that is ours to do;
 /// - SIGTERM comes when the *thread* that spawned it ends (`PR_SET_PDEATHSIG`), so spawn from a thread that lives as
 ///   long as the run. It arms an alarm that ends even a child that hangs.
@@ -82,7 +82,7 @@ pub fn permit_open_files(needed: u64) -> Result<(), TooFewFiles> {
     })
 }
 
-/// Lets the child inherit `descriptor`; returns the number to tell it. The descriptor is closed here when `command` is
+/// Lets the child inherit `descriptor`; returns the number that the child is to be given. The descriptor is closed here when `command` is
 /// dropped: drop it once the child is spawned, or its end of a side channel stays open after its death.
 pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
     let number = descriptor.as_raw_fd();
@@ -96,8 +96,8 @@ pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
 ///
 /// # Errors
 /// There is no such child any more.
-pub fn freeze(number: u32, is_frozen: bool) -> io::Result<()> {
-    let signal = if is_frozen {
+pub fn suspend(number: u32, is_suspended: bool) -> io::Result<()> {
+    let signal = if is_suspended {
         Signal::STOP
     } else {
         Signal::CONT
@@ -198,7 +198,7 @@ mod tests {
         (child, ours)
     }
 
-    fn tell(child: &Child, signal: Signal) {
+    fn send(child: &Child, signal: Signal) {
         kill_process(Pid::from_child(child), signal).unwrap();
     }
 
@@ -230,11 +230,11 @@ mod tests {
     #[test]
     fn ctrl_c_does_not_end_a_child_but_sigterm_stops_it() {
         let (mut child, _channel) = child_that(false);
-        tell(&child, Signal::INT);
-        tell(&child, Signal::HUP);
+        send(&child, Signal::INT);
+        send(&child, Signal::HUP);
         crate::clock::sleep(Duration::from_millis(50));
         assert!(child.try_wait().unwrap().is_none());
-        tell(&child, Signal::TERM);
+        send(&child, Signal::TERM);
         assert_eq!(ended(&mut child).code(), Some(42));
     }
 
@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn a_child_that_hangs_is_ended_by_the_kernel() {
         let (mut child, _channel) = child_that(true);
-        tell(&child, Signal::TERM);
+        send(&child, Signal::TERM);
         assert_eq!(ended(&mut child).signal(), Some(Signal::ALARM.as_raw()));
     }
 

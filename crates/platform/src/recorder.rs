@@ -1,4 +1,4 @@
-//! The third ear on the bus: every frame with its time, whoever sent it.
+//! Records a bus: every frame with its time, whoever sent it.
 //!
 //! A recorder never holds up the bus. Frames wait for their reader in a ring of 65 536; what does not fit is counted as
 //! lost, and so is what the kernel threw away.
@@ -38,12 +38,12 @@ pub struct ReceivedFrame {
     pub frame: CanFrame,
 }
 
-/// Hears every frame on a bus.
+/// Every frame on a bus, in the order of time.
 pub struct Recorder {
     frames: Consumer<ReceivedFrame>,
     lost: Arc<AtomicU64>,
     clock: Clock,
-    ear: Option<InterfaceEar>,
+    interface: Option<InterfaceThread>,
 }
 
 impl Recorder {
@@ -68,14 +68,14 @@ impl Recorder {
         prepare(&socket).map_err(failed("record"))?;
         let stop = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)
             .map_err(|errno| failed("record")(errno.into()))?;
-        let told = stop.try_clone().map_err(failed("record"))?;
+        let raised = stop.try_clone().map_err(failed("record"))?;
         let thread = std::thread::Builder::new()
             .name("recorder".into())
             .spawn(move || listen(&socket, &stop, &mut ring))
             .map_err(failed("record"))?;
         Ok(Self {
-            ear: Some(InterfaceEar {
-                stop: told,
+            interface: Some(InterfaceThread {
+                stop: raised,
                 thread: Some(thread),
             }),
             ..recorder
@@ -107,7 +107,7 @@ impl Recorder {
     /// Stops listening to an interface; all frames before this moment can still be taken. On an embedded bus the hub's
     /// end does the same.
     pub fn stop(&mut self) {
-        self.ear = None;
+        self.interface = None;
     }
 
     /// Frames that were not recorded. Final after [`Recorder::stop`].
@@ -165,18 +165,18 @@ pub(crate) fn ring() -> (Ring, Recorder) {
         frames: consumer,
         lost,
         clock,
-        ear: None,
+        interface: None,
     };
     (ring, recorder)
 }
 
 /// The thread that listens to an interface; ends when dropped.
-struct InterfaceEar {
+struct InterfaceThread {
     stop: OwnedFd,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Drop for InterfaceEar {
+impl Drop for InterfaceThread {
     fn drop(&mut self) {
         // An event counter takes this write; should it not, the join below would wait for ever.
         if rustix::io::write(&self.stop, &1_u64.to_ne_bytes()).is_ok()
@@ -198,7 +198,7 @@ fn prepare(socket: &CanSocket) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Reads frames into the ring until told to stop, or the interface is gone.
+/// Reads frames into the ring until it is to stop, or the interface is gone.
 fn listen(socket: &CanSocket, stop: &OwnedFd, ring: &mut Ring) {
     let mut stamps = Stamps {
         clock: ring.clock,
@@ -227,7 +227,7 @@ struct Stamps {
 }
 
 impl Stamps {
-    /// Time since the epoch. Stamps that go back, or far ahead, tell of a stepped wall clock: time goes on all the same, or
+    /// Time since the epoch. Stamps that go back, or far ahead, mean a stepped wall clock: time goes on all the same, or
     /// a run would wait for its end for as long as the clock was set back.
     fn time_of(&mut self, stamp: SystemTime) -> Duration {
         let wall = stamp

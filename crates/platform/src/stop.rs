@@ -1,4 +1,4 @@
-//! How a process is told to stop: by its parent's death, by the end of its standard input, by a signal, by a program.
+//! How a process is stopped: by its parent's death, by the end of its standard input, by a signal, by a program.
 #![expect(unsafe_code, reason = "signal handlers")]
 
 use std::io;
@@ -16,7 +16,7 @@ const KILL_AFTER_SECONDS: libc::c_uint = 3;
 /// The event that the signal handler raises; -1 before there is one.
 static SIGNAL_EVENT: AtomicI32 = AtomicI32::new(-1);
 
-/// Tells a loop that it is to stop.
+/// Says to a loop that it is to stop.
 #[derive(Debug)]
 pub struct StopSignal {
     /// Its end means stop; what is written to it means nothing.
@@ -112,7 +112,7 @@ fn has_ended(fd: BorrowedFd<'_>) -> bool {
             Ok(0) => return true,
             Ok(_) | Err(Errno::INTR) => {}
             Err(Errno::AGAIN) => return false,
-            // Nobody can tell us anything any more.
+            // Nobody can send us anything any more.
             Err(_) => return true,
         }
     }

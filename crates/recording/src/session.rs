@@ -39,7 +39,7 @@ pub fn copy_tables(folder: &RunFolder, setup: &Setup, place: &str) -> Result<(),
 /// The rig file and its EDS, so that the recording can be read by itself.
 fn write_rig(folder: &RunFolder, rig: &LoadedRig) -> Result<(), WriteError> {
     folder.write(file::RIG, rig.text.as_bytes())?;
-    let Some(eds) = &rig.rig.drive.eds else {
+    let Some(eds) = &rig.file.drive.eds else {
         return Ok(());
     };
     let place = folder.path().join(eds);

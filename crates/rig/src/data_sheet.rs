@@ -7,8 +7,8 @@ use canopen::eds::EdsError;
 use canopen::object_dictionary::Entry;
 use canopen::{ObjectDictionary, eds};
 
-use crate::FILE_BYTES_MAX;
-
+/// Longest file that a user names besides scenarios and recordings.
+pub const FILE_BYTES_MAX: u64 = 1 << 20;
 /// Second SDO server channel.
 const SECOND_CHANNEL: u16 = 0x1201;
 /// NMT startup; bit 0 makes a node the NMT manager (CiA 302-2).

@@ -1,4 +1,4 @@
-//! What a CAN driver tells of the bus itself, by the error messages of `linux/can/error.h`; those of the modelled bus are
+//! What a CAN driver reports of the bus itself, by the error messages of `linux/can/error.h`; those of the modelled bus are
 //! such, too.
 
 use canopen::CanFrame;
@@ -17,7 +17,7 @@ const TRANSCEIVER: u32 = 0x010;
 const NO_ACKNOWLEDGEMENT: u32 = 0x020;
 /// The CAN controller takes no part in the bus any more.
 pub const BUS_OFF: u32 = 0x040;
-/// An error of the bus, not told further.
+/// An error of the bus, not described further.
 const BUS_ERROR: u32 = 0x080;
 /// The CAN controller takes part again.
 pub const RESTARTED: u32 = 0x100;
@@ -62,9 +62,9 @@ pub struct ErrorMessage {
     pub node: u8,
     /// What is wrong, for people: states first, then errors.
     pub text: String,
-    /// Whether it tells that something is well again, or belongs to a healthy bus.
+    /// Whether it says that something is well again, or belongs to a healthy bus.
     pub is_good: bool,
-    /// Whether it tells a change of state, which comes once; other errors come with each frame.
+    /// Whether it reports a change of state, which comes once; other errors come with each frame.
     pub is_state: bool,
 }
 
@@ -72,20 +72,20 @@ pub struct ErrorMessage {
 #[must_use]
 #[inline]
 pub fn read(frame: &CanFrame) -> Option<ErrorMessage> {
-    frame.is_error().then(|| told(frame))
+    frame.is_error().then(|| describe(frame))
 }
 
-fn told(frame: &CanFrame) -> ErrorMessage {
+fn describe(frame: &CanFrame) -> ErrorMessage {
     let class = frame.raw_id();
     let [_, controller, protocol, _, _, node, ..] = frame.buffer();
     let has = |class_bit: u32| class & class_bit != 0;
     let of_bits = |bits: u8, words: &[(u8, &'static str)]| {
-        let told = words.iter().filter(move |(mask, _)| bits & mask != 0);
-        told.map(|(_, word)| *word).collect::<Vec<_>>()
+        let set = words.iter().filter(move |(mask, _)| bits & mask != 0);
+        set.map(|(_, word)| *word).collect::<Vec<_>>()
     };
     let of_class = |words: &[(u32, &'static str)]| {
-        let told = words.iter().filter(|(bit, _)| has(*bit));
-        told.map(|(_, word)| *word).collect::<Vec<_>>()
+        let set = words.iter().filter(|(bit, _)| has(*bit));
+        set.map(|(_, word)| *word).collect::<Vec<_>>()
     };
     let mut words = of_class(&[(BUS_OFF, "bus-off"), (RESTARTED, "back from bus-off")]);
     if has(CONTROLLER) {
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn states_are_told_as_changes() {
+    fn states_are_reported_as_changes() {
         let off = message(BUS_OFF, 0, 0);
         assert_eq!(
             (off.text.as_str(), off.is_good, off.is_state),

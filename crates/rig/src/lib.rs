@@ -1,4 +1,11 @@
-//! rig
+//! What is played, and what then is known of the bus.
+//!
+//! Comes in: a scenario file, a rig file with the EDS of its drive, the nodes that are external, and the plants and laws of
+//! the bench as a [`catalogue::Catalogue`]. Goes out: a [`setup::Setup`] with the [`dbc::Database`] that says what each frame
+//! means, the signals by all their names, the data sheets of the nodes, and what an error frame of a CAN driver says.
+//!
+//! What it does not know: how a run is played, recorded or judged, and the code of plants and laws: whoever plays them hands
+//! in their names and signals. It opens no bus and starts nothing.
 
 pub mod catalogue;
 pub mod data_sheet;
@@ -9,5 +16,4 @@ pub mod rig_file;
 pub mod setup;
 mod signal_names;
 
-/// Longest file that a user names besides scenarios and recordings.
-pub const FILE_BYTES_MAX: u64 = 1 << 20;
+pub use data_sheet::FILE_BYTES_MAX;

@@ -1,4 +1,4 @@
-//! Who has been heard on the bus, and what a guest may do there.
+//! Who is on the bus, and what a guest may do there.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,7 +10,7 @@ use crate::data_sheet::DataSheet;
 const SYNC: u16 = 0x080;
 const HEARTBEAT: u16 = 0x700;
 
-/// What has been heard on the bus.
+/// The nodes, the SYNC and the SDO users whose frames were on the bus.
 #[derive(Clone, Debug, Default)]
 pub struct Presence {
     states: BTreeMap<u8, NmtState>,
@@ -21,7 +21,7 @@ pub struct Presence {
 
 impl Presence {
     /// Takes a frame of somebody else.
-    pub fn hear(&mut self, frame: &CanFrame) {
+    pub fn on_frame(&mut self, frame: &CanFrame) {
         let Some(id) = frame.standard_id() else {
             return;
         };
@@ -41,7 +41,7 @@ impl Presence {
         }
     }
 
-    /// The nodes with a heartbeat, and the state that it told last.
+    /// The nodes with a heartbeat, and the state that it reported last.
     #[must_use]
     pub fn states(&self) -> &BTreeMap<u8, NmtState> {
         &self.states
@@ -87,7 +87,7 @@ mod tests {
     fn after(frames: &[(u16, &[u8])]) -> Presence {
         let mut presence = Presence::default();
         for (id, data) in frames {
-            presence.hear(&CanFrame::new(*id, data));
+            presence.on_frame(&CanFrame::new(*id, data));
         }
         presence
     }

@@ -10,10 +10,10 @@ use dbc::signals::TRUTH_MESSAGES;
 use dbc::{Coding, Database, DbcError, Kind, LawTerm, Signal};
 use miette::Diagnostic;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
-use scenario::rig::{PositionRange, Rig};
+use scenario::rig::{PositionRange, RigFile};
 use scenario::{Scenario, ScenarioError, read_text};
 
-use crate::FILE_BYTES_MAX;
+use crate::data_sheet::FILE_BYTES_MAX;
 
 /// Default name of a rig file, beside the scenarios.
 pub const RIG_FILE: &str = "rig.toml";
@@ -78,7 +78,7 @@ pub struct LoadedRig {
     /// Its text.
     pub text: String,
     /// Its meaning.
-    pub rig: Rig,
+    pub file: RigFile,
     /// The drive's EDS.
     pub eds: String,
     /// The drive's identity and PDOs.
@@ -93,8 +93,8 @@ impl LoadedRig {
     /// # Errors
     /// They cannot be read, or do not fit each other.
     pub fn load(path: &Path) -> Result<Self, RigError> {
-        let (rig, text) = Rig::load_with_text(path)?;
-        let eds = match rig.eds_path(path) {
+        let (file, text) = RigFile::load_with_text(path)?;
+        let eds = match file.eds_path(path) {
             None => dbc::DRIVE_EDS.to_owned(),
             Some(eds) => read_text(&eds, FILE_BYTES_MAX).map_err(|source| RigError::Eds {
                 rig: path.to_owned(),
@@ -102,7 +102,7 @@ impl LoadedRig {
                 source,
             })?,
         };
-        Self::of(path, rig, text, eds)
+        Self::of(path, file, text, eds)
     }
 
     /// A rig file that lies nowhere, for a drive with the emulated one's EDS.
@@ -110,28 +110,28 @@ impl LoadedRig {
     /// # Errors
     /// It is not valid.
     pub fn of_text(text: &str) -> Result<Self, RigError> {
-        let rig = Rig::parse(text, RIG_FILE)?;
+        let file = RigFile::parse(text, RIG_FILE)?;
         let eds = dbc::DRIVE_EDS.to_owned();
-        Self::of(Path::new(RIG_FILE), rig, text.to_owned(), eds)
+        Self::of(Path::new(RIG_FILE), file, text.to_owned(), eds)
     }
 
-    fn of(path: &Path, rig: Rig, text: String, eds: String) -> Result<Self, RigError> {
-        let dictionary = dbc::dictionary(&eds, rig.drive.node_id);
+    fn of(path: &Path, file: RigFile, text: String, eds: String) -> Result<Self, RigError> {
+        let dictionary = dbc::dictionary(&eds, file.drive.node_id);
         let drive = dictionary.map_err(DriveError::from).and_then(|dictionary| {
-            DriveLayout::new(dictionary, &rig.drive, rig.limits.current_amperes)
+            DriveLayout::new(dictionary, &file.drive, file.limits.current_amperes)
         });
         let drive = drive.map_err(|source| RigError::Drive {
             rig: path.to_owned(),
             source: Box::new(source),
         })?;
-        let database = database(&rig, &drive).map_err(|source| RigError::Identifier {
+        let database = database(&file, &drive).map_err(|source| RigError::Identifier {
             rig: path.to_owned(),
             source,
         })?;
         Ok(Self {
             path: path.to_owned(),
             text,
-            rig,
+            file,
             eds,
             drive,
             database: Arc::new(database),
@@ -158,7 +158,7 @@ impl LoadedRig {
         if scenario.reference.is_empty() {
             return Ok(());
         }
-        let PositionRange { min, max } = self.rig.limits.position_millimetres;
+        let PositionRange { min, max } = self.file.limits.position_millimetres;
         let trajectory = scenario.reference.trajectory();
         let period = scenario.bus.sync_period();
         let duration = Duration::from_secs_f64(scenario.duration_seconds);
@@ -190,14 +190,14 @@ impl LoadedRig {
 }
 
 /// The frames of the bus with this drive on it.
-fn database(rig: &Rig, drive: &DriveLayout) -> Result<Database, DbcError> {
+fn database(file: &RigFile, drive: &DriveLayout) -> Result<Database, DbcError> {
     let [statusword, controlword] = drive.words();
     let [feedback_bytes, command_bytes] =
         drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok());
-    let heartbeat = rig.timeouts.drive_heartbeat_milliseconds;
+    let heartbeat = file.timeouts.drive_heartbeat_milliseconds;
     let database = Database::shipped()
         .with_silent(&TRUTH_MESSAGES)
-        .with_identifiers(&identifiers(rig, drive))?
+        .with_identifiers(&identifiers(file, drive))?
         .with_cycle_time("drive_heartbeat", heartbeat.into())
         .with_layout("drive_tpdo1", feedback_bytes, |signal| {
             match signal.name.as_str() {
@@ -216,7 +216,7 @@ fn database(rig: &Rig, drive: &DriveLayout) -> Result<Database, DbcError> {
 }
 
 /// Where the frames of drive, fan and load module are.
-fn identifiers(rig: &Rig, drive: &DriveLayout) -> Vec<(&'static str, u16)> {
+fn identifiers(file: &RigFile, drive: &DriveLayout) -> Vec<(&'static str, u16)> {
     let of = |messages: &[(&'static str, u16)], node_id: u8| {
         let messages = messages.iter();
         let moved =
@@ -224,7 +224,7 @@ fn identifiers(rig: &Rig, drive: &DriveLayout) -> Vec<(&'static str, u16)> {
         moved.collect::<Vec<_>>()
     };
     let mut identifiers = of(&DRIVE_MESSAGES, drive.node_id().get());
-    identifiers.extend(of(&FAN_MESSAGES, rig.fan.node_id));
+    identifiers.extend(of(&FAN_MESSAGES, file.fan.node_id));
     identifiers.extend([
         ("drive_tpdo1", drive.feedback_id()),
         ("drive_rpdo1", drive.command_id()),
@@ -278,14 +278,17 @@ mod tests {
         let rig = load(RIG).unwrap();
         let decode =
             |path: &str, frame: &CanFrame| rig.database.require(path).unwrap().decode(frame);
-        let told = CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0x11, 0x22]);
-        let position = decode("drive_tpdo1.position_millimetres", &told).unwrap();
+        let feedback = CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0x11, 0x22]);
+        let position = decode("drive_tpdo1.position_millimetres", &feedback).unwrap();
         assert!((position - 6.0).abs() < 1e-9, "{position}");
-        assert_eq!(decode("drive_tpdo1.statusword_state", &told), Some(55.0));
         assert_eq!(
-            decode("drive_tpdo1.current_amperes", &told),
+            decode("drive_tpdo1.statusword_state", &feedback),
+            Some(55.0)
+        );
+        assert_eq!(
+            decode("drive_tpdo1.current_amperes", &feedback),
             None,
-            "it tells none"
+            "it has none"
         );
         let command = rig.drive.encode(0x0F, 0.25);
         assert_eq!(
@@ -318,11 +321,11 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_told() {
-        let told = |text: &str| load(text).unwrap_err().to_string();
+    fn what_does_not_fit_is_refused() {
+        let refused = |text: &str| load(text).unwrap_err().to_string();
         let other = RIG.replace("node_id = 32", "node_id = 32\neds = \"none.eds\"");
-        assert!(told(&other).contains("none.eds cannot be read"));
+        assert!(refused(&other).contains("none.eds cannot be read"));
         let other = RIG.replace("object = \"\"", "object = \"0x2345:01\"");
-        assert!(told(&other).ends_with("the drive's EDS has no object 0x2345:01"));
+        assert!(refused(&other).ends_with("the drive's EDS has no object 0x2345:01"));
     }
 }

@@ -76,7 +76,7 @@ impl Setup {
     pub fn on(mut self, rig: Option<Arc<LoadedRig>>, external: External) -> Self {
         let rig = rig.map(|rig| LoadedRig::led_by(rig, &self.frames.law_terms));
         if let Some(rig) = &rig {
-            self.scenario.bus = rig.rig.bus.of_scenario();
+            self.scenario.bus = rig.file.bus.of_scenario();
         }
         let database = match &rig {
             Some(rig) => Arc::clone(&rig.database),

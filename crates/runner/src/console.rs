@@ -15,6 +15,11 @@ pub fn say(text: &str) {
     let _ = writeln!(io::stdout(), "{text}");
 }
 
+/// Prints a text that ends its own lines on standard output.
+pub fn print(text: &str) {
+    let _ = io::stdout().write_all(text.as_bytes());
+}
+
 /// Prints a line on standard error.
 pub fn complain(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
@@ -37,6 +42,41 @@ pub fn report_panic(info: &PanicHookInfo<'_>) {
         "canrig: internal error: {info}\nThis is a fault of canrig {}; please report it with the command that you typed.",
         env!("CARGO_PKG_VERSION")
     ));
+}
+
+/// Lines that wait for a busy writer at most, in bytes.
+const BUFFER_BYTES: usize = 64 << 10;
+
+/// Standard output with a buffer, for many lines; a reader that went away is the end, not an error.
+#[derive(Default)]
+pub struct BufferedLines {
+    text: String,
+    is_closed: bool,
+}
+
+impl BufferedLines {
+    /// Prints a line, now or together with later ones.
+    pub fn add(&mut self, line: &str) {
+        self.text += line;
+        self.text.push('\n');
+        if self.text.len() >= BUFFER_BYTES {
+            self.flush();
+        }
+    }
+
+    /// Prints what waits.
+    pub fn flush(&mut self) {
+        let mut stdout = io::stdout().lock();
+        let written = stdout.write_all(self.text.as_bytes());
+        self.is_closed |= written.and_then(|()| stdout.flush()).is_err();
+        self.text.clear();
+    }
+
+    /// Whether the reader has gone.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.is_closed
+    }
 }
 
 /// A line that shows what a computation of unknown length does. It is drawn on a terminal only.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use judge::verdict::Verdict;
 use recording::progress::RunProgress;
-use worlds::preflight::Step;
+use worlds::preflight::PreflightEvent;
 
 use crate::run::Judged;
 
@@ -13,7 +13,7 @@ pub enum RunEvent<'a> {
     /// Something to know about the run: its bus, its clock, its rig, what the machine refuses.
     Note(String),
     /// A step of the pre-flight of an external drive.
-    Preflight(&'a Step),
+    Preflight(&'a PreflightEvent),
     /// A scenario begins.
     Began {
         /// How long it is.

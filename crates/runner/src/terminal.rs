@@ -10,7 +10,7 @@ use crate::run::Judged;
 use judge::verdict::Outcome;
 use report::terminal;
 use std::path::Path;
-use worlds::preflight::Step;
+use worlds::preflight::PreflightEvent;
 
 /// Prints what happens, as far as the user wants it.
 pub(crate) struct Terminal {
@@ -85,10 +85,10 @@ impl Listener for Terminal {
     }
 }
 
-fn in_words(step: &Step) -> String {
+fn in_words(step: &PreflightEvent) -> String {
     match step {
-        Step::Begun => "pre-flight:".to_owned(),
-        Step::Checked(check) => format!("  {check}"),
-        Step::Cooling(time) => format!("  the wire cools for {} s", time.as_secs_f64()),
+        PreflightEvent::Begun => "pre-flight:".to_owned(),
+        PreflightEvent::Checked(check) => format!("  {check}"),
+        PreflightEvent::Cooling(time) => format!("  the wire cools for {} s", time.as_secs_f64()),
     }
 }

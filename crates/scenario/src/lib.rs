@@ -1,7 +1,7 @@
 //! Scenario files say what to try and what passes; rig files say on which drive.
 //!
 //! Comes in: the text of a scenario or a rig file, the tables that it names, the tables of plants and laws from outside, the
-//! objects of a drive's EDS. Goes out: a [`Scenario`] or a [`rig::Rig`], or every [`Problem`] with the character where it
+//! objects of a drive's EDS. Goes out: a [`Scenario`] or a [`rig::RigFile`], or every [`Problem`] with the character where it
 //! stands; the JSON Schemas of both; what a rig file makes of a drive ([`rig::drive`]) and the watch over its limits
 //! ([`rig::limits`]).
 //!

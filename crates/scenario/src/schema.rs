@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::null::TakeNullAway;
 use crate::own;
-use crate::rig::Rig;
+use crate::rig::RigFile;
 use crate::scenario::Scenario;
 use crate::view::ControllerView;
 
@@ -17,7 +17,7 @@ pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(schema_of::<Scenario
 /// What the controller checks of scenario files.
 pub(crate) static CONTROLLER_VIEW: LazyLock<Value> = LazyLock::new(schema_of::<ControllerView>);
 /// What rig files are checked against.
-pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<Rig>);
+pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<RigFile>);
 
 /// The JSON Schema of scenario files, as committed in `scenarios/schema.json`.
 #[must_use]
@@ -28,7 +28,7 @@ pub fn json_schema() -> String {
 /// The JSON Schema of rig files, as committed in `scenarios/rig_schema.json`.
 #[must_use]
 pub fn rig_json_schema() -> String {
-    format!("{:#}\n", schema_of::<Rig>())
+    format!("{:#}\n", schema_of::<RigFile>())
 }
 
 /// The schema of a type, with the plants and laws from outside; its definitions stand in `definitions`.

@@ -1,4 +1,4 @@
-//! A node in a process of its own: how it starts, how it is asked to stop, how its end is told.
+//! A node in a process of its own: how it starts, how it is asked to stop, how its end is reported.
 
 use std::fs::{self, File};
 use std::io;
@@ -13,7 +13,7 @@ use tokio::io::AsyncReadExt;
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::time::timeout;
 
-use super::WorldError;
+use crate::error::WorldError;
 use recording::run_folder::RunFolder;
 
 /// Lines of a log that a message shows.
@@ -31,12 +31,12 @@ pub(super) struct NodeProcess {
     lifeline: Option<ChildStdin>,
     log: PathBuf,
     /// A fault of the scenario has killed it.
-    is_struck: bool,
+    is_killed_by_fault: bool,
 }
 
 impl NodeProcess {
-    /// Starts this program again as the node `name`. What it complains of goes into a log in the run's folder; what it
-    /// prints is its report; `side_channel` is handed on.
+    /// Starts this program again as the node `name`. Its standard error goes into a log in the run's folder; its
+    /// standard output is its report; `side_channel` is handed on.
     pub(super) fn spawn(
         name: &'static str,
         folder: &RunFolder,
@@ -72,13 +72,13 @@ impl NodeProcess {
             child,
             lifeline,
             log,
-            is_struck: false,
+            is_killed_by_fault: false,
         })
     }
 
     /// Kills the process as a fault of the scenario.
-    pub(super) async fn strike(&mut self) -> Result<(), WorldError> {
-        self.is_struck = true;
+    pub(super) async fn kill_by_fault(&mut self) -> Result<(), WorldError> {
+        self.is_killed_by_fault = true;
         let killed = self.child.kill().await;
         killed.map_err(|source| WorldError::Spawn {
             name: self.name,
@@ -87,18 +87,18 @@ impl NodeProcess {
     }
 
     /// Stops the process where it is as a fault of the scenario, or lets it go on.
-    pub(super) fn freeze(&self, is_frozen: bool) -> Result<(), WorldError> {
+    pub(super) fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
         let number = self.child.id().unwrap_or_default();
-        process::freeze(number, is_frozen).map_err(|source| WorldError::Spawn {
+        process::suspend(number, is_suspended).map_err(|source| WorldError::Spawn {
             name: self.name,
             source,
         })
     }
 
-    /// Waits for the process to end before it was asked to; the error that tells of it. One that was killed on purpose has
-    /// not.
+    /// Waits for the process to end before it was asked to; the error that says so. One that a fault killed has not ended
+    /// early.
     pub(super) async fn early_end(&mut self) -> WorldError {
-        if self.is_struck {
+        if self.is_killed_by_fault {
             return std::future::pending().await;
         }
         match self.child.wait().await {
@@ -116,11 +116,11 @@ impl NodeProcess {
     /// It does not end in time, or ends badly.
     pub(super) async fn stop(&mut self) -> Result<String, WorldError> {
         self.lifeline = None;
-        if self.is_struck {
+        if self.is_killed_by_fault {
             return Ok(String::new());
         }
-        // Should it be frozen still; one that has ended already is told below.
-        let _ = self.freeze(false);
+        // It may be suspended still; one that has ended already is reported below.
+        let _ = self.suspend(false);
         match timeout(END_PATIENCE, self.child.wait()).await {
             Ok(Ok(status)) if status.success() => {
                 self.remove_empty_log();

@@ -26,7 +26,7 @@ const QUEUE_LIMIT: usize = 10_000;
 const LOOK_AHEAD_MAX: Duration = Duration::from_millis(100);
 
 /// Where the winners of the arbitration go besides their addressees.
-pub trait Wire {
+pub(crate) trait Wire {
     /// Takes a frame whose last bit passed at `time` and which took so many bits from the bus.
     ///
     /// # Errors
@@ -80,7 +80,7 @@ const NEVER: Duration = Duration::MAX;
 struct Slot<'a> {
     participant: &'a mut dyn Participant,
     /// What it listens to.
-    heard: FilterSet,
+    accepted: FilterSet,
     /// What of that it takes in silence.
     silent: FilterSet,
     /// Whom its frames may make speak.
@@ -88,7 +88,7 @@ struct Slot<'a> {
     /// What has arrived and was not given to it yet, oldest first.
     inbox: Vec<Timed>,
     /// The inbox holds a frame that it may answer.
-    must_hear: bool,
+    has_answerable: bool,
     /// What it has queued, oldest first: a frame takes part in the arbitration from its time on.
     outbox: VecDeque<Timed>,
     /// An error passive station may not send before.
@@ -100,7 +100,7 @@ struct Slot<'a> {
     sends_at: Duration,
     /// The earliest time at which it may queue something that is not known yet; [`NEVER`] when it has stopped or when only
     /// a frame can wake it.
-    may_speak_at: Duration,
+    may_queue_at: Duration,
 }
 
 impl<'a> Slot<'a> {
@@ -110,17 +110,17 @@ impl<'a> Slot<'a> {
             ..Answer::default()
         };
         let mut slot = Self {
-            heard: participant.filters().to_vec().into(),
+            accepted: participant.filters().to_vec().into(),
             silent: participant.silent_filters().to_vec().into(),
             participant,
             audience: Audience::default(),
             inbox: Vec::new(),
-            must_hear: false,
+            has_answerable: false,
             outbox: VecDeque::new(),
             suspended_until: Duration::ZERO,
             answer,
             sends_at: NEVER,
-            may_speak_at: NEVER,
+            may_queue_at: NEVER,
         };
         slot.look_ahead();
         slot
@@ -128,30 +128,30 @@ impl<'a> Slot<'a> {
 
     /// Works out when it may speak and send, after a change of what that depends on.
     fn look_ahead(&mut self) {
-        let speaks = match self.answer.progress {
-            Progress::Running if self.must_hear => self.inbox.last().map(|(time, _)| *time),
+        let queues_at = match self.answer.progress {
+            Progress::Running if self.has_answerable => self.inbox.last().map(|(time, _)| *time),
             Progress::Running => self.answer.next_deadline,
             _ => None,
         };
-        self.may_speak_at = speaks.unwrap_or(NEVER);
+        self.may_queue_at = queues_at.unwrap_or(NEVER);
         let first = self.outbox.front();
         self.sends_at = first.map_or(NEVER, |(time, _)| (*time).max(self.suspended_until));
     }
 
     /// Takes a frame from the bus, if it is for this participant.
     #[inline]
-    fn hear(&mut self, time: Duration, frame: &CanFrame) {
-        if self.heard.accepts(frame) && self.answer.progress == Progress::Running {
+    fn receive(&mut self, time: Duration, frame: &CanFrame) {
+        if self.accepted.accepts(frame) && self.answer.progress == Progress::Running {
             self.inbox.push((time, *frame));
             if !self.silent.accepts(frame) {
-                self.must_hear = true;
-                self.may_speak_at = time;
+                self.has_answerable = true;
+                self.may_queue_at = time;
             }
         }
     }
 
     /// Takes the frame out with which it takes part in the arbitration.
-    fn take_first(&mut self) {
+    fn remove_first(&mut self) {
         self.outbox.pop_front();
         self.look_ahead();
     }
@@ -169,7 +169,7 @@ struct InFlight {
 }
 
 /// The participants, the bus between them and the time.
-pub struct Coordinator<'a> {
+pub(crate) struct Coordinator<'a> {
     slots: Vec<Slot<'a>>,
     bus: BusModel,
     faults: Option<BusFaults>,
@@ -182,7 +182,7 @@ pub struct Coordinator<'a> {
 impl<'a> Coordinator<'a> {
     /// An idle bus at time 0 with these participants, who are named by their index afterwards and asked in this order.
     #[must_use]
-    pub fn new(
+    pub(crate) fn new(
         bitrate_kilobits_per_second: u32,
         participants: impl IntoIterator<Item = &'a mut dyn Participant>,
     ) -> Self {
@@ -204,14 +204,14 @@ impl<'a> Coordinator<'a> {
 
     /// Lets things go wrong with the bus; the faults name the participants by the same index.
     #[must_use]
-    pub fn with_faults(mut self, faults: Option<BusFaults>) -> Self {
+    pub(crate) fn with_faults(mut self, faults: Option<BusFaults>) -> Self {
         self.faults = faults;
         self
     }
 
     /// The virtual time.
     #[must_use]
-    pub fn now(&self) -> Duration {
+    pub(crate) fn now(&self) -> Duration {
         self.now
     }
 
@@ -220,14 +220,17 @@ impl<'a> Coordinator<'a> {
     ///
     /// # Errors
     /// A participant or the wire failed.
-    pub fn step(&mut self, wire: &mut dyn Wire) -> Result<Option<Duration>, CoordinatorError> {
+    pub(crate) fn step(
+        &mut self,
+        wire: &mut dyn Wire,
+    ) -> Result<Option<Duration>, CoordinatorError> {
         if let Some(passed) = self.in_flight.take() {
             self.now = passed.end;
             self.pass(&passed, wire)?;
             return Ok(Some(self.now));
         }
         let next = self.slots.iter().fold(NEVER, |next, slot| {
-            next.min(slot.sends_at).min(slot.may_speak_at)
+            next.min(slot.sends_at).min(slot.may_queue_at)
         });
         let next = self.next_fault().min(next);
         if next == NEVER {
@@ -236,7 +239,7 @@ impl<'a> Coordinator<'a> {
         self.now = self.now.max(next).max(self.bus.free_at());
         self.recover(wire)?;
         for index in 0..self.slots.len() {
-            if self.slots[index].may_speak_at <= self.now {
+            if self.slots[index].may_queue_at <= self.now {
                 self.ask(index)?;
             }
         }
@@ -245,7 +248,7 @@ impl<'a> Coordinator<'a> {
     }
 
     /// Lets nobody go ahead beyond a time.
-    pub fn set_horizon(&mut self, horizon: Duration) {
+    pub(crate) fn set_horizon(&mut self, horizon: Duration) {
         self.horizon = horizon;
     }
 
@@ -254,7 +257,7 @@ impl<'a> Coordinator<'a> {
     ///
     /// # Errors
     /// As [`Coordinator::step`].
-    pub fn settle(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
+    pub(crate) fn settle(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
         self.horizon = self.now;
         while self.slots.iter().any(|slot| slot.answer.reached > self.now) {
             self.step(wire)?;
@@ -266,18 +269,18 @@ impl<'a> Coordinator<'a> {
     ///
     /// # Errors
     /// It failed or does not answer.
-    pub fn stop(&mut self, index: usize) -> Result<(), CoordinatorError> {
+    pub(crate) fn stop(&mut self, index: usize) -> Result<(), CoordinatorError> {
         // One that has gone ahead cannot go back.
         let at = self.now.max(self.slots[index].answer.reached);
         self.advance(index, at, at)?;
         let slot = &mut self.slots[index];
         slot.participant.stop(at, &mut slot.answer)?;
-        self.take_answer(index)
+        self.accept_answer(index)
     }
 
     /// True when a participant has reached its safe state and everything it had to say has passed.
     #[must_use]
-    pub fn is_stopped(&self, index: usize) -> bool {
+    pub(crate) fn is_stopped(&self, index: usize) -> bool {
         let slot = &self.slots[index];
         let is_sending = self
             .in_flight
@@ -317,7 +320,7 @@ impl<'a> Coordinator<'a> {
             Some((bits, faults.states[sender].activity() == Activity::Passive))
         });
         let Some((bits, is_passive)) = disturbed else {
-            self.slots[sender].take_first();
+            self.slots[sender].remove_first();
             self.transmit(Some(sender), frame);
             return;
         };
@@ -353,7 +356,7 @@ impl<'a> Coordinator<'a> {
         let Some(faults) = &mut self.faults else {
             for (index, slot) in self.slots.iter_mut().enumerate() {
                 if Some(index) != passed.sender {
-                    slot.hear(self.now, &passed.frame);
+                    slot.receive(self.now, &passed.frame);
                 }
             }
             return Ok(());
@@ -363,9 +366,9 @@ impl<'a> Coordinator<'a> {
             for (index, slot) in self.slots.iter_mut().enumerate() {
                 let is_off = faults.states[index].activity() == Activity::Off;
                 let is_for_it = Some(index) != passed.sender && !is_off;
-                let is_heard = is_for_it && slot.heard.accepts(&passed.frame);
-                if is_heard && !faults.misses(index, now, &passed.frame) {
-                    slot.hear(self.now, &passed.frame);
+                let is_accepted = is_for_it && slot.accepted.accepts(&passed.frame);
+                if is_accepted && !faults.misses(index, now, &passed.frame) {
+                    slot.receive(self.now, &passed.frame);
                 }
             }
         }
@@ -405,7 +408,7 @@ impl<'a> Coordinator<'a> {
             if after != before {
                 let message = state.message(number, false);
                 wire.put(now, &message, 0)?;
-                slot.hear(self.now, &message);
+                slot.receive(self.now, &message);
             }
         }
         Ok(())
@@ -424,7 +427,7 @@ impl<'a> Coordinator<'a> {
                 let number = faults.node_number(index);
                 let message = faults.states[index].message(number, true);
                 wire.put(now, &message, 0)?;
-                slot.hear(self.now, &message);
+                slot.receive(self.now, &message);
             }
         }
         Ok(())
@@ -460,7 +463,7 @@ impl<'a> Coordinator<'a> {
     /// idle: when no frame waits that is for it or may be answered, whoever speaks next speaks at a known time, and
     /// what is said then arrives later.
     fn unreachable_until(&self, index: usize) -> Duration {
-        let hearer = &self.slots[index];
+        let receiver = &self.slots[index];
         let mut next = self.horizon.min(self.now + LOOK_AHEAD_MAX);
         if let Some(faults) = &self.faults {
             if faults.forbids_look_ahead() {
@@ -470,13 +473,13 @@ impl<'a> Coordinator<'a> {
         }
         for (at, slot) in self.slots.iter().enumerate() {
             let may_reach = |(_, frame): &Timed| {
-                slot.audience.may_answer(frame) || (at != index && hearer.heard.accepts(frame))
+                slot.audience.may_answer(frame) || (at != index && receiver.accepted.accepts(frame))
             };
             if slot.outbox.iter().any(may_reach) {
                 return self.now;
             }
             if at != index {
-                next = next.min(slot.may_speak_at);
+                next = next.min(slot.may_queue_at);
             }
         }
         next.max(self.now)
@@ -492,11 +495,11 @@ impl<'a> Coordinator<'a> {
         slot.participant
             .advance(to, until, &slot.inbox, &mut slot.answer)?;
         slot.inbox.clear();
-        slot.must_hear = false;
-        self.take_answer(index)
+        slot.has_answerable = false;
+        self.accept_answer(index)
     }
 
-    fn take_answer(&mut self, index: usize) -> Result<(), CoordinatorError> {
+    fn accept_answer(&mut self, index: usize) -> Result<(), CoordinatorError> {
         let slot = &mut self.slots[index];
         match &mut self.faults {
             None => slot.outbox.extend(&slot.answer.frames),
@@ -524,16 +527,16 @@ fn audience(slots: &[Slot<'_>], index: usize) -> Audience {
         let others = slots.iter().enumerate().filter(|(at, _)| *at != index);
         others.map(|(_, slot)| slot)
     };
-    let heard = others().flat_map(|other| other.heard.filters());
+    let accepted = others().flat_map(|other| other.accepted.filters());
     let is_silent = |filter: &&Filter| {
         let frame = CanFrame::from_raw(filter.id, 0, [0; 8]);
         frame.is_some_and(|frame| {
-            others().all(|other| !other.heard.accepts(&frame) || other.silent.accepts(&frame))
+            others().all(|other| !other.accepted.accepts(&frame) || other.silent.accepts(&frame))
         })
     };
     let silent = others().flat_map(|other| other.silent.filters());
     Audience {
-        heard: heard.copied().collect::<Vec<_>>().into(),
+        accepted: accepted.copied().collect::<Vec<_>>().into(),
         silent: silent.filter(is_silent).copied().collect::<Vec<_>>().into(),
     }
 }

@@ -1,4 +1,4 @@
-//! The bench's own voice on the bus: it commands the disturbance module 0x11 as the scenario says, and gives the orders
+//! The bench's own node on the bus: it commands the disturbance module 0x11 as the scenario says, and gives the orders
 //! that are faults.
 
 use std::collections::VecDeque;
@@ -15,7 +15,7 @@ use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 pub struct DisturbanceProducer {
     clock: ScenarioClock,
     drive: Filter,
-    /// What it will say, each with its scenario time in seconds.
+    /// What it will send, each with its scenario time in seconds.
     frames: VecDeque<(f64, CanFrame)>,
     frame: Option<CanFrame>,
     supervisor: Option<Supervisor>,
@@ -81,7 +81,7 @@ fn disturbances(
 }
 
 impl Node for DisturbanceProducer {
-    /// Who has nothing to say need not know the time.
+    /// A node with nothing to send need not know the time.
     fn filters(&self) -> Vec<Filter> {
         let supervisor = self.supervisor.iter().flat_map(Supervisor::filters);
         let mut filters: Vec<Filter> = supervisor.collect();

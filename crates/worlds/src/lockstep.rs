@@ -9,11 +9,12 @@ use platform::lockstep::{Local, Participant};
 use scenario::Scenario;
 use scenario::fault::bus::Station;
 
-use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, START_PATIENCE, STOP_PATIENCE, WorldError};
 use crate::bus_model::faults::BusFaults;
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
-use crate::nodes;
+use crate::error::{START_PATIENCE, STOP_PATIENCE, WorldError};
+use crate::nodes::{self, BENCH, CONTROLLER, PLANT_EMULATOR};
+use crate::played::End;
 use recording::capture::Capture;
 use recording::log::Stamped;
 use rig::setup::Setup;

@@ -1,6 +1,6 @@
 //! The nodes of the shipped rig, built from a scenario.
 
-use ::faults::{Faulty, Kind, Plan};
+use ::faults::{FaultKind, FaultPlan, Faulty};
 use canopen::Node;
 use controller::ControllerNode;
 use dbc::Database;
@@ -8,8 +8,13 @@ use plant_emulator::catalogue;
 use scenario::fault::Faults;
 use scenario::{ControllerView, Scenario};
 
-use crate::WorldError;
+use crate::error::WorldError;
 use rig::rig_file::LoadedRig;
+
+/// Names of the nodes, for messages and for the command line of their processes.
+pub(crate) const CONTROLLER: &str = "controller";
+pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
+pub(crate) const BENCH: &str = "bench";
 
 /// The rig with its drive and its disturbance module.
 ///
@@ -17,7 +22,7 @@ use rig::rig_file::LoadedRig;
 /// The scenario's plant cannot be emulated.
 pub fn plant_emulator(scenario: &Scenario) -> Result<Box<dyn Node>, WorldError> {
     catalogue::emulator(scenario).map_err(|error| WorldError::Node {
-        name: "plant-emulator",
+        name: PLANT_EMULATOR,
         reason: error.to_string(),
     })
 }
@@ -31,11 +36,11 @@ pub fn controller(
     rig: Option<&LoadedRig>,
 ) -> Result<ControllerNode, WorldError> {
     let made = match rig {
-        Some(loaded) => ControllerNode::on_rig(view, &loaded.rig, &loaded.eds),
+        Some(loaded) => ControllerNode::on_rig(view, &loaded.file, &loaded.eds),
         None => ControllerNode::new(view),
     };
     made.map_err(|error| WorldError::Node {
-        name: "controller",
+        name: CONTROLLER,
         reason: error.to_string(),
     })
 }
@@ -48,13 +53,13 @@ pub fn controller(
 pub fn faulty_controller(
     make: impl Fn() -> Result<ControllerNode, WorldError> + Send + 'static,
     faults: &Faults,
-    is_played_elsewhere: impl Fn(&Kind) -> bool,
+    is_played_elsewhere: impl Fn(&FaultKind) -> bool,
 ) -> Result<Box<dyn Node>, WorldError> {
     let node = make()?;
     if faults.is_empty() {
         return Ok(Box::new(node));
     }
-    let plan = Plan::of(faults, scenario::fault::node::Node::Controller);
+    let plan = FaultPlan::of(faults, scenario::fault::node::Node::Controller);
     let renew = move |node: &mut ControllerNode| {
         // It could be set up once, so it can again.
         if let Ok(new) = make() {

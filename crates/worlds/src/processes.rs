@@ -8,11 +8,14 @@ use platform::scheduling::OneProcessor;
 use scenario::Scenario;
 use tokio::runtime::Runtime;
 
-use super::child::NodeProcess;
-use super::lockstep::{self, Roles};
-use super::{BENCH, CONTROLLER, End, PLANT_EMULATOR, Played, RunBus, WorldError};
+use crate::bus_choice::RunBus;
+use crate::child::NodeProcess;
 use crate::coordinator::CoordinatorError;
 use crate::disturbance_node::DisturbanceProducer;
+use crate::error::WorldError;
+use crate::lockstep::{self, Roles};
+use crate::nodes::{BENCH, CONTROLLER, PLANT_EMULATOR};
+use crate::played::{End, Played};
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
 
@@ -23,7 +26,7 @@ pub(super) struct Processes {
 }
 
 impl Processes {
-    /// Waits until one of them ends before its time; the error that tells of it.
+    /// Waits until one of them ends before its time; the error that says so.
     pub(super) async fn early_end(&mut self) -> WorldError {
         tokio::select! {
             error = early_end(&mut self.controller) => error,
@@ -93,7 +96,7 @@ pub fn in_lockstep(
         RunBus::Private => {
             let mut private = PrivateBus::start()?;
             let address = BusAddress::Private(private.process());
-            (Some(private.voice(&[])?), Some(address), Some(private))
+            (Some(private.join(&[])?), Some(address), Some(private))
         }
     };
     let _here = OneProcessor::stay();
@@ -133,13 +136,13 @@ pub fn in_lockstep(
     runtime.block_on(async {
         let error = match played {
             Ok(end) => return processes.stop().await.map(|_| Played::in_virtual_time(end)),
-            // How a process ended tells more than that it does not answer.
+            // How a process ended says more than that it does not answer.
             Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
                 name,
             }))) => processes.early_end_of(&name).await,
             Err(error) => error,
         };
-        // Whoever is left is gone before the error is told, which is the first one.
+        // Whoever is left has ended before the error is reported, which is the first one.
         let _ = processes.stop().await;
         Err(error)
     })

@@ -8,12 +8,14 @@ use platform::real_time::RunError;
 use platform::scheduling;
 use scenario::disturbance::Disturbance;
 
-use super::child::NodeProcess;
-use super::line::{COLLECT_PERIOD, Line, stop_signal};
-use super::processes::{Processes, runtime};
-use super::strikes::{Strike, Strikes};
-use super::{CONTROLLER, End, PLANT_EMULATOR, Played, START_PATIENCE, WorldError};
+use crate::bus_connection::{BusConnection, COLLECT_PERIOD, stop_signal};
+use crate::child::NodeProcess;
 use crate::disturbance_node::DisturbanceProducer;
+use crate::error::{START_PATIENCE, WorldError};
+use crate::nodes::{CONTROLLER, PLANT_EMULATOR};
+use crate::played::{End, Played};
+use crate::process_faults::{ProcessAction, ProcessFaults};
+use crate::processes::{Processes, runtime};
 use crate::supervisor::Supervisor;
 use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
@@ -35,39 +37,28 @@ pub fn play(
     setup: &Setup,
     folder: &RunFolder,
     capture: &mut Capture<'_>,
-    line: &mut Line,
+    connection: &mut BusConnection,
     is_enough: &mut dyn FnMut(&Capture<'_>) -> bool,
 ) -> Result<Played, WorldError> {
-    let (scenario, external) = (&setup.scenario, &setup.external);
     let runtime = runtime()?;
     let _entered = runtime.enter();
-    let start = |name, node| {
-        let is_ours = !external.has(node);
-        is_ours
-            .then(|| NodeProcess::spawn(name, folder, Some(&line.address), None))
-            .transpose()
-    };
-    let mut processes = Processes {
-        plant_emulator: start(PLANT_EMULATOR, ExternalNode::Drive)?,
-        controller: start(CONTROLLER, ExternalNode::Controller)?,
-    };
-    let mut orders = scenario.clone();
-    if !external.has_fan() {
-        // On a bus without the module its identifier may be somebody else's.
-        orders.disturbance = Disturbance::default();
-    }
-    let supervisor = setup.rig.as_ref();
-    let supervisor = supervisor.map(|rig| Supervisor::new(&rig.rig, &rig.drive));
-    let bench = DisturbanceProducer::new(&orders, &setup.database)?;
-    let mut bench = bench.with_supervisor(supervisor);
-    let mut voice = line.voice(&canopen::Node::filters(&bench))?;
+    let mut processes = start_nodes(setup, folder, connection)?;
+    let mut bench = bench_node(setup)?;
+    let mut bus = connection.join(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = stop_signal()?;
     let ended = std::thread::scope(|scope| {
-        let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *voice, &stop));
+        let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *bus, &stop));
         let end = runtime.block_on(async {
-            let run = follow(setup, folder, line, capture, &mut processes, is_enough);
+            let run = follow(
+                setup,
+                folder,
+                connection,
+                capture,
+                &mut processes,
+                is_enough,
+            );
             let end = tokio::select! {
-                // Its error is told below.
+                // Its error is reported below.
                 () = ended(&bench) => Ok(End::Interrupted),
                 end = run => end,
             };
@@ -92,10 +83,41 @@ pub fn play(
         host: Some(Host {
             controller: controller.map(|text| report(CONTROLLER, &text)),
             plant_emulator: plant_emulator.map(|text| report(PLANT_EMULATOR, &text)),
-            wall_clock_step: line.wall_clock_step(),
+            wall_clock_step: connection.wall_clock_step(),
             load: scheduling::machine_load(),
         }),
     })
+}
+
+/// Starts the nodes that are not external.
+fn start_nodes(
+    setup: &Setup,
+    folder: &RunFolder,
+    connection: &BusConnection,
+) -> Result<Processes, WorldError> {
+    let start = |name, node| {
+        let is_ours = !setup.external.has(node);
+        is_ours
+            .then(|| NodeProcess::spawn(name, folder, Some(connection.address()), None))
+            .transpose()
+    };
+    Ok(Processes {
+        plant_emulator: start(PLANT_EMULATOR, ExternalNode::Drive)?,
+        controller: start(CONTROLLER, ExternalNode::Controller)?,
+    })
+}
+
+/// The bench's own node, with a supervisor where there is a rig.
+fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
+    let mut orders = setup.scenario.clone();
+    if !setup.external.has_fan() {
+        // On a bus without the module its identifier may be somebody else's.
+        orders.disturbance = Disturbance::default();
+    }
+    let supervisor = setup.rig.as_ref();
+    let supervisor = supervisor.map(|rig| Supervisor::new(&rig.file, &rig.drive));
+    let bench = DisturbanceProducer::new(&orders, &setup.database)?;
+    Ok(bench.with_supervisor(supervisor))
 }
 
 /// Waits until the bench's own node has ended: it has stopped the drive, or failed.
@@ -118,17 +140,14 @@ fn report(name: &str, text: &str) -> NodeReport {
 async fn follow(
     setup: &Setup,
     folder: &RunFolder,
-    line: &mut Line,
+    connection: &mut BusConnection,
     capture: &mut Capture<'_>,
     processes: &mut Processes,
     is_enough: &mut dyn FnMut(&Capture<'_>) -> bool,
 ) -> Result<End, WorldError> {
-    let scenario = &setup.scenario;
-    let duration = Duration::from_secs_f64(scenario.duration_seconds);
-    let patience = start_patience(setup);
     let clock = Clock::start();
-    let mut last_heard = Duration::ZERO;
-    let mut strikes = Strikes::new(scenario);
+    let mut last_frame = Duration::ZERO;
+    let mut faults = ProcessFaults::new(&setup.scenario);
     let mut ticks = tokio::time::interval(COLLECT_PERIOD);
     loop {
         tokio::select! {
@@ -136,8 +155,8 @@ async fn follow(
             _ = ticks.tick() => {}
         }
         let now = clock.now();
-        if line.collect(capture)? {
-            last_heard = now;
+        if connection.collect(capture)? {
+            last_frame = now;
         }
         if capture.is_interrupted() {
             return Ok(End::Interrupted);
@@ -145,41 +164,75 @@ async fn follow(
         if is_enough(capture) {
             return Ok(End::Completed);
         }
-        while let Some(strike) = capture.scenario_time().and_then(|time| strikes.due(time)) {
-            // Faults of an external controller are refused before the run.
-            let Some(controller) = &mut processes.controller else {
-                break;
-            };
-            match strike {
-                Strike::Kill => controller.strike().await?,
-                Strike::Freeze => controller.freeze(true)?,
-                Strike::Thaw => controller.freeze(false)?,
-                Strike::Start => {
-                    *controller =
-                        NodeProcess::spawn(CONTROLLER, folder, Some(&line.address), None)?;
-                }
+        let controller = processes.controller.as_mut();
+        play_faults(
+            &mut faults,
+            controller,
+            capture.scenario_time(),
+            folder,
+            connection,
+        )
+        .await?;
+        let silence = now - last_frame;
+        if is_over(setup, capture.scenario_time(), now, silence)? {
+            return Ok(End::Completed);
+        }
+    }
+}
+
+/// Does to the controller's process what the scenario's faults say by now. Faults of an external controller were refused
+/// before the run.
+async fn play_faults(
+    faults: &mut ProcessFaults,
+    controller: Option<&mut NodeProcess>,
+    scenario_time: Option<Duration>,
+    folder: &RunFolder,
+    connection: &BusConnection,
+) -> Result<(), WorldError> {
+    let (Some(controller), Some(time)) = (controller, scenario_time) else {
+        return Ok(());
+    };
+    while let Some(action) = faults.due(time) {
+        match action {
+            ProcessAction::Kill => controller.kill_by_fault().await?,
+            ProcessAction::Suspend => controller.suspend(true)?,
+            ProcessAction::Resume => controller.suspend(false)?,
+            ProcessAction::Start => {
+                *controller =
+                    NodeProcess::spawn(CONTROLLER, folder, Some(connection.address()), None)?;
             }
         }
-        match capture.scenario_time() {
-            Some(time) if time >= duration => return Ok(End::Completed),
-            Some(_) if now - last_heard > SILENCE_MAX => {
-                return Err(WorldError::Silent {
-                    silence: SILENCE_MAX,
-                });
-            }
-            // A fault that keeps the scenario from beginning is seen to its end.
-            None if now > patience && !scenario.fault.is_empty() => {
-                return Ok(End::Completed);
-            }
-            None if now > patience => return Err(WorldError::NoStart { patience }),
-            _ => {}
-        }
+    }
+    Ok(())
+}
+
+/// Whether the scenario has come to its end.
+///
+/// # Errors
+/// It never will: it did not begin, or its manager is gone.
+fn is_over(
+    setup: &Setup,
+    scenario_time: Option<Duration>,
+    now: Duration,
+    silence: Duration,
+) -> Result<bool, WorldError> {
+    let scenario = &setup.scenario;
+    let patience = start_patience(setup);
+    match scenario_time {
+        Some(time) if time >= Duration::from_secs_f64(scenario.duration_seconds) => Ok(true),
+        Some(_) if silence > SILENCE_MAX => Err(WorldError::Silent {
+            silence: SILENCE_MAX,
+        }),
+        // A fault that keeps the scenario from beginning is seen to its end.
+        None if now > patience && !scenario.fault.is_empty() => Ok(true),
+        None if now > patience => Err(WorldError::NoStart { patience }),
+        _ => Ok(false),
     }
 }
 
 /// The drive of a rig may take its time, as its controller knows.
 fn start_patience(setup: &Setup) -> Duration {
-    let bring_up = setup.rig.as_ref().map(|rig| rig.rig.timeouts.bring_up());
+    let bring_up = setup.rig.as_ref().map(|rig| rig.file.timeouts.bring_up());
     bring_up.map_or(START_PATIENCE, |bring_up| {
         START_PATIENCE.max(bring_up + ENABLE_PATIENCE)
     })

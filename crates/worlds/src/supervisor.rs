@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use canopen::cia402::Command;
 use canopen::{CanFrame, Filter, NmtCommand};
-use scenario::rig::Rig;
+use scenario::rig::RigFile;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::{LimitWatch, Violation};
 
@@ -21,7 +21,7 @@ pub struct Supervisor {
 impl Supervisor {
     /// A supervisor that has seen nothing.
     #[must_use]
-    pub fn new(rig: &Rig, drive: &DriveLayout) -> Self {
+    pub fn new(rig: &RigFile, drive: &DriveLayout) -> Self {
         Self {
             drive: drive.clone(),
             watch: LimitWatch::new(&rig.limits, rig.bus.of_scenario().sync_period()),
@@ -30,7 +30,7 @@ impl Supervisor {
         }
     }
 
-    /// What it must hear.
+    /// The frames that it must receive.
     pub(crate) fn filters(&self) -> [Filter; 2] {
         [self.drive.feedback_id(), self.drive.command_id()].map(Filter::exact)
     }
@@ -77,9 +77,9 @@ mod tests {
     fn supervisor() -> Supervisor {
         let text = "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
             position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n";
-        let rig = Rig::parse(text, "rig.toml").unwrap();
+        let rig = RigFile::parse(text, "rig.toml").unwrap();
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
-        let drive = DriveLayout::new(dictionary, &rig::Drive::default(), 2.0).unwrap();
+        let drive = DriveLayout::new(dictionary, &rig::RigDrive::default(), 2.0).unwrap();
         Supervisor::new(&rig, &drive)
     }
 
@@ -118,14 +118,14 @@ mod tests {
             feedback(10_000, 950),
             command(901),
         ] {
-            let (sent, told) = after(&[still, violating, violating]);
+            let (sent, violation) = after(&[still, violating, violating]);
             assert_eq!(sent, stop);
-            assert!(told.unwrap().starts_with("limit of the rig: "));
+            assert!(violation.unwrap().starts_with("limit of the rig: "));
         }
-        let (sent, told) = after(&[feedback(0, 0), feedback(5_000, 0), feedback(10_000, 0)]);
+        let (sent, violation) = after(&[feedback(0, 0), feedback(5_000, 0), feedback(10_000, 0)]);
         assert_eq!(sent, stop);
         assert_eq!(
-            told.unwrap(),
+            violation.unwrap(),
             "limit of the rig: the load moves at 500 mm/s (limit 400 mm/s)"
         );
         assert_eq!(after(&[still, command(900), still]), (vec![], None));

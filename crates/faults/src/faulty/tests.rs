@@ -4,7 +4,7 @@ use canopen::CanFrame;
 use scenario::fault::node::Output;
 
 use super::*;
-use crate::plan::Planned;
+use crate::plan::PlannedFault;
 
 /// Sends a heartbeat every 10 ms, and answers every frame 0x300 at once.
 #[derive(Debug, Default)]
@@ -53,11 +53,11 @@ fn milliseconds(milliseconds: u64) -> Duration {
 }
 
 /// A node with one fault from 50 ms to 100 ms; the scenario begins at 0.
-fn faulty(kind: Kind) -> Faulty<Ticker> {
-    let plan = Plan {
+fn faulty(kind: FaultKind) -> Faulty<Ticker> {
+    let plan = FaultPlan {
         number: 0x10,
         late_boot: Duration::ZERO,
-        faults: vec![Planned {
+        faults: vec![PlannedFault {
             from: milliseconds(50),
             until: milliseconds(100),
             kind,
@@ -108,7 +108,7 @@ fn times(sent: &[(u64, u16)], id: u16) -> Vec<u64> {
 
 #[test]
 fn a_dead_node_is_silent_and_boots_anew() {
-    let mut node = faulty(Kind::Crash(Output::Hold));
+    let mut node = faulty(FaultKind::Crash(Output::Hold));
     let sent = run(&mut node, 130);
     assert_eq!(times(&sent, 0x710), [0, 10, 20, 30, 40, 100, 110, 120, 130]);
     assert_eq!(times(&sent, 0x301), [15, 35, 115]);
@@ -117,7 +117,7 @@ fn a_dead_node_is_silent_and_boots_anew() {
 
 #[test]
 fn a_hanging_node_goes_on_with_what_was_kept_for_it() {
-    let mut node = faulty(Kind::Hang);
+    let mut node = faulty(FaultKind::Hang);
     let sent = run(&mut node, 130);
     assert_eq!(times(&sent, 0x710), [0, 10, 20, 30, 40, 100, 110, 120, 130]);
     assert_eq!(times(&sent, 0x301), [15, 35, 100, 100, 100, 115]);
@@ -126,16 +126,16 @@ fn a_hanging_node_goes_on_with_what_was_kept_for_it() {
 
 #[test]
 fn a_slow_node_answers_late_and_a_heartbeat_is_lost_alone() {
-    let sent = run(&mut faulty(Kind::Slow(milliseconds(3))), 130);
+    let sent = run(&mut faulty(FaultKind::Slow(milliseconds(3))), 130);
     assert_eq!(times(&sent, 0x301), [15, 35, 58, 78, 98, 115]);
-    let sent = run(&mut faulty(Kind::LostHeartbeat), 130);
+    let sent = run(&mut faulty(FaultKind::LostHeartbeat), 130);
     assert_eq!(times(&sent, 0x710), [0, 10, 20, 30, 40, 100, 110, 120, 130]);
     assert_eq!(times(&sent, 0x301), [15, 35, 55, 75, 95, 115]);
 }
 
 #[test]
 fn a_fast_clock_ticks_more_often() {
-    let mut node = faulty(Kind::Drift(0.25));
+    let mut node = faulty(FaultKind::Drift(0.25));
     let sent = run(&mut node, 110);
     assert_eq!(
         times(&sent, 0x710),
@@ -148,7 +148,7 @@ fn a_fast_clock_ticks_more_often() {
 
 #[test]
 fn a_late_node_is_silent_until_it_boots() {
-    let plan = Plan {
+    let plan = FaultPlan {
         number: 0x10,
         late_boot: milliseconds(35),
         faults: Vec::new(),

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use dbc::{Database, SignalMissing, signals};
 use plant_emulator::sma::Inputs;
 use scenario::plant::Sensor;
-use scenario::rig::Rig;
+use scenario::rig::RigFile;
 use scenario::{Scenario, ScenarioError};
 
 use dbc::scenario_clock::SYNC_COB_ID;
@@ -216,8 +216,8 @@ impl Trace {
             Scenario::load(&scenario).map_err(|error| at(Fault::Scenario(Box::new(error))))?;
         let rig = LoadedRig::in_folder(path).map_err(|error| at(Fault::Rig(Box::new(error))))?;
         if let Some(loaded) = &rig {
-            scenario.bus = loaded.rig.bus.of_scenario();
-            scenario.plant.sensor = sensor_of(&loaded.rig);
+            scenario.bus = loaded.file.bus.of_scenario();
+            scenario.plant.sensor = sensor_of(&loaded.file);
         }
         let of_rig = rig.as_ref().map(|rig| &*rig.database);
         let database = database.or(of_rig).unwrap_or(Database::shipped());
@@ -336,7 +336,7 @@ fn commanded(timeline: &Timeline) -> Vec<f64> {
 }
 
 /// The sensor of a rig's drive: counts that reach over the travel.
-fn sensor_of(rig: &Rig) -> Sensor {
+fn sensor_of(rig: &RigFile) -> Sensor {
     let step = rig.drive.position.resolution_millimetres;
     let bits = libm::ceil(libm::log2(rig.limits.position_millimetres.max / step)).clamp(1.0, 24.0);
     #[expect(

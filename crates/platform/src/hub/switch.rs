@@ -75,7 +75,7 @@ impl Switch {
         })
     }
 
-    /// Works until told to stop. One packet per client and round: nobody starves the others.
+    /// Works until it is to stop. One packet per client and round: nobody starves the others.
     pub(super) fn run(mut self) {
         let mut events = [MaybeUninit::uninit(); CLIENTS_MAX + 2];
         loop {
@@ -192,7 +192,7 @@ impl Client {
     }
 }
 
-/// Takes one packet; a longer one than fits is told by its length.
+/// Takes one packet; a longer one than fits shows by its length.
 fn receive(client: &Client, packet: &mut [u8]) -> Packet {
     let flags = RecvFlags::DONTWAIT | RecvFlags::TRUNC;
     match rustix::net::recv(&client.socket, packet, flags) {

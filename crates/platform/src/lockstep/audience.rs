@@ -6,7 +6,7 @@ use canopen::{CanFrame, Filter, FilterSet};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Audience {
     /// What somebody listens to.
-    pub heard: FilterSet,
+    pub accepted: FilterSet,
     /// What all who listen to it take in silence ([`canopen::Node::silent_filters`]).
     pub silent: FilterSet,
 }
@@ -15,7 +15,7 @@ impl Default for Audience {
     /// Nothing is known of the others: any frame may be answered.
     fn default() -> Self {
         Self {
-            heard: vec![Filter::ALL, Filter::ERRORS].into(),
+            accepted: vec![Filter::ALL, Filter::ERRORS].into(),
             silent: Vec::new().into(),
         }
     }
@@ -25,7 +25,7 @@ impl Audience {
     /// True when somebody may queue a frame because of this one.
     #[must_use]
     pub fn may_answer(&self, frame: &CanFrame) -> bool {
-        self.heard.accepts(frame) && !self.silent.accepts(frame)
+        self.accepted.accepts(frame) && !self.silent.accepts(frame)
     }
 }
 
@@ -34,9 +34,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_is_heard_and_not_taken_in_silence_may_be_answered() {
+    fn only_what_is_accepted_and_not_taken_in_silence_may_be_answered() {
         let audience = Audience {
-            heard: vec![Filter::exact(0x080), Filter::exact(0x210)].into(),
+            accepted: vec![Filter::exact(0x080), Filter::exact(0x210)].into(),
             silent: vec![Filter::exact(0x210)].into(),
         };
         let may_answer = |id| audience.may_answer(&CanFrame::new(id, &[]));

@@ -67,7 +67,7 @@ pub enum FollowError {
 ///
 /// # Errors
 /// When the coordinator is gone or breaks the protocol, when the wire does not carry what was announced, when the node
-/// fails. All but the first two are told to the coordinator too, as the node's failure.
+/// fails. All but the first two are reported to the coordinator too, as the node's failure.
 pub fn follow(
     node: &mut dyn Node,
     channel: OwnedFd,

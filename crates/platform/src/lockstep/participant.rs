@@ -21,7 +21,7 @@ pub trait Participant {
     /// The frames that the node takes without saying anything, see [`canopen::Node::silent_filters`].
     fn silent_filters(&self) -> &[Filter];
 
-    /// Tells the participant who listens to it; before the first step. Until then it takes every frame for answered.
+    /// Informs the participant who listens to it; before the first step. Until then it takes every frame for answered.
     fn meet(&mut self, audience: &Audience);
 
     /// When the node wants its next tick, as of the last answer; a new node wants one at once.

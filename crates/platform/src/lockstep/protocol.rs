@@ -6,7 +6,7 @@
 //! | Advance | coordinator → process | 2, 0, frame count `u16`, to `u64`, until `u64`, frames |
 //! | Stop | coordinator → process | 3, 0, 0 `u16`, at `u64` |
 //! | Done | process → coordinator | 4, progress `u8`, frame count `u16`, next deadline `u64`, reached `u64`, frames, failure text |
-//! | Audience | coordinator → process | 5, 0, filter count `u16`, 0 `u64`, filters heard, silent filters |
+//! | Audience | coordinator → process | 5, 0, filter count `u16`, 0 `u64`, filters accepted, silent filters |
 //!
 //! Times are nanoseconds; a deadline of all ones is none. A frame is its time `u64`, identifier with the kernel's flags
 //! `u32`, length `u8` and 8 data bytes, a filter its id `u32` and mask `u32`. Progress is 0 running, 1 stopped, 2 failed; only a failure has a text.
@@ -96,7 +96,7 @@ pub enum ProtocolError {
     },
 }
 
-/// What a process tells about itself first.
+/// What a process reports of itself first.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Hello {
     pub(super) filters: Vec<Filter>,
@@ -146,10 +146,10 @@ pub(super) fn encode_audience(
     audience: &Audience,
 ) -> Result<(), ProtocolError> {
     let limit = 2 * FILTERS_MAX;
-    let count = limited(audience.heard.filters().len(), "filters", limit)?;
+    let count = limited(audience.accepted.filters().len(), "filters", limit)?;
     limited(audience.silent.filters().len(), "filters", limit)?;
     write_header(packet, AUDIENCE, 0, count, 0);
-    write_filters(packet, audience.heard.filters());
+    write_filters(packet, audience.accepted.filters());
     write_filters(packet, audience.silent.filters());
     Ok(())
 }
@@ -192,9 +192,9 @@ pub(super) fn decode_request(
         }
         STOP => Request::Stop { at: time },
         AUDIENCE => {
-            let (heard, silent) = reader.two_lists_of_filters(usize::from(count))?;
+            let (accepted, silent) = reader.two_lists_of_filters(usize::from(count))?;
             Request::Audience(Audience {
-                heard: heard.into(),
+                accepted: accepted.into(),
                 silent: silent.into(),
             })
         }

@@ -92,7 +92,7 @@ impl Stepper {
     ) -> Result<(), StepError> {
         answer.frames.clear();
         self.go(node, times, frames, &mut answer.frames)?;
-        self.tell(answer);
+        self.fill(answer);
         Ok(())
     }
 
@@ -134,7 +134,7 @@ impl Stepper {
     }
 
     /// How far the node has come, beside the frames that it has queued.
-    fn tell(&self, answer: &mut Answer) {
+    fn fill(&self, answer: &mut Answer) {
         answer.next_deadline = self.next_deadline;
         answer.reached = self.now;
         answer.progress.clone_from(&self.progress);
@@ -183,7 +183,7 @@ impl Stepper {
         self.now = at;
         node.on_stop(at);
         self.end_event(node, &mut answer.frames)?;
-        self.tell(answer);
+        self.fill(answer);
         Ok(())
     }
 

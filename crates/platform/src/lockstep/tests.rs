@@ -453,11 +453,11 @@ fn ahead(audience: Option<&Audience>, participant: &mut dyn Participant) -> Answ
 #[test]
 fn a_node_goes_ahead_until_it_says_what_may_be_answered() {
     let answered = Audience {
-        heard: vec![Filter::exact(0x200)].into(),
+        accepted: vec![Filter::exact(0x200)].into(),
         silent: vec![].into(),
     };
     let silent = Audience {
-        silent: answered.heard.clone(),
+        silent: answered.accepted.clone(),
         ..answered.clone()
     };
     let cases = [

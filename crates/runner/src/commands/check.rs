@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use scenario::rig::Rig;
+use scenario::rig::RigFile;
 
 use crate::console::{complain, say, usage};
 use crate::exit::Exit;
@@ -44,9 +44,9 @@ pub fn check(args: &CheckArgs) -> Exit {
 /// The name of a valid scenario or rig file.
 fn checked(path: &Path) -> miette::Result<String> {
     let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
-    if Rig::is_meant(&text) {
+    if RigFile::is_meant(&text) {
         let loaded = LoadedRig::load(path)?;
-        return Ok(format!("rig: {}", loaded.rig.name));
+        return Ok(format!("rig: {}", loaded.file.name));
     }
     let scenario = Setup::load(path, catalogue())?.scenario;
     Ok(match &scenario.sweep {

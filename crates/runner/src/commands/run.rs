@@ -20,8 +20,8 @@ use recording::run_folder::RunFolder;
 use rig::external::{External, ExternalNode};
 use rig::rig_file::{LoadedRig, RigError};
 use rig::setup::Setup;
-use worlds::line::Line;
-use worlds::preflight::{Preflight, Step};
+use worlds::bus_connection::BusConnection;
+use worlds::preflight::{Preflight, PreflightEvent};
 use worlds::{BusChoice, End, Played, RunBus, WorldError, choose_bus, processes, real_time};
 
 /// Arguments of `run`.
@@ -107,7 +107,7 @@ impl<'a> Plan<'a> {
         };
         refuse(args, &external).map_err(usage)?;
         let choice = match (&args.bus, &rig) {
-            (BusChoice::Auto, Some(rig)) => rig.rig.bus.interface.clone(),
+            (BusChoice::Auto, Some(rig)) => rig.file.bus.interface.clone(),
             _ => None,
         };
         let choice = choice.map_or_else(|| args.bus.clone(), BusChoice::Interface);
@@ -146,7 +146,7 @@ impl<'a> Plan<'a> {
             self.note(format!("note: {refusal}"));
         }
         if let Some(rig) = &self.rig {
-            let (name, path) = (&rig.rig.name, rig.path.display());
+            let (name, path) = (&rig.file.name, rig.path.display());
             self.note(format!("rig: {name} ({path})"));
         }
     }
@@ -158,7 +158,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    fn on_step(&self, step: &Step) {
+    fn on_step(&self, step: &PreflightEvent) {
         self.listener.hear(&RunEvent::Preflight(step));
     }
 
@@ -169,11 +169,11 @@ impl<'a> Plan<'a> {
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
-        let mut line = Line::open(&self.bus)?;
+        let mut line = BusConnection::open(&self.bus)?;
         self.announce_address(line.address());
         let ended = match self.fly(setup, folder.path(), &mut line, capture.watch()) {
             Ok(End::Completed) => {
-                line.forget();
+                line.discard();
                 real_time::play(setup, folder, capture, &mut line, &mut |_| false)
             }
             Ok(end) => Ok(Played { end, host: None }),
@@ -187,10 +187,10 @@ impl<'a> Plan<'a> {
         &self,
         setup: &Setup,
         parent: &Path,
-        line: &mut Line,
+        line: &mut BusConnection,
         watch: &Watch,
     ) -> Result<End, WorldError> {
-        let report = |step: &Step| self.on_step(step);
+        let report = |step: &PreflightEvent| self.on_step(step);
         (self.preflight).make(setup, parent, &self.bus, line, watch, &report)
     }
 
@@ -209,7 +209,7 @@ impl<'a> Plan<'a> {
         };
         let watch = Watch::default();
         let made = || {
-            let mut line = Line::open(&self.bus)?;
+            let mut line = BusConnection::open(&self.bus)?;
             self.announce_address(line.address());
             self.fly(&setup, &args.play.output, &mut line, &watch)
         };

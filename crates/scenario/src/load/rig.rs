@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use super::{SCENARIO_BYTES_MAX, build, none_of, read_text};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::rig::{ObjectAddress, Rig};
+use crate::rig::{ObjectAddress, RigFile};
 use crate::{schema, table};
 
 /// What the file is for people.
 const KIND: &str = "rig file";
 
-impl Rig {
+impl RigFile {
     /// Reads a rig file, with the very text that was read.
     ///
     /// # Errors
@@ -55,7 +55,7 @@ impl Rig {
 }
 
 /// What the schema cannot say.
-fn check(document: &Document<'_>, rig: &Rig) -> Vec<Problem> {
+fn check(document: &Document<'_>, rig: &RigFile) -> Vec<Problem> {
     let mut problems = Vec::from_iter(crate::check::name(document, &rig.name));
     let drive = &rig.drive;
     if drive.node_id == rig.fan.node_id {

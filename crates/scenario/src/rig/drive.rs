@@ -4,7 +4,7 @@ use canopen::eds::EdsError;
 use canopen::nmt::NodeId;
 use canopen::{CanFrame, ObjectDictionary, cia402};
 
-use super::{Drive, ObjectAddress};
+use super::{ObjectAddress, RigDrive};
 
 const METRES_PER_MILLIMETRE: f64 = 1e-3;
 /// Rated current of the emulated drive (0x6075).
@@ -277,7 +277,7 @@ impl DriveLayout {
     /// # Errors
     /// As [`DriveLayout::new`].
     pub fn emulated(dictionary: ObjectDictionary) -> Result<Self, DriveError> {
-        Self::new(dictionary, &Drive::default(), RATED_CURRENT_AMPERES)
+        Self::new(dictionary, &RigDrive::default(), RATED_CURRENT_AMPERES)
     }
 
     /// A drive by the objects of its EDS with their defaults, what the rig file says of it, and the largest current that
@@ -287,7 +287,7 @@ impl DriveLayout {
     /// The EDS has no such objects.
     pub fn new(
         dictionary: ObjectDictionary,
-        rig: &Drive,
+        rig: &RigDrive,
         current_amperes_max: f64,
     ) -> Result<Self, DriveError> {
         let node_id = NodeId::new(rig.node_id).ok_or(DriveError::NodeId(rig.node_id))?;
@@ -522,7 +522,7 @@ mod tests {
         let drive = DriveLayout::emulated(objects(&text, 0x10)).unwrap();
         let wanted = [0x6041_0010, 0x6064_0020, 0x6078_0010];
         assert_eq!(drive.feedback.entries, wanted);
-        let mut rig = Drive::default();
+        let mut rig = RigDrive::default();
         rig.position.object = "0x2345:01".to_owned();
         let error = DriveLayout::new(objects(&text, 0x10), &rig, 1.0).unwrap_err();
         assert_eq!(error.to_string(), "the drive's EDS has no object 0x2345:01");
@@ -536,9 +536,9 @@ mod tests {
 
     #[test]
     fn other_objects_scalings_and_limits_come_from_the_rig_file() {
-        let mut rig = Drive {
+        let mut rig = RigDrive {
             node_id: 0x20,
-            ..Drive::default()
+            ..RigDrive::default()
         };
         // Counts fall from 5000 at the stop by 10 a millimetre; the command is in 1/2 permille.
         rig.position.units_per_millimetre = -10.0;

@@ -18,7 +18,8 @@ use crate::bus::Bus;
 /// One rig file.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct Rig {
+#[schemars(rename = "Rig")]
+pub struct RigFile {
     /// Version of the format; 1.
     #[schemars(range(min = 1, max = 1))]
     pub schema: u32,
@@ -33,10 +34,10 @@ pub struct Rig {
     pub bus: RigBus,
     /// The drive; what is left out is as with the drive that canrig emulates.
     #[serde(default)]
-    pub drive: Drive,
+    pub drive: RigDrive,
     /// The fan and load module, where there is one.
     #[serde(default)]
-    pub fan: Fan,
+    pub fan: RigFan,
     /// What may never be, whatever a scenario says.
     pub limits: Limits,
     /// How long nodes wait for each other.
@@ -80,7 +81,8 @@ impl Default for RigBus {
 /// The drive on the bus.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Drive {
+#[schemars(rename = "Drive")]
+pub struct RigDrive {
     /// Its node-ID; 1 is the controller's.
     #[schemars(range(min = 2, max = 127))]
     pub node_id: u8,
@@ -99,7 +101,7 @@ pub struct Drive {
     pub current: CurrentObject,
 }
 
-impl Default for Drive {
+impl Default for RigDrive {
     fn default() -> Self {
         Self {
             node_id: 16,
@@ -115,13 +117,14 @@ impl Default for Drive {
 /// The fan and load module: a CiA 401 node that takes the objects of `disturbance.eds` in its RPDO1.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Fan {
+#[schemars(rename = "Fan")]
+pub struct RigFan {
     /// Its node-ID; 1 is the controller's.
     #[schemars(range(min = 2, max = 127))]
     pub node_id: u8,
 }
 
-impl Default for Fan {
+impl Default for RigFan {
     fn default() -> Self {
         Self { node_id: 17 }
     }

@@ -1,6 +1,6 @@
 use miette::{GraphicalReportHandler, GraphicalTheme};
 
-use super::{ObjectAddress, Rig};
+use super::{ObjectAddress, RigFile};
 
 /// The least valid rig file, with `more` behind it.
 fn with(more: &str) -> String {
@@ -11,17 +11,17 @@ fn with(more: &str) -> String {
 }
 
 fn messages(text: &str) -> Vec<String> {
-    let error = Rig::parse(text, "rig.toml").expect_err("the rig file is broken");
+    let error = RigFile::parse(text, "rig.toml").expect_err("the rig file is broken");
     error.problems().iter().map(ToString::to_string).collect()
 }
 
 #[test]
 fn what_is_left_out_is_as_with_the_emulated_drive() {
-    let rig = Rig::parse(&with(""), "rig.toml").unwrap();
+    let rig = RigFile::parse(&with(""), "rig.toml").unwrap();
     assert_eq!(rig.drive.node_id, 16);
     assert_eq!(rig.drive.position.object, "0x6064");
     assert_eq!(rig.bus.of_scenario(), crate::Bus::default());
-    assert!(Rig::is_meant(&with("")) && !Rig::is_meant("[controller.pid]\n"));
+    assert!(RigFile::is_meant(&with("")) && !RigFile::is_meant("[controller.pid]\n"));
 }
 
 #[test]
@@ -34,7 +34,7 @@ fn limits_must_be_given() {
 
 #[test]
 fn an_error_underlines_its_place() {
-    let error = Rig::parse(&with("[drive]\nnode_id = 17\n"), "rig.toml").unwrap_err();
+    let error = RigFile::parse(&with("[drive]\nnode_id = 17\n"), "rig.toml").unwrap_err();
     let handler =
         GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor()).with_width(110);
     let mut text = String::new();

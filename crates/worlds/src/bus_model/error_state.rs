@@ -25,7 +25,7 @@ pub(crate) const SEQUENCE_BITS: u32 = 11;
 
 /// How far a station takes part in the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Activity {
+pub(crate) enum Activity {
     /// It answers an error with an active error flag.
     Active,
     /// It answers with a passive flag and waits after its own frames.
@@ -36,7 +36,7 @@ pub enum Activity {
 
 /// A station's counters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ErrorState {
+pub(crate) struct ErrorState {
     transmit: u16,
     receive: u16,
     /// Recessive sequences seen since bus-off, and up to when they are counted.
@@ -46,7 +46,7 @@ pub struct ErrorState {
 impl ErrorState {
     /// How far the station takes part.
     #[must_use]
-    pub fn activity(&self) -> Activity {
+    pub(crate) fn activity(&self) -> Activity {
         if self.recovery.is_some() {
             Activity::Off
         } else if self.transmit.max(self.receive) > ACTIVE_MAX {
@@ -57,7 +57,7 @@ impl ErrorState {
     }
 
     /// Its own frame was disturbed; the bus is free again at `free_at`.
-    pub fn on_transmit_error(&mut self, free_at: Duration) {
+    pub(crate) fn on_transmit_error(&mut self, free_at: Duration) {
         self.transmit += TRANSMIT_ERROR;
         if self.transmit > PASSIVE_MAX {
             self.recovery = Some((0, free_at));
@@ -65,17 +65,17 @@ impl ErrorState {
     }
 
     /// A frame of another was disturbed.
-    pub fn on_receive_error(&mut self) {
+    pub(crate) fn on_receive_error(&mut self) {
         self.receive = (self.receive + RECEIVE_ERROR).min(PASSIVE_MAX);
     }
 
     /// Its own frame has passed.
-    pub fn on_transmitted(&mut self) {
+    pub(crate) fn on_transmitted(&mut self) {
         self.transmit = self.transmit.saturating_sub(1);
     }
 
     /// A frame of another has passed.
-    pub fn on_received(&mut self) {
+    pub(crate) fn on_received(&mut self) {
         self.receive = match self.receive {
             0 => 0,
             1..=ACTIVE_MAX => self.receive - 1,
@@ -84,7 +84,7 @@ impl ErrorState {
     }
 
     /// Something occupied the bus: the idle time before it counts, and its own recessive end as one sequence.
-    pub fn on_bus_used(&mut self, start: Duration, free_at: Duration, sequence: Duration) {
+    pub(crate) fn on_bus_used(&mut self, start: Duration, free_at: Duration, sequence: Duration) {
         if let Some((sequences, counted_to)) = &mut self.recovery {
             *sequences += idle_sequences(*counted_to, start, sequence) + 1;
             *counted_to = free_at;
@@ -93,20 +93,20 @@ impl ErrorState {
 
     /// When bus-off ends if the bus stays idle.
     #[must_use]
-    pub fn recovers_at(&self, sequence: Duration) -> Option<Duration> {
+    pub(crate) fn recovers_at(&self, sequence: Duration) -> Option<Duration> {
         let (sequences, counted_to) = self.recovery?;
         Some(counted_to + sequence * RECOVERY_SEQUENCES.saturating_sub(sequences))
     }
 
     /// Back from bus-off, with counters at 0.
-    pub fn recover(&mut self) {
+    pub(crate) fn recover(&mut self) {
         *self = Self::default();
     }
 
-    /// What the station's CAN driver tells of its state, as `linux/can/error.h` has it: the class, the controller's state, in
+    /// What the station's CAN driver reports of its state, as `linux/can/error.h` has it: the class, the controller's state, in
     /// data[5] the node's number, the counters in data[6] and data[7].
     #[must_use]
-    pub fn message(&self, node: u8, has_recovered: bool) -> CanFrame {
+    pub(crate) fn message(&self, node: u8, has_recovered: bool) -> CanFrame {
         let (class, controller) = match self.activity() {
             Activity::Off => (BUS_OFF, 0),
             Activity::Active if has_recovered => (RESTARTED, 0),
@@ -188,18 +188,21 @@ mod tests {
             let message = error_frames::read(&message).unwrap();
             (message.node, message.text)
         };
-        let told = |text: &str| (16, text.to_owned());
-        assert_eq!(described(state.message(16, false)), told("error passive"));
+        let reported = |text: &str| (16, text.to_owned());
+        assert_eq!(
+            described(state.message(16, false)),
+            reported("error passive")
+        );
         assert_eq!(
             state.message(16, false).to_string(),
             "20000004#0020000000108000"
         );
         (0..16).for_each(|_| state.on_transmit_error(Duration::ZERO));
-        assert_eq!(described(state.message(16, false)), told("bus-off"));
+        assert_eq!(described(state.message(16, false)), reported("bus-off"));
         state.recover();
         assert_eq!(
             described(state.message(16, true)),
-            told("back from bus-off")
+            reported("back from bus-off")
         );
     }
 }

@@ -100,7 +100,7 @@ impl Foreign {
 
 /// All that goes wrong with the bus.
 #[derive(Debug)]
-pub struct BusFaults {
+pub(crate) struct BusFaults {
     stations: Vec<Station>,
     lose: Vec<Hitting<Lose>>,
     delay: Vec<Hitting<Delay>>,
@@ -121,7 +121,7 @@ impl BusFaults {
     ///
     /// # Errors
     /// The database has no statusword, from which scenario time follows.
-    pub fn new(
+    pub(crate) fn new(
         scenario: &Scenario,
         database: &Database,
         stations: Vec<Station>,
@@ -151,7 +151,7 @@ impl BusFaults {
     }
 
     /// Sees each frame that has passed.
-    pub fn observe(&mut self, time: Duration, frame: &CanFrame) {
+    pub(crate) fn observe(&mut self, time: Duration, frame: &CanFrame) {
         self.clock.on_frame(time, frame);
     }
 
@@ -161,7 +161,7 @@ impl BusFaults {
 
     /// Takes frames from a participant through its gateway into its outbox, which stays in the order of time. What a
     /// station says while it is off the bus is lost.
-    pub fn queue(&mut self, index: usize, frames: &[Timed], outbox: &mut VecDeque<Timed>) {
+    pub(crate) fn queue(&mut self, index: usize, frames: &[Timed], outbox: &mut VecDeque<Timed>) {
         for (time, frame) in frames {
             if is_truth(frame) {
                 insert(outbox, *time, *frame);
@@ -210,7 +210,7 @@ impl BusFaults {
     }
 
     /// Whether a receiver overruns on this frame.
-    pub fn misses(&mut self, index: usize, time: Duration, frame: &CanFrame) -> bool {
+    pub(crate) fn misses(&mut self, index: usize, time: Duration, frame: &CanFrame) -> bool {
         let Some(seconds) = self.seconds(time) else {
             return false;
         };
@@ -224,7 +224,7 @@ impl BusFaults {
     }
 
     /// Whether this transmission is disturbed, and after how many of the frame's bits.
-    pub fn disturbs(
+    pub(crate) fn disturbs(
         &mut self,
         index: usize,
         time: Duration,
@@ -246,7 +246,7 @@ impl BusFaults {
 
     /// When a foreign node next wants to send, if the bus is free from `free_at` on.
     #[must_use]
-    pub fn next_foreign(&self, free_at: Duration) -> Option<Duration> {
+    pub(crate) fn next_foreign(&self, free_at: Duration) -> Option<Duration> {
         let zero = self.clock.zero()?;
         let free_at = free_at.saturating_sub(zero);
         let next = self.foreign.iter().filter_map(|node| node.next(free_at));
@@ -255,12 +255,12 @@ impl BusFaults {
 
     /// The frame with which the foreign nodes take part in the arbitration at `now`: that with the lowest identifier.
     #[must_use]
-    pub fn foreign(&self, now: Duration) -> Option<CanFrame> {
+    pub(crate) fn foreign(&self, now: Duration) -> Option<CanFrame> {
         self.due(now).map(|place| self.foreign[place].frame())
     }
 
     /// The foreign frame has won.
-    pub fn take_foreign(&mut self, now: Duration) {
+    pub(crate) fn take_foreign(&mut self, now: Duration) {
         if let Some(place) = self.due(now) {
             self.foreign[place].sent = self.foreign[place].sent.wrapping_add(1);
         }
@@ -277,13 +277,13 @@ impl BusFaults {
 
     /// Errors on the wire may reach a participant at the end of anybody's frame, so nobody may go ahead.
     #[must_use]
-    pub fn forbids_look_ahead(&self) -> bool {
+    pub(crate) fn forbids_look_ahead(&self) -> bool {
         !self.bit_error.is_empty()
     }
 
     /// The number of a participant's node, for its error messages.
     #[must_use]
-    pub fn node_number(&self, index: usize) -> u8 {
+    pub(crate) fn node_number(&self, index: usize) -> u8 {
         match self.stations[index] {
             Station::Controller => 0x01,
             Station::Drive => 0x10,
@@ -292,10 +292,10 @@ impl BusFaults {
     }
 }
 
-/// The emulated plant has a CAN controller of its own, with which nothing is ever wrong: it must tell what became of the
+/// The emulated plant has a CAN controller of its own, with which nothing is ever wrong: it must report what became of the
 /// wire.
 #[must_use]
-pub fn is_truth(frame: &CanFrame) -> bool {
+pub(crate) fn is_truth(frame: &CanFrame) -> bool {
     frame.standard_id() == Some(TRUTH_COB_ID)
 }
 

@@ -1,7 +1,7 @@
 //! A CAN bus in virtual time: when a frame has passed and when the next may start (ISO 11898-1, 10.4 to 10.8).
 
-pub mod error_state;
-pub mod faults;
+pub(crate) mod error_state;
+pub(crate) mod faults;
 
 use std::time::Duration;
 
@@ -15,14 +15,14 @@ const PASSIVE_FLAG_BITS: u32 = 6;
 /// Recessive bits after error flags.
 const ERROR_DELIMITER_BITS: u32 = 8;
 /// An error passive station waits so long after its own frame.
-pub const SUSPEND_BITS: u32 = 8;
+pub(crate) const SUSPEND_BITS: u32 = 8;
 
 /// More bits than a frame takes, disturbed or not.
 const FRAME_BITS_END: usize = 256;
 
 /// The wire: at most one frame at a time.
 #[derive(Debug)]
-pub struct BusModel {
+pub(crate) struct BusModel {
     nanoseconds_per_bit: f64,
     /// How long as many bits as frames have take, since each frame asks twice.
     frame_times: [Duration; FRAME_BITS_END],
@@ -32,7 +32,7 @@ pub struct BusModel {
 impl BusModel {
     /// An idle bus.
     #[must_use]
-    pub fn new(bitrate_kilobits_per_second: u32) -> Self {
+    pub(crate) fn new(bitrate_kilobits_per_second: u32) -> Self {
         let nanoseconds_per_bit = 1e6 / f64::from(bitrate_kilobits_per_second);
         let mut frame_times = [Duration::ZERO; FRAME_BITS_END];
         for (bits, time) in (0..).zip(&mut frame_times) {
@@ -47,13 +47,13 @@ impl BusModel {
 
     /// When the next frame may start.
     #[must_use]
-    pub fn free_at(&self) -> Duration {
+    pub(crate) fn free_at(&self) -> Duration {
         self.free_at
     }
 
     /// Puts a frame on the idle bus. Returns when its last bit has passed, and how many bits it takes, as
     /// [`occupied_bits`].
-    pub fn transmit(&mut self, start: Duration, frame: &CanFrame) -> (Duration, u32) {
+    pub(crate) fn transmit(&mut self, start: Duration, frame: &CanFrame) -> (Duration, u32) {
         let occupied = occupied_bits(frame);
         let end = start + self.bit_time(occupied - INTERFRAME_BITS);
         self.free_at = start + self.bit_time(occupied);
@@ -61,7 +61,7 @@ impl BusModel {
     }
 
     /// A transmission that is disturbed after some bits: error flags and delimiter follow. Returns when they have passed.
-    pub fn disturb(&mut self, start: Duration, bits: u32, is_passive: bool) -> Duration {
+    pub(crate) fn disturb(&mut self, start: Duration, bits: u32, is_passive: bool) -> Duration {
         let flags = if is_passive {
             PASSIVE_FLAG_BITS
         } else {
@@ -74,7 +74,7 @@ impl BusModel {
 
     /// How long a number of bits takes.
     #[must_use]
-    pub fn bit_time(&self, bits: u32) -> Duration {
+    pub(crate) fn bit_time(&self, bits: u32) -> Duration {
         let known = self.frame_times.get(bits as usize);
         known.map_or_else(|| bit_time(bits, self.nanoseconds_per_bit), |time| *time)
     }

@@ -4,12 +4,12 @@ use std::fmt;
 
 /// What came of a check.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum CheckOutcome {
     /// All is well.
     Passed,
     /// It is not.
     Failed,
-    /// Nobody tells, or it was not asked for.
+    /// Nobody reports it, or it was not asked for.
     Open,
 }
 
@@ -19,25 +19,25 @@ pub struct Check {
     /// What was checked.
     pub name: &'static str,
     /// What came of it.
-    pub outcome: Outcome,
+    pub outcome: CheckOutcome,
     /// What was found and, where it is wrong, what to do.
     pub found: String,
 }
 
 impl Check {
     pub(super) fn passed(name: &'static str, found: impl Into<String>) -> Self {
-        Self::new(name, Outcome::Passed, found.into())
+        Self::new(name, CheckOutcome::Passed, found.into())
     }
 
     pub(super) fn failed(name: &'static str, found: impl Into<String>) -> Self {
-        Self::new(name, Outcome::Failed, found.into())
+        Self::new(name, CheckOutcome::Failed, found.into())
     }
 
     pub(super) fn open(name: &'static str, found: impl Into<String>) -> Self {
-        Self::new(name, Outcome::Open, found.into())
+        Self::new(name, CheckOutcome::Open, found.into())
     }
 
-    fn new(name: &'static str, outcome: Outcome, found: String) -> Self {
+    fn new(name: &'static str, outcome: CheckOutcome, found: String) -> Self {
         Self {
             name,
             outcome,
@@ -50,9 +50,9 @@ impl Check {
 impl fmt::Display for Check {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mark = match self.outcome {
-            Outcome::Passed => '✓',
-            Outcome::Failed => '✗',
-            Outcome::Open => '·',
+            CheckOutcome::Passed => '✓',
+            CheckOutcome::Failed => '✗',
+            CheckOutcome::Open => '·',
         };
         write!(formatter, "{mark} {:13} {}", self.name, self.found)
     }

@@ -5,14 +5,14 @@ use std::io;
 use platform::link::{Link, State};
 
 use super::checklist::Check;
-use crate::RunBus;
+use crate::bus_choice::RunBus;
 
 const INTERFACE: &str = "interface";
 const BIT_RATE: &str = "bit rate";
 const BUS_ERRORS: &str = "bus errors";
 const BITS_PER_KILOBIT: u32 = 1000;
 
-/// What the kernel tells of the interface, held against the bit rate that the rig file or the scenario has.
+/// What the kernel reports of the interface, held against the bit rate that the rig file or the scenario has.
 pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
     match bus {
         RunBus::Interface(name) => checks_of(name, platform::link::link(name), kilobits_per_second),
@@ -24,8 +24,8 @@ pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
     }
 }
 
-fn checks_of(name: &str, told: io::Result<Link>, kilobits_per_second: u32) -> Vec<Check> {
-    match told {
+fn checks_of(name: &str, link: io::Result<Link>, kilobits_per_second: u32) -> Vec<Check> {
+    match link {
         Ok(link) => vec![
             interface(name, &link),
             bit_rate(name, &link, kilobits_per_second),
@@ -60,12 +60,12 @@ fn interface(name: &str, link: &Link) -> Check {
 }
 
 fn bit_rate(name: &str, link: &Link, kilobits_per_second: u32) -> Check {
-    let Some(told) = link.bit_rate else {
+    let Some(bit_rate) = link.bit_rate else {
         return Check::open(BIT_RATE, "not told by this interface");
     };
     let wanted = kilobits_per_second * BITS_PER_KILOBIT;
-    let shown = f64::from(told) / f64::from(BITS_PER_KILOBIT);
-    if told == wanted {
+    let shown = f64::from(bit_rate) / f64::from(BITS_PER_KILOBIT);
+    if bit_rate == wanted {
         return Check::passed(BIT_RATE, format!("{shown} kbit/s"));
     }
     let text = format!(
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_good_interface_passes_and_a_virtual_one_tells_nothing() {
+    fn a_good_interface_passes_and_a_virtual_one_reports_nothing() {
         let good = "✓ interface     can0 is up\n✓ bit rate      1000 kbit/s\n\
             ✓ bus errors    error active, error counters 0 (transmit) and 0 (receive)";
         assert_eq!(lines(GOOD), good);
@@ -130,13 +130,13 @@ mod tests {
             is_up: true,
             ..Link::default()
         };
-        let told = "✓ interface     can0 is up\n· bit rate      not told by this interface\n\
+        let expected = "✓ interface     can0 is up\n· bit rate      not told by this interface\n\
             · bus errors    not told by this interface";
-        assert_eq!(lines(vcan), told);
+        assert_eq!(lines(vcan), expected);
     }
 
     #[test]
-    fn each_thing_that_is_wrong_is_told_with_what_to_do() {
+    fn each_thing_that_is_wrong_is_reported_with_what_to_do() {
         let state = |state, errors| Link {
             state: Some(state),
             errors: Some(errors),
@@ -172,8 +172,8 @@ mod tests {
                 "ip link set can0 type can restart",
             ),
         ] {
-            let told = lines(link);
-            assert!(told.contains(line), "{line} is not in\n{told}");
+            let lines = lines(link);
+            assert!(lines.contains(line), "{line} is not in\n{lines}");
         }
         let none = checks_of("can0", Err(io::Error::other("no such device")), 1000);
         assert!(

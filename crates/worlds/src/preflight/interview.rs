@@ -89,7 +89,7 @@ impl Interview {
         others: &[(NodeId, &'static str)],
     ) -> Self {
         let drive = (rig.drive.node_id(), "drive");
-        let timeouts = &rig.rig.timeouts;
+        let timeouts = &rig.file.timeouts;
         let answer_time = Duration::from_millis(timeouts.sdo_answer_milliseconds.into());
         let entry = |(index, sub_index): (u16, u8)| {
             let handle = dictionary.find(index, sub_index).ok()?;
@@ -145,10 +145,10 @@ impl Interview {
     fn no_other_manager(&self) -> Check {
         match &self.manager {
             None => Check::passed("other manager", "none is heard"),
-            Some(heard) => Check::failed(
+            Some(manager) => Check::failed(
                 "other manager",
                 format!(
-                    "{heard} is heard: end the other controller, or name it with --external controller"
+                    "{manager} is heard: end the other controller, or name it with --external controller"
                 ),
             ),
         }
@@ -186,11 +186,11 @@ impl Interview {
                     shown.extend(wanted.map(|wanted| format!("0x{wanted:X}")));
                 }
                 Ok(bytes) => {
-                    let told = unsigned(bytes)
-                        .map_or("no number".to_owned(), |told| format!("0x{told:X}"));
+                    let read = unsigned(bytes)
+                        .map_or("no number".to_owned(), |read| format!("0x{read:X}"));
                     let wanted = wanted.map_or_else(String::new, |wanted| format!("0x{wanted:X}"));
                     let text = format!(
-                        "{name} is {told}, in the EDS {wanted}: another drive, or another EDS"
+                        "{name} is {read}, in the EDS {wanted}: another drive, or another EDS"
                     );
                     return Check::failed("identity", text);
                 }
@@ -275,7 +275,7 @@ impl Interview {
 
 /// Every object of the drive that a run uses.
 fn objects_of(rig: &LoadedRig) -> Vec<(u16, u8)> {
-    let drive = &rig.rig.drive;
+    let drive = &rig.file.drive;
     let named = [
         &drive.command.object,
         &drive.position.object,
@@ -358,7 +358,7 @@ impl Node for Interview {
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        self.presence.hear(frame);
+        self.presence.on_frame(frame);
         self.client.on_frame(now, frame);
         self.advance(now);
     }

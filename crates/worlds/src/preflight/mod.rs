@@ -8,6 +8,7 @@ mod checklist;
 mod heating;
 mod interface;
 mod interview;
+mod phase;
 
 use std::cell::Cell;
 use std::path::Path;
@@ -20,11 +21,14 @@ use dbc::scenario_clock::ScenarioClock;
 use platform::clock;
 use scenario::Scenario;
 
-pub use checklist::{Check, Outcome};
+pub use checklist::{Check, CheckOutcome};
 
+use crate::bus_choice::RunBus;
+use crate::bus_connection::BusConnection;
 use crate::catalogue::catalogue;
-use crate::line::Line;
-use crate::{End, RunBus, WorldError, real_time};
+use crate::error::WorldError;
+use crate::played::End;
+use crate::real_time;
 use heating::Heating;
 use interview::Interview;
 use recording::capture::{Capture, Watch};
@@ -42,8 +46,8 @@ const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// Heartbeats of a drive that was stopped are awaited for so long beyond their time-out.
 const HEARTBEAT_PATIENCE: Duration = Duration::from_millis(50);
 
-/// What a pre-flight says while it goes on.
-pub enum Step {
+/// What happens during a pre-flight.
+pub enum PreflightEvent {
     /// It begins.
     Begun,
     /// Something was checked.
@@ -78,14 +82,14 @@ impl Preflight {
         setup: &Setup,
         parent: &Path,
         bus: &RunBus,
-        line: &mut Line,
+        connection: &mut BusConnection,
         watch: &Watch,
-        report: &dyn Fn(&Step),
+        report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
         if self.is_made.replace(true) || !setup.external.has(ExternalNode::Drive) {
             return Ok(End::Completed);
         }
-        report(&Step::Begun);
+        report(&PreflightEvent::Begun);
         let bit_rate = setup.scenario.bus.bitrate_kilobits_per_second;
         pass(interface::checks(bus, bit_rate), report)?;
         if setup.external.has(ExternalNode::Controller) {
@@ -95,22 +99,22 @@ impl Preflight {
         }
         let rig = self.rig(setup)?;
         let mut interview = interview(&rig, &setup.external)?;
-        line.converse(&mut interview, watch)?;
+        connection.run_node(&mut interview, watch)?;
         if watch.is_interrupted() {
             return Ok(End::Interrupted);
         }
         pass(interview.checks(), report)?;
         let session = Session {
             parent,
-            line,
+            connection,
             watch,
         };
         let end = heat(&rig, setup, session, report)?;
-        if end == End::Interrupted || !rig.rig.preflight.heating {
+        if end == End::Interrupted || !rig.file.preflight.heating {
             return Ok(end);
         }
-        let cooling = Duration::from_secs_f64(rig.rig.preflight.cooling_seconds);
-        report(&Step::Cooling(cooling));
+        let cooling = Duration::from_secs_f64(rig.file.preflight.cooling_seconds);
+        report(&PreflightEvent::Cooling(cooling));
         Ok(wait(cooling, watch))
     }
 
@@ -120,19 +124,19 @@ impl Preflight {
             Some(rig) => LoadedRig::clone(rig),
             None => emulated(&setup.scenario)?,
         };
-        rig.rig.preflight.heating &= self.may_heat;
+        rig.file.preflight.heating &= self.may_heat;
         Ok(Arc::new(rig))
     }
 }
 
 /// Reports the checks, up to the first that failed.
-fn pass(checks: Vec<Check>, report: &dyn Fn(&Step)) -> Result<(), WorldError> {
+fn pass(checks: Vec<Check>, report: &dyn Fn(&PreflightEvent)) -> Result<(), WorldError> {
     for check in checks {
-        let failed = (check.outcome == Outcome::Failed).then(|| WorldError::Preflight {
+        let failed = (check.outcome == CheckOutcome::Failed).then(|| WorldError::Preflight {
             name: check.name,
             found: check.found.clone(),
         });
-        report(&Step::Checked(check));
+        report(&PreflightEvent::Checked(check));
         if let Some(failed) = failed {
             return Err(failed);
         }
@@ -143,7 +147,7 @@ fn pass(checks: Vec<Check>, report: &dyn Fn(&Step)) -> Result<(), WorldError> {
 /// Where the drive is led: with the folder of the recording in `parent`.
 struct Session<'a> {
     parent: &'a Path,
-    line: &'a mut Line,
+    connection: &'a mut BusConnection,
     watch: &'a Watch,
 }
 
@@ -152,11 +156,11 @@ fn heat(
     rig: &Arc<LoadedRig>,
     setup: &Setup,
     session: Session<'_>,
-    report: &dyn Fn(&Step),
+    report: &dyn Fn(&PreflightEvent),
 ) -> Result<End, WorldError> {
     let Session {
         parent,
-        line,
+        connection,
         watch,
     } = session;
     let ramp = ramp(rig, setup)?;
@@ -171,8 +175,8 @@ fn heat(
         heating.follow(capture.frames());
         heating.is_over()
     };
-    let ended = real_time::play(&ramp, &folder, &mut capture, line, &mut is_enough);
-    await_stopped(line, &mut capture, &mut heating)?;
+    let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
+    await_stopped(connection, &mut capture, &mut heating)?;
     capture.finish()?;
     if matches!(&ended, Ok(played) if played.end == End::Interrupted) {
         return Ok(End::Interrupted);
@@ -186,7 +190,7 @@ fn interview(rig: &LoadedRig, external: &External) -> Result<Interview, WorldErr
     let dictionary = dictionary
         .map_err(|error| cannot_be_made(&error))?
         .dictionary;
-    let fan = NodeId::new(rig.rig.fan.node_id).filter(|_| external.has(ExternalNode::Fan));
+    let fan = NodeId::new(rig.file.fan.node_id).filter(|_| external.has(ExternalNode::Fan));
     let fan = fan.map(|node_id| (node_id, "fan and load module"));
     Ok(Interview::new(rig, dictionary, fan.as_slice()))
 }
@@ -205,9 +209,9 @@ fn emulated(scenario: &Scenario) -> Result<LoadedRig, WorldError> {
 
 /// The session in which the drive is led: at rest, then under a ramp from 0 A to the limit of the rig.
 fn ramp(rig: &Arc<LoadedRig>, setup: &Setup) -> Result<Setup, WorldError> {
-    let preflight = &rig.rig.preflight;
+    let preflight = &rig.file.preflight;
     let rest = heating::REST.as_secs_f64();
-    let limit = rig.rig.limits.current_amperes;
+    let limit = rig.file.limits.current_amperes;
     let seconds = match preflight.heating {
         true => preflight.heating_seconds_max,
         false => rest,
@@ -236,16 +240,16 @@ fn cannot_be_made(reason: &dyn std::fmt::Display) -> WorldError {
     }
 }
 
-/// Listens on until the drive has told that it was stopped.
+/// Records on until a heartbeat of the drive says that it was stopped.
 fn await_stopped(
-    line: &mut Line,
+    connection: &mut BusConnection,
     capture: &mut Capture<'_>,
     heating: &mut Heating<'_>,
 ) -> Result<(), WorldError> {
     let patience = heating.patience() + HEARTBEAT_PATIENCE;
     let clock = clock::Clock::start();
     loop {
-        line.collect(capture)?;
+        connection.collect(capture)?;
         heating.follow(capture.frames());
         if heating.is_stopped() || clock.now() > patience {
             return Ok(());

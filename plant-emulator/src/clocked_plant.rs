@@ -10,13 +10,13 @@ const CATCH_UP_MAX: Duration = Duration::from_secs(60);
 
 /// The plant, the time it has reached and what acts on it since.
 #[derive(Clone, Debug)]
-pub(crate) struct Rig<P: Plant> {
+pub(crate) struct ClockedPlant<P: Plant> {
     plant: P,
     inputs: Inputs<P::Condition>,
     time: Duration,
 }
 
-impl<P: Plant> Rig<P> {
+impl<P: Plant> ClockedPlant<P> {
     /// A plant at time zero, without current and undisturbed.
     pub(crate) fn new(plant: P) -> Self {
         Self {
@@ -62,8 +62,8 @@ mod tests {
     use crate::sma::{Actuator, Inputs};
     use scenario::plant;
 
-    fn rig() -> Rig<Actuator> {
-        Rig::new(Actuator::new(&plant::Plant::default()))
+    fn clocked() -> ClockedPlant<Actuator> {
+        ClockedPlant::new(Actuator::new(&plant::Plant::default()))
     }
 
     fn current(current_amperes: f64) -> Inputs {
@@ -75,9 +75,9 @@ mod tests {
 
     #[test]
     fn events_in_between_change_nothing() {
-        let (mut once, mut often) = (rig(), rig());
-        for rig in [&mut once, &mut often] {
-            rig.set_inputs(current(0.6));
+        let (mut once, mut often) = (clocked(), clocked());
+        for plant in [&mut once, &mut often] {
+            plant.set_inputs(current(0.6));
         }
         once.advance_to(Duration::from_millis(2000));
         for microseconds in (0..=2_000_000).step_by(310) {
@@ -91,11 +91,11 @@ mod tests {
 
     #[test]
     fn time_does_not_go_back_and_a_long_gap_is_bounded() {
-        let mut rig = rig();
-        rig.set_inputs(current(1.0));
-        rig.advance_to(Duration::from_secs(1_000_000_000));
-        assert!((rig.plant().temperature_celsius() - 138.44).abs() < 0.01);
-        assert_eq!(rig.advance_to(Duration::ZERO), Duration::ZERO);
-        assert_eq!(rig.time(), Duration::from_secs(1_000_000_000));
+        let mut plant = clocked();
+        plant.set_inputs(current(1.0));
+        plant.advance_to(Duration::from_secs(1_000_000_000));
+        assert!((plant.plant().temperature_celsius() - 138.44).abs() < 0.01);
+        assert_eq!(plant.advance_to(Duration::ZERO), Duration::ZERO);
+        assert_eq!(plant.time(), Duration::from_secs(1_000_000_000));
     }
 }

@@ -7,7 +7,7 @@ use platform::bus::BusAddress;
 use platform::private_bus::PrivateBus;
 use platform::probe;
 
-use super::WorldError;
+use crate::error::WorldError;
 
 /// Which bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -71,7 +71,7 @@ impl fmt::Display for RunBus {
 /// The bus that was asked for is not to be had.
 pub fn choose_bus(choice: &BusChoice, require_kernel: bool) -> Result<RunBus, WorldError> {
     if let BusChoice::Interface(name) = choice {
-        // Opened once, so that a missing bus is told before a run is made.
+        // Opened once, so that a missing bus is reported before a run is made.
         let address = BusAddress::Interface(name.clone());
         return Ok(platform::open(&address, &[]).map(|_| RunBus::Interface(name.clone()))?);
     }

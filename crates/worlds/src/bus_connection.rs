@@ -1,4 +1,4 @@
-//! The bus of a run in real time, and the bench's ear and voice on it.
+//! The bench's connection to the bus of a run in real time: the recorder, and a place for its own nodes.
 
 use std::time::Duration;
 
@@ -10,7 +10,9 @@ use platform::private_bus::PrivateBus;
 use platform::recorder::Recorder;
 use platform::stop::{StopSignal, Stopper};
 
-use super::{BENCH, RunBus, WorldError};
+use crate::bus_choice::RunBus;
+use crate::error::WorldError;
+use crate::nodes::BENCH;
 use recording::capture::{Capture, Watch};
 use recording::log::Stamped;
 
@@ -25,15 +27,15 @@ pub(super) fn stop_signal() -> Result<(Stopper, StopSignal), WorldError> {
     })
 }
 
-/// The bus of a run and the ear on it.
-pub struct Line {
-    pub(super) address: BusAddress,
+/// The bus of a run and the recorder on it.
+pub struct BusConnection {
+    address: BusAddress,
     recorder: Recorder,
     hub: Option<Hub>,
     private: Option<PrivateBus>,
 }
 
-impl Line {
+impl BusConnection {
     /// Joins the bus, or makes it.
     ///
     /// # Errors
@@ -76,10 +78,10 @@ impl Line {
         &self.address
     }
 
-    /// The bench's own place on the bus.
-    pub(super) fn voice(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
+    /// Joins the bus as a node of the bench's own.
+    pub(super) fn join(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
         match &mut self.private {
-            Some(private) => private.voice(filters),
+            Some(private) => private.join(filters),
             None => platform::open(&self.address, filters),
         }
     }
@@ -93,48 +95,48 @@ impl Line {
         }
     }
 
-    /// Takes what was heard since the last time; `true` when there was something.
+    /// Gives the capture the frames recorded since the last time; `true` when there were some.
     pub(crate) fn collect(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
         let epoch = self.recorder.wall_epoch();
-        let mut has_heard = false;
+        let mut has_frames = false;
         while let Some(stamped) = self.recorder.next() {
             capture.take(Stamped::new(epoch + stamped.time, stamped.frame));
-            has_heard = true;
+            has_frames = true;
         }
         capture.flush()?;
-        Ok(has_heard)
+        Ok(has_frames)
     }
 
-    /// Forgets what was heard since the last time.
-    pub fn forget(&mut self) {
+    /// Throws the frames away that were recorded since the last time.
+    pub fn discard(&mut self) {
         while self.recorder.next().is_some() {}
     }
 
     /// Moves a node on the bus until it has done its work or the user stops it.
-    pub(crate) fn converse(
+    pub(crate) fn run_node(
         &mut self,
         node: &mut (dyn Node + Send),
         watch: &Watch,
     ) -> Result<(), WorldError> {
-        let mut voice = self.voice(&node.filters())?;
+        let mut bus = self.join(&node.filters())?;
         let (stopper, stop) = stop_signal()?;
         let mut stopper = Some(stopper);
         std::thread::scope(|scope| {
-            let conversation = scope.spawn(|| platform::real_time::run(node, &mut *voice, &stop));
-            while !conversation.is_finished() {
+            let running = scope.spawn(|| platform::real_time::run(node, &mut *bus, &stop));
+            while !running.is_finished() {
                 if watch.is_interrupted() {
                     stopper = None;
                 }
                 clock::sleep(COLLECT_PERIOD);
             }
             drop(stopper);
-            let ended = conversation.join();
+            let ended = running.join();
             let ended = ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             ended.map(|_| ()).map_err(WorldError::Bench)
         })
     }
 
-    /// Ends the bus and takes the last frames, and how many were lost.
+    /// Ends the bus and gives the capture the last frames, and how many were lost.
     ///
     /// # Errors
     /// The recording cannot be written.
