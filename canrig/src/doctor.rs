@@ -8,7 +8,7 @@ use clap::Args;
 use platform::private_bus::PrivateBus;
 use platform::{probe, scheduling};
 
-use runner::console::say;
+use runner::console::print;
 use runner::exit::Exit;
 
 /// The program that shows recordings.
@@ -47,7 +47,7 @@ pub struct DoctorArgs {
 #[must_use]
 pub fn doctor(args: &DoctorArgs) -> Exit {
     let findings = examine();
-    say(&table(&findings));
+    print(&table(&findings));
     if args.strict && findings.iter().any(|finding| finding.mend.is_some()) {
         Exit::BenchFailed
     } else {

@@ -7,7 +7,7 @@ use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
 use crate::cli::Cli;
-use runner::console::{complain, say};
+use runner::console::{print, print_error};
 use runner::exit::Exit;
 
 /// Arguments of `completions`.
@@ -44,11 +44,11 @@ pub fn man(args: &ManArgs) -> Exit {
         .and_then(|()| clap_mangen::generate_to(Cli::command(), folder));
     match written {
         Ok(()) => {
-            say(&format!("man -l {}", folder.join("canrig.1").display()));
+            print(&format!("man -l {}", folder.join("canrig.1").display()));
             Exit::Pass
         }
         Err(error) => {
-            complain(&format!(
+            print_error(&format!(
                 "canrig: {} cannot be written: {error}",
                 folder.display()
             ));

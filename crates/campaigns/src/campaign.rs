@@ -15,7 +15,7 @@ use recording::capture::{Capture, Watch};
 use recording::log::Stamped;
 use recording::timeline::{self, Timeline};
 use rig::setup::Setup;
-use runner::console::Count;
+use runner::console::RunsBar;
 use runner::observer::observed;
 use runner::run;
 use worlds::catalogue::catalogue;
@@ -37,7 +37,7 @@ pub struct Campaign {
 
 /// One run, lent to whoever takes from it what the campaign is about.
 #[derive(Debug)]
-pub struct Run<'a> {
+pub struct CampaignRun<'a> {
     /// Its place in the campaign.
     pub index: usize,
     /// What was played.
@@ -53,7 +53,7 @@ pub struct Run<'a> {
 /// A run that the program itself could not bring to a verdict.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("run {index} ({name}, seed {seed}) failed: {reason}")]
-pub struct Fault {
+pub struct FailedRun {
     /// Its place in the campaign.
     pub index: usize,
     /// The scenario's name.
@@ -96,15 +96,15 @@ impl Campaign {
     pub fn play<T: Send>(
         &self,
         scenarios: impl Iterator<Item = Scenario> + Send,
-        reduce: impl Fn(&Run<'_>) -> T + Sync,
-    ) -> Result<Vec<Result<T, Fault>>, Interrupted> {
-        let count = Count::new(scenarios.size_hint().1, self.is_shown);
+        reduce: impl Fn(&CampaignRun<'_>) -> T + Sync,
+    ) -> Result<Vec<Result<T, FailedRun>>, Interrupted> {
+        let count = RunsBar::new(scenarios.size_hint().1, self.is_shown);
         let mut results = Vec::new();
         let work = |(index, scenario): &(usize, Scenario), watch: &Watch| {
             play_one(*index, scenario.clone(), watch, &reduce).map_err(|error| error.to_string())
         };
         let take = |(index, scenario): (usize, Scenario), result: Result<T, String>| {
-            results.push(result.map_err(|reason| Fault {
+            results.push(result.map_err(|reason| FailedRun {
                 index,
                 name: scenario.name,
                 seed: scenario.seed,
@@ -127,31 +127,31 @@ impl Campaign {
     pub fn each<J: Send, T: Send, E: Send>(
         &self,
         jobs: impl Iterator<Item = J> + Send,
-        count: &Count,
+        count: &RunsBar,
         work: impl Fn(&J, &Watch) -> Result<T, String> + Sync,
         take: impl FnMut(J, Result<T, String>) -> Result<(), E> + Send,
     ) -> Result<(), Stopped<E>> {
         let threads = self.threads.max(1);
         let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
-        let desk = Desk {
-            tray: Mutex::new(Tray::new(jobs, take)),
+        let queue = JobQueue {
+            state: Mutex::new(QueueState::new(jobs, take)),
             has_taken: Condvar::new(),
             waiting_max: WAITING_MAX * threads,
         };
         let serve = |watch: &Watch| {
-            while let Some((place, job)) = desk.next(watch) {
+            while let Some((place, job)) = queue.next(watch) {
                 let done = catch_unwind(AssertUnwindSafe(|| work(&job, watch)));
                 let done = done.unwrap_or_else(|panic| Err(message(panic.as_ref())));
                 // A run that was interrupted came to nothing.
                 if watch.is_interrupted() {
                     break;
                 }
-                desk.put(place, job, done);
+                queue.put(place, job, done);
             }
         };
         observed(
             || watches.iter().for_each(Watch::interrupt),
-            || count.show(desk.lock().taken),
+            || count.show(queue.lock().taken),
             || {
                 thread::scope(|scope| {
                     for watch in &watches {
@@ -160,7 +160,7 @@ impl Campaign {
                 });
             },
         );
-        let refusal = desk.lock().refusal.take();
+        let refusal = queue.lock().refusal.take();
         match refusal {
             Some(refusal) => Err(Stopped::Refused(refusal)),
             None if watches.iter().any(Watch::is_interrupted) => Err(Stopped::Interrupted),
@@ -170,14 +170,14 @@ impl Campaign {
 }
 
 /// Where threads get jobs and bring results.
-struct Desk<I, J, T, F, E> {
-    tray: Mutex<Tray<I, J, T, F, E>>,
+struct JobQueue<I, J, T, F, E> {
+    state: Mutex<QueueState<I, J, T, F, E>>,
     has_taken: Condvar,
     waiting_max: usize,
 }
 
 /// Jobs still to be done, and results whose turn has not come.
-struct Tray<I, J, T, F, E> {
+struct QueueState<I, J, T, F, E> {
     jobs: I,
     given: usize,
     taken: usize,
@@ -186,7 +186,7 @@ struct Tray<I, J, T, F, E> {
     refusal: Option<E>,
 }
 
-impl<I, J, T, F, E> Tray<I, J, T, F, E> {
+impl<I, J, T, F, E> QueueState<I, J, T, F, E> {
     fn new(jobs: I, take: F) -> Self {
         Self {
             jobs,
@@ -199,42 +199,42 @@ impl<I, J, T, F, E> Tray<I, J, T, F, E> {
     }
 }
 
-impl<I, J, T, F, E> Desk<I, J, T, F, E>
+impl<I, J, T, F, E> JobQueue<I, J, T, F, E>
 where
     I: Iterator<Item = J>,
     F: FnMut(J, Result<T, String>) -> Result<(), E>,
 {
-    fn lock(&self) -> MutexGuard<'_, Tray<I, J, T, F, E>> {
-        self.tray.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, QueueState<I, J, T, F, E>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The next job, once the results are not too far ahead of their turn.
     fn next(&self, watch: &Watch) -> Option<(usize, J)> {
-        let mut tray = self.lock();
-        while tray.given >= tray.taken + self.waiting_max
-            && tray.refusal.is_none()
+        let mut state = self.lock();
+        while state.given >= state.taken + self.waiting_max
+            && state.refusal.is_none()
             && !watch.is_interrupted()
         {
-            let waited = self.has_taken.wait_timeout(tray, STOP_PERIOD);
-            tray = waited.unwrap_or_else(PoisonError::into_inner).0;
+            let waited = self.has_taken.wait_timeout(state, STOP_PERIOD);
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
-        if tray.refusal.is_some() || watch.is_interrupted() {
+        if state.refusal.is_some() || watch.is_interrupted() {
             return None;
         }
-        let job = tray.jobs.next()?;
-        tray.given += 1;
-        Some((tray.given - 1, job))
+        let job = state.jobs.next()?;
+        state.given += 1;
+        Some((state.given - 1, job))
     }
 
     /// Takes a result, and those that waited for it.
     fn put(&self, place: usize, job: J, done: Result<T, String>) {
-        let tray = &mut *self.lock();
-        tray.waiting.insert(place, (job, done));
-        while tray.refusal.is_none()
-            && let Some((job, done)) = tray.waiting.remove(&tray.taken)
+        let state = &mut *self.lock();
+        state.waiting.insert(place, (job, done));
+        while state.refusal.is_none()
+            && let Some((job, done)) = state.waiting.remove(&state.taken)
         {
-            tray.refusal = (tray.take)(job, done).err();
-            tray.taken += 1;
+            state.refusal = (state.take)(job, done).err();
+            state.taken += 1;
         }
         self.has_taken.notify_all();
     }
@@ -248,7 +248,7 @@ pub fn play_one<T>(
     index: usize,
     scenario: Scenario,
     watch: &Watch,
-    reduce: impl Fn(&Run<'_>) -> T,
+    reduce: impl Fn(&CampaignRun<'_>) -> T,
 ) -> Result<T, Box<dyn std::error::Error>> {
     let setup = Setup::of(scenario, catalogue());
     let mut capture = Capture::in_memory(ScenarioClock::new(&setup.database)?, watch);
@@ -256,7 +256,7 @@ pub fn play_one<T>(
     let (frames, frames_lost) = capture.finish()?;
     let timeline = timeline::decode(&frames, &setup)?;
     let verdict = run::verdict(&ended, &timeline, &setup, frames_lost);
-    Ok(reduce(&Run {
+    Ok(reduce(&CampaignRun {
         index,
         scenario: &setup.scenario,
         frames: &frames,
@@ -331,7 +331,7 @@ mod tests {
 
     #[test]
     fn results_are_taken_in_order_and_few_wait_for_a_slow_one() {
-        let count = Count::new(None, false);
+        let count = RunsBar::new(None, false);
         let is_first_done = (Mutex::new(false), Condvar::new());
         let ahead = std::sync::atomic::AtomicUsize::new(0);
         let work = |job: &usize, _: &Watch| {

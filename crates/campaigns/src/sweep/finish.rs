@@ -1,14 +1,14 @@
 //! What is made of the rows when all of them are there.
 
 use super::page;
-use super::plan::Plan;
+use super::plan::SweepPlan;
 use super::store::StoreError;
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::copy_tables;
 use rig::setup::Setup;
-use runner::console::say;
+use runner::console::print;
 use runner::exit::Exit;
 
 /// Name of the folder with the scenarios of cases that do not pass.
@@ -27,7 +27,7 @@ pub(super) enum FinishError {
 pub(super) fn finish(
     folder: &RunFolder,
     setup: &Setup,
-    plan: &Plan,
+    plan: &SweepPlan,
     is_quiet: bool,
 ) -> Result<Exit, FinishError> {
     let summary = Summary::of(plan, &setup.scenario, folder.path())?;
@@ -51,7 +51,7 @@ pub(super) fn finish(
     folder.write(file::REPORT, page.as_bytes())?;
     let exit = summary.worst().exit();
     if !is_quiet || exit != Exit::Pass {
-        say(&page::to_text(&summary));
+        print(&page::to_text(&summary));
         tell_files(folder, &summary);
     }
     Ok(exit)
@@ -63,7 +63,7 @@ fn place(failing: &Failing) -> String {
 }
 
 /// What a reader of a single case must know.
-fn preamble(plan: &Plan, failing: &Failing) -> String {
+fn preamble(plan: &SweepPlan, failing: &Failing) -> String {
     let one_line = |text: &str| text.replace(char::is_control, " ");
     format!(
         "# Case {} of the sweep \"{}\": {}\n# {}: {}\n\n",
@@ -83,15 +83,15 @@ fn tell_files(folder: &RunFolder, summary: &Summary) {
             true => format!("the first {written} of {total}"),
             false => format!("all {total}"),
         };
-        say(&format!(
+        print(&format!(
             "failing  {} ({first}, for canrig simulate)",
             path(FAILING)
         ));
     }
-    say(&format!(
+    print(&format!(
         "table    {} and {}",
         path(tables::CSV),
         tables::PARQUET
     ));
-    say(&format!("page     {}", path(file::REPORT)));
+    print(&format!("page     {}", path(file::REPORT)));
 }

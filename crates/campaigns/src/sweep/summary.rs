@@ -6,8 +6,8 @@ use std::path::Path;
 use scenario::Scenario;
 use scenario::expect::Limit;
 
-use super::plan::Plan;
-use super::row::{Ended, Row};
+use super::plan::SweepPlan;
+use super::row::{Ended, SweepRow};
 use super::store::{self, StoreError};
 use crate::distribution::{quantile, staircase};
 
@@ -31,7 +31,7 @@ pub struct Summary {
     /// What varies, and how.
     pub keys: Vec<(String, String)>,
     /// The metrics.
-    pub spreads: Vec<Spread>,
+    pub spreads: Vec<MetricSpread>,
     /// The first cases that do not pass.
     pub failing: Vec<Failing>,
 }
@@ -51,7 +51,7 @@ pub struct Failing {
 }
 
 /// How a metric is distributed.
-pub struct Spread {
+pub struct MetricSpread {
     /// Its name, with the unit in it.
     pub name: String,
     /// Its limit in the scenario.
@@ -78,7 +78,7 @@ struct Survey {
 }
 
 impl Survey {
-    fn of(plan: &Plan, folder: &Path) -> Result<Self, StoreError> {
+    fn of(plan: &SweepPlan, folder: &Path) -> Result<Self, StoreError> {
         let mut survey = Self {
             runs: 0,
             ended: BTreeMap::new(),
@@ -92,7 +92,7 @@ impl Survey {
         Ok(survey)
     }
 
-    fn take(&mut self, plan: &Plan, row: Row) {
+    fn take(&mut self, plan: &SweepPlan, row: SweepRow) {
         self.runs += 1;
         *self.ended.entry(row.ended).or_default() += 1;
         for name in &row.missed {
@@ -117,7 +117,11 @@ impl Survey {
 
 impl Summary {
     /// Of the rows in a folder.
-    pub(super) fn of(plan: &Plan, scenario: &Scenario, folder: &Path) -> Result<Self, StoreError> {
+    pub(super) fn of(
+        plan: &SweepPlan,
+        scenario: &Scenario,
+        folder: &Path,
+    ) -> Result<Self, StoreError> {
         let survey = Survey::of(plan, folder)?;
         let keys = plan.ways().map(|(key, way)| (key.to_owned(), way));
         Ok(Self {
@@ -154,7 +158,11 @@ impl Summary {
 }
 
 /// The distributions of all metrics, by as many passes over the rows as keep within memory.
-fn spreads(survey: &Survey, scenario: &Scenario, folder: &Path) -> Result<Vec<Spread>, StoreError> {
+fn spreads(
+    survey: &Survey,
+    scenario: &Scenario,
+    folder: &Path,
+) -> Result<Vec<MetricSpread>, StoreError> {
     let limits: BTreeMap<&str, Limit> = scenario.expect.limits().collect();
     let group = (VALUES_MAX / survey.runs.max(1)).max(1);
     let mut spreads = Vec::new();
@@ -170,13 +178,13 @@ fn spreads(survey: &Survey, scenario: &Scenario, folder: &Path) -> Result<Vec<Sp
             values.sort_unstable_by(f64::total_cmp);
             let missed = survey.missed.get(name).copied().unwrap_or_default();
             let limit = limits.get(name.as_str()).copied();
-            spreads.push(Spread::new(name, limit, missed, &values));
+            spreads.push(MetricSpread::new(name, limit, missed, &values));
         }
     }
     Ok(spreads)
 }
 
-impl Spread {
+impl MetricSpread {
     fn new(name: &str, limit: Option<Limit>, missed: usize, sorted: &[f64]) -> Self {
         let at = |percent| quantile(sorted, percent).unwrap_or(f64::NAN);
         Self {
@@ -222,7 +230,7 @@ mod tests {
         assert!(few.windows(2).all(|pair| pair[1] - pair[0] <= 101.0));
         assert_eq!(thinned(&many[..1000]), many[..1000]);
         assert_eq!(thinned(&[]), [] as [f64; 0]);
-        let spread = Spread::new("m", None, 0, &many);
+        let spread = MetricSpread::new("m", None, 0, &many);
         assert_eq!(spread.quantiles, [0.0, 49_999.0, 94_999.0, 99_999.0]);
     }
 }

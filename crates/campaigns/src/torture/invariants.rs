@@ -8,7 +8,7 @@ use plant_emulator::catalogue::SMA_ACTUATOR;
 use scenario::Scenario;
 use scenario::fault::node::{Node, Output};
 
-use crate::campaign::Run;
+use crate::campaign::CampaignRun;
 use judge::verdict::Outcome;
 use recording::log::Stamped;
 use recording::truth::Truth;
@@ -29,20 +29,20 @@ const CONTROLLER_HEARTBEAT: u16 = 0x701;
 
 /// An invariant that a run broke.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Violation {
+pub struct BrokenInvariant {
     /// Which one: the same word for the same invariant.
     pub invariant: &'static str,
     /// What was seen.
     pub text: String,
 }
 
-fn violated(invariant: &'static str, text: String) -> Option<Violation> {
-    Some(Violation { invariant, text })
+fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
+    Some(BrokenInvariant { invariant, text })
 }
 
 /// The first invariant that a run broke.
 #[must_use]
-pub fn violation(played: &Run<'_>) -> Option<Violation> {
+pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     verdict_reached(played)
         .or_else(|| truth_told(played))
         .or_else(|| not_too_hot(played))
@@ -57,7 +57,7 @@ pub fn violation(played: &Run<'_>) -> Option<Violation> {
         })
 }
 
-fn verdict_reached(played: &Run<'_>) -> Option<Violation> {
+fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let verdict = played.verdict;
     if matches!(verdict.outcome, Outcome::Pass | Outcome::Fail) {
         return None;
@@ -67,7 +67,7 @@ fn verdict_reached(played: &Run<'_>) -> Option<Violation> {
 }
 
 /// The recording is complete: the plant is heard from the first message to the end.
-fn truth_told(played: &Run<'_>) -> Option<Violation> {
+fn truth_told(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let truth = &played.timeline.truth;
     let gap = truth
         .windows(2)
@@ -81,7 +81,7 @@ fn truth_told(played: &Run<'_>) -> Option<Violation> {
 }
 
 /// Of another plant nobody knows how hot it may be.
-fn not_too_hot(played: &Run<'_>) -> Option<Violation> {
+fn not_too_hot(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     if played.scenario.plant.name() != SMA_ACTUATOR {
         return None;
     }
@@ -95,7 +95,7 @@ fn not_too_hot(played: &Run<'_>) -> Option<Violation> {
 }
 
 /// Before scenario time 0 nobody commands a current; a run that a fault of the boot prevents never comes to it.
-fn no_current_before_the_start(played: &Run<'_>) -> Option<Violation> {
+fn no_current_before_the_start(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let timeline = played.timeline;
     let is_before = |truth: &&Truth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
     let heated = |truth: &&Truth| truth.current_amperes > 0.0;
@@ -113,8 +113,8 @@ fn no_current_without(
     (invariant, what): (&'static str, &str),
     is_it: impl Fn(&CanFrame) -> bool,
     seconds_max: f64,
-    played: &Run<'_>,
-) -> Option<Violation> {
+    played: &CampaignRun<'_>,
+) -> Option<BrokenInvariant> {
     let timeline = played.timeline;
     let zero = Duration::from_secs_f64(timeline.zero_seconds?);
     let is_it = |stamped: &&Stamped| is_it(&stamped.frame);

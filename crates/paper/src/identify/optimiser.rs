@@ -10,7 +10,7 @@ use basin::{
 };
 use nalgebra::{DMatrix, DVector};
 
-use super::fit::{Columns, Fit, mean_square};
+use super::fit::{Derivatives, Fit, mean_square};
 use super::parameter::Inequality;
 
 /// Rounds of sequential quadratic programming.
@@ -42,7 +42,7 @@ pub struct Optimum {
 }
 
 /// Told of every gradient: number of the iteration, RMS of the residual in metres.
-pub type Progress<'a> = &'a dyn Fn(u64, f64);
+pub type OnIteration<'a> = &'a dyn Fn(u64, f64);
 
 /// Sequential quadratic programming (Kraft's SLSQP) with bounds and order, in rounds. Each round has coordinates of its
 /// own, in which the Gauss-Newton approximation of the Hessian is the identity, since BFGS alone is slow in the long
@@ -51,7 +51,7 @@ pub type Progress<'a> = &'a dyn Fn(u64, f64);
 pub fn sequential_quadratic_programming(
     fit: &Fit<'_>,
     start: &[f64],
-    progress: Progress<'_>,
+    progress: OnIteration<'_>,
 ) -> Option<Optimum> {
     let mut best = Optimum {
         values: start.to_vec(),
@@ -77,7 +77,7 @@ pub fn sequential_quadratic_programming(
     Some(best)
 }
 
-fn round(fit: &Fit<'_>, from: &Optimum, progress: Progress<'_>) -> Option<Optimum> {
+fn round(fit: &Fit<'_>, from: &Optimum, progress: OnIteration<'_>) -> Option<Optimum> {
     let coordinates = Coordinates::new(fit, from)?;
     let constraints = ConstraintSet::new().with_linear_inequalities(coordinates.constraints(fit));
     let problem = Round {
@@ -190,7 +190,7 @@ struct Round<'a> {
     coordinates: &'a Coordinates,
     /// The residual at the latest place, which the gradient needs again.
     latest: RefCell<Option<(Vec<f64>, Vec<f64>)>>,
-    progress: Progress<'a>,
+    progress: OnIteration<'a>,
     iterations: Cell<u64>,
 }
 
@@ -347,7 +347,7 @@ fn at_fractions(fit: &Fit<'_>, place: &[f64]) -> Vec<f64> {
 
 /// Columns as a matrix.
 #[must_use]
-pub fn to_matrix(columns: &Columns) -> DMatrix<f64> {
+pub fn to_matrix(columns: &Derivatives) -> DMatrix<f64> {
     let rows = columns.first().map_or(0, Vec::len);
     DMatrix::from_fn(rows, columns.len(), |row, column| columns[column][row])
 }

@@ -23,8 +23,6 @@ use rig::setup::Setup;
 
 /// How long a run waits at its end for a viewer that takes nothing.
 pub const END_PATIENCE: Duration = Duration::from_secs(2);
-/// How to get the viewer.
-pub const INSTALL: &str = "pip install rerun-sdk==0.36.3";
 
 /// The viewers of a command.
 #[derive(Debug, Default)]
