@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use dbc::Database;
+use paper::identify::data::IdentificationData;
 use paper::identify::fit::Fit;
-use paper::identify::measurement::Measurement;
 use paper::identify::parameter::{self, Parameter};
 use paper::identify::report;
 use paper::identify::search::{self, Detour, Solution};
@@ -41,8 +41,8 @@ impl Recording {
         }
     }
 
-    fn measurement(&self) -> Measurement {
-        Measurement::load(&self.run, None, None).unwrap()
+    fn measurement(&self) -> IdentificationData {
+        IdentificationData::load(&self.run, None, None).unwrap()
     }
 }
 
@@ -64,7 +64,7 @@ fn step_text(amperes: f64, duration_seconds: f64) -> String {
     )
 }
 
-fn fit<'a>(measurements: &'a [Measurement], parameters: &str) -> Fit<'a> {
+fn fit<'a>(measurements: &'a [IdentificationData], parameters: &str) -> Fit<'a> {
     Fit::new(
         measurements,
         parameter::parse_list(parameters).unwrap(),
@@ -286,11 +286,11 @@ fn a_candump_log_serves_as_well_as_a_run_folder() {
     fs::write(&log, text.replace(" can0 ", " vcan7 ")).unwrap();
     let database = Database::shipped();
     let measurement =
-        Measurement::load(&log, Some(&run.join("scenario.toml")), Some(database)).unwrap();
+        IdentificationData::load(&log, Some(&run.join("scenario.toml")), Some(database)).unwrap();
     let ours = excitation().measurement();
     assert_eq!(measurement.stretches, ours.stretches);
     assert_eq!(measurement.positions_metres, ours.positions_metres);
-    let fault = Measurement::load(&log, None, Some(database))
+    let fault = IdentificationData::load(&log, None, Some(database))
         .unwrap_err()
         .to_string();
     assert!(fault.contains("--scenario"), "{fault}");
@@ -351,9 +351,8 @@ fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
             "{commanded} A, {measured} A at {at} s"
         );
     }
-    let heated =
-        |stretch: &&paper::identify::measurement::Stretch| stretch.inputs.current_amperes > 0.0;
-    let begins = |measurement: &Measurement| {
+    let heated = |stretch: &&paper::identify::data::Stretch| stretch.inputs.current_amperes > 0.0;
+    let begins = |measurement: &IdentificationData| {
         let before = measurement
             .stretches
             .iter()

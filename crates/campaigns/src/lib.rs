@@ -14,5 +14,6 @@
 
 pub mod campaign;
 pub mod distribution;
+mod job_queue;
 pub mod sweep;
 pub mod torture;

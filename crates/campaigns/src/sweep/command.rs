@@ -128,7 +128,7 @@ fn announce(plan: &SweepPlan, shard: Shard, campaign: &Campaign, found: &Recover
     }
 }
 
-/// Plays the cases that are not done.
+/// Plays the cases that are not done, and keeps their rows.
 fn play_rest(
     plan: &SweepPlan,
     shard: Shard,
@@ -139,23 +139,23 @@ fn play_rest(
     let cases = shard.cases(plan.runs());
     let of = cases.len();
     let count = RunsBar::new(Some(of), campaign.is_shown).going_on_from(done);
-    let mut taken = done;
-    let take = |case: usize, row: Result<SweepRow, String>| {
-        // A panic is told by the program's own hook; the row says in which case it was.
+    let mut kept = done;
+    let keep = |case: usize, row: Result<SweepRow, String>| {
+        // The program's own hook prints a panic; the row says in which case it was.
         let row = row.unwrap_or_else(|reason| {
             SweepRow::without_verdict(case, &plan.case(case).id, Ended::InternalError, reason)
         });
         store.append(&row)?;
-        taken += 1;
+        kept += 1;
         Ok(())
     };
     let work = |case: &usize, watch: &Watch| played(plan, *case, watch);
-    let ended = campaign.each(cases.skip(done), &count, work, take);
+    let ended = campaign.each(cases.skip(done), &count, work, keep);
     drop(count);
     match ended {
         Ok(()) => Ok(()),
         Err(Stopped::Refused(error)) => Err(SweepError::Store(error)),
-        Err(Stopped::Interrupted) => Err(SweepError::Interrupted { done: taken, of }),
+        Err(Stopped::Interrupted) => Err(SweepError::Interrupted { done: kept, of }),
     }
 }
 

@@ -23,7 +23,7 @@ pub(super) enum FinishError {
     Write(#[from] WriteError),
 }
 
-/// Makes tables, page and scenarios of a folder's rows, and tells of them. Whatever was made before is made again.
+/// Makes tables, page and scenarios of a folder's rows, and prints where they are. Whatever was made before is made again.
 pub(super) fn finish(
     folder: &RunFolder,
     setup: &Setup,
@@ -52,7 +52,7 @@ pub(super) fn finish(
     let exit = summary.worst().exit();
     if !is_quiet || exit != Exit::Pass {
         print(&page::to_text(&summary));
-        tell_files(folder, &summary);
+        print_files(folder, &summary);
     }
     Ok(exit)
 }
@@ -75,7 +75,7 @@ fn preamble(plan: &SweepPlan, failing: &Failing) -> String {
     )
 }
 
-fn tell_files(folder: &RunFolder, summary: &Summary) {
+fn print_files(folder: &RunFolder, summary: &Summary) {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (total, written) = (summary.failing_total(), summary.failing.len());
     if total > 0 {

@@ -83,7 +83,7 @@ pub struct SweepRow {
     pub seed: Option<u64>,
     /// How it ended.
     pub ended: Ended,
-    /// Why, where the metrics do not tell.
+    /// Why, where the metrics do not show it.
     pub reason: Option<String>,
     /// The limits that were not met.
     pub missed: Vec<String>,

@@ -11,7 +11,7 @@ use super::row::{Ended, SweepRow};
 use super::store::{self, StoreError};
 use crate::distribution::{quantile, staircase};
 
-/// Cases that do not pass and are written as scenarios, told one by one.
+/// Cases that do not pass and are written as scenarios and listed.
 pub const FAILING_MAX: usize = 100;
 /// Values that are held in memory: metrics are gone through in groups of so many.
 const VALUES_MAX: usize = 4_000_000;
@@ -68,7 +68,7 @@ pub struct MetricSpread {
     pub curve: (Vec<f64>, Vec<f64>),
 }
 
-/// What a first look at all rows tells.
+/// What a first pass over all rows finds.
 struct Survey {
     runs: usize,
     ended: BTreeMap<Ended, usize>,
@@ -87,12 +87,12 @@ impl Survey {
             failing: Vec::new(),
         };
         for row in store::read(folder)?.1 {
-            survey.take(plan, row?);
+            survey.add(plan, row?);
         }
         Ok(survey)
     }
 
-    fn take(&mut self, plan: &SweepPlan, row: SweepRow) {
+    fn add(&mut self, plan: &SweepPlan, row: SweepRow) {
         self.runs += 1;
         *self.ended.entry(row.ended).or_default() += 1;
         for name in &row.missed {
@@ -194,7 +194,7 @@ impl MetricSpread {
             count: sorted.len(),
             quantiles: [at(0), at(50), at(95), at(100)],
             bulk: (at(1), at(99)),
-            curve: staircase(&thinned(sorted)),
+            curve: staircase(&decimated(sorted)),
         }
     }
 
@@ -206,7 +206,7 @@ impl MetricSpread {
 }
 
 /// So many of the sorted values that nobody sees the difference, the first and the last among them.
-fn thinned(sorted: &[f64]) -> Vec<f64> {
+fn decimated(sorted: &[f64]) -> Vec<f64> {
     let Some(last) = sorted
         .len()
         .checked_sub(1)
@@ -225,11 +225,11 @@ mod tests {
     #[test]
     fn a_distribution_of_many_is_drawn_by_few() {
         let many: Vec<f64> = (0..100_000).map(f64::from).collect();
-        let few = thinned(&many);
+        let few = decimated(&many);
         assert_eq!((few.len(), few[0], few[999]), (1000, 0.0, 99_999.0));
         assert!(few.windows(2).all(|pair| pair[1] - pair[0] <= 101.0));
-        assert_eq!(thinned(&many[..1000]), many[..1000]);
-        assert_eq!(thinned(&[]), [] as [f64; 0]);
+        assert_eq!(decimated(&many[..1000]), many[..1000]);
+        assert_eq!(decimated(&[]), [] as [f64; 0]);
         let spread = MetricSpread::new("m", None, 0, &many);
         assert_eq!(spread.quantiles, [0.0, 49_999.0, 94_999.0, 99_999.0]);
     }

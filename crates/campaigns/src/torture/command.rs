@@ -42,24 +42,24 @@ pub struct TortureArgs {
     pub quiet: bool,
 }
 
-/// Draws, plays, and tells what broke.
+/// Draws and plays the mixes, and prints what broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
-    let source = match scenarios::load(&args.scenario) {
-        Ok(source) => source,
+    let setup = match scenarios::load(&args.scenario) {
+        Ok(setup) => setup,
         Err(exit) => return exit,
     };
     let Scenario {
         plant,
         duration_seconds,
         ..
-    } = &source.scenario;
+    } = &setup.scenario;
     let case = |index: usize| {
         let mut stream = Stream::named(args.seed, &format!("torture.{index}"));
         let faults = draw::mix(&mut stream, plant, *duration_seconds);
-        TortureCase::new(&source.text, faults, stream.bits())
+        TortureCase::new(&setup.text, faults, stream.bits())
     };
-    // The first one tells whether the scenario is fit for this at all.
+    // The first one shows whether the scenario is fit for this at all.
     if let Err(reason) = case(0).and_then(|case| case.scenario()) {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
         return Exit::ScenarioInvalid;

@@ -128,7 +128,7 @@ fn parameters(stream: &mut Stream, group: &str, kind: &str) -> Table {
             }
             hits(stream, &mut set);
         }
-        // Below the identifier with which the plant tells the truth: nobody may forge that.
+        // Below the identifier with which the plant publishes the truth: no node may forge that.
         "babble" => set("identifier", whole(stream, 1, 0x6AF)),
         "load" => {
             set("identifier", whole(stream, 0x181, 0x6AF));

@@ -19,7 +19,7 @@ const TEMPERATURE_CELSIUS_MAX: f64 = 138.5;
 const SYNC_SECONDS_MAX: f64 = 0.055;
 /// The drive waits 100 ms for the manager's heartbeat.
 const HEARTBEAT_SECONDS_MAX: f64 = 0.105;
-/// The plant tells the truth every 10 ms.
+/// The plant publishes the truth every 10 ms.
 const TRUTH_SECONDS_MAX: f64 = 0.025;
 
 /// From what the plant says until it stands in the recording, and the rounding of times.
@@ -44,7 +44,7 @@ fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
 #[must_use]
 pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     verdict_reached(played)
-        .or_else(|| truth_told(played))
+        .or_else(|| truth_is_complete(played))
         .or_else(|| not_too_hot(played))
         .or_else(|| no_current_before_the_start(played))
         .or_else(|| {
@@ -66,8 +66,8 @@ fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     violated("verdict", format!("{}: {reason}", verdict.outcome.word()))
 }
 
-/// The recording is complete: the plant is heard from the first message to the end.
-fn truth_told(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
+/// The recording is complete: the plant publishes from the first message to the end.
+fn truth_is_complete(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let truth = &played.timeline.truth;
     let gap = truth
         .windows(2)
@@ -119,7 +119,7 @@ fn no_current_without(
     let zero = Duration::from_secs_f64(timeline.zero_seconds?);
     let is_it = |stamped: &&Stamped| is_it(&stamped.frame);
     let since_zero = |stamped: &Stamped| stamped.time.as_secs_f64() - zero.as_secs_f64();
-    let mut heard = played
+    let mut times = played
         .frames
         .iter()
         .filter(is_it)
@@ -132,7 +132,7 @@ fn no_current_without(
         .filter(|truth| truth.time_seconds > 0.0)
     {
         let time = truth.time_seconds;
-        while let Some(next) = heard.next_if(|next| *next <= time) {
+        while let Some(next) = times.next_if(|next| *next <= time) {
             last = f64::max(last, next);
         }
         let is_over = time > played.scenario.duration_seconds;

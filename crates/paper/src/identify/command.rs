@@ -10,8 +10,8 @@ use scenario::Scenario;
 use scenario::plant::Plant;
 use serde::Serialize;
 
+use super::data::IdentificationData;
 use super::fit::Fit;
-use super::measurement::Measurement;
 use super::parameter::{self, Parameter};
 use super::picture;
 use super::report;
@@ -153,7 +153,7 @@ fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
     })
 }
 
-fn load(args: &IdentifyArgs) -> Result<Vec<Measurement>, IdentifyFailure> {
+fn load(args: &IdentifyArgs) -> Result<Vec<IdentificationData>, IdentifyFailure> {
     let database = args.dbc.as_deref().map(read_database).transpose()?;
     if args.recordings.len() > RECORDINGS_MAX {
         return Err(IdentifyFailure {
@@ -168,7 +168,7 @@ fn load(args: &IdentifyArgs) -> Result<Vec<Measurement>, IdentifyFailure> {
     let measurements = args
         .recordings
         .iter()
-        .map(|path| Measurement::load(path, args.scenario.as_deref(), database.as_ref()));
+        .map(|path| IdentificationData::load(path, args.scenario.as_deref(), database.as_ref()));
     measurements
         .collect::<Result<Vec<_>, _>>()
         .map_err(|error| invalid(&error))
@@ -190,7 +190,10 @@ struct KnownPlant {
     notes: Vec<String>,
 }
 
-fn known(args: &IdentifyArgs, measurements: &[Measurement]) -> Result<KnownPlant, IdentifyFailure> {
+fn known(
+    args: &IdentifyArgs,
+    measurements: &[IdentificationData],
+) -> Result<KnownPlant, IdentifyFailure> {
     let scenario = measurements
         .first()
         .map(|measurement| measurement.scenario.plant.clone())
@@ -212,7 +215,7 @@ fn known(args: &IdentifyArgs, measurements: &[Measurement]) -> Result<KnownPlant
     })
 }
 
-/// Tells that the scenario's plant is not nominal: it may be what is known of the rig, or what identification must not
+/// A note that the scenario's plant is not nominal: it may be what is known of the rig, or what identification must not
 /// know.
 fn differences(plant: &Plant) -> Option<String> {
     let nominal = Plant::default();

@@ -3,14 +3,14 @@
 use plant_emulator::sma::{self, Actuator, STEP_SECONDS_MAX};
 use scenario::plant::Plant;
 
-use super::measurement::Measurement;
+use super::data::IdentificationData;
 use super::parameter::{Inequality, Parameter, ordering};
 use super::sensor_model::SensorModel;
 
 /// Recordings, the parameters sought, and what is taken as known.
 pub struct Fit<'a> {
     /// What was measured.
-    pub measurements: &'a [Measurement],
+    pub measurements: &'a [IdentificationData],
     /// What is sought.
     pub parameters: Vec<&'static Parameter>,
     /// Everything else of the plant.
@@ -42,7 +42,7 @@ impl<'a> Fit<'a> {
     /// The question, to be answered with the emulator's accuracy.
     #[must_use]
     pub fn new(
-        measurements: &'a [Measurement],
+        measurements: &'a [IdentificationData],
         parameters: Vec<&'static Parameter>,
         known: Plant,
     ) -> Self {
@@ -158,7 +158,7 @@ impl<'a> Fit<'a> {
         }
     }
 
-    fn simulate(&self, plant: &Plant, measurement: &Measurement) -> Vec<f64> {
+    fn simulate(&self, plant: &Plant, measurement: &IdentificationData) -> Vec<f64> {
         let mut actuator = Actuator::new(plant).continued_with_step(self.step_seconds());
         let mut positions = vec![0.0; measurement.positions_metres.len()];
         for stretch in &measurement.stretches {

@@ -1,12 +1,12 @@
 //! Identification: which plant explains the recordings?
 //!
-//! Recordings become `measurement`s; `fit` simulates the plant under their inputs and takes the residual on the position;
+//! Recordings become `data`; `fit` simulates the plant under their inputs and takes the residual on the position;
 //! `search` makes it small from a `start` with the optimisers of `optimiser`; `statistics` says what the result is worth;
-//! `report` and `picture` tell it, and `command` does all of this for the command line.
+//! `report` and `picture` show it, and `command` does all of this for the command line.
 
 pub mod command;
+pub mod data;
 pub mod fit;
-pub mod measurement;
 pub mod optimiser;
 pub mod parameter;
 pub mod picture;

@@ -17,9 +17,9 @@ use super::parameter::Inequality;
 const ROUNDS_MAX: u32 = 30;
 /// Iterations of one round; with more, BFGS has to find out what new coordinates know.
 const ITERATIONS_PER_ROUND: u64 = 3;
-/// A round that lowers the mean square by less than this part was the last: far less than one sample of thousands tells.
+/// A round that lowers the mean square by less than this part was the last: far less than one sample of thousands weighs.
 const PROGRESS_MIN: f64 = 1e-6;
-/// Smallest singular value that scales a direction, by the largest: it bounds the steps along what the data hardly tell.
+/// Smallest singular value that scales a direction, by the largest: it bounds the steps along what the data hardly determine.
 const SCALE_MIN: f64 = 1e-8;
 /// Accuracy of a round, by its first cost.
 const ACCURACY: f64 = 1e-9;
@@ -41,7 +41,7 @@ pub struct Optimum {
     pub has_converged: bool,
 }
 
-/// Told of every gradient: number of the iteration, RMS of the residual in metres.
+/// Called at every gradient: number of the iteration, RMS of the residual in metres.
 pub type OnIteration<'a> = &'a dyn Fn(u64, f64);
 
 /// Sequential quadratic programming (Kraft's SLSQP) with bounds and order, in rounds. Each round has coordinates of its

@@ -1,13 +1,13 @@
 //! The fit as a picture: measured and simulated position above, their difference below.
 
-use super::measurement::Measurement;
+use super::data::IdentificationData;
 use report::picture;
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
 
 /// The picture of one recording as SVG: what was measured, and what the sensor should show with the start values and
 /// with those found.
 pub(crate) fn to_svg(
-    measurement: &Measurement,
+    measurement: &IdentificationData,
     start_metres: &[f64],
     fitted_metres: &[f64],
 ) -> String {

@@ -14,9 +14,9 @@ const DETERMINED_PART: f64 = 0.05;
 const CORRELATION_NAMED: f64 = 0.95;
 /// Independent residuals would make the standard errors too small by this factor before it is worth a warning.
 const DEPENDENCE_NAMED: f64 = 1.5;
-/// The combinations that are told, from the worst on.
+/// The combinations that are reported, from the worst on.
 const COMBINATIONS: [&str; 2] = ["worst", "second worst"];
-/// A combination is told for a change of this part in its largest component.
+/// A combination is reported for a change of this part in its largest component.
 const EXAMPLE_PART: f64 = 0.1;
 /// Shifts by the sensor above this part of a value are named.
 const SHIFT_NAMED: f64 = 1e-3;

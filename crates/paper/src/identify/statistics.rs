@@ -5,8 +5,8 @@ use plant_emulator::sensor::PositionSensor;
 use scenario::plant::Sensor;
 use serde::Serialize;
 
+use super::data::IdentificationData;
 use super::fit::{Derivatives, Fit, rms};
-use super::measurement::Measurement;
 use super::optimiser::to_matrix;
 use super::sensor_model::SensorModel;
 
@@ -250,7 +250,7 @@ impl Linear {
 }
 
 /// Samples within [`CORRELATION_SECONDS`].
-fn lags(measurement: &Measurement) -> usize {
+fn lags(measurement: &IdentificationData) -> usize {
     let Some(first) = measurement.times_seconds.first() else {
         return 0;
     };

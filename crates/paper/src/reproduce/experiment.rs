@@ -8,7 +8,7 @@ use scenario::events::Window;
 use scenario::expect::Expect;
 
 use super::quantity::Quantity;
-use crate::identify::measurement::Measurement;
+use crate::identify::data::IdentificationData;
 use campaigns::campaign;
 use judge::verdict::Verdict;
 use recording::timeline::Timeline;
@@ -39,7 +39,7 @@ pub struct Experiment {
 
 /// A run that an experiment wants.
 pub struct PlannedRun {
-    /// What tells it from the others of the experiment.
+    /// What distinguishes it from the others of the experiment.
     pub label: String,
     /// What is played.
     pub scenario: Scenario,
@@ -55,7 +55,7 @@ pub enum Keep {
     /// The signals in a span of time.
     Signals(Window),
     /// The signals of the whole run, and its positions for identification.
-    Measurement,
+    IdentificationData,
 }
 
 /// What is left of a run.
@@ -69,7 +69,7 @@ pub struct Kept {
     /// The signals that were kept.
     pub signals: Signals,
     /// The positions for identification, or why they do not serve.
-    pub measurement: Option<Result<Measurement, String>>,
+    pub measurement: Option<Result<IdentificationData, String>>,
 }
 
 /// Some signals of a run over time.
@@ -231,12 +231,13 @@ impl PlannedRun {
         let window = match self.keep {
             Keep::Verdict => None,
             Keep::Signals(window) => Some(window),
-            Keep::Measurement => Some(span(0.0, self.scenario.duration_seconds)),
+            Keep::IdentificationData => Some(span(0.0, self.scenario.duration_seconds)),
         };
         let measurement = || {
             let database = dbc::Database::shipped();
             let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
-            let measurement = Measurement::from_frames(place, played.frames, scenario, database);
+            let measurement =
+                IdentificationData::from_frames(place, played.frames, scenario, database);
             measurement.map_err(|error| error.to_string())
         };
         Kept {
@@ -246,7 +247,7 @@ impl PlannedRun {
             signals: window.map_or_else(Signals::default, |window| {
                 Signals::of(played.timeline, window)
             }),
-            measurement: (self.keep == Keep::Measurement).then(measurement),
+            measurement: (self.keep == Keep::IdentificationData).then(measurement),
         }
     }
 }

@@ -9,8 +9,8 @@ use super::experiment::{
 };
 use super::families::{with_loops_repeated, with_noise};
 use super::quantity::{Quantity, at_least, at_most, within};
+use crate::identify::data::IdentificationData;
 use crate::identify::fit::Fit;
-use crate::identify::measurement::Measurement;
 use crate::identify::parameter::{self, Parameter};
 use crate::identify::search;
 use crate::identify::start::Start;
@@ -203,14 +203,14 @@ fn stresses() -> Evaluation {
 fn identification(effort: Effort) -> Experiment {
     let excitation = bases::identify_excitation();
     let mut runs = vec![
-        PlannedRun::new("ramp", bases::ramp(), Keep::Measurement),
-        PlannedRun::new(RICH, excitation.clone(), Keep::Measurement),
+        PlannedRun::new("ramp", bases::ramp(), Keep::IdentificationData),
+        PlannedRun::new(RICH, excitation.clone(), Keep::IdentificationData),
     ];
     if effort == Effort::Full {
         runs.push(PlannedRun::new(
             NOISY,
             with_noise(&excitation, 1.0),
-            Keep::Measurement,
+            Keep::IdentificationData,
         ));
     }
     Experiment {
@@ -265,7 +265,7 @@ fn parameters() -> Vec<&'static Parameter> {
     parameter::parse_list(&symbols.join(",")).unwrap_or_default()
 }
 
-fn measurement(run: &Kept) -> Result<&Measurement, String> {
+fn measurement(run: &Kept) -> Result<&IdentificationData, String> {
     match &run.measurement {
         Some(Ok(measurement)) => Ok(measurement),
         Some(Err(reason)) => Err(reason.clone()),
@@ -273,7 +273,7 @@ fn measurement(run: &Kept) -> Result<&Measurement, String> {
     }
 }
 
-fn fit(measurement: &Measurement) -> Fit<'_> {
+fn fit(measurement: &IdentificationData) -> Fit<'_> {
     Fit::new(
         std::slice::from_ref(measurement),
         parameters(),

@@ -8,7 +8,7 @@ use judge::verdict::{Metric, Outcome, Verdict, title};
 /// One number of the reproduction.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Quantity {
-    /// Of which run: the control law, or what else tells it from others.
+    /// Of which run: the control law, or what else distinguishes it from others.
     pub of: String,
     /// What the paper says, in its words.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -16,12 +16,12 @@ const NOISES_STEPS: [f64; 4] = [0.0, 0.5, 1.0, 2.0];
 const LAUNCH_JERKS: [f64; 4] = [250.0, 300.0, 350.0, 400.0];
 
 /// A column of a table: its head, which run of a row it is read from, and the metric.
-type Column = (&'static str, usize, &'static str);
+type TableColumn = (&'static str, usize, &'static str);
 
 /// What is played for each setting of the rig, and what is read from it.
 const RIG_BASES: [fn() -> Scenario; 2] = [bases::step, bases::sine_5s];
 const RIG_LAWS: [ComparedLaw; 2] = [ComparedLaw::SlidingMode, ComparedLaw::Pid];
-const RIG_COLUMNS: [Column; 5] = [
+const RIG_COLUMNS: [TableColumn; 5] = [
     ("settling (s)", 0, "settling_time_seconds"),
     ("overshoot (%)", 0, "overshoot_percent"),
     (
@@ -40,7 +40,7 @@ const RIG_COLUMNS: [Column; 5] = [
 /// What is played for each launch, and what is read from it.
 const LAUNCH_BASES: [fn() -> Scenario; 3] =
     [bases::step, bases::step_cold, bases::step_other_truth];
-const LAUNCH_COLUMNS: [Column; 6] = [
+const LAUNCH_COLUMNS: [TableColumn; 6] = [
     ("settling (s)", 0, "settling_time_seconds"),
     ("overshoot (%)", 0, "overshoot_percent"),
     ("from cold: settling (s)", 1, "settling_time_seconds"),
@@ -128,7 +128,7 @@ fn reported(label: String, scenario: Scenario) -> PlannedRun {
 }
 
 /// One row for each setting; its runs follow each other.
-fn table(columns: &[Column], runs_per_row: usize, runs: &[Kept]) -> Evaluation {
+fn table(columns: &[TableColumn], runs_per_row: usize, runs: &[Kept]) -> Evaluation {
     let header = std::iter::once("setting").chain(columns.iter().map(|(head, ..)| *head));
     let rows = runs.chunks(runs_per_row).map(|row| {
         let cells = columns.iter().map(|(_, place, metric)| {

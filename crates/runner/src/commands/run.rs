@@ -284,7 +284,7 @@ fn refuse(args: &RunArgs, external: &External) -> Result<(), &'static str> {
     Ok(())
 }
 
-/// Faults of the bus need the modelled one; no real bus delays or loses frames as it is told.
+/// Faults of the bus need the modelled one; no real bus delays or loses frames on demand.
 fn admits(scenario: &Scenario, bus: &RunBus, is_lockstep: bool) -> Result<(), String> {
     let is_modelled = is_lockstep && matches!(bus, RunBus::Embedded { .. });
     if is_modelled || scenario.fault.bus.is_empty() {

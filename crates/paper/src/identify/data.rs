@@ -164,13 +164,13 @@ pub struct Stretch {
     pub duration_seconds: f64,
     /// What acts.
     pub inputs: Inputs,
-    /// Where in [`Measurement::positions_metres`] the position at its end is, if it was measured.
+    /// Where in [`IdentificationData::positions_metres`] the position at its end is, if it was measured.
     pub sample: Option<usize>,
 }
 
 /// One recording, ready to be compared with a simulation from the start state.
 #[derive(Clone, Debug)]
-pub struct Measurement {
+pub struct IdentificationData {
     /// Where it came from.
     pub path: PathBuf,
     /// The scenario that was played.
@@ -187,7 +187,7 @@ pub struct Measurement {
     pub currents_amperes: Vec<f64>,
 }
 
-impl Measurement {
+impl IdentificationData {
     /// Reads a run folder, or a log of `candump -L` together with the scenario that was played. Frames mean what `database`
     /// says, else what the rig file of the run says, else what the emulated drive's mean.
     ///
@@ -303,12 +303,12 @@ impl Measurement {
 
 /// The current up to each row, in amperes.
 fn flowed(timeline: &Timeline) -> Vec<f64> {
-    let told = timeline.current();
-    if told.iter().all(|value| value.is_nan()) {
+    let reported = timeline.current();
+    if reported.iter().all(|value| value.is_nan()) {
         return commanded(timeline);
     }
     // What the drive reports at a SYNC flowed until then.
-    let mut flowed = told.to_vec();
+    let mut flowed = reported.to_vec();
     let mut next = 0.0;
     for value in flowed.iter_mut().rev() {
         if value.is_nan() {
@@ -319,7 +319,7 @@ fn flowed(timeline: &Timeline) -> Vec<f64> {
     flowed
 }
 
-/// The command that acts up to each row, for a drive that does not tell its current: one computed from the sample of a
+/// The command that acts up to each row, for a drive that does not report its current: one computed from the sample of a
 /// SYNC acts from the next one on.
 fn commanded(timeline: &Timeline) -> Vec<f64> {
     let name = signals::TARGET_CURRENT.split_once('.');
@@ -402,7 +402,7 @@ impl<'a> Disturbances<'a> {
         }
     }
 
-    /// What acts from a row on; still air and the load alone until the node is told otherwise.
+    /// What acts from a row on; still air and the load alone until the node is commanded otherwise.
     fn at(&self, row: usize) -> Inputs {
         let value = |column: &[f64]| column.get(row).copied().filter(|value| !value.is_nan());
         let default = Inputs::default();
