@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::PathBuf;
 
-use campaigns::campaign::{Campaign, Run};
+use campaigns::campaign::{Campaign, CampaignRun};
 use judge::verdict::Outcome;
 use scenario::Scenario;
 
@@ -77,7 +77,7 @@ fn a_reaction_that_does_not_come_fails() {
 }
 
 /// What a run came to, in one cell each: time to current 0, time to recovery, highest temperature.
-fn cells(played: &Run<'_>) -> String {
+fn cells(played: &CampaignRun<'_>) -> String {
     let metric = |name: &str| {
         let metrics = played.verdict.metrics.iter();
         metrics.into_iter().find(|metric| metric.name == name)

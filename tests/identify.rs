@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use dbc::Database;
+use paper::identify::data::IdentificationData;
 use paper::identify::fit::Fit;
 use paper::identify::parameter::{self, Parameter};
 use paper::identify::report;
-use paper::identify::search::{self, Detour, Found};
+use paper::identify::search::{self, Detour, Solution};
 use paper::identify::start::{self, Start};
-use paper::identify::trace::Trace;
 use scenario::plant::Plant;
 use tempfile::TempDir;
 
@@ -41,8 +41,8 @@ impl Recording {
         }
     }
 
-    fn trace(&self) -> Trace {
-        Trace::load(&self.run, None, None).unwrap()
+    fn measurement(&self) -> IdentificationData {
+        IdentificationData::load(&self.run, None, None).unwrap()
     }
 }
 
@@ -64,15 +64,15 @@ fn step_text(amperes: f64, duration_seconds: f64) -> String {
     )
 }
 
-fn fit<'a>(traces: &'a [Trace], parameters: &str) -> Fit<'a> {
+fn fit<'a>(measurements: &'a [IdentificationData], parameters: &str) -> Fit<'a> {
     Fit::new(
-        traces,
+        measurements,
         parameter::parse_list(parameters).unwrap(),
         Plant::default(),
     )
 }
 
-fn search_from(fit: &Fit<'_>, start: &Plant) -> Found {
+fn search_from(fit: &Fit<'_>, start: &Plant) -> Solution {
     search::search(fit, &fit.values_of(start), &|_, _| {}).unwrap()
 }
 
@@ -115,8 +115,8 @@ fn the_six_are_found_from_section_3_and_the_result_can_be_played() {
     );
     let result = only_run(folder.path());
     let plant = start::read_plant(&result.join("plant.toml")).unwrap();
-    let traces = [];
-    let fit = fit(&traces, SIX);
+    let measurements = [];
+    let fit = fit(&measurements, SIX);
     assert_on_target(&fit, &fit.values_of(&plant), 0.05);
     let report = fs::read_to_string(result.join("report.md")).unwrap();
     assert!(
@@ -134,8 +134,8 @@ fn the_six_are_found_from_section_3_and_the_result_can_be_played() {
 
 #[test]
 fn noise_of_one_step_leaves_the_six_on_target() {
-    let traces = [Recording::of(&(excitation_text() + NOISE_OF_ONE_STEP)).trace()];
-    let fit = fit(&traces, SIX).coarse();
+    let measurements = [Recording::of(&(excitation_text() + NOISE_OF_ONE_STEP)).measurement()];
+    let fit = fit(&measurements, SIX).coarse();
     let found = search_from(&fit, &Start::Section3.plant().unwrap());
     assert_on_target(&fit, &found.statistics.values(), 0.08);
     assert!(found.is_confirmed(&fit), "{:?}", found.disagreement());
@@ -156,9 +156,9 @@ fn uniform(state: &mut u64) -> f64 {
 
 #[test]
 fn all_of_20_random_starts_end_at_the_same_optimum() {
-    let traces = [excitation().trace()];
+    let measurements = [excitation().measurement()];
     // Coarse integration is enough to tell where a search ends.
-    let fit = fit(&traces, SIX).coarse();
+    let fit = fit(&measurements, SIX).coarse();
     let mut state = 20;
     let mut draw = || -> Vec<f64> {
         let values = |state: &mut u64| {
@@ -195,8 +195,9 @@ fn all_of_20_random_starts_end_at_the_same_optimum() {
 /// PAPER I1. Even from the truth itself the search walks along the valley.
 #[test]
 fn the_papers_ramp_alone_does_not_determine_the_six_and_the_report_says_so() {
-    let traces = [Recording::of(&fs::read_to_string(scenario("ramp.toml")).unwrap()).trace()];
-    let fit = fit(&traces, SIX).coarse();
+    let measurements =
+        [Recording::of(&fs::read_to_string(scenario("ramp.toml")).unwrap()).measurement()];
+    let fit = fit(&measurements, SIX).coarse();
     let found = search_from(&fit, &Plant::default());
     let [conduction, convection, ..] = found.statistics.estimates[..] else {
         panic!()
@@ -225,8 +226,9 @@ fn the_papers_ramp_alone_does_not_determine_the_six_and_the_report_says_so() {
 
 #[test]
 fn a_ramp_still_determines_some_parameters_when_the_others_are_known() {
-    let traces = [Recording::of(&fs::read_to_string(scenario("ramp.toml")).unwrap()).trace()];
-    let fit = fit(&traces, "austenite_start_celsius,Af");
+    let measurements =
+        [Recording::of(&fs::read_to_string(scenario("ramp.toml")).unwrap()).measurement()];
+    let fit = fit(&measurements, "austenite_start_celsius,Af");
     let found = search_from(&fit, &Start::Section3.plant().unwrap());
     assert_on_target(&fit, &found.statistics.values(), 0.0);
     assert!(found.is_confirmed(&fit));
@@ -235,9 +237,9 @@ fn a_ramp_still_determines_some_parameters_when_the_others_are_known() {
 #[test]
 fn a_truth_with_the_full_law_shows_as_a_model_error() {
     let text = excitation_text() + "\n[plant.mechanics]\nstress_strain = \"full\"\n";
-    let traces = [Recording::of(&text).trace()];
+    let measurements = [Recording::of(&text).measurement()];
     let start = Start::Section3.plant().unwrap();
-    let wrong = fit(&traces, SIX).coarse();
+    let wrong = fit(&measurements, SIX).coarse();
     let found = search_from(&wrong, &start);
     assert!(
         found.statistics.misfit() > 20.0,
@@ -251,8 +253,8 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
         "{summary}"
     );
     // With the right law the same recording gives the plant.
-    let known = traces[0].scenario.plant.clone();
-    let right = Fit::new(&traces, parameter::parse_list(SIX).unwrap(), known).coarse();
+    let known = measurements[0].scenario.plant.clone();
+    let right = Fit::new(&measurements, parameter::parse_list(SIX).unwrap(), known).coarse();
     let found = search_from(&right, &start);
     assert_on_target(&right, &found.statistics.values(), 0.05);
     assert!(found.statistics.explains(), "{}", found.statistics.misfit());
@@ -264,8 +266,8 @@ fn a_start_that_never_lifts_is_told_and_replaced() {
     let text = "schema = 1\nname = \"low ramp\"\nduration_seconds = 20.0\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 0.0\n\
                 until_seconds = 10.0\ncurrent_amperes = 0.8\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 10.0\nuntil_seconds = 20.0\n\
                 current_amperes = 0.0\n";
-    let traces = [Recording::of(text).trace()];
-    let fit = fit(&traces, "C,As,Af");
+    let measurements = [Recording::of(text).measurement()];
+    let fit = fit(&measurements, "C,As,Af");
     let start = Start::Section3.plant().unwrap();
     assert!(!start::lifts(&fit, &fit.values_of(&start)));
     let found = search_from(&fit, &start);
@@ -283,11 +285,12 @@ fn a_candump_log_serves_as_well_as_a_run_folder() {
     let text = fs::read_to_string(run.join("bus.log")).unwrap();
     fs::write(&log, text.replace(" can0 ", " vcan7 ")).unwrap();
     let database = Database::shipped();
-    let trace = Trace::load(&log, Some(&run.join("scenario.toml")), Some(database)).unwrap();
-    let ours = excitation().trace();
-    assert_eq!(trace.stretches, ours.stretches);
-    assert_eq!(trace.positions_metres, ours.positions_metres);
-    let fault = Trace::load(&log, None, Some(database))
+    let measurement =
+        IdentificationData::load(&log, Some(&run.join("scenario.toml")), Some(database)).unwrap();
+    let ours = excitation().measurement();
+    assert_eq!(measurement.stretches, ours.stretches);
+    assert_eq!(measurement.positions_metres, ours.positions_metres);
+    let fault = IdentificationData::load(&log, None, Some(database))
         .unwrap_err()
         .to_string();
     assert!(fault.contains("--scenario"), "{fault}");
@@ -327,13 +330,13 @@ fn a_recording_without_motion_is_refused() {
 #[test]
 fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
     let recording = Recording::of(&step_text(0.8, 4.0));
-    let emulated = recording.trace();
+    let emulated = recording.measurement();
     // The same drive as if it told no current and its sensor were of another kind.
     let rig = "schema = 1\nname = \"silent\"\n[drive]\ncurrent = { object = \"\" }\n\
         position = { resolution_millimetres = 0.025 }\n[limits]\ncurrent_amperes = 1.0\n\
         position_millimetres = { min = -1.0, max = 59.5 }\nspeed_millimetres_per_second = 1e4\n";
     fs::write(recording.run.join("rig.toml"), rig).unwrap();
-    let silent = recording.trace();
+    let silent = recording.measurement();
     assert!((silent.sensor_step_metres() - 25e-6).abs() < 1e-12);
     assert!(silent.sensor.span_millimetres >= 59.5);
     // The commands tell when which current flowed, to the cycle.
@@ -348,9 +351,9 @@ fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
             "{commanded} A, {measured} A at {at} s"
         );
     }
-    let heated = |stretch: &&paper::identify::trace::Stretch| stretch.inputs.current_amperes > 0.0;
-    let begins = |trace: &Trace| {
-        let before = trace
+    let heated = |stretch: &&paper::identify::data::Stretch| stretch.inputs.current_amperes > 0.0;
+    let begins = |measurement: &IdentificationData| {
+        let before = measurement
             .stretches
             .iter()
             .take_while(|stretch| !heated(stretch));

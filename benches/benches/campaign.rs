@@ -5,8 +5,8 @@ use std::path::Path;
 
 // What `canrig sweep` is made of.
 use campaigns::campaign::play_one;
-use campaigns::sweep::plan::Plan;
-use campaigns::sweep::row::{Ended, Row};
+use campaigns::sweep::plan::SweepPlan;
+use campaigns::sweep::row::{Ended, SweepRow};
 use recording::capture::Watch;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
@@ -23,25 +23,25 @@ const CYCLES: u64 = 24_000;
 const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 18_520;
 
 /// What is played: the sweep's cases follow from it.
-fn plan() -> Plan {
+fn plan() -> SweepPlan {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(SWEEP);
     let setup = Setup::load(&file, catalogue()).expect("the shipped sweep is valid");
-    Plan::new(&setup).expect("it is a sweep")
+    SweepPlan::new(&setup).expect("it is a sweep")
 }
 
 /// A case as a thread of `canrig sweep` plays it: its row, and how many cycles it had.
-fn played(plan: &Plan, number: usize) -> (Row, usize) {
+fn played(plan: &SweepPlan, number: usize) -> (SweepRow, usize) {
     let case = plan.case(number);
     let scenario = case.scenario().expect("the case is valid");
     let row = play_one(number, scenario, &Watch::default(), |played| {
-        let row = Row::of_verdict(number, &case.id, played.verdict);
+        let row = SweepRow::of_verdict(number, &case.id, played.verdict);
         (row, played.timeline.cycle.len())
     });
     row.expect("the case is played")
 }
 
 /// Holds what was played against what the count is divided by.
-fn check(rows: [(Row, usize); CASES.len()]) {
+fn check(rows: [(SweepRow, usize); CASES.len()]) {
     let cycles: usize = rows.iter().map(|(_, cycles)| cycles).sum();
     assert_eq!(u64::try_from(cycles), Ok(CYCLES), "cycles were played");
     for (row, _) in rows {
@@ -51,7 +51,7 @@ fn check(rows: [(Row, usize); CASES.len()]) {
 
 #[library_benchmark(config = limit(CYCLES * INSTRUCTIONS_PER_CYCLE_MAX))]
 #[bench::cycles_24000(args = (plan()), teardown = check)]
-fn sweep_in_memory(plan: Plan) -> [(Row, usize); CASES.len()] {
+fn sweep_in_memory(plan: SweepPlan) -> [(SweepRow, usize); CASES.len()] {
     CASES.map(|number| black_box(played(&plan, number)))
 }
 

@@ -60,12 +60,12 @@ impl Bench {
     /// cleaned up, and so does a plant or a law that cannot be one.
     #[must_use]
     pub fn main(self) -> ExitCode {
-        std::panic::set_hook(Box::new(console::report_panic));
+        std::panic::set_hook(Box::new(console::print_panic));
         // What a panic leaves of the bench is dropped with it.
         let run = AssertUnwindSafe(|| match self.register() {
             Ok(()) => from_command_line(),
             Err(error) => {
-                console::complain(&format!("canrig: this bench cannot begin: {error}"));
+                console::print_error(&format!("canrig: this bench cannot begin: {error}"));
                 Exit::Internal
             }
         });
@@ -105,7 +105,7 @@ fn execute(cli: Cli) -> Exit {
             cli::execute(cli)
         }
         Err(error) => {
-            console::complain(&error.to_string());
+            console::print_error(&error.to_string());
             Exit::BenchFailed
         }
     }

@@ -17,14 +17,14 @@ use campaigns::torture::command::{TortureArgs, torture};
 use paper::identify::command::{IdentifyArgs, identify};
 use paper::reproduce::command::{ReproduceArgs, reproduce};
 use runner::commands::check::{CheckArgs, check};
+use runner::commands::compare::{CompareArgs, compare};
+use runner::commands::coverage::{CoverageArgs, coverage};
+use runner::commands::export::{ExportArgs, export};
+use runner::commands::replay::{ReplayArgs, replay};
+use runner::commands::report::{ReportArgs, report};
 use runner::commands::run::{RunArgs, run};
 use runner::commands::simulate::{SimulateArgs, simulate};
 use runner::exit::Exit;
-use runner::recordings::compare::{CompareArgs, compare};
-use runner::recordings::coverage::{CoverageArgs, coverage};
-use runner::recordings::export::{ExportArgs, export};
-use runner::recordings::replay::{ReplayArgs, replay};
-use runner::recordings::report::{ReportArgs, report};
 
 const EXAMPLES: &str = "\
 Examples:

@@ -8,7 +8,7 @@ use clap::Args;
 use platform::private_bus::PrivateBus;
 use platform::{probe, scheduling};
 
-use runner::console::say;
+use runner::console::print;
 use runner::exit::Exit;
 
 /// The program that shows recordings.
@@ -47,7 +47,7 @@ pub(crate) struct DoctorArgs {
 #[must_use]
 pub(crate) fn doctor(args: &DoctorArgs) -> Exit {
     let checks = examine();
-    say(&table(&checks));
+    print(&table(&checks));
     if args.strict && checks.iter().any(|check| check.mend.is_some()) {
         Exit::BenchFailed
     } else {

@@ -16,7 +16,7 @@ use scenario::{ControllerView, Scenario};
 
 use recording::latency::{NodeReport, Quantiles};
 use rig::rig_file::LoadedRig;
-use runner::console::{complain, say};
+use runner::console::{print, print_error};
 use runner::exit::Exit;
 use worlds::nodes::{controller, faulty_controller, plant_emulator};
 
@@ -86,7 +86,7 @@ pub(crate) fn host(args: &NodeArgs) -> Exit {
     match hosted {
         Ok(()) => Exit::Pass,
         Err(reason) => {
-            complain(&reason);
+            print_error(&reason);
             Exit::BenchFailed
         }
     }
@@ -136,7 +136,7 @@ fn run_on_bus(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
             };
             let report = real_time::run(node, bus, &stop).map_err(|error| error.to_string())?;
             let report = node_report(&report, &scheduling);
-            say(&serde_json::to_string(&report).map_err(|error| error.to_string())?);
+            print(&serde_json::to_string(&report).map_err(|error| error.to_string())?);
             Ok(())
         }
         (None, None) => Err("a node needs --bus or --lockstep".to_owned()),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-use runner::console::{complain, print, say};
+use runner::console::{print, print_bytes, print_error};
 use runner::exit::Exit;
 
 /// Arguments of `completions`.
@@ -41,11 +41,11 @@ pub(crate) fn man(args: &ManArgs, command_line: Command) -> Exit {
         .and_then(|()| clap_mangen::generate_to(command_line, folder));
     match written {
         Ok(()) => {
-            say(&format!("man -l {}", folder.join("canrig.1").display()));
+            print(&format!("man -l {}", folder.join("canrig.1").display()));
             Exit::Pass
         }
         Err(error) => {
-            complain(&format!(
+            print_error(&format!(
                 "canrig: {} cannot be written: {error}",
                 folder.display()
             ));

@@ -2,7 +2,7 @@
 
 use clap::Args;
 
-use runner::console::say;
+use runner::console::print;
 use runner::exit::Exit;
 
 /// Arguments of `schema`.
@@ -16,7 +16,7 @@ pub(crate) struct SchemaArgs {
 /// Prints the schema.
 #[must_use]
 pub(crate) fn schema(args: &SchemaArgs) -> Exit {
-    say(&match args.rig {
+    print(&match args.rig {
         true => scenario::schema::rig_json_schema(),
         false => scenario::schema::json_schema(),
     });

@@ -14,7 +14,7 @@ use scenario::own::Section;
 
 use name::{InvalidName, Name};
 use profile::release_profile;
-use runner::console::{complain, say};
+use runner::console::{print, print_error};
 use runner::exit::Exit;
 
 /// The checkout that this program was built from. It may be gone, or on another machine.
@@ -123,14 +123,14 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
     match written(skeleton, args) {
         Ok(folder) => {
             let (folder, name) = (folder.display(), &args.name);
-            say(&format!(
+            print(&format!(
                 "{folder} has a bench of its own now:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
                  The first build takes as long as canrig's own; with canrig's target folder in CARGO_TARGET_DIR it is shared."
             ));
             Exit::Pass
         }
         Err(error) => {
-            complain(&format!("canrig: {error}"));
+            print_error(&format!("canrig: {error}"));
             error.exit()
         }
     }

@@ -9,7 +9,7 @@ pub(crate) mod sdo;
 pub(crate) mod value;
 
 use clap::Args;
-use runner::console::{complain, say};
+use runner::console::{print, print_error};
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -187,11 +187,11 @@ fn run(node: &mut dyn Node, bus: &ToolBus) -> Result<(), ToolError> {
 fn ended(outcome: Result<String, ToolError>) -> Exit {
     match outcome {
         Ok(text) => {
-            say(&text);
+            print(&text);
             Exit::Pass
         }
         Err(error) => {
-            complain(&format!("canrig: {error}"));
+            print_error(&format!("canrig: {error}"));
             error.exit()
         }
     }

@@ -16,7 +16,7 @@ use super::nodes::state_name;
 use super::{ToolBusArgs, ToolError, ended, open, seconds, value};
 use rig::data_sheet::{DataSheet, of_the_rig};
 use rig::error_frames;
-use runner::console::{BufferedLines, complain};
+use runner::console::{BufferedLines, print_error};
 use runner::exit::Exit;
 
 /// How long a quiet bus is waited for before Ctrl-C and the duration are looked at.
@@ -351,7 +351,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     }
     output.flush();
     if bus.dropped() > 0 {
-        complain(&format!(
+        print_error(&format!(
             "canrig: {} frames were lost: they came faster than they could be shown (show fewer with --only, --except or --changes)",
             bus.dropped()
         ));

@@ -1,21 +1,19 @@
 //! Many scenarios: each in virtual time within this process, several at a time, with nothing on the disk.
 
 use std::any::Any;
-use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
-use std::time::Duration;
 
 use scenario::Scenario;
 
+use crate::job_queue::JobQueue;
 use dbc::scenario_clock::ScenarioClock;
 use judge::verdict::Verdict;
 use recording::capture::{Capture, Watch};
 use recording::log::Stamped;
 use recording::timeline::{self, Timeline};
 use rig::setup::Setup;
-use runner::console::Count;
+use runner::console::RunsBar;
 use runner::observer::observed;
 use runner::run;
 use worlds::catalogue::catalogue;
@@ -23,8 +21,6 @@ use worlds::{Played, lockstep};
 
 /// Results that may wait for an earlier one to end, by thread: so much is held in memory, however many runs there are.
 const WAITING_MAX: usize = 32;
-/// How soon a thread that waits for an earlier run sees that the user stopped it.
-const STOP_PERIOD: Duration = Duration::from_millis(100);
 
 /// How a campaign is played.
 #[derive(Clone, Copy, Debug)]
@@ -35,9 +31,9 @@ pub struct Campaign {
     pub is_shown: bool,
 }
 
-/// One run, lent to whoever takes from it what the campaign is about.
+/// One run of a campaign, lent to the function that reduces it.
 #[derive(Debug)]
-pub struct Run<'a> {
+pub struct CampaignRun<'a> {
     /// Its place in the campaign.
     pub index: usize,
     /// What was played.
@@ -53,7 +49,7 @@ pub struct Run<'a> {
 /// A run that the program itself could not bring to a verdict.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("run {index} ({name}, seed {seed}) failed: {reason}")]
-pub struct Fault {
+pub struct FailedRun {
     /// Its place in the campaign.
     pub index: usize,
     /// The scenario's name.
@@ -74,7 +70,7 @@ pub struct Interrupted;
 pub enum Stopped<E> {
     /// The user stopped it.
     Interrupted,
-    /// A result could not be taken.
+    /// A result was refused.
     Refused(E),
 }
 
@@ -88,23 +84,23 @@ impl Campaign {
         }
     }
 
-    /// Plays the scenarios and takes from each run what `reduce` makes of it; in the order of the scenarios, however many
-    /// threads there are. Scenarios are drawn when a thread is free. A run that panics is a fault, and the others go on.
+    /// Plays the scenarios and keeps of each run what `reduce` returns; in the order of the scenarios, however many
+    /// threads there are. Scenarios are drawn when a thread is free. A run that panics has failed, and the others go on.
     ///
     /// # Errors
     /// The user stopped it.
     pub fn play<T: Send>(
         &self,
         scenarios: impl Iterator<Item = Scenario> + Send,
-        reduce: impl Fn(&Run<'_>) -> T + Sync,
-    ) -> Result<Vec<Result<T, Fault>>, Interrupted> {
-        let count = Count::new(scenarios.size_hint().1, self.is_shown);
+        reduce: impl Fn(&CampaignRun<'_>) -> T + Sync,
+    ) -> Result<Vec<Result<T, FailedRun>>, Interrupted> {
+        let bar = RunsBar::new(scenarios.size_hint().1, self.is_shown);
         let mut results = Vec::new();
         let work = |(index, scenario): &(usize, Scenario), watch: &Watch| {
             play_one(*index, scenario.clone(), watch, &reduce).map_err(|error| error.to_string())
         };
-        let take = |(index, scenario): (usize, Scenario), result: Result<T, String>| {
-            results.push(result.map_err(|reason| Fault {
+        let on_result = |(index, scenario): (usize, Scenario), result: Result<T, String>| {
+            results.push(result.map_err(|reason| FailedRun {
                 index,
                 name: scenario.name,
                 seed: scenario.seed,
@@ -112,46 +108,42 @@ impl Campaign {
             }));
             Ok::<(), std::convert::Infallible>(())
         };
-        match self.each(scenarios.enumerate(), &count, work, take) {
+        match self.each(scenarios.enumerate(), &bar, work, on_result) {
             Ok(()) => Ok(results),
             Err(Stopped::Interrupted) => Err(Interrupted),
         }
     }
 
-    /// Does `work` for each job, several at a time, and hands the results to `take` in the order of the jobs as soon as it
+    /// Does `work` for each job, several at a time, and hands the results to `on_result` in the order of the jobs as soon as it
     /// is their turn. What `work` panics with is its result. Holds as many results as some threads are ahead of the
     /// slowest, within a bound, whatever the number of jobs.
     ///
     /// # Errors
-    /// The user stopped it, or `take` refused a result; later results are then not taken.
+    /// The user stopped it, or `on_result` refused a result; it gets no later ones.
     pub fn each<J: Send, T: Send, E: Send>(
         &self,
         jobs: impl Iterator<Item = J> + Send,
-        count: &Count,
+        bar: &RunsBar,
         work: impl Fn(&J, &Watch) -> Result<T, String> + Sync,
-        take: impl FnMut(J, Result<T, String>) -> Result<(), E> + Send,
+        on_result: impl FnMut(J, Result<T, String>) -> Result<(), E> + Send,
     ) -> Result<(), Stopped<E>> {
         let threads = self.threads.max(1);
         let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
-        let desk = Desk {
-            tray: Mutex::new(Tray::new(jobs, take)),
-            has_taken: Condvar::new(),
-            waiting_max: WAITING_MAX * threads,
-        };
+        let queue = JobQueue::new(jobs, on_result, WAITING_MAX * threads);
         let serve = |watch: &Watch| {
-            while let Some((place, job)) = desk.next(watch) {
+            while let Some((place, job)) = queue.next(watch) {
                 let done = catch_unwind(AssertUnwindSafe(|| work(&job, watch)));
                 let done = done.unwrap_or_else(|panic| Err(message(panic.as_ref())));
                 // A run that was interrupted came to nothing.
                 if watch.is_interrupted() {
                     break;
                 }
-                desk.put(place, job, done);
+                queue.put(place, job, done);
             }
         };
         observed(
             || watches.iter().for_each(Watch::interrupt),
-            || count.show(desk.lock().taken),
+            || bar.show(queue.taken()),
             || {
                 thread::scope(|scope| {
                     for watch in &watches {
@@ -160,8 +152,7 @@ impl Campaign {
                 });
             },
         );
-        let refusal = desk.lock().refusal.take();
-        match refusal {
+        match queue.refusal() {
             Some(refusal) => Err(Stopped::Refused(refusal)),
             None if watches.iter().any(Watch::is_interrupted) => Err(Stopped::Interrupted),
             None => Ok(()),
@@ -169,78 +160,7 @@ impl Campaign {
     }
 }
 
-/// Where threads get jobs and bring results.
-struct Desk<I, J, T, F, E> {
-    tray: Mutex<Tray<I, J, T, F, E>>,
-    has_taken: Condvar,
-    waiting_max: usize,
-}
-
-/// Jobs still to be done, and results whose turn has not come.
-struct Tray<I, J, T, F, E> {
-    jobs: I,
-    given: usize,
-    taken: usize,
-    waiting: BTreeMap<usize, (J, Result<T, String>)>,
-    take: F,
-    refusal: Option<E>,
-}
-
-impl<I, J, T, F, E> Tray<I, J, T, F, E> {
-    fn new(jobs: I, take: F) -> Self {
-        Self {
-            jobs,
-            given: 0,
-            taken: 0,
-            waiting: BTreeMap::new(),
-            take,
-            refusal: None,
-        }
-    }
-}
-
-impl<I, J, T, F, E> Desk<I, J, T, F, E>
-where
-    I: Iterator<Item = J>,
-    F: FnMut(J, Result<T, String>) -> Result<(), E>,
-{
-    fn lock(&self) -> MutexGuard<'_, Tray<I, J, T, F, E>> {
-        self.tray.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// The next job, once the results are not too far ahead of their turn.
-    fn next(&self, watch: &Watch) -> Option<(usize, J)> {
-        let mut tray = self.lock();
-        while tray.given >= tray.taken + self.waiting_max
-            && tray.refusal.is_none()
-            && !watch.is_interrupted()
-        {
-            let waited = self.has_taken.wait_timeout(tray, STOP_PERIOD);
-            tray = waited.unwrap_or_else(PoisonError::into_inner).0;
-        }
-        if tray.refusal.is_some() || watch.is_interrupted() {
-            return None;
-        }
-        let job = tray.jobs.next()?;
-        tray.given += 1;
-        Some((tray.given - 1, job))
-    }
-
-    /// Takes a result, and those that waited for it.
-    fn put(&self, place: usize, job: J, done: Result<T, String>) {
-        let tray = &mut *self.lock();
-        tray.waiting.insert(place, (job, done));
-        while tray.refusal.is_none()
-            && let Some((job, done)) = tray.waiting.remove(&tray.taken)
-        {
-            tray.refusal = (tray.take)(job, done).err();
-            tray.taken += 1;
-        }
-        self.has_taken.notify_all();
-    }
-}
-
-/// Plays a scenario in virtual time and takes from it what `reduce` makes of it.
+/// Plays a scenario in virtual time and keeps of it what `reduce` returns.
 ///
 /// # Errors
 /// The rig's DBC lacks a signal, or a file could not be written.
@@ -248,7 +168,7 @@ pub fn play_one<T>(
     index: usize,
     scenario: Scenario,
     watch: &Watch,
-    reduce: impl Fn(&Run<'_>) -> T,
+    reduce: impl Fn(&CampaignRun<'_>) -> T,
 ) -> Result<T, Box<dyn std::error::Error>> {
     let setup = Setup::of(scenario, catalogue());
     let mut capture = Capture::in_memory(ScenarioClock::new(&setup.database)?, watch);
@@ -256,7 +176,7 @@ pub fn play_one<T>(
     let (frames, frames_lost) = capture.finish()?;
     let timeline = timeline::decode(&frames, &setup)?;
     let verdict = run::verdict(&ended, &timeline, &setup, frames_lost);
-    Ok(reduce(&Run {
+    Ok(reduce(&CampaignRun {
         index,
         scenario: &setup.scenario,
         frames: &frames,
@@ -274,6 +194,8 @@ fn message(panic: &(dyn Any + Send)) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::{Condvar, Mutex};
+
     use super::*;
 
     /// Seven short runs, the first ones the longest, so that they do not end in order.
@@ -331,7 +253,7 @@ mod tests {
 
     #[test]
     fn results_are_taken_in_order_and_few_wait_for_a_slow_one() {
-        let count = Count::new(None, false);
+        let bar = RunsBar::new(None, false);
         let is_first_done = (Mutex::new(false), Condvar::new());
         let ahead = std::sync::atomic::AtomicUsize::new(0);
         let work = |job: &usize, _: &Watch| {
@@ -349,12 +271,12 @@ mod tests {
             Ok(*job)
         };
         let mut taken = Vec::new();
-        let take = |job, result: Result<usize, String>| {
+        let on_result = |job, result: Result<usize, String>| {
             assert_eq!(result, Ok(job));
             taken.push(job);
             if job == 200 { Err("full") } else { Ok(()) }
         };
-        let stopped = campaign(2).each(0..1000, &count, work, take);
+        let stopped = campaign(2).each(0..1000, &bar, work, on_result);
         assert_eq!(stopped, Err(Stopped::Refused("full")));
         assert!(taken.into_iter().eq(0..=200));
         let played = ahead.into_inner();

@@ -1,6 +1,19 @@
-//! campaigns
+//! Many runs: sweeps of a scenario over values, and torture by random mixes of faults.
+//!
+//! In comes a scenario, with a `[sweep]` table or a seed. Each run is played in virtual time, in memory, several at a time
+//! ([`campaign::Campaign`]); what is kept of it is a row or a broken invariant, so that a million runs need no more memory than a few. Out
+//! go the tables, the page and the failing scenarios of a sweep, or the smallest scenario that breaks an invariant.
+//!
+//! A sweep that was stopped goes on where it ended, and its parts may be played on several machines. This crate does not
+//! know how a run is played or judged, nor how the formats of its tables are written: `worlds`, `judge` and `report` do. It knows
+//! no bus but the modelled one, and nothing of real time. What is printed goes through the console of `runner`.
+#![allow(
+    missing_docs,
+    reason = "the other crates of the bench are its only users"
+)]
 
 pub mod campaign;
 pub mod distribution;
+mod job_queue;
 pub mod sweep;
 pub mod torture;

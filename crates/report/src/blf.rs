@@ -84,7 +84,7 @@ fn push_frame(content: &mut Vec<u8>, Stamped { time, frame, .. }: &Stamped, star
     content.extend_from_slice(&nanos.to_le_bytes());
     content.extend_from_slice(&CHANNEL.to_le_bytes());
     if frame.is_error() {
-        // What a log of candump tells of an error has no place here.
+        // What a log of candump says of an error has no place here.
         content.extend_from_slice(&[0; 30]);
         return;
     }

@@ -7,7 +7,7 @@ use dbc::{Database, SignalMissing, signals};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use recording::log::Stamped;
 
-/// Stretches of time for which the load is told.
+/// Stretches of time that the load is counted in.
 const LOAD_STRETCHES: u32 = 200;
 
 /// A duration in the resolution of the recording.
@@ -30,14 +30,14 @@ pub(super) struct BusTiming {
 
 /// What a set of durations comes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Spread {
+pub(super) struct DurationSpread {
     pub(super) least: Microseconds,
     pub(super) median: Microseconds,
     pub(super) percentile_99: Microseconds,
     pub(super) most: Microseconds,
 }
 
-impl Spread {
+impl DurationSpread {
     /// Of no durations there is none.
     pub(super) fn of(sorted: &[Microseconds]) -> Option<Self> {
         let (least, most) = (*sorted.first()?, *sorted.last()?);
@@ -70,7 +70,7 @@ impl BusTiming {
         let zero = frames.first().map_or(Duration::ZERO, |first| first.time);
         let duration = Duration::from_secs_f64(duration_seconds);
         let mut timing = Self::default();
-        let mut load = Load::new(duration, bitrate_kilobits_per_second);
+        let mut load = LoadCounter::new(duration, bitrate_kilobits_per_second);
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
         for stamped in frames {
             let now = stamped.time;
@@ -103,13 +103,13 @@ fn microseconds(duration: Duration) -> Microseconds {
 }
 
 /// Counts the bits in each stretch of time.
-struct Load {
+struct LoadCounter {
     stretch: Duration,
     bitrate_kilobits_per_second: f64,
     bits: Vec<u64>,
 }
 
-impl Load {
+impl LoadCounter {
     fn new(duration: Duration, bitrate_kilobits_per_second: u32) -> Self {
         let stretch = Duration::from_millis(10).max(duration / LOAD_STRETCHES);
         Self {
@@ -207,14 +207,14 @@ mod tests {
     #[test]
     fn percentiles_are_ranks() {
         let durations: Vec<Microseconds> = (1..=101).collect();
-        let expected = Spread {
+        let expected = DurationSpread {
             least: 1,
             median: 51,
             percentile_99: 100,
             most: 101,
         };
-        assert_eq!(Spread::of(&durations), Some(expected));
-        assert_eq!(Spread::of(&[]), None);
+        assert_eq!(DurationSpread::of(&durations), Some(expected));
+        assert_eq!(DurationSpread::of(&[]), None);
     }
 
     #[test]

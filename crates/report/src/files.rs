@@ -4,25 +4,9 @@ use std::thread;
 
 use dbc::SignalMissing;
 
-use rig::setup::Setup;
-
-use super::{csv, html, junit};
-use judge::verdict::Verdict;
-use recording::log::Stamped;
+use crate::run::Run;
+use crate::{csv, html, junit};
 use recording::run_folder::{RunFolder, WriteError, file};
-use recording::timeline::Timeline;
-
-/// A judged run: everything that a report is made of.
-pub struct Run<'a> {
-    /// What was played.
-    pub setup: &'a Setup,
-    /// What was on the bus.
-    pub frames: &'a [Stamped],
-    /// The same, decoded.
-    pub timeline: &'a Timeline,
-    /// What it came to.
-    pub verdict: &'a Verdict,
-}
 
 /// Why the files of a run are not complete.
 #[derive(Debug, thiserror::Error)]
@@ -81,7 +65,7 @@ fn write_tables_and_page(run: &Run<'_>, folder: &RunFolder) -> Result<(), Report
 #[cfg(feature = "rerun")]
 fn write_recording(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
     let path = folder.path().join(file::RERUN);
-    super::rerun::write(&path, run).map_err(|error| ReportError::made(file::RERUN, &error))
+    crate::rerun::write(&path, run).map_err(|error| ReportError::made(file::RERUN, &error))
 }
 
 #[cfg(not(feature = "rerun"))]

@@ -1,9 +1,21 @@
 //! What a run leaves behind for people and for other programs.
+//!
+//! In comes a judged run: its setup, its frames, its timeline, its verdict ([`Run`]). Out go the files of a run folder
+//! ([`write_all`]): the page, the signals as a table, the Rerun recording, the JUnit report, the verdict; and, for who asks, the same
+//! in the formats of other programs (ASC, BLF, MDF, Parquet). While a run goes on, [`viewer`] shows it. `plot`, `page` and
+//! `terminal` are the parts that pages of other crates are made of.
+//!
+//! It does not know how the run was played, nor which plants and laws there are: it reads names and units from the database of
+//! the run. It computes no verdict, and it prints nothing: it returns texts, and why they cannot be had. No other crate names
+//! the libraries of these formats (rerun, quick-junit), but for tables in Parquet, which go through [`parquet`].
+#![allow(
+    missing_docs,
+    reason = "the other crates of the bench are its only users"
+)]
 
 pub mod asc;
 pub mod blf;
 mod bus_timing;
-mod checks;
 pub mod csv;
 mod files;
 pub mod html;
@@ -16,16 +28,12 @@ pub mod picture;
 pub mod plot;
 #[cfg(feature = "rerun")]
 pub mod rerun;
+mod run;
 pub mod terminal;
-mod thin;
+mod unit;
 pub mod viewer;
 
-pub use files::{ReportError, Run, write_all};
-
-/// A unit of the DBC, as people write it.
-fn shown_unit(unit: &str) -> &str {
-    match unit {
-        "degC" => "°C",
-        unit => unit,
-    }
-}
+pub use files::{ReportError, write_all};
+pub use run::Run;
+#[cfg(feature = "rerun")]
+pub(crate) use unit::shown_unit;

@@ -20,7 +20,7 @@ const VALUE_BYTES: u32 = 8;
 /// no value it is NaN.
 #[must_use]
 pub fn to_mf4(timeline: &Timeline, start: Duration) -> Vec<u8> {
-    let mut file = File::new();
+    let mut file = Mf4File::new();
     let mut signals = vec![
         ("time", "s", &timeline.time_seconds),
         (
@@ -52,11 +52,11 @@ pub fn to_mf4(timeline: &Timeline, start: Duration) -> Vec<u8> {
 }
 
 /// A file that grows block by block; a block links to earlier ones only.
-struct File {
+struct Mf4File {
     bytes: Vec<u8>,
 }
 
-impl File {
+impl Mf4File {
     fn new() -> Self {
         let mut bytes = b"MDF     4.10    canrig  \0\0\0\0".to_vec();
         bytes.extend_from_slice(&410u16.to_le_bytes());
@@ -171,9 +171,9 @@ mod tests {
 
     #[test]
     fn blocks_have_the_lengths_of_the_standard() {
-        let mut file = File::new();
+        let mut file = Mf4File::new();
         assert_eq!(file.bytes.len(), HEADER_AT + HEADER_BYTES);
-        let length = |file: &File, address: u64| {
+        let length = |file: &Mf4File, address: u64| {
             let address = usize::try_from(address).unwrap();
             assert_eq!(address % 8, 0);
             u64::from_le_bytes(file.bytes[address + 8..address + 16].try_into().unwrap())

@@ -10,11 +10,11 @@ use super::terminal;
 use judge::verdict::{Verdict, title};
 use recording::timeline::Timeline;
 
-/// Runs whose positions are laid over each other in one plot; with more nobody can tell them apart.
+/// Runs whose positions are laid over each other in one plot; with more they cannot be told apart.
 const RUNS_IN_A_PLOT: usize = 7;
 
 /// One of the runs.
-pub struct Run<'a> {
+pub struct ListedRun<'a> {
     /// What it is called on the page.
     pub name: String,
     /// The way to its own page.
@@ -27,7 +27,7 @@ pub struct Run<'a> {
 
 /// The page.
 #[must_use]
-pub fn to_html(runs: &[Run<'_>]) -> String {
+pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     let passed = runs
         .iter()
         .filter(|run| run.verdict.outcome == judge::verdict::Outcome::Pass)
@@ -43,7 +43,7 @@ pub fn to_html(runs: &[Run<'_>]) -> String {
 }
 
 /// One row a run, one column a metric.
-fn table(runs: &[Run<'_>]) -> Markup {
+fn table(runs: &[ListedRun<'_>]) -> Markup {
     let mut names: Vec<&str> = Vec::new();
     let mut seen = BTreeSet::new();
     for metric in runs.iter().flat_map(|run| &run.verdict.metrics) {
@@ -76,8 +76,8 @@ fn cell(verdict: &Verdict, name: &str) -> Markup {
 }
 
 /// Runs with the same set-point belong in one plot.
-fn by_set_point<'a, 'b>(runs: &'b [Run<'a>]) -> Vec<Vec<&'b Run<'a>>> {
-    let mut groups: Vec<Vec<&Run<'_>>> = Vec::new();
+fn by_set_point<'a, 'b>(runs: &'b [ListedRun<'a>]) -> Vec<Vec<&'b ListedRun<'a>>> {
+    let mut groups: Vec<Vec<&ListedRun<'_>>> = Vec::new();
     for run in runs {
         let wanted = groups
             .iter_mut()
@@ -108,7 +108,7 @@ fn has_same_set_point(a: &Timeline, b: &Timeline) -> bool {
     })
 }
 
-fn positions(runs: &[&Run<'_>]) -> Markup {
+fn positions(runs: &[&ListedRun<'_>]) -> Markup {
     let mut plot = Plot::over_time(runs[0].verdict.scenario.as_str(), "mm");
     for (number, run) in runs.iter().enumerate() {
         plot.draw(

@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
-use parquet::errors::ParquetError;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
 use recording::timeline::Timeline;
+
+pub use parquet::errors::ParquetError;
 
 /// The cells of a column.
 pub enum Cells {
@@ -26,7 +27,7 @@ pub enum Cells {
 
 /// What a column holds.
 #[derive(Clone, Copy)]
-pub enum Kind {
+pub enum ColumnKind {
     /// Whole numbers, in every row.
     Count,
     /// Whole numbers.
@@ -38,11 +39,15 @@ pub enum Kind {
 }
 
 /// A table that is written group of rows by group of rows.
-pub struct Table<W: Write + Send>(SerializedFileWriter<W>);
+pub struct ParquetTable<W: Write + Send>(SerializedFileWriter<W>);
 
-impl<W: Write + Send> Table<W> {
+impl<W: Write + Send> ParquetTable<W> {
     /// A table with columns and no rows.
-    pub fn new(output: W, name: &str, columns: &[(&str, Kind)]) -> Result<Self, ParquetError> {
+    pub fn new(
+        output: W,
+        name: &str,
+        columns: &[(&str, ColumnKind)],
+    ) -> Result<Self, ParquetError> {
         let properties = WriterProperties::builder()
             .set_created_by(concat!("canrig ", env!("CARGO_PKG_VERSION")).to_owned())
             .build();
@@ -96,9 +101,12 @@ pub fn to_parquet(timeline: &Timeline) -> Result<Vec<u8>, ParquetError> {
         .iter()
         .map(|column| (column.name.as_str(), &column.values));
     let numbers: Vec<(&str, &Vec<f64>)> = own.into_iter().chain(signals).collect();
-    let names = numbers.iter().map(|(name, _)| (*name, Kind::Number));
-    let names: Vec<(&str, Kind)> = [("cycle", Kind::Count)].into_iter().chain(names).collect();
-    let mut table = Table::new(Vec::new(), "signals", &names)?;
+    let names = numbers.iter().map(|(name, _)| (*name, ColumnKind::Number));
+    let names: Vec<(&str, ColumnKind)> = [("cycle", ColumnKind::Count)]
+        .into_iter()
+        .chain(names)
+        .collect();
+    let mut table = ParquetTable::new(Vec::new(), "signals", &names)?;
     let cycles = timeline
         .cycle
         .iter()
@@ -111,17 +119,17 @@ pub fn to_parquet(timeline: &Timeline) -> Result<Vec<u8>, ParquetError> {
     table.finish()
 }
 
-fn schema(name: &str, columns: &[(&str, Kind)]) -> Result<TypePtr, ParquetError> {
+fn schema(name: &str, columns: &[(&str, ColumnKind)]) -> Result<TypePtr, ParquetError> {
     let fields = columns.iter().map(|(name, kind)| {
         let (physical, logical) = match kind {
-            Kind::Count | Kind::Whole => (Physical::INT64, None),
-            Kind::Number => (Physical::DOUBLE, None),
-            Kind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+            ColumnKind::Count | ColumnKind::Whole => (Physical::INT64, None),
+            ColumnKind::Number => (Physical::DOUBLE, None),
+            ColumnKind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
         };
         Type::primitive_type_builder(name, physical)
             .with_repetition(match kind {
-                Kind::Count => Repetition::REQUIRED,
-                Kind::Whole | Kind::Number | Kind::Text => Repetition::OPTIONAL,
+                ColumnKind::Count => Repetition::REQUIRED,
+                ColumnKind::Whole | ColumnKind::Number | ColumnKind::Text => Repetition::OPTIONAL,
             })
             .with_logical_type(logical)
             .build()

@@ -38,7 +38,7 @@ fn named_table(verdict: &Verdict) -> String {
 #[must_use]
 pub fn run(verdict: &Verdict, folder: &Path) -> String {
     let mut text = named_table(verdict);
-    // Why a run broke off was told as an error already.
+    // Why a run broke off was printed as an error already.
     if let Some(reason) = verdict
         .reason
         .as_ref()

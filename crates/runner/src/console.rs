@@ -11,34 +11,34 @@ use crate::exit::Exit;
 use recording::progress::RunProgress;
 
 /// Prints a line on standard output.
-pub fn say(text: &str) {
+pub fn print(text: &str) {
     let _ = writeln!(io::stdout(), "{text}");
 }
 
-/// Prints a text that ends its own lines on standard output.
-pub fn print(text: &str) {
-    let _ = io::stdout().write_all(text.as_bytes());
+/// Prints bytes on standard output. A reader that has gone needs no more.
+pub fn print_bytes(bytes: &[u8]) {
+    let _ = io::stdout().write_all(bytes);
 }
 
 /// Prints a line on standard error.
-pub fn complain(text: &str) {
+pub fn print_error(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
 }
 
-/// Says what is wrong with the command line; the exit code of that.
-pub fn usage(message: &str) -> Exit {
-    complain(&format!("canrig: {message}"));
+/// Prints what is wrong with the command line; the exit code of that.
+pub fn usage_error(message: &str) -> Exit {
+    print_error(&format!("canrig: {message}"));
     Exit::Usage
 }
 
 /// Prints an error with the place in the file that it underlines.
-pub fn complain_of(error: impl Diagnostic + Send + Sync + 'static) {
-    complain(&format!("{:?}", miette::Report::new(error)));
+pub fn print_diagnostic(error: impl Diagnostic + Send + Sync + 'static) {
+    print_error(&format!("{:?}", miette::Report::new(error)));
 }
 
-/// Tells of a panic in words that help to report it.
-pub fn report_panic(info: &PanicHookInfo<'_>) {
-    complain(&format!(
+/// Prints a panic in words that help to report it.
+pub fn print_panic(info: &PanicHookInfo<'_>) {
+    print_error(&format!(
         "canrig: internal error: {info}\nThis is a fault of canrig {}; please report it with the command that you typed.",
         env!("CARGO_PKG_VERSION")
     ));
@@ -80,11 +80,11 @@ impl BufferedLines {
 }
 
 /// A line that shows what a computation of unknown length does. It is drawn on a terminal only.
-pub struct Activity {
+pub struct Spinner {
     bar: ProgressBar,
 }
 
-impl Activity {
+impl Spinner {
     /// A line without text.
     #[must_use]
     pub fn new(is_shown: bool) -> Self {
@@ -94,25 +94,25 @@ impl Activity {
         Self { bar }
     }
 
-    /// Says what is going on.
+    /// Shows what is going on.
     pub fn show(&self, text: &str) {
         self.bar.tick();
         self.bar.set_message(text.to_owned());
     }
 }
 
-impl Drop for Activity {
+impl Drop for Spinner {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }
 }
 
 /// A line that shows how far a scenario is and how the run stands. It is drawn on a terminal only.
-pub struct Progress {
+pub struct ScenarioBar {
     bar: ProgressBar,
 }
 
-impl Progress {
+impl ScenarioBar {
     /// A bar at zero.
     #[must_use]
     pub fn new(duration_seconds: f64, is_shown: bool) -> Self {
@@ -150,19 +150,19 @@ fn state(reading: &RunProgress) -> String {
     text
 }
 
-impl Drop for Progress {
+impl Drop for ScenarioBar {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }
 }
 
 /// A bar that shows how many of many runs are done. It is drawn on a terminal only.
-pub struct Count {
+pub struct RunsBar {
     bar: ProgressBar,
     before: usize,
 }
 
-impl Count {
+impl RunsBar {
     /// A bar at zero; of an unknown number it counts only.
     #[must_use]
     pub fn new(total: Option<usize>, is_shown: bool) -> Self {
@@ -172,7 +172,7 @@ impl Count {
         Self { bar, before: 0 }
     }
 
-    /// The same with so many of the runs done before, which tell nothing of the time that is left.
+    /// The same with so many of the runs done before, which say nothing of the time that is left.
     #[must_use]
     pub fn going_on_from(mut self, before: usize) -> Self {
         self.bar.set_position(before as u64);
@@ -187,7 +187,7 @@ impl Count {
     }
 }
 
-impl Drop for Count {
+impl Drop for RunsBar {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }

@@ -1,4 +1,6 @@
-//! What happens while scenarios are played, as those hear it who look on: the terminal, for one.
+//! What happens while scenarios are played: the one kind of message from runs to those who look on, such as the terminal.
+//!
+//! Commands that read a recording back need none of it: nothing happens meanwhile, so they print what they return.
 
 use std::path::Path;
 
@@ -34,8 +36,7 @@ pub enum RunEvent<'a> {
     Ended(&'a [Verdict]),
 }
 
-/// Whoever hears of it.
+/// Who looks on.
 pub trait Listener: Sync {
-    /// Hears of one thing.
-    fn hear(&self, event: &RunEvent<'_>);
+    fn on_event(&self, event: &RunEvent<'_>);
 }

@@ -9,7 +9,7 @@ use judge::verdict::Outcome;
 pub enum Exit {
     /// Everything passed.
     Pass,
-    /// The timing was not trustworthy, or a limit is on what nobody on the bus tells.
+    /// The timing was not trustworthy, or a limit is on a value that no node publishes.
     Inconclusive,
     /// A limit was not met.
     VerdictFailed,

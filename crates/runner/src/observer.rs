@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 
-use crate::console::complain;
+use crate::console::print_error;
 
 /// How often the progress bar moves.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
@@ -21,7 +21,7 @@ pub fn observed<T>(
     std::thread::scope(|scope| {
         scope.spawn(|| {
             if let Err(error) = observe(&interrupt, &show, ended) {
-                complain(&format!("canrig: Ctrl-C cannot be handled: {error}"));
+                print_error(&format!("canrig: Ctrl-C cannot be handled: {error}"));
             }
         });
         let result = work();

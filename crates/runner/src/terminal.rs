@@ -1,65 +1,66 @@
 //! What the terminal shows of the scenarios that are played.
 
+use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::console::{Progress, complain, say};
+use crate::console::{ScenarioBar, print, print_error};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
-use crate::play::PlayArgs;
 use crate::run::Judged;
 use judge::verdict::Outcome;
 use report::terminal;
-use std::path::Path;
 use worlds::preflight::PreflightEvent;
 
 /// Prints what happens, as far as the user wants it.
 pub(crate) struct Terminal {
+    /// Whether it prints the verdicts as JSON, and nothing else.
     json: bool,
+    /// Whether it prints nothing but failures.
     quiet: bool,
-    progress: Mutex<Option<Progress>>,
+    progress: Mutex<Option<ScenarioBar>>,
 }
 
 impl Terminal {
-    pub(crate) fn new(args: &PlayArgs) -> Self {
+    pub(crate) fn new(json: bool, quiet: bool) -> Self {
         Self {
-            json: args.json,
-            quiet: args.quiet,
+            json,
+            quiet,
             progress: Mutex::new(None),
         }
     }
 
-    fn is_talkative(&self) -> bool {
+    fn prints_notes(&self) -> bool {
         !self.json && !self.quiet
     }
 
-    fn progress(&self) -> MutexGuard<'_, Option<Progress>> {
+    fn progress(&self) -> MutexGuard<'_, Option<ScenarioBar>> {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn note(&self, text: &str) {
-        if self.is_talkative() {
-            say(text);
+        if self.prints_notes() {
+            print(text);
         }
     }
 
     fn report(&self, path: &Path, judged: &Judged) {
         if judged.verdict.outcome == Outcome::Incomplete {
             let reason = judged.verdict.reason.as_deref().unwrap_or_default();
-            complain(&format!("canrig: {}: {reason}", path.display()));
+            print_error(&format!("canrig: {}: {reason}", path.display()));
         }
         if !self.json && (!self.quiet || judged.exit != Exit::Pass) {
-            say(&terminal::run(&judged.verdict, &judged.folder));
+            print(&terminal::run(&judged.verdict, &judged.folder));
         }
     }
 }
 
 impl Listener for Terminal {
-    fn hear(&self, event: &RunEvent<'_>) {
+    fn on_event(&self, event: &RunEvent<'_>) {
         match event {
             RunEvent::Note(text) => self.note(text),
             RunEvent::Preflight(step) => self.note(&in_words(step)),
             RunEvent::Began { duration_seconds } => {
-                *self.progress() = Some(Progress::new(*duration_seconds, self.is_talkative()));
+                *self.progress() = Some(ScenarioBar::new(*duration_seconds, self.prints_notes()));
             }
             RunEvent::Reached(reading) => {
                 if let Some(progress) = &*self.progress() {
@@ -72,10 +73,10 @@ impl Listener for Terminal {
             }
             RunEvent::Failed(reason) => {
                 self.progress().take();
-                complain(&format!("canrig: {reason}"));
+                print_error(&format!("canrig: {reason}"));
             }
             RunEvent::Ended(verdicts) if self.json => {
-                say(&serde_json::to_string_pretty(verdicts).expect("plain data"));
+                print(&serde_json::to_string_pretty(verdicts).expect("plain data"));
             }
             RunEvent::Ended(verdicts) if verdicts.len() > 1 => {
                 self.note(&terminal::summary(verdicts));

@@ -6,23 +6,23 @@ use clap::Args;
 
 use super::Shard;
 use super::finish::{FinishError, finish};
-use super::plan::{Plan, PlanError};
-use super::row::{Ended, Row};
-use super::store::{Found, Header, Store, StoreError};
+use super::plan::{PlanError, SweepPlan};
+use super::row::{Ended, SweepRow};
+use super::store::{Header, Recovered, Store, StoreError};
 use crate::campaign::{self, Campaign, Stopped};
 use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_setup;
 use rig::setup::Setup;
-use runner::console::{Count, complain, say};
+use runner::console::{RunsBar, print, print_error};
 use runner::exit::Exit;
-use runner::play;
+use runner::scenarios;
 
 /// Why a sweep did not come to its end.
 #[derive(Debug, thiserror::Error)]
 enum SweepError {
     #[error(transparent)]
-    Plan(#[from] PlanError),
+    SweepPlan(#[from] PlanError),
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
@@ -36,7 +36,7 @@ enum SweepError {
 impl SweepError {
     fn exit(&self) -> Exit {
         match self {
-            Self::Plan(_) => Exit::ScenarioInvalid,
+            Self::SweepPlan(_) => Exit::ScenarioInvalid,
             Self::Interrupted { .. } => Exit::Interrupted,
             Self::Store(_) | Self::Write(_) | Self::Finish(_) => Exit::BenchFailed,
         }
@@ -65,18 +65,18 @@ pub struct SweepArgs {
 /// Does what the command line says.
 #[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
-    let setup = match play::load(&args.scenario) {
+    let setup = match scenarios::load(&args.scenario) {
         Ok(setup) => setup,
         Err(exit) => return exit,
     };
     play(args, &setup).unwrap_or_else(|error| {
-        complain(&format!("canrig: {error}"));
+        print_error(&format!("canrig: {error}"));
         error.exit()
     })
 }
 
 fn play(args: &SweepArgs, setup: &Setup) -> Result<Exit, SweepError> {
-    let plan = Plan::new(setup)?;
+    let plan = SweepPlan::new(setup)?;
     let folder = open_folder(&args.output, setup, &plan, args.shard)?;
     let (mut store, found) = Store::open(folder.path(), &Header::of(&plan, args.shard))?;
     let mut campaign = Campaign::on_all_cores(!args.quiet);
@@ -93,7 +93,7 @@ fn play(args: &SweepArgs, setup: &Setup) -> Result<Exit, SweepError> {
 pub(super) fn open_folder(
     parent: &Path,
     setup: &Setup,
-    plan: &Plan,
+    plan: &SweepPlan,
     shard: Shard,
 ) -> Result<RunFolder, WriteError> {
     let part = match shard {
@@ -108,7 +108,7 @@ pub(super) fn open_folder(
     Ok(folder)
 }
 
-fn announce(plan: &Plan, shard: Shard, campaign: &Campaign, found: &Found) {
+fn announce(plan: &SweepPlan, shard: Shard, campaign: &Campaign, found: &Recovered) {
     let (runs, threads) = (plan.runs(), campaign.threads);
     let mut text = match shard {
         Shard::WHOLE => format!("{runs} runs"),
@@ -118,19 +118,19 @@ fn announce(plan: &Plan, shard: Shard, campaign: &Campaign, found: &Found) {
     if found.done > 0 {
         text += &format!("; {} are done", found.done);
     }
-    say(&text);
+    print(&text);
     match found.dropped {
         0 => {}
-        1 => say("the last row was torn; its run is played again"),
-        lines => say(&format!(
+        1 => print("the last row was torn; its run is played again"),
+        lines => print(&format!(
             "{lines} rows are damaged or behind a damaged one; their runs are played again"
         )),
     }
 }
 
-/// Plays the cases that are not done.
+/// Plays the cases that are not done, and keeps their rows.
 fn play_rest(
-    plan: &Plan,
+    plan: &SweepPlan,
     shard: Shard,
     campaign: &Campaign,
     store: &mut Store,
@@ -138,34 +138,34 @@ fn play_rest(
 ) -> Result<(), SweepError> {
     let cases = shard.cases(plan.runs());
     let of = cases.len();
-    let count = Count::new(Some(of), campaign.is_shown).going_on_from(done);
-    let mut taken = done;
-    let take = |case: usize, row: Result<Row, String>| {
-        // A panic is told by the program's own hook; the row says in which case it was.
+    let count = RunsBar::new(Some(of), campaign.is_shown).going_on_from(done);
+    let mut kept = done;
+    let keep = |case: usize, row: Result<SweepRow, String>| {
+        // The program's own hook prints a panic; the row says in which case it was.
         let row = row.unwrap_or_else(|reason| {
-            Row::without_verdict(case, &plan.case(case).id, Ended::InternalError, reason)
+            SweepRow::without_verdict(case, &plan.case(case).id, Ended::InternalError, reason)
         });
         store.append(&row)?;
-        taken += 1;
+        kept += 1;
         Ok(())
     };
     let work = |case: &usize, watch: &Watch| played(plan, *case, watch);
-    let ended = campaign.each(cases.skip(done), &count, work, take);
+    let ended = campaign.each(cases.skip(done), &count, work, keep);
     drop(count);
     match ended {
         Ok(()) => Ok(()),
         Err(Stopped::Refused(error)) => Err(SweepError::Store(error)),
-        Err(Stopped::Interrupted) => Err(SweepError::Interrupted { done: taken, of }),
+        Err(Stopped::Interrupted) => Err(SweepError::Interrupted { done: kept, of }),
     }
 }
 
 /// What a case comes to.
-fn played(plan: &Plan, number: usize, watch: &Watch) -> Result<Row, String> {
+fn played(plan: &SweepPlan, number: usize, watch: &Watch) -> Result<SweepRow, String> {
     let case = plan.case(number);
     let scenario = match case.scenario() {
         Ok(scenario) => scenario,
         Err(reason) => {
-            return Ok(Row::without_verdict(
+            return Ok(SweepRow::without_verdict(
                 number,
                 &case.id,
                 Ended::Invalid,
@@ -174,7 +174,7 @@ fn played(plan: &Plan, number: usize, watch: &Watch) -> Result<Row, String> {
         }
     };
     let row = campaign::play_one(number, scenario, watch, |played| {
-        Row::of_verdict(number, &case.id, played.verdict)
+        SweepRow::of_verdict(number, &case.id, played.verdict)
     });
     row.map_err(|error| error.to_string())
 }

@@ -1,14 +1,14 @@
 //! What is made of the rows when all of them are there.
 
 use super::page;
-use super::plan::Plan;
+use super::plan::SweepPlan;
 use super::store::StoreError;
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::copy_tables;
 use rig::setup::Setup;
-use runner::console::say;
+use runner::console::print;
 use runner::exit::Exit;
 
 /// Name of the folder with the scenarios of cases that do not pass.
@@ -23,11 +23,11 @@ pub(super) enum FinishError {
     Write(#[from] WriteError),
 }
 
-/// Makes tables, page and scenarios of a folder's rows, and tells of them. Whatever was made before is made again.
+/// Makes tables, page and scenarios of a folder's rows, and prints where they are. Whatever was made before is made again.
 pub(super) fn finish(
     folder: &RunFolder,
     setup: &Setup,
-    plan: &Plan,
+    plan: &SweepPlan,
     is_quiet: bool,
 ) -> Result<Exit, FinishError> {
     let summary = Summary::of(plan, &setup.scenario, folder.path())?;
@@ -51,8 +51,8 @@ pub(super) fn finish(
     folder.write(file::REPORT, page.as_bytes())?;
     let exit = summary.worst().exit();
     if !is_quiet || exit != Exit::Pass {
-        say(&page::to_text(&summary));
-        tell_files(folder, &summary);
+        print(&page::to_text(&summary));
+        print_files(folder, &summary);
     }
     Ok(exit)
 }
@@ -63,7 +63,7 @@ fn place(failing: &Failing) -> String {
 }
 
 /// What a reader of a single case must know.
-fn preamble(plan: &Plan, failing: &Failing) -> String {
+fn preamble(plan: &SweepPlan, failing: &Failing) -> String {
     let one_line = |text: &str| text.replace(char::is_control, " ");
     format!(
         "# Case {} of the sweep \"{}\": {}\n# {}: {}\n\n",
@@ -75,7 +75,7 @@ fn preamble(plan: &Plan, failing: &Failing) -> String {
     )
 }
 
-fn tell_files(folder: &RunFolder, summary: &Summary) {
+fn print_files(folder: &RunFolder, summary: &Summary) {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (total, written) = (summary.failing_total(), summary.failing.len());
     if total > 0 {
@@ -83,15 +83,15 @@ fn tell_files(folder: &RunFolder, summary: &Summary) {
             true => format!("the first {written} of {total}"),
             false => format!("all {total}"),
         };
-        say(&format!(
+        print(&format!(
             "failing  {} ({first}, for canrig simulate)",
             path(FAILING)
         ));
     }
-    say(&format!(
+    print(&format!(
         "table    {} and {}",
         path(tables::CSV),
         tables::PARQUET
     ));
-    say(&format!("page     {}", path(file::REPORT)));
+    print(&format!("page     {}", path(file::REPORT)));
 }

@@ -8,14 +8,14 @@ use clap::Args;
 use super::Shard;
 use super::command::open_folder;
 use super::finish::{FinishError, finish};
-use super::plan::{Plan, PlanError};
-use super::row::Row;
-use super::store::{self, Header, Rows, Store, StoreError};
+use super::plan::{PlanError, SweepPlan};
+use super::row::SweepRow;
+use super::store::{self, Header, Store, StoreError, StoredRows};
 use recording::run_folder::{WriteError, file};
 use rig::setup::Setup;
-use runner::console::complain;
+use runner::console::print_error;
 use runner::exit::Exit;
-use runner::play;
+use runner::scenarios;
 
 /// Missing cases that are named.
 const MISSING_SHOWN_MAX: usize = 10;
@@ -24,7 +24,7 @@ const MISSING_SHOWN_MAX: usize = 10;
 #[derive(Debug, thiserror::Error)]
 enum MergeError {
     #[error(transparent)]
-    Plan(#[from] PlanError),
+    SweepPlan(#[from] PlanError),
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
@@ -65,7 +65,7 @@ impl MergeError {
 /// A part that is read.
 struct Part {
     path: PathBuf,
-    rows: Peekable<Rows>,
+    rows: Peekable<StoredRows>,
 }
 
 /// Arguments of `merge`.
@@ -91,23 +91,23 @@ pub fn merge(args: &MergeArgs) -> Exit {
     let is_sweep = |path: &&PathBuf| path.join(file::SCENARIO).exists();
     if let Some(other) = args.shards.iter().find(|path| !is_sweep(path)) {
         let (path, name) = (other.display(), file::SCENARIO);
-        complain(&format!(
+        print_error(&format!(
             "canrig: {path} is no folder of a sweep: there is no {name} in it"
         ));
         return Exit::ScenarioInvalid;
     }
-    let setup = match play::load(&first.join(file::SCENARIO)) {
+    let setup = match scenarios::load(&first.join(file::SCENARIO)) {
         Ok(setup) => setup,
         Err(exit) => return exit,
     };
     merged(args, &setup).unwrap_or_else(|error| {
-        complain(&format!("canrig: {error}"));
+        print_error(&format!("canrig: {error}"));
         error.exit()
     })
 }
 
 fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
-    let plan = Plan::new(setup)?;
+    let plan = SweepPlan::new(setup)?;
     let mut parts = open(&args.shards, &plan)?;
     let folder = open_folder(&args.output, setup, &plan, Shard::WHOLE)?;
     let (mut store, found) = Store::open(folder.path(), &Header::of(&plan, Shard::WHOLE))?;
@@ -134,7 +134,7 @@ fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
 }
 
 /// Opens the parts, which must be of this sweep.
-fn open(paths: &[PathBuf], plan: &Plan) -> Result<Vec<Part>, MergeError> {
+fn open(paths: &[PathBuf], plan: &SweepPlan) -> Result<Vec<Part>, MergeError> {
     let expected = Header::of(plan, Shard::WHOLE);
     let open = |path: &PathBuf| {
         let (header, rows) = store::read(path)?;
@@ -158,12 +158,12 @@ fn open(paths: &[PathBuf], plan: &Plan) -> Result<Vec<Part>, MergeError> {
 }
 
 /// The row of a case; none where no part has it. Parts may have the same one.
-fn of_case(parts: &mut [Part], case: usize) -> Result<Option<Row>, MergeError> {
-    let mut found: Option<(&Path, Row)> = None;
+fn of_case(parts: &mut [Part], case: usize) -> Result<Option<SweepRow>, MergeError> {
+    let mut found: Option<(&Path, SweepRow)> = None;
     for part in parts {
         // An error must come out, too.
         let is_its_turn =
-            |row: &Result<Row, StoreError>| row.as_ref().map_or(true, |row| row.case == case);
+            |row: &Result<SweepRow, StoreError>| row.as_ref().map_or(true, |row| row.case == case);
         let Some(row) = part.rows.next_if(is_its_turn).transpose()? else {
             continue;
         };

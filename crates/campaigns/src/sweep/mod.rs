@@ -1,6 +1,6 @@
 //! `canrig sweep` and `canrig merge`: many runs of one scenario, one row each.
 //!
-//! A [`plan::Plan`] says what each case of a sweep is: any of them, at once and by itself, so that it does not matter which machine plays
+//! A [`plan::SweepPlan`] says what each case of a sweep is: any of them, at once and by itself, so that it does not matter which machine plays
 //! which. `store` has the rows of the cases that are done, in their order and on the disk, which is all that a restart or a
 //! merge needs. `tables` and `summary` are made of the store when all is done, and `command` puts it together.
 

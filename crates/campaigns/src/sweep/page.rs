@@ -4,7 +4,7 @@ use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
 use super::row::Ended;
-use super::summary::{Failing, Spread, Summary};
+use super::summary::{Failing, MetricSpread, Summary};
 use judge::verdict::title;
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
 use report::{page, terminal};
@@ -26,7 +26,7 @@ const OUTLIERS_FROM: f64 = 4.0;
 
 /// The metrics with their limits, then how many cases ended how.
 #[must_use]
-pub fn to_text(summary: &Summary) -> String {
+pub(crate) fn to_text(summary: &Summary) -> String {
     let mut table = terminal::empty_table(HEADS);
     for spread in &summary.spreads {
         let right = |text: String| Cell::new(text).set_alignment(CellAlignment::Right);
@@ -54,7 +54,7 @@ pub fn to_text(summary: &Summary) -> String {
 
 /// The page. `place_of` says where the scenario of a case is.
 #[must_use]
-pub fn to_html(summary: &Summary, place_of: impl Fn(&Failing) -> String) -> String {
+pub(crate) fn to_html(summary: &Summary, place_of: impl Fn(&Failing) -> String) -> String {
     let worst = summary.worst();
     let body = html! {
         h1 { (summary.name) }
@@ -82,7 +82,7 @@ pub fn to_html(summary: &Summary, place_of: impl Fn(&Failing) -> String) -> Stri
     page::page(&summary.name, &body)
 }
 
-fn metrics(spreads: &[Spread]) -> Markup {
+fn metrics(spreads: &[MetricSpread]) -> Markup {
     html! {
         div.wide { table {
             thead { tr { @for (place, head) in HEADS.iter().enumerate() { th.number[(1..6).contains(&place)] { (head) } } } }
@@ -98,7 +98,7 @@ fn metrics(spreads: &[Spread]) -> Markup {
 }
 
 /// How many cases missed the limit; nothing where there is none.
-fn missed(spread: &Spread) -> String {
+fn missed(spread: &MetricSpread) -> String {
     match (spread.missed, spread.limit) {
         (0, None) => String::new(),
         (missed, _) => missed.to_string(),
@@ -106,7 +106,7 @@ fn missed(spread: &Spread) -> String {
 }
 
 /// The distribution of a metric; nothing where all values are the same.
-fn drawn(spread: &Spread) -> Markup {
+fn drawn(spread: &MetricSpread) -> Markup {
     if !spread.varies() {
         return html! {};
     }
@@ -136,7 +136,7 @@ fn drawn(spread: &Spread) -> Markup {
 }
 
 /// What is shown where few values would press the others flat.
-fn without_outliers(spread: &Spread) -> Option<(f64, f64)> {
+fn without_outliers(spread: &MetricSpread) -> Option<(f64, f64)> {
     let [least, .., greatest] = spread.quantiles;
     let (low, high) = spread.bulk;
     let room = 0.5 * (high - low);

@@ -21,7 +21,7 @@ const NAME_CHARACTERS_MAX: usize = 180;
 const ID_BYTES: usize = 8;
 
 /// A sweep: a scenario, and what varies in it.
-pub struct Plan {
+pub struct SweepPlan {
     name: String,
     document: Table,
     tables: BTreeMap<String, String>,
@@ -35,7 +35,7 @@ pub struct Plan {
 }
 
 /// One case of a sweep.
-pub struct Case<'a> {
+pub struct SweepCase<'a> {
     /// Its number, from 1.
     pub number: usize,
     /// What names its content: the same scenario has the same in every sweep.
@@ -61,7 +61,7 @@ pub enum PlanError {
     },
 }
 
-impl Plan {
+impl SweepPlan {
     /// The sweep of a scenario file.
     ///
     /// # Errors
@@ -182,7 +182,7 @@ impl Plan {
 
     /// A case.
     #[must_use]
-    pub fn case(&self, number: usize) -> Case<'_> {
+    pub fn case(&self, number: usize) -> SweepCase<'_> {
         let mut document = self.document.clone();
         for (key, value) in self.keys().zip(self.values(number)) {
             set(&mut document, key, self.written(key, value));
@@ -191,7 +191,7 @@ impl Plan {
         let name: String = self.name.chars().take(NAME_CHARACTERS_MAX).collect();
         let name = format!("{name}, case {number}");
         document.insert("name".to_owned(), name.into());
-        Case {
+        SweepCase {
             number,
             id,
             text: document.to_string(),
@@ -223,7 +223,7 @@ impl Plan {
     }
 }
 
-impl Case<'_> {
+impl SweepCase<'_> {
     /// The scenario, which the values may have made invalid.
     ///
     /// # Errors
@@ -297,14 +297,14 @@ mod tests {
     use super::*;
     use worlds::catalogue::catalogue;
 
-    fn plan(sweep: &str) -> Plan {
+    fn plan(sweep: &str) -> SweepPlan {
         let text = format!(
             "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n[[reference.hold]]\n\
              at_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n{sweep}"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let setup = Setup::of(scenario, catalogue()).from_file("s.toml", text);
-        Plan::new(&setup).unwrap()
+        SweepPlan::new(&setup).unwrap()
     }
 
     const GRID: &str = "draws = 2\n[[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15]\n\

@@ -74,7 +74,7 @@ impl From<Outcome> for Ended {
 
 /// One case that is done.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-pub struct Row {
+pub struct SweepRow {
     /// Its number.
     pub case: usize,
     /// What names its content.
@@ -83,7 +83,7 @@ pub struct Row {
     pub seed: Option<u64>,
     /// How it ended.
     pub ended: Ended,
-    /// Why, where the metrics do not tell.
+    /// Why, where the metrics do not show it.
     pub reason: Option<String>,
     /// The limits that were not met.
     pub missed: Vec<String>,
@@ -91,7 +91,7 @@ pub struct Row {
     pub metrics: Vec<(String, f64)>,
 }
 
-impl Row {
+impl SweepRow {
     /// What a verdict says.
     #[must_use]
     pub fn of_verdict(case: usize, id: &str, verdict: &Verdict) -> Self {

@@ -9,8 +9,8 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::Shard;
-use super::plan::Plan;
-use super::row::Row;
+use super::plan::SweepPlan;
+use super::row::SweepRow;
 
 /// Name of the file.
 pub(super) const FILE: &str = "rows.jsonl";
@@ -26,7 +26,7 @@ pub(super) struct Header {
     schema: u32,
     /// The program's version.
     pub(super) version: String,
-    /// The sweep, as [`Plan::id`] names it.
+    /// The sweep, as [`SweepPlan::id`] names it.
     pub(super) sweep: String,
     /// Cases of the whole sweep.
     pub(super) runs: usize,
@@ -36,7 +36,7 @@ pub(super) struct Header {
 
 impl Header {
     /// What this program would write.
-    pub(super) fn of(plan: &Plan, shard: Shard) -> Self {
+    pub(super) fn of(plan: &SweepPlan, shard: Shard) -> Self {
         Self {
             schema: 1,
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -72,7 +72,7 @@ pub(super) struct Store {
 
 /// What a store had when it was opened.
 #[derive(Debug)]
-pub(super) struct Found {
+pub(super) struct Recovered {
     /// Cases that are done: the first of the shard.
     pub(super) done: usize,
     /// Lines from a torn or damaged one on, which were dropped.
@@ -81,7 +81,7 @@ pub(super) struct Found {
 
 impl Store {
     /// Opens the rows in a folder, or begins them. They are this program's alone until it ends.
-    pub(super) fn open(folder: &Path, header: &Header) -> Result<(Self, Found), StoreError> {
+    pub(super) fn open(folder: &Path, header: &Header) -> Result<(Self, Recovered), StoreError> {
         let path = folder.join(FILE);
         let options = OpenOptions::new()
             .read(true)
@@ -108,7 +108,7 @@ impl Store {
     }
 
     /// Finds the last whole row, and cuts off what is behind it.
-    fn recover(&mut self, header: &Header) -> Result<Found, StoreError> {
+    fn recover(&mut self, header: &Header) -> Result<Recovered, StoreError> {
         let mut lines = Lines::new(&self.path, &self.file);
         let mut sound = 0;
         let mut done = 0;
@@ -120,7 +120,7 @@ impl Store {
             }
             sound = lines.end;
             let mut cases = header.shard.cases(header.runs);
-            while let Some(row) = lines.next::<Row>()? {
+            while let Some(row) = lines.next::<SweepRow>()? {
                 if cases.next() != Some(row.case) {
                     break;
                 }
@@ -142,11 +142,11 @@ impl Store {
         if sound == 0 {
             self.write(header)?;
         }
-        Ok(Found { done, dropped })
+        Ok(Recovered { done, dropped })
     }
 
     /// Appends a row.
-    pub(super) fn append(&mut self, row: &Row) -> Result<(), StoreError> {
+    pub(super) fn append(&mut self, row: &SweepRow) -> Result<(), StoreError> {
         self.write(row)?;
         self.unsynced += 1;
         if self.unsynced >= UNSYNCED_MAX {
@@ -178,7 +178,7 @@ impl Store {
 }
 
 /// The header of the rows in a folder, and the rows.
-pub(super) fn read(folder: &Path) -> Result<(Header, Rows), StoreError> {
+pub(super) fn read(folder: &Path) -> Result<(Header, StoredRows), StoreError> {
     let path = folder.join(FILE);
     let file = File::open(&path).map_err(|source| StoreError::Read {
         path: path.clone(),
@@ -186,14 +186,14 @@ pub(super) fn read(folder: &Path) -> Result<(Header, Rows), StoreError> {
     })?;
     let mut lines = Lines::new(&path, file);
     let header = lines.next()?.ok_or(StoreError::Damaged { path, line: 1 })?;
-    Ok((header, Rows(lines)))
+    Ok((header, StoredRows(lines)))
 }
 
 /// The rows of a file in their order.
-pub(super) struct Rows(Lines<File>);
+pub(super) struct StoredRows(Lines<File>);
 
-impl Iterator for Rows {
-    type Item = Result<Row, StoreError>;
+impl Iterator for StoredRows {
+    type Item = Result<SweepRow, StoreError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.0.is_at_end {
@@ -292,8 +292,8 @@ mod tests {
         }
     }
 
-    fn row(case: usize) -> Row {
-        Row::without_verdict(
+    fn row(case: usize) -> SweepRow {
+        SweepRow::without_verdict(
             case,
             "id",
             Ended::Invalid,

@@ -6,12 +6,12 @@ use std::path::Path;
 use scenario::Scenario;
 use scenario::expect::Limit;
 
-use super::plan::Plan;
-use super::row::{Ended, Row};
+use super::plan::SweepPlan;
+use super::row::{Ended, SweepRow};
 use super::store::{self, StoreError};
 use crate::distribution::{quantile, staircase};
 
-/// Cases that do not pass and are written as scenarios, told one by one.
+/// Cases that do not pass and are written as scenarios and listed.
 pub const FAILING_MAX: usize = 100;
 /// Values that are held in memory: metrics are gone through in groups of so many.
 const VALUES_MAX: usize = 4_000_000;
@@ -31,7 +31,7 @@ pub struct Summary {
     /// What varies, and how.
     pub keys: Vec<(String, String)>,
     /// The metrics.
-    pub spreads: Vec<Spread>,
+    pub spreads: Vec<MetricSpread>,
     /// The first cases that do not pass.
     pub failing: Vec<Failing>,
 }
@@ -51,7 +51,7 @@ pub struct Failing {
 }
 
 /// How a metric is distributed.
-pub struct Spread {
+pub struct MetricSpread {
     /// Its name, with the unit in it.
     pub name: String,
     /// Its limit in the scenario.
@@ -68,7 +68,7 @@ pub struct Spread {
     pub curve: (Vec<f64>, Vec<f64>),
 }
 
-/// What a first look at all rows tells.
+/// What a first pass over all rows finds.
 struct Survey {
     runs: usize,
     ended: BTreeMap<Ended, usize>,
@@ -78,7 +78,7 @@ struct Survey {
 }
 
 impl Survey {
-    fn of(plan: &Plan, folder: &Path) -> Result<Self, StoreError> {
+    fn of(plan: &SweepPlan, folder: &Path) -> Result<Self, StoreError> {
         let mut survey = Self {
             runs: 0,
             ended: BTreeMap::new(),
@@ -87,12 +87,12 @@ impl Survey {
             failing: Vec::new(),
         };
         for row in store::read(folder)?.1 {
-            survey.take(plan, row?);
+            survey.add(plan, row?);
         }
         Ok(survey)
     }
 
-    fn take(&mut self, plan: &Plan, row: Row) {
+    fn add(&mut self, plan: &SweepPlan, row: SweepRow) {
         self.runs += 1;
         *self.ended.entry(row.ended).or_default() += 1;
         for name in &row.missed {
@@ -117,7 +117,11 @@ impl Survey {
 
 impl Summary {
     /// Of the rows in a folder.
-    pub(super) fn of(plan: &Plan, scenario: &Scenario, folder: &Path) -> Result<Self, StoreError> {
+    pub(super) fn of(
+        plan: &SweepPlan,
+        scenario: &Scenario,
+        folder: &Path,
+    ) -> Result<Self, StoreError> {
         let survey = Survey::of(plan, folder)?;
         let keys = plan.ways().map(|(key, way)| (key.to_owned(), way));
         Ok(Self {
@@ -154,7 +158,11 @@ impl Summary {
 }
 
 /// The distributions of all metrics, by as many passes over the rows as keep within memory.
-fn spreads(survey: &Survey, scenario: &Scenario, folder: &Path) -> Result<Vec<Spread>, StoreError> {
+fn spreads(
+    survey: &Survey,
+    scenario: &Scenario,
+    folder: &Path,
+) -> Result<Vec<MetricSpread>, StoreError> {
     let limits: BTreeMap<&str, Limit> = scenario.expect.limits().collect();
     let group = (VALUES_MAX / survey.runs.max(1)).max(1);
     let mut spreads = Vec::new();
@@ -170,13 +178,13 @@ fn spreads(survey: &Survey, scenario: &Scenario, folder: &Path) -> Result<Vec<Sp
             values.sort_unstable_by(f64::total_cmp);
             let missed = survey.missed.get(name).copied().unwrap_or_default();
             let limit = limits.get(name.as_str()).copied();
-            spreads.push(Spread::new(name, limit, missed, &values));
+            spreads.push(MetricSpread::new(name, limit, missed, &values));
         }
     }
     Ok(spreads)
 }
 
-impl Spread {
+impl MetricSpread {
     fn new(name: &str, limit: Option<Limit>, missed: usize, sorted: &[f64]) -> Self {
         let at = |percent| quantile(sorted, percent).unwrap_or(f64::NAN);
         Self {
@@ -186,7 +194,7 @@ impl Spread {
             count: sorted.len(),
             quantiles: [at(0), at(50), at(95), at(100)],
             bulk: (at(1), at(99)),
-            curve: staircase(&thinned(sorted)),
+            curve: staircase(&decimated(sorted)),
         }
     }
 
@@ -198,7 +206,7 @@ impl Spread {
 }
 
 /// So many of the sorted values that nobody sees the difference, the first and the last among them.
-fn thinned(sorted: &[f64]) -> Vec<f64> {
+fn decimated(sorted: &[f64]) -> Vec<f64> {
     let Some(last) = sorted
         .len()
         .checked_sub(1)
@@ -217,12 +225,12 @@ mod tests {
     #[test]
     fn a_distribution_of_many_is_drawn_by_few() {
         let many: Vec<f64> = (0..100_000).map(f64::from).collect();
-        let few = thinned(&many);
+        let few = decimated(&many);
         assert_eq!((few.len(), few[0], few[999]), (1000, 0.0, 99_999.0));
         assert!(few.windows(2).all(|pair| pair[1] - pair[0] <= 101.0));
-        assert_eq!(thinned(&many[..1000]), many[..1000]);
-        assert_eq!(thinned(&[]), [] as [f64; 0]);
-        let spread = Spread::new("m", None, 0, &many);
+        assert_eq!(decimated(&many[..1000]), many[..1000]);
+        assert_eq!(decimated(&[]), [] as [f64; 0]);
+        let spread = MetricSpread::new("m", None, 0, &many);
         assert_eq!(spread.quantiles, [0.0, 49_999.0, 94_999.0, 99_999.0]);
     }
 }

@@ -4,10 +4,10 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use super::plan::Plan;
-use super::row::Row;
+use super::plan::SweepPlan;
+use super::row::SweepRow;
 use super::store::{self, StoreError};
-use report::parquet::{Cells, Kind, Table};
+use report::parquet::{Cells, ColumnKind, ParquetTable};
 
 /// Names of the tables.
 pub(super) const CSV: &str = "runs.csv";
@@ -18,7 +18,7 @@ const GROUP_ROWS: usize = 10_000;
 
 /// What the tables are made of.
 pub(super) struct Tables<'a> {
-    pub(super) plan: &'a Plan,
+    pub(super) plan: &'a SweepPlan,
     /// The metrics that any row has.
     pub(super) metrics: &'a [String],
     /// The folder with the rows.
@@ -27,12 +27,12 @@ pub(super) struct Tables<'a> {
 
 impl Tables<'_> {
     /// The columns and what they hold.
-    fn columns(&self) -> Vec<(&str, Kind)> {
-        let number = |name| (name, Kind::Number);
-        let text = |name| (name, Kind::Text);
-        let mut columns = vec![("case", Kind::Count), text("id")];
+    fn columns(&self) -> Vec<(&str, ColumnKind)> {
+        let number = |name| (name, ColumnKind::Number);
+        let text = |name| (name, ColumnKind::Text);
+        let mut columns = vec![("case", ColumnKind::Count), text("id")];
         columns.extend(self.plan.keys().filter(is_no_seed).map(number));
-        columns.push(("seed", Kind::Whole));
+        columns.push(("seed", ColumnKind::Whole));
         columns.extend(["verdict", "missed_limits", "reason"].map(text));
         columns.extend(self.metrics.iter().map(String::as_str).map(number));
         columns
@@ -46,9 +46,9 @@ impl Tables<'_> {
             .map(|(_, value)| value)
     }
 
-    fn rows(&self) -> io::Result<impl Iterator<Item = io::Result<Row>>> {
+    fn rows(&self) -> io::Result<impl Iterator<Item = io::Result<SweepRow>>> {
         let (_, rows) = store::read(self.folder).map_err(io::Error::other)?;
-        Ok(rows.map(|row: Result<Row, StoreError>| row.map_err(io::Error::other)))
+        Ok(rows.map(|row: Result<SweepRow, StoreError>| row.map_err(io::Error::other)))
     }
 
     /// Writes the CSV table.
@@ -61,7 +61,7 @@ impl Tables<'_> {
         table.flush()
     }
 
-    fn cells(&self, row: &Row) -> Vec<String> {
+    fn cells(&self, row: &SweepRow) -> Vec<String> {
         let mut cells = vec![row.case.to_string(), row.id.clone()];
         cells.extend(self.values(row.case).map(|value| value.to_string()));
         cells.push(row.seed.map_or_else(String::new, |seed| seed.to_string()));
@@ -76,10 +76,10 @@ impl Tables<'_> {
 
     /// Writes the Parquet table.
     pub(super) fn write_parquet(&self, output: &mut BufWriter<File>) -> io::Result<()> {
-        let mut table = Table::new(output, "runs", &self.columns())?;
+        let mut table = ParquetTable::new(output, "runs", &self.columns())?;
         let mut rows = self.rows()?;
         loop {
-            let group: Vec<Row> = rows.by_ref().take(GROUP_ROWS).collect::<io::Result<_>>()?;
+            let group: Vec<SweepRow> = rows.by_ref().take(GROUP_ROWS).collect::<io::Result<_>>()?;
             if group.is_empty() {
                 break;
             }
@@ -89,9 +89,10 @@ impl Tables<'_> {
     }
 
     /// The columns of some rows.
-    fn group(&self, rows: &[Row]) -> Vec<Cells> {
+    fn group(&self, rows: &[SweepRow]) -> Vec<Cells> {
         let whole = |number: u64| i64::try_from(number).ok();
-        let text = |cell: fn(&Row) -> Option<String>| Cells::Text(rows.iter().map(cell).collect());
+        let text =
+            |cell: fn(&SweepRow) -> Option<String>| Cells::Text(rows.iter().map(cell).collect());
         let cases = rows
             .iter()
             .map(|row| i64::try_from(row.case).unwrap_or(i64::MAX));
@@ -120,7 +121,7 @@ impl Tables<'_> {
 }
 
 /// The limits that a case missed, in one cell.
-fn missed(row: &Row) -> Option<String> {
+fn missed(row: &SweepRow) -> Option<String> {
     (!row.missed.is_empty()).then(|| row.missed.join("; "))
 }
 

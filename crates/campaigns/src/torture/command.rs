@@ -8,15 +8,15 @@ use faults::Stream;
 use scenario::Scenario;
 
 use super::draw;
-use super::invariants::{Violation, violation};
-use super::shrink::{Case, of_fault};
+use super::invariants::{BrokenInvariant, violation};
+use super::shrink::{TortureCase, of_failed_run};
 use crate::campaign::Campaign;
 use recording::capture::Watch;
 use rig::setup::Setup;
-use runner::console::{complain, say};
+use runner::console::{print, print_error};
 use runner::exit::Exit;
-use runner::play;
 use runner::run::run;
+use runner::scenarios;
 use worlds::catalogue::catalogue;
 use worlds::{Played, lockstep};
 
@@ -42,26 +42,26 @@ pub struct TortureArgs {
     pub quiet: bool,
 }
 
-/// Draws, plays, and tells what broke.
+/// Draws and plays the mixes, and prints what broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
-    let source = match play::load(&args.scenario) {
-        Ok(source) => source,
+    let setup = match scenarios::load(&args.scenario) {
+        Ok(setup) => setup,
         Err(exit) => return exit,
     };
     let Scenario {
         plant,
         duration_seconds,
         ..
-    } = &source.scenario;
+    } = &setup.scenario;
     let case = |index: usize| {
         let mut stream = Stream::named(args.seed, &format!("torture.{index}"));
         let faults = draw::mix(&mut stream, plant, *duration_seconds);
-        Case::new(&source.text, faults, stream.bits())
+        TortureCase::new(&setup.text, faults, stream.bits())
     };
-    // The first one tells whether the scenario is fit for this at all.
+    // The first one shows whether the scenario is fit for this at all.
     if let Err(reason) = case(0).and_then(|case| case.scenario()) {
-        complain(&format!("canrig: {}: {reason}", args.scenario.display()));
+        print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
         return Exit::ScenarioInvalid;
     }
     let scenarios = (0..args.runs).map_while(|index| case(index).ok()?.scenario().ok());
@@ -74,21 +74,21 @@ pub fn torture(args: &TortureArgs) -> Exit {
         .into_iter()
         .enumerate()
         .filter_map(|(index, result)| {
-            let violation = result.unwrap_or_else(|fault| Some(of_fault(&fault)));
+            let violation = result.unwrap_or_else(|fault| Some(of_failed_run(&fault)));
             Some((index, violation?))
         });
-    let broken: Vec<(usize, Violation)> = broken.collect();
+    let broken: Vec<(usize, BrokenInvariant)> = broken.collect();
     let shown = shrink_all(args, &broken, case);
-    say(&summary(args, played, &broken));
+    print(&summary(args, played, &broken));
     if played < args.runs {
-        complain(&format!(
+        print_error(&format!(
             "canrig: run {played} could not be drawn as a valid scenario"
         ));
         return Exit::Internal;
     }
     match shown {
         Err(reason) => {
-            complain(&format!("canrig: {reason}"));
+            print_error(&format!("canrig: {reason}"));
             Exit::BenchFailed
         }
         Ok(()) if broken.is_empty() => Exit::Pass,
@@ -99,8 +99,8 @@ pub fn torture(args: &TortureArgs) -> Exit {
 /// Shrinks the first failing case of each invariant, then further ones.
 fn shrink_all(
     args: &TortureArgs,
-    broken: &[(usize, Violation)],
-    case: impl Fn(usize) -> Result<Case, String>,
+    broken: &[(usize, BrokenInvariant)],
+    case: impl Fn(usize) -> Result<TortureCase, String>,
 ) -> Result<(), String> {
     let mut first_of: BTreeMap<&str, usize> = BTreeMap::new();
     for (place, (_, violation)) in broken.iter().enumerate() {
@@ -108,19 +108,19 @@ fn shrink_all(
     }
     for place in first_of.into_values().take(SHRUNK_MAX) {
         let (index, violation) = &broken[place];
-        say(&format!(
+        print(&format!(
             "run {index}: {}: {}",
             violation.invariant, violation.text
         ));
         let shrunk = case(*index)?.shrunk(violation.invariant);
         let folder = keep(&shrunk, &args.output)?;
-        say(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
+        print(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
     }
     Ok(())
 }
 
 /// Plays the case once more into a run folder, whose scenario reproduces its log.
-fn keep(case: &Case, output: &Path) -> Result<std::path::PathBuf, String> {
+fn keep(case: &TortureCase, output: &Path) -> Result<std::path::PathBuf, String> {
     let setup = Setup::of(case.scenario()?, catalogue()).from_file("torture.toml", case.text());
     let (watch, taps) = (Watch::default(), Vec::new());
     let judged = run(&setup, output, &watch, taps, |_, capture| {
@@ -131,7 +131,7 @@ fn keep(case: &Case, output: &Path) -> Result<std::path::PathBuf, String> {
         .map_err(|error| error.to_string())
 }
 
-fn summary(args: &TortureArgs, played: usize, broken: &[(usize, Violation)]) -> String {
+fn summary(args: &TortureArgs, played: usize, broken: &[(usize, BrokenInvariant)]) -> String {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for (_, violation) in broken {
         *counts.entry(violation.invariant).or_default() += 1;

@@ -128,7 +128,7 @@ fn parameters(stream: &mut Stream, group: &str, kind: &str) -> Table {
             }
             hits(stream, &mut set);
         }
-        // Below the identifier with which the plant tells the truth: nobody may forge that.
+        // Below the identifier with which the plant publishes the truth: no node may forge that.
         "babble" => set("identifier", whole(stream, 1, 0x6AF)),
         "load" => {
             set("identifier", whole(stream, 0x181, 0x6AF));
@@ -215,7 +215,7 @@ mod tests {
     use scenario::Scenario;
 
     use super::*;
-    use crate::torture::Case;
+    use crate::torture::TortureCase;
 
     const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
@@ -225,7 +225,7 @@ mod tests {
         let mut drawn = BTreeSet::new();
         for seed in 0..1000 {
             let faults = mix(&mut Stream::new(seed), &Plant::default(), 2.0);
-            let case = Case::new(BASE, faults, seed).unwrap();
+            let case = TortureCase::new(BASE, faults, seed).unwrap();
             let scenario = case
                 .scenario()
                 .unwrap_or_else(|problems| panic!("{problems}"));
@@ -259,7 +259,7 @@ mod tests {
         let mut drawn = BTreeSet::new();
         for seed in 0..300 {
             let faults = mix(&mut Stream::new(seed), &scenario.plant, 2.0);
-            let case = Case::new(&base, faults, seed).unwrap();
+            let case = TortureCase::new(&base, faults, seed).unwrap();
             let scenario = case
                 .scenario()
                 .unwrap_or_else(|problems| panic!("{problems}"));

@@ -8,7 +8,7 @@ use plant_emulator::catalogue::SMA_ACTUATOR;
 use scenario::Scenario;
 use scenario::fault::node::{Node, Output};
 
-use crate::campaign::Run;
+use crate::campaign::CampaignRun;
 use judge::verdict::Outcome;
 use recording::log::Stamped;
 use recording::truth::PlantTruth;
@@ -19,7 +19,7 @@ const TEMPERATURE_CELSIUS_MAX: f64 = 138.5;
 const SYNC_SECONDS_MAX: f64 = 0.055;
 /// The drive waits 100 ms for the manager's heartbeat.
 const HEARTBEAT_SECONDS_MAX: f64 = 0.105;
-/// The plant tells the truth every 10 ms.
+/// The plant publishes the truth every 10 ms.
 const TRUTH_SECONDS_MAX: f64 = 0.025;
 
 /// From what the plant says until it stands in the recording, and the rounding of times.
@@ -29,22 +29,22 @@ const CONTROLLER_HEARTBEAT: u16 = 0x701;
 
 /// An invariant that a run broke.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Violation {
+pub struct BrokenInvariant {
     /// Which one: the same word for the same invariant.
     pub invariant: &'static str,
     /// What was seen.
     pub text: String,
 }
 
-fn violated(invariant: &'static str, text: String) -> Option<Violation> {
-    Some(Violation { invariant, text })
+fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
+    Some(BrokenInvariant { invariant, text })
 }
 
 /// The first invariant that a run broke.
 #[must_use]
-pub fn violation(played: &Run<'_>) -> Option<Violation> {
+pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     verdict_reached(played)
-        .or_else(|| truth_told(played))
+        .or_else(|| truth_is_complete(played))
         .or_else(|| not_too_hot(played))
         .or_else(|| no_current_before_the_start(played))
         .or_else(|| {
@@ -57,7 +57,7 @@ pub fn violation(played: &Run<'_>) -> Option<Violation> {
         })
 }
 
-fn verdict_reached(played: &Run<'_>) -> Option<Violation> {
+fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let verdict = played.verdict;
     if matches!(verdict.outcome, Outcome::Pass | Outcome::Fail) {
         return None;
@@ -66,8 +66,8 @@ fn verdict_reached(played: &Run<'_>) -> Option<Violation> {
     violated("verdict", format!("{}: {reason}", verdict.outcome.word()))
 }
 
-/// The recording is complete: the plant is heard from the first message to the end.
-fn truth_told(played: &Run<'_>) -> Option<Violation> {
+/// The recording is complete: the plant publishes from the first message to the end.
+fn truth_is_complete(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let truth = &played.timeline.truth;
     let gap = truth
         .windows(2)
@@ -81,7 +81,7 @@ fn truth_told(played: &Run<'_>) -> Option<Violation> {
 }
 
 /// Of another plant nobody knows how hot it may be.
-fn not_too_hot(played: &Run<'_>) -> Option<Violation> {
+fn not_too_hot(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     if played.scenario.plant.name() != SMA_ACTUATOR {
         return None;
     }
@@ -95,7 +95,7 @@ fn not_too_hot(played: &Run<'_>) -> Option<Violation> {
 }
 
 /// Before scenario time 0 nobody commands a current; a run that a fault of the boot prevents never comes to it.
-fn no_current_before_the_start(played: &Run<'_>) -> Option<Violation> {
+fn no_current_before_the_start(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let timeline = played.timeline;
     let is_before =
         |truth: &&PlantTruth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
@@ -114,13 +114,13 @@ fn no_current_without(
     (invariant, what): (&'static str, &str),
     is_it: impl Fn(&CanFrame) -> bool,
     seconds_max: f64,
-    played: &Run<'_>,
-) -> Option<Violation> {
+    played: &CampaignRun<'_>,
+) -> Option<BrokenInvariant> {
     let timeline = played.timeline;
     let zero = Duration::from_secs_f64(timeline.zero_seconds?);
     let is_it = |stamped: &&Stamped| is_it(&stamped.frame);
     let since_zero = |stamped: &Stamped| stamped.time.as_secs_f64() - zero.as_secs_f64();
-    let mut heard = played
+    let mut times = played
         .frames
         .iter()
         .filter(is_it)
@@ -133,7 +133,7 @@ fn no_current_without(
         .filter(|truth| truth.time_seconds > 0.0)
     {
         let time = truth.time_seconds;
-        while let Some(next) = heard.next_if(|next| *next <= time) {
+        while let Some(next) = times.next_if(|next| *next <= time) {
             last = f64::max(last, next);
         }
         let is_over = time > played.scenario.duration_seconds;

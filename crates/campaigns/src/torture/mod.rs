@@ -6,5 +6,5 @@ mod draw;
 mod invariants;
 mod shrink;
 
-pub use invariants::{Violation, violation};
-pub use shrink::Case;
+pub use invariants::{BrokenInvariant, violation};
+pub use shrink::TortureCase;

@@ -5,19 +5,19 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use scenario::Scenario;
 use toml::{Table, Value};
 
-use super::invariants::{Violation, violation};
-use crate::campaign::{Campaign, Fault};
+use super::invariants::{BrokenInvariant, violation};
+use crate::campaign::{Campaign, FailedRun};
 
 /// Plays that shrinking may cost.
 const PLAYS_MAX: usize = 400;
 
 /// A scenario as its text has it, so that what is written is what was played.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Case {
+pub struct TortureCase {
     document: Table,
 }
 
-impl Case {
+impl TortureCase {
     /// The base scenario with other faults and without limits.
     ///
     /// # Errors
@@ -52,7 +52,7 @@ impl Case {
 
     /// The invariant that it breaks, a panic among them.
     #[must_use]
-    pub fn violation(&self) -> Option<Violation> {
+    pub fn violation(&self) -> Option<BrokenInvariant> {
         let scenario = self.scenario().ok()?;
         let campaign = Campaign {
             threads: 1,
@@ -63,7 +63,7 @@ impl Case {
         }));
         match played.ok()?.ok()?.pop()? {
             Ok(violation) => violation,
-            Err(fault) => Some(of_fault(&fault)),
+            Err(fault) => Some(of_failed_run(&fault)),
         }
     }
 
@@ -80,7 +80,7 @@ impl Case {
                     return smallest;
                 }
                 budget -= 1;
-                let is_same = |violation: Violation| violation.invariant == invariant;
+                let is_same = |violation: BrokenInvariant| violation.invariant == invariant;
                 if candidate.violation().is_some_and(is_same) {
                     smallest = candidate;
                     has_shrunk = true;
@@ -213,8 +213,8 @@ fn rounder(value: &Value) -> Vec<Value> {
 }
 
 /// A run that the program itself could not bring to a verdict.
-pub(super) fn of_fault(fault: &Fault) -> Violation {
-    Violation {
+pub(super) fn of_failed_run(fault: &FailedRun) -> BrokenInvariant {
+    BrokenInvariant {
         invariant: "panic",
         text: fault.reason.clone(),
     }
@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn what_is_not_needed_is_left_out_and_the_rest_still_fails() {
-        let case = Case::new(BASE, FAULTS.parse().unwrap(), 7).unwrap();
+        let case = TortureCase::new(BASE, FAULTS.parse().unwrap(), 7).unwrap();
         assert_eq!(case.violation().unwrap().invariant, "temperature");
         let shrunk = case.shrunk("temperature");
         assert_eq!(shrunk.violation().unwrap().invariant, "temperature");
@@ -257,7 +257,7 @@ mod tests {
             "[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0",
             "[[reference.table]]\nfrom_seconds = 0.0\nfile = \"x.csv\"",
         );
-        let case = Case::new(&base, Table::new(), 7).unwrap();
+        let case = TortureCase::new(&base, Table::new(), 7).unwrap();
         let reason = case.scenario().unwrap_err();
         assert!(
             reason.contains("without [[reference.table]] only"),

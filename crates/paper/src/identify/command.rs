@@ -10,16 +10,16 @@ use scenario::Scenario;
 use scenario::plant::Plant;
 use serde::Serialize;
 
+use super::data::IdentificationData;
 use super::fit::Fit;
 use super::parameter::{self, Parameter};
 use super::picture;
 use super::report;
-use super::search::{self, Found, SearchError};
+use super::search::{self, SearchError, Solution};
 use super::start;
-use super::statistics::Statistics;
-use super::trace::Trace;
+use super::statistics::FitStatistics;
 use recording::run_folder::{RunFolder, file};
-use runner::console::{Activity, complain, say};
+use runner::console::{Spinner, print, print_error};
 use runner::exit::Exit;
 
 /// Most recordings of one identification.
@@ -36,12 +36,12 @@ mod name {
 }
 
 /// Why there is no result, and how the program ends.
-struct Failure {
+struct IdentifyFailure {
     message: String,
     exit: Exit,
 }
 
-impl Failure {
+impl IdentifyFailure {
     fn new(exit: Exit) -> impl Fn(&dyn std::error::Error) -> Self {
         move |error| Self {
             message: error.to_string(),
@@ -108,20 +108,20 @@ pub fn identify(args: &IdentifyArgs) -> Exit {
     match run(args) {
         Ok(exit) => exit,
         Err(failure) => {
-            complain(&format!("canrig: {}", failure.message));
+            print_error(&format!("canrig: {}", failure.message));
             failure.exit
         }
     }
 }
 
-fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
-    let usage = Failure::new(Exit::Usage);
+fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
+    let usage = IdentifyFailure::new(Exit::Usage);
     let parameters = parameter::parse_list(&args.parameters).map_err(|error| usage(&error))?;
     let start = args.start.plant().map_err(|error| usage(&error))?;
-    let traces = load(args)?;
-    let known = known(args, &traces)?;
-    let fit = Fit::new(&traces, parameters, known.plant);
-    let activity = Activity::new(!args.quiet);
+    let measurements = load(args)?;
+    let known = known(args, &measurements)?;
+    let fit = Fit::new(&measurements, parameters, known.plant);
+    let activity = Spinner::new(!args.quiet);
     let progress = |iteration: u64, metres_rms: f64| {
         activity.show(&format!(
             "iteration {iteration}, residual {:.3} mm RMS",
@@ -131,15 +131,15 @@ fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
     let found = search::search(&fit, &fit.values_of(&start), &progress);
     drop(activity);
     let found = found.map_err(|error| match error {
-        SearchError::Start(_) => Failure::new(Exit::Usage)(&error),
-        _ => Failure::new(Exit::Inconclusive)(&error),
+        SearchError::Start(_) => IdentifyFailure::new(Exit::Usage)(&error),
+        _ => IdentifyFailure::new(Exit::Inconclusive)(&error),
     })?;
     let folder = write(args, &fit, &found, &known.notes)
-        .map_err(|error| Failure::new(Exit::BenchFailed)(error.as_ref()))?;
+        .map_err(|error| IdentifyFailure::new(Exit::BenchFailed)(error.as_ref()))?;
     let is_confirmed = found.is_confirmed(&fit);
     if !args.quiet || !is_confirmed {
-        say(&report::summary(&fit, &found));
-        say(&format!(
+        print(&report::summary(&fit, &found));
+        print(&format!(
             "plant       {}\nreport      {}\nplay it     canrig run {}",
             folder.join(name::PLANT).display(),
             folder.join(name::REPORT).display(),
@@ -153,10 +153,10 @@ fn run(args: &IdentifyArgs) -> Result<Exit, Failure> {
     })
 }
 
-fn load(args: &IdentifyArgs) -> Result<Vec<Trace>, Failure> {
+fn load(args: &IdentifyArgs) -> Result<Vec<IdentificationData>, IdentifyFailure> {
     let database = args.dbc.as_deref().map(read_database).transpose()?;
     if args.recordings.len() > RECORDINGS_MAX {
-        return Err(Failure {
+        return Err(IdentifyFailure {
             message: format!(
                 "{} recordings are given (limit {RECORDINGS_MAX})",
                 args.recordings.len()
@@ -164,18 +164,18 @@ fn load(args: &IdentifyArgs) -> Result<Vec<Trace>, Failure> {
             exit: Exit::Usage,
         });
     }
-    let invalid = Failure::new(Exit::ScenarioInvalid);
-    let traces = args
+    let invalid = IdentifyFailure::new(Exit::ScenarioInvalid);
+    let measurements = args
         .recordings
         .iter()
-        .map(|path| Trace::load(path, args.scenario.as_deref(), database.as_ref()));
-    traces
+        .map(|path| IdentificationData::load(path, args.scenario.as_deref(), database.as_ref()));
+    measurements
         .collect::<Result<Vec<_>, _>>()
         .map_err(|error| invalid(&error))
 }
 
-fn read_database(path: &Path) -> Result<Database, Failure> {
-    let fault = |reason: String| Failure {
+fn read_database(path: &Path) -> Result<Database, IdentifyFailure> {
+    let fault = |reason: String| IdentifyFailure {
         message: format!("{} is no DBC: {reason}", path.display()),
         exit: Exit::Usage,
     };
@@ -185,34 +185,37 @@ fn read_database(path: &Path) -> Result<Database, Failure> {
 }
 
 /// What is taken as known, and remarks on it.
-struct Known {
+struct KnownPlant {
     plant: Plant,
     notes: Vec<String>,
 }
 
-fn known(args: &IdentifyArgs, traces: &[Trace]) -> Result<Known, Failure> {
-    let scenario = traces
+fn known(
+    args: &IdentifyArgs,
+    measurements: &[IdentificationData],
+) -> Result<KnownPlant, IdentifyFailure> {
+    let scenario = measurements
         .first()
-        .map(|trace| trace.scenario.plant.clone())
+        .map(|measurement| measurement.scenario.plant.clone())
         .unwrap_or_default();
     Ok(match &args.known {
         KnownChoice::Nominal => {
             let mut notes = vec!["All other parameters of the plant are taken to be nominal.".to_owned()];
             notes.extend(differences(&scenario));
-            Known { plant: Plant::default(), notes }
+            KnownPlant { plant: Plant::default(), notes }
         }
-        KnownChoice::Scenario => Known {
+        KnownChoice::Scenario => KnownPlant {
             plant: scenario,
             notes: vec!["All other parameters of the plant are taken from the scenario of the first recording.".to_owned()],
         },
-        KnownChoice::File(path) => Known {
-            plant: start::read_plant(path).map_err(|error| Failure::new(Exit::Usage)(&error))?,
+        KnownChoice::File(path) => KnownPlant {
+            plant: start::read_plant(path).map_err(|error| IdentifyFailure::new(Exit::Usage)(&error))?,
             notes: vec![format!("All other parameters of the plant are taken from `{}`.", path.display())],
         },
     })
 }
 
-/// Tells that the scenario's plant is not nominal: it may be what is known of the rig, or what identification must not
+/// A note that the scenario's plant is not nominal: it may be what is known of the rig, or what identification must not
 /// know.
 fn differences(plant: &Plant) -> Option<String> {
     let nominal = Plant::default();
@@ -240,7 +243,7 @@ struct PlantFile<'a> {
 
 /// What other programs read.
 #[derive(Serialize)]
-struct Numbers<'a> {
+struct IdentificationNumbers<'a> {
     schema: u32,
     version: &'static str,
     parameters: Vec<&'static str>,
@@ -250,19 +253,19 @@ struct Numbers<'a> {
     iterations: u64,
     is_confirmed: bool,
     misfit: f64,
-    statistics: &'a Statistics,
+    statistics: &'a FitStatistics,
 }
 
 fn write(
     args: &IdentifyArgs,
     fit: &Fit<'_>,
-    found: &Found,
+    found: &Solution,
     notes: &[String],
 ) -> Result<PathBuf, Box<dyn std::error::Error>> {
     let played = fit
-        .traces
+        .measurements
         .first()
-        .map(|trace| &trace.scenario)
+        .map(|measurement| &measurement.scenario)
         .ok_or("no recording")?;
     let plant = Plant {
         sensor: played.plant.sensor.clone(),
@@ -310,8 +313,8 @@ fn scenario_folder(args: &IdentifyArgs) -> PathBuf {
     }
 }
 
-fn numbers<'a>(fit: &Fit<'_>, found: &'a Found) -> Numbers<'a> {
-    Numbers {
+fn numbers<'a>(fit: &Fit<'_>, found: &'a Solution) -> IdentificationNumbers<'a> {
+    IdentificationNumbers {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         parameters: fit
@@ -333,19 +336,19 @@ fn numbers<'a>(fit: &Fit<'_>, found: &'a Found) -> Numbers<'a> {
 fn write_pictures(
     folder: &RunFolder,
     fit: &Fit<'_>,
-    found: &Found,
+    found: &Solution,
 ) -> Result<String, Box<dyn std::error::Error>> {
     let expected =
         |values: &[f64]| fit.expected_metres(&fit.simulated_metres(values).unwrap_or_default());
     let (start, fitted) = (expected(&found.start), expected(&found.statistics.values()));
     let mut text = String::from("\n## Fit\n\n");
     let mut first = 0;
-    for (number, trace) in (1..).zip(fit.traces) {
-        let end = first + trace.positions_metres.len();
+    for (number, measurement) in (1..).zip(fit.measurements) {
+        let end = first + measurement.positions_metres.len();
         let start = start.get(first..end).unwrap_or_default();
         let fitted = fitted.get(first..end).unwrap_or_default();
         let name = format!("fit-{number}.svg");
-        let picture = picture::to_svg(trace, start, fitted);
+        let picture = picture::to_svg(measurement, start, fitted);
         folder.write(&name, picture.as_bytes())?;
         text += &format!("![measured and found position]({name})\n");
         first = end;

@@ -3,14 +3,14 @@
 use plant_emulator::sma::{self, Actuator, STEP_SECONDS_MAX};
 use scenario::plant::Plant;
 
+use super::data::IdentificationData;
 use super::parameter::{Inequality, Parameter, ordering};
 use super::sensor_model::SensorModel;
-use super::trace::Trace;
 
 /// Recordings, the parameters sought, and what is taken as known.
 pub struct Fit<'a> {
     /// What was measured.
-    pub traces: &'a [Trace],
+    pub measurements: &'a [IdentificationData],
     /// What is sought.
     pub parameters: Vec<&'static Parameter>,
     /// Everything else of the plant.
@@ -28,7 +28,7 @@ enum Accuracy {
 }
 
 /// Derivatives of all predicted positions by one parameter after the other.
-pub type Columns = Vec<Vec<f64>>;
+pub type Derivatives = Vec<Vec<f64>>;
 
 /// Step of a coarse integration: one per position. The motion's fastest rate is some 60 1/s.
 const COARSE_STEP_SECONDS: f64 = 10e-3;
@@ -41,10 +41,14 @@ const CENTRAL_DIFFERENCE: f64 = 3e-4;
 impl<'a> Fit<'a> {
     /// The question, to be answered with the emulator's accuracy.
     #[must_use]
-    pub fn new(traces: &'a [Trace], parameters: Vec<&'static Parameter>, known: Plant) -> Self {
+    pub fn new(
+        measurements: &'a [IdentificationData],
+        parameters: Vec<&'static Parameter>,
+        known: Plant,
+    ) -> Self {
         let accuracy = Accuracy::Full;
         Self {
-            traces,
+            measurements,
             parameters,
             known,
             accuracy,
@@ -55,7 +59,7 @@ impl<'a> Fit<'a> {
     #[must_use]
     pub fn coarse(&self) -> Self {
         Self {
-            traces: self.traces,
+            measurements: self.measurements,
             parameters: self.parameters.clone(),
             known: self.known.clone(),
             accuracy: Accuracy::Coarse,
@@ -119,18 +123,18 @@ impl<'a> Fit<'a> {
     /// How many positions are compared.
     #[must_use]
     pub fn sample_count(&self) -> usize {
-        self.traces
+        self.measurements
             .iter()
-            .map(|trace| trace.positions_metres.len())
+            .map(|measurement| measurement.positions_metres.len())
             .sum()
     }
 
     /// Measured positions of all recordings, one after the other.
     #[must_use]
     pub fn measured_metres(&self) -> Vec<f64> {
-        self.traces
+        self.measurements
             .iter()
-            .flat_map(|trace| trace.positions_metres.iter().copied())
+            .flat_map(|measurement| measurement.positions_metres.iter().copied())
             .collect()
     }
 
@@ -140,9 +144,9 @@ impl<'a> Fit<'a> {
         let plant = self.plant(values);
         sma::check(&plant).ok()?;
         Some(
-            self.traces
+            self.measurements
                 .iter()
-                .flat_map(|trace| self.simulate(&plant, trace))
+                .flat_map(|measurement| self.simulate(&plant, measurement))
                 .collect(),
         )
     }
@@ -154,10 +158,10 @@ impl<'a> Fit<'a> {
         }
     }
 
-    fn simulate(&self, plant: &Plant, trace: &Trace) -> Vec<f64> {
+    fn simulate(&self, plant: &Plant, measurement: &IdentificationData) -> Vec<f64> {
         let mut actuator = Actuator::new(plant).continued_with_step(self.step_seconds());
-        let mut positions = vec![0.0; trace.positions_metres.len()];
-        for stretch in &trace.stretches {
+        let mut positions = vec![0.0; measurement.positions_metres.len()];
+        for stretch in &measurement.stretches {
             actuator.advance(stretch.duration_seconds, &stretch.inputs);
             if let Some(sample) = stretch.sample {
                 positions[sample] = actuator.position_metres();
@@ -170,9 +174,9 @@ impl<'a> Fit<'a> {
     #[must_use]
     pub fn expected_metres(&self, true_metres: &[f64]) -> Vec<f64> {
         let mut positions = true_metres.iter();
-        let expected = self.traces.iter().flat_map(|trace| {
-            let model = SensorModel::new(&trace.sensor);
-            let own = positions.by_ref().take(trace.positions_metres.len());
+        let expected = self.measurements.iter().flat_map(|measurement| {
+            let model = SensorModel::new(&measurement.sensor);
+            let own = positions.by_ref().take(measurement.positions_metres.len());
             own.map(move |position| model.expected_metres(*position))
                 .collect::<Vec<_>>()
         });
@@ -194,13 +198,13 @@ impl<'a> Fit<'a> {
     /// Derivatives of the residual by differences, to the sides that the bounds and the order leave. The columns are
     /// independent, so each has a thread.
     #[must_use]
-    pub fn jacobian(&self, values: &[f64]) -> Option<Columns> {
+    pub fn jacobian(&self, values: &[f64]) -> Option<Derivatives> {
         self.jacobian_at(values, &self.residual_metres(values)?)
     }
 
     /// As [`Fit::jacobian`], where the residual is known already.
     #[must_use]
-    pub fn jacobian_at(&self, values: &[f64], base: &[f64]) -> Option<Columns> {
+    pub fn jacobian_at(&self, values: &[f64], base: &[f64]) -> Option<Derivatives> {
         std::thread::scope(|scope| {
             let column = |index| scope.spawn(move || self.column(values, index, base));
             let columns: Vec<_> = (0..values.len()).map(column).collect();

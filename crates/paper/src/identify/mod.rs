@@ -1,10 +1,11 @@
 //! Identification: which plant explains the recordings?
 //!
-//! Recordings become `trace`s; `fit` simulates the plant under their inputs and takes the residual on the position;
+//! Recordings become `data`; `fit` simulates the plant under their inputs and takes the residual on the position;
 //! `search` makes it small from a `start` with the optimisers of `optimiser`; `statistics` says what the result is worth;
-//! `report` and `picture` tell it, and `command` does all of this for the command line.
+//! `report` and `picture` show it, and `command` does all of this for the command line.
 
 pub mod command;
+pub mod data;
 pub mod fit;
 pub mod optimiser;
 pub mod parameter;
@@ -14,4 +15,3 @@ pub mod search;
 pub mod sensor_model;
 pub mod start;
 pub mod statistics;
-pub mod trace;

@@ -10,16 +10,16 @@ use basin::{
 };
 use nalgebra::{DMatrix, DVector};
 
-use super::fit::{Columns, Fit, mean_square};
+use super::fit::{Derivatives, Fit, mean_square};
 use super::parameter::Inequality;
 
 /// Rounds of sequential quadratic programming.
 const ROUNDS_MAX: u32 = 30;
 /// Iterations of one round; with more, BFGS has to find out what new coordinates know.
 const ITERATIONS_PER_ROUND: u64 = 3;
-/// A round that lowers the mean square by less than this part was the last: far less than one sample of thousands tells.
+/// A round that lowers the mean square by less than this part was the last: far less than one sample of thousands weighs.
 const PROGRESS_MIN: f64 = 1e-6;
-/// Smallest singular value that scales a direction, by the largest: it bounds the steps along what the data hardly tell.
+/// Smallest singular value that scales a direction, by the largest: it bounds the steps along what the data hardly determine.
 const SCALE_MIN: f64 = 1e-8;
 /// Accuracy of a round, by its first cost.
 const ACCURACY: f64 = 1e-9;
@@ -41,8 +41,8 @@ pub struct Optimum {
     pub has_converged: bool,
 }
 
-/// Told of every gradient: number of the iteration, RMS of the residual in metres.
-pub type Progress<'a> = &'a dyn Fn(u64, f64);
+/// Called at every gradient: number of the iteration, RMS of the residual in metres.
+pub type OnIteration<'a> = &'a dyn Fn(u64, f64);
 
 /// Sequential quadratic programming (Kraft's SLSQP) with bounds and order, in rounds. Each round has coordinates of its
 /// own, in which the Gauss-Newton approximation of the Hessian is the identity, since BFGS alone is slow in the long
@@ -51,7 +51,7 @@ pub type Progress<'a> = &'a dyn Fn(u64, f64);
 pub fn sequential_quadratic_programming(
     fit: &Fit<'_>,
     start: &[f64],
-    progress: Progress<'_>,
+    progress: OnIteration<'_>,
 ) -> Option<Optimum> {
     let mut best = Optimum {
         values: start.to_vec(),
@@ -77,7 +77,7 @@ pub fn sequential_quadratic_programming(
     Some(best)
 }
 
-fn round(fit: &Fit<'_>, from: &Optimum, progress: Progress<'_>) -> Option<Optimum> {
+fn round(fit: &Fit<'_>, from: &Optimum, progress: OnIteration<'_>) -> Option<Optimum> {
     let coordinates = Coordinates::new(fit, from)?;
     let constraints = ConstraintSet::new().with_linear_inequalities(coordinates.constraints(fit));
     let problem = Round {
@@ -190,7 +190,7 @@ struct Round<'a> {
     coordinates: &'a Coordinates,
     /// The residual at the latest place, which the gradient needs again.
     latest: RefCell<Option<(Vec<f64>, Vec<f64>)>>,
-    progress: Progress<'a>,
+    progress: OnIteration<'a>,
     iterations: Cell<u64>,
 }
 
@@ -347,7 +347,7 @@ fn at_fractions(fit: &Fit<'_>, place: &[f64]) -> Vec<f64> {
 
 /// Columns as a matrix.
 #[must_use]
-pub fn to_matrix(columns: &Columns) -> DMatrix<f64> {
+pub fn to_matrix(columns: &Derivatives) -> DMatrix<f64> {
     let rows = columns.first().map_or(0, Vec::len);
     DMatrix::from_fn(rows, columns.len(), |row, column| columns[column][row])
 }

@@ -1,15 +1,19 @@
 //! The fit as a picture: measured and simulated position above, their difference below.
 
-use super::trace::Trace;
+use super::data::IdentificationData;
 use report::picture;
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
 
 /// The picture of one recording as SVG: what was measured, and what the sensor should show with the start values and
 /// with those found.
-pub(crate) fn to_svg(trace: &Trace, start_metres: &[f64], fitted_metres: &[f64]) -> String {
-    let times = &trace.times_seconds;
+pub(crate) fn to_svg(
+    measurement: &IdentificationData,
+    start_metres: &[f64],
+    fitted_metres: &[f64],
+) -> String {
+    let times = &measurement.times_seconds;
     let millimetres = |metres: &[f64]| metres.iter().map(|metres| 1e3 * metres).collect();
-    let measured: Vec<f64> = millimetres(&trace.positions_metres);
+    let measured: Vec<f64> = millimetres(&measurement.positions_metres);
     let start: Vec<f64> = millimetres(start_metres);
     let fitted: Vec<f64> = millimetres(fitted_metres);
     let mut positions = Plot::over_time("Position", "mm");
@@ -22,7 +26,7 @@ pub(crate) fn to_svg(trace: &Trace, start_metres: &[f64], fitted_metres: &[f64])
     let residual: Vec<f64> = pairs
         .map(|(measured, fitted)| 1e3 * (measured - fitted))
         .collect();
-    let half_a_step = 0.5e6 * trace.sensor_step_metres();
+    let half_a_step = 0.5e6 * measurement.sensor_step_metres();
     let mut difference = Plot::over_time("Measured − found, and half a step of the sensor", "µm");
     difference.patches.push(Patch {
         class: "band",

@@ -3,7 +3,7 @@
 use comfy_table::{Table, presets};
 
 use super::fit::Fit;
-use super::search::{Detour, Found};
+use super::search::{Detour, Solution};
 use super::statistics::Estimate;
 
 /// A temperature is determined when its standard error is within this.
@@ -14,9 +14,9 @@ const DETERMINED_PART: f64 = 0.05;
 const CORRELATION_NAMED: f64 = 0.95;
 /// Independent residuals would make the standard errors too small by this factor before it is worth a warning.
 const DEPENDENCE_NAMED: f64 = 1.5;
-/// The combinations that are told, from the worst on.
+/// The combinations that are reported, from the worst on.
 const COMBINATIONS: [&str; 2] = ["worst", "second worst"];
-/// A combination is told for a change of this part in its largest component.
+/// A combination is reported for a change of this part in its largest component.
 const EXAMPLE_PART: f64 = 0.1;
 /// Shifts by the sensor above this part of a value are named.
 const SHIFT_NAMED: f64 = 1e-3;
@@ -25,15 +25,19 @@ const AT_BOUND: f64 = 1e-6;
 
 /// The whole report.
 #[must_use]
-pub fn markdown(fit: &Fit<'_>, found: &Found, notes: &[String]) -> String {
+pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
     let mut text = String::from("# Identification\n\n");
-    for trace in fit.traces {
+    for measurement in fit.measurements {
         text += &format!(
             "- `{}`: {}, {:.1} s, {} positions\n",
-            trace.path.display(),
-            trace.scenario.name,
-            trace.times_seconds.last().copied().unwrap_or_default(),
-            trace.positions_metres.len()
+            measurement.path.display(),
+            measurement.scenario.name,
+            measurement
+                .times_seconds
+                .last()
+                .copied()
+                .unwrap_or_default(),
+            measurement.positions_metres.len()
         );
     }
     for note in notes {
@@ -62,7 +66,7 @@ pub fn markdown(fit: &Fit<'_>, found: &Found, notes: &[String]) -> String {
 
 /// What a terminal shows.
 #[must_use]
-pub fn summary(fit: &Fit<'_>, found: &Found) -> String {
+pub fn summary(fit: &Fit<'_>, found: &Solution) -> String {
     let mut lines = search(fit, found);
     lines.push(explanation(found));
     lines.extend(undetermined(fit, found));
@@ -80,7 +84,7 @@ fn empty_table() -> Table {
     table
 }
 
-fn result_table(fit: &Fit<'_>, found: &Found) -> Table {
+fn result_table(fit: &Fit<'_>, found: &Solution) -> Table {
     let mut table = empty_table();
     table.set_header([
         "parameter",
@@ -115,7 +119,7 @@ fn percent(part: f64, estimate: &Estimate) -> f64 {
     100.0 * part / estimate.value.abs()
 }
 
-fn search(fit: &Fit<'_>, found: &Found) -> Vec<String> {
+fn search(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     let mut lines = Vec::new();
     if let Some((detour, origin)) = &found.descent.detour {
         let names = fit.parameters.iter().zip(origin);
@@ -176,7 +180,7 @@ fn search(fit: &Fit<'_>, found: &Found) -> Vec<String> {
     lines
 }
 
-fn explanation(found: &Found) -> String {
+fn explanation(found: &Solution) -> String {
     let statistics = &found.statistics;
     let (residual, sensor) = (
         statistics.residual_metres_rms * 1e6,
@@ -206,7 +210,7 @@ fn is_determined(unit: &str, estimate: &Estimate) -> bool {
     }
 }
 
-fn undetermined(fit: &Fit<'_>, found: &Found) -> Vec<String> {
+fn undetermined(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     let mut lines = Vec::new();
     for (parameter, estimate) in fit.parameters.iter().zip(&found.statistics.estimates) {
         if !is_determined(parameter.unit, estimate) {
@@ -235,7 +239,7 @@ fn undetermined(fit: &Fit<'_>, found: &Found) -> Vec<String> {
 }
 
 /// The worst determined combinations, with what they do to the position.
-fn weakest(fit: &Fit<'_>, found: &Found) -> Vec<String> {
+fn weakest(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     let statistics = &found.statistics;
     let combinations = statistics
         .directions
@@ -278,7 +282,7 @@ fn combination(fit: &Fit<'_>, name: &str, direction: &[f64], singular_value_metr
     )
 }
 
-fn correlated(fit: &Fit<'_>, found: &Found) -> Option<String> {
+fn correlated(fit: &Fit<'_>, found: &Solution) -> Option<String> {
     let count = fit.parameters.len();
     let pairs = (0..count).flat_map(|row| (0..row).map(move |column| (row, column)));
     let named = pairs.filter_map(|(row, column)| {
@@ -296,7 +300,7 @@ fn correlated(fit: &Fit<'_>, found: &Found) -> Option<String> {
     })
 }
 
-fn errors(fit: &Fit<'_>, found: &Found) -> Vec<String> {
+fn errors(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     let mut lines = vec![
         "The standard errors allow for residuals that depend on their neighbours within 1 s (Newey and West) and for the steps of \
          the sensor; they hold where the model explains the data."
@@ -324,7 +328,7 @@ fn is_shifted(estimate: &Estimate) -> bool {
 }
 
 /// Where quantisation moves an estimate by more than the usual standard error.
-fn shift_warning(fit: &Fit<'_>, found: &Found) -> Option<String> {
+fn shift_warning(fit: &Fit<'_>, found: &Solution) -> Option<String> {
     let estimates = fit.parameters.iter().zip(&found.statistics.estimates);
     let shifted = estimates.filter(|(_, estimate)| is_shifted(estimate));
     let shifted: Vec<String> = shifted
@@ -351,7 +355,7 @@ fn shift_warning(fit: &Fit<'_>, found: &Found) -> Option<String> {
     })
 }
 
-fn correlation_table(fit: &Fit<'_>, found: &Found) -> Table {
+fn correlation_table(fit: &Fit<'_>, found: &Solution) -> Table {
     let mut table = empty_table();
     let symbols = fit.parameters.iter().map(|parameter| parameter.symbol);
     table.set_header(std::iter::once("").chain(symbols));

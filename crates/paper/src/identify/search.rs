@@ -1,9 +1,9 @@
 //! The search: from start values to the optimum, its cross-check and its statistics.
 
 use super::fit::Fit;
-use super::optimiser::{self, Optimum, Progress};
+use super::optimiser::{self, OnIteration, Optimum};
 use super::start;
-use super::statistics::{Statistics, sensor_metres_rms};
+use super::statistics::{FitStatistics, sensor_metres_rms};
 
 /// A residual so many times what the sensor leaves is worth a second attempt from elsewhere.
 const POOR_MISFIT: f64 = 3.0;
@@ -51,7 +51,7 @@ pub struct Descent {
 
 /// What was found.
 #[derive(Clone, Debug)]
-pub struct Found {
+pub struct Solution {
     /// The start values that were asked for.
     pub start: Vec<f64>,
     /// Sequential quadratic programming.
@@ -63,10 +63,10 @@ pub struct Found {
     /// True when the second optimiser came lower, and the first one went on from there.
     pub is_continued: bool,
     /// What the optimum is worth.
-    pub statistics: Statistics,
+    pub statistics: FitStatistics,
 }
 
-impl Found {
+impl Solution {
     /// Largest distance of the two optima in standard errors.
     #[must_use]
     pub fn disagreement(&self) -> Option<f64> {
@@ -100,7 +100,11 @@ impl Found {
 ///
 /// # Errors
 /// The start is not admissible, or no plant within the bounds can explain any motion.
-pub fn search(fit: &Fit<'_>, start: &[f64], progress: Progress<'_>) -> Result<Found, SearchError> {
+pub fn search(
+    fit: &Fit<'_>,
+    start: &[f64],
+    progress: OnIteration<'_>,
+) -> Result<Solution, SearchError> {
     let mut descent = descend(fit, start, progress)?;
     let origin = descent.detour.as_ref().map_or(start, |(_, origin)| origin);
     let lowest = descent.optimum.mean_square;
@@ -129,8 +133,8 @@ pub fn search(fit: &Fit<'_>, start: &[f64], progress: Progress<'_>) -> Result<Fo
         };
     }
     let statistics =
-        Statistics::new(fit, &descent.optimum.values).ok_or_else(|| no_derivative(fit))?;
-    Ok(Found {
+        FitStatistics::new(fit, &descent.optimum.values).ok_or_else(|| no_derivative(fit))?;
+    Ok(Solution {
         is_continued,
         start: start.to_vec(),
         descent,
@@ -148,7 +152,7 @@ pub fn search(fit: &Fit<'_>, start: &[f64], progress: Progress<'_>) -> Result<Fo
 pub fn descend(
     fit: &Fit<'_>,
     start: &[f64],
-    progress: Progress<'_>,
+    progress: OnIteration<'_>,
 ) -> Result<Descent, SearchError> {
     check_start(fit, start)?;
     if !start::lifts(fit, start) {
@@ -191,7 +195,7 @@ fn is_poor(fit: &Fit<'_>, optimum: &Optimum) -> bool {
 fn second_attempt(
     fit: &Fit<'_>,
     first: &Optimum,
-    progress: Progress<'_>,
+    progress: OnIteration<'_>,
 ) -> Option<(Vec<f64>, Optimum)> {
     let origin = start::scan(fit)?;
     let second = descend_from(fit, &origin, progress)?;
@@ -199,7 +203,7 @@ fn second_attempt(
 }
 
 /// Coarse steps of integration first, since they are cheap; the end is found with the fit's own.
-fn descend_from(fit: &Fit<'_>, origin: &[f64], progress: Progress<'_>) -> Option<Optimum> {
+fn descend_from(fit: &Fit<'_>, origin: &[f64], progress: OnIteration<'_>) -> Option<Optimum> {
     let near = optimiser::sequential_quadratic_programming(&fit.coarse(), origin, progress)?;
     if fit.is_coarse() {
         return Some(near);

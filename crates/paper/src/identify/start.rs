@@ -103,7 +103,7 @@ impl Start {
     }
 }
 
-/// True when the load of the simulated plant leaves its stop. Where it does not, no derivative tells where to go.
+/// True when the load of the simulated plant leaves its stop. Where it does not, no derivative shows where to go.
 #[must_use]
 pub fn lifts(fit: &Fit<'_>, values: &[f64]) -> bool {
     let positions = fit.simulated_metres(values).unwrap_or_default();

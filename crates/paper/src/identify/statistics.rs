@@ -5,10 +5,10 @@ use plant_emulator::sensor::PositionSensor;
 use scenario::plant::Sensor;
 use serde::Serialize;
 
-use super::fit::{Columns, Fit, rms};
+use super::data::IdentificationData;
+use super::fit::{Derivatives, Fit, rms};
 use super::optimiser::to_matrix;
 use super::sensor_model::SensorModel;
-use super::trace::Trace;
 
 /// Residuals within this time of each other are taken as dependent.
 const CORRELATION_SECONDS: f64 = 1.0;
@@ -22,7 +22,7 @@ const RANK_TOLERANCE: f64 = 1e-12;
 /// One parameter's estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Estimate {
-    /// The estimate: the least squares, less the shift by the sensor where [`Statistics::is_corrected`].
+    /// The estimate: the least squares, less the shift by the sensor where [`FitStatistics::is_corrected`].
     pub value: f64,
     /// Where the search ended.
     pub least_squares: f64,
@@ -37,7 +37,7 @@ pub struct Estimate {
 
 /// What an estimate is worth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Statistics {
+pub struct FitStatistics {
     /// One per parameter.
     pub estimates: Vec<Estimate>,
     /// Correlation of each pair of estimates, from `(JᵀJ)⁻¹`.
@@ -56,7 +56,7 @@ pub struct Statistics {
     pub sensor_metres_rms: f64,
 }
 
-impl Statistics {
+impl FitStatistics {
     /// Of an estimate. `None` where the model has no derivative.
     #[must_use]
     pub fn new(fit: &Fit<'_>, values: &[f64]) -> Option<Self> {
@@ -155,7 +155,7 @@ struct Linear {
 }
 
 impl Linear {
-    fn new(columns: &Columns, sizes: Vec<f64>) -> Option<Self> {
+    fn new(columns: &Derivatives, sizes: Vec<f64>) -> Option<Self> {
         let mut jacobian = to_matrix(columns);
         for (mut column, size) in jacobian.column_iter_mut().zip(&sizes) {
             column *= *size;
@@ -196,12 +196,12 @@ impl Linear {
         let count = self.sizes.len();
         let mut spread = DMatrix::zeros(count, count);
         let mut first = 0;
-        for trace in fit.traces {
-            let rows = trace.positions_metres.len();
+        for measurement in fit.measurements {
+            let rows = measurement.positions_metres.len();
             let scores = DMatrix::from_fn(rows, count, |row, column| {
                 self.jacobian[(first + row, column)] * residual[first + row]
             });
-            spread += long_run_spread(&scores, lags(trace));
+            spread += long_run_spread(&scores, lags(measurement));
             first += rows;
         }
         self.unscaled(&(&self.inverse * spread * &self.inverse))
@@ -250,11 +250,11 @@ impl Linear {
 }
 
 /// Samples within [`CORRELATION_SECONDS`].
-fn lags(trace: &Trace) -> usize {
-    let Some(first) = trace.times_seconds.first() else {
+fn lags(measurement: &IdentificationData) -> usize {
+    let Some(first) = measurement.times_seconds.first() else {
         return 0;
     };
-    trace
+    measurement
         .times_seconds
         .iter()
         .take_while(|time| *time - first < CORRELATION_SECONDS)
@@ -327,9 +327,9 @@ impl Replicas {
 }
 
 fn is_noisy(fit: &Fit<'_>) -> bool {
-    fit.traces
+    fit.measurements
         .iter()
-        .any(|trace| trace.sensor.noise_millimetres_rms > 0.0)
+        .any(|measurement| measurement.sensor.noise_millimetres_rms > 0.0)
 }
 
 /// RMS of the residual that the sensor alone would leave for this motion.
@@ -341,13 +341,18 @@ pub fn sensor_metres_rms(fit: &Fit<'_>, true_metres: &[f64]) -> f64 {
 /// Measured less expected positions for one emulated measurement; replica 0 is exactly the fitted motion.
 fn sensor_errors(fit: &Fit<'_>, true_metres: &[f64], replica: u32) -> Vec<f64> {
     let mut positions = true_metres.iter();
-    let errors = fit.traces.iter().flat_map(|trace| {
+    let errors = fit.measurements.iter().flat_map(|measurement| {
         let own: Vec<f64> = positions
             .by_ref()
-            .take(trace.positions_metres.len())
+            .take(measurement.positions_metres.len())
             .copied()
             .collect();
-        trace_errors(&trace.sensor, &own, trace.sensor_step_metres(), replica)
+        trace_errors(
+            &measurement.sensor,
+            &own,
+            measurement.sensor_step_metres(),
+            replica,
+        )
     });
     errors.collect()
 }

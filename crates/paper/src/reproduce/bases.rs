@@ -2,7 +2,7 @@
 
 use scenario::Scenario;
 
-use campaigns::sweep::plan::Plan;
+use campaigns::sweep::plan::SweepPlan;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
 
@@ -43,11 +43,11 @@ bases!(
 );
 
 /// `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
-pub(super) fn plants() -> Plan {
+pub(super) fn plants() -> SweepPlan {
     let text = include_str!("../../../../scenarios/sweeps/plants.toml");
     let setup = Setup::of(parse("plants.toml", text), catalogue());
     let setup = setup.from_file("plants.toml", text.to_owned());
-    Plan::new(&setup).expect("a test plays every plant")
+    SweepPlan::new(&setup).expect("a test plays every plant")
 }
 
 fn parse(name: &str, text: &str) -> Scenario {

@@ -7,12 +7,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use serde::Serialize;
 
 use super::experiment::{Effort, Experiment, Kept};
-use super::finding::Finding;
-use super::number::Number;
+use super::quantity::Quantity;
+use super::result::ExperimentResult;
 use super::{material, page, response, robustness, sensitivity};
-use campaigns::campaign::{Campaign, Fault, Interrupted};
+use campaigns::campaign::{Campaign, FailedRun, Interrupted};
 use recording::run_folder::{RunFolder, WriteError, file};
-use runner::console::{Activity, complain, say};
+use runner::console::{Spinner, print, print_error};
 use runner::exit::Exit;
 use runner::observer::observed;
 
@@ -63,21 +63,21 @@ pub fn reproduce(args: &ReproduceArgs) -> Exit {
     let Ok(runs) = play(&experiments, is_shown) else {
         return Exit::Interrupted;
     };
-    let kept: Vec<Kept> = match runs.into_iter().collect::<Result<_, Fault>>() {
+    let kept: Vec<Kept> = match runs.into_iter().collect::<Result<_, FailedRun>>() {
         Ok(kept) => kept,
         Err(fault) => {
-            complain(&format!("canrig: {fault}"));
+            print_error(&format!("canrig: {fault}"));
             return Exit::Internal;
         }
     };
-    let Ok(findings) = evaluated(experiments, kept, is_shown) else {
+    let Ok(results) = evaluated(experiments, kept, is_shown) else {
         return Exit::Interrupted;
     };
-    if let Err(error) = report(args, effort, &findings) {
-        complain(&format!("canrig: {error}"));
+    if let Err(error) = report(args, effort, &results) {
+        print_error(&format!("canrig: {error}"));
         return Exit::BenchFailed;
     }
-    if findings.iter().all(Finding::holds) {
+    if results.iter().all(ExperimentResult::holds) {
         Exit::Pass
     } else {
         Exit::VerdictFailed
@@ -88,7 +88,7 @@ pub fn reproduce(args: &ReproduceArgs) -> Exit {
 fn play(
     experiments: &[Experiment],
     is_shown: bool,
-) -> Result<Vec<Result<Kept, Fault>>, Interrupted> {
+) -> Result<Vec<Result<Kept, FailedRun>>, Interrupted> {
     let runs: Vec<_> = experiments
         .iter()
         .flat_map(|experiment| &experiment.runs)
@@ -102,8 +102,8 @@ fn evaluated(
     experiments: Vec<Experiment>,
     kept: Vec<Kept>,
     is_shown: bool,
-) -> Result<Vec<Finding>, Interrupted> {
-    let (activity, is_interrupted) = (Activity::new(is_shown), AtomicBool::new(false));
+) -> Result<Vec<ExperimentResult>, Interrupted> {
+    let (activity, is_interrupted) = (Spinner::new(is_shown), AtomicBool::new(false));
     let mut kept = kept.into_iter();
     let evaluate = |experiment: Experiment| {
         if is_interrupted.load(Ordering::Relaxed) {
@@ -111,7 +111,7 @@ fn evaluated(
         }
         activity.show(experiment.title);
         let runs: Vec<Kept> = kept.by_ref().take(experiment.runs.len()).collect();
-        Ok(Finding {
+        Ok(ExperimentResult {
             evaluation: (experiment.evaluate)(&runs),
             experiment,
         })
@@ -126,7 +126,7 @@ fn evaluated(
 
 /// What other programs read.
 #[derive(Serialize)]
-struct Numbers<'a> {
+struct ReproductionNumbers<'a> {
     schema: u32,
     version: &'static str,
     is_reduced: bool,
@@ -140,43 +140,47 @@ struct ExperimentNumbers<'a> {
     title: &'static str,
     runs: usize,
     passed: bool,
-    numbers: &'a [Number],
+    numbers: &'a [Quantity],
 }
 
-fn json(effort: Effort, findings: &[Finding]) -> String {
-    let experiments = findings.iter().map(|finding| ExperimentNumbers {
-        id: finding.experiment.id,
-        title: finding.experiment.title,
-        runs: finding.experiment.runs.len(),
-        passed: finding.holds(),
-        numbers: &finding.evaluation.numbers,
+fn json(effort: Effort, results: &[ExperimentResult]) -> String {
+    let experiments = results.iter().map(|result| ExperimentNumbers {
+        id: result.experiment.id,
+        title: result.experiment.title,
+        runs: result.experiment.runs.len(),
+        passed: result.holds(),
+        numbers: &result.evaluation.numbers,
     });
-    let numbers = Numbers {
+    let numbers = ReproductionNumbers {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         is_reduced: effort == Effort::Reduced,
-        passed: findings.iter().all(Finding::holds),
+        passed: results.iter().all(ExperimentResult::holds),
         experiments: experiments.collect(),
     };
     serde_json::to_string_pretty(&numbers).expect("plain data") + "\n"
 }
 
 /// Writes the folder and prints the numbers.
-fn report(args: &ReproduceArgs, effort: Effort, findings: &[Finding]) -> Result<(), WriteError> {
+fn report(
+    args: &ReproduceArgs,
+    effort: Effort,
+    results: &[ExperimentResult],
+) -> Result<(), WriteError> {
     let name = match effort {
         Effort::Full => "reproduction",
         Effort::Reduced => "reproduction reduced",
     };
-    let numbers = json(effort, findings);
+    let numbers = json(effort, results);
     let folder = RunFolder::create(&args.output, name, SEED, &numbers)?;
     folder.write(NUMBERS, numbers.as_bytes())?;
-    let page = page::to_html(effort, findings);
+    let page = page::to_html(effort, results);
     folder.write(file::REPORT, page.as_bytes())?;
     if args.json {
-        say(numbers.trim_end());
-    } else if !args.quiet || !findings.iter().all(Finding::holds) {
-        say(&page::to_text(findings));
-        say(&format!(
+        print(numbers.trim_end());
+    } else if !args.quiet || !results.iter().all(ExperimentResult::holds) {
+        print(&page::to_text(results));
+        print(&format!(
             "page  {}",
             folder.path().join(file::REPORT).display()
         ));

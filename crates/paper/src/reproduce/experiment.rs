@@ -7,8 +7,8 @@ use scenario::controller::{Controller, Pid, SlidingMode, SlidingModePaper};
 use scenario::events::Window;
 use scenario::expect::Expect;
 
-use super::number::Number;
-use crate::identify::trace::Trace;
+use super::quantity::Quantity;
+use crate::identify::data::IdentificationData;
 use campaigns::campaign;
 use judge::verdict::Verdict;
 use recording::timeline::Timeline;
@@ -32,14 +32,14 @@ pub struct Experiment {
     /// What is done and what the paper says of it.
     pub text: &'static str,
     /// What is played.
-    pub runs: Vec<Run>,
+    pub runs: Vec<PlannedRun>,
     /// Numbers and figures of the runs, which come in the same order.
     pub evaluate: fn(&[Kept]) -> Evaluation,
 }
 
 /// A run that an experiment wants.
-pub struct Run {
-    /// What tells it from the others of the experiment.
+pub struct PlannedRun {
+    /// What distinguishes it from the others of the experiment.
     pub label: String,
     /// What is played.
     pub scenario: Scenario,
@@ -55,12 +55,12 @@ pub enum Keep {
     /// The signals in a span of time.
     Signals(Window),
     /// The signals of the whole run, and its positions for identification.
-    Trace,
+    IdentificationData,
 }
 
 /// What is left of a run.
 pub struct Kept {
-    /// As in [`Run`].
+    /// As in [`PlannedRun`].
     pub label: String,
     /// What was played.
     pub scenario: Scenario,
@@ -69,7 +69,7 @@ pub struct Kept {
     /// The signals that were kept.
     pub signals: Signals,
     /// The positions for identification, or why they do not serve.
-    pub trace: Option<Result<Trace, String>>,
+    pub measurement: Option<Result<IdentificationData, String>>,
 }
 
 /// Some signals of a run over time.
@@ -93,11 +93,11 @@ pub struct Signals {
 #[derive(Default)]
 pub struct Evaluation {
     /// Its numbers.
-    pub numbers: Vec<Number>,
+    pub numbers: Vec<Quantity>,
     /// Its plots.
     pub figures: Vec<Figure>,
     /// Numbers that are better seen side by side.
-    pub tables: Vec<Table>,
+    pub tables: Vec<NumberTable>,
 }
 
 /// A plot as data.
@@ -109,7 +109,7 @@ pub struct Figure {
     /// What goes to the right.
     pub x_label: &'static str,
     /// Its curves.
-    pub curves: Vec<Curve>,
+    pub curves: Vec<FigureCurve>,
     /// Where a target lies: a rectangle behind the curves.
     pub target: Option<((f64, f64), (f64, f64))>,
     /// A span of x in which something disturbs.
@@ -117,7 +117,7 @@ pub struct Figure {
 }
 
 /// A curve of a plot.
-pub struct Curve {
+pub struct FigureCurve {
     /// What it shows.
     pub label: String,
     /// Its colour.
@@ -131,7 +131,7 @@ pub struct Curve {
 }
 
 /// A table of numbers.
-pub struct Table {
+pub struct NumberTable {
     /// The heads of its columns.
     pub header: Vec<String>,
     /// Its rows.
@@ -140,7 +140,7 @@ pub struct Table {
 
 /// The laws that are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Law {
+pub enum ComparedLaw {
     /// Ours, with an observer.
     SlidingMode,
     /// As the paper prints it, with errata.
@@ -149,7 +149,7 @@ pub enum Law {
     Pid,
 }
 
-impl Law {
+impl ComparedLaw {
     /// All of them, ours first.
     pub const ALL: [Self; 3] = [Self::SlidingMode, Self::SlidingModePaper, Self::Pid];
 
@@ -207,7 +207,7 @@ impl Law {
     }
 }
 
-impl Run {
+impl PlannedRun {
     /// A scenario as it stands.
     #[must_use]
     pub fn new(label: impl Into<String>, scenario: Scenario, keep: Keep) -> Self {
@@ -220,24 +220,25 @@ impl Run {
 
     /// One run for each law.
     #[must_use]
-    pub fn for_laws(base: &Scenario, laws: &[Law], keep: Keep) -> Vec<Self> {
-        let run = |law: &Law| Self::new(law.name(), law.plays(base), keep);
+    pub fn for_laws(base: &Scenario, laws: &[ComparedLaw], keep: Keep) -> Vec<Self> {
+        let run = |law: &ComparedLaw| Self::new(law.name(), law.plays(base), keep);
         laws.iter().map(run).collect()
     }
 
     /// Takes from a recording what the experiment wants.
     #[must_use]
-    pub fn keep(&self, played: &campaign::Run<'_>) -> Kept {
+    pub fn keep(&self, played: &campaign::CampaignRun<'_>) -> Kept {
         let window = match self.keep {
             Keep::Verdict => None,
             Keep::Signals(window) => Some(window),
-            Keep::Trace => Some(span(0.0, self.scenario.duration_seconds)),
+            Keep::IdentificationData => Some(span(0.0, self.scenario.duration_seconds)),
         };
-        let trace = || {
+        let measurement = || {
             let database = dbc::Database::shipped();
             let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
-            let trace = Trace::from_frames(place, played.frames, scenario, database);
-            trace.map_err(|error| error.to_string())
+            let measurement =
+                IdentificationData::from_frames(place, played.frames, scenario, database);
+            measurement.map_err(|error| error.to_string())
         };
         Kept {
             label: self.label.clone(),
@@ -246,7 +247,7 @@ impl Run {
             signals: window.map_or_else(Signals::default, |window| {
                 Signals::of(played.timeline, window)
             }),
-            trace: (self.keep == Keep::Trace).then(trace),
+            measurement: (self.keep == Keep::IdentificationData).then(measurement),
         }
     }
 }
@@ -352,7 +353,7 @@ impl Figure {
         x: &[f64],
         y: &[f64],
     ) {
-        self.curves.push(Curve {
+        self.curves.push(FigureCurve {
             label: label.into(),
             colour,
             shape,

@@ -29,7 +29,7 @@ pub fn with_cycle(base: &Scenario, milliseconds: f64) -> Scenario {
 }
 
 /// The scenario with another converter at the position sensor. Its resolution is in the sensor's data sheet, so the
-/// observer is told it too.
+/// observer knows it too.
 #[must_use]
 pub fn with_resolution(base: &Scenario, bits: u32) -> Scenario {
     let mut scenario = base.clone();

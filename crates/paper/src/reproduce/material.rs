@@ -4,15 +4,17 @@ use plant_emulator::sma::stress_pascals;
 use scenario::plant::{Mechanics, Plant, StressStrain};
 
 use super::bases;
-use super::experiment::{Effort, Evaluation, Experiment, Figure, Keep, Kept, Run, Signals, span};
+use super::experiment::{
+    Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, Signals, span,
+};
 use super::families::{with_loops_repeated, with_noise};
-use super::number::{Number, at_least, at_most, within};
+use super::quantity::{Quantity, at_least, at_most, within};
+use crate::identify::data::IdentificationData;
 use crate::identify::fit::Fit;
 use crate::identify::parameter::{self, Parameter};
 use crate::identify::search;
 use crate::identify::start::Start;
-use crate::identify::statistics::Statistics;
-use crate::identify::trace::Trace;
+use crate::identify::statistics::FitStatistics;
 use report::plot::{Colour, Shape};
 
 /// Minor loops after the first; they close within 1e-3 after about ten (PAPER E2).
@@ -43,7 +45,7 @@ fn hysteresis() -> Experiment {
         title: "Fig. 5: phase transformation",
         text: "The martensite fraction over the temperature, both as the emulator reports them: the major loop from 0 to 1 A and back, \
                then minor loops. The fraction has no memory of earlier turning points, so a loop is not closed at once, but the loops converge.",
-        runs: vec![Run::new("open loop", scenario, whole)],
+        runs: vec![PlannedRun::new("open loop", scenario, whole)],
         evaluate: |runs| runs.first().map(loops).unwrap_or_default(),
     }
 }
@@ -74,25 +76,25 @@ fn loops(run: &Kept) -> Evaluation {
             .filter(|value| !value.is_nan())
     };
     let numbers = vec![
-        Number::derived(
+        Quantity::derived(
             "martensite_fraction_min",
             "all loops",
             Ok(values().fold(1.0, f64::min)),
             at_least(0.0),
         ),
-        Number::derived(
+        Quantity::derived(
             "martensite_fraction_max",
             "all loops",
             Ok(values().fold(0.0, f64::max)),
             at_most(1.0),
         ),
-        Number::derived(
+        Quantity::derived(
             "gap_of_the_last_loop",
             "minor loops",
             gaps.last().copied().ok_or_else(|| "no loops".to_owned()),
             at_most(CLOSED),
         ),
-        Number::derived(
+        Quantity::derived(
             "loops_until_closed_to_0.001",
             "minor loops",
             closed_after.ok_or_else(|| "never closed".to_owned()),
@@ -187,7 +189,7 @@ fn stresses() -> Evaluation {
     let plateau = stress_pascals(&law, 1.0, strain_max) / 1e6;
     let expected = law.martensite_modulus_pascals * law.martensite_yield_strain / 1e6;
     Evaluation {
-        numbers: vec![Number::derived(
+        numbers: vec![Quantity::derived(
             "martensite_stress_megapascals_max",
             "full law",
             Ok(plateau),
@@ -201,11 +203,15 @@ fn stresses() -> Evaluation {
 fn identification(effort: Effort) -> Experiment {
     let excitation = bases::identify_excitation();
     let mut runs = vec![
-        Run::new("ramp", bases::ramp(), Keep::Trace),
-        Run::new(RICH, excitation.clone(), Keep::Trace),
+        PlannedRun::new("ramp", bases::ramp(), Keep::IdentificationData),
+        PlannedRun::new(RICH, excitation.clone(), Keep::IdentificationData),
     ];
     if effort == Effort::Full {
-        runs.push(Run::new(NOISY, with_noise(&excitation, 1.0), Keep::Trace));
+        runs.push(PlannedRun::new(
+            NOISY,
+            with_noise(&excitation, 1.0),
+            Keep::IdentificationData,
+        ));
     }
     Experiment {
         id: "identification",
@@ -234,7 +240,7 @@ fn identified(runs: &[Kept]) -> Evaluation {
     for run in rich {
         match search(run) {
             Err(reason) => {
-                let failed = Number::derived(
+                let failed = Quantity::derived(
                     "identification",
                     run.label.as_str(),
                     Err(reason),
@@ -259,16 +265,20 @@ fn parameters() -> Vec<&'static Parameter> {
     parameter::parse_list(&symbols.join(",")).unwrap_or_default()
 }
 
-fn trace(run: &Kept) -> Result<&Trace, String> {
-    match &run.trace {
-        Some(Ok(trace)) => Ok(trace),
+fn measurement(run: &Kept) -> Result<&IdentificationData, String> {
+    match &run.measurement {
+        Some(Ok(measurement)) => Ok(measurement),
         Some(Err(reason)) => Err(reason.clone()),
         None => Err("nothing was kept of the run".to_owned()),
     }
 }
 
-fn fit(trace: &Trace) -> Fit<'_> {
-    Fit::new(std::slice::from_ref(trace), parameters(), Plant::default())
+fn fit(measurement: &IdentificationData) -> Fit<'_> {
+    Fit::new(
+        std::slice::from_ref(measurement),
+        parameters(),
+        Plant::default(),
+    )
 }
 
 /// The values of Sec. 3.
@@ -278,14 +288,14 @@ fn a_priori(fit: &Fit<'_>) -> Result<Vec<f64>, String> {
 }
 
 fn search(run: &Kept) -> Result<Vec<f64>, String> {
-    let fit = fit(trace(run)?);
+    let fit = fit(measurement(run)?);
     let found =
         search::search(&fit, &a_priori(&fit)?, &|_, _| {}).map_err(|error| error.to_string())?;
     Ok(found.statistics.values())
 }
 
 /// The values found, beside those that the recording was made with.
-fn found(of: &str, values: &[f64]) -> Vec<Number> {
+fn found(of: &str, values: &[f64]) -> Vec<Quantity> {
     let truth = Plant::default();
     let numbers = parameters().into_iter().zip(values).zip(IDENTIFIED);
     let numbers = numbers.map(|((parameter, value), (_, paper))| {
@@ -296,7 +306,7 @@ fn found(of: &str, values: &[f64]) -> Vec<Number> {
         };
         let truth = parameter.get(&truth);
         let target = within(truth, tolerance);
-        Number::derived(parameter.key(), of, Ok(*value), target).beside(paper)
+        Quantity::derived(parameter.key(), of, Ok(*value), target).beside(paper)
     });
     numbers.collect()
 }
@@ -308,15 +318,15 @@ fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Figure> {
         ("Position under ramp, staircase and fan", rich),
     ];
     let figure = |(title, run): (&str, &Kept)| {
-        let trace = trace(run).ok()?;
-        let fit = fit(trace);
+        let measurement = measurement(run).ok()?;
+        let fit = fit(measurement);
         let millimetres =
             |metres: &[f64]| -> Vec<f64> { metres.iter().map(|metres| metres * 1e3).collect() };
         let simulated = |values: &[f64]| {
             fit.simulated_metres(values)
                 .map(|metres| millimetres(&metres))
         };
-        let times = &trace.times_seconds;
+        let times = &measurement.times_seconds;
         let mut figure = Figure::new(title, "mm", "time (s)");
         figure.line(
             "Sec. 3 values",
@@ -328,7 +338,7 @@ fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Figure> {
             "measured",
             Colour::Measured,
             times,
-            &millimetres(&trace.positions_metres),
+            &millimetres(&measurement.positions_metres),
         );
         figure.draw(
             "identified",
@@ -343,10 +353,10 @@ fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Figure> {
 }
 
 /// How well the ramp alone would determine the parameters.
-fn undetermined(ramp: &Kept, values: &[f64]) -> Vec<Number> {
-    let statistics = trace(ramp).and_then(|trace| {
-        let fit = fit(trace);
-        let statistics = Statistics::new(&fit, values);
+fn undetermined(ramp: &Kept, values: &[f64]) -> Vec<Quantity> {
+    let statistics = measurement(ramp).and_then(|measurement| {
+        let fit = fit(measurement);
+        let statistics = FitStatistics::new(&fit, values);
         statistics.ok_or_else(|| "the position does not depend on them".to_owned())
     });
     let of_rich = parameters().into_iter().zip(values).enumerate();
@@ -355,7 +365,7 @@ fn undetermined(ramp: &Kept, values: &[f64]) -> Vec<Number> {
             .as_ref()
             .map(|statistics| 100.0 * statistics.estimates[place].standard_error / value);
         let of = format!("{}, from the ramp alone", parameter.symbol);
-        Number::derived(
+        Quantity::derived(
             "standard_error_percent",
             of,
             error.map_err(Clone::clone),

@@ -3,13 +3,13 @@
 use comfy_table::{Cell, CellAlignment};
 use maud::{Markup, html};
 
-use super::experiment::{Effort, Figure, Table};
-use super::finding::Finding;
-use super::number::Number;
+use super::experiment::{Effort, Figure, NumberTable};
+use super::quantity::Quantity;
+use super::result::ExperimentResult;
 use judge::verdict::Outcome;
 use report::page;
 use report::plot::{Extent, Patch, Plot};
-use report::terminal::{empty_table, limit, measured, result};
+use report::terminal::{self, empty_table, limit, measured};
 
 /// What a reader must know before the first number.
 const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on shape memory alloys actuators\", played on the emulated \
@@ -20,21 +20,17 @@ const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on 
 
 /// The page.
 #[must_use]
-pub fn to_html(effort: Effort, findings: &[Finding]) -> String {
-    let numbers = || {
-        findings
-            .iter()
-            .flat_map(|finding| &finding.evaluation.numbers)
-    };
+pub(crate) fn to_html(effort: Effort, results: &[ExperimentResult]) -> String {
+    let numbers = || results.iter().flat_map(|result| &result.evaluation.numbers);
     let judged = numbers()
         .filter(|number| number.metric.passed.is_some())
         .count();
     let met = numbers()
         .filter(|number| number.metric.passed == Some(true))
         .count();
-    let runs: usize = findings
+    let runs: usize = results
         .iter()
-        .map(|finding| finding.experiment.runs.len())
+        .map(|result| result.experiment.runs.len())
         .sum();
     let title = format!("The paper, reproduced: {met} of {judged} targets met");
     let outcome = if met == judged {
@@ -48,21 +44,20 @@ pub fn to_html(effort: Effort, findings: &[Finding]) -> String {
         p.soft { (PREAMBLE) }
         @if effort == Effort::Reduced { p.unsure { "Reduced: fewer plants, frequencies and settings." } }
         dl.facts {
-            div { dt { "experiments" } dd { (findings.len()) } }
+            div { dt { "experiments" } dd { (results.len()) } }
             div { dt { "runs" } dd { (runs) } }
             div { dt { "canrig" } dd { (env!("CARGO_PKG_VERSION")) } }
         }
         h2 { "Targets" }
-        (summary(findings))
-        @for finding in findings { (section(finding)) }
+        (summary(results))
+        @for result in results { (section(result)) }
     };
     page::page(&title, &body)
 }
 
-/// All numbers that the paper or a target speaks of.
 /// The numbers of a reproduction that the paper or a target speaks of.
 #[must_use]
-pub fn to_text(findings: &[Finding]) -> String {
+pub(crate) fn to_text(results: &[ExperimentResult]) -> String {
     let header = [
         "experiment",
         "quantity",
@@ -73,34 +68,34 @@ pub fn to_text(findings: &[Finding]) -> String {
         "result",
     ];
     let mut table = empty_table(header);
-    for finding in findings {
-        let numbers = finding.evaluation.numbers.iter();
+    for result in results {
+        let numbers = result.evaluation.numbers.iter();
         for number in numbers.filter(|number| number.is_compared()) {
             table.add_row([
-                Cell::new(finding.experiment.id),
+                Cell::new(result.experiment.id),
                 Cell::new(number.name()),
                 Cell::new(&number.of),
                 Cell::new(number.paper.unwrap_or_default()),
                 Cell::new(limit(number.metric.limit)),
                 Cell::new(measured(&number.metric)).set_alignment(CellAlignment::Right),
-                result(&number.metric, Outcome::Pass),
+                terminal::result(&number.metric, Outcome::Pass),
             ]);
         }
     }
-    let holds = findings.iter().all(Finding::holds);
+    let holds = results.iter().all(ExperimentResult::holds);
     let outcome = if holds { Outcome::Pass } else { Outcome::Fail };
     format!("{table}\n{}", outcome.word())
 }
 
-fn summary(findings: &[Finding]) -> Markup {
+fn summary(results: &[ExperimentResult]) -> Markup {
     html! {
         div.wide { table {
             thead { tr { th { "experiment" } (head()) } }
-            tbody { @for finding in findings {
-                @let compared: Vec<&Number> = finding.evaluation.numbers.iter().filter(|number| number.is_compared()).collect();
+            tbody { @for result in results {
+                @let compared: Vec<&Quantity> = result.evaluation.numbers.iter().filter(|number| number.is_compared()).collect();
                 @for (place, number) in compared.iter().enumerate() { tr {
                     @if place == 0 {
-                        td.name rowspan=(compared.len()) { a href=(format!("#{}", finding.experiment.id)) { (finding.experiment.title) } }
+                        td.name rowspan=(compared.len()) { a href=(format!("#{}", result.experiment.id)) { (result.experiment.title) } }
                     }
                     (cells(number))
                 } }
@@ -109,8 +104,8 @@ fn summary(findings: &[Finding]) -> Markup {
     }
 }
 
-fn section(finding: &Finding) -> Markup {
-    let (experiment, evaluation) = (&finding.experiment, &finding.evaluation);
+fn section(result: &ExperimentResult) -> Markup {
+    let (experiment, evaluation) = (&result.experiment, &result.evaluation);
     html! {
         h2 id=(experiment.id) { (experiment.title) }
         p { (experiment.text) }
@@ -131,7 +126,7 @@ fn head() -> Markup {
     html! { th { "quantity" } th { "of" } th.number { "paper" } th.number { "target" } th.number { "measured" } th { "result" } }
 }
 
-fn cells(number: &Number) -> Markup {
+fn cells(number: &Quantity) -> Markup {
     html! {
         td.name { (number.name()) }
         td { (number.of) }
@@ -142,7 +137,7 @@ fn cells(number: &Number) -> Markup {
     }
 }
 
-fn plain(table: &Table) -> Markup {
+fn plain(table: &NumberTable) -> Markup {
     html! {
         div.wide { table {
             thead { tr { @for (place, head) in table.header.iter().enumerate() { th.number[place > 0] { (head) } } } }

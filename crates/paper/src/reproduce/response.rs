@@ -3,9 +3,11 @@
 use scenario::events::Window;
 
 use super::bases;
-use super::experiment::{Effort, Evaluation, Experiment, Figure, Keep, Kept, Law, Run, span};
+use super::experiment::{
+    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, span,
+};
 use super::families::at_frequency;
-use super::number::{Number, Paper, at_least};
+use super::quantity::{Paper, Quantity, at_least};
 use report::plot::{Colour, Shape};
 
 /// Frequencies of the stepped sine. They are close to each other where the bandwidths lie.
@@ -50,7 +52,11 @@ fn step() -> Experiment {
         title: "Fig. 11: step of 25 mm from a warm hold",
         text: "10 mm are held for 10 s, then 35 mm are wanted. Settled means within ± 5 % of the step's height for good. The paper does not \
                say where its step starts; from cold no current up to 1 A lifts the load within 0.23 s.",
-        runs: Run::for_laws(&bases::step(), &Law::ALL, Keep::Signals(span(9.9, 11.5))),
+        runs: PlannedRun::for_laws(
+            &bases::step(),
+            &ComparedLaw::ALL,
+            Keep::Signals(span(9.9, 11.5)),
+        ),
         evaluate: |runs| {
             let paper = [
                 ("settling_time_seconds", "0.23 s"),
@@ -68,9 +74,9 @@ fn step_cold() -> Experiment {
         title: "Step of 25 mm from cold",
         text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position tells \
                nothing of the wire. The best that a search with full knowledge of the plant found is 0.39 s.",
-        runs: Run::for_laws(
+        runs: PlannedRun::for_laws(
             &bases::step_cold(),
-            &Law::ALL,
+            &ComparedLaw::ALL,
             Keep::Signals(span(0.0, 2.0)),
         ),
         evaluate: |runs| steps(runs, &[], Some(((0.5, f64::INFINITY), (23.75, 26.25)))),
@@ -82,9 +88,9 @@ fn infeasible() -> Experiment {
         id: "infeasible",
         title: "Recovery from set-points that cannot be followed",
         text: "A sine of 6 Hz and ± 20 mm, then 60 mm, which the stiffened wire cannot reach. Judged is the step to 25 mm after them.",
-        runs: Run::for_laws(
+        runs: PlannedRun::for_laws(
             &bases::infeasible(),
-            &Law::ALL,
+            &ComparedLaw::ALL,
             Keep::Signals(span(4.5, 13.0)),
         ),
         evaluate: |runs| steps(runs, &[], None),
@@ -108,9 +114,9 @@ fn sine_20s() -> Experiment {
         title: "Fig. 12 (a): sine with a period of 20 s",
         text: "25 ± 10 mm; the error counts over the last three of four periods. The paper: \"despite a small oscillation around the \
                set-point, the system follows the reference with good accuracy\".",
-        runs: Run::for_laws(
+        runs: PlannedRun::for_laws(
             &bases::sine_20s(),
-            &Law::ALL,
+            &ComparedLaw::ALL,
             Keep::Signals(span(65.0, 85.0)),
         ),
         evaluate: sine,
@@ -122,9 +128,9 @@ fn sine_5s() -> Experiment {
         id: "sine_5s",
         title: "Fig. 12 (b): sine with a period of 5 s",
         text: "As before, with a period of 5 s.",
-        runs: Run::for_laws(
+        runs: PlannedRun::for_laws(
             &bases::sine_5s(),
-            &Law::ALL,
+            &ComparedLaw::ALL,
             Keep::Signals(span(25.0, 30.0)),
         ),
         evaluate: sine,
@@ -160,7 +166,7 @@ fn bandwidth(effort: Effort) -> Experiment {
         Effort::Full => 1,
         Effort::Reduced => FREQUENCIES_HERTZ.len().div_ceil(FREQUENCIES_REDUCED),
     };
-    let of_law = |law: Law| {
+    let of_law = |law: ComparedLaw| {
         // From the highest on, so that few frequencies still show where the gain falls.
         let frequencies = FREQUENCIES_HERTZ.into_iter().rev().step_by(every);
         let base = law.plays(&base);
@@ -168,7 +174,7 @@ fn bandwidth(effort: Effort) -> Experiment {
             let mut scenario = at_frequency(&base, hertz);
             // The limits of the file are those of its own frequency.
             scenario.expect = scenario::expect::Expect::default();
-            Run::new(law.name(), scenario, Keep::Verdict)
+            PlannedRun::new(law.name(), scenario, Keep::Verdict)
         });
         runs.collect::<Vec<_>>().into_iter().rev()
     };
@@ -179,14 +185,14 @@ fn bandwidth(effort: Effort) -> Experiment {
                position with that of the raw set-point, by least squares. The bandwidth is the last frequency before the gain \
                first falls below 0.708. Near its end the load cannot fall fast enough and hangs above the set-point, so the mean offset counts \
                too. The paper gives its cut-off frequencies without the amplitude.",
-        runs: Law::ALL.into_iter().flat_map(of_law).collect(),
+        runs: ComparedLaw::ALL.into_iter().flat_map(of_law).collect(),
         evaluate: responses,
     }
 }
 
 /// The frequency response under one law.
 struct Response {
-    law: Law,
+    law: ComparedLaw,
     hertz: Vec<f64>,
     gain: Vec<f64>,
     phase_degrees: Vec<f64>,
@@ -194,7 +200,7 @@ struct Response {
 }
 
 impl Response {
-    fn of(law: Law, runs: &[Kept]) -> Self {
+    fn of(law: ComparedLaw, runs: &[Kept]) -> Self {
         let own = || runs.iter().filter(|run| run.label == law.name());
         let values =
             |name: &'static str| own().map(move |run| run.metric(name).unwrap_or(f64::NAN));
@@ -219,7 +225,7 @@ impl Response {
         self.last_by_gain().min(centred)
     }
 
-    fn numbers(&self) -> [Number; 3] {
+    fn numbers(&self) -> [Quantity; 3] {
         let of = self.law.name();
         let value = |values: &[f64], place: Option<usize>| {
             let value = place.and_then(|place| values.get(place));
@@ -228,18 +234,18 @@ impl Response {
                 .ok_or_else(|| "below the lowest frequency".to_owned())
         };
         let bandwidth = value(&self.hertz, self.last_by_gain());
-        let number = |target| Number::derived("bandwidth_hertz", of, bandwidth, target);
+        let number = |target| Quantity::derived("bandwidth_hertz", of, bandwidth, target);
         let bandwidth = match self.law {
-            Law::SlidingMode => number(at_least(2.5)).beside("0.69 Hz"),
-            Law::Pid => number(None).beside("0.37 Hz"),
-            Law::SlidingModePaper => number(None),
+            ComparedLaw::SlidingMode => number(at_least(2.5)).beside("0.69 Hz"),
+            ComparedLaw::Pid => number(None).beside("0.37 Hz"),
+            ComparedLaw::SlidingModePaper => number(None),
         };
         let offset = value(&self.offset_millimetres, self.last_by_gain());
         let centred = value(&self.hertz, self.last_centred());
         [
             bandwidth,
-            Number::derived("offset_at_the_bandwidth_millimetres", of, offset, None),
-            Number::derived(
+            Quantity::derived("offset_at_the_bandwidth_millimetres", of, offset, None),
+            Quantity::derived(
                 "bandwidth_hertz_with_an_offset_within_1_millimetre",
                 of,
                 centred,
@@ -250,7 +256,7 @@ impl Response {
 }
 
 fn responses(runs: &[Kept]) -> Evaluation {
-    let responses = Law::ALL.map(|law| Response::of(law, runs));
+    let responses = ComparedLaw::ALL.map(|law| Response::of(law, runs));
     let figure = |title, unit, values: fn(&Response) -> &[f64]| {
         let mut figure = Figure::new(title, unit, "frequency (Hz)");
         for response in responses.iter().rev() {
@@ -305,8 +311,8 @@ fn fan() -> Experiment {
         let start = start(scenario);
         Keep::Signals(span(start + AROUND_SECONDS.0, start + AROUND_SECONDS.1))
     };
-    let mut runs = Run::for_laws(&closed, &Law::ALL, window(&closed));
-    runs.push(Run::new("open loop", open.clone(), window(&open)));
+    let mut runs = PlannedRun::for_laws(&closed, &ComparedLaw::ALL, window(&closed));
+    runs.push(PlannedRun::new("open loop", open.clone(), window(&open)));
     Experiment {
         id: "fan",
         title: "Fig. 13: a fan blows at the wire",
@@ -322,7 +328,7 @@ fn fan() -> Experiment {
                 &DISTURBANCE_METRICS,
                 &[("maximum_deviation_millimetres", "plot")],
             );
-            numbers.extend(Number::of_verdict(
+            numbers.extend(Quantity::of_verdict(
                 &open.label,
                 &open.verdict,
                 &DISTURBANCE_METRICS[..1],
@@ -347,7 +353,7 @@ fn load() -> Experiment {
         id: "load",
         title: "Another load",
         text: "25 mm are held with 40 g; 10 g are added, and taken off again 5 s later. The deviation is the worse of both.",
-        runs: Run::for_laws(&base, &Law::ALL, Keep::Signals(span(9.5, 17.0))),
+        runs: PlannedRun::for_laws(&base, &ComparedLaw::ALL, Keep::Signals(span(9.5, 17.0))),
         evaluate: |runs| {
             let coloured = coloured(runs);
             Evaluation {
@@ -404,21 +410,23 @@ fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Figure {
 /// Each run with the colour of its law; the labels are the laws' names.
 fn coloured(runs: &[Kept]) -> Vec<(&Kept, Colour)> {
     let colour = |run: &Kept| {
-        let law = Law::ALL.into_iter().find(|law| law.name() == run.label);
-        law.map_or(Colour::Wanted, Law::colour)
+        let law = ComparedLaw::ALL
+            .into_iter()
+            .find(|law| law.name() == run.label);
+        law.map_or(Colour::Wanted, ComparedLaw::colour)
     };
     runs.iter().map(|run| (run, colour(run))).collect()
 }
 
 /// These metrics of each run; the paper's numbers stand beside those of `sliding_mode`.
-fn numbers(runs: &[Kept], metrics: &[&str], paper: &Paper) -> Vec<Number> {
+fn numbers(runs: &[Kept], metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
     let of_run = |run: &Kept| {
-        let paper = if run.label == Law::SlidingMode.name() {
+        let paper = if run.label == ComparedLaw::SlidingMode.name() {
             paper
         } else {
             &[]
         };
-        Number::of_verdict(&run.label, &run.verdict, metrics, paper)
+        Quantity::of_verdict(&run.label, &run.verdict, metrics, paper)
     };
     runs.iter().flat_map(of_run).collect()
 }
@@ -431,7 +439,7 @@ mod tests {
     fn the_bandwidth_ends_where_the_gain_first_falls_or_the_mean_leaves() {
         let response = |gain: &[f64], offset: &[f64]| {
             let response = Response {
-                law: Law::Pid,
+                law: ComparedLaw::Pid,
                 hertz: vec![0.5, 1.0, 2.0, 3.0],
                 gain: gain.to_vec(),
                 phase_degrees: Vec::new(),

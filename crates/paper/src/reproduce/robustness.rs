@@ -4,8 +4,10 @@ use scenario::Scenario;
 use scenario::expect::{Expect, Limit};
 
 use super::bases;
-use super::experiment::{Effort, Evaluation, Experiment, Figure, Keep, Kept, Law, Run, span};
-use super::number::{Number, at_most};
+use super::experiment::{
+    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, span,
+};
+use super::quantity::{Quantity, at_most};
 use campaigns::distribution::{quantile, staircase};
 
 /// Plants (PAPER, "Robustness").
@@ -16,7 +18,7 @@ const UNSTABLE_SECONDS: f64 = 1.0;
 /// Targets of the p95 of settling time in seconds and of overshoot in per cent.
 const TARGETS: [f64; 2] = [0.3, 2.5];
 /// The laws that are compared.
-const LAWS: [Law; 2] = [Law::SlidingMode, Law::Pid];
+const LAWS: [ComparedLaw; 2] = [ComparedLaw::SlidingMode, ComparedLaw::Pid];
 
 /// The experiments of this file.
 pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
@@ -42,9 +44,9 @@ fn plants(effort: Effort) -> Experiment {
             ..plant
         })
         .collect();
-    let of_law = |law: Law| {
+    let of_law = |law: ComparedLaw| {
         let played = plants.iter().map(move |plant| law.plays(plant));
-        played.map(move |scenario| Run::new(law.name(), scenario, Keep::Verdict))
+        played.map(move |scenario| PlannedRun::new(law.name(), scenario, Keep::Verdict))
     };
     Experiment {
         id: "robustness",
@@ -84,17 +86,17 @@ fn distributions(runs: &[Kept]) -> Evaluation {
         #[expect(clippy::cast_precision_loss, reason = "at most some hundred")]
         let unstable = unstable.count() as f64;
         let of = format!("{}, {} plants", law.name(), own.len());
-        let limit = |max| at_most(max).filter(|_| law == Law::SlidingMode);
+        let limit = |max| at_most(max).filter(|_| law == ComparedLaw::SlidingMode);
         let [time_max, peak_max] = TARGETS;
         evaluation.numbers.extend([
-            Number::derived(
+            Quantity::derived(
                 "settling_time_seconds_p95",
                 &*of,
                 p95(&times),
                 limit(time_max),
             ),
-            Number::derived("overshoot_percent_p95", &*of, p95(&peaks), limit(peak_max)),
-            Number::derived("unstable_plants", &*of, Ok(unstable), limit(0.0)),
+            Quantity::derived("overshoot_percent_p95", &*of, p95(&peaks), limit(peak_max)),
+            Quantity::derived("unstable_plants", &*of, Ok(unstable), limit(0.0)),
         ]);
         evaluation.figures.extend([
             distribution(law, "settling time (s)", &times, time_max),
@@ -105,7 +107,12 @@ fn distributions(runs: &[Kept]) -> Evaluation {
 }
 
 /// Per cent of the plants up to each value. The laws differ too much for one plot.
-fn distribution(law: Law, quantity: &'static str, sorted: &[f64], target_max: f64) -> Figure {
+fn distribution(
+    law: ComparedLaw,
+    quantity: &'static str,
+    sorted: &[f64],
+    target_max: f64,
+) -> Figure {
     let title = format!("{}: plants up to a value", law.name());
     let mut figure = Figure::new(title, "%", quantity);
     let (x, y) = staircase(sorted);
@@ -125,12 +132,16 @@ fn p95(sorted: &[f64]) -> Result<f64, String> {
 
 fn other_truth() -> Experiment {
     let keep = Keep::Signals(span(9.9, 12.0));
-    let mut runs = Run::for_laws(&bases::step_other_truth(), &Law::ALL, keep);
+    let mut runs = PlannedRun::for_laws(&bases::step_other_truth(), &ComparedLaw::ALL, keep);
     let nominal = Scenario {
         expect: Expect::default(),
         ..bases::step()
     };
-    runs.push(Run::new("sliding_mode on the nominal wire", nominal, keep));
+    runs.push(PlannedRun::new(
+        "sliding_mode on the nominal wire",
+        nominal,
+        keep,
+    ));
     Experiment {
         id: "other_truth",
         title: "The step on another kind of wire",
@@ -143,14 +154,14 @@ fn other_truth() -> Experiment {
                 "overshoot_percent",
                 "steady_state_error_millimetres",
             ];
-            let colours = Law::ALL
-                .map(Law::colour)
+            let colours = ComparedLaw::ALL
+                .map(ComparedLaw::colour)
                 .into_iter()
                 .chain([report::plot::Colour::True]);
             let coloured: Vec<_> = runs.iter().zip(colours).collect();
             let numbers = runs
                 .iter()
-                .flat_map(|run| Number::of_verdict(&run.label, &run.verdict, &metrics, &[]));
+                .flat_map(|run| Quantity::of_verdict(&run.label, &run.verdict, &metrics, &[]));
             Evaluation {
                 numbers: numbers.collect(),
                 figures: vec![

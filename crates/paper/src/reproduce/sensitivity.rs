@@ -4,7 +4,9 @@ use scenario::Scenario;
 use scenario::expect::Expect;
 
 use super::bases;
-use super::experiment::{Effort, Evaluation, Experiment, Keep, Kept, Law, Run, Table};
+use super::experiment::{
+    ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun,
+};
 use super::families::{with_cycle, with_launch_jerk, with_noise, with_resolution};
 use report::terminal::significant;
 
@@ -14,12 +16,12 @@ const NOISES_STEPS: [f64; 4] = [0.0, 0.5, 1.0, 2.0];
 const LAUNCH_JERKS: [f64; 4] = [250.0, 300.0, 350.0, 400.0];
 
 /// A column of a table: its head, which run of a row it is read from, and the metric.
-type Column = (&'static str, usize, &'static str);
+type TableColumn = (&'static str, usize, &'static str);
 
 /// What is played for each setting of the rig, and what is read from it.
 const RIG_BASES: [fn() -> Scenario; 2] = [bases::step, bases::sine_5s];
-const RIG_LAWS: [Law; 2] = [Law::SlidingMode, Law::Pid];
-const RIG_COLUMNS: [Column; 5] = [
+const RIG_LAWS: [ComparedLaw; 2] = [ComparedLaw::SlidingMode, ComparedLaw::Pid];
+const RIG_COLUMNS: [TableColumn; 5] = [
     ("settling (s)", 0, "settling_time_seconds"),
     ("overshoot (%)", 0, "overshoot_percent"),
     (
@@ -38,7 +40,7 @@ const RIG_COLUMNS: [Column; 5] = [
 /// What is played for each launch, and what is read from it.
 const LAUNCH_BASES: [fn() -> Scenario; 3] =
     [bases::step, bases::step_cold, bases::step_other_truth];
-const LAUNCH_COLUMNS: [Column; 6] = [
+const LAUNCH_COLUMNS: [TableColumn; 6] = [
     ("settling (s)", 0, "settling_time_seconds"),
     ("overshoot (%)", 0, "overshoot_percent"),
     ("from cold: settling (s)", 1, "settling_time_seconds"),
@@ -99,7 +101,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
 fn on_rigs<T: Copy>(
     settings: impl Iterator<Item = T>,
     set: impl Fn(&Scenario, T) -> (String, Scenario),
-) -> Vec<Run> {
+) -> Vec<PlannedRun> {
     let mut runs = Vec::new();
     for setting in settings {
         for law in RIG_LAWS {
@@ -112,7 +114,7 @@ fn on_rigs<T: Copy>(
     runs
 }
 
-fn launches(jerks: impl Iterator<Item = f64>) -> Vec<Run> {
+fn launches(jerks: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
     let of_jerk = |jerk: f64| {
         LAUNCH_BASES.map(|base| reported(format!("{jerk} m/s³"), with_launch_jerk(&base(), jerk)))
     };
@@ -120,13 +122,13 @@ fn launches(jerks: impl Iterator<Item = f64>) -> Vec<Run> {
 }
 
 /// A run without limits: those of the files are for their own settings.
-fn reported(label: String, scenario: Scenario) -> Run {
+fn reported(label: String, scenario: Scenario) -> PlannedRun {
     let expect = Expect::default();
-    Run::new(label, Scenario { expect, ..scenario }, Keep::Verdict)
+    PlannedRun::new(label, Scenario { expect, ..scenario }, Keep::Verdict)
 }
 
 /// One row for each setting; its runs follow each other.
-fn table(columns: &[Column], runs_per_row: usize, runs: &[Kept]) -> Evaluation {
+fn table(columns: &[TableColumn], runs_per_row: usize, runs: &[Kept]) -> Evaluation {
     let header = std::iter::once("setting").chain(columns.iter().map(|(head, ..)| *head));
     let rows = runs.chunks(runs_per_row).map(|row| {
         let cells = columns.iter().map(|(_, place, metric)| {
@@ -136,7 +138,7 @@ fn table(columns: &[Column], runs_per_row: usize, runs: &[Kept]) -> Evaluation {
         let label = row.first().map(|run| run.label.clone());
         label.into_iter().chain(cells).collect()
     });
-    let table = Table {
+    let table = NumberTable {
         header: header.map(str::to_owned).collect(),
         rows: rows.collect(),
     };

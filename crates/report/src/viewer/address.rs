@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_listening_is_told_with_what_to_do() {
+    fn an_address_without_a_viewer_is_refused_with_what_to_do() {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = ViewerAddress::loopback(listener.local_addr().unwrap().port());
         assert_eq!(address.answers(), Ok(()));

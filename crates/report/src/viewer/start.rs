@@ -8,8 +8,10 @@ use std::time::Duration;
 use platform::clock::{Clock, sleep};
 use platform::scheduling;
 
-use super::{INSTALL, ViewerAddress};
+use super::address::ViewerAddress;
 
+/// How to get the viewer.
+const INSTALL: &str = "pip install rerun-sdk==0.36.3";
 /// The viewer's own port.
 const PORT: u16 = 9876;
 /// How long the viewer may take until it listens.

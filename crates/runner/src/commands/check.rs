@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use scenario::rig::RigFile;
 
-use crate::console::{complain, say, usage};
+use crate::console::{print, print_error, usage_error};
 use crate::exit::Exit;
-use crate::play::scenario_files;
+use crate::scenarios::scenario_files;
 use rig::FILE_BYTES_MAX;
 use rig::rig_file::LoadedRig;
 use rig::setup::Setup;
@@ -26,14 +26,14 @@ pub struct CheckArgs {
 pub fn check(args: &CheckArgs) -> Exit {
     let paths = match scenario_files(&args.scenarios, |_| true) {
         Ok(paths) => paths,
-        Err(error) => return usage(&error),
+        Err(error) => return usage_error(&error),
     };
     let mut worst = Exit::Pass;
     for path in paths {
         match checked(&path) {
-            Ok(name) => say(&format!("{}: valid ({name})", path.display())),
+            Ok(name) => print(&format!("{}: valid ({name})", path.display())),
             Err(error) => {
-                complain(&format!("{error:?}"));
+                print_error(&format!("{error:?}"));
                 worst = worst.max(Exit::ScenarioInvalid);
             }
         }

@@ -1,5 +1,10 @@
-//! The commands that play scenarios, and the one that only checks them.
+//! The subcommands about scenarios and their recordings: of each the arguments, what it does, and its pages.
 
 pub mod check;
+pub mod compare;
+pub mod coverage;
+pub mod export;
+pub mod replay;
+pub mod report;
 pub mod run;
 pub mod simulate;

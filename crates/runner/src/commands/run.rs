@@ -8,11 +8,12 @@ use platform::bus::BusAddress;
 use platform::scheduling;
 use scenario::Scenario;
 
-use crate::console::{complain, complain_of, usage};
+use crate::console::{print_diagnostic, print_error, usage_error};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::observer::observed;
-use crate::play::{PlayArgs, Stage, is_scenario, play_all, prepared, scenario_files};
+use crate::play::{PlayArgs, Testbed, play_all, prepared};
+use crate::scenarios::{is_scenario, scenario_files};
 use crate::terminal::Terminal;
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
@@ -28,10 +29,6 @@ use worlds::{BusChoice, End, Played, RunBus, WorldError, choose_bus, processes, 
 #[derive(Args, Debug)]
 pub struct RunArgs {
     #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
     pub play: PlayArgs,
     /// The bus: `auto`, `private` (a vcan that only this run sees), `embedded` (a socket private to you) or a CAN
     /// interface such as `vcan0`
@@ -71,8 +68,8 @@ pub enum ClockChoice {
 /// Plays the scenarios, or makes the pre-flight alone; the worst exit of all.
 #[must_use]
 pub fn run(args: &RunArgs) -> Exit {
-    let terminal = Terminal::new(&args.play);
-    let plan = match Plan::resolve(args, &terminal) {
+    let terminal = Terminal::new(args.play.json, args.play.quiet);
+    let plan = match RunPlan::resolve(args, &terminal) {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };
@@ -84,35 +81,35 @@ pub fn run(args: &RunArgs) -> Exit {
 }
 
 /// What the arguments come to: on which bus, by which clock, with whose nodes.
-struct Plan<'a> {
+struct RunPlan<'a> {
     bus: RunBus,
     clock: ClockChoice,
     external: External,
     rig: Option<Arc<LoadedRig>>,
     preflight: Preflight,
-    listener: &'a Terminal,
+    listener: &'a dyn Listener,
 }
 
-impl<'a> Plan<'a> {
+impl<'a> RunPlan<'a> {
     /// Finds rig and bus, and refuses what does not go together.
-    fn resolve(args: &RunArgs, listener: &'a Terminal) -> Result<Self, Exit> {
-        let external = External::new(&args.external).map_err(usage)?;
+    fn resolve(args: &RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
+        let external = External::new(&args.external).map_err(usage_error)?;
         let rig = rig_of(args, &external).map_err(|error| {
-            complain_of(error);
+            print_diagnostic(error);
             Exit::ScenarioInvalid
         })?;
         let external = match rig {
             Some(_) => external.with_drive(),
             None => external,
         };
-        refuse(args, &external).map_err(usage)?;
+        refuse(args, &external).map_err(usage_error)?;
         let choice = match (&args.bus, &rig) {
             (BusChoice::Auto, Some(rig)) => rig.file.bus.interface.clone(),
             _ => None,
         };
         let choice = choice.map_or_else(|| args.bus.clone(), BusChoice::Interface);
         let bus = choose_bus(&choice, args.require_vcan).map_err(|error| {
-            complain(&format!("canrig: {error}"));
+            print_error(&format!("canrig: {error}"));
             Exit::BenchFailed
         })?;
         Ok(Self {
@@ -126,7 +123,7 @@ impl<'a> Plan<'a> {
     }
 
     fn note(&self, text: String) {
-        self.listener.hear(&RunEvent::Note(text));
+        self.listener.on_event(&RunEvent::Note(text));
     }
 
     /// What a reader of the output must know of all runs.
@@ -159,7 +156,7 @@ impl<'a> Plan<'a> {
     }
 
     fn on_step(&self, step: &PreflightEvent) {
-        self.listener.hear(&RunEvent::Preflight(step));
+        self.listener.on_event(&RunEvent::Preflight(step));
     }
 
     /// Opens the bus, makes the pre-flight of a drive that is external, and plays the scenario.
@@ -171,7 +168,7 @@ impl<'a> Plan<'a> {
     ) -> Result<Played, WorldError> {
         let mut line = BusConnection::open(&self.bus)?;
         self.announce_address(line.address());
-        let ended = match self.fly(setup, folder.path(), &mut line, capture.watch()) {
+        let ended = match self.run_preflight(setup, folder.path(), &mut line, capture.watch()) {
             Ok(End::Completed) => {
                 line.discard();
                 real_time::play(setup, folder, capture, &mut line, &mut |_| false)
@@ -183,7 +180,7 @@ impl<'a> Plan<'a> {
         ended
     }
 
-    fn fly(
+    fn run_preflight(
         &self,
         setup: &Setup,
         parent: &Path,
@@ -198,10 +195,10 @@ impl<'a> Plan<'a> {
     fn dry_run(&self, args: &RunArgs) -> Exit {
         let paths = match scenario_files(&args.play.scenarios, is_scenario) {
             Ok(paths) => paths,
-            Err(error) => return usage(&error),
+            Err(error) => return usage_error(&error),
         };
         let Some(path) = paths.first() else {
-            return usage("no scenario is named");
+            return usage_error("no scenario is named");
         };
         let setup = match prepared(path, self, self.listener) {
             Ok(setup) => setup,
@@ -211,20 +208,20 @@ impl<'a> Plan<'a> {
         let made = || {
             let mut line = BusConnection::open(&self.bus)?;
             self.announce_address(line.address());
-            self.fly(&setup, &args.play.output, &mut line, &watch)
+            self.run_preflight(&setup, &args.play.output, &mut line, &watch)
         };
         match observed(|| watch.interrupt(), || (), made) {
             Ok(End::Completed) => Exit::Pass,
             Ok(End::Interrupted) => Exit::Interrupted,
             Err(error) => {
-                complain(&format!("canrig: {error}"));
+                print_error(&format!("canrig: {error}"));
                 Exit::BenchFailed
             }
         }
     }
 }
 
-impl Stage for Plan<'_> {
+impl Testbed for RunPlan<'_> {
     fn prepare(&self, setup: Setup) -> Result<Setup, String> {
         let setup = setup.on(self.rig.clone(), self.external.clone());
         let scenario = &setup.scenario;
@@ -287,7 +284,7 @@ fn refuse(args: &RunArgs, external: &External) -> Result<(), &'static str> {
     Ok(())
 }
 
-/// Faults of the bus need the modelled one; no real bus delays or loses frames as it is told.
+/// Faults of the bus need the modelled one; no real bus delays or loses frames on demand.
 fn admits(scenario: &Scenario, bus: &RunBus, is_lockstep: bool) -> Result<(), String> {
     let is_modelled = is_lockstep && matches!(bus, RunBus::Embedded { .. });
     if is_modelled || scenario.fault.bus.is_empty() {

@@ -4,7 +4,7 @@ use clap::Args;
 
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
-use crate::play::{PlayArgs, Stage, play_all};
+use crate::play::{PlayArgs, Testbed, play_all};
 use crate::terminal::Terminal;
 use recording::capture::Capture;
 use recording::frame_queue::WhenFull;
@@ -16,26 +16,22 @@ use worlds::{Played, WorldError, lockstep};
 #[derive(Args, Debug)]
 pub struct SimulateArgs {
     #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
     pub play: PlayArgs,
 }
 
 /// Plays the scenarios; the worst exit of all.
 #[must_use]
 pub fn simulate(args: &SimulateArgs) -> Exit {
-    let terminal = Terminal::new(&args.play);
+    let terminal = Terminal::new(args.play.json, args.play.quiet);
     let where_and_when = "bus: modelled · clock: lock-step, in one process";
-    terminal.hear(&RunEvent::Note(where_and_when.to_owned()));
+    terminal.on_event(&RunEvent::Note(where_and_when.to_owned()));
     play_all(&args.play, &OneProcess, &terminal)
 }
 
 /// All nodes in this process, on a modelled bus.
 struct OneProcess;
 
-impl Stage for OneProcess {
+impl Testbed for OneProcess {
     fn prepare(&self, setup: Setup) -> Result<Setup, String> {
         Ok(setup)
     }

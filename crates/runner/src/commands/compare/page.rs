@@ -17,7 +17,7 @@ const PLOTS_MAX: usize = 6;
 
 /// The comparison for people at a terminal.
 #[must_use]
-pub fn to_text(comparison: &Comparison) -> String {
+pub(super) fn to_text(comparison: &Comparison) -> String {
     let mut signals = terminal::empty_table([
         "signal",
         "rms",
@@ -137,7 +137,11 @@ fn result(agrees: bool) -> Cell {
 
 /// The comparison as a page.
 #[must_use]
-pub fn to_html(comparison: &Comparison, names: &[String; 2], runs: [&Timeline; 2]) -> String {
+pub(super) fn to_html(
+    comparison: &Comparison,
+    names: &[String; 2],
+    runs: [&Timeline; 2],
+) -> String {
     let class = if comparison.agrees { "pass" } else { "fail" };
     let body = html! {
         h1 { "Two runs compared" }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 /// How a signal of two runs differs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SignalDifference {
+pub(super) struct SignalDifference {
     /// The signal.
     pub name: String,
     /// Its unit in the DBC.
@@ -28,8 +28,26 @@ pub struct SignalDifference {
 impl SignalDifference {
     /// Whether it stays within its tolerance.
     #[must_use]
-    pub fn agrees(&self) -> bool {
+    pub(super) fn agrees(&self) -> bool {
         self.diverges_at_seconds.is_none()
+    }
+
+    /// Takes in the differences with their times; those that are NaN are of cycles in which a run has no value.
+    pub(super) fn judge(&mut self, differences: impl Iterator<Item = (f64, f64)>, tolerance: f64) {
+        let (mut compared, mut beyond) = (0.0, 0.0);
+        for (difference, time) in differences.filter(|(difference, _)| !difference.is_nan()) {
+            compared += 1.0;
+            if self.largest.is_none_or(|largest| difference > largest) {
+                (self.largest, self.largest_at_seconds) = (Some(difference), Some(time));
+            }
+            if difference > tolerance {
+                beyond += 1.0;
+                self.diverges_at_seconds.get_or_insert(time);
+            }
+        }
+        if compared > 0.0 {
+            self.beyond_percent = 100.0 * beyond / compared;
+        }
     }
 
     /// The largest difference by the tolerance, to sort by.
@@ -46,7 +64,7 @@ impl SignalDifference {
 
 /// How a metric of two runs differs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct MetricDifference {
+pub(super) struct MetricDifference {
     /// The metric.
     pub name: String,
     /// Its value in the first run.
@@ -61,7 +79,7 @@ pub struct MetricDifference {
 
 /// Two runs side by side.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Comparison {
+pub(super) struct Comparison {
     /// Whether nothing differs by more than its tolerance.
     pub agrees: bool,
     /// What is not a signal and not a metric.

@@ -1,12 +1,13 @@
 //! `canrig export`: a recording in another program's format.
 
-use clap::{Args, ValueEnum};
-use std::io::{self, Write};
 use std::path::PathBuf;
 
-use super::{Recorded, RecordedError, refuse};
-use crate::console::complain;
+use clap::{Args, ValueEnum};
+
+use crate::console::{print_bytes, print_error};
 use crate::exit::Exit;
+use crate::output::write;
+use crate::recorded::{Recorded, RecordedError, refuse};
 use dbc::scenario_clock::ScenarioClock;
 use report::{asc, blf, csv, mf4, parquet};
 
@@ -47,23 +48,15 @@ pub fn export(args: &ExportArgs) -> Exit {
         Err(error) => return refuse(error),
     };
     if let Some(broken) = &recorded.log.broken {
-        complain(&format!(
+        print_error(&format!(
             "canrig: the log breaks off ({broken}); what is before that is written"
         ));
     }
-    let Some(place) = &args.output else {
-        // A reader that has gone needs no more.
-        let _ = io::stdout().write_all(&bytes);
-        return Exit::Pass;
-    };
-    match std::fs::write(place, bytes) {
-        Ok(()) => Exit::Pass,
-        Err(error) => {
-            complain(&format!(
-                "canrig: {} cannot be written: {error}",
-                place.display()
-            ));
-            Exit::BenchFailed
+    match &args.output {
+        Some(place) => write(place, &bytes).err().unwrap_or(Exit::Pass),
+        None => {
+            print_bytes(&bytes);
+            Exit::Pass
         }
     }
 }

@@ -8,21 +8,21 @@ use judge::verdict::Outcome;
 
 /// One requirement with all that tests it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Requirement {
+pub(super) struct Requirement {
     /// Its name.
     pub id: String,
-    /// What it says; none where no list tells.
+    /// What it says; none where no list says it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
     /// Whether the list has it; true without a list.
     pub is_listed: bool,
     /// What tests it, by the scenario's name; empty for one that is never tested.
-    pub tests: Vec<Test>,
+    pub tests: Vec<RequirementTest>,
 }
 
 /// What a scenario says of a requirement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Test {
+pub(super) struct RequirementTest {
     /// The scenario's name.
     pub scenario: String,
     /// The worst of its runs and rows.
@@ -48,7 +48,7 @@ impl Requirement {
 
     /// The worst of its tests; none for one that is never tested.
     #[must_use]
-    pub fn outcome(&self) -> Option<Outcome> {
+    pub(super) fn outcome(&self) -> Option<Outcome> {
         let outcomes = self.tests.iter().map(|test| test.outcome);
         outcomes.max_by_key(|outcome| severity(*outcome))
     }
@@ -66,10 +66,10 @@ fn severity(outcome: Outcome) -> u8 {
 
 impl Requirement {
     /// Adds what the rows of one run say.
-    pub(super) fn take(&mut self, scenario: &str, rows: &[(Option<String>, Outcome)], run: &Path) {
+    pub(super) fn add(&mut self, scenario: &str, rows: &[(Option<String>, Outcome)], run: &Path) {
         let place = self.tests.iter().position(|test| test.scenario == scenario);
         let place = place.unwrap_or_else(|| {
-            self.tests.push(Test::none(scenario, run));
+            self.tests.push(RequirementTest::none(scenario, run));
             self.tests.len() - 1
         });
         let test = &mut self.tests[place];
@@ -84,7 +84,7 @@ impl Requirement {
     }
 }
 
-impl Test {
+impl RequirementTest {
     /// A scenario of which no row was looked at yet.
     fn none(scenario: &str, run: &Path) -> Self {
         Self {

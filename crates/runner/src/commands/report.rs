@@ -1,13 +1,13 @@
 //! `canrig report`: pages made again from run folders.
 
-use clap::Args;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::recorded::require_run;
-use super::{Recorded, RecordedError, refuse};
-use crate::console::{complain, say};
+use clap::Args;
+
 use crate::exit::Exit;
+use crate::output::{link, write_page};
+use crate::recorded::{Recorded, RecordedError, refuse, require_run};
 use judge::verdict::Verdict;
 use recording::run_folder::file;
 use recording::timeline::Timeline;
@@ -49,7 +49,7 @@ pub fn report(args: &ReportArgs) -> Exit {
     });
     for page in pages {
         let written = match page {
-            Ok((place, text)) => write(&place, &text),
+            Ok((place, text)) => write_page(&place, &text),
             Err(error) => return refuse(error.into()),
         };
         if let Err(exit) = written {
@@ -57,7 +57,7 @@ pub fn report(args: &ReportArgs) -> Exit {
         }
     }
     match &args.output {
-        Some(output) if runs.len() > 1 => write(output, &together(&runs, output))
+        Some(output) if runs.len() > 1 => write_page(output, &together(&runs, output))
             .err()
             .unwrap_or(Exit::Pass),
         _ => Exit::Pass,
@@ -73,9 +73,9 @@ fn read(path: &Path) -> Result<(Recorded, Timeline, Verdict), RecordedError> {
 }
 
 fn together(runs: &[(Recorded, Timeline, Verdict)], output: &Path) -> String {
-    let runs: Vec<overview::Run<'_>> = runs
+    let runs: Vec<overview::ListedRun<'_>> = runs
         .iter()
-        .map(|(recorded, timeline, verdict)| overview::Run {
+        .map(|(recorded, timeline, verdict)| overview::ListedRun {
             name: folder_name(&recorded.path),
             page: link(output, &recorded.path.join(file::REPORT)),
             timeline,
@@ -92,52 +92,4 @@ fn folder_name(path: &Path) -> String {
         || path.display().to_string(),
         |name| name.to_string_lossy().into_owned(),
     )
-}
-
-/// The way from one file to another; nothing where there is none.
-pub(super) fn link(from: &Path, to: &Path) -> Option<String> {
-    let from = match from.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let (from, to) = (fs::canonicalize(from).ok()?, fs::canonicalize(to).ok()?);
-    let shared = from
-        .components()
-        .zip(to.components())
-        .take_while(|(a, b)| a == b)
-        .count();
-    let up = from.components().skip(shared).map(|_| "..".to_owned());
-    let down = to
-        .components()
-        .skip(shared)
-        .map(|part| escaped(&part.as_os_str().to_string_lossy()));
-    Some(up.chain(down).collect::<Vec<_>>().join("/"))
-}
-
-/// A part of a path in a link: what would be read as something else is written in percent.
-fn escaped(part: &str) -> String {
-    let escape = |byte: u8| match byte {
-        b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' => {
-            char::from(byte).to_string()
-        }
-        other => format!("%{other:02X}"),
-    };
-    part.bytes().map(escape).collect()
-}
-
-/// Writes a page and tells where.
-pub(super) fn write(place: &Path, text: &str) -> Result<(), Exit> {
-    match fs::write(place, text) {
-        Ok(()) => {
-            say(&place.display().to_string());
-            Ok(())
-        }
-        Err(error) => {
-            complain(&format!(
-                "canrig: {} cannot be written: {error}",
-                place.display()
-            ));
-            Err(Exit::BenchFailed)
-        }
-    }
 }

@@ -7,8 +7,8 @@ use judge::verdict::{Metric, Outcome, Verdict, title};
 
 /// One number of the reproduction.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Number {
-    /// Of which run: the control law, or what else tells it from others.
+pub struct Quantity {
+    /// Of which run: the control law, or what else distinguishes it from others.
     pub of: String,
     /// What the paper says, in its words.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -20,7 +20,7 @@ pub struct Number {
 /// What the paper says about metrics: by name.
 pub type Paper = [(&'static str, &'static str)];
 
-impl Number {
+impl Quantity {
     /// A number that was worked out of several runs.
     #[must_use]
     pub fn derived(
@@ -125,7 +125,7 @@ mod tests {
         ];
         let names = ["settling_time_seconds", "overshoot_percent", "sine_gain"];
         let paper = [("overshoot_percent", "0.6 %")];
-        let numbers = |verdict: &Verdict| Number::of_verdict("pid", verdict, &names, &paper);
+        let numbers = |verdict: &Verdict| Quantity::of_verdict("pid", verdict, &names, &paper);
         let found = numbers(&verdict);
         assert_eq!(found.len(), 2);
         assert_eq!((found[0].is_compared(), found[0].holds()), (false, true));

@@ -2,9 +2,11 @@
 
 use std::str::FromStr;
 
-use super::{CompareError, SET_POINT};
 use judge::verdict::Verdict;
 use recording::timeline::Timeline;
+
+/// The name under which the set-point is compared; it shows whether both runs wanted the same.
+pub(super) const SET_POINT: &str = "set_point_millimetres";
 
 /// The tolerance of a metric by its value, where that is more than its unit's.
 const METRIC_SHARE: f64 = 0.05;
@@ -60,6 +62,9 @@ impl FromStr for GivenTolerance {
     }
 }
 
+/// A tolerance for what neither run has.
+pub(super) struct UnknownName(pub(super) String);
+
 /// What may differ, and by how much.
 pub(super) struct Tolerances<'a> {
     pub(super) given: &'a [GivenTolerance],
@@ -67,12 +72,12 @@ pub(super) struct Tolerances<'a> {
 }
 
 impl Tolerances<'_> {
-    /// A name that nothing has is a slip of the pen.
+    /// Refuses a name that nothing has: it is mistyped.
     pub(super) fn check(
         &self,
         timeline: &Timeline,
         verdicts: [&Verdict; 2],
-    ) -> Result<(), CompareError> {
+    ) -> Result<(), UnknownName> {
         let is_known = |name: &str| {
             let has_signal = timeline
                 .columns
@@ -82,7 +87,7 @@ impl Tolerances<'_> {
             has_signal || name == SET_POINT || metrics.into_iter().any(|metric| metric.name == name)
         };
         match self.given.iter().find(|given| !is_known(&given.name)) {
-            Some(unknown) => Err(CompareError::NoSuchName(unknown.name.clone())),
+            Some(unknown) => Err(UnknownName(unknown.name.clone())),
             None => Ok(()),
         }
     }

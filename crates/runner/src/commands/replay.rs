@@ -1,15 +1,15 @@
 //! `canrig replay`: a recording judged again.
 
-use crate::play::ViewerArgs;
-use clap::Args;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use clap::Args;
 use platform::clock::{Clock, sleep};
 
-use super::{Recorded, RecordedError, refuse};
-use crate::console::{complain, say};
+use crate::console::{print, print_error};
 use crate::exit::Exit;
+use crate::play::ViewerArgs;
+use crate::recorded::{Recorded, RecordedError, refuse};
 use judge::verdict::Verdict;
 use recording::frame_queue::WhenFull;
 use report::terminal;
@@ -32,10 +32,6 @@ pub struct ReplayArgs {
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
     pub viewer: ViewerArgs,
     /// How fast the viewer shows it: 1 as it was, 0.1 in slow motion, inf at once
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed)]
@@ -59,7 +55,7 @@ pub fn replay(args: &ReplayArgs) -> Exit {
         Err(error) => refuse(error),
         Ok((recorded, verdict)) => {
             show(args, &recorded, &verdict);
-            tell(args, &recorded, &verdict);
+            report(args, &recorded, &verdict);
             verdict.outcome.into()
         }
     }
@@ -83,7 +79,7 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
 /// Plays the recording into the viewers, as fast as was asked for.
 fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     let (mut viewers, refused) = args.viewer.open();
-    complain_all(&refused);
+    report_all(&refused);
     if viewers.is_empty() {
         return;
     }
@@ -103,29 +99,29 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
         }
     }
     drop(queues);
-    complain_all(&shows.end(verdict, &mut viewers));
+    report_all(&shows.end(verdict, &mut viewers));
 }
 
-fn complain_all(reasons: &[String]) {
+fn report_all(reasons: &[String]) {
     for reason in reasons {
-        complain(&format!("canrig: {reason}"));
+        print_error(&format!("canrig: {reason}"));
     }
 }
 
-fn tell(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
+fn report(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     if let Some(broken) = &recorded.log.broken {
         let read = recorded.log.frames.len();
-        complain(&format!(
+        print_error(&format!(
             "canrig: the log breaks off ({broken}); {read} frames before that are judged"
         ));
     }
     if args.json {
-        say(verdict.to_json().trim_end());
+        print(verdict.to_json().trim_end());
         return;
     }
-    say(&terminal::verdict(verdict));
+    print(&terminal::verdict(verdict));
     if let (Some(stored), None) = (&recorded.stored, &args.scenario) {
-        say(&against(stored, verdict));
+        print(&against(stored, verdict));
     }
 }
 

@@ -8,11 +8,14 @@ use std::sync::Arc;
 
 use scenario::ScenarioError;
 
+use crate::console::{print_diagnostic, print_error};
+use crate::exit::Exit;
 use judge::verdict::{Outcome, Verdict};
 use judge::{judge, judge_timing};
 use recording::log::{Log, read_cut_log};
 use recording::run_folder::file;
 use recording::timeline::{self, Timeline};
+use report::parquet::ParquetError;
 use rig::rig_file::{LoadedRig, RigError};
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
@@ -22,7 +25,7 @@ const VERDICT_BYTES_MAX: u64 = 16 << 20;
 
 /// Why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub enum RecordedError {
+pub(crate) enum RecordedError {
     /// A file cannot be read.
     #[error("{} cannot be read: {source}", path.display())]
     Read {
@@ -62,11 +65,11 @@ pub enum RecordedError {
     Signal(#[from] SignalMissing),
     /// The Parquet library refuses.
     #[error("no Parquet file can be made: {0}")]
-    Parquet(#[from] parquet::errors::ParquetError),
+    Parquet(#[from] ParquetError),
 }
 
 /// A recording: a run folder, or a log of `candump -L` and the scenario that was played.
-pub struct Recorded {
+pub(crate) struct Recorded {
     /// What the user named.
     pub path: PathBuf,
     /// The scenario that was played.
@@ -84,7 +87,7 @@ impl Recorded {
     ///
     /// # Errors
     /// A file is missing or not valid. A log that breaks off is no error.
-    pub fn load(path: &Path, played: Option<&Path>) -> Result<Self, RecordedError> {
+    pub(crate) fn load(path: &Path, played: Option<&Path>) -> Result<Self, RecordedError> {
         let is_folder = is_folder(path)?;
         if is_folder && played.is_none() {
             require_run(path)?;
@@ -140,7 +143,7 @@ impl Recorded {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn timeline(&self) -> Result<Timeline, SignalMissing> {
+    pub(crate) fn timeline(&self) -> Result<Timeline, SignalMissing> {
         timeline::decode(&self.log.frames, &self.setup)
     }
 
@@ -148,7 +151,7 @@ impl Recorded {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
+    pub(crate) fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
         let stored = self.stored.as_ref();
         let lost = stored.map_or(0, |stored| stored.frames_lost);
         let mut verdict = judge(timeline, &self.setup, lost);
@@ -172,7 +175,7 @@ impl Recorded {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn verdict(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
+    pub(crate) fn verdict(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
         match &self.stored {
             Some(stored) => Ok(stored.clone()),
             None => self.judge(timeline),
@@ -189,8 +192,18 @@ fn is_folder(path: &Path) -> Result<bool, RecordedError> {
     Ok(metadata.is_dir())
 }
 
+/// Prints why a recording cannot be used; the exit code of that.
+pub(crate) fn refuse(error: RecordedError) -> Exit {
+    match error {
+        RecordedError::Scenario(error) => print_diagnostic(*error),
+        RecordedError::Rig(error) => print_diagnostic(*error),
+        error => print_error(&format!("canrig: {error}")),
+    }
+    Exit::ScenarioInvalid
+}
+
 /// Refuses what is no run folder.
-pub(super) fn require_run(path: &Path) -> Result<(), RecordedError> {
+pub(crate) fn require_run(path: &Path) -> Result<(), RecordedError> {
     if is_folder(path)? && path.join(file::SCENARIO).exists() {
         return Ok(());
     }
@@ -225,7 +238,7 @@ fn has_scenario(log: &Path) -> bool {
 }
 
 /// The verdict of a run; none when there is no file. One that is no verdict was cut, so it counts as none too.
-pub(super) fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
+pub(crate) fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
     match scenario::read_text(path, VERDICT_BYTES_MAX) {
         Ok(text) => Ok(Verdict::from_json(&text).ok()),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),

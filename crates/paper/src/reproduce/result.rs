@@ -1,20 +1,20 @@
 //! What an experiment came to.
 
 use super::experiment::{Evaluation, Experiment};
-use super::number::Number;
+use super::quantity::Quantity;
 
 /// An experiment with what it came to.
-pub struct Finding {
+pub(crate) struct ExperimentResult {
     /// What was done.
     pub experiment: Experiment,
     /// What came of it.
     pub evaluation: Evaluation,
 }
 
-impl Finding {
+impl ExperimentResult {
     /// False where a target is missed.
     #[must_use]
-    pub fn holds(&self) -> bool {
-        self.evaluation.numbers.iter().all(Number::holds)
+    pub(crate) fn holds(&self) -> bool {
+        self.evaluation.numbers.iter().all(Quantity::holds)
     }
 }

@@ -1,20 +1,17 @@
 //! `canrig coverage`: which requirement is tested by which scenario, and what came of it.
 
-mod matrix;
-mod page;
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use scenario::ScenarioError;
 
-use self::matrix::Requirement;
-use super::recorded::{read_verdict, require_run};
-use super::report::{link, write};
-use super::{RecordedError, refuse};
-use crate::console::{complain, say};
+use super::matrix::Requirement;
+use super::page;
+use crate::console::{print, print_error};
 use crate::exit::Exit;
+use crate::output::{link, write_page};
+use crate::recorded::{RecordedError, read_verdict, refuse, require_run};
 use judge::verdict::{Outcome, Verdict};
 use recording::run_folder::file;
 use rig::setup::Setup;
@@ -56,18 +53,18 @@ pub fn coverage(args: &CoverageArgs) -> Exit {
         Ok(requirements) => requirements,
         Err(CoverageError::Run(error)) => return refuse(error),
         Err(error) => {
-            complain(&format!("canrig: {error}"));
+            print_error(&format!("canrig: {error}"));
             return Exit::ScenarioInvalid;
         }
     };
     if args.json {
-        say(&serde_json::to_string_pretty(&requirements).expect("plain data"));
+        print(&serde_json::to_string_pretty(&requirements).expect("plain data"));
     } else {
-        say(&page::to_text(&requirements));
+        print(&page::to_text(&requirements));
     }
     if let Some(output) = &args.output {
         let link_to = |run: &Path| link(output, &run.join(file::REPORT));
-        if let Err(exit) = write(output, &page::to_html(&requirements, link_to)) {
+        if let Err(exit) = write_page(output, &page::to_html(&requirements, link_to)) {
             return exit;
         }
     }
@@ -102,7 +99,7 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
             let requirement = all
                 .entry(id.clone())
                 .or_insert_with(|| Requirement::new(id, is_listed));
-            requirement.take(&setup.scenario.name, &rows, folder);
+            requirement.add(&setup.scenario.name, &rows, folder);
         }
     }
     for (id, text) in args.requirements.as_deref().map_or(Ok(vec![]), read_list)? {
@@ -213,7 +210,7 @@ mod tests {
         for (place, outcome) in outcomes.iter().enumerate() {
             let run = PathBuf::from(format!("run-{place}"));
             let rows = [(Some("overshoot".to_owned()), *outcome)];
-            requirement.take("step", &rows, &run);
+            requirement.add("step", &rows, &run);
         }
         requirement
     }
@@ -252,7 +249,7 @@ mod tests {
         verdict.metrics = vec![
             Metric::new("met", Ok(0.5), limit),
             Metric::new("missed", Ok(2.0), limit),
-            Metric::not_judged("untold", "nobody tells".to_owned(), limit),
+            Metric::not_judged("unknown", "nobody publishes it".to_owned(), limit),
         ];
         let of = |outcome, row| {
             let verdict = Verdict {
@@ -263,7 +260,7 @@ mod tests {
         };
         assert_eq!(of(Outcome::Fail, Some("met")), Outcome::Pass);
         assert_eq!(of(Outcome::Fail, Some("missed")), Outcome::Fail);
-        assert_eq!(of(Outcome::Fail, Some("untold")), Outcome::Inconclusive);
+        assert_eq!(of(Outcome::Fail, Some("unknown")), Outcome::Inconclusive);
         assert_eq!(of(Outcome::Fail, Some("gone")), Outcome::Incomplete);
         assert_eq!(of(Outcome::Fail, None), Outcome::Fail);
         assert_eq!(of(Outcome::Incomplete, Some("met")), Outcome::Incomplete);

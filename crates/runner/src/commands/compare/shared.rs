@@ -5,9 +5,9 @@ use recording::timeline::Timeline;
 /// A lag is looked for within this time and so many cycles …
 const LAG_SECONDS_MAX: f64 = 0.5;
 const LAG_ROWS_MAX: f64 = 500.0;
-/// … and told where it leaves less than this part of the mean square.
+/// … and reported where it leaves less than this part of the mean square.
 const LAG_GAIN: f64 = 0.9;
-/// More values than these are thinned out for it.
+/// Of more values than these, only every second, third … is compared for it.
 const LAG_SAMPLES_MAX: usize = 10_000;
 /// Runs that share fewer cycles than this, by the longer one, do not agree.
 const SHARED_PERCENT_MIN: f64 = 99.0;
@@ -74,25 +74,25 @@ impl Shared {
 }
 
 /// Two signals side by side, cycle by cycle, without tolerance of time.
-pub(super) struct Deviation {
+pub(super) struct SignalDeviation {
     /// Root mean square of the differences.
     pub(super) rms: f64,
-    /// By how much B comes later, as the shift tells that makes the root mean square least.
+    /// By how much B comes later, by the shift that makes the root mean square least.
     pub(super) lag_seconds: f64,
 }
 
-impl Deviation {
+impl SignalDeviation {
     /// Of values at the shared cycles; none where no cycle has both.
     pub(super) fn of(a: &[f64], b: &[f64], period_seconds: f64) -> Option<Self> {
         let straight = mean_square(a, b, 0, 1)?;
         let reach = libm::round(LAG_SECONDS_MAX / period_seconds).clamp(0.0, LAG_ROWS_MAX);
         #[expect(clippy::cast_possible_truncation, reason = "clamped")]
         let reach = reach as i32;
-        // A shift must be worth it, or noise would tell a lag.
-        let thinned = a.len() / LAG_SAMPLES_MAX + 1;
-        let mut least = (mean_square(a, b, 0, thinned)? * LAG_GAIN, 0);
+        // A shift must be worth it, or noise would look like a lag.
+        let stride = a.len() / LAG_SAMPLES_MAX + 1;
+        let mut least = (mean_square(a, b, 0, stride)? * LAG_GAIN, 0);
         for shift in (-reach..=reach).filter(|_| straight > 0.0) {
-            let found = mean_square(a, b, shift, thinned);
+            let found = mean_square(a, b, shift, stride);
             if let Some(found) = found.filter(|found| *found < least.0) {
                 least = (found, shift);
             }
@@ -194,7 +194,7 @@ mod tests {
             let rows = (0..1000_u32).map(|row| 0.01 * (f64::from(row) - delay));
             rows.map(libm::sin).collect()
         };
-        let of = |delay, period| Deviation::of(&course(0.0), &course(delay), period).unwrap();
+        let of = |delay, period| SignalDeviation::of(&course(0.0), &course(delay), period).unwrap();
         let late = of(20.0, 0.01);
         assert!(
             (late.lag_seconds - 0.2).abs() < 1e-9,
@@ -204,9 +204,9 @@ mod tests {
         assert!((of(-20.0, 0.01).lag_seconds + 0.2).abs() < 1e-9);
         let same = of(0.0, 0.01);
         assert_eq!((same.rms, same.lag_seconds), (0.0, 0.0));
-        let apart = Deviation::of(&[1.0, 2.0, f64::NAN], &[1.5, 2.5, 9.0], 1.0).unwrap();
+        let apart = SignalDeviation::of(&[1.0, 2.0, f64::NAN], &[1.5, 2.5, 9.0], 1.0).unwrap();
         assert!((apart.rms - 0.5).abs() < 1e-12);
-        assert!(Deviation::of(&[f64::NAN], &[1.0], 1.0).is_none());
+        assert!(SignalDeviation::of(&[f64::NAN], &[1.0], 1.0).is_none());
     }
 
     #[test]

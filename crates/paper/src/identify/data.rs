@@ -43,12 +43,12 @@ pub struct RecordingError {
     /// Which one.
     pub path: PathBuf,
     /// Why.
-    pub fault: Fault,
+    pub fault: RecordingFault,
 }
 
 /// What is wrong with a recording.
 #[derive(Debug, thiserror::Error)]
-pub enum Fault {
+pub enum RecordingFault {
     /// A file cannot be read.
     #[error("{name} cannot be read: {source}")]
     Read {
@@ -164,13 +164,13 @@ pub struct Stretch {
     pub duration_seconds: f64,
     /// What acts.
     pub inputs: Inputs,
-    /// Where in [`Trace::positions_metres`] the position at its end is, if it was measured.
+    /// Where in [`IdentificationData::positions_metres`] the position at its end is, if it was measured.
     pub sample: Option<usize>,
 }
 
 /// One recording, ready to be compared with a simulation from the start state.
 #[derive(Clone, Debug)]
-pub struct Trace {
+pub struct IdentificationData {
     /// Where it came from.
     pub path: PathBuf,
     /// The scenario that was played.
@@ -187,7 +187,7 @@ pub struct Trace {
     pub currents_amperes: Vec<f64>,
 }
 
-impl Trace {
+impl IdentificationData {
     /// Reads a run folder, or a log of `candump -L` together with the scenario that was played. Frames mean what `database`
     /// says, else what the rig file of the run says, else what the emulated drive's mean.
     ///
@@ -204,17 +204,18 @@ impl Trace {
         };
         let metadata = path.metadata().map_err(|source| {
             let name = "it".to_owned();
-            at(Fault::Read { name, source })
+            at(RecordingFault::Read { name, source })
         })?;
         let (log, scenario) = if metadata.is_dir() {
             (path.join(file::BUS_LOG), path.join(file::SCENARIO))
         } else {
-            let scenario = scenario.ok_or_else(|| at(Fault::NoScenario))?;
+            let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
             (path.to_owned(), scenario.to_owned())
         };
-        let mut scenario =
-            Scenario::load(&scenario).map_err(|error| at(Fault::Scenario(Box::new(error))))?;
-        let rig = LoadedRig::in_folder(path).map_err(|error| at(Fault::Rig(Box::new(error))))?;
+        let mut scenario = Scenario::load(&scenario)
+            .map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
+        let rig =
+            LoadedRig::in_folder(path).map_err(|error| at(RecordingFault::Rig(Box::new(error))))?;
         if let Some(loaded) = &rig {
             scenario.bus = loaded.file.bus.of_scenario();
             scenario.plant.sensor = sensor_of(&loaded.file);
@@ -234,9 +235,9 @@ impl Trace {
         frames: &[Stamped],
         scenario: Scenario,
         database: &Database,
-    ) -> Result<Self, Fault> {
+    ) -> Result<Self, RecordingFault> {
         if scenario.plant.name() != scenario::plant::SMA_ACTUATOR {
-            return Err(Fault::OtherPlant(scenario.plant.name().to_owned()));
+            return Err(RecordingFault::OtherPlant(scenario.plant.name().to_owned()));
         }
         let setup = Setup::of(scenario.clone(), catalogue());
         let setup = setup.with_database(Arc::new(database.clone()));
@@ -247,7 +248,7 @@ impl Trace {
     }
 
     fn build(path: &Path, timeline: &Timeline, scenario: Scenario) -> Self {
-        let mut trace = Self {
+        let mut measurement = Self {
             path: path.to_owned(),
             sensor: scenario.plant.sensor.clone(),
             scenario,
@@ -267,15 +268,15 @@ impl Trace {
             let cycles = (timeline.cycle[row] - timeline.cycle[row - 1]) as f64;
             let position = timeline.position()[row];
             let is_sampled = timeline.cycle[row].is_multiple_of(grid) && !position.is_nan();
-            let sample = is_sampled.then_some(trace.positions_metres.len());
+            let sample = is_sampled.then_some(measurement.positions_metres.len());
             if is_sampled {
-                trace.times_seconds.push(timeline.time_seconds[row]);
-                trace.positions_metres.push(position * 1e-3);
-                trace.currents_amperes.push(inputs.current_amperes);
+                measurement.times_seconds.push(timeline.time_seconds[row]);
+                measurement.positions_metres.push(position * 1e-3);
+                measurement.currents_amperes.push(inputs.current_amperes);
             }
-            trace.extend(cycles * timeline.period_seconds, inputs, sample);
+            measurement.extend(cycles * timeline.period_seconds, inputs, sample);
         }
-        trace
+        measurement
     }
 
     /// Appends a stretch; one that continues the last is joined to it.
@@ -302,12 +303,12 @@ impl Trace {
 
 /// The current up to each row, in amperes.
 fn flowed(timeline: &Timeline) -> Vec<f64> {
-    let told = timeline.current();
-    if told.iter().all(|value| value.is_nan()) {
+    let reported = timeline.current();
+    if reported.iter().all(|value| value.is_nan()) {
         return commanded(timeline);
     }
     // What the drive reports at a SYNC flowed until then.
-    let mut flowed = told.to_vec();
+    let mut flowed = reported.to_vec();
     let mut next = 0.0;
     for value in flowed.iter_mut().rev() {
         if value.is_nan() {
@@ -318,7 +319,7 @@ fn flowed(timeline: &Timeline) -> Vec<f64> {
     flowed
 }
 
-/// The command that acts up to each row, for a drive that does not tell its current: one computed from the sample of a
+/// The command that acts up to each row, for a drive that does not report its current: one computed from the sample of a
 /// SYNC acts from the next one on.
 fn commanded(timeline: &Timeline) -> Vec<f64> {
     let name = signals::TARGET_CURRENT.split_once('.');
@@ -368,8 +369,8 @@ fn cycles_per_sample(period_seconds: f64) -> u64 {
     cycles
 }
 
-fn read(path: &Path) -> Result<Vec<Stamped>, Fault> {
-    let fault = |source| Fault::Read {
+fn read(path: &Path) -> Result<Vec<Stamped>, RecordingFault> {
+    let fault = |source| RecordingFault::Read {
         name: path
             .file_name()
             .unwrap_or(path.as_os_str())
@@ -401,7 +402,7 @@ impl<'a> Disturbances<'a> {
         }
     }
 
-    /// What acts from a row on; still air and the load alone until the node is told otherwise.
+    /// What acts from a row on; still air and the load alone until the node is commanded otherwise.
     fn at(&self, row: usize) -> Inputs {
         let value = |column: &[f64]| column.get(row).copied().filter(|value| !value.is_nan());
         let default = Inputs::default();
@@ -415,14 +416,18 @@ impl<'a> Disturbances<'a> {
 }
 
 /// Are these the frames of the rig?
-fn check_frames(frames: &[Stamped], database: &Database, timeline: &Timeline) -> Result<(), Fault> {
+fn check_frames(
+    frames: &[Stamped],
+    database: &Database,
+    timeline: &Timeline,
+) -> Result<(), RecordingFault> {
     let position = database.require(signals::POSITION)?;
     let message = signals::POSITION
         .split_once('.')
         .map_or("", |(message, _)| message);
     let is_drive = |stamped: &Stamped| stamped.frame.raw_id() == position.raw_id();
     if !frames.iter().any(is_drive) {
-        return Err(Fault::NoDriveFrames {
+        return Err(RecordingFault::NoDriveFrames {
             frames: frames.len(),
             message,
             id: position.raw_id(),
@@ -431,26 +436,26 @@ fn check_frames(frames: &[Stamped], database: &Database, timeline: &Timeline) ->
     let is_sync = |stamped: &Stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID);
     if !frames.iter().any(is_sync) {
         let reason = "it has no SYNC (0x080)";
-        return Err(Fault::NeverBegan { reason });
+        return Err(RecordingFault::NeverBegan { reason });
     }
     if timeline.cycle.is_empty() {
         let reason = "the drive never reports Operation Enabled";
-        return Err(Fault::NeverBegan { reason });
+        return Err(RecordingFault::NeverBegan { reason });
     }
     Ok(())
 }
 
-fn check_values(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault> {
+fn check_values(timeline: &Timeline, scenario: &Scenario) -> Result<(), RecordingFault> {
     check_plausible(timeline, scenario)?;
     let seconds = timeline.end_seconds();
     if seconds < DURATION_SECONDS_MIN {
-        return Err(Fault::TooShort { seconds });
+        return Err(RecordingFault::TooShort { seconds });
     }
     check_gaps(timeline)?;
     check_motion(timeline, scenario)
 }
 
-fn check_plausible(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault> {
+fn check_plausible(timeline: &Timeline, scenario: &Scenario) -> Result<(), RecordingFault> {
     let span = scenario.plant.sensor.span_millimetres;
     let current_max = scenario.plant.amplifier.current_amperes_max;
     let quantities = [
@@ -472,7 +477,7 @@ fn check_plausible(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault
     for (quantity, values, unit, lower, upper) in quantities {
         let outside = |value: &&f64| !value.is_nan() && !(lower..=upper).contains(*value);
         if let Some((row, value)) = values.iter().enumerate().find(|(_, value)| outside(value)) {
-            return Err(Fault::Implausible {
+            return Err(RecordingFault::Implausible {
                 quantity,
                 value: *value,
                 unit,
@@ -485,14 +490,14 @@ fn check_plausible(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault
     Ok(())
 }
 
-fn check_gaps(timeline: &Timeline) -> Result<(), Fault> {
+fn check_gaps(timeline: &Timeline) -> Result<(), RecordingFault> {
     let limit_seconds = GAP_SECONDS_MAX.max(GAP_CYCLES_MAX * timeline.period_seconds);
     let mut last_seconds = 0.0;
     let rows = timeline.time_seconds.iter().zip(timeline.position());
     for (&time, _) in rows.filter(|(_, position)| !position.is_nan()) {
         let gap_seconds = time - last_seconds - timeline.period_seconds;
         if gap_seconds > limit_seconds {
-            return Err(Fault::Gap {
+            return Err(RecordingFault::Gap {
                 at_seconds: last_seconds,
                 gap_seconds,
                 limit_seconds,
@@ -502,12 +507,12 @@ fn check_gaps(timeline: &Timeline) -> Result<(), Fault> {
     }
     let percent = timeline.missed_cycles_percent();
     if percent > MISSED_PERCENT_MAX {
-        return Err(Fault::MissedCycles { percent });
+        return Err(RecordingFault::MissedCycles { percent });
     }
     Ok(())
 }
 
-fn check_motion(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault> {
+fn check_motion(timeline: &Timeline, scenario: &Scenario) -> Result<(), RecordingFault> {
     let sensor = &scenario.plant.sensor;
     let step = sensor_step_millimetres(sensor);
     let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -520,12 +525,12 @@ fn check_motion(timeline: &Timeline, scenario: &Scenario) -> Result<(), Fault> {
         .unwrap_or(0.0);
     let noise = sensor.noise_millimetres_rms;
     if first > START_STEPS_MAX * (step + noise) {
-        return Err(Fault::NotAtRest { millimetres: first });
+        return Err(RecordingFault::NotAtRest { millimetres: first });
     }
     let needed_millimetres = MOTION_STEPS_MIN * (step + noise);
     let millimetres = largest(positions) - lowest;
     if millimetres < needed_millimetres {
-        return Err(Fault::NoMotion {
+        return Err(RecordingFault::NoMotion {
             millimetres,
             needed_millimetres,
             current_amperes_max: largest(&flowed(timeline)),

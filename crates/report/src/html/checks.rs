@@ -3,8 +3,8 @@
 use maud::{Markup, html};
 use scenario::expect::{Demand, SignalCheck};
 
-use super::Run;
-use super::plot::{Colour, Patch, Plot, Shape};
+use crate::plot::{Colour, Patch, Plot, Shape};
+use crate::run::Run;
 use recording::traces::SignalTrace;
 use rig::setup::Setup;
 

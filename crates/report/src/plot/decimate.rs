@@ -1,18 +1,20 @@
 //! Leaves out the points of a curve that nobody can see, so that a page stays small however long the run was.
 
-use super::plot::{HEIGHT, Scale, WIDTH};
+use super::range::finite_range;
+use super::scale::{DrawingScale, HEIGHT, WIDTH};
 
 /// Points that are joined, in whole units of the drawing.
 pub(super) type Polyline = Vec<(i32, i32)>;
 
 /// Width of a pixel column in units of the drawing.
 const COLUMN: i32 = 4;
+
 /// Side of a cell of a path in the plane.
 const CELL: i32 = 4;
 
 /// A curve over time: of each pixel column the first, the lowest, the highest and the last point. A point that is not
 /// finite interrupts it.
-pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &Scale) -> Vec<Polyline> {
+pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> Vec<Polyline> {
     let mut lines = Vec::new();
     let mut line = Polyline::new();
     while let [first, ..] = x {
@@ -24,7 +26,7 @@ pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &Scale) -> Vec<Poly
             (x, y) = (&x[1..], &y[1..]);
             continue;
         };
-        let column = Column {
+        let column = PixelColumn {
             x: &x[..=last],
             y: &y[..=last],
             scale,
@@ -88,38 +90,14 @@ fn column_end(place: f64) -> f64 {
     f64::from((nearest(place) / COLUMN + 1) * COLUMN) - 0.5
 }
 
-/// The least and the greatest of some values; nothing unless there are some and all are finite.
-pub(super) fn finite_range(values: &[f64]) -> Option<(f64, f64)> {
-    // Two at a time, as the processor takes them.
-    let (mut low, mut high, mut sum) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], [0.0; 2]);
-    let mut take = |lane: usize, value: f64| {
-        low[lane] = if value < low[lane] { value } else { low[lane] };
-        high[lane] = if value > high[lane] {
-            value
-        } else {
-            high[lane]
-        };
-        // Once not finite, it stays so.
-        sum[lane] += value;
-    };
-    let (pairs, rest) = values.as_chunks::<2>();
-    for [first, second] in pairs {
-        take(0, *first);
-        take(1, *second);
-    }
-    rest.iter().for_each(|value| take(0, *value));
-    let is_finite = !values.is_empty() && (sum[0] + sum[1]).is_finite();
-    is_finite.then(|| (low[0].min(low[1]), high[0].max(high[1])))
-}
-
 /// The points of one pixel column.
-struct Column<'a> {
+struct PixelColumn<'a> {
     x: &'a [f64],
     y: &'a [f64],
-    scale: &'a Scale,
+    scale: &'a DrawingScale,
 }
 
-impl<'a> Column<'a> {
+impl<'a> PixelColumn<'a> {
     /// What lies between points that are not finite.
     fn parts(&self) -> impl Iterator<Item = Self> {
         let mut x = self.x;
@@ -231,12 +209,12 @@ mod tests {
     use proptest::prelude::*;
 
     /// A drawing whose units are those of the values.
-    fn thinned(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
+    fn decimated(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
         let (x, y): (Vec<f64>, Vec<f64>) = points.unzip();
         over_time(
             &x,
             &y,
-            &Scale {
+            &DrawingScale {
                 x: 0.0,
                 y: 0.0,
                 right: 1.0,
@@ -251,7 +229,7 @@ mod tests {
             let y = if sample == 50_123 { 900.0 } else { 500.0 };
             (f64::from(sample) * WIDTH / 1e5, y)
         });
-        let lines = thinned(points);
+        let lines = decimated(points);
         assert_eq!(lines.len(), 1);
         assert!(lines[0].iter().any(|point| point.1 == 900), "{lines:?}");
         assert!(lines[0].len() < 10, "{lines:?}");
@@ -262,7 +240,7 @@ mod tests {
         let nan = (f64::NAN, f64::NAN);
         let points = [(0.0, 1.0), (100.0, 2.0), nan, (200.0, 3.0), nan, nan];
         assert_eq!(
-            thinned(points.into_iter()),
+            decimated(points.into_iter()),
             [vec![(0, 1), (100, 2)], vec![(200, 3)]]
         );
     }
@@ -313,7 +291,7 @@ mod tests {
         fn the_size_is_bounded(values in prop::collection::vec(prop_oneof![9 => -1e9..1e9f64, 1 => Just(f64::NAN)], 0..20_000)) {
             let count = values.len() as f64;
             let points = values.iter().enumerate().map(|(number, value)| (number as f64 * WIDTH / count, *value));
-            let lines = thinned(points);
+            let lines = decimated(points);
             let columns = usize::try_from(Passed::COLUMNS).unwrap() + 1;
             let gaps = values.iter().filter(|value| value.is_nan()).count();
             prop_assert!(lines.iter().map(Vec::len).sum::<usize>() <= 4 * (columns + gaps));

@@ -1,23 +1,17 @@
-//! `report.html`: one run on one page.
+//! The section with the plots over time: the position first, then all else.
 
 use dbc::signals::WIRE_TEMPERATURE;
-use dbc::{Database, SignalMissing, signals};
+use dbc::{Database, signals};
 use maud::{Markup, html};
 use scenario::Scenario;
 use scenario::events::JudgedStep;
 
-use super::bus_timing::{BusTiming, Spread, histogram};
-use super::plot::{Colour, Extent, Patch, Plot, Shape};
-use super::{Run, checks, page, shown_unit};
+use crate::plot::{Colour, Extent, Patch, Plot, Shape};
+use crate::run::Run;
+use crate::unit::shown_unit;
 use judge::SETTLING_BAND;
-use judge::timing::Timing;
-use recording::events::{Level, TimelineEvent};
-use recording::run_folder::file;
 use recording::timeline::Timeline;
-use rig::external::ExternalNode;
 
-/// Events that are listed; a run with more of them has its own trouble, told by the first ones.
-const EVENTS_MAX: usize = 300;
 /// Steps and disturbances that get a plot of their own.
 const CLOSE_UPS_MAX: usize = 4;
 /// What is seen of a step: before it, and at most after it.
@@ -25,67 +19,7 @@ const BEFORE_SECONDS: f64 = 0.1;
 const AFTER_STEP_SECONDS: f64 = 1.0;
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
-/// The page. It depends on nothing but the recording and the verdict.
-///
-/// # Errors
-/// The database lacks a signal that the bench needs.
-pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
-    let (scenario, database) = (&run.setup.scenario, &*run.setup.database);
-    let timing = BusTiming::of(
-        run.frames,
-        scenario.duration_seconds,
-        scenario.bus.bitrate_kilobits_per_second,
-        database,
-    )?;
-    let body = html! {
-        (head(run))
-        h2 { "Verdict" }
-        @if run.verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
-        @else { (page::metrics(&run.verdict.metrics, run.verdict.outcome)) }
-        @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
-        @else { (plots(run)) }
-        (checks::section(run))
-        (bus(&timing, run))
-        (events(&run.timeline.events))
-        h2 { "Scenario" }
-        details open { summary { (file::SCENARIO) } pre { (run.setup.text) } }
-        (again())
-    };
-    Ok(page::page(
-        &format!("{}: {}", scenario.name, run.verdict.outcome.word()),
-        &body,
-    ))
-}
-
-fn head(run: &Run<'_>) -> Markup {
-    let scenario = &run.setup.scenario;
-    let Run {
-        verdict, timeline, ..
-    } = run;
-    let law = scenario.controller.law_name();
-    html! {
-        h1 { (scenario.name) }
-        p { (page::badge(verdict.outcome)) }
-        @if let Some(reason) = &verdict.reason { p { (reason) } }
-        @if let Some(description) = &scenario.description { p.soft { (description) } }
-        dl.facts {
-            div { dt { "control law" } dd { (law) } }
-            div { dt { "recorded" } dd { (format!("{:.3} s of {} s", timeline.end_seconds(), scenario.duration_seconds)) } }
-            div { dt { "cycle" } dd { (scenario.bus.sync_period_milliseconds) " ms" } }
-            div { dt { "bus" } dd { (scenario.bus.bitrate_kilobits_per_second) " kbit/s" } }
-            div { dt { "frames" } dd { (run.frames.len()) } }
-            div { dt { "seed" } dd { (verdict.seed) } }
-            div { dt { "canrig" } dd { (verdict.version) } }
-            @if !verdict.requirements.is_empty() { div { dt { "requirements" } dd { (verdict.requirements.join(", ")) } } }
-            @if !verdict.external.is_empty() { div { dt { "external" } dd { (verdict.external) } } }
-        }
-        @if verdict.external.has(ExternalNode::Drive) {
-            p.soft { "Wire temperature, martensite fraction and true position are not available: the drive is external, and only the emulator knows them." }
-        }
-    }
-}
-
-fn plots(run: &Run<'_>) -> Markup {
+pub(super) fn section(run: &Run<'_>) -> Markup {
     let (timeline, database) = (run.timeline, &*run.setup.database);
     let error: Vec<f64> = timeline
         .set_point_millimetres
@@ -389,99 +323,4 @@ fn hysteresis(timeline: &Timeline) -> Plot<'_> {
         }
     }
     plot
-}
-
-fn bus(timing: &BusTiming, run: &Run<'_>) -> Markup {
-    let mut load = Plot::over_time("Bus load", "%");
-    load.extent = Extent::FromZero;
-    load.draw(
-        "load",
-        Colour::Measured,
-        Shape::Line,
-        &timing.load_seconds,
-        &timing.load_percent,
-    );
-    let sets = [
-        ("SYNC to SYNC", &timing.cycles),
-        ("SYNC to the drive's answer", &timing.answers),
-        ("SYNC to the controller's command", &timing.commands),
-    ];
-    let bars: Vec<_> = sets
-        .iter()
-        .map(|(_, durations)| histogram(durations))
-        .collect();
-    let bars_plot = |title: &str, (edges, heights): &'_ (Vec<f64>, Vec<f64>)| {
-        let mut plot = Plot::over_time(title, "cycles");
-        plot.x_label = "time (µs)";
-        plot.extent = Extent::Logarithmic;
-        plot.draw("cycles", Colour::Measured, Shape::Area, edges, heights);
-        plot.render()
-    };
-    html! {
-        h2 { "Bus and timing" }
-        p.soft { "Scenario time 0 to " (run.setup.scenario.duration_seconds) " s, by the stamps of the recorder." }
-        div.wide { table {
-            thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
-            tbody { @for (name, durations) in &sets { @if let Some(spread) = Spread::of(durations) { tr {
-                td { (name) }
-                @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (value) } }
-            } } } }
-        } }
-        @if let Some(timing) = &run.verdict.timing { (host(timing)) }
-        div.plots.even {
-            (load.render())
-            @for ((name, _), bars) in sets.iter().zip(&bars) { (bars_plot(name, bars)) }
-        }
-    }
-}
-
-/// What the nodes' loops counted, which the recording does not tell.
-fn host(timing: &Timing) -> Markup {
-    html! {
-        h3 { "As the nodes saw it" }
-        div.wide { table {
-            thead { tr { th { "in µs" } th.number { "median" } th.number { "99 %" } th.number { "99.9 %" } th.number { "most" } } }
-            tbody { @for (name, quantiles) in timing.rows() { tr {
-                td { (name) }
-                @for value in [quantiles.median, quantiles.p99, quantiles.p99_9, quantiles.max] { td.number { (format!("{value:.0}")) } }
-            } } }
-        } }
-        @for reason in &timing.distrust { p.unsure { "The timing is not trusted: " (reason) } }
-    }
-}
-
-fn events(events: &[TimelineEvent]) -> Markup {
-    html! {
-        h2 { "Events" }
-        div.wide { table {
-            thead { tr { th.number { "time (s)" } th { "event" } } }
-            tbody { @for event in events.iter().take(EVENTS_MAX) { tr {
-                td.time { (format!("{:.3}", event.time_seconds)) }
-                td.fail[event.level == Level::Error].unsure[event.level == Level::Warning] { (event.text) }
-            } } }
-        } }
-        @if events.len() > EVENTS_MAX { p.soft { (events.len() - EVENTS_MAX) " more are not listed." } }
-    }
-}
-
-fn again() -> Markup {
-    html! {
-        h2 { "Again" }
-        p { "In this folder:" }
-        pre {
-            "canrig simulate " (file::SCENARIO) "                # in virtual time, in one process\n"
-            "canrig run " (file::SCENARIO) " --clock lockstep    # in virtual time, over a bus\n"
-            "canrig run " (file::SCENARIO) "                     # in real time\n"
-            "canrig replay .                              # judge this recording again\n"
-            "canrig report .                              # make this page again"
-        }
-        p {
-            "Beside this page: "
-            @for (number, name) in [file::BUS_LOG, file::SIGNALS, file::VERDICT, file::JUNIT].into_iter().enumerate() {
-                @if number > 0 { ", " }
-                a href=(name) { (name) }
-            }
-            "."
-        }
-    }
 }

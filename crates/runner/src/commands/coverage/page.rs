@@ -6,7 +6,7 @@ use std::path::Path;
 use comfy_table::{Cell, Color};
 use maud::{Markup, html};
 
-use super::matrix::{Requirement, Test};
+use super::matrix::{Requirement, RequirementTest};
 use judge::verdict::{Outcome, title};
 use report::{page, terminal};
 
@@ -15,7 +15,7 @@ const NEVER_TESTED: &str = "never tested";
 
 /// One line a requirement and scenario, then how many there are of each kind.
 #[must_use]
-pub fn to_text(requirements: &[Requirement]) -> String {
+pub(super) fn to_text(requirements: &[Requirement]) -> String {
     let mut table = terminal::empty_table(["requirement", "scenario", "tested by", "result"]);
     for requirement in requirements {
         let name = name(requirement);
@@ -39,7 +39,10 @@ pub fn to_text(requirements: &[Requirement]) -> String {
 
 /// The page. `page_of` gives the way to the page of a run.
 #[must_use]
-pub fn to_html(requirements: &[Requirement], page_of: impl Fn(&Path) -> Option<String>) -> String {
+pub(super) fn to_html(
+    requirements: &[Requirement],
+    page_of: impl Fn(&Path) -> Option<String>,
+) -> String {
     let tests = requirements.iter().flat_map(|one| &one.tests);
     let scenarios: BTreeSet<&str> = tests.map(|test| test.scenario.as_str()).collect();
     let body = html! {
@@ -78,7 +81,7 @@ fn remark(requirement: &Requirement) -> Markup {
 }
 
 /// The rows that count, and how many runs there are.
-fn tested_by(test: &Test) -> String {
+fn tested_by(test: &RequirementTest) -> String {
     let rows: Vec<String> = test.rows.iter().map(|row| title(row)).collect();
     let rows = match rows.as_slice() {
         [] => "all limits".to_owned(),

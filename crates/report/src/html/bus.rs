@@ -1,0 +1,67 @@
+//! The section on the bus: its load, its times, and what the nodes counted.
+
+use maud::{Markup, html};
+
+use crate::bus_timing::{BusTiming, DurationSpread, histogram};
+use crate::plot::{Colour, Extent, Plot, Shape};
+use crate::run::Run;
+use judge::timing::Timing;
+
+pub(super) fn section(timing: &BusTiming, run: &Run<'_>) -> Markup {
+    let mut load = Plot::over_time("Bus load", "%");
+    load.extent = Extent::FromZero;
+    load.draw(
+        "load",
+        Colour::Measured,
+        Shape::Line,
+        &timing.load_seconds,
+        &timing.load_percent,
+    );
+    let sets = [
+        ("SYNC to SYNC", &timing.cycles),
+        ("SYNC to the drive's answer", &timing.answers),
+        ("SYNC to the controller's command", &timing.commands),
+    ];
+    let bars: Vec<_> = sets
+        .iter()
+        .map(|(_, durations)| histogram(durations))
+        .collect();
+    let bars_plot = |title: &str, (edges, heights): &'_ (Vec<f64>, Vec<f64>)| {
+        let mut plot = Plot::over_time(title, "cycles");
+        plot.x_label = "time (µs)";
+        plot.extent = Extent::Logarithmic;
+        plot.draw("cycles", Colour::Measured, Shape::Area, edges, heights);
+        plot.render()
+    };
+    html! {
+        h2 { "Bus and timing" }
+        p.soft { "Scenario time 0 to " (run.setup.scenario.duration_seconds) " s, by the stamps of the recorder." }
+        div.wide { table {
+            thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
+            tbody { @for (name, durations) in &sets { @if let Some(spread) = DurationSpread::of(durations) { tr {
+                td { (name) }
+                @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (value) } }
+            } } } }
+        } }
+        @if let Some(timing) = &run.verdict.timing { (host(timing)) }
+        div.plots.even {
+            (load.render())
+            @for ((name, _), bars) in sets.iter().zip(&bars) { (bars_plot(name, bars)) }
+        }
+    }
+}
+
+/// What the nodes' loops counted, which the recording does not show.
+fn host(timing: &Timing) -> Markup {
+    html! {
+        h3 { "As the nodes saw it" }
+        div.wide { table {
+            thead { tr { th { "in µs" } th.number { "median" } th.number { "99 %" } th.number { "99.9 %" } th.number { "most" } } }
+            tbody { @for (name, quantiles) in timing.rows() { tr {
+                td { (name) }
+                @for value in [quantiles.median, quantiles.p99, quantiles.p99_9, quantiles.max] { td.number { (format!("{value:.0}")) } }
+            } } }
+        } }
+        @for reason in &timing.distrust { p.unsure { "The timing is not trusted: " (reason) } }
+    }
+}

@@ -1,0 +1,116 @@
+//! `report.html`: one run on one page.
+//!
+//! The head, the verdict, `signals`, `checks`, `bus`, the events, the scenario, and how to make it again.
+
+mod bus;
+mod checks;
+mod signals;
+
+use dbc::SignalMissing;
+use maud::{Markup, html};
+
+use crate::bus_timing::BusTiming;
+use crate::page;
+use crate::run::Run;
+use recording::events::{Event, Level};
+use recording::run_folder::file;
+use rig::external::ExternalNode;
+
+/// Events that are listed; a run with more of them has one cause, which the first ones show.
+const EVENTS_MAX: usize = 300;
+
+/// The page. It depends on nothing but the recording and the verdict.
+///
+/// # Errors
+/// The database lacks a signal that the bench needs.
+pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
+    let (scenario, database) = (&run.setup.scenario, &*run.setup.database);
+    let timing = BusTiming::of(
+        run.frames,
+        scenario.duration_seconds,
+        scenario.bus.bitrate_kilobits_per_second,
+        database,
+    )?;
+    let body = html! {
+        (head(run))
+        h2 { "Verdict" }
+        @if run.verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
+        @else { (page::metrics(&run.verdict.metrics, run.verdict.outcome)) }
+        @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
+        @else { (signals::section(run)) }
+        (checks::section(run))
+        (bus::section(&timing, run))
+        (events(&run.timeline.events))
+        h2 { "Scenario" }
+        details open { summary { (file::SCENARIO) } pre { (run.setup.text) } }
+        (again())
+    };
+    Ok(page::page(
+        &format!("{}: {}", scenario.name, run.verdict.outcome.word()),
+        &body,
+    ))
+}
+
+fn head(run: &Run<'_>) -> Markup {
+    let scenario = &run.setup.scenario;
+    let Run {
+        verdict, timeline, ..
+    } = run;
+    let law = scenario.controller.law_name();
+    html! {
+        h1 { (scenario.name) }
+        p { (page::badge(verdict.outcome)) }
+        @if let Some(reason) = &verdict.reason { p { (reason) } }
+        @if let Some(description) = &scenario.description { p.soft { (description) } }
+        dl.facts {
+            div { dt { "control law" } dd { (law) } }
+            div { dt { "recorded" } dd { (format!("{:.3} s of {} s", timeline.end_seconds(), scenario.duration_seconds)) } }
+            div { dt { "cycle" } dd { (scenario.bus.sync_period_milliseconds) " ms" } }
+            div { dt { "bus" } dd { (scenario.bus.bitrate_kilobits_per_second) " kbit/s" } }
+            div { dt { "frames" } dd { (run.frames.len()) } }
+            div { dt { "seed" } dd { (verdict.seed) } }
+            div { dt { "canrig" } dd { (verdict.version) } }
+            @if !verdict.requirements.is_empty() { div { dt { "requirements" } dd { (verdict.requirements.join(", ")) } } }
+            @if !verdict.external.is_empty() { div { dt { "external" } dd { (verdict.external) } } }
+        }
+        @if verdict.external.has(ExternalNode::Drive) {
+            p.soft { "Wire temperature, martensite fraction and true position are not available: the drive is external, and only the emulator knows them." }
+        }
+    }
+}
+
+fn events(events: &[Event]) -> Markup {
+    html! {
+        h2 { "Events" }
+        div.wide { table {
+            thead { tr { th.number { "time (s)" } th { "event" } } }
+            tbody { @for event in events.iter().take(EVENTS_MAX) { tr {
+                td.time { (format!("{:.3}", event.time_seconds)) }
+                td.fail[event.level == Level::Error].unsure[event.level == Level::Warning] { (event.text) }
+            } } }
+        } }
+        @if events.len() > EVENTS_MAX { p.soft { (events.len() - EVENTS_MAX) " more are not listed." } }
+    }
+}
+
+fn again() -> Markup {
+    html! {
+        h2 { "Again" }
+        p { "In this folder:" }
+        pre {
+            "canrig simulate " (file::SCENARIO) "                # in virtual time, in one process\n"
+            "canrig run " (file::SCENARIO) " --clock lockstep    # in virtual time, over a bus\n"
+            "canrig run " (file::SCENARIO) "                     # in real time\n"
+            "canrig replay .                              # judge this recording again\n"
+            "canrig report .                              # make this page again"
+        }
+        p {
+            "Beside this page: "
+            @for (number, name) in [file::BUS_LOG, file::SIGNALS, file::VERDICT, file::JUNIT].into_iter().enumerate() {
+                @if number > 0 { ", " }
+                a href=(name) { (name) }
+            }
+            "."
+        }
+    }
+}

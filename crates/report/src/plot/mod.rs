@@ -1,0 +1,182 @@
+//! Plots for the HTML pages: curves as SVG that stretches to the width of its place, axes as text of constant size.
+//!
+//! A [`Plot`] is curves of values. `view` chooses the values at its edges and draws between them: `range` says which values
+//! those are, `ticks` labels them, `scale` turns values into units of the drawing, and `decimate` leaves out the points that
+//! nobody can see.
+
+mod curve;
+mod decimate;
+mod range;
+mod scale;
+mod ticks;
+mod view;
+
+use maud::{Markup, PreEscaped, html};
+
+use self::ticks::{decades, ticks};
+use self::view::View;
+
+pub use curve::{Colour, Extent, Patch, PlotCurve, Shape};
+pub(crate) use scale::{HEIGHT, WIDTH};
+
+/// A plot.
+pub struct Plot<'a> {
+    /// What it shows.
+    pub title: String,
+    /// The unit of the height; empty for numbers without one.
+    pub y_unit: &'a str,
+    /// What stands below the horizontal axis.
+    pub x_label: &'a str,
+    /// What the height stands for.
+    pub extent: Extent,
+    pub curves: Vec<PlotCurve<'a>>,
+    /// What stands behind the curves.
+    pub patches: Vec<Patch>,
+    /// The stretch of x that is shown; all of it when absent.
+    pub x_range: Option<(f64, f64)>,
+}
+
+/// What is drawn of a plot: the same on a page and in a picture.
+pub struct PlotDrawing {
+    /// Grid, patches and curves, in the drawing's own units.
+    pub content: Markup,
+    /// Labels at per cent from the left.
+    pub x_labels: Vec<(f64, String)>,
+    /// Labels at per cent from the top.
+    pub y_labels: Vec<(f64, String)>,
+    is_cut: bool,
+}
+
+impl<'a> Plot<'a> {
+    /// A plot over time without curves.
+    pub fn over_time(title: impl Into<String>, y_unit: &'a str) -> Self {
+        Self {
+            title: title.into(),
+            y_unit,
+            x_label: "time (s)",
+            extent: Extent::All,
+            curves: Vec::new(),
+            patches: Vec::new(),
+            x_range: None,
+        }
+    }
+
+    /// Adds a curve, unless it has no value at all.
+    pub fn draw(
+        &mut self,
+        label: impl Into<String>,
+        colour: Colour,
+        shape: Shape,
+        x: &'a [f64],
+        y: &'a [f64],
+    ) {
+        if x.iter().zip(y).any(|(x, y)| x.is_finite() && y.is_finite()) {
+            let label = label.into();
+            self.curves.push(PlotCurve {
+                label,
+                colour,
+                shape,
+                x,
+                y,
+            });
+        }
+    }
+
+    /// The plot as a figure; nothing when it has no curve.
+    pub fn render(&self) -> Markup {
+        if self.curves.is_empty() {
+            return html! {};
+        }
+        let drawing = self.drawing();
+        let names: Vec<&str> = self
+            .curves
+            .iter()
+            .map(|curve| curve.label.as_str())
+            .collect();
+        html! {
+            figure.plot {
+                figcaption {
+                    strong { (self.title) }
+                    @if !self.y_unit.is_empty() { " (" (self.y_unit) ")" }
+                    @if drawing.is_cut { ", peaks cut" }
+                    span.legend {
+                        @for curve in &self.curves {
+                            span { i.(curve.colour.class()).dashed[curve.shape == Shape::Dashed] {} (curve.label) }
+                        }
+                    }
+                }
+                div.axes {
+                    div.y aria-hidden="true" {
+                        @for (place, label) in &drawing.y_labels { span style=(format!("top:{place:.2}%")) { (label) } }
+                    }
+                    svg viewBox=(format!("0 0 {WIDTH} {HEIGHT}")) preserveAspectRatio="none" role="img"
+                        aria-label=(format!("{}: {}", self.title, names.join(", "))) {
+                        (drawing.content)
+                    }
+                    div.x aria-hidden="true" {
+                        @for (place, label) in &drawing.x_labels { span style=(format!("left:{place:.2}%")) { (label) } }
+                    }
+                }
+                p.x-label { (self.x_label) }
+            }
+        }
+    }
+
+    pub(super) fn drawing(&self) -> PlotDrawing {
+        let view = View::new(&self.curves, &self.patches, self.extent, self.x_range);
+        let x_ticks = ticks(view.x);
+        let y_ticks = match self.extent {
+            Extent::Logarithmic => decades(view.y),
+            _ => ticks(view.y),
+        };
+        let content = html! {
+            (PreEscaped(view.grid(&x_ticks, &y_ticks)))
+            @for patch in &self.patches { (PreEscaped(view.patch(patch))) }
+            @for curve in &self.curves { (PreEscaped(view.curve(curve))) }
+        };
+        let along = |(value, label)| (view.along(value), label);
+        let down = |(value, label)| (100.0 - view.up(value), label);
+        PlotDrawing {
+            content,
+            x_labels: x_ticks.into_iter().map(along).collect(),
+            y_labels: y_ticks.into_iter().map(down).collect(),
+            is_cut: view.is_cut,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_escaped() {
+        let mut plot = Plot::over_time("<b>", "mm");
+        plot.draw(
+            "\"&",
+            Colour::Measured,
+            Shape::Line,
+            &[0.0, 1.0],
+            &[0.0, 1.0],
+        );
+        let text = plot.render().into_string();
+        assert!(
+            text.contains("&lt;b&gt;") && !text.contains("<b>"),
+            "{text}"
+        );
+        assert!(text.contains("&quot;&amp;"), "{text}");
+    }
+
+    #[test]
+    fn a_curve_without_a_value_is_left_out() {
+        let mut plot = Plot::over_time("t", "");
+        plot.draw(
+            "none",
+            Colour::Measured,
+            Shape::Line,
+            &[0.0, 1.0],
+            &[f64::NAN; 2],
+        );
+        assert_eq!(plot.render().into_string(), "");
+    }
+}

@@ -1,0 +1,169 @@
+//! Which values are at the edges of a drawing, and what is drawn between them.
+
+use std::fmt::Write;
+
+use super::curve::{Extent, Patch, PlotCurve, Shape};
+use super::decimate::{self, Polyline};
+use super::range::{NOTHING, extended, typical, with_room};
+use super::scale::{DrawingScale, HEIGHT, WIDTH};
+
+/// Free room above and below the curves, by the height.
+const MARGIN: f64 = 0.05;
+
+/// Which values are at the edges.
+pub(super) struct View {
+    pub(super) x: (f64, f64),
+    pub(super) y: (f64, f64),
+    /// Whether values lie beyond the upper or lower edge.
+    pub(super) is_cut: bool,
+}
+
+impl View {
+    /// The edges that show all that is to be seen of the curves, in a stretch of x if one is wanted.
+    pub(super) fn new(
+        curves: &[PlotCurve<'_>],
+        patches: &[Patch],
+        extent: Extent,
+        x_range: Option<(f64, f64)>,
+    ) -> Self {
+        let x = x_range.unwrap_or_else(|| with_room(all_x(curves)));
+        let shown = || curves.iter().map(|curve| curve.within(x_range).1);
+        let range = shown().fold(NOTHING, extended);
+        let range = (patches.iter())
+            .filter(|patch| patch.x.1 > x.0 && patch.x.0 < x.1)
+            .fold(range, |range, patch| {
+                extended(range, &[patch.y.0, patch.y.1])
+            });
+        let (y, is_cut) = match extent {
+            Extent::All => {
+                let (low, high) = with_room(range);
+                let margin = (high - low) * MARGIN;
+                ((low - margin, high + margin), false)
+            }
+            Extent::FromZero => (with_margin_above(extended(range, &[0.0])), false),
+            Extent::Logarithmic => (with_margin_above(range), false),
+            Extent::Typical => {
+                let values = shown().flatten().copied();
+                let y = typical(values.filter(|y| y.is_finite()).collect());
+                (y, y != with_room(range))
+            }
+        };
+        Self { x, y, is_cut }
+    }
+
+    /// Per cent from the left.
+    pub(super) fn along(&self, x: f64) -> f64 {
+        100.0 * (x - self.x.0) / (self.x.1 - self.x.0)
+    }
+
+    /// Per cent from the bottom.
+    pub(super) fn up(&self, y: f64) -> f64 {
+        100.0 * (y - self.y.0) / (self.y.1 - self.y.0)
+    }
+
+    /// A point in the drawing's units.
+    fn place(&self, x: f64, y: f64) -> (f64, f64) {
+        self.scale().place(x, y)
+    }
+
+    /// The way from values to units of the drawing. It is computed once for all points of a curve, since divisions are slow.
+    fn scale(&self) -> DrawingScale {
+        let right = WIDTH / (self.x.1 - self.x.0);
+        let down = HEIGHT / (self.y.0 - self.y.1);
+        DrawingScale {
+            x: self.x.0,
+            y: self.y.1,
+            right,
+            down,
+        }
+    }
+
+    pub(super) fn grid(&self, x_ticks: &[(f64, String)], y_ticks: &[(f64, String)]) -> String {
+        let mut path = String::new();
+        for (x, _) in x_ticks {
+            let _ = write!(path, "M{:.0} 0V{HEIGHT}", self.place(*x, 0.0).0);
+        }
+        for (y, _) in y_ticks {
+            let _ = write!(path, "M0 {:.0}H{WIDTH}", self.place(0.0, *y).1);
+        }
+        format!(r#"<path class="grid" d="{path}"/>"#)
+    }
+
+    pub(super) fn patch(&self, patch: &Patch) -> String {
+        let within = |(low, high): (f64, f64), edges: (f64, f64)| {
+            (low.clamp(edges.0, edges.1), high.clamp(edges.0, edges.1))
+        };
+        let (x, y) = (within(patch.x, self.x), within(patch.y, self.y));
+        let ((left, top), (right, bottom)) = (self.place(x.0, y.1), self.place(x.1, y.0));
+        let (width, height) = (right - left, bottom - top);
+        if width <= 0.0 {
+            return String::new();
+        }
+        format!(
+            r#"<rect class="{}" x="{left:.0}" y="{top:.0}" width="{width:.0}" height="{height:.0}"/>"#,
+            patch.class
+        )
+    }
+
+    pub(super) fn curve(&self, curve: &PlotCurve<'_>) -> String {
+        let (x, y) = curve.within(Some(self.x));
+        let scale = self.scale();
+        let lines = match curve.shape {
+            Shape::Path => decimate::path(x.iter().zip(y).map(|(x, y)| scale.place(*x, *y))),
+            _ => decimate::over_time(x, y, &scale),
+        };
+        let class = curve.colour.class();
+        let (more, close) = match curve.shape {
+            Shape::Dashed => (" dashed", false),
+            Shape::Area => (" area", true),
+            Shape::Line | Shape::Path => ("", false),
+        };
+        format!(
+            r#"<path class="{class}{more}" d="{}"/>"#,
+            path_data(&lines, close)
+        )
+    }
+}
+
+/// From the least to the greatest x of the curves.
+fn all_x(curves: &[PlotCurve<'_>]) -> (f64, f64) {
+    curves
+        .iter()
+        .fold(NOTHING, |range, curve| match (curve.shape, curve.x) {
+            // Over time the ends are the extremes.
+            (Shape::Line | Shape::Dashed | Shape::Area, [first, .., last]) => {
+                extended(range, &[*first, *last])
+            }
+            (_, x) => extended(range, x),
+        })
+}
+
+/// A range that can be drawn, with room above it.
+fn with_margin_above(range: (f64, f64)) -> (f64, f64) {
+    let (low, high) = with_room(range);
+    (low, high + (high - low) * MARGIN)
+}
+
+/// The commands of an SVG path, in steps from point to point; with `close`, each down to the lower edge and back.
+fn path_data(lines: &[Polyline], close: bool) -> String {
+    let mut data = String::new();
+    for line in lines {
+        let Some((&start, rest)) = line.split_first() else {
+            continue;
+        };
+        // Writing into a string cannot fail.
+        let _ = write!(data, "M{} {}", start.0, start.1);
+        if rest.is_empty() {
+            // A single point is drawn as a dot, by the round ends of a line without length.
+            data.push_str("h0");
+        }
+        for (step, [from, to]) in line.array_windows().enumerate() {
+            let before = if step == 0 { 'l' } else { ' ' };
+            let _ = write!(data, "{before}{} {}", to.0 - from.0, to.1 - from.1);
+        }
+        if close {
+            let _ = write!(data, "V{HEIGHT}H{}z", start.0);
+        }
+    }
+    data
+}

@@ -1,0 +1,141 @@
+//! The command.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::comparison::compare_runs;
+use super::difference::Comparison;
+use super::page;
+use super::tolerance::{GivenTolerance, Tolerances, UnknownName};
+use crate::console::{print, print_error};
+use crate::exit::Exit;
+use crate::output::write;
+use crate::recorded::{Recorded, RecordedError, refuse};
+
+/// Arguments of `compare`.
+#[derive(Args, Debug)]
+pub struct CompareArgs {
+    /// A run folder, or a log beside its scenario.toml
+    pub a: PathBuf,
+    /// Another one
+    pub b: PathBuf,
+    /// How far a signal, a metric, or all signals of a unit may differ: `position_millimetres=0.5`, `degC=2`, `A=0.1`;
+    /// `inf` for not judged. Without it: 0.25 mm, 1 degC, 0.02 for fractions and states; currents, velocities and the
+    /// parts of the law are shown only, since they swing
+    #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
+    pub tolerance: Vec<GivenTolerance>,
+    /// How much earlier or later a value may come
+    #[arg(long, value_name = "MILLISECONDS", default_value_t = 5.0, value_parser = milliseconds)]
+    pub time_tolerance: f64,
+    /// Write a page with plots of what differs
+    #[arg(long, short, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Print the comparison as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A time from 0 to 10 s.
+fn milliseconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text
+        .parse()
+        .map_err(|_| "a number of milliseconds is expected")?;
+    if (0.0..=10_000.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("0 to 10000 ms are possible".to_owned())
+    }
+}
+
+/// Compares two recordings; exit code 0 when they agree, 1 when they diverge.
+#[must_use]
+pub fn compare(args: &CompareArgs) -> Exit {
+    match compared(args) {
+        Ok((comparison, page)) => {
+            if args.json {
+                print(&serde_json::to_string_pretty(&comparison).expect("plain data"));
+            } else {
+                print(&page::to_text(&comparison));
+            }
+            if let Some((place, text)) = page
+                && let Err(exit) = write(place, text.as_bytes())
+            {
+                return exit;
+            }
+            if let Some(place) = args.output.as_ref().filter(|_| !args.json) {
+                print(&format!("plots  {}", place.display()));
+            }
+            if comparison.agrees {
+                Exit::Pass
+            } else {
+                Exit::VerdictFailed
+            }
+        }
+        Err(error) => error.print(),
+    }
+}
+
+/// Why nothing was compared.
+enum CompareError {
+    Recorded(RecordedError),
+    NoSuchName(UnknownName),
+}
+
+impl<E: Into<RecordedError>> From<E> for CompareError {
+    fn from(error: E) -> Self {
+        Self::Recorded(error.into())
+    }
+}
+
+impl CompareError {
+    /// Prints why; the exit code of that.
+    fn print(self) -> Exit {
+        match self {
+            Self::Recorded(error) => refuse(error),
+            Self::NoSuchName(UnknownName(name)) => {
+                print_error(&format!(
+                    "canrig: --tolerance: no signal, metric or unit is called {name}"
+                ));
+                Exit::Usage
+            }
+        }
+    }
+}
+
+type Page<'a> = Option<(&'a Path, String)>;
+
+fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> {
+    let [a, b] = [&args.a, &args.b].map(|path| -> Result<_, RecordedError> {
+        let recorded = Recorded::load(path, None)?;
+        let timeline = recorded.timeline()?;
+        let verdict = recorded.judge(&timeline)?;
+        Ok((recorded, timeline, verdict))
+    });
+    let ((a, a_timeline, a_verdict), (b, b_timeline, b_verdict)) = (a?, b?);
+    let tolerances = Tolerances {
+        given: &args.tolerance,
+        time_seconds: args.time_tolerance / 1e3,
+    };
+    (tolerances.check(&a_timeline, [&a_verdict, &b_verdict])).map_err(CompareError::NoSuchName)?;
+    let mut comparison = compare_runs(
+        &tolerances,
+        (&a_timeline, &a_verdict),
+        (&b_timeline, &b_verdict),
+    );
+    for recorded in [&a, &b] {
+        if let Some(broken) = &recorded.log.broken {
+            comparison
+                .remarks
+                .push(format!("{} breaks off: {broken}", recorded.path.display()));
+        }
+    }
+    let page = args.output.as_deref().map(|place| {
+        let names = [&a, &b].map(|recorded| recorded.path.display().to_string());
+        (
+            place,
+            page::to_html(&comparison, &names, [&a_timeline, &b_timeline]),
+        )
+    });
+    Ok((comparison, page))
+}

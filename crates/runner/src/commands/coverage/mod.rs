@@ -1,0 +1,7 @@
+//! `canrig coverage`: which requirement is tested by which scenario, and what came of it.
+
+mod command;
+mod matrix;
+mod page;
+
+pub use command::{CoverageArgs, coverage};

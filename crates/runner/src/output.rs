@@ -1,0 +1,54 @@
+//! Files that the user wants somewhere.
+
+use std::fs;
+use std::path::Path;
+
+use crate::console::{print, print_error};
+use crate::exit::Exit;
+
+/// Writes a file; where it cannot be written, prints why.
+pub(crate) fn write(place: &Path, bytes: &[u8]) -> Result<(), Exit> {
+    fs::write(place, bytes).map_err(|error| {
+        let place = place.display();
+        print_error(&format!("canrig: {place} cannot be written: {error}"));
+        Exit::BenchFailed
+    })
+}
+
+/// Writes a page and prints where.
+pub(crate) fn write_page(place: &Path, text: &str) -> Result<(), Exit> {
+    write(place, text.as_bytes())?;
+    print(&place.display().to_string());
+    Ok(())
+}
+
+/// The way from one file to another; nothing where there is none.
+pub(crate) fn link(from: &Path, to: &Path) -> Option<String> {
+    let from = match from.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let (from, to) = (fs::canonicalize(from).ok()?, fs::canonicalize(to).ok()?);
+    let shared = from
+        .components()
+        .zip(to.components())
+        .take_while(|(a, b)| a == b)
+        .count();
+    let up = from.components().skip(shared).map(|_| "..".to_owned());
+    let down = to
+        .components()
+        .skip(shared)
+        .map(|part| escaped(&part.as_os_str().to_string_lossy()));
+    Some(up.chain(down).collect::<Vec<_>>().join("/"))
+}
+
+/// A part of a path in a link: what would be read as something else is written in percent.
+fn escaped(part: &str) -> String {
+    let escape = |byte: u8| match byte {
+        b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' => {
+            char::from(byte).to_string()
+        }
+        other => format!("%{other:02X}"),
+    };
+    part.bytes().map(escape).collect()
+}
