@@ -25,6 +25,7 @@ mod limit;
 mod load;
 mod nearest;
 mod null;
+mod outside;
 pub mod own;
 pub mod plant;
 pub mod profile;

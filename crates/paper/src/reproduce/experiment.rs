@@ -234,9 +234,8 @@ impl Run {
             Keep::Trace => Some(span(0.0, self.scenario.duration_seconds)),
         };
         let trace = || {
-            let database = dbc::Database::shipped();
             let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
-            let trace = Trace::from_frames(place, played.frames, scenario, database);
+            let trace = Trace::from_frames(place, played.frames, scenario);
             trace.map_err(|error| error.to_string())
         };
         Kept {

@@ -9,6 +9,7 @@ use crate::console::complain;
 use crate::exit::Exit;
 use dbc::scenario_clock::ScenarioClock;
 use report::{asc, blf, csv, mf4, parquet};
+use worlds::catalogue::catalogue;
 
 /// Arguments of `export`.
 #[derive(Args, Debug)]
@@ -69,7 +70,7 @@ pub fn export(args: &ExportArgs) -> Exit {
 }
 
 fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
-    let recorded = Recorded::load(&args.recording, None)?;
+    let recorded = Recorded::load(&args.recording, None, catalogue())?;
     let frames = &recorded.log.frames;
     let bytes = match args.format {
         Format::Csv => csv_table(&recorded)?,

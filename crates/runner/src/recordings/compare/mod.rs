@@ -21,6 +21,7 @@ use crate::console::{complain, say};
 use crate::exit::Exit;
 use judge::verdict::{Metric, Verdict};
 use recording::timeline::Timeline;
+use worlds::catalogue::catalogue;
 
 pub use tolerance::GivenTolerance;
 
@@ -128,7 +129,7 @@ type Page<'a> = Option<(&'a Path, String)>;
 
 fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> {
     let [a, b] = [&args.a, &args.b].map(|path| -> Result<_, RecordedError> {
-        let recorded = Recorded::load(path, None)?;
+        let recorded = Recorded::load(path, None, catalogue())?;
         let timeline = recorded.timeline()?;
         let verdict = recorded.judge(&timeline)?;
         Ok((recorded, timeline, verdict))

@@ -7,10 +7,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use scenario::ScenarioError;
 
 use self::matrix::Requirement;
-use super::recorded::{read_verdict, require_run};
+use super::recorded::{read_played, require_run};
 use super::report::{link, write};
 use super::{RecordedError, refuse};
 use crate::console::{complain, say};
@@ -117,10 +116,7 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
 /// The scenario of a run folder and its verdict; none for a run that was killed.
 fn read(folder: &Path) -> Result<(Setup, Option<Verdict>), RecordedError> {
     require_run(folder)?;
-    let invalid = |error: ScenarioError| RecordedError::Scenario(Box::new(error));
-    let setup = Setup::load(&folder.join(file::SCENARIO), catalogue()).map_err(invalid)?;
-    let verdict = read_verdict(&folder.join(file::VERDICT))?;
-    Ok((setup, verdict))
+    read_played(folder, catalogue())
 }
 
 /// Each requirement of a scenario with the rows that test it; none stands for the scenario as a whole.
