@@ -222,6 +222,34 @@ mod tests {
     }
 
     #[test]
+    fn on_a_rig_the_plant_s_signals_keep_their_names_and_never_have_a_value() {
+        let rig = LoadedRig::of_text(
+            "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
+             position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n",
+        );
+        let term = LawTerm {
+            name: "sum".to_owned(),
+            unit: String::new(),
+            comment: String::new(),
+        };
+        let frames = Frames::new(&[signal("a"), signal("b"), signal("c")], &[term]);
+        let database = frames.database_with(Some(&rig.unwrap()), &External::default());
+        let names = SignalNames::new(&database, &data_sheet::of_the_rig());
+        assert_eq!(names.find("c"), Ok("drive_tpdo3.c"));
+        assert_eq!(names.find("sum"), Ok("controller_tpdo2.sum"));
+        assert!(names.find("wire_temperature_celsius").is_err());
+        let messages = |database: &Database| {
+            let names = database.messages().iter().map(|message| &message.name);
+            names.cloned().collect::<BTreeSet<_>>()
+        };
+        assert_eq!(messages(&database), messages(&frames.database));
+        for id in [0x290, 0x390, 0x6B0] {
+            let frame = canopen::CanFrame::new(id, &[0; 8]);
+            assert_eq!(database.message_of(&frame), None, "{id:#x}");
+        }
+    }
+
+    #[test]
     fn two_signals_of_one_name_are_refused() {
         let double = [signal("position_millimetres")];
         let plants = [("mine", &double[..])];
