@@ -139,7 +139,7 @@ fn broken_frames_are_refused_by_file_and_place() {
     let position = " SG_ position_millimetres : 16|32@1-";
     assert!(good.contains(position));
     let cut = &good[..good.find(position).unwrap() + position.len()];
-    let place = format!("{}:{}", cut.lines().count(), position.len() + 1);
+    let place = format!(" --> {}:", cut.lines().count());
     let overlap = good.replace(position, " SG_ position_millimetres : 15|32@1-");
     let absent = good.replace(" position_millimetres ", " whereabouts ");
     let double = good.replace(" current_amperes ", " target_current_amperes ");
@@ -151,7 +151,7 @@ fn broken_frames_are_refused_by_file_and_place() {
         (&double, "are called `target_current_amperes`"),
         (&long, "longer than 1048576 bytes"),
         (&long[..900_000], "1:1"),
-        ("", "no signal drive_tpdo1"),
+        ("", "the DBC has no signal"),
     ] {
         fs::write(&frames, content).unwrap();
         for command in ["replay", "report", "identify"] {
