@@ -4,6 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use rig::catalogue::Catalogue;
+use runner::recordings::Recorded;
+
 use crate::real_time::in_real_time;
 use crate::support::{canrig, only_run, output, scenario, short_scenario, unhurried_scenario};
 
@@ -41,6 +44,125 @@ fn a_recording_gives_its_verdict_again_to_the_byte() {
         stdout.contains("the same verdict as that of the run"),
         "{stdout}"
     );
+}
+
+/// The table of a plant that no bench has; the frames are those of the motor.
+const STRANGE_PLANT: &str = "[plant.my_motor]\nwindings = \"two\"\n";
+
+/// A run of the DC motor whose scenario then says that it was another plant.
+fn run_of_a_strange_plant(folder: &Path) -> PathBuf {
+    let run = simulated(folder, &scenario("motor_step.toml"));
+    let played = fs::read_to_string(run.join("scenario.toml")).unwrap();
+    let strange = played.replace("[plant.dc_motor]\n", STRANGE_PLANT);
+    assert_ne!(strange, played);
+    fs::write(run.join("scenario.toml"), strange).unwrap();
+    run
+}
+
+#[test]
+fn a_recording_is_judged_again_without_its_plant_in_the_catalogue() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path(), &scenario("motor_step.toml"));
+    let recorded = Recorded::load(&run, None, &Catalogue::shipped()).unwrap();
+    let timeline = recorded.timeline().unwrap();
+    let verdict = recorded.judge(&timeline).unwrap().to_json();
+    assert_eq!(
+        verdict,
+        fs::read_to_string(run.join("verdict.json")).unwrap()
+    );
+}
+
+#[test]
+fn a_recording_of_a_plant_from_outside_is_read_by_its_own_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let run = run_of_a_strange_plant(&runs);
+    let stored = fs::read_to_string(run.join("verdict.json")).unwrap();
+    let limits = run.join("scenario.toml");
+    for arguments in [
+        &["replay", "--json", text(&run)][..],
+        &["replay", "--json", text(&run.join("bus.log"))],
+        &["replay", "--json", text(&run), "--scenario", text(&limits)],
+    ] {
+        let (code, stdout, stderr) = tool(arguments);
+        assert_eq!((code, stdout), (Some(0), stored.clone()), "{stderr}");
+    }
+    let (code, stdout, stderr) = tool(&["export", text(&run), "--format", "csv"]);
+    assert_eq!(code, Some(0), "{stderr}");
+    assert_eq!(stdout, fs::read_to_string(run.join("signals.csv")).unwrap());
+    for arguments in [
+        &["report", text(&run)][..],
+        &["compare", text(&run), text(&run)],
+    ] {
+        let (code, stdout, stderr) = tool(arguments);
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+    }
+    let page = fs::read_to_string(run.join("report.html")).unwrap();
+    assert!(page.contains("Motor speed") || page.contains("motor_speed"));
+    let refused = tool(&["identify", text(&run), "--output", text(folder.path())]);
+    assert_eq!(refused.0, Some(3));
+    assert!(refused.2.contains("its plant is `my_motor`"), "{refused:?}");
+    // What is to be played must be known.
+    for command in ["check", "simulate"] {
+        let (code, _, stderr) = tool(&[command, text(&limits)]);
+        assert_eq!(code, Some(3));
+        assert!(stderr.contains("unknown plant `my_motor`"), "{stderr}");
+    }
+}
+
+#[test]
+fn a_run_folder_without_its_frames_is_read_by_the_catalogue() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["step.toml", "motor_step.toml"] {
+        let run = simulated(&folder.path().join(name), &scenario(name));
+        let stored = fs::read_to_string(run.join("verdict.json")).unwrap();
+        fs::remove_file(run.join("frames.dbc")).unwrap();
+        let (code, stdout, stderr) = tool(&["replay", "--json", text(&run)]);
+        assert_eq!((code, stdout), (Some(0), stored), "{stderr}");
+    }
+    let run = run_of_a_strange_plant(&folder.path().join("strange"));
+    fs::remove_file(run.join("frames.dbc")).unwrap();
+    let (code, _, stderr) = tool(&["replay", text(&run)]);
+    assert_eq!(code, Some(3));
+    assert!(stderr.contains("unknown plant `my_motor`"), "{stderr}");
+}
+
+#[test]
+fn broken_frames_are_refused_by_file_and_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(
+        &folder.path().join("runs"),
+        &short_scenario(folder.path(), 1.0),
+    );
+    let frames = run.join("frames.dbc");
+    let good = fs::read_to_string(&frames).unwrap();
+    let position = " SG_ position_millimetres : 16|32@1-";
+    assert!(good.contains(position));
+    let cut = &good[..good.find(position).unwrap() + position.len()];
+    let place = format!(" --> {}:", cut.lines().count());
+    let overlap = good.replace(position, " SG_ position_millimetres : 15|32@1-");
+    let absent = good.replace(" position_millimetres ", " whereabouts ");
+    let double = good.replace(" current_amperes ", " target_current_amperes ");
+    let long = "x".repeat(2 << 20);
+    for (content, reason) in [
+        (cut, place.as_str()),
+        (&overlap, "message drive_tpdo1: signals"),
+        (&absent, "no signal drive_tpdo1.position_millimetres"),
+        (&double, "are called `target_current_amperes`"),
+        (&long, "longer than 1048576 bytes"),
+        (&long[..900_000], "1:1"),
+        ("", "the DBC has no signal"),
+    ] {
+        fs::write(&frames, content).unwrap();
+        for command in ["replay", "report", "identify"] {
+            let (code, _, stderr) = tool(&[command, text(&run)]);
+            assert_eq!(code, Some(3), "{stderr}");
+            assert!(stderr.contains(reason), "{reason} is not in {stderr}");
+            assert!(stderr.len() < 2000, "{} bytes", stderr.len());
+            let names_it = stderr.contains("frames.dbc") || stderr.contains("the DBC has");
+            assert!(names_it, "{stderr}");
+        }
+    }
 }
 
 #[test]

@@ -224,6 +224,15 @@ impl Database {
         Self { messages }
     }
 
+    /// The same with these messages as another database has them, but no frame carries them.
+    #[must_use]
+    pub fn with_silent_of(&self, other: &Self, names: &[&str]) -> Self {
+        let is_named = |message: &&Message| names.contains(&message.name.as_str());
+        let ours = self.messages.iter().filter(|message| !is_named(message));
+        let others = other.messages.iter().filter(is_named);
+        Self::of(ours.chain(others).cloned().collect()).with_silent(names)
+    }
+
     /// The same with messages under other identifiers, all of them at once.
     ///
     /// # Errors

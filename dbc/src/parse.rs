@@ -14,6 +14,8 @@ use crate::notation::{
 
 /// Pseudo-message in which Vector's tools keep signals that belong to no message.
 const UNUSED_SIGNALS: &str = "VECTOR__INDEPENDENT_SIG_MSG";
+/// Characters of a line that an error quotes.
+const QUOTED_CHARACTERS_MAX: usize = 200;
 /// Highest identifier of 29 bits.
 const IDENTIFIER_MAX: u32 = 0x1FFF_FFFF;
 
@@ -31,7 +33,8 @@ impl Database {
         if bytes > limit {
             return Err(DbcError::TextTooLong { bytes, limit });
         }
-        let dbc = Dbc::try_from(text).map_err(|error| DbcError::Syntax(error.to_string()))?;
+        let dbc = Dbc::try_from(text)
+            .map_err(|error| DbcError::Syntax(with_short_lines(&error.to_string())))?;
         let is_used = |message: &&can_dbc::Message| message.name != UNUSED_SIGNALS;
         let (mut messages, mut unplaced) = (Vec::new(), Vec::new());
         for message in dbc.messages.iter().filter(is_used) {
@@ -48,6 +51,15 @@ impl Database {
         refuse_duplicates(database.messages())?;
         Ok(database)
     }
+}
+
+/// An error that quotes the text, in which a line may be long.
+fn with_short_lines(error: &str) -> String {
+    let lines = error.lines().map(|line| {
+        let cut = line.char_indices().nth(QUOTED_CHARACTERS_MAX);
+        cut.map_or(line, |(end, _)| &line[..end])
+    });
+    lines.collect::<Vec<_>>().join("\n")
 }
 
 /// A message with its signals.

@@ -25,6 +25,8 @@ pub mod file {
     pub const JUNIT: &str = "junit.xml";
     /// The run on one page.
     pub const REPORT: &str = "report.html";
+    /// What the frames mean, as a DBC.
+    pub const FRAMES: &str = "frames.dbc";
     /// The rig file as it was used; only in runs on a rig.
     pub const RIG: &str = rig::rig_file::RIG_FILE;
     /// The recording for the Rerun viewer.

@@ -1,19 +1,34 @@
-//! What a run folder holds of its setup, so that the folder can be run and judged by itself.
+//! What a run folder holds of its setup, so that the folder can be run and judged by itself: written, and read back.
 
 use std::fs;
-use std::path::Path;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use rig::rig_file::LoadedRig;
+use dbc::{Database, DbcError};
+use rig::catalogue::{Catalogue, name_of_two_columns};
+use rig::external::External;
+use rig::rig_file::{LoadedRig, RigError};
 use rig::setup::Setup;
-use scenario::Scenario;
+use scenario::expect::Expect;
+use scenario::{Scenario, ScenarioError, read_text};
 
 use crate::run_folder::{RunFolder, WriteError, file};
+
+/// Writes what is played, and what its frames mean.
+///
+/// # Errors
+/// A file cannot be read or written.
+pub fn write_setup(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
+    write_scenario(folder, setup)?;
+    folder.write(file::FRAMES, setup.database.to_dbc().as_bytes())
+}
 
 /// Writes the scenario with the files that it names, and the rig file with its EDS.
 ///
 /// # Errors
 /// A file cannot be read or written.
-pub fn write_setup(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
+pub fn write_scenario(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
     folder.write(file::SCENARIO, setup.text.as_bytes())?;
     copy_tables(folder, setup, "")?;
     match &setup.rig {
@@ -46,6 +61,106 @@ fn write_rig(folder: &RunFolder, rig: &LoadedRig) -> Result<(), WriteError> {
     let beside = place.parent().unwrap_or(folder.path());
     fs::create_dir_all(beside).map_err(WriteError::at(beside))?;
     folder.write(eds, rig.eds.as_bytes())
+}
+
+/// The setup of a recording cannot be read back.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    #[error(transparent)]
+    Scenario(Box<ScenarioError>),
+    #[error(transparent)]
+    Rig(Box<RigError>),
+    #[error(transparent)]
+    Frames(#[from] FramesError),
+}
+
+/// The `frames.dbc` of a recording cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{} cannot be used: {fault}", path.display())]
+pub struct FramesError {
+    path: PathBuf,
+    fault: FramesFault,
+}
+
+#[derive(Debug, thiserror::Error)]
+enum FramesFault {
+    #[error(transparent)]
+    Unreadable(#[from] io::Error),
+    #[error(transparent)]
+    Invalid(#[from] DbcError),
+    #[error("two signals that become columns are called `{0}`")]
+    TwoColumns(String),
+}
+
+/// Reads back what was played, and with which nodes of somebody else, if that is known. What the frames mean is said by the
+/// folder's own `frames.dbc`; then no plant and no law of this bench is asked for anything. A folder of an older canrig has
+/// none: there it follows from the scenario's plant and law, which must be in the catalogue, and from the rig file.
+///
+/// # Errors
+/// A file cannot be read or is not valid.
+pub fn read_setup(
+    folder: &Path,
+    external: Option<External>,
+    catalogue: &Catalogue,
+) -> Result<Setup, ReadError> {
+    let frames = read_frames(folder)?;
+    let setup = load(&folder.join(file::SCENARIO), frames.as_ref(), catalogue)?;
+    let rig = || -> Result<_, ReadError> {
+        let rig = LoadedRig::in_folder(folder).map_err(|error| ReadError::Rig(Box::new(error)))?;
+        Ok(rig.map(Arc::new))
+    };
+    Ok(match (frames, external) {
+        (Some(_), external) => setup.recorded_on(rig()?, external.unwrap_or_default()),
+        (None, Some(external)) => setup.on(rig()?, external),
+        // A log beside a scenario: nobody says that it was played on the rig beside it.
+        (None, None) => setup,
+    })
+}
+
+/// Reads the limits of another scenario, to hold the recording in a folder against them.
+///
+/// # Errors
+/// A file cannot be read or is not valid.
+pub fn read_limits(
+    folder: &Path,
+    scenario: &Path,
+    catalogue: &Catalogue,
+) -> Result<Expect, ReadError> {
+    let frames = read_frames(folder)?;
+    Ok(load(scenario, frames.as_ref(), catalogue)?.scenario.expect)
+}
+
+/// Reads a scenario about frames that mean what the database of a recording says, else what the catalogue says.
+fn load(
+    scenario: &Path,
+    frames: Option<&Arc<Database>>,
+    catalogue: &Catalogue,
+) -> Result<Setup, ReadError> {
+    let setup = match frames {
+        Some(database) => Setup::load_recorded(scenario, Arc::clone(database)),
+        None => Setup::load(scenario, catalogue),
+    };
+    setup.map_err(|error| ReadError::Scenario(Box::new(error)))
+}
+
+/// What the frames of a recording mean, where its folder says so.
+fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FramesError> {
+    let path = folder.join(file::FRAMES);
+    let read = || -> Result<Option<Database>, FramesFault> {
+        let text = match read_text(&path, Database::TEXT_BYTES_MAX as u64) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            read => read?,
+        };
+        let database = Database::parse(&text)?;
+        match name_of_two_columns(&database) {
+            None => Ok(Some(database)),
+            Some(name) => Err(FramesFault::TwoColumns(name.to_owned())),
+        }
+    };
+    match read() {
+        Ok(database) => Ok(database.map(Arc::new)),
+        Err(fault) => Err(FramesError { path, fault }),
+    }
 }
 
 /// The files that a scenario names: tables of set-points and recorded courses.

@@ -3,12 +3,13 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, OnceLock};
 
-use dbc::{Database, LawTerm, PlantSignal, Signal};
+use dbc::{Database, LawTerm, PlantSignal};
 use scenario::plant::SMA_ACTUATOR;
 use scenario::{Objection, Scenario};
 
 use crate::data_sheet;
 use crate::external::{External, ExternalNode};
+use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
 use dbc::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES};
 
@@ -16,7 +17,7 @@ use dbc::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES};
 ///
 /// It knows them by what they put on the bus, not by their code: who plays them hands in the rest.
 pub struct Catalogue {
-    frames: Vec<Arc<Frames>>,
+    pairs: Vec<Pair>,
     plant_objection: fn(&Scenario) -> Option<Objection>,
 }
 
@@ -32,14 +33,16 @@ impl Catalogue {
         let shipped = (None, &[][..]);
         let own = own_laws.map(|(name, terms)| (Some(name), terms));
         let laws = Vec::from_iter([shipped].into_iter().chain(own));
-        let frames = plants.flat_map(|(plant, signals)| {
-            let pairs = laws
-                .iter()
-                .map(move |(law, terms)| Arc::new(Frames::new(plant, signals, *law, terms)));
+        let pairs = plants.flat_map(|(plant, signals)| {
+            let pairs = laws.iter().map(move |(law, terms)| Pair {
+                plant: plant.to_owned(),
+                law: law.map(str::to_owned),
+                frames: Arc::new(Frames::new(signals, terms)),
+            });
             pairs.collect::<Vec<_>>()
         });
         Self {
-            frames: frames.collect(),
+            pairs: pairs.collect(),
             plant_objection,
         }
     }
@@ -47,16 +50,13 @@ impl Catalogue {
     /// The SMA actuator under the shipped laws, by the DBC that ships: enough to read its recordings without any plant's code.
     #[must_use]
     pub fn shipped() -> Self {
-        let frames = Frames {
+        let pair = Pair {
             plant: SMA_ACTUATOR.to_owned(),
             law: None,
-            law_terms: Vec::new(),
-            database: Arc::new(Database::shipped().clone()),
-            without_truth: OnceLock::new(),
-            names: OnceLock::new(),
+            frames: Arc::new(Frames::of(Arc::new(Database::shipped().clone()))),
         };
         Self {
-            frames: vec![Arc::new(frames)],
+            pairs: vec![pair],
             plant_objection: |_| None,
         }
     }
@@ -69,9 +69,11 @@ impl Catalogue {
     pub fn frames(&self, scenario: &Scenario) -> &Arc<Frames> {
         let plant = scenario.plant.name();
         let law = scenario.controller.own.as_ref().map(|own| own.name());
-        let mut all = self.frames.iter();
-        all.find(|frames| frames.plant == plant && frames.law.as_deref() == law)
+        let mut all = self.pairs.iter();
+        let pair = all.find(|pair| pair.plant == plant && pair.law.as_deref() == law);
+        &pair
             .expect("every pair of a plant and a law has frames")
+            .frames
     }
 
     /// What only a bench knows to be wrong in a scenario: names of signals, and a plant that makes no physical sense. The
@@ -89,18 +91,47 @@ impl Catalogue {
     /// # Errors
     /// The first two of them, in words.
     pub fn check(&self) -> Result<(), String> {
-        self.frames.iter().try_for_each(|frames| frames.check())
+        self.pairs.iter().try_for_each(Pair::check)
     }
 }
 
-/// What one plant and one law put on the bus.
-#[derive(Debug)]
-pub struct Frames {
+/// A plant and a law that a scenario may choose together.
+struct Pair {
     plant: String,
     /// None for the shipped laws, which share their frames.
     law: Option<String>,
+    frames: Arc<Frames>,
+}
+
+impl Pair {
+    fn check(&self) -> Result<(), String> {
+        match name_of_two_columns(&self.frames.database) {
+            None => Ok(()),
+            Some(name) => Err(format!(
+                "with the plant `{}` and the law `{}` two signals are called `{name}`",
+                self.plant,
+                self.law.as_deref().unwrap_or("sliding_mode"),
+            )),
+        }
+    }
+}
+
+/// A name that two columns of `signals.csv` would have.
+#[must_use]
+pub fn name_of_two_columns(database: &Database) -> Option<&str> {
+    let messages = COLUMN_MESSAGES.into_iter();
+    let messages = messages.filter_map(|name| database.message(name));
+    let mut names = messages.flat_map(|message| &message.signals);
+    let mut seen = BTreeSet::new();
+    let second = names.find(|signal| !seen.insert(&signal.name));
+    second.map(|signal| signal.name.as_str())
+}
+
+/// What the frames of the bus mean: those of a plant and a law, or those of a recording.
+#[derive(Debug)]
+pub struct Frames {
     /// The terms of a law from outside; none for the shipped ones.
-    pub(crate) law_terms: Vec<LawTerm>,
+    law_terms: Vec<LawTerm>,
     /// What the frames mean.
     pub(crate) database: Arc<Database>,
     /// The same beside a drive that is not the emulator: nobody publishes the truth.
@@ -109,19 +140,34 @@ pub struct Frames {
 }
 
 impl Frames {
-    fn new(plant: &str, signals: &[PlantSignal], law: Option<&str>, terms: &[LawTerm]) -> Self {
+    fn new(signals: &[PlantSignal], terms: &[LawTerm]) -> Self {
+        let database = Database::with_plant(signals).with_law(terms);
         Self {
-            plant: plant.to_owned(),
-            law: law.map(str::to_owned),
             law_terms: terms.to_vec(),
-            database: Arc::new(Database::with_plant(signals).with_law(terms)),
+            ..Self::of(Arc::new(database))
+        }
+    }
+
+    /// The frames of a database, whoever sent them.
+    pub(crate) fn of(database: Arc<Database>) -> Self {
+        Self {
+            law_terms: Vec::new(),
+            database,
             without_truth: OnceLock::new(),
             names: OnceLock::new(),
         }
     }
 
-    /// What the frames mean where these nodes are somebody else's.
-    pub(crate) fn database_with(&self, external: &External) -> Arc<Database> {
+    /// What the frames mean on a rig, or where these nodes are somebody else's.
+    pub(crate) fn database_with(
+        &self,
+        rig: Option<&LoadedRig>,
+        external: &External,
+    ) -> Arc<Database> {
+        if let Some(rig) = rig {
+            let database = rig.database.with_law(&self.law_terms);
+            return Arc::new(database.with_silent_of(&self.database, &TRUTH_MESSAGES));
+        }
         if !external.has(ExternalNode::Drive) {
             return Arc::clone(&self.database);
         }
@@ -133,26 +179,6 @@ impl Frames {
     pub(crate) fn names(&self) -> &SignalNames {
         let make = || SignalNames::new(&self.database, &data_sheet::of_the_rig());
         self.names.get_or_init(make)
-    }
-
-    fn check(&self) -> Result<(), String> {
-        let mut seen = BTreeSet::new();
-        match self.columns().find(|signal| !seen.insert(&signal.name)) {
-            None => Ok(()),
-            Some(signal) => Err(format!(
-                "with the plant `{}` and the law `{}` two signals are called `{}`",
-                self.plant,
-                self.law.as_deref().unwrap_or("sliding_mode"),
-                signal.name
-            )),
-        }
-    }
-
-    fn columns(&self) -> impl Iterator<Item = &Signal> {
-        let messages = COLUMN_MESSAGES.into_iter();
-        messages
-            .filter_map(|name| self.database.message(name))
-            .flat_map(|message| &message.signals)
     }
 }
 
@@ -186,13 +212,41 @@ mod tests {
         let terms = [term];
         let laws = [("mine", &terms[..])];
         let catalogue = Catalogue::new(plants.into_iter(), laws.into_iter(), |_| None);
-        assert_eq!(catalogue.frames.len(), 4);
+        assert_eq!(catalogue.pairs.len(), 4);
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let frames = catalogue.frames(&scenario);
         assert!(frames.names().find("spring_force_newtons").is_ok());
         assert!(frames.names().find("sum").is_err());
         assert!(frames.law_terms.is_empty());
+    }
+
+    #[test]
+    fn on_a_rig_the_plant_s_signals_keep_their_names_and_never_have_a_value() {
+        let rig = LoadedRig::of_text(
+            "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
+             position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n",
+        );
+        let term = LawTerm {
+            name: "sum".to_owned(),
+            unit: String::new(),
+            comment: String::new(),
+        };
+        let frames = Frames::new(&[signal("a"), signal("b"), signal("c")], &[term]);
+        let database = frames.database_with(Some(&rig.unwrap()), &External::default());
+        let names = SignalNames::new(&database, &data_sheet::of_the_rig());
+        assert_eq!(names.find("c"), Ok("drive_tpdo3.c"));
+        assert_eq!(names.find("sum"), Ok("controller_tpdo2.sum"));
+        assert!(names.find("wire_temperature_celsius").is_err());
+        let messages = |database: &Database| {
+            let names = database.messages().iter().map(|message| &message.name);
+            names.cloned().collect::<BTreeSet<_>>()
+        };
+        assert_eq!(messages(&database), messages(&frames.database));
+        for id in [0x290, 0x390, 0x6B0] {
+            let frame = canopen::CanFrame::new(id, &[0; 8]);
+            assert_eq!(database.message_of(&frame), None, "{id:#x}");
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use dbc::signals::TRUTH_MESSAGES;
-use dbc::{Coding, Database, DbcError, Kind, LawTerm, Signal};
+use dbc::{Coding, Database, DbcError, Kind, Signal};
 use miette::Diagnostic;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
 use scenario::rig::{PositionRange, RigFile};
@@ -83,7 +83,7 @@ pub struct LoadedRig {
     pub eds: String,
     /// The drive's identity and PDOs.
     pub drive: DriveLayout,
-    /// What the frames mean.
+    /// What the frames mean under a law without terms of its own.
     pub database: Arc<Database>,
 }
 
@@ -135,18 +135,6 @@ impl LoadedRig {
             eds,
             drive,
             database: Arc::new(database),
-        })
-    }
-
-    /// The same, led by a law with these terms of its own.
-    #[must_use]
-    pub fn led_by(this: Arc<Self>, terms: &[LawTerm]) -> Arc<Self> {
-        if terms.is_empty() {
-            return this;
-        }
-        Arc::new(Self {
-            database: Arc::new(this.database.with_law(terms)),
-            ..Self::clone(&this)
         })
     }
 

@@ -40,10 +40,25 @@ impl Setup {
         Ok(Self::of(scenario, catalogue).from_file(path, text))
     }
 
+    /// Reads the scenario of a recording whose frames mean what the database says. Plant and law need not be known here.
+    ///
+    /// # Errors
+    /// The file cannot be read or is no valid scenario.
+    pub fn load_recorded(path: &Path, database: Arc<Database>) -> Result<Self, ScenarioError> {
+        let frames = Arc::new(Frames::of(database));
+        let objections = |scenario: &Scenario| SignalNames::objections(scenario, || frames.names());
+        let (scenario, text) = Scenario::load_recorded(path, objections)?;
+        Ok(Self::with_frames(scenario, frames).from_file(path, text))
+    }
+
     /// A scenario that lies in no file.
     #[must_use]
     pub fn of(scenario: Scenario, catalogue: &Catalogue) -> Self {
-        let frames = catalogue.frames(&scenario);
+        let frames = Arc::clone(catalogue.frames(&scenario));
+        Self::with_frames(scenario, frames)
+    }
+
+    fn with_frames(scenario: Scenario, frames: Arc<Frames>) -> Self {
         Self {
             path: PathBuf::new(),
             text: String::new(),
@@ -51,7 +66,7 @@ impl Setup {
             external: External::default(),
             rig: None,
             database: Arc::clone(&frames.database),
-            frames: Arc::clone(frames),
+            frames,
         }
     }
 
@@ -73,19 +88,20 @@ impl Setup {
 
     /// The same with somebody else's nodes, on a rig, whose bus takes the place of the scenario's.
     #[must_use]
-    pub fn on(mut self, rig: Option<Arc<LoadedRig>>, external: External) -> Self {
-        let rig = rig.map(|rig| LoadedRig::led_by(rig, &self.frames.law_terms));
+    pub fn on(self, rig: Option<Arc<LoadedRig>>, external: External) -> Self {
+        let database = self.frames.database_with(rig.as_deref(), &external);
+        self.recorded_on(rig, external).with_database(database)
+    }
+
+    /// As [`Setup::on`], for a recording that says by itself what its frames mean.
+    #[must_use]
+    pub fn recorded_on(mut self, rig: Option<Arc<LoadedRig>>, external: External) -> Self {
         if let Some(rig) = &rig {
             self.scenario.bus = rig.file.bus.of_scenario();
         }
-        let database = match &rig {
-            Some(rig) => Arc::clone(&rig.database),
-            None => self.frames.database_with(&external),
-        };
         Self {
             external,
             rig,
-            database,
             ..self
         }
     }

@@ -4,7 +4,6 @@ use dbc::SignalMissing;
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use scenario::ScenarioError;
 
@@ -14,11 +13,12 @@ use judge::verdict::{Outcome, Verdict};
 use judge::{judge, judge_timing};
 use recording::log::{Log, read_cut_log};
 use recording::run_folder::file;
+use recording::session::{FramesError, ReadError, read_setup};
 use recording::timeline::{self, Timeline};
 use report::parquet::ParquetError;
-use rig::rig_file::{LoadedRig, RigError};
+use rig::catalogue::Catalogue;
+use rig::rig_file::RigError;
 use rig::setup::Setup;
-use worlds::catalogue::catalogue;
 
 /// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names them.
 const VERDICT_BYTES_MAX: u64 = 16 << 20;
@@ -60,12 +60,25 @@ pub(crate) enum RecordedError {
     /// The rig file is not valid.
     #[error("the rig file of the recording is not valid")]
     Rig(Box<RigError>),
+    /// The folder's DBC is not valid.
+    #[error(transparent)]
+    Frames(#[from] FramesError),
     /// The DBC lacks a signal.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
     /// The Parquet library refuses.
     #[error("no Parquet file can be made: {0}")]
     Parquet(#[from] ParquetError),
+}
+
+impl From<ReadError> for RecordedError {
+    fn from(error: ReadError) -> Self {
+        match error {
+            ReadError::Scenario(error) => Self::Scenario(error),
+            ReadError::Rig(error) => Self::Rig(error),
+            ReadError::Frames(error) => Self::Frames(error),
+        }
+    }
 }
 
 /// A recording: a run folder, or a log of `candump -L` and the scenario that was played.
@@ -83,11 +96,16 @@ pub(crate) struct Recorded {
 }
 
 impl Recorded {
-    /// Reads a run folder, or a log with the scenario `played` or the `scenario.toml` beside it.
+    /// Reads a run folder, or a log with the scenario `played` or the `scenario.toml` beside it. The catalogue is asked only
+    /// for what the folder does not say.
     ///
     /// # Errors
     /// A file is missing or not valid. A log that breaks off is no error.
-    pub(crate) fn load(path: &Path, played: Option<&Path>) -> Result<Self, RecordedError> {
+    pub(crate) fn load(
+        path: &Path,
+        played: Option<&Path>,
+        catalogue: &Catalogue,
+    ) -> Result<Self, RecordedError> {
         let is_folder = is_folder(path)?;
         if is_folder && played.is_none() {
             require_run(path)?;
@@ -102,16 +120,11 @@ impl Recorded {
         } else {
             path.to_owned()
         };
-        let beside = folder.join(file::SCENARIO);
-        let scenario = match played {
-            Some(played) => played,
-            None if is_folder || beside.exists() => &beside,
-            None => {
-                return Err(RecordedError::NoScenario {
-                    path: path.to_owned(),
-                });
-            }
-        };
+        if played.is_none() && !is_folder && !folder.join(file::SCENARIO).exists() {
+            return Err(RecordedError::NoScenario {
+                path: path.to_owned(),
+            });
+        }
         let log = read_log(&log_path)?;
         if log.frames.is_empty() && !is_folder {
             return Err(RecordedError::Empty {
@@ -119,17 +132,13 @@ impl Recorded {
                 broken: log.broken,
             });
         }
-        let mut setup = Setup::load(scenario, catalogue())
-            .map_err(|error| RecordedError::Scenario(Box::new(error)))?;
-        let stored = match played {
-            None => read_verdict(&folder.join(file::VERDICT))?,
-            Some(_) => None,
+        let (setup, stored) = match played {
+            Some(played) => {
+                let invalid = |error| RecordedError::Scenario(Box::new(error));
+                (Setup::load(played, catalogue).map_err(invalid)?, None)
+            }
+            None => read_played(folder, catalogue)?,
         };
-        if let Some(stored) = &stored {
-            let rig = LoadedRig::in_folder(folder)
-                .map_err(|error| RecordedError::Rig(Box::new(error)))?;
-            setup = setup.on(rig.map(Arc::new), stored.external.clone());
-        }
         Ok(Self {
             path: path.to_owned(),
             setup,
@@ -181,6 +190,17 @@ impl Recorded {
             None => self.judge(timeline),
         }
     }
+}
+
+/// What was played, and the verdict of the run if there is one.
+pub(super) fn read_played(
+    folder: &Path,
+    catalogue: &Catalogue,
+) -> Result<(Setup, Option<Verdict>), RecordedError> {
+    let verdict = read_verdict(&folder.join(file::VERDICT))?;
+    let external = verdict.as_ref().map(|verdict| verdict.external.clone());
+    let setup = read_setup(folder, external, catalogue)?;
+    Ok((setup, verdict))
 }
 
 /// Whether a path that exists is a folder.
@@ -238,7 +258,7 @@ fn has_scenario(log: &Path) -> bool {
 }
 
 /// The verdict of a run; none when there is no file. One that is no verdict was cut, so it counts as none too.
-pub(crate) fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
+fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
     match scenario::read_text(path, VERDICT_BYTES_MAX) {
         Ok(text) => Ok(Verdict::from_json(&text).ok()),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),

@@ -14,6 +14,7 @@ mod tests;
 use crate::controller::Controller;
 use crate::document::Document;
 use crate::error::Problem;
+use crate::outside::Outside;
 use crate::reference::Reference;
 use crate::scenario::Scenario;
 
@@ -65,10 +66,14 @@ pub(crate) fn name(document: &Document<'_>, name: &str) -> Option<Problem> {
 }
 
 /// Checks disturbances, plant and limits.
-pub(crate) fn bench(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+pub(crate) fn bench(
+    document: &Document<'_>,
+    scenario: &Scenario,
+    outside: &Outside,
+) -> Vec<Problem> {
     let mut problems = disturbances(document, scenario);
     problems.extend(fault::check(document, scenario));
-    problems.extend(plant::check(document, scenario));
+    problems.extend(plant::check(document, scenario, outside));
     problems.extend(limits(document, scenario));
     problems.extend(reactions(document, scenario));
     problems.extend(signals::check(document, scenario));

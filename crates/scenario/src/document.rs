@@ -7,7 +7,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::error::{Problem, Source};
-use crate::own;
+use crate::outside::Outside;
 
 /// The document as a tree with spans.
 pub(crate) struct Document<'text> {
@@ -47,9 +47,9 @@ impl<'text> Document<'text> {
     }
 
     /// Builds a type from the document without the tables of plants and laws from outside.
-    pub(crate) fn deserialize<T: DeserializeOwned>(&self) -> Result<T, Problem> {
+    pub(crate) fn deserialize<T: DeserializeOwned>(&self, outside: &Outside) -> Result<T, Problem> {
         let mut root = self.root.clone();
-        own::remove(root.get_mut());
+        outside.remove_from(root.get_mut());
         let deserializer = toml::Deserializer::from(root);
         T::deserialize(deserializer).map_err(|error| {
             let span = error.span().unwrap_or(0..0);

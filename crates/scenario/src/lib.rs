@@ -26,6 +26,7 @@ mod load;
 pub mod metrics;
 mod nearest;
 mod null;
+mod outside;
 pub mod own;
 pub mod plant;
 pub mod profile;

@@ -16,7 +16,8 @@ use toml::de::ValueDeserializer;
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::own::{self, Own, Section};
+use crate::outside::Outside;
+use crate::own::{Own, Section};
 use crate::scenario::Scenario;
 use crate::view::{ControllerView, HIDDEN_FROM_CONTROLLER};
 use crate::{schema, structure};
@@ -51,6 +52,14 @@ impl Objection {
     }
 }
 
+/// What a scenario is read for.
+#[derive(Clone, Copy)]
+enum Reading {
+    ToPlay,
+    /// It was played already.
+    Recorded,
+}
+
 impl Scenario {
     /// Reads a scenario file and the tables that it names.
     ///
@@ -71,7 +80,23 @@ impl Scenario {
         objections: impl FnOnce(&Self) -> Vec<Objection>,
     ) -> Result<(Self, String), ScenarioError> {
         load(path, |text, name, read_table| {
-            Self::parse_with(text, name, read_table, objections)
+            Self::parse_with(text, name, read_table, Reading::ToPlay, objections)
+                .map(|scenario| (scenario, text.to_owned()))
+        })
+    }
+
+    /// As [`Scenario::load_with_text`], for a scenario that was played already: tables of plants and laws from outside are
+    /// kept as they are, whether this bench has these plants and laws or not, and nothing in them is checked. Nor is what
+    /// a sweep would vary.
+    ///
+    /// # Errors
+    /// As [`Scenario::load_with_text`], but for these tables.
+    pub fn load_recorded(
+        path: &Path,
+        objections: impl FnOnce(&Self) -> Vec<Objection>,
+    ) -> Result<(Self, String), ScenarioError> {
+        load(path, |text, name, read_table| {
+            Self::parse_with(text, name, read_table, Reading::Recorded, objections)
                 .map(|scenario| (scenario, text.to_owned()))
         })
     }
@@ -86,31 +111,28 @@ impl Scenario {
         file_name: &str,
         read_table: impl FnMut(&str) -> io::Result<String>,
     ) -> Result<Self, ScenarioError> {
-        Self::parse_with(text, file_name, read_table, |_| Vec::new())
+        Self::parse_with(text, file_name, read_table, Reading::ToPlay, |_| Vec::new())
     }
 
     fn parse_with(
         text: &str,
         file_name: &str,
         mut read_table: impl FnMut(&str) -> io::Result<String>,
+        reading: Reading,
         objections: impl FnOnce(&Self) -> Vec<Objection>,
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
+        let outside = match reading {
+            Reading::ToPlay => Outside::Registered,
+            Reading::Recorded => Outside::of_recording(document.root()),
+        };
         let (mut scenario, mut problems) =
-            build::<Self>(&document, "the scenario", &schema::SCENARIO).map_err(fail)?;
-        read_own(
-            &document,
-            Section::Plant,
-            &mut scenario.plant.own,
-            &mut problems,
-        );
-        read_own(
-            &document,
-            Section::Controller,
-            &mut scenario.controller.own,
-            &mut problems,
-        );
+            build::<Self>(&document, &outside, "the scenario", &outside.schema()).map_err(fail)?;
+        let (plant, controller) = (&mut scenario.plant.own, &mut scenario.controller.own);
+        for (section, own) in [(Section::Plant, plant), (Section::Controller, controller)] {
+            read_own(&document, &outside, section, own, &mut problems);
+        }
         let control = check::Control {
             duration_seconds: scenario.duration_seconds,
             controller: &scenario.controller,
@@ -118,8 +140,10 @@ impl Scenario {
         };
         problems.extend(check::control(&document, &control));
         problems.extend(check::name(&document, &scenario.name));
-        problems.extend(check::bench(&document, &scenario));
-        problems.extend(check::sweep(&document, scenario.sweep.as_mut()));
+        problems.extend(check::bench(&document, &scenario, &outside));
+        if !outside.is_recorded() {
+            problems.extend(check::sweep(&document, scenario.sweep.as_mut()));
+        }
         problems.extend(check::read_tables(
             &document,
             &mut scenario.reference.table,
@@ -162,14 +186,16 @@ impl ControllerView {
         for key in HIDDEN_FROM_CONTROLLER {
             document.remove(key);
         }
-        let (mut view, mut problems) =
-            build::<Self>(&document, "the scenario", &schema::CONTROLLER_VIEW).map_err(fail)?;
-        read_own(
+        let outside = Outside::Registered;
+        let (mut view, mut problems) = build::<Self>(
             &document,
-            Section::Controller,
-            &mut view.controller.own,
-            &mut problems,
-        );
+            &outside,
+            "the scenario",
+            &schema::CONTROLLER_VIEW,
+        )
+        .map_err(fail)?;
+        let own = &mut view.controller.own;
+        read_own(&document, &outside, Section::Controller, own, &mut problems);
         let control = check::Control {
             duration_seconds: view.duration_seconds,
             controller: &view.controller,
@@ -237,11 +263,12 @@ pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
 /// `what` names the whole for people, and `schema` is that of the type.
 pub(crate) fn build<T: DeserializeOwned>(
     document: &Document<'_>,
+    outside: &Outside,
     what: &str,
     schema: &Value,
 ) -> Result<(T, Vec<Problem>), Vec<Problem>> {
     let problems = structure::check(document, what, schema);
-    match document.deserialize() {
+    match document.deserialize(outside) {
         Ok(value) => Ok((value, problems)),
         Err(problem) if problems.is_empty() => Err(vec![problem]),
         Err(_) => Err(problems),
@@ -249,29 +276,36 @@ pub(crate) fn build<T: DeserializeOwned>(
 }
 
 /// The table from outside in a section of a document, if there is one, and what its own type finds wrong with it.
-fn own_table(document: &Document<'_>, section: Section) -> Option<(Own, Option<Problem>)> {
-    let of_section = |own: &&own::OwnTable| document.keys(section.key()).contains(&own.name());
-    let own = own::tables(section).iter().find(of_section)?;
-    let path = format!("{}.{}", section.key(), own.name());
+fn own_table(
+    document: &Document<'_>,
+    outside: &Outside,
+    section: Section,
+) -> Option<(Own, Option<Problem>)> {
+    let keys = document.keys(section.key());
+    let mut names = outside.names(section).into_iter();
+    let name = names.find(|name| keys.contains(name))?;
+    let path = format!("{}.{name}", section.key());
     let value = document.spanned(&path)?;
     let problem = |error: toml::de::Error| {
         let span = error.span().unwrap_or_else(|| value.span());
         (document.source).problem(span, "invalid value", error.message())
     };
-    let checked = own.check(value.clone()).err().map(problem);
+    let checked = outside.check(section, name, value.clone());
+    let checked = checked.err().map(problem);
     let table = toml::Table::deserialize(ValueDeserializer::from(value.clone()));
     let table = table.unwrap_or_default();
-    Some((Own::of(own.name(), table), checked))
+    Some((Own::of(name, table), checked))
 }
 
 /// Reads the table of a plant or a law from outside; what the schema said of it already is not said twice.
 fn read_own(
     document: &Document<'_>,
+    outside: &Outside,
     section: Section,
     into: &mut Option<Own>,
     problems: &mut Vec<Problem>,
 ) {
-    let Some((own, problem)) = own_table(document, section) else {
+    let Some((own, problem)) = own_table(document, outside, section) else {
         return;
     };
     *into = Some(own);

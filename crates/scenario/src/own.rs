@@ -11,7 +11,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue, ValueDeserializer};
+use toml::de::{DeValue, ValueDeserializer};
 
 use crate::null::TakeNullAway;
 
@@ -159,11 +159,6 @@ pub(crate) fn faults_of(plant: &str) -> &'static [&'static str] {
     find(Section::Plant, plant).map_or(&[], |table| table.faults)
 }
 
-/// Whether a plant from outside has this name.
-pub(crate) fn is_plant(name: &str) -> bool {
-    find(Section::Plant, name).is_some()
-}
-
 /// Parts of a plant's rig, which stand beside a plant's own table.
 const RIG_PARTS: [&str; 5] = ["amplifier", "heat", "mechanics", "phase", "sensor"];
 
@@ -197,7 +192,8 @@ pub(crate) fn describe(schema: &mut Value) {
     }
 }
 
-/// The table of a plant or a law from outside, as a scenario has it. Its parameters are checked.
+/// The table of a plant or a law from outside, as a scenario has it. Its parameters are checked, but for those of a recorded
+/// scenario.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Own(BTreeMap<String, toml::Table>);
@@ -221,19 +217,5 @@ impl Own {
     pub fn parameters<P: Parameters>(&self) -> Result<P, toml::de::Error> {
         let table = self.0.values().next().cloned().unwrap_or_default();
         table.try_into()
-    }
-}
-
-/// Takes the tables from outside out of a document, since no type of ours has a field for them.
-pub(crate) fn remove(root: &mut DeTable<'_>) {
-    for section in Section::ALL {
-        let Some(value) = root.get_mut(section.key()) else {
-            continue;
-        };
-        if let DeValue::Table(table) = value.get_mut() {
-            for own in tables(section) {
-                table.remove(own.name);
-            }
-        }
     }
 }

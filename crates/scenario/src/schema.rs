@@ -14,6 +14,8 @@ use crate::view::ControllerView;
 
 /// What scenario files are checked against. To make a schema takes most of the time that loading takes, so each is made once.
 pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(schema_of::<Scenario>);
+/// What recorded scenarios are checked against: the same without plants and laws from outside.
+pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(shipped::<Scenario>);
 /// What the controller checks of scenario files.
 pub(crate) static CONTROLLER_VIEW: LazyLock<Value> = LazyLock::new(schema_of::<ControllerView>);
 /// What rig files are checked against.
@@ -33,10 +35,15 @@ pub fn rig_json_schema() -> String {
 
 /// The schema of a type, with the plants and laws from outside; its definitions stand in `definitions`.
 pub(crate) fn schema_of<T: JsonSchema>() -> Value {
-    let settings = SchemaSettings::draft07().with_transform(TakeNullAway);
-    let mut schema = settings.into_generator().into_root_schema_for::<T>().into();
+    let mut schema = shipped::<T>();
     own::describe(&mut schema);
     schema
+}
+
+/// The schema of a type as it ships.
+fn shipped<T: JsonSchema>() -> Value {
+    let settings = SchemaSettings::draft07().with_transform(TakeNullAway);
+    settings.into_generator().into_root_schema_for::<T>().into()
 }
 
 /// The copy in `scenarios/` is the schema; with UPDATE_SCHEMA it becomes so.

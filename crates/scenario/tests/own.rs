@@ -182,6 +182,65 @@ fn what_the_bench_does_not_have_is_named() {
     );
 }
 
+/// Reads a scenario from a file, as that of a recording.
+fn recorded(controller: &str, plant: &str) -> Result<Scenario, String> {
+    told();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scenario.toml");
+    std::fs::write(&path, text(controller, plant)).unwrap();
+    Scenario::load_recorded(&path, |_| Vec::new())
+        .map(|(scenario, _)| scenario)
+        .map_err(|error| format!("{:?}", miette::Report::new(error)))
+}
+
+#[test]
+fn a_recorded_scenario_keeps_what_the_bench_does_not_have() {
+    let rocket = "[plant.rocket]\nthrust_newtons = 3.0\nstages = [{ name = \"a\" }]\n\
+        [[fault.plant.dropped_load]]\nfrom_seconds = 1.0\n\
+        [sweep]\n[[sweep.list]]\nkey = \"plant.rocket.thrust_newtons\"\nvalues = [1.0, 2.0]\n";
+    let scenario = recorded("[controller.fuzzy]\nrules = 3\n", rocket).unwrap();
+    assert_eq!(scenario.plant.name(), "rocket");
+    assert_eq!(scenario.controller.law_name(), "fuzzy");
+    // One that the bench has may have been another one when it was played.
+    let scenario = recorded(RELAY, "[plant.pendulum]\nmass_kilograms = 1.0\n").unwrap();
+    assert_eq!(scenario.plant.name(), "pendulum");
+    let scenario = recorded("[controller.pid]\n", "").unwrap();
+    assert_eq!(scenario.plant.name(), scenario::plant::SMA_ACTUATOR);
+}
+
+#[test]
+fn a_recorded_scenario_is_checked_in_all_else() {
+    for (controller, plant, expected) in [
+        (
+            RELAY,
+            "[plant]\nrocket = 3\n",
+            "unknown key `rocket` in [plant]",
+        ),
+        (RELAY, "[plant.Rocket]\n", "unknown plant `Rocket`"),
+        (
+            RELAY,
+            "[plant.rocket]\n[plant.dc_motor]\n",
+            "is a second plant beside",
+        ),
+        (RELAY, "[plant.a]\n[plant.b]\n", "is a second plant beside"),
+        (
+            "[controller.a]\n[controller.b]\n",
+            "",
+            "more than one control law",
+        ),
+        ("[controller.pid]\nkp = 1.0\n", "", "unknown key `kp`"),
+        (
+            RELAY,
+            "[plant.sensor]\nresolution_bits = 0\n",
+            "out of range",
+        ),
+        (RELAY, "[rocket]\n", "unknown key `rocket` in the scenario"),
+    ] {
+        let error = recorded(controller, plant).expect_err(expected);
+        assert!(error.contains(expected), "{expected} is not in {error}");
+    }
+}
+
 #[test]
 fn two_plants_two_laws_a_wire_and_a_strange_fault_are_refused() {
     let pendulum = "[plant.pendulum]\n";

@@ -12,7 +12,7 @@ use super::store::{Header, Recovered, Store, StoreError};
 use crate::campaign::{self, Campaign, Stopped};
 use recording::capture::Watch;
 use recording::run_folder::{RunFolder, WriteError};
-use recording::session::write_setup;
+use recording::session::write_scenario;
 use rig::setup::Setup;
 use runner::console::{RunsBar, print, print_error};
 use runner::exit::Exit;
@@ -103,7 +103,7 @@ pub(super) fn open_folder(
     let id = format!("sweep-{}{part}", plan.id());
     let folder = RunFolder::lasting(parent, &setup.scenario.name, &id)?;
     if !folder.scenario().exists() {
-        write_setup(&folder, setup)?;
+        write_scenario(&folder, setup)?;
     }
     Ok(folder)
 }

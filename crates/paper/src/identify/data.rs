@@ -14,8 +14,10 @@ use scenario::{Scenario, ScenarioError};
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::{self, Stamped};
 use recording::run_folder::file;
+use recording::session::{FramesError, ReadError, read_setup};
 use recording::timeline::{self, Timeline};
-use rig::rig_file::{LoadedRig, RigError};
+use rig::external::External;
+use rig::rig_file::RigError;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
 
@@ -63,6 +65,9 @@ pub enum RecordingFault {
     /// The rig file is invalid.
     #[error("the rig file is invalid: {0}")]
     Rig(Box<RigError>),
+    /// The folder's DBC is invalid.
+    #[error(transparent)]
+    Frames(#[from] FramesError),
     /// The plant has other parameters.
     #[error("its plant is `{0}`; identification knows the equations of the SMA actuator only")]
     OtherPlant(String),
@@ -187,9 +192,19 @@ pub struct IdentificationData {
     pub currents_amperes: Vec<f64>,
 }
 
+impl From<ReadError> for RecordingFault {
+    fn from(error: ReadError) -> Self {
+        match error {
+            ReadError::Scenario(error) => Self::Scenario(error),
+            ReadError::Rig(error) => Self::Rig(error),
+            ReadError::Frames(error) => Self::Frames(error),
+        }
+    }
+}
+
 impl IdentificationData {
     /// Reads a run folder, or a log of `candump -L` together with the scenario that was played. Frames mean what `database`
-    /// says, else what the rig file of the run says, else what the emulated drive's mean.
+    /// says, else what the run folder says, else what the emulated drive's mean.
     ///
     /// # Errors
     /// It cannot be read, or identification cannot use it.
@@ -206,45 +221,46 @@ impl IdentificationData {
             let name = "it".to_owned();
             at(RecordingFault::Read { name, source })
         })?;
-        let (log, scenario) = if metadata.is_dir() {
-            (path.join(file::BUS_LOG), path.join(file::SCENARIO))
+        let (log, mut setup) = if metadata.is_dir() {
+            let external = Some(External::default());
+            let setup =
+                read_setup(path, external, catalogue()).map_err(|error| at(error.into()))?;
+            (path.join(file::BUS_LOG), setup)
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
-            (path.to_owned(), scenario.to_owned())
+            let scenario = Scenario::load(scenario);
+            let scenario = scenario.map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
+            let setup = Setup::of(scenario, catalogue());
+            (path.to_owned(), setup.with_database(shipped()))
         };
-        let mut scenario = Scenario::load(&scenario)
-            .map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
-        let rig =
-            LoadedRig::in_folder(path).map_err(|error| at(RecordingFault::Rig(Box::new(error))))?;
-        if let Some(loaded) = &rig {
-            scenario.bus = loaded.file.bus.of_scenario();
-            scenario.plant.sensor = sensor_of(&loaded.file);
+        if let Some(loaded) = &setup.rig {
+            setup.scenario.plant.sensor = sensor_of(&loaded.file);
         }
-        let of_rig = rig.as_ref().map(|rig| &*rig.database);
-        let database = database.or(of_rig).unwrap_or(Database::shipped());
+        if let Some(database) = database {
+            setup = setup.with_database(Arc::new(database.clone()));
+        }
         let frames = read(&log).map_err(at)?;
-        Self::from_frames(path, &frames, scenario, database).map_err(at)
+        Self::from_setup(path, &frames, setup).map_err(at)
     }
 
-    /// Takes the frames of a recording.
+    /// Takes the frames of a recording on the emulated rig.
     ///
     /// # Errors
     /// Identification cannot use it.
-    pub fn from_frames(
-        path: &Path,
-        frames: &[Stamped],
-        scenario: Scenario,
-        database: &Database,
-    ) -> Result<Self, RecordingFault> {
-        if scenario.plant.name() != scenario::plant::SMA_ACTUATOR {
-            return Err(RecordingFault::OtherPlant(scenario.plant.name().to_owned()));
+    pub fn from_frames(path: &Path, frames: &[Stamped], scenario: Scenario) -> Result<Self, RecordingFault> {
+        let setup = Setup::of(scenario, catalogue()).with_database(shipped());
+        Self::from_setup(path, frames, setup)
+    }
+
+    fn from_setup(path: &Path, frames: &[Stamped], setup: Setup) -> Result<Self, RecordingFault> {
+        let plant = setup.scenario.plant.name();
+        if plant != scenario::plant::SMA_ACTUATOR {
+            return Err(RecordingFault::OtherPlant(plant.to_owned()));
         }
-        let setup = Setup::of(scenario.clone(), catalogue());
-        let setup = setup.with_database(Arc::new(database.clone()));
         let timeline = timeline::decode(frames, &setup)?;
-        check_frames(frames, database, &timeline)?;
-        check_values(&timeline, &scenario)?;
-        Ok(Self::build(path, &timeline, scenario))
+        check_frames(frames, &setup.database, &timeline)?;
+        check_values(&timeline, &setup.scenario)?;
+        Ok(Self::build(path, &timeline, setup.scenario))
     }
 
     fn build(path: &Path, timeline: &Timeline, scenario: Scenario) -> Self {
@@ -299,6 +315,11 @@ impl IdentificationData {
     pub fn sensor_step_metres(&self) -> f64 {
         sensor_step_millimetres(&self.sensor) * 1e-3
     }
+}
+
+/// What the frames of the SMA actuator under a shipped law mean.
+fn shipped() -> Arc<Database> {
+    Arc::new(Database::shipped().clone())
 }
 
 /// The current up to each row, in amperes.

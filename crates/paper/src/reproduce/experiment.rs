@@ -234,10 +234,8 @@ impl PlannedRun {
             Keep::IdentificationData => Some(span(0.0, self.scenario.duration_seconds)),
         };
         let measurement = || {
-            let database = dbc::Database::shipped();
             let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
-            let measurement =
-                IdentificationData::from_frames(place, played.frames, scenario, database);
+            let measurement = IdentificationData::from_frames(place, played.frames, scenario);
             measurement.map_err(|error| error.to_string())
         };
         Kept {

@@ -10,6 +10,7 @@ use crate::output::write;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use dbc::scenario_clock::ScenarioClock;
 use report::{asc, blf, csv, mf4, parquet};
+use worlds::catalogue::catalogue;
 
 /// Arguments of `export`.
 #[derive(Args, Debug)]
@@ -62,7 +63,7 @@ pub fn export(args: &ExportArgs) -> Exit {
 }
 
 fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
-    let recorded = Recorded::load(&args.recording, None)?;
+    let recorded = Recorded::load(&args.recording, None, catalogue())?;
     let frames = &recorded.log.frames;
     let bytes = match args.format {
         Format::Csv => csv_table(&recorded)?,

@@ -12,8 +12,8 @@ use crate::play::ViewerArgs;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use judge::verdict::Verdict;
 use recording::frame_queue::WhenFull;
+use recording::session::read_limits;
 use report::terminal;
-use rig::setup::Setup;
 use worlds::catalogue::catalogue;
 
 /// Frames go to a viewer no earlier than this before their time.
@@ -65,11 +65,9 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
     let path = &args.recording;
     let limits = args.scenario.as_deref().filter(|_| path.is_dir());
     let played = args.scenario.as_deref().filter(|_| !path.is_dir());
-    let mut recorded = Recorded::load(path, played)?;
+    let mut recorded = Recorded::load(path, played, catalogue())?;
     if let Some(limits) = limits {
-        let other = Setup::load(limits, catalogue())
-            .map_err(|error| RecordedError::Scenario(Box::new(error)))?;
-        recorded.setup.scenario.expect = other.scenario.expect;
+        recorded.setup.scenario.expect = read_limits(path, limits, catalogue())?;
     }
     let timeline = recorded.timeline()?;
     let verdict = recorded.judge(&timeline)?;

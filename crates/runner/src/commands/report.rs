@@ -12,6 +12,7 @@ use judge::verdict::Verdict;
 use recording::run_folder::file;
 use recording::timeline::Timeline;
 use report::{Run, html, overview};
+use worlds::catalogue::catalogue;
 
 /// Arguments of `report`.
 #[derive(Args, Debug)]
@@ -66,7 +67,7 @@ pub fn report(args: &ReportArgs) -> Exit {
 
 fn read(path: &Path) -> Result<(Recorded, Timeline, Verdict), RecordedError> {
     require_run(path)?;
-    let recorded = Recorded::load(path, None)?;
+    let recorded = Recorded::load(path, None, catalogue())?;
     let timeline = recorded.timeline()?;
     let verdict = recorded.verdict(&timeline)?;
     Ok((recorded, timeline, verdict))

@@ -2,61 +2,82 @@
 
 use crate::document::Document;
 use crate::error::Problem;
-use crate::own;
+use crate::outside::Outside;
+use crate::own::Section;
 use crate::plant::{Heat, Mechanics, Phase};
 use crate::scenario::Scenario;
 
 /// What the schema cannot say about the plant.
-pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    match scenario.plant.name() {
-        crate::plant::SMA_ACTUATOR => temperatures(document, &scenario.plant.phase),
-        _ => without_wire(document, scenario),
+pub(super) fn check(
+    document: &Document<'_>,
+    scenario: &Scenario,
+    outside: &Outside,
+) -> Vec<Problem> {
+    if scenario.plant.name() == crate::plant::SMA_ACTUATOR {
+        return temperatures(document, &scenario.plant.phase);
     }
+    let mut problems = without_wire(document, scenario);
+    problems.extend(second_plants(document, scenario, outside));
+    // Which faults mean something to the plant of a recording, only the bench knows that played it.
+    if scenario.plant.own.is_none() || !outside.is_recorded() {
+        problems.extend(strange_faults(document, scenario));
+    }
+    problems
 }
 
-/// A plant that is not the SMA actuator has no wire, no second plant's table, and only its own faults. What is written out
-/// of a scenario has the wire's tables too, as they are by default.
+/// A plant that is not the SMA actuator has no wire. What is written out of a scenario has the wire's tables too, as they
+/// are by default.
 fn without_wire(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let (plant, name) = (&scenario.plant, scenario.plant.name());
-    let faults = plant.faults();
     let tables = [
         ("plant.heat", plant.heat != Heat::default()),
         ("plant.phase", plant.phase != Phase::default()),
         ("plant.mechanics", plant.mechanics != Mechanics::default()),
     ];
-    let problem = |path: &str, message: String, help: String| {
-        let span = document.key_span(path);
-        let problem = document.source.problem(span, message, "has no place here");
-        problem.with_help(help)
-    };
     let of_the_wire = tables.into_iter().filter(|(_, is_given)| *is_given);
-    let mut problems = Vec::from_iter(of_the_wire.map(|(path, _)| {
+    let problems = of_the_wire.map(|(path, _)| {
         let message = format!("`{path}` is about a wire, and the plant is `{name}`");
         let help = format!("leave it out, or leave [plant.{name}] out for the SMA actuator");
-        problem(path, message, help)
-    }));
+        misplaced(document, path, message, help)
+    });
+    problems.collect()
+}
+
+fn second_plants(document: &Document<'_>, scenario: &Scenario, outside: &Outside) -> Vec<Problem> {
+    let name = scenario.plant.name();
+    let from_outside = outside.names(Section::Plant);
     let others = document
         .keys("plant")
         .into_iter()
-        .filter(|key| *key != name && (*key == "dc_motor" || own::is_plant(key)));
-    problems.extend(others.map(|other| {
+        .filter(|key| *key != name && (*key == "dc_motor" || from_outside.contains(key)));
+    let problems = others.map(|other| {
         let message = format!("`{other}` is a second plant beside `{name}`");
-        problem(
-            &format!("plant.{other}"),
-            message,
-            "leave one of them out".to_owned(),
-        )
-    }));
+        let help = "leave one of them out".to_owned();
+        misplaced(document, &format!("plant.{other}"), message, help)
+    });
+    problems.collect()
+}
+
+/// Faults that mean nothing to the plant.
+fn strange_faults(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+    let (name, faults) = (scenario.plant.name(), scenario.plant.faults());
     let strange = document.keys("fault.plant").into_iter();
-    problems.extend(strange.filter(|key| !faults.contains(key)).map(|fault| {
-        let message = format!("`fault.plant.{fault}` means nothing to the plant `{name}`");
+    let problems = strange.filter(|key| !faults.contains(key)).map(|fault| {
+        let path = format!("fault.plant.{fault}");
+        let message = format!("`{path}` means nothing to the plant `{name}`");
         let help = match faults {
             [] => "no fault of a plant does".to_owned(),
             known => format!("what does: {}", known.join(", ")),
         };
-        problem(&format!("fault.plant.{fault}"), message, help)
-    }));
-    problems
+        misplaced(document, &path, message, help)
+    });
+    problems.collect()
+}
+
+fn misplaced(document: &Document<'_>, path: &str, message: String, help: String) -> Problem {
+    let span = document.key_span(path);
+    let problem = document.source.problem(span, message, "has no place here");
+    problem.with_help(help)
 }
 
 /// Transformation temperatures in order: Eq. (2) divides by their differences.

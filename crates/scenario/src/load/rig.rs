@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::{SCENARIO_BYTES_MAX, build, none_of, read_text};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
+use crate::outside::Outside;
 use crate::rig::{ObjectAddress, RigFile};
 use crate::{schema, table};
 
@@ -33,8 +34,13 @@ impl RigFile {
     pub fn parse(text: &str, file_name: &str) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
-        let (rig, mut problems) =
-            build::<Self>(&document, "the rig file", &schema::RIG).map_err(fail)?;
+        let (rig, mut problems) = build::<Self>(
+            &document,
+            &Outside::Registered,
+            "the rig file",
+            &schema::RIG,
+        )
+        .map_err(fail)?;
         problems.extend(check(&document, &rig));
         none_of(problems, rig).map_err(fail)
     }

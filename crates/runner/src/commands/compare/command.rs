@@ -1,5 +1,6 @@
 //! The command.
 
+use worlds::catalogue::catalogue;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -107,7 +108,7 @@ type Page<'a> = Option<(&'a Path, String)>;
 
 fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> {
     let [a, b] = [&args.a, &args.b].map(|path| -> Result<_, RecordedError> {
-        let recorded = Recorded::load(path, None)?;
+        let recorded = Recorded::load(path, None, catalogue())?;
         let timeline = recorded.timeline()?;
         let verdict = recorded.judge(&timeline)?;
         Ok((recorded, timeline, verdict))

@@ -4,14 +4,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use scenario::ScenarioError;
 
 use super::matrix::Requirement;
 use super::page;
 use crate::console::{print, print_error};
 use crate::exit::Exit;
 use crate::output::{link, write_page};
-use crate::recorded::{RecordedError, read_verdict, refuse, require_run};
+use crate::recorded::{RecordedError, read_played, refuse, require_run};
 use judge::verdict::{Outcome, Verdict};
 use recording::run_folder::file;
 use rig::setup::Setup;
@@ -114,10 +113,7 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
 /// The scenario of a run folder and its verdict; none for a run that was killed.
 fn read(folder: &Path) -> Result<(Setup, Option<Verdict>), RecordedError> {
     require_run(folder)?;
-    let invalid = |error: ScenarioError| RecordedError::Scenario(Box::new(error));
-    let setup = Setup::load(&folder.join(file::SCENARIO), catalogue()).map_err(invalid)?;
-    let verdict = read_verdict(&folder.join(file::VERDICT))?;
-    Ok((setup, verdict))
+    read_played(folder, catalogue())
 }
 
 /// Each requirement of a scenario with the rows that test it; none stands for the scenario as a whole.

@@ -1,0 +1,103 @@
+//! Which tables of plants and laws from outside a scenario may have.
+
+use std::borrow::Cow;
+
+use serde_json::{Value, json};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::own::{self, Section, is_name};
+use crate::schema;
+
+/// The tables from outside that a reader of a scenario admits.
+pub(crate) enum Outside {
+    /// Those of the plants and laws that are registered here.
+    Registered,
+    /// Those that a recorded scenario has. Whether their plants and laws are known here does not matter: what was played is
+    /// in the recording, so nothing in these tables is looked at.
+    Recorded(Vec<(Section, String)>),
+}
+
+impl Outside {
+    /// Those of a recorded scenario: every table where a plant or a law is chosen that the format itself does not know.
+    pub(crate) fn of_recording(root: &DeTable<'_>) -> Self {
+        let tables = Section::ALL
+            .into_iter()
+            .flat_map(|section| strange_tables(root, section).map(move |name| (section, name)));
+        Self::Recorded(tables.collect())
+    }
+
+    /// The names of a section's tables.
+    pub(crate) fn names(&self, section: Section) -> Vec<&str> {
+        match self {
+            Self::Registered => own::tables(section).iter().map(|own| own.name()).collect(),
+            Self::Recorded(tables) => {
+                let of_section = tables.iter().filter(|(place, _)| *place == section);
+                of_section.map(|(_, name)| name.as_str()).collect()
+            }
+        }
+    }
+
+    pub(crate) fn is_recorded(&self) -> bool {
+        matches!(self, Self::Recorded(_))
+    }
+
+    /// What scenarios with these tables are checked against.
+    pub(crate) fn schema(&self) -> Cow<'static, Value> {
+        match self {
+            Self::Registered => Cow::Borrowed(&schema::SCENARIO),
+            Self::Recorded(tables) if tables.is_empty() => Cow::Borrowed(&schema::SHIPPED),
+            Self::Recorded(tables) => {
+                let mut schema = schema::SHIPPED.clone();
+                for (section, name) in tables {
+                    // A schema without keywords admits everything.
+                    schema["definitions"][section.definition()]["properties"][name] = json!({});
+                }
+                Cow::Owned(schema)
+            }
+        }
+    }
+
+    /// What is wrong with a table of a section.
+    pub(crate) fn check(
+        &self,
+        section: Section,
+        name: &str,
+        table: Spanned<DeValue<'_>>,
+    ) -> Result<(), toml::de::Error> {
+        match self {
+            Self::Registered => {
+                let mut registered = own::tables(section).iter();
+                let found = registered.find(|own| own.name() == name);
+                found.map_or(Ok(()), |own| own.check(table))
+            }
+            Self::Recorded(_) => Ok(()),
+        }
+    }
+
+    /// Takes the tables out of a document, since no type of ours has a field for them.
+    pub(crate) fn remove_from(&self, root: &mut DeTable<'_>) {
+        for section in Section::ALL {
+            let Some(value) = root.get_mut(section.key()) else {
+                continue;
+            };
+            if let DeValue::Table(table) = value.get_mut() {
+                for name in self.names(section) {
+                    table.remove(name);
+                }
+            }
+        }
+    }
+}
+
+/// Names of tables in a section of a document that the format does not know.
+fn strange_tables(root: &DeTable<'_>, section: Section) -> impl Iterator<Item = String> {
+    let table = root.get(section.key());
+    let table = table.and_then(|value| value.get_ref().as_table());
+    let known = &schema::SHIPPED["definitions"][section.definition()]["properties"];
+    let tables = table.into_iter().flat_map(|table| table.iter());
+    let tables = tables.filter(|(_, value)| value.get_ref().is_table());
+    let names = tables.map(|(key, _)| key.get_ref().as_ref());
+    let names = names.filter(|name| is_name(name) && known.get(name).is_none());
+    names.map(str::to_owned).collect::<Vec<_>>().into_iter()
+}
