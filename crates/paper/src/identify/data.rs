@@ -229,7 +229,8 @@ impl IdentificationData {
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
             let scenario = Scenario::load(scenario);
-            let scenario = scenario.map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
+            let scenario =
+                scenario.map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
             let setup = Setup::of(scenario, catalogue());
             (path.to_owned(), setup.with_database(shipped()))
         };
@@ -247,7 +248,11 @@ impl IdentificationData {
     ///
     /// # Errors
     /// Identification cannot use it.
-    pub fn from_frames(path: &Path, frames: &[Stamped], scenario: Scenario) -> Result<Self, RecordingFault> {
+    pub fn from_frames(
+        path: &Path,
+        frames: &[Stamped],
+        scenario: Scenario,
+    ) -> Result<Self, RecordingFault> {
         let setup = Setup::of(scenario, catalogue()).with_database(shipped());
         Self::from_setup(path, frames, setup)
     }

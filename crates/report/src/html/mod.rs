@@ -12,7 +12,7 @@ use maud::{Markup, html};
 use crate::bus_timing::BusTiming;
 use crate::page;
 use crate::run::Run;
-use recording::events::{Event, Level};
+use recording::events::{Level, TimelineEvent};
 use recording::run_folder::file;
 use rig::external::ExternalNode;
 
@@ -79,7 +79,7 @@ fn head(run: &Run<'_>) -> Markup {
     }
 }
 
-fn events(events: &[Event]) -> Markup {
+fn events(events: &[TimelineEvent]) -> Markup {
     html! {
         h2 { "Events" }
         div.wide { table {

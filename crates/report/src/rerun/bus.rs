@@ -4,7 +4,6 @@ use dbc::SignalMissing;
 use std::mem;
 use std::time::Duration;
 
-
 use super::output::{Output, send_scalars, send_static};
 use super::run_log::line;
 use super::times::{self, Moment};

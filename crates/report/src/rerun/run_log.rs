@@ -59,11 +59,7 @@ pub(crate) struct Recording<'a, O> {
 
 impl<'a, O: Output> Recording<'a, O> {
     /// A recording with nothing in it but what never changes.
-    pub(crate) fn begin(
-        mut output: O,
-        setup: &'a Setup,
-        known: Known,
-    ) -> Result<Self, RerunError> {
+    pub(crate) fn begin(mut output: O, setup: &'a Setup, known: Known) -> Result<Self, RerunError> {
         bus::log_styles(&mut output)?;
         hysteresis::log_style(&mut output)?;
         let scenario = &setup.scenario;
@@ -251,7 +247,11 @@ impl<'a, O: Output> Recording<'a, O> {
     }
 
     /// What happened.
-    fn log_events(&mut self, period_seconds: f64, events: &[TimelineEvent]) -> Result<(), RerunError> {
+    fn log_events(
+        &mut self,
+        period_seconds: f64,
+        events: &[TimelineEvent],
+    ) -> Result<(), RerunError> {
         if events.is_empty() {
             return Ok(());
         }

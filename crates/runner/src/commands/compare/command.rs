@@ -1,7 +1,7 @@
 //! The command.
 
-use worlds::catalogue::catalogue;
 use std::path::{Path, PathBuf};
+use worlds::catalogue::catalogue;
 
 use clap::Args;
 
