@@ -9,6 +9,7 @@
 //!
 //! It does not know: the true plant (its model is nominal), disturbances, faults and limits of the scenario, and in which
 //! world it runs. The platform is named in `main.rs` only.
+#![warn(missing_docs)]
 
 pub mod catalogue;
 mod cause;

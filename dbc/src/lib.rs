@@ -18,6 +18,7 @@
 //! let frame = CanFrame::new(0x190, &[0x37, 0x12, 0x10, 0x27, 0, 0, 0, 2]);
 //! assert_eq!(position.decode(&frame), Some(10.0));
 //! ```
+#![warn(missing_docs)]
 
 use std::sync::LazyLock;
 

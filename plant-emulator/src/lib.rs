@@ -9,6 +9,7 @@
 //!
 //! It does not know: control laws, what is expected of a run, and in which world it runs. The platform is named in `main.rs`
 //! only.
+#![warn(missing_docs)]
 
 pub mod amplifier;
 pub mod catalogue;

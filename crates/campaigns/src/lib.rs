@@ -7,11 +7,6 @@
 //! A sweep that was stopped goes on where it ended, and its parts may be played on several machines. This crate does not
 //! know how a run is played or judged, nor how the formats of its tables are written: `worlds`, `judge` and `report` do. It knows
 //! no bus but the modelled one, and nothing of real time. What is printed goes through the console of `runner`.
-#![allow(
-    missing_docs,
-    reason = "the other crates of the bench are its only users"
-)]
-
 pub mod campaign;
 pub mod distribution;
 mod job_queue;

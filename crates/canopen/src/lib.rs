@@ -8,6 +8,7 @@
 //!
 //! It does not know: sockets, threads, the clock of the machine, what the bytes of this bench's PDOs mean, and whether
 //! anything is simulated.
+#![warn(missing_docs)]
 
 pub mod application;
 pub mod cia402;

@@ -8,11 +8,6 @@
 //! It does not know: which world made the recording, where it is stored, how a verdict is shown. Names, units and limits of
 //! the metrics stand in [`scenario::metrics`].
 
-#![allow(
-    missing_docs,
-    reason = "names of fields and functions say what they are"
-)]
-
 mod decision;
 mod disturbances;
 mod evidence;

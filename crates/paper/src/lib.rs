@@ -7,10 +7,5 @@
 //! It is the only crate that knows an optimiser (`basin`) and the equations of the SMA actuator from outside; other plants
 //! mean nothing to it. It does not know how runs are played, recorded or judged: it takes what a campaign or a run folder
 //! holds. Nothing else of the bench builds on it but the command line.
-#![allow(
-    missing_docs,
-    reason = "the other crates of the bench are its only users"
-)]
-
 pub mod identify;
 pub mod reproduce;

@@ -8,11 +8,6 @@
 //!
 //! It does not know: limits and verdicts, reports, which world made the frames, how plants and laws behave.
 
-#![allow(
-    missing_docs,
-    reason = "names of fields and functions say what they are"
-)]
-
 pub mod capture;
 pub mod events;
 mod fan;

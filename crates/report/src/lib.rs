@@ -8,11 +8,6 @@
 //! It does not know how the run was played, nor which plants and laws there are: it reads names and units from the database of
 //! the run. It computes no verdict, and it prints nothing: it returns texts, and why they cannot be had. No other crate names
 //! the libraries of these formats (rerun, quick-junit), but for tables in Parquet, which go through [`parquet`].
-#![allow(
-    missing_docs,
-    reason = "the other crates of the bench are its only users"
-)]
-
 pub mod asc;
 pub mod blf;
 mod bus_timing;

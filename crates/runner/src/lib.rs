@@ -8,11 +8,6 @@
 //! All output of the bench goes through [`console`]; the crates below print nothing. This crate does not know what is in a
 //! scenario, how a world plays it, how a verdict is found, nor what a file format looks like: the crates below do. Nor does it know of
 //! campaigns and experiments, which build on it.
-#![allow(
-    missing_docs,
-    reason = "the other crates of the bench are its only users"
-)]
-
 pub mod commands;
 pub mod console;
 pub mod event;

@@ -4,8 +4,8 @@ use dbc::SignalMissing;
 use std::mem;
 use std::time::Duration;
 
+use super::groups::line;
 use super::output::{Output, send_scalars, send_static};
-use super::run_log::line;
 use super::times::{self, Moment};
 use super::{RerunError, groups};
 use recording::latency::{CycleReader, CycleStage};

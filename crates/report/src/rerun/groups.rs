@@ -1,5 +1,7 @@
 //! Which signals are drawn together, and how.
 
+use re_sdk_types::archetypes::SeriesLines;
+use re_sdk_types::components::InterpolationMode;
 use std::collections::BTreeSet;
 
 use dbc::{Database, signals};
@@ -191,4 +193,14 @@ pub(super) fn expected(setup: &Setup) -> BTreeSet<&str> {
         groups.insert(SLIDING_VARIABLE);
     }
     groups
+}
+
+/// How a signal is drawn.
+pub(super) fn line(label: &str, colour: [u8; 3]) -> SeriesLines {
+    held().with_names([label]).with_colors([colour])
+}
+
+/// A signal holds between its rows.
+pub(super) fn held() -> SeriesLines {
+    SeriesLines::new().with_interpolation_mode(InterpolationMode::StepAfter)
 }

@@ -14,7 +14,7 @@ use super::RerunError;
 use super::blueprint::{self, Play};
 use super::bus::{self, BusReader};
 use super::drawing::Drawing;
-use super::groups::{self, OwnView, Style};
+use super::groups::{self, OwnView, Style, held, line};
 use super::hysteresis::{self, Hysteresis};
 use super::output::{Output, send_rows, send_scalars, send_static};
 use super::times;
@@ -359,16 +359,6 @@ impl Rows {
             Self::Changes(_) => look.with_aggregation_policy(AggregationPolicy::Off),
         }
     }
-}
-
-/// How a signal is drawn.
-pub(super) fn line(label: &str, colour: [u8; 3]) -> SeriesLines {
-    held().with_names([label]).with_colors([colour])
-}
-
-/// A signal holds between its rows.
-fn held() -> SeriesLines {
-    SeriesLines::new().with_interpolation_mode(InterpolationMode::StepAfter)
 }
 
 fn level(event: &TimelineEvent) -> TextLogLevel {
