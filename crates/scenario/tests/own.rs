@@ -185,9 +185,9 @@ fn what_the_bench_does_not_have_is_named() {
 /// Reads a scenario from a file, as that of a recording.
 fn recorded(controller: &str, plant: &str) -> Result<Scenario, String> {
     told();
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a folder can be made");
     let path = folder.path().join("scenario.toml");
-    std::fs::write(&path, text(controller, plant)).unwrap();
+    std::fs::write(&path, text(controller, plant)).expect("it can be written");
     Scenario::load_recorded(&path, |_| Vec::new())
         .map(|(scenario, _)| scenario)
         .map_err(|error| format!("{:?}", miette::Report::new(error)))
