@@ -14,7 +14,10 @@ pub(crate) struct Harmonic {
 
 impl Harmonic {
     /// The least squares fit to samples `(time, value)`; `None` when they do not determine it.
-    pub(crate) fn fit(samples: impl Iterator<Item = (f64, f64)>, period_seconds: f64) -> Option<Self> {
+    pub(crate) fn fit(
+        samples: impl Iterator<Item = (f64, f64)>,
+        period_seconds: f64,
+    ) -> Option<Self> {
         let omega = std::f64::consts::TAU / period_seconds;
         let (mut normal, mut right, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0_u32);
         for (time, value) in samples {
