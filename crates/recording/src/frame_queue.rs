@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn virtual_time_waits_for_a_slow_listener_and_not_for_one_that_is_gone() {
+    fn virtual_time_waits_for_a_slow_observer_and_not_for_one_that_is_gone() {
         let (mut queue, mut observer, dropped) = FrameQueue::new(WhenFull::Wait);
         let count = CAPACITY + 1000;
         let received = std::thread::spawn(move || {
