@@ -6,7 +6,7 @@
 //! - a participant that nobody can reach before some time is let go on to that time, and ends early by itself when it
 //!   queues a frame that somebody may answer. What it queued for later waits in its outbox.
 //!
-//! Why this changes nothing is told in ARCHITECTURE.md, "Lock-step"; a test compares it with asking at every event.
+//! Why this changes nothing stands in ARCHITECTURE.md, "Lock-step"; a test compares it with asking at every event.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -22,7 +22,7 @@ use crate::bus_model::{BusModel, SUSPEND_BITS};
 /// Frames that one participant may have waiting; more means that the bus cannot carry what it sends.
 const QUEUE_LIMIT: usize = 10_000;
 
-/// How far a participant goes ahead at most, so that one that never speaks does not run away.
+/// How far a participant goes ahead at most, so that one that never sends does not run away.
 const LOOK_AHEAD_MAX: Duration = Duration::from_millis(100);
 
 /// Where the winners of the arbitration go besides their addressees.
@@ -79,11 +79,11 @@ const NEVER: Duration = Duration::MAX;
 
 struct Slot<'a> {
     participant: &'a mut dyn Participant,
-    /// What it listens to.
+    /// What it receives.
     accepted: FilterSet,
     /// What of that it takes in silence.
     silent: FilterSet,
-    /// Whom its frames may make speak.
+    /// Whom its frames may make send.
     audience: Audience,
     /// What has arrived and was not given to it yet, oldest first.
     inbox: Vec<Timed>,
@@ -93,7 +93,7 @@ struct Slot<'a> {
     outbox: VecDeque<Timed>,
     /// An error passive station may not send before.
     suspended_until: Duration,
-    /// What it said last.
+    /// Its last answer.
     answer: Answer,
     /// From when on its first waiting frame takes part in the arbitration. Asked at every event, like the next, while
     /// few events change them.
@@ -126,7 +126,7 @@ impl<'a> Slot<'a> {
         slot
     }
 
-    /// Works out when it may speak and send, after a change of what that depends on.
+    /// Works out when it may queue and send, after a change of what that depends on.
     fn look_ahead(&mut self) {
         let queues_at = match self.answer.progress {
             Progress::Running if self.has_answerable => self.inbox.last().map(|(time, _)| *time),
@@ -252,7 +252,7 @@ impl<'a> Coordinator<'a> {
         self.horizon = horizon;
     }
 
-    /// Goes on until nobody is ahead any more, so that a participant may be asked to stop now: what it then says must not
+    /// Goes on until nobody is ahead any more, so that a participant may be asked to stop now: what it then sends must not
     /// reach others in their past.
     ///
     /// # Errors
@@ -278,7 +278,7 @@ impl<'a> Coordinator<'a> {
         self.accept_answer(index)
     }
 
-    /// True when a participant has reached its safe state and everything it had to say has passed.
+    /// True when a participant has reached its safe state and all its frames have passed.
     #[must_use]
     pub(crate) fn is_stopped(&self, index: usize) -> bool {
         let slot = &self.slots[index];
@@ -347,7 +347,7 @@ impl<'a> Coordinator<'a> {
         });
     }
 
-    /// The end of a transmission: who listens hears the frame, or all count the error.
+    /// The end of a transmission: the others receive the frame, or all count the error.
     fn pass(&mut self, passed: &InFlight, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
         let now = self.now;
         if !passed.is_disturbed {
@@ -375,7 +375,7 @@ impl<'a> Coordinator<'a> {
         self.count_errors(passed, wire)
     }
 
-    /// Moves the error counters and tells who has changed.
+    /// Moves the error counters and reports who has changed.
     fn count_errors(
         &mut self,
         passed: &InFlight,
@@ -460,8 +460,8 @@ impl<'a> Coordinator<'a> {
     }
 
     /// The time before which no frame can arrive at a participant that is not an answer to its own. While the bus is
-    /// idle: when no frame waits that is for it or may be answered, whoever speaks next speaks at a known time, and
-    /// what is said then arrives later.
+    /// idle: when no frame waits that is for it or may be answered, whoever queues next does so at a known time, and
+    /// that frame arrives later.
     fn unreachable_until(&self, index: usize) -> Duration {
         let receiver = &self.slots[index];
         let mut next = self.horizon.min(self.now + LOOK_AHEAD_MAX);
@@ -521,7 +521,7 @@ impl<'a> Coordinator<'a> {
     }
 }
 
-/// What the others do with the frames of one participant. A frame is silent only if all who hear it are.
+/// What the others do with the frames of one participant. A frame is silent only if all who receive it take it in silence.
 fn audience(slots: &[Slot<'_>], index: usize) -> Audience {
     let others = || {
         let others = slots.iter().enumerate().filter(|(at, _)| *at != index);

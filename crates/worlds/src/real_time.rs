@@ -128,7 +128,7 @@ async fn ended<T>(bench: &ScopedJoinHandle<'_, T>) {
     }
 }
 
-/// What a node said of itself at its end.
+/// What a node reported of itself at its end.
 fn report(name: &str, text: &str) -> NodeReport {
     serde_json::from_str(text).unwrap_or_else(|_| NodeReport {
         refused: vec![format!("the {name} gave no report of its timing")],

@@ -63,7 +63,7 @@ impl Supervisor {
         self.frames.pop_front()
     }
 
-    /// The limit that was violated, once everything is said.
+    /// The limit that was violated, once its frames are sent.
     pub(crate) fn violation(&self) -> Option<&Violation> {
         self.violation.as_ref().filter(|_| self.frames.is_empty())
     }
@@ -90,7 +90,7 @@ mod tests {
         CanFrame::new(0x190, &data)
     }
 
-    /// What is sent and said after these frames, 10 ms apart.
+    /// What is sent and reported after these frames, 10 ms apart.
     fn after(frames: &[CanFrame]) -> (Vec<CanFrame>, Option<String>) {
         let mut supervisor = supervisor();
         let times = (0..).map(|cycle| Duration::from_millis(10) * cycle);

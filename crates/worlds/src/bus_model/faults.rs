@@ -160,7 +160,7 @@ impl BusFaults {
     }
 
     /// Takes frames from a participant through its gateway into its outbox, which stays in the order of time. What a
-    /// station says while it is off the bus is lost.
+    /// station sends while it is off the bus is lost.
     pub(crate) fn queue(&mut self, index: usize, frames: &[Timed], outbox: &mut VecDeque<Timed>) {
         for (time, frame) in frames {
             if is_truth(frame) {

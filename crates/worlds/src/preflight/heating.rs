@@ -130,17 +130,17 @@ impl<'a> Heating<'a> {
 
     /// The checks up to the first that failed, when the session has ended like this.
     pub(super) fn checks(&self, ended: Result<(), &WorldError>) -> Vec<Check> {
-        let found: [(&'static str, fn(&Self) -> Found); 6] = [
-            ("configuration", Self::configuration),
-            ("drive", Self::enabled),
-            ("position", Self::at_rest),
-            ("direction", Self::direction),
-            ("quick stop", Self::quick_stop),
-            ("NMT stop", Self::nmt_stop),
+        let found = [
+            ("configuration", self.configuration()),
+            ("drive", self.enabled()),
+            ("position", self.at_rest()),
+            ("direction", self.direction()),
+            ("quick stop", self.quick_stop()),
+            ("NMT stop", self.nmt_stop()),
         ];
         let mut checks = Vec::new();
-        for (name, find) in found {
-            let check = find(self).check(name, ended);
+        for (name, found) in found {
+            let check = found.check(name, ended);
             let has_failed = check.outcome == CheckOutcome::Failed;
             checks.push(check);
             if has_failed {
