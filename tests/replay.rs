@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use rig::catalogue::Catalogue;
-use runner::recordings::Recorded;
+use runner::recorded::Recorded;
 
 use crate::real_time::in_real_time;
 use crate::support::{canrig, only_run, output, scenario, short_scenario, unhurried_scenario};

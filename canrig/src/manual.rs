@@ -29,7 +29,7 @@ pub(crate) struct ManArgs {
 pub(crate) fn completions(args: &CompletionsArgs, command_line: &mut Command) -> Exit {
     let mut text = Vec::new();
     clap_complete::generate(args.shell, command_line, "canrig", &mut text);
-    print(&String::from_utf8_lossy(&text));
+    print_bytes(&text);
     Exit::Pass
 }
 

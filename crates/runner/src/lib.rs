@@ -15,7 +15,7 @@ pub mod exit;
 pub mod observer;
 mod output;
 mod play;
-mod recorded;
+pub mod recorded;
 pub mod run;
 pub mod scenarios;
 mod terminal;

@@ -25,7 +25,7 @@ const VERDICT_BYTES_MAX: u64 = 16 << 20;
 
 /// Why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum RecordedError {
+pub enum RecordedError {
     /// A file cannot be read.
     #[error("{} cannot be read: {source}", path.display())]
     Read {
@@ -82,7 +82,7 @@ impl From<ReadError> for RecordedError {
 }
 
 /// A recording: a run folder, or a log of `candump -L` and the scenario that was played.
-pub(crate) struct Recorded {
+pub struct Recorded {
     /// What the user named.
     pub path: PathBuf,
     /// The scenario that was played.
@@ -101,7 +101,7 @@ impl Recorded {
     ///
     /// # Errors
     /// A file is missing or not valid. A log that breaks off is no error.
-    pub(crate) fn load(
+    pub fn load(
         path: &Path,
         played: Option<&Path>,
         catalogue: &Catalogue,
@@ -152,7 +152,7 @@ impl Recorded {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub(crate) fn timeline(&self) -> Result<Timeline, SignalMissing> {
+    pub fn timeline(&self) -> Result<Timeline, SignalMissing> {
         timeline::decode(&self.log.frames, &self.setup)
     }
 
@@ -160,7 +160,7 @@ impl Recorded {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub(crate) fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
+    pub fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
         let stored = self.stored.as_ref();
         let lost = stored.map_or(0, |stored| stored.frames_lost);
         let mut verdict = judge(timeline, &self.setup, lost);
@@ -184,7 +184,7 @@ impl Recorded {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub(crate) fn verdict(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
+    pub fn verdict(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
         match &self.stored {
             Some(stored) => Ok(stored.clone()),
             None => self.judge(timeline),

@@ -6,7 +6,7 @@ use re_sdk::EntityPath;
 use re_sdk::log::TimeColumn;
 use re_sdk_types::AnyValues;
 use re_sdk_types::archetypes::{SeriesLines, TextDocument, TextLog};
-use re_sdk_types::components::{AggregationPolicy, InterpolationMode, Text, TextLogLevel};
+use re_sdk_types::components::{AggregationPolicy, Text, TextLogLevel};
 use scenario::Scenario;
 use scenario::events::DisturbanceCommand;
 
