@@ -33,10 +33,6 @@ pub(crate) struct NodeArgs {
     #[arg(long)]
     pub rig: Option<PathBuf>,
     #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
     pub host: HostArgs,
 }
 

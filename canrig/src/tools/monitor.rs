@@ -260,10 +260,6 @@ fn sdo_words(channel: &Channel<'_>, payload: [u8; 8]) -> String {
 #[derive(Args, Debug)]
 pub(crate) struct MonitorArgs {
     #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
     pub bus: ToolBusArgs,
     /// Show only these: parts of names (drive, sync, heartbeat) or identifiers (0x190)
     #[arg(long, value_name = "NAME", value_delimiter = ',')]

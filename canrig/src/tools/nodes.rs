@@ -407,10 +407,6 @@ impl Node for RollCall {
 #[derive(Args, Debug)]
 pub(crate) struct NodesArgs {
     #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
     pub bus: ToolBusArgs,
     /// More EDS files to recognise nodes by, besides those of the rig
     #[arg(long, value_name = "FILE")]

@@ -239,10 +239,6 @@ pub(crate) enum SdoAction {
     /// Write an object
     Write {
         #[command(flatten)]
-        #[expect(
-            missing_docs,
-            reason = "clap shows the doc comment of a flattened field as help"
-        )]
         object: ObjectArgs,
         /// The value, in the object's type: a number (decimal, 0x, 0b), text, or bytes in hexadecimal digits
         #[arg(allow_hyphen_values = true)]
@@ -261,10 +257,6 @@ pub(crate) struct ObjectArgs {
     #[arg(long, value_name = "FILE")]
     pub eds: Option<PathBuf>,
     #[command(flatten)]
-    #[expect(
-        missing_docs,
-        reason = "clap shows the doc comment of a flattened field as help"
-    )]
     pub bus: ToolBusArgs,
 }
 

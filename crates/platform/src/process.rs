@@ -198,7 +198,7 @@ mod tests {
         (child, ours)
     }
 
-    fn send(child: &Child, signal: Signal) {
+    fn signal(child: &Child, signal: Signal) {
         kill_process(Pid::from_child(child), signal).unwrap();
     }
 
@@ -230,11 +230,11 @@ mod tests {
     #[test]
     fn ctrl_c_does_not_end_a_child_but_sigterm_stops_it() {
         let (mut child, _channel) = child_that(false);
-        send(&child, Signal::INT);
-        send(&child, Signal::HUP);
+        signal(&child, Signal::INT);
+        signal(&child, Signal::HUP);
         crate::clock::sleep(Duration::from_millis(50));
         assert!(child.try_wait().unwrap().is_none());
-        send(&child, Signal::TERM);
+        signal(&child, Signal::TERM);
         assert_eq!(ended(&mut child).code(), Some(42));
     }
 
@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn a_child_that_hangs_is_ended_by_the_kernel() {
         let (mut child, _channel) = child_that(true);
-        send(&child, Signal::TERM);
+        signal(&child, Signal::TERM);
         assert_eq!(ended(&mut child).signal(), Some(Signal::ALARM.as_raw()));
     }
 
