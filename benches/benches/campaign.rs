@@ -19,8 +19,8 @@ const SWEEP: &str = "../scenarios/sweeps/plants.toml";
 const CASES: [usize; 2] = [1, 201];
 /// Cycles of these cases; the benchmark's name says it again, for `benches/run`.
 const CYCLES: u64 = 24_000;
-/// A few per cent more than were counted when the limit was set.
-const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 20_800;
+/// Three per cent more than were counted when the limit was set.
+const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 20_440;
 
 /// What is played: the sweep's cases follow from it.
 fn plan() -> SweepPlan {
