@@ -20,21 +20,21 @@ use crate::run_folder::{RunFolder, WriteError, file};
 /// # Errors
 /// A file cannot be read or written.
 pub fn write_setup(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
-    write_scenario(folder, setup)?;
-    folder.write(file::FRAMES, setup.database.to_dbc().as_bytes())
+    folder.write(file::FRAMES, setup.database.to_dbc().as_bytes())?;
+    write_scenario(folder, setup)
 }
 
-/// Writes the scenario with the files that it names, and the rig file with its EDS.
+/// Writes the files that the scenario names, the rig file with its EDS, and the scenario. It comes last, since a folder that
+/// has it is taken to have the others: a sweep that was killed goes on from there.
 ///
 /// # Errors
 /// A file cannot be read or written.
 pub fn write_scenario(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
-    folder.write(file::SCENARIO, setup.text.as_bytes())?;
     copy_tables(folder, setup, "")?;
-    match &setup.rig {
-        Some(rig) => write_rig(folder, rig),
-        None => Ok(()),
+    if let Some(rig) = &setup.rig {
+        write_rig(folder, rig)?;
     }
+    folder.write(file::SCENARIO, setup.text.as_bytes())
 }
 
 /// Copies the files that the scenario names for scenarios in a folder of the folder, which is made.
