@@ -40,6 +40,7 @@ pub mod sweep;
 mod table;
 #[cfg(test)]
 mod tests;
+mod text;
 pub mod timing;
 mod view;
 mod window;

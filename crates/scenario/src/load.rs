@@ -60,29 +60,31 @@ enum Reading {
     Recorded,
 }
 
+/// Gives the text of a table by the name that a scenario uses.
+pub(crate) type ReadTable<'a> = &'a mut dyn FnMut(&str) -> io::Result<String>;
+/// Says what else is wrong with a scenario.
+type Object<'a> = &'a dyn Fn(&Scenario) -> Vec<Objection>;
+
+// The functions that deserialize take trait objects: a generic one would be compiled again, with all of TOML and every
+// type of a scenario, in each crate that calls it.
 impl Scenario {
     /// Reads a scenario file and the tables that it names.
     ///
     /// # Errors
     /// The file cannot be read, or everything that is wrong in it.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        load(path, |text, name, read_table| {
-            Self::parse(text, name, read_table)
-        })
+        Self::load_for(path, Reading::ToPlay, &|_| Vec::new()).map(|(scenario, _)| scenario)
     }
 
-    /// As [`Scenario::load`], with the very text that was read. `objections` tells what else is wrong.
+    /// As [`Scenario::load`], with the very text that was read. `objections` says what else is wrong.
     ///
     /// # Errors
     /// As [`Scenario::load`], and every objection.
     pub fn load_with_text(
         path: &Path,
-        objections: impl FnOnce(&Self) -> Vec<Objection>,
+        objections: impl Fn(&Self) -> Vec<Objection>,
     ) -> Result<(Self, String), ScenarioError> {
-        load(path, |text, name, read_table| {
-            Self::parse_with(text, name, read_table, Reading::ToPlay, objections)
-                .map(|scenario| (scenario, text.to_owned()))
-        })
+        Self::load_for(path, Reading::ToPlay, &objections)
     }
 
     /// As [`Scenario::load_with_text`], for a scenario that was played already: tables of plants and laws from outside are
@@ -93,10 +95,18 @@ impl Scenario {
     /// As [`Scenario::load_with_text`], but for these tables.
     pub fn load_recorded(
         path: &Path,
-        objections: impl FnOnce(&Self) -> Vec<Objection>,
+        objections: impl Fn(&Self) -> Vec<Objection>,
+    ) -> Result<(Self, String), ScenarioError> {
+        Self::load_for(path, Reading::Recorded, &objections)
+    }
+
+    fn load_for(
+        path: &Path,
+        reading: Reading,
+        object: Object<'_>,
     ) -> Result<(Self, String), ScenarioError> {
         load(path, |text, name, read_table| {
-            Self::parse_with(text, name, read_table, Reading::Recorded, objections)
+            Self::parse_for(text, name, read_table, reading, object)
                 .map(|scenario| (scenario, text.to_owned()))
         })
     }
@@ -109,17 +119,19 @@ impl Scenario {
     pub fn parse(
         text: &str,
         file_name: &str,
-        read_table: impl FnMut(&str) -> io::Result<String>,
+        mut read_table: impl FnMut(&str) -> io::Result<String>,
     ) -> Result<Self, ScenarioError> {
-        Self::parse_with(text, file_name, read_table, Reading::ToPlay, |_| Vec::new())
+        Self::parse_for(text, file_name, &mut read_table, Reading::ToPlay, &|_| {
+            Vec::new()
+        })
     }
 
-    fn parse_with(
+    fn parse_for(
         text: &str,
         file_name: &str,
-        mut read_table: impl FnMut(&str) -> io::Result<String>,
+        read_table: ReadTable<'_>,
         reading: Reading,
-        objections: impl FnOnce(&Self) -> Vec<Objection>,
+        object: Object<'_>,
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
@@ -147,15 +159,15 @@ impl Scenario {
         problems.extend(check::read_tables(
             &document,
             &mut scenario.reference.table,
-            &mut read_table,
+            read_table,
         ));
         problems.extend(check::read_courses(
             &document,
             &mut scenario.expect.signal,
             scenario.duration_seconds,
-            &mut read_table,
+            read_table,
         ));
-        let objections = objections(&scenario).into_iter();
+        let objections = object(&scenario).into_iter();
         problems.extend(objections.map(|objection| objection.problem(&document)));
         none_of(problems, scenario).map_err(fail)
     }
@@ -167,9 +179,7 @@ impl ControllerView {
     /// # Errors
     /// As [`Scenario::load`], for the tables that the controller sees.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        load(path, |text, name, read_table| {
-            Self::parse(text, name, read_table)
-        })
+        load(path, Self::parse_view)
     }
 
     /// Reads what the controller may know of a scenario from text; as [`Scenario::parse`].
@@ -179,7 +189,15 @@ impl ControllerView {
     pub fn parse(
         text: &str,
         file_name: &str,
-        read_table: impl FnMut(&str) -> io::Result<String>,
+        mut read_table: impl FnMut(&str) -> io::Result<String>,
+    ) -> Result<Self, ScenarioError> {
+        Self::parse_view(text, file_name, &mut read_table)
+    }
+
+    fn parse_view(
+        text: &str,
+        file_name: &str,
+        read_table: ReadTable<'_>,
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
@@ -214,7 +232,7 @@ impl ControllerView {
 /// Reads a file and hands it to `parse` with a reader of the tables beside it.
 fn load<T>(
     path: &Path,
-    parse: impl FnOnce(&str, &str, &dyn Fn(&str) -> io::Result<String>) -> Result<T, ScenarioError>,
+    parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
 ) -> Result<T, ScenarioError> {
     let name = path.display().to_string();
     let text = read_text(path, SCENARIO_BYTES_MAX).map_err(|error| {
@@ -225,7 +243,7 @@ fn load<T>(
         ScenarioError::new(KIND, &name, vec![problem])
     })?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    parse(&text, &name, &|table| read_table(folder, table))
+    parse(&text, &name, &mut |table| read_table(folder, table))
 }
 
 /// Reads a table beside the scenario, and refuses links that lead out of the folder.

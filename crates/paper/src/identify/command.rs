@@ -235,12 +235,6 @@ fn differences(plant: &Plant) -> Option<String> {
     })
 }
 
-/// A `[plant]` table alone, as a scenario has it.
-#[derive(Serialize)]
-struct PlantFile<'a> {
-    plant: &'a Plant,
-}
-
 /// What other programs read.
 #[derive(Serialize)]
 struct IdentificationNumbers<'a> {
@@ -283,15 +277,12 @@ fn write(
         &arguments,
     )?;
     folder.write(name::REPORT, b"incomplete: the identification has not ended; if no process works on it any more, it broke off\n")?;
-    folder.write(
-        name::PLANT,
-        toml::to_string(&PlantFile { plant: &plant })?.as_bytes(),
-    )?;
+    folder.write(name::PLANT, plant.to_file_text()?.as_bytes())?;
     let scenario = Scenario {
         plant,
         ..played.clone()
     };
-    folder.write(file::SCENARIO, toml::to_string(&scenario)?.as_bytes())?;
+    folder.write(file::SCENARIO, scenario.to_text()?.as_bytes())?;
     for table in &played.reference.table {
         let parent = scenario_folder(args);
         folder.copy(&parent.join(&table.file), &table.file)?;

@@ -55,15 +55,9 @@ pub fn read_plant(path: &Path) -> Result<Plant, PlantFileError> {
     };
     let text =
         scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|error| fault(error.to_string()))?;
-    let mut table: toml::Table = text
-        .parse()
-        .map_err(|error: toml::de::Error| fault(error.message().to_owned()))?;
-    let plant = table
-        .remove("plant")
-        .ok_or_else(|| fault("it has no table [plant]".to_owned()))?;
-    plant
-        .try_into()
-        .map_err(|error: toml::de::Error| fault(error.message().to_owned()))
+    Plant::from_file_text(&text)
+        .map_err(|error| fault(error.message().to_owned()))?
+        .ok_or_else(|| fault("it has no table [plant]".to_owned()))
 }
 
 impl FromStr for Start {

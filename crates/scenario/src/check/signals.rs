@@ -1,13 +1,13 @@
 //! Checks on signals and sequences: what can be judged, within the run, each once.
 
 use std::collections::BTreeSet;
-use std::io;
 
 use super::limits::limit_problem;
 use super::tables::read_beside;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Demand, Emergency, Expected, Sequence, SignalCheck};
+use crate::load::ReadTable;
 use crate::scenario::Scenario;
 use crate::table;
 
@@ -179,7 +179,7 @@ pub(crate) fn read_courses(
     document: &Document<'_>,
     checks: &mut [SignalCheck],
     duration_seconds: f64,
-    mut read_table: impl FnMut(&str) -> io::Result<String>,
+    read_table: ReadTable<'_>,
 ) -> Vec<Problem> {
     let mut problems = Vec::new();
     for (index, check) in checks.iter_mut().enumerate() {
@@ -189,7 +189,7 @@ pub(crate) fn read_courses(
         };
         let file = format!("{path}.follows.file");
         let column = course.column_for(&check.name).to_owned();
-        let rows = read_beside(document, &file, &course.file, &mut read_table)
+        let rows = read_beside(document, &file, &course.file, read_table)
             .and_then(|text| table::parse_column(&course.file, &text, &column));
         match rows {
             Ok(rows) => course.rows = rows,

@@ -1,9 +1,8 @@
 //! Reads the tables that a scenario names.
 
-use std::io;
-
 use crate::document::Document;
 use crate::error::Problem;
+use crate::load::ReadTable;
 use crate::reference::Table;
 use crate::table;
 
@@ -11,12 +10,12 @@ use crate::table;
 pub(crate) fn read_tables(
     document: &Document<'_>,
     tables: &mut [Table],
-    mut read_table: impl FnMut(&str) -> io::Result<String>,
+    read_table: ReadTable<'_>,
 ) -> Vec<Problem> {
     let mut problems = Vec::new();
     for (index, entry) in tables.iter_mut().enumerate() {
         let path = format!("reference.table.{index}.file");
-        let rows = read_beside(document, &path, &entry.file, &mut read_table)
+        let rows = read_beside(document, &path, &entry.file, read_table)
             .and_then(|text| table::parse(&entry.file, &text));
         match rows {
             Ok(rows) => entry.rows = rows,
@@ -31,7 +30,7 @@ pub(super) fn read_beside(
     document: &Document<'_>,
     path: &str,
     file: &str,
-    read_table: &mut impl FnMut(&str) -> io::Result<String>,
+    read_table: ReadTable<'_>,
 ) -> Result<String, Problem> {
     if !table::is_inside_folder(file) {
         let message = "a table must lie in the scenario's folder";
