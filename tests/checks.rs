@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::support::{canrig, only_run, output};
+use crate::support::{canrig, only_run, output, scenario};
 
 const PLAYED: &str = "schema = 1\nname = \"checked\"\nseed = 7\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
     [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
@@ -126,12 +126,63 @@ fn a_wrong_name_is_told_before_any_run() {
     for text in [
         "no signal is called `drive_tpdo1.curent_amperes`",
         "did you mean `drive_tpdo1.current_amperes`?",
+        "canrig signals SCENARIO",
     ] {
         assert!(stderr.contains(text), "{text}: {stderr}");
     }
     let runs = folder.path().join("runs");
     let (code, ..) = output(canrig(&runs, "simulate").arg(&path));
     assert_eq!((code, runs.exists()), (Some(3), false));
+}
+
+fn signals(arguments: &[&str], source: Option<&Path>) -> (Option<i32>, String, String) {
+    let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    canrig.arg("signals").args(arguments).args(source);
+    output(canrig.env("NO_COLOR", "1"))
+}
+
+#[test]
+fn every_signal_is_listed_with_unit_sender_message_and_range() {
+    let (code, stdout, stderr) = signals(&[], None);
+    assert_eq!(code, Some(0), "{stderr}");
+    let row = |name: &str| stdout.lines().find(|line| line.contains(name)).unwrap();
+    for (name, parts) in [
+        ("│ current_amperes ", ["A", "drive", "drive_tpdo1", " … "]),
+        ("│ statusword_warning ", ["drive", "drive_tpdo1", "0 no", "1 yes"]),
+    ] {
+        for part in parts {
+            assert!(row(name).contains(part), "{part}: {}", row(name));
+        }
+    }
+    let (code, json, _) = signals(&["--json"], None);
+    let listed: Vec<serde_json::Value> = serde_json::from_str(&json).unwrap();
+    assert_eq!((code, listed.len()), (Some(0), stdout.matches("\n│ ").count() - 1));
+    assert!(listed.iter().any(|signal| signal["path"] == "drive_tpdo1.position_millimetres"));
+}
+
+/// A scenario with a wrong name is the one whose author needs the list; a run's frames are those of its `frames.dbc`.
+#[test]
+fn the_signals_of_a_scenario_and_of_a_run_are_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("motor.toml");
+    let text = fs::read_to_string(scenario("motor_step.toml")).unwrap();
+    let wrong = "[[expect.signal]]\nname = \"winding\"\nstays = { max = 1.0 }\n";
+    fs::write(&path, format!("{text}\n{wrong}")).unwrap();
+    let (code, of_scenario, stderr) = signals(&[], Some(&path));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(of_scenario.contains("winding_temperature_celsius"), "{of_scenario}");
+    assert!(!signals(&[], None).1.contains("winding_temperature_celsius"));
+
+    let runs = folder.path().join("runs");
+    output(canrig(&runs, "simulate").arg(write(folder.path(), "", None)));
+    let run = only_run(&runs);
+    let frames = run.join("frames.dbc");
+    let renamed = fs::read_to_string(&frames).unwrap();
+    fs::write(&frames, renamed.replace("sync_counter", "counter_of_sync")).unwrap();
+    let (code, of_run, stderr) = signals(&[], Some(&run));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(of_run.contains("│ counter_of_sync "), "{of_run}");
+    assert_eq!(signals(&[], Some(folder.path())).0, Some(3));
 }
 
 #[test]

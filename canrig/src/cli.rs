@@ -23,6 +23,7 @@ use runner::commands::export::{ExportArgs, export};
 use runner::commands::replay::{ReplayArgs, replay};
 use runner::commands::report::{ReportArgs, report};
 use runner::commands::run::{RunArgs, run};
+use runner::commands::signals::{SignalsArgs, signals};
 use runner::commands::simulate::{SimulateArgs, simulate};
 use runner::exit::Exit;
 
@@ -42,6 +43,7 @@ Examples:
   canrig torture scenarios/torture.toml      does anything break it?
   canrig sweep scenarios/sweeps/plants.toml  a run for each of many values
   canrig check scenarios/                    are the files valid?
+  canrig signals my.toml                     which signals can [expect] name?
   canrig report runs/* --output all.html     several runs on one page
   canrig replay RUN                          judge a recording again
   canrig replay RUN --viewer --speed 0.1     and watch it in slow motion
@@ -114,6 +116,8 @@ pub(crate) enum Command {
     Merge(MergeArgs),
     /// Check scenario and rig files without playing them
     Check(CheckArgs),
+    /// List the signals of the bus, of a scenario or of a run: name, unit, sender, message, range
+    Signals(SignalsArgs),
     /// Write the crate of a plant or a control law of your own, with a bench that knows it
     New(NewArgs),
     /// Look at what of this machine serves a test bench, and how to mend what does not
@@ -158,6 +162,7 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Sweep(args) => sweep(&args),
         Command::Merge(args) => merge(&args),
         Command::Check(args) => check(&args),
+        Command::Signals(args) => signals(&args),
         Command::New(args) => new(&args),
         Command::Doctor(args) => doctor(&args),
         Command::Schema(args) => schema(&args),

@@ -59,7 +59,8 @@ pub struct Signal {
 
 impl Message {
     /// Whether no frame carries it.
-    pub(crate) fn is_silent(&self) -> bool {
+    #[must_use]
+    pub fn is_silent(&self) -> bool {
         self.raw_id & NO_FRAME == NO_FRAME
     }
 }

@@ -146,7 +146,7 @@ fn objection(path: String, error: &NameError) -> Objection {
                 Some(nearest) => format!("did you mean `{nearest}`?"),
                 None => "not on the bus".to_owned(),
             },
-            "the signals are in dbc/sma_actuator.dbc, the objects behind them in dbc/*.eds"
+            "`canrig signals SCENARIO` lists every signal with its unit, sender, message and range"
                 .to_owned(),
         ),
         NameError::Ambiguous { paths, .. } => {

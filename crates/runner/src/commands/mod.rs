@@ -7,4 +7,5 @@ pub mod export;
 pub mod replay;
 pub mod report;
 pub mod run;
+pub mod signals;
 pub mod simulate;
