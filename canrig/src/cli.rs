@@ -53,7 +53,7 @@ Examples:
   canrig export RUN -f blf -o run.blf        for another program
   canrig new plant pendulum                  a plant of your own, in a crate of its own
   canrig new law fuzzy                       a control law of your own
-  canrig doctor                              is this machine fit for real time?
+  canrig doctor                              what does this machine lack?
   canrig nodes --bus vcan0                   who is on the bus?
   canrig sdo read drive 0x6064               one object of a node in a run
   canrig sdo write 0x10 1017 50 --bus can0   and change one
@@ -120,7 +120,7 @@ pub(crate) enum Command {
     Signals(SignalsArgs),
     /// Write the crate of a plant or a control law of your own, with a bench that knows it
     New(NewArgs),
-    /// Look at what of this machine serves a test bench, and how to mend what does not
+    /// Check what this machine has for a test bench, and print the command for what is missing
     Doctor(DoctorArgs),
     /// Print the JSON Schema of scenario files, for editors
     Schema(SchemaArgs),

@@ -2,9 +2,12 @@
 
 use std::env;
 use std::fs;
+use std::io;
 use std::path::Path;
+use std::process::{self, Command};
 
 use clap::Args;
+use platform::hub::Hub;
 use platform::private_bus::PrivateBus;
 use platform::{probe, scheduling};
 
@@ -13,16 +16,18 @@ use runner::exit::Exit;
 
 /// The program that shows recordings.
 const VIEWER: &str = "rerun";
+/// The folder for runs where `--output` names no other.
+const RUNS: &str = "runs";
 
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct MachineCheck {
+struct MachineCheck {
     /// What.
-    pub what: &'static str,
+    what: &'static str,
     /// What was found.
-    pub found: String,
+    found: String,
     /// The command that mends it; none where nothing is amiss.
-    pub mend: Option<String>,
+    mend: Option<String>,
 }
 
 impl MachineCheck {
@@ -35,10 +40,44 @@ impl MachineCheck {
     }
 }
 
+/// What serves one purpose.
+struct Section {
+    /// The purpose.
+    heading: &'static str,
+    /// Whether nothing works without it.
+    is_needed: bool,
+    checks: Vec<MachineCheck>,
+}
+
+impl Section {
+    fn lacks_something(&self) -> bool {
+        self.checks.iter().any(|check| check.mend.is_some())
+    }
+
+    /// The heading, and a line for each check with the command that mends it.
+    fn in_words(&self, width: usize) -> String {
+        let lines = self.checks.iter().map(|check| {
+            let MachineCheck { what, found, mend } = check;
+            let mark = match (mend, self.is_needed) {
+                (None, _) => "ok",
+                (Some(_), true) => "MISSING",
+                (Some(_), false) => "no",
+            };
+            let line = format!("  {mark:7}  {what:width$}  {found}");
+            match mend {
+                None => line,
+                Some(mend) => format!("{line}\n           {:width$}  mend: {mend}", ""),
+            }
+        });
+        let lines: Vec<String> = lines.collect();
+        format!("{}\n{}", self.heading, lines.join("\n"))
+    }
+}
+
 /// Arguments of `doctor`.
 #[derive(Args, Debug)]
 pub(crate) struct DoctorArgs {
-    /// End with exit code 4 when something is amiss
+    /// End with exit code 4 when something optional is missing, too
     #[arg(long)]
     pub strict: bool,
 }
@@ -46,47 +85,134 @@ pub(crate) struct DoctorArgs {
 /// Looks at this machine and prints what serves and what does not.
 #[must_use]
 pub(crate) fn doctor(args: &DoctorArgs) -> Exit {
-    let checks = examine();
-    print(&table(&checks));
-    if args.strict && checks.iter().any(|check| check.mend.is_some()) {
-        Exit::BenchFailed
-    } else {
-        Exit::Pass
+    let sections = examine();
+    print(&report(&sections));
+    exit(&sections, args.strict)
+}
+
+/// Only what everybody needs decides, unless `is_strict`.
+fn exit(sections: &[Section], is_strict: bool) -> Exit {
+    let mut deciding = sections.iter().filter(|one| one.is_needed || is_strict);
+    match deciding.any(Section::lacks_something) {
+        true => Exit::BenchFailed,
+        false => Exit::Pass,
     }
 }
 
-/// Looks at everything. Asks for memory and makes a private bus for a moment.
-fn examine() -> Vec<MachineCheck> {
+/// Looks at everything. Asks for memory and makes buses for a moment.
+fn examine() -> Vec<Section> {
+    let needed = |heading, checks| Section {
+        heading,
+        is_needed: true,
+        checks,
+    };
+    let optional = |heading, checks| Section {
+        is_needed: false,
+        ..needed(heading, checks)
+    };
     vec![
-        kernel_can(),
-        private_bus(),
-        fifo(),
-        memory(),
-        clock_source(),
-        governor(),
-        isolation(),
-        viewer(),
+        needed(
+            "needed, to build canrig and to play scenarios",
+            vec![rust(), c_compiler(), embedded_bus(), run_folder()],
+        ),
+        optional(
+            "optional, for a CAN bus of the kernel: --bus vcan0, --bus private, --bus can0 with real hardware",
+            vec![kernel_can(), private_bus()],
+        ),
+        optional(
+            "optional, for limits on latencies in real time: [expect.timing]",
+            vec![fifo(), memory(), clock_source(), governor(), isolation()],
+        ),
+        optional(
+            "optional, to watch runs and recordings: --viewer",
+            vec![viewer()],
+        ),
     ]
 }
 
-/// The checks as lines.
-fn table(checks: &[MachineCheck]) -> String {
-    let width = checks.iter().map(|check| check.what.len()).max();
+/// The sections, and whether the bench works here.
+fn report(sections: &[Section]) -> String {
+    let checks = sections.iter().flat_map(|section| &section.checks);
+    let width = checks.map(|check| check.what.len()).max();
     let width = width.unwrap_or_default();
-    let lines = checks.iter().map(|MachineCheck { what, found, mend }| {
-        let mark = if mend.is_some() { "no" } else { "ok" };
-        let line = format!("{mark}  {what:width$}  {found}");
-        match mend {
-            None => line,
-            Some(mend) => format!("{line}\n    {:width$}  mend: {mend}", ""),
-        }
-    });
-    lines.collect::<Vec<_>>().join("\n")
+    let blocks = sections.iter().map(|section| section.in_words(width));
+    let blocks: Vec<String> = blocks.collect();
+    let end = match exit(sections, false) {
+        Exit::Pass => "Nothing that is needed is missing: canrig run scenarios/step.toml",
+        _ => "Something that is needed is MISSING.",
+    };
+    format!("{}\n\n{end}", blocks.join("\n\n"))
+}
+
+fn rust() -> MachineCheck {
+    let least = env!("CARGO_PKG_RUST_VERSION");
+    let mend = "install it from https://rustup.rs, or: rustup update stable   (an installed canrig runs without it)";
+    let found = match first_line("rustc", "--version") {
+        Some(version) if is_at_least(&version, least) => Ok(version),
+        Some(version) => Err((format!("{version}, but {least} or newer is needed"), mend)),
+        None => Err(("rustc is not in PATH".to_owned(), mend)),
+    };
+    MachineCheck::new("Rust toolchain", found)
+}
+
+/// Whether the second word of a version is this version or a later one.
+fn is_at_least(version: &str, least: &str) -> bool {
+    let numbers = |text: &str| -> Vec<u32> {
+        let parts = text.split(['.', '-']).take(2);
+        parts.filter_map(|part| part.parse().ok()).collect()
+    };
+    let found = version.split(' ').nth(1).unwrap_or_default();
+    numbers(found) >= numbers(least)
+}
+
+fn c_compiler() -> MachineCheck {
+    let program = env::var("CC").unwrap_or_else(|_| "cc".to_owned());
+    let found = first_line(&program, "--version");
+    let mend = "sudo apt-get install gcc libc6-dev   (an installed canrig runs without it)";
+    let missing = || (format!("{program} is not in PATH"), mend);
+    MachineCheck::new("C compiler", found.ok_or_else(missing))
+}
+
+/// The first line that a program prints; none where there is no such program.
+fn first_line(program: &str, argument: &str) -> Option<String> {
+    let ran = Command::new(program).arg(argument).output().ok()?;
+    let text = String::from_utf8_lossy(&ran.stdout).into_owned();
+    let line = text.lines().next()?.trim();
+    ran.status.success().then(|| line.to_owned())
+}
+
+fn embedded_bus() -> MachineCheck {
+    let joined = || -> Result<(), String> {
+        let (hub, _recorder) = Hub::start().map_err(|error| error.to_string())?;
+        let joined = platform::open(&hub.address(), &[]);
+        joined.map(|_| ()).map_err(|error| error.to_string())
+    };
+    let found = joined().map(|()| "serves and is joined".to_owned());
+    let mend = "set TMPDIR to a folder that you can write to and that admits sockets";
+    MachineCheck::new("embedded bus", found.map_err(|error| (error, mend)))
+}
+
+fn run_folder() -> MachineCheck {
+    let runs = Path::new(RUNS);
+    let folder = if runs.is_dir() { runs } else { Path::new(".") };
+    let mend = "go to a folder that you can write to, or name one: canrig run --output FOLDER …";
+    let found = match write_into(folder) {
+        Ok(()) => Ok("can be written here".to_owned()),
+        Err(error) => Err((format!("cannot be written here: {error}"), mend)),
+    };
+    MachineCheck::new("run folders", found)
+}
+
+/// Writes a file and removes it.
+fn write_into(folder: &Path) -> io::Result<()> {
+    let file = folder.join(format!(".canrig-doctor-{}", process::id()));
+    fs::write(&file, "canrig\n")?;
+    fs::remove_file(file)
 }
 
 fn kernel_can() -> MachineCheck {
     let found = probe::kernel_can().map(|()| "CAN sockets open".to_owned());
-    let mend = "sudo modprobe can-raw vcan   (where the kernel is built with CAN; else use --bus embedded)";
+    let mend = "sudo modprobe -a can-raw vcan   (where the kernel is built with CAN; else use --bus embedded)";
     MachineCheck::new(
         "kernel CAN",
         found.map_err(|error| (first_part(&error), mend)),
@@ -96,7 +222,7 @@ fn kernel_can() -> MachineCheck {
 fn private_bus() -> MachineCheck {
     let found =
         PrivateBus::start().map(|_| "a vcan in a namespace of one's own carries frames".to_owned());
-    let mend = "sudo modprobe vcan can-raw && sudo sysctl user.max_user_namespaces=10000 kernel.unprivileged_userns_clone=1";
+    let mend = "sudo modprobe -a can-raw vcan && sudo sysctl user.max_user_namespaces=10000 kernel.unprivileged_userns_clone=1";
     MachineCheck::new(
         "private bus",
         found.map_err(|error| (first_part(&error), mend)),
@@ -190,15 +316,54 @@ fn setting(path: impl AsRef<Path>) -> Option<String> {
 mod tests {
     use super::*;
 
+    fn section(is_needed: bool, mend: Result<(), &str>) -> Section {
+        let found = mend.map(|()| "found".to_owned());
+        Section {
+            heading: "for something",
+            is_needed,
+            checks: vec![
+                MachineCheck::new("bus", Ok("carries frames".to_owned())),
+                MachineCheck::new("viewer", found.map_err(|mend| ("absent".to_owned(), mend))),
+            ],
+        }
+    }
+
     #[test]
     fn what_is_amiss_comes_with_the_command_that_mends_it() {
-        let checks = [
-            MachineCheck::new("kernel CAN", Ok("CAN sockets open".to_owned())),
-            MachineCheck::new("viewer", Err(("not in PATH".to_owned(), "pip install it"))),
-        ];
-        assert_eq!(
-            table(&checks),
-            "ok  kernel CAN  CAN sockets open\nno  viewer      not in PATH\n                mend: pip install it"
-        );
+        let text = section(true, Err("install it")).in_words(6);
+        let expected = "for something\n  ok       bus     carries frames\n  MISSING  viewer  absent\n\
+                                   \x20                  mend: install it";
+        assert_eq!(text, expected);
+        let text = section(false, Err("install it")).in_words(6);
+        assert!(text.contains("\n  no       viewer  absent\n"), "{text}");
+    }
+
+    #[test]
+    fn only_what_is_needed_fails() {
+        let missing = Err("install it");
+        let optional = [section(true, Ok(())), section(false, missing)];
+        assert_eq!(exit(&optional, false), Exit::Pass);
+        assert_eq!(exit(&optional, true), Exit::BenchFailed);
+        let needed = [section(true, missing), section(false, Ok(()))];
+        assert_eq!(exit(&needed, false), Exit::BenchFailed);
+        assert!(report(&needed).ends_with("Something that is needed is MISSING."));
+    }
+
+    /// `modprobe` reads a second module without `-a` as a parameter of the first.
+    #[test]
+    fn several_modules_are_loaded_together() {
+        for check in [kernel_can(), private_bus()] {
+            let mend = check.mend.unwrap_or_default();
+            assert!(!mend.contains("modprobe") || mend.contains("modprobe -a can-raw vcan"));
+        }
+    }
+
+    #[test]
+    fn versions_are_compared_as_numbers() {
+        assert!(is_at_least("rustc 1.95.0 (abc 2026-01-01)", "1.95"));
+        assert!(is_at_least("rustc 1.100.0-nightly", "1.95"));
+        assert!(is_at_least("rustc 2.0.0", "1.95"));
+        assert!(!is_at_least("rustc 1.94.9", "1.95"));
+        assert!(!is_at_least("nothing", "1.95"));
     }
 }

@@ -17,11 +17,11 @@ const ARPHRD_CAN: libc::sa_family_t = 280;
 pub enum NoKernelCan {
     /// The kernel is built without CAN, or its module is not there.
     #[error(
-        "this kernel has no CAN (AF_CAN is not supported); load it with: modprobe can-raw vcan (or use the embedded bus)"
+        "this kernel has no CAN (AF_CAN is not supported); load it with: sudo modprobe -a can-raw vcan (or use the embedded bus)"
     )]
     NotSupported,
     /// The kernel has CAN, but not raw sockets.
-    #[error("this kernel has CAN but no raw sockets for it; load them with: modprobe can-raw")]
+    #[error("this kernel has CAN but no raw sockets for it; load them with: sudo modprobe can-raw")]
     NoRawSockets,
     /// A sandbox refuses it.
     #[error("CAN sockets are not permitted here (a sandbox or a seccomp filter refuses AF_CAN)")]
