@@ -67,6 +67,9 @@ impl<'a> Checker<'a> {
                 if schema["items"]["$ref"].is_string() && found.is_table() {
                     self.help(format!("write it with double brackets: [[{path}]]"));
                 }
+                if let Some(help) = limit_help(path, schema, found) {
+                    self.help(help);
+                }
             }
         }
     }
@@ -202,6 +205,39 @@ impl<'a> Checker<'a> {
         } else if let Some(limits) = broken_limit(number, schema) {
             self.report(span, format!("`{path}` = {number} is out of range"), limits);
         }
+    }
+}
+
+/// How a limit is written, where something else stands in its place.
+fn limit_help(path: &str, schema: &Value, found: &DeValue<'_>) -> Option<String> {
+    let number = match found {
+        DeValue::Integer(integer) => integer.as_str(),
+        DeValue::Float(float) => float.as_str(),
+        _ => "1.0",
+    };
+    let has = |key: &str| schema["properties"].get(key).is_some();
+    if path == "expect" {
+        return Some(format!(
+            "[expect] has a limit for each metric, as in `overshoot_percent = {{ max = {number} }}`"
+        ));
+    }
+    let key = path.strip_prefix("expect.")?;
+    let key = key.rsplit('.').next().unwrap_or(key);
+    if has("p99") {
+        Some(format!(
+            "write the limit of a quantile, `{key} = {{ p99 = {{ max = {number} }} }}`; known are median, p99, p99_9 and max"
+        ))
+    } else if has("min") && has("max") {
+        Some(format!(
+            "write the limit as a table: `{key} = {{ max = {number} }}` for at most, `{{ min = {number} }}` for at least, \
+             or both sides, `{{ min = …, max = … }}`"
+        ))
+    } else if schema["type"] == "number" && found.is_table() {
+        Some(format!(
+            "`{key}` is the largest value that passes; write the number alone, `{key} = {number}`"
+        ))
+    } else {
+        None
     }
 }
 

@@ -41,6 +41,47 @@ fn sequence(events: &str) -> String {
     format!("[[expect.sequence]]\nname = \"s\"\nevent = [{events}]\n")
 }
 
+/// What stands under a problem as help.
+#[track_caller]
+fn help(more: &str) -> String {
+    let error = parse(more).expect_err(more);
+    let [problem] = error.problems() else {
+        panic!("{:?}", error.problems());
+    };
+    let help = miette::Diagnostic::help(problem);
+    help.map(|help| help.to_string()).unwrap_or_default()
+}
+
+#[test]
+fn what_is_no_limit_says_how_a_limit_is_written() {
+    let place = "`expect.overshoot_percent` must be a table";
+    let more = "[expect]\novershoot_percent = 1.5\n";
+    check(more, 9, 21, place, "this is a number with a fraction");
+    for (more, part) in [
+        (more, "`overshoot_percent = { max = 1.5 }`"),
+        (
+            "[[expect]]\n",
+            "`overshoot_percent = { max = 1.0 }`",
+        ),
+        ("[expect]\nsine_gain = \"0.9\"\n", "`{ min = 1.0 }` for at least"),
+        (&signal("stays = 3.0"), "`stays = { max = 3.0 }`"),
+        (
+            "[expect.timing]\nround_trip_microseconds = 500\n",
+            "`round_trip_microseconds = { p99 = { max = 500 } }`",
+        ),
+        (
+            "[expect.timing]\nround_trip_microseconds = { p99 = 500 }\n",
+            "`p99 = { max = 500 }`",
+        ),
+        (
+            "[expect]\nrecovers_within_seconds = { max = 1.0 }\n",
+            "`recovers_within_seconds = 1.0`",
+        ),
+    ] {
+        assert!(help(more).contains(part), "{more}{}", help(more));
+    }
+}
+
 #[test]
 fn a_check_demands_something_that_can_be_met() {
     check(
