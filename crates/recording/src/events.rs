@@ -18,7 +18,7 @@ const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
 pub enum Level {
     /// Part of a normal run.
     Info,
-    /// Something the scenario did to the rig.
+    /// A fault that the scenario injects.
     Warning,
     /// A fault.
     Error,
@@ -199,7 +199,10 @@ impl EventReader {
             .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
             .map(|event| TimelineEvent {
                 time_seconds: event.at_seconds,
-                level: Level::Warning,
+                level: match event.is_fault {
+                    true => Level::Warning,
+                    false => Level::Info,
+                },
                 text: event.text,
             });
         let mut events: Vec<TimelineEvent> = on_bus.chain(planned).collect();
@@ -274,5 +277,32 @@ fn describe(kind: EventKind, node: &str, value: f64, label: &str) -> (Level, Str
         EventKind::Command => (Level::Info, format!("NMT command: {label}")),
         EventKind::Emergency if value == 0.0 => (Level::Info, format!("{node}: emergency over")),
         EventKind::Emergency => (Level::Error, format!("{node}: emergency {label}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_what_the_scenario_does_only_faults_are_warnings() {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
+            [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n\
+            [[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 3.0\nconvection_factor = 5.0\n\
+            [[disturbance.load]]\nat_seconds = 4.0\nadded_grams = 10.0\n\
+            [[fault.sensor.stuck]]\nfrom_seconds = 5.0\nuntil_seconds = 6.0\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let mut reader = EventReader::new(Database::shipped());
+        let events = reader.take_until(f64::INFINITY, &scenario, Some(Duration::ZERO));
+        let levels = events.iter().map(|event| (event.time_seconds, event.level));
+        let expected = [
+            (1.0, Level::Info),
+            (2.0, Level::Info),
+            (3.0, Level::Info),
+            (4.0, Level::Info),
+            (5.0, Level::Warning),
+            (6.0, Level::Info),
+        ];
+        assert_eq!(levels.collect::<Vec<_>>(), expected);
     }
 }

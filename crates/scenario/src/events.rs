@@ -31,6 +31,8 @@ pub struct Event {
     pub at_seconds: f64,
     /// What, for people.
     pub text: String,
+    /// Whether a fault begins; all else is part of a run without faults.
+    pub is_fault: bool,
 }
 
 /// What the disturbance node is told at one time.
@@ -119,7 +121,11 @@ impl Scenario {
     /// Steps, disturbances and faults for plots, in the order of time.
     #[must_use]
     pub fn events(&self) -> Vec<Event> {
-        let event = |at_seconds, text| Event { at_seconds, text };
+        let event = |at_seconds, text| Event {
+            at_seconds,
+            text,
+            is_fault: false,
+        };
         let steps = self.reference.step.iter();
         let steps = steps.map(|step| {
             event(
@@ -143,10 +149,11 @@ impl Scenario {
             let is_instant = fault.from_seconds == fault.until_seconds;
             let end = fault.until_seconds.filter(|_| !is_instant);
             let end = end.map(|end| event(end, format!("{} over", fault.text)));
-            [
-                Some(event(fault.from_seconds.unwrap_or(0.0), fault.text)),
-                end,
-            ]
+            let begin = Event {
+                is_fault: true,
+                ..event(fault.from_seconds.unwrap_or(0.0), fault.text)
+            };
+            [Some(begin), end]
         });
         let events = steps.chain(disturbances.flatten()).chain(faults.flatten());
         let mut events: Vec<_> = events.collect();
