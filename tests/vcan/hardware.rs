@@ -246,7 +246,7 @@ fn deviations(told: &str) -> Vec<f64> {
 fn deviation(comparison: &str) -> f64 {
     let cells = comparison.lines().filter_map(|line| {
         let mut cells = line.split('┆').map(str::trim);
-        let is_position = cells.next() == Some("│ position millimetres");
+        let is_position = cells.next() == Some("│ position_millimetres");
         cells.next().filter(|_| is_position)
     });
     let deviation = cells.filter_map(|cell| cell.parse().ok()).next();

@@ -71,15 +71,6 @@ impl Metric {
     }
 }
 
-/// What a metric is called, for people: a key as words, the name of a check as it is.
-#[must_use]
-pub fn title(name: &str) -> String {
-    match name.contains(' ') {
-        true => name.to_owned(),
-        false => name.replace('_', " "),
-    }
-}
-
 fn meets(value: f64, limit: Limit) -> bool {
     let value = rounded(value);
     limit.min.is_none_or(|min| value >= min) && limit.max.is_none_or(|max| value <= max)

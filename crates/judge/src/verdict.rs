@@ -5,7 +5,7 @@ use rig::setup::Setup;
 use scenario::expect::Requirements;
 use serde::{Deserialize, Serialize};
 
-pub use crate::metric::{Metric, title};
+pub use crate::metric::Metric;
 use crate::timing::Timing;
 
 /// How a run ended.

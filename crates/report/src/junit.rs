@@ -2,6 +2,7 @@
 
 use quick_junit::{NonSuccessKind, Property, Report, TestCase, TestCaseStatus, TestSuite};
 
+use crate::terminal::answer;
 use judge::verdict::{Metric, Outcome, Verdict};
 
 /// The report of one or several runs.
@@ -74,24 +75,31 @@ fn problem(kind: NonSuccessKind, message: &str) -> TestCaseStatus {
 }
 
 fn message(metric: &Metric) -> String {
+    let shown = |value: f64| match answer(&metric.name, value) {
+        Some(answer) => answer.to_owned(),
+        None => value.to_string(),
+    };
     let measured = match (metric.value, &metric.remark) {
-        (Some(value), _) => format!("measured {value}"),
+        (Some(value), _) => format!("measured {}", shown(value)),
         (None, Some(remark)) => remark.clone(),
         (None, None) => "not measured".to_owned(),
     };
     let when = metric.at_seconds.map(|time| format!(" at {time} s"));
     let when = when.unwrap_or_default();
+    format!("{}: {measured}{when}, limit {}", metric.name, limit(metric))
+}
+
+/// Both sides of the limit, or the answer that is wanted.
+fn limit(metric: &Metric) -> String {
     let limit = metric.limit.unwrap_or_default();
+    if let Some(wanted) = limit.min.and_then(|wanted| answer(&metric.name, wanted)) {
+        return wanted.to_owned();
+    }
     let sides = [("min", limit.min), ("max", limit.max)];
-    let sides: Vec<String> = sides
+    let sides = sides
         .iter()
-        .filter_map(|(side, value)| value.map(|value| format!("{side} {value}")))
-        .collect();
-    format!(
-        "{}: {measured}{when}, limit {}",
-        metric.name,
-        sides.join(", ")
-    )
+        .filter_map(|(side, value)| value.map(|value| format!("{side} {value}")));
+    sides.collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -121,5 +129,15 @@ mod tests {
         let property = |name: &str| format!("<property name=\"requirement\" value=\"{name}\"/>");
         assert!(suite.contains(&property("REQ-1")), "{xml}");
         assert!(case.contains(&property("REQ-2")), "{xml}");
+    }
+
+    #[test]
+    fn an_answer_is_yes_or_no() {
+        let limit = Some(Limit {
+            min: Some(1.0),
+            max: Some(1.0),
+        });
+        let metric = Metric::new("safe_state", Ok(0.0), limit);
+        assert_eq!(message(&metric), "safe_state: measured no, limit yes");
     }
 }

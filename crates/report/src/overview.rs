@@ -7,7 +7,7 @@ use maud::{Markup, html};
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
-use judge::verdict::{Verdict, title};
+use judge::verdict::Verdict;
 use recording::timeline::Timeline;
 
 /// Runs whose positions are laid over each other in one plot; with more they cannot be told apart.
@@ -55,7 +55,7 @@ fn table(runs: &[ListedRun<'_>]) -> Markup {
         div.wide { table {
             thead { tr {
                 th { "run" } th { "result" }
-                @for name in &names { th.number { (title(name)) } }
+                @for name in &names { th.number { (page::name(name)) } }
             } }
             tbody { @for run in runs { tr {
                 td.name { @match &run.page { Some(page) => a href=(page) { (run.name) }, None => (run.name) } }
@@ -70,7 +70,7 @@ fn table(runs: &[ListedRun<'_>]) -> Markup {
 fn cell(verdict: &Verdict, name: &str) -> Markup {
     let metric = verdict.metrics.iter().find(|metric| metric.name == name);
     html! { @match metric {
-        Some(metric) => td.number.fail[metric.passed == Some(false)] title=(terminal::limit(metric.limit)) { (terminal::measured(metric)) },
+        Some(metric) => td.number.fail[metric.passed == Some(false)] title=(terminal::limit(name, metric.limit)) { (terminal::measured(metric)) },
         None => td.number.soft { "–" },
     } }
 }

@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::terminal;
-use judge::verdict::{self, Metric, Outcome};
+use judge::verdict::{Metric, Outcome};
 
 /// A page of this title.
 pub fn page(title: &str, body: &Markup) -> String {
@@ -22,6 +22,11 @@ pub fn page(title: &str, body: &Markup) -> String {
         }
     };
     page.into_string() + "\n"
+}
+
+/// A name as files have it, which may be broken after each underscore.
+pub fn name(name: &str) -> Markup {
+    html! { @for part in name.split_inclusive('_') { (part) @if part.ends_with('_') { wbr; } } }
 }
 
 /// The outcome as a badge.
@@ -59,9 +64,9 @@ pub fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
                 @if tests_any { th { "requirements" } }
             } }
             tbody { @for metric in metrics { tr {
-                td { (verdict::title(&metric.name)) }
+                td { (name(&metric.name)) }
                 td.number { (terminal::measured(metric)) }
-                td.number { (terminal::limit(metric.limit)) }
+                td.number { (terminal::limit(&metric.name, metric.limit)) }
                 td { (result(metric, outcome)) }
                 @if tests_any { td { (metric.requirements.join(", ")) } }
             } } }

@@ -5,9 +5,10 @@ use std::path::Path;
 use comfy_table::{Attribute, Cell, CellAlignment, Color, ContentArrangement, Table, presets};
 
 use scenario::expect::Limit;
+use scenario::metrics;
 
 use judge::timing::Timing;
-use judge::verdict::{Metric, Outcome, Verdict, title};
+use judge::verdict::{Metric, Outcome, Verdict};
 use recording::run_folder::file;
 
 /// A verdict: its name, its table, its outcome and why.
@@ -90,9 +91,9 @@ pub fn table(verdict: &Verdict) -> String {
     let mut table = empty_table(["metric", "measured", "limit", "result"]);
     for metric in &verdict.metrics {
         table.add_row([
-            Cell::new(title(&metric.name)),
+            Cell::new(&metric.name),
             Cell::new(measured(metric)).set_alignment(CellAlignment::Right),
-            Cell::new(limit(metric.limit)),
+            Cell::new(limit(&metric.name, metric.limit)),
             result(metric, verdict.outcome),
         ]);
     }
@@ -132,9 +133,11 @@ fn timing_table(timing: &Timing) -> String {
     text
 }
 
+/// The value of a metric, or why there is none, and when it was so.
+#[must_use]
 pub fn measured(metric: &Metric) -> String {
     let measured = match (metric.value, &metric.remark) {
-        (Some(value), _) => significant(value),
+        (Some(measured), _) => value(&metric.name, measured),
         (None, Some(remark)) => remark.clone(),
         (None, None) => "–".to_owned(),
     };
@@ -142,6 +145,18 @@ pub fn measured(metric: &Metric) -> String {
         Some(time) => format!("{measured} at {time:.3} s"),
         None => measured,
     }
+}
+
+/// The value of a metric: a number, or yes or no.
+#[must_use]
+pub fn value(name: &str, value: f64) -> String {
+    answer(name, value).map_or_else(|| significant(value), str::to_owned)
+}
+
+/// Yes or no, where the metric of this name is an answer.
+pub(crate) fn answer(name: &str, value: f64) -> Option<&'static str> {
+    let words = |is_yes| if is_yes { "yes" } else { "no" };
+    metrics::answer(name, value).map(words)
 }
 
 /// Four significant digits, without an exponent.
@@ -157,10 +172,15 @@ pub fn significant(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-pub fn limit(limit: Option<Limit>) -> String {
+/// What a metric must be; nothing where it has no limit.
+#[must_use]
+pub fn limit(name: &str, limit: Option<Limit>) -> String {
     let Some(limit) = limit else {
         return String::new();
     };
+    if let Some(wanted) = limit.min.and_then(|wanted| answer(name, wanted)) {
+        return wanted.to_owned();
+    }
     match (limit.min, limit.max) {
         (Some(min), Some(max)) => format!("{min} … {max}"),
         (Some(min), None) => format!("≥ {min}"),
@@ -201,10 +221,31 @@ mod tests {
             limit,
         )];
         let text = table(&verdict);
-        assert!(text.contains("settling time seconds"), "{text}");
+        assert!(text.contains("settling_time_seconds"), "{text}");
         assert!(
             text.contains("never settled") && text.contains("≤ 0.23") && text.contains("FAIL"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn an_answer_is_shown_as_yes_or_no() {
+        let exactly = |value| Limit {
+            min: Some(value),
+            max: Some(value),
+        };
+        let cells = |name: &str, value: Result<f64, String>, wanted: f64| {
+            let metric = Metric::new(name, value, Some(exactly(wanted)));
+            [measured(&metric), limit(name, metric.limit)]
+        };
+        assert_eq!(cells("safe_state", Ok(1.0), 1.0), ["yes", "yes"]);
+        assert_eq!(cells("safe_state", Ok(1.0), 0.0), ["yes", "no"]);
+        assert_eq!(cells("no_event", Ok(0.0), 0.0), ["yes", "yes"]);
+        let missing = Err("drive 0x8130 is missing".to_owned());
+        assert_eq!(
+            cells("emcy", missing, 0.0),
+            ["drive 0x8130 is missing", "yes"]
+        );
+        assert_eq!(cells("sine_gain", Ok(1.0), 1.0), ["1.000", "1 … 1"]);
     }
 }

@@ -125,6 +125,18 @@ pub static METRICS: [ExpectedMetric; 20] = {
     ]
 };
 
+/// Whether the value of a metric means yes: the bench is safe, none of the events happened, every emergency came. None for
+/// metrics that are numbers.
+#[must_use]
+pub fn answer(name: &str, value: f64) -> Option<bool> {
+    match name {
+        "safe_state" => Some(value == 1.0),
+        // The number of those that should not have been, or that were missed.
+        "no_event" | "emcy" => Some(value == 0.0),
+        _ => None,
+    }
+}
+
 impl Expect {
     /// The limits with two sides that are given, each with the name of its metric.
     pub fn limits(&self) -> impl Iterator<Item = (&'static str, Limit)> {
@@ -177,6 +189,21 @@ mod tests {
             assert_eq!(given, [metric.name]);
             assert!(expect.keys().eq([metric.name]));
         }
+    }
+
+    /// What a scenario that demands it must be shown as its limit.
+    #[test]
+    fn a_demand_that_is_no_number_is_a_yes() {
+        let text = "safe_state = true\nno_event = [\"loss\"]\nemcy = [\"drive 0x8130\"]\n";
+        let expect: Expect = toml::from_str(text).unwrap();
+        let answers = METRICS.iter().filter_map(|metric| {
+            let wanted = metric.limit(&expect)?.min?;
+            Some((metric.name, answer(metric.name, wanted)))
+        });
+        let yes = ["no_event", "safe_state", "emcy"].map(|name| (name, Some(true)));
+        assert!(answers.eq(yes));
+        assert_eq!(answer("safe_state", 0.0), Some(false));
+        assert_eq!(answer("overshoot_percent", 0.0), None);
     }
 
     #[test]

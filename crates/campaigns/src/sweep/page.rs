@@ -5,7 +5,6 @@ use maud::{Markup, html};
 
 use super::row::Ended;
 use super::summary::{Failing, MetricSpread, Summary};
-use judge::verdict::title;
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
 use report::{page, terminal};
 
@@ -38,16 +37,10 @@ pub(crate) fn to_text(summary: &Summary) -> String {
         };
         let numbers = spread
             .quantiles
-            .map(|value| right(terminal::significant(value)));
-        let row = [
-            Cell::new(title(&spread.name)),
-            right(spread.count.to_string()),
-        ]
-        .into_iter();
-        let row = row
-            .chain(numbers)
-            .chain([Cell::new(terminal::limit(spread.limit)), missed]);
-        table.add_row(row);
+            .map(|value| right(terminal::value(&spread.name, value)));
+        let name = [Cell::new(&spread.name), right(spread.count.to_string())];
+        let limit = Cell::new(terminal::limit(&spread.name, spread.limit));
+        table.add_row(name.into_iter().chain(numbers).chain([limit, missed]));
     }
     format!("\n{}\n{table}\n{}", summary.name, counts(summary))
 }
@@ -87,10 +80,10 @@ fn metrics(spreads: &[MetricSpread]) -> Markup {
         div.wide { table {
             thead { tr { @for (place, head) in HEADS.iter().enumerate() { th.number[(1..6).contains(&place)] { (head) } } } }
             tbody { @for spread in spreads { tr {
-                td { (title(&spread.name)) }
+                td { (page::name(&spread.name)) }
                 td.number { (spread.count) }
-                @for value in spread.quantiles { td.number { (terminal::significant(value)) } }
-                td { (terminal::limit(spread.limit)) }
+                @for value in spread.quantiles { td.number { (terminal::value(&spread.name, value)) } }
+                td { (terminal::limit(&spread.name, spread.limit)) }
                 td.fail[spread.missed > 0] { (missed(spread)) }
             } } }
         } }
@@ -110,7 +103,7 @@ fn drawn(spread: &MetricSpread) -> Markup {
     if !spread.varies() {
         return html! {};
     }
-    let name = title(&spread.name);
+    let name = &spread.name;
     let (x, y) = &spread.curve;
     let range = without_outliers(spread);
     let x_label = match range {
@@ -121,7 +114,7 @@ fn drawn(spread: &MetricSpread) -> Markup {
         x_label: &x_label,
         extent: Extent::All,
         x_range: range,
-        ..Plot::over_time(name, "% of the runs")
+        ..Plot::over_time(name.as_str(), "% of the runs")
     };
     plot.draw("runs up to a value", Colour::Measured, Shape::Line, x, y);
     plot.patches.extend(spread.limit.map(|limit| Patch {
@@ -170,7 +163,7 @@ fn counts(summary: &Summary) -> String {
 }
 
 fn words(ended: Ended) -> String {
-    title(ended.word())
+    ended.word().replace('_', " ")
 }
 
 fn class(ended: Ended) -> &'static str {

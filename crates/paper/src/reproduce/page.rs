@@ -76,7 +76,7 @@ pub(crate) fn to_text(results: &[ExperimentResult]) -> String {
                 Cell::new(number.name()),
                 Cell::new(&number.of),
                 Cell::new(number.paper.unwrap_or_default()),
-                Cell::new(limit(number.metric.limit)),
+                Cell::new(limit(number.name(), number.metric.limit)),
                 Cell::new(measured(&number.metric)).set_alignment(CellAlignment::Right),
                 terminal::result(&number.metric, Outcome::Pass),
             ]);
@@ -128,10 +128,10 @@ fn head() -> Markup {
 
 fn cells(number: &Quantity) -> Markup {
     html! {
-        td.name { (number.name()) }
+        td.name { (page::name(number.name())) }
         td { (number.of) }
         td.number { (number.paper.unwrap_or("–")) }
-        td.number { @if number.metric.limit.is_some() { (limit(number.metric.limit)) } @else { "–" } }
+        td.number { @if number.metric.limit.is_some() { (limit(number.name(), number.metric.limit)) } @else { "–" } }
         td.number { (measured(&number.metric)) }
         td { (page::result(&number.metric, Outcome::Pass)) }
     }

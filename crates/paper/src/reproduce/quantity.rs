@@ -3,7 +3,7 @@
 use scenario::expect::Limit;
 use serde::Serialize;
 
-use judge::verdict::{Metric, Outcome, Verdict, title};
+use judge::verdict::{Metric, Outcome, Verdict};
 
 /// One number of the reproduction.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -64,10 +64,10 @@ impl Quantity {
         metrics.iter().filter_map(find).map(number).collect()
     }
 
-    /// What was measured, for people; the unit is in the name.
+    /// What was measured; the unit is in the name.
     #[must_use]
-    pub fn name(&self) -> String {
-        title(&self.metric.name)
+    pub fn name(&self) -> &str {
+        &self.metric.name
     }
 
     /// True where the paper or a target speaks of it.

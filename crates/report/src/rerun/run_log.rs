@@ -20,7 +20,7 @@ use super::output::{Output, send_rows, send_scalars, send_static};
 use super::times;
 use crate::terminal;
 use judge::SETTLING_BAND;
-use judge::verdict::{Outcome, Verdict, title};
+use judge::verdict::{Outcome, Verdict};
 use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
 use rig::setup::Setup;
@@ -281,10 +281,10 @@ fn page(verdict: &Verdict) -> String {
             None => "",
         };
         text += &format!(
-            "| {} | {} | {} | {passed} |\n",
-            title(&metric.name),
+            "| `{}` | {} | {} | {passed} |\n",
+            metric.name,
             terminal::measured(metric),
-            terminal::limit(metric.limit),
+            terminal::limit(&metric.name, metric.limit),
         );
     }
     text

@@ -59,11 +59,11 @@ fn what_is_no_limit_says_how_a_limit_is_written() {
     check(more, 9, 21, place, "this is a number with a fraction");
     for (more, part) in [
         (more, "`overshoot_percent = { max = 1.5 }`"),
+        ("[[expect]]\n", "`overshoot_percent = { max = 1.0 }`"),
         (
-            "[[expect]]\n",
-            "`overshoot_percent = { max = 1.0 }`",
+            "[expect]\nsine_gain = \"0.9\"\n",
+            "`{ min = 1.0 }` for at least",
         ),
-        ("[expect]\nsine_gain = \"0.9\"\n", "`{ min = 1.0 }` for at least"),
         (&signal("stays = 3.0"), "`stays = { max = 3.0 }`"),
         (
             "[expect.timing]\nround_trip_microseconds = 500\n",

@@ -4,7 +4,6 @@ use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
 use super::difference::{Comparison, MetricDifference, SignalDifference};
-use judge::verdict::title;
 use recording::timeline::Timeline;
 use report::page;
 use report::plot::{Colour, Patch, Plot, Shape};
@@ -34,7 +33,7 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
         .collect();
     for signal in differing.iter().take(ROWS_MAX) {
         signals.add_row([
-            Cell::new(signal.name.replace('_', " ")),
+            Cell::new(&signal.name),
             number(optional(signal.rms)),
             number(optional(signal.largest)),
             number(optional(signal.tolerance)),
@@ -49,9 +48,9 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
     let mut metrics = terminal::empty_table(["metric", "A", "B", "tolerance", "result"]);
     for metric in &comparison.metrics {
         metrics.add_row([
-            Cell::new(title(&metric.name)),
-            number(optional(metric.a)),
-            number(optional(metric.b)),
+            Cell::new(&metric.name),
+            number(value(metric, metric.a)),
+            number(value(metric, metric.b)),
             number(terminal::significant(metric.tolerance)),
             result(metric.agrees),
         ]);
@@ -97,16 +96,20 @@ fn summary(comparison: &Comparison) -> String {
         .iter()
         .filter_map(|signal| Some((signal.diverges_at_seconds?, &signal.name)));
     match first.min_by(|left, right| left.0.total_cmp(&right.0)) {
-        Some((time, name)) => format!(
-            "the runs DIVERGE, first in {} at {time:.3} s",
-            name.replace('_', " ")
-        ),
+        Some((time, name)) => format!("the runs DIVERGE, first in {name} at {time:.3} s"),
         None => "the runs DIVERGE".to_owned(),
     }
 }
 
 fn optional(value: Option<f64>) -> String {
     value.map_or("–".to_owned(), terminal::significant)
+}
+
+/// The value of a metric in one of the runs: a number, or yes or no.
+fn value(metric: &MetricDifference, value: Option<f64>) -> String {
+    value.map_or("–".to_owned(), |value| {
+        terminal::value(&metric.name, value)
+    })
 }
 
 fn from(signal: &SignalDifference) -> String {
@@ -181,7 +184,7 @@ fn values<'a>(run: &'a Timeline, signal: &SignalDifference) -> &'a [f64] {
 }
 
 fn both(signal: &SignalDifference, [a, b]: [&Timeline; 2]) -> Markup {
-    let mut plot = Plot::over_time(signal.name.replace('_', " "), &signal.unit);
+    let mut plot = Plot::over_time(signal.name.as_str(), &signal.unit);
     for (label, colour, run) in [("A", Colour::Run(0), a), ("B", Colour::Run(3), b)] {
         let values = values(run, signal);
         plot.draw(label, colour, Shape::Line, &run.time_seconds, values);
@@ -200,7 +203,7 @@ fn difference(signal: &SignalDifference, [a, b]: [&Timeline; 2]) -> Markup {
     let differences: Vec<f64> = rows
         .map(|(cycle, value)| at(cycle).unwrap_or(f64::NAN) - value)
         .collect();
-    let title = format!("{}, B less A", signal.name.replace('_', " "));
+    let title = format!("{}, B less A", signal.name);
     let mut plot = Plot::over_time(title, &signal.unit);
     let label = "difference";
     plot.draw(
@@ -227,9 +230,9 @@ fn metrics(metrics: &[MetricDifference]) -> Markup {
     html! { div.wide { table {
         thead { tr { th { "metric" } th.number { "A" } th.number { "B" } th.number { "tolerance" } th { "result" } } }
         tbody { @for metric in metrics { tr {
-            td { (title(&metric.name)) }
-            td.number { (optional(metric.a)) }
-            td.number { (optional(metric.b)) }
+            td { (page::name(&metric.name)) }
+            td.number { (value(metric, metric.a)) }
+            td.number { (value(metric, metric.b)) }
             td.number { (terminal::significant(metric.tolerance)) }
             td { (word(metric.agrees)) }
         } } }
@@ -243,7 +246,7 @@ fn signals(signals: &[SignalDifference]) -> Markup {
             th.number { "diverges from (s)" } th.number { "in % of the cycles" } th.number { "B later by" } th { "result" }
         } }
         tbody { @for signal in signals { tr {
-            td { (signal.name.replace('_', " ")) }
+            td { (page::name(&signal.name)) }
             td { (signal.unit) }
             td.number { (optional(signal.rms)) }
             td.number { (optional(signal.largest)) }

@@ -7,7 +7,7 @@ use comfy_table::{Cell, Color};
 use maud::{Markup, html};
 
 use super::matrix::{Requirement, RequirementTest};
-use judge::verdict::{Outcome, title};
+use judge::verdict::Outcome;
 use report::{page, terminal};
 
 /// What is said of a requirement that nothing tests.
@@ -82,8 +82,7 @@ fn remark(requirement: &Requirement) -> Markup {
 
 /// The rows that count, and how many runs there are.
 fn tested_by(test: &RequirementTest) -> String {
-    let rows: Vec<String> = test.rows.iter().map(|row| title(row)).collect();
-    let rows = match rows.as_slice() {
+    let rows = match test.rows.as_slice() {
         [] => "all limits".to_owned(),
         rows => rows.join("\n"),
     };
