@@ -315,6 +315,21 @@ fn ctrl_c_ends_the_monitor_cleanly() {
 }
 
 #[test]
+fn the_help_of_sdo_says_how_numbers_are_read() {
+    for arguments in [&["sdo", "--help"][..], &["sdo", "write", "--help"]] {
+        let (code, stdout, _) = output(&mut tool(Path::new("/nowhere"), arguments));
+        assert_eq!(code, Some(0));
+        for words in [
+            "Index and sub-index are hexadecimal, with or without 0x",
+            "Values and node numbers are decimal; with 0x they are hexadecimal.",
+            "canrig sdo write 16 1017:00 50",
+        ] {
+            assert!(stdout.contains(words), "{words}: {stdout}");
+        }
+    }
+}
+
+#[test]
 fn what_the_user_got_wrong_is_told() {
     let runtime = tempfile::tempdir().unwrap();
     for (arguments, code, words) in [
@@ -339,9 +354,9 @@ fn what_the_user_got_wrong_is_told() {
             "does not fit UNSIGNED16",
         ),
         (
-            &["sdo", "write", "5", "2000:1", "yes"],
+            &["sdo", "write", "5", "2000:1", "50"],
             2,
-            "no EDS tells the type",
+            "no EDS gives the type of 0x2000:01, so the size of \"50\" is not known",
         ),
         (&["monitor", "--duration=-1"], 2, "0 to 86400 seconds"),
         (

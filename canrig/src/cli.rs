@@ -55,8 +55,8 @@ Examples:
   canrig new law fuzzy                       a control law of your own
   canrig doctor                              what does this machine lack?
   canrig nodes --bus vcan0                   who is on the bus?
-  canrig sdo read drive 0x6064               one object of a node in a run
-  canrig sdo write 0x10 1017 50 --bus can0   and change one
+  canrig sdo read drive 6064:00              one object of a node in a run
+  canrig sdo write 16 1017:00 50 --bus can0  and change one
   canrig monitor --only drive --changes      live traffic, decoded
 
 Exit codes:

@@ -23,6 +23,16 @@ pub(crate) const LISTEN_TIME: Duration = Duration::from_secs(1);
 /// Time for each answer.
 pub(crate) const ANSWER_TIME: Duration = Duration::from_secs(1);
 
+/// How numbers are read, for people.
+const NUMBERS: &str = "\
+Numbers:
+  Index and sub-index are hexadecimal, with or without 0x: 1017, 1017:00, 0x1018:02. Without a
+  sub-index it is 00. Values and node numbers are decimal; with 0x they are hexadecimal.
+
+Example, a heartbeat of node 16 every 50 ms:
+  canrig sdo write 16 1017:00 50
+  canrig sdo write 0x10 0x1017:00 0x32     means the same";
+
 /// What to do with an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Request {
@@ -233,14 +243,19 @@ pub(crate) struct SdoArgs {
 
 /// What to do with an object.
 #[derive(Debug, Subcommand)]
+#[command(after_help = NUMBERS)]
 pub(crate) enum SdoAction {
     /// Read an object
+    #[command(after_help = NUMBERS)]
     Read(ObjectArgs),
     /// Write an object
+    #[command(after_help = NUMBERS)]
     Write {
         #[command(flatten)]
         object: ObjectArgs,
-        /// The value, in the object's type: a number (decimal, 0x, 0b), text, or bytes in hexadecimal digits
+        /// The value, in the object's type: a number (decimal; hexadecimal with 0x, binary with 0b), text, or for
+        /// strings of bytes pairs of hexadecimal digits. Of a node without EDS: 0x with two digits for each byte
+        /// (0x0032 for 16 bits), or the bytes as they are sent ("32 00")
         #[arg(allow_hyphen_values = true)]
         value: String,
     },
@@ -249,11 +264,11 @@ pub(crate) enum SdoAction {
 /// An object of a node.
 #[derive(Args, Debug)]
 pub(crate) struct ObjectArgs {
-    /// The node: its number (16, 0x10) or `controller`, `drive`, `disturbance`
+    /// The node: its number (16, 0x10), or `controller`, `drive`, `disturbance`
     pub node: String,
-    /// The object: index and sub-index (6064, 0x1018:02) or its name in the EDS ("Statusword")
+    /// The object: index and sub-index in hexadecimal (6064, 1018:02), or its name in the EDS ("Statusword")
     pub object: String,
-    /// The node's EDS, if it is none of the rig's
+    /// The EDS of a node that is none of `controller`, `drive` and `disturbance`
     #[arg(long, value_name = "FILE")]
     pub eds: Option<PathBuf>,
     #[command(flatten)]
@@ -295,9 +310,10 @@ fn transferred(target: &ObjectArgs, text: Option<&str>) -> Result<String, ToolEr
         (Some(text), Some(entry)) => {
             Request::Write(value::parse(entry, text).map_err(ToolError::Usage)?)
         }
-        (Some(text), None) => Request::Write(value::parse_bytes(text).ok_or_else(|| {
+        (Some(text), None) => Request::Write(value::parse_untyped(text).ok_or_else(|| {
             ToolError::Usage(format!(
-                "no EDS tells the type of 0x{:04X}:{:02X}: give the bytes in hexadecimal digits, lowest first",
+                "no EDS gives the type of 0x{:04X}:{:02X}, so the size of \"{text}\" is not known: write 0x with two digits \
+                 for each byte (0x0032 for 16 bits) or the bytes as they are sent (\"32 00\"), or name the node's EDS with --eds",
                 place.0, place.1
             ))
         })?),

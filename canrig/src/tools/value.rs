@@ -229,7 +229,26 @@ pub(crate) fn parse(entry: &Entry, text: &str) -> Result<Vec<u8>, String> {
     }
 }
 
-/// Reads the bytes of an object without data sheet.
+/// Reads the value of an object whose type nobody knows: a number of `0x` with two digits for each byte, or at least two
+/// bytes with blanks between. Anything else is a number of unknown size, or one whose base is a guess.
+#[must_use]
+pub(crate) fn parse_untyped(text: &str) -> Option<Vec<u8>> {
+    match text.strip_prefix("0x") {
+        Some(digits) if digits.contains(char::is_whitespace) => None,
+        Some(digits) => {
+            let mut bytes = parse_bytes(digits)?;
+            bytes.reverse();
+            Some(bytes)
+        }
+        None => {
+            let pairs: Vec<&str> = text.split_whitespace().collect();
+            let is_bytes = pairs.len() > 1 && pairs.iter().all(|pair| pair.len() == 2);
+            is_bytes.then(|| parse_bytes(text))?
+        }
+    }
+}
+
+/// Reads bytes, each as two hexadecimal digits.
 #[must_use]
 pub(crate) fn parse_bytes(text: &str) -> Option<Vec<u8>> {
     let digits: String = text
@@ -285,6 +304,22 @@ mod tests {
             (0x60A8, "4294967295", vec![0xFF; 4]),
         ] {
             assert_eq!(parse(&entry(index, 0), text).unwrap(), bytes, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_value_without_type_must_show_its_size() {
+        for (text, bytes) in [
+            ("0x32", vec![0x32]),
+            ("0x0032", vec![0x32, 0]),
+            ("32 00", vec![0x32, 0]),
+            ("0x000003e8", vec![0xE8, 3, 0, 0]),
+        ] {
+            assert_eq!(parse_untyped(text), Some(bytes), "{text}");
+        }
+        // Decimal or hexadecimal, one byte or two: nobody knows.
+        for text in ["50", "3200", "0x321", "0x", "1 2", "32 0", "", "fast"] {
+            assert_eq!(parse_untyped(text), None, "{text}");
         }
     }
 
@@ -354,6 +389,7 @@ mod tests {
             let entry = &drive.dictionary.entries()[place];
             let _ = parse(entry, &text);
             let _ = parse_bytes(&text);
+            let _ = parse_untyped(&text);
             let _ = show(Some(entry), &bytes);
             let _ = meaning(Database::shipped(), entry, &bytes);
         }
