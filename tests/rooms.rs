@@ -194,6 +194,23 @@ fn forbidden(rooms: &[Room]) -> Vec<String> {
     rooms.iter().flat_map(of_room).collect()
 }
 
+/// Of several programs `cargo run` takes the only one that its package names as the default.
+#[test]
+fn cargo_builds_every_program_and_runs_canrig() {
+    let root = root();
+    let workspace = manifest(&root.join("Cargo.toml"))["workspace"].clone();
+    let built: BTreeSet<String> = workspace["default-members"].clone().try_into().unwrap();
+    let members: Vec<String> = workspace["members"].clone().try_into().unwrap();
+    let is_program = |member: &&String| root.join(member).join("src/main.rs").exists();
+    let programs = members.iter().filter(is_program).cloned();
+    assert_eq!(programs.collect::<BTreeSet<_>>(), built);
+    let runs = built.iter().filter_map(|member| {
+        let package = manifest(&root.join(member).join("Cargo.toml"))["package"].clone();
+        Some(package.get("default-run")?.as_str()?.to_owned())
+    });
+    assert_eq!(runs.collect::<Vec<_>>(), ["canrig"]);
+}
+
 #[test]
 fn each_room_depends_only_on_the_rooms_it_may() {
     let rooms = rooms(&root());
