@@ -41,10 +41,10 @@ fn sequence(events: &str) -> String {
     format!("[[expect.sequence]]\nname = \"s\"\nevent = [{events}]\n")
 }
 
-/// What stands under a problem as help.
+/// What stands as help under the only problem.
 #[track_caller]
-fn help(more: &str) -> String {
-    let error = parse(more).expect_err(more);
+fn help(parsed: Result<Scenario, ScenarioError>) -> String {
+    let error = parsed.expect_err("it is broken");
     let [problem] = error.problems() else {
         panic!("{:?}", error.problems());
     };
@@ -59,7 +59,6 @@ fn what_is_no_limit_says_how_a_limit_is_written() {
     check(more, 9, 21, place, "this is a number with a fraction");
     for (more, part) in [
         (more, "`overshoot_percent = { max = 1.5 }`"),
-        ("[[expect]]\n", "`overshoot_percent = { max = 1.0 }`"),
         (
             "[expect]\nsine_gain = \"0.9\"\n",
             "`{ min = 1.0 }` for at least",
@@ -78,8 +77,15 @@ fn what_is_no_limit_says_how_a_limit_is_written() {
             "`recovers_within_seconds = 1.0`",
         ),
     ] {
-        assert!(help(more).contains(part), "{more}{}", help(more));
+        let help = help(parse(more));
+        assert!(help.contains(part), "{more}{help}");
     }
+    let bare = "schema = 1\nname = \"t\"\nduration_seconds = 4.0\nexpect = 2\n[controller.pid]\n\
+                [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+    let help = help(Scenario::parse(bare, "t.toml", |_| {
+        unreachable!("no table")
+    }));
+    assert!(help.contains("`overshoot_percent = { max = 2 }`"), "{help}");
 }
 
 #[test]
