@@ -94,7 +94,41 @@ fn several_runs_are_compared_on_one_page() {
             "{page}"
         );
     }
-    assert!(page.contains("settling_time_seconds"));
+    // The scenarios by their names; their folders only where two are of one scenario.
+    assert!(page.contains(">25 mm step from a warm hold</a>"), "{page}");
+    assert!(!page.contains("<div class=\"soft\">25-mm-step"), "{page}");
+    let head = page.split("<thead>").nth(1).unwrap();
+    let head = head.split("</thead>").next().unwrap();
+    let names: Vec<&str> = head.split("<th class=\"number\">").skip(1).collect();
+    assert!(names.len() <= 8, "{head}");
+    assert!(names[0].starts_with("settling_time_seconds"), "{head}");
+    // The fan scenario limits it, nobody limits the other.
+    let place = |name: &str| page.find(&format!(">{name}</th>")).unwrap();
+    assert!(place("recovery_time_seconds") < place("tracking_error_millimetres_rms"));
+    // No run has one, as there is no sine.
+    assert!(!page.contains("sine_gain</th>"));
+}
+
+#[test]
+fn runs_of_one_scenario_are_told_apart_by_their_folders() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = short_scenario(folder.path(), 1.0);
+    let runs = folder.path().join("runs");
+    for _ in 0..2 {
+        output(canrig(&runs, "simulate").arg(&path));
+    }
+    let runs: Vec<PathBuf> = fs::read_dir(&runs)
+        .unwrap()
+        .map(|run| run.unwrap().path())
+        .collect();
+    let place = folder.path().join("all.html");
+    let arguments = ["report", "--output", place.to_str().unwrap()];
+    assert_eq!(tool(&arguments, &[&runs[0], &runs[1]]).0, Some(0));
+    let page = unbroken(&place);
+    for run in &runs {
+        let name = run.file_name().unwrap().to_str().unwrap();
+        assert!(page.contains(&format!("<div class=\"soft\">{name}</div>")));
+    }
 }
 
 #[test]

@@ -7,16 +7,19 @@ use maud::{Markup, html};
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
-use judge::verdict::Verdict;
+use judge::verdict::{Metric, Outcome, Verdict};
 use recording::timeline::Timeline;
+use scenario::metrics::METRICS;
 
 /// Runs whose positions are laid over each other in one plot; with more they cannot be told apart.
 const RUNS_IN_A_PLOT: usize = 7;
+/// Metrics that stand side by side in one table; with more of them it would be wider than a screen of 1300 pixels.
+const COLUMNS_MAX: usize = 8;
 
 /// One of the runs.
 pub struct ListedRun<'a> {
-    /// What it is called on the page.
-    pub name: String,
+    /// The name of its folder.
+    pub folder: String,
     /// The way to its own page.
     pub page: Option<String>,
     /// What was on the bus.
@@ -25,53 +28,136 @@ pub struct ListedRun<'a> {
     pub verdict: &'a Verdict,
 }
 
+impl ListedRun<'_> {
+    fn scenario(&self) -> &str {
+        &self.verdict.scenario
+    }
+
+    fn metric(&self, name: &str) -> Option<&Metric> {
+        let mut metrics = self.verdict.metrics.iter();
+        metrics.find(|metric| metric.name == name)
+    }
+
+    /// The rows of its verdict that are no metrics but what its own scenario checks, named in words.
+    fn checks(&self) -> impl Iterator<Item = &Metric> {
+        let metrics = self.verdict.metrics.iter();
+        metrics.filter(|metric| !is_key(&metric.name))
+    }
+}
+
+/// Whether a row of a verdict is a metric, which other runs have too.
+fn is_key(name: &str) -> bool {
+    !name.contains(' ')
+}
+
 /// The page.
 #[must_use]
 pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     let passed = runs
         .iter()
-        .filter(|run| run.verdict.outcome == judge::verdict::Outcome::Pass)
+        .filter(|run| run.verdict.outcome == Outcome::Pass)
         .count();
     let title = format!("{passed} of {} runs passed", runs.len());
+    let columns = columns(runs);
+    let (first, others) = columns.split_at(columns.len().min(COLUMNS_MAX));
     let body = html! {
         h1 { (title) }
-        (table(runs))
+        (table(runs, first, true))
+        p.soft { "Below a value its limit. Red: the limit is not met." }
+        @if !others.is_empty() {
+            h2 { "More metrics" }
+            @for few in others.chunks(COLUMNS_MAX) { (table(runs, few, false)) }
+        }
+        (checks(runs))
         h2 { "Position" }
         div.plots.even { @for group in by_set_point(runs) { @for few in group.chunks(RUNS_IN_A_PLOT) { (positions(few)) } } }
     };
     page::page(&title, &body)
 }
 
-/// One row a run, one column a metric.
-fn table(runs: &[ListedRun<'_>]) -> Markup {
-    let mut names: Vec<&str> = Vec::new();
-    let mut seen = BTreeSet::new();
-    for metric in runs.iter().flat_map(|run| &run.verdict.metrics) {
-        if seen.insert(metric.name.as_str()) {
-            names.push(metric.name.as_str());
-        }
-    }
+/// The metrics of which a run has a value or a limit: those with limits first, else in the order of verdicts.
+fn columns<'a>(runs: &'a [ListedRun<'_>]) -> Vec<&'a str> {
+    let metrics = || runs.iter().flat_map(|run| &run.verdict.metrics);
+    let limited: BTreeSet<&str> = metrics()
+        .filter(|metric| metric.limit.is_some())
+        .map(|metric| metric.name.as_str())
+        .collect();
+    let known = metrics().filter(|metric| metric.value.is_some() || metric.limit.is_some());
+    let names = known.map(|metric| metric.name.as_str());
+    let names: BTreeSet<&str> = names.filter(|name| is_key(name)).collect();
+    let mut names: Vec<&str> = names.into_iter().collect();
+    let place = |name: &str| METRICS.iter().position(|metric| metric.name == name);
+    names.sort_by_key(|name| (!limited.contains(name), place(name).unwrap_or(usize::MAX)));
+    names
+}
+
+/// One row a run, one column a metric. A table that does not hold every run leaves out those without any of its metrics.
+fn table(runs: &[ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup {
+    let is_listed = |run: &&ListedRun<'_>| {
+        has_every_run || names.iter().any(|name| run.metric(name).is_some())
+    };
     html! {
-        div.wide { table {
+        div.wide { table.stacked {
             thead { tr {
-                th { "run" } th { "result" }
-                @for name in &names { th.number { (page::name(name)) } }
+                th { "scenario" } th { "result" }
+                @for name in names { th.number { (page::name(name)) } }
             } }
-            tbody { @for run in runs { tr {
-                td.name { @match &run.page { Some(page) => a href=(page) { (run.name) }, None => (run.name) } }
-                td { span.(page::class(run.verdict.outcome)) { (run.verdict.outcome.word()) } }
-                @for name in &names { (cell(run.verdict, name)) }
+            tbody { @for run in runs.iter().filter(is_listed) { tr {
+                td.name { (linked(run, runs)) }
+                (result(run))
+                @for name in names { (cell(run, name)) }
             } } }
         } }
-        p.soft { "Red: a limit was not met." }
     }
 }
 
-fn cell(verdict: &Verdict, name: &str) -> Markup {
-    let metric = verdict.metrics.iter().find(|metric| metric.name == name);
-    html! { @match metric {
-        Some(metric) => td.number.fail[metric.passed == Some(false)] title=(terminal::limit(name, metric.limit)) { (terminal::measured(metric)) },
-        None => td.number.soft { "–" },
+/// What the scenarios check besides the metrics, one row each.
+fn checks(runs: &[ListedRun<'_>]) -> Markup {
+    html! { @if runs.iter().any(|run| run.checks().next().is_some()) {
+        h2 { "Checks of signals and sequences" }
+        div.wide { table.stacked {
+            thead { tr { th { "scenario" } th { "check" } th.number { "measured" } th.number { "limit" } th { "result" } } }
+            tbody { @for run in runs { @for check in run.checks() { tr {
+                td.name { (linked(run, runs)) }
+                td data-name="check" { (page::name(&check.name)) }
+                td.number data-name="measured" { (terminal::measured(check)) }
+                td.number data-name="limit" { (terminal::limit(&check.name, check.limit)) }
+                td data-name="result" { (page::result(check, run.verdict.outcome)) }
+            } } } }
+        } }
+    } }
+}
+
+/// The scenario with the way to the run's page; with the folder where several runs are of this scenario.
+fn linked(run: &ListedRun<'_>, runs: &[ListedRun<'_>]) -> Markup {
+    html! { div {
+        @match &run.page { Some(page) => a href=(page) { (run.scenario()) }, None => (run.scenario()) }
+        @if !is_alone(run, runs.iter()) { div.soft { (run.folder) } }
+    } }
+}
+
+/// Whether no other of the runs is of the same scenario.
+fn is_alone<'a>(
+    run: &ListedRun<'_>,
+    mut runs: impl Iterator<Item = &'a ListedRun<'a>>,
+) -> bool {
+    runs.all(|other| other.folder == run.folder || other.scenario() != run.scenario())
+}
+
+fn result(run: &ListedRun<'_>) -> Markup {
+    let outcome = run.verdict.outcome;
+    html! { td data-name="result" { span.(page::class(outcome)) { (outcome.word()) } } }
+}
+
+fn cell(run: &ListedRun<'_>, name: &str) -> Markup {
+    html! { @match run.metric(name) {
+        Some(metric) => td.number data-name=(name) {
+            div {
+                span.fail[metric.passed == Some(false)] { (terminal::measured(metric)) }
+                @if metric.limit.is_some() { div.soft { (terminal::limit(name, metric.limit)) } }
+            }
+        },
+        None => td.number.soft.none { "–" },
     } }
 }
 
@@ -109,23 +195,32 @@ fn has_same_set_point(a: &Timeline, b: &Timeline) -> bool {
 }
 
 fn positions(runs: &[&ListedRun<'_>]) -> Markup {
-    let mut plot = Plot::over_time(runs[0].verdict.scenario.as_str(), "mm");
+    let first = runs[0];
+    let is_one_scenario = runs.iter().all(|run| run.scenario() == first.scenario());
+    let title = match is_one_scenario {
+        true => first.scenario(),
+        false => "Position",
+    };
+    let mut plot = Plot::over_time(title, "mm");
     for (number, run) in runs.iter().enumerate() {
+        let name = match is_alone(run, runs.iter().copied()) {
+            true => run.scenario(),
+            false => &run.folder,
+        };
         plot.draw(
-            run.name.as_str(),
+            name,
             Colour::Run(number),
             Shape::Line,
             &run.timeline.time_seconds,
             run.timeline.position(),
         );
     }
-    let first = runs[0].timeline;
     plot.draw(
         "set-point",
         Colour::Wanted,
         Shape::Dashed,
-        &first.time_seconds,
-        &first.set_point_millimetres,
+        &first.timeline.time_seconds,
+        &first.timeline.set_point_millimetres,
     );
     plot.render()
 }

@@ -77,7 +77,7 @@ fn together(runs: &[(Recorded, Timeline, Verdict)], output: &Path) -> String {
     let runs: Vec<overview::ListedRun<'_>> = runs
         .iter()
         .map(|(recorded, timeline, verdict)| overview::ListedRun {
-            name: folder_name(&recorded.path),
+            folder: folder_name(&recorded.path),
             page: link(output, &recorded.path.join(file::REPORT)),
             timeline,
             verdict,
