@@ -38,10 +38,10 @@ Examples:
                                              only the checks before current flows
   canrig run scenarios/step.toml --viewer    and watch it while it runs
   canrig simulate scenarios/step.toml        in one process, at once
-  canrig identify RUN                        the plant from a recording
+  canrig identify RUN                        the plant's parameters from a recording
   canrig reproduce                           every experiment of the paper, on one page
-  canrig torture scenarios/torture.toml      does anything break it?
-  canrig sweep scenarios/sweeps/plants.toml  a run for each of many values
+  canrig torture scenarios/torture.toml      which faults break the bench?
+  canrig sweep scenarios/sweeps/plants.toml  one run for each combination of values
   canrig check scenarios/                    are the files valid?
   canrig signals my.toml                     which signals can [expect] name?
   canrig report runs/* --output all.html     several runs on one page
@@ -50,7 +50,7 @@ Examples:
   canrig compare RUN OTHER_RUN               where do two runs diverge?
   canrig coverage runs/* --requirements requirements.csv
                                              which requirement is tested, and met?
-  canrig export RUN -f blf -o run.blf        for another program
+  canrig export RUN -f blf -o run.blf        the frames as Vector's binary log
   canrig new plant pendulum                  a plant of your own, in a crate of its own
   canrig new law fuzzy                       a control law of your own
   canrig doctor                              what does this machine lack?
@@ -62,20 +62,23 @@ Examples:
 Exit codes:
   0 pass · 1 a limit was not met, or runs diverge · 2 usage
   3 scenario or recording invalid · 4 bus or process failed
-  5 inconclusive (timing not trustworthy, or a limit on what nobody tells)
+  5 inconclusive (timing not trustworthy, or a limit on a value that no node sends)
   70 internal error · 130 interrupted";
 
 const COVERAGE_EXITS: &str = "\
 Exit codes:
-  0 every requirement is met · 1 one failed, its run broke off, or nothing tests it
-  3 a run folder or the list is invalid · 4 the page cannot be written · 5 one is inconclusive, none worse";
+  0 every requirement is met · 1 a requirement failed, its run broke off, or no scenario tests it
+  3 a run folder or the list is invalid · 4 the page cannot be written
+  5 a requirement is inconclusive, and none is worse";
 
 const SWEEP_EXITS: &str = "\
 Exit codes, of the worst run:
-  0 pass · 1 a limit was not met · 3 values make no valid scenario, or the file is none; for merge: a run is missing
-  4 a run broke off, or a file cannot be written · 5 inconclusive · 70 internal error · 130 interrupted";
+  0 pass · 1 a limit was not met
+  3 the file, or the scenario with a combination of values, is invalid; merge: a run is missing
+  4 a run broke off, or a file cannot be written · 5 inconclusive · 70 internal error
+  130 interrupted";
 
-/// Proves a controller against a plant over a CAN bus, before the real drive is on the table.
+/// Tests a controller against a plant over a CAN bus: simulated, in real time, and with real hardware.
 #[derive(Debug, Parser)]
 #[command(version, after_help = EXAMPLES, max_term_width = 100)]
 pub(crate) struct Cli {
@@ -89,29 +92,29 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Play scenarios with controller and plant as processes on a CAN bus, and judge them
     Run(RunArgs),
-    /// Play scenarios in one process and virtual time, and judge them
+    /// Play scenarios in one process, in virtual time, and judge them
     Simulate(SimulateArgs),
-    /// Make report.html again from run folders, or one page that compares several
+    /// Write the pages of run folders again, or one page that compares several runs
     Report(ReportArgs),
-    /// Judge a recording again, from its bus.log alone
+    /// Judge a recording again, from its frames (bus.log)
     Replay(ReplayArgs),
     /// Find out where two runs diverge
     Compare(CompareArgs),
-    /// Show which requirement is tested by which scenario, and what came of it
+    /// Show which scenarios test each requirement, and whether it is met
     #[command(after_help = COVERAGE_EXITS)]
     Coverage(CoverageArgs),
-    /// Write a recording in another program's format
+    /// Write a recording in the format of another program
     Export(ExportArgs),
-    /// Find the plant's parameters from recordings
+    /// Identify the plant's parameters from recordings
     Identify(IdentifyArgs),
     /// Play every experiment of the paper and write one page with its figures and numbers
     Reproduce(ReproduceArgs),
-    /// Play random mixes of faults in virtual time, and shrink what breaks an invariant to a minimal scenario
+    /// Play random combinations of faults in virtual time, and reduce each one that breaks an invariant to a minimal scenario
     Torture(TortureArgs),
-    /// Play a scenario many times, with the values that its [sweep] says, on all cores; goes on where it was stopped
+    /// Play a scenario with each combination of values in its [sweep] table, on all cores; an interrupted sweep is continued
     #[command(after_help = SWEEP_EXITS)]
     Sweep(SweepArgs),
-    /// Put the parts of a sweep together that `sweep --shard` played
+    /// Merge the parts of a sweep that `sweep --shard` played
     #[command(after_help = SWEEP_EXITS)]
     Merge(MergeArgs),
     /// Check scenario and rig files without playing them
@@ -122,15 +125,15 @@ pub(crate) enum Command {
     New(NewArgs),
     /// Check what this machine has for a test bench, and print the command for what is missing
     Doctor(DoctorArgs),
-    /// Print the JSON Schema of scenario files, for editors
+    /// Print the JSON Schema of scenario or rig files, for editors
     Schema(SchemaArgs),
     /// List the nodes on a bus: number, NMT state, device type, identity, and which EDS describes them
     Nodes(NodesArgs),
-    /// Read or write an object of a node, without disturbing a running controller
+    /// Read or write an object of a node; a running controller is not disturbed
     Sdo(SdoArgs),
     /// Show live traffic, one line per frame, decoded by DBC and EDS
     Monitor(MonitorArgs),
-    /// Print what makes your shell complete canrig's commands and options
+    /// Print the completions of canrig's commands and options for a shell
     Completions(CompletionsArgs),
     /// Write the manual pages
     Man(ManArgs),

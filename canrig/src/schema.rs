@@ -8,7 +8,7 @@ use runner::exit::Exit;
 /// Arguments of `schema`.
 #[derive(Args, Debug)]
 pub(crate) struct SchemaArgs {
-    /// That of rig files instead
+    /// Print the schema of rig files instead
     #[arg(long)]
     pub rig: bool,
 }

@@ -111,14 +111,14 @@ pub(super) enum InvalidName {
     Table(#[from] InvalidOwn),
     /// No crate can.
     #[error(
-        "`{0}` has a meaning of its own in Rust, so a crate cannot be called so; take another name"
+        "`{0}` has a meaning of its own in Rust, so no crate can have this name; choose another one"
     )]
     Kept(String),
     /// The skeleton itself has something of that name.
-    #[error("`{0}` is the name of something that the crate uses; take another name")]
+    #[error("`{0}` is the name of something that the crate uses; choose another one")]
     Taken(String),
     /// Two underscores in a row, or one at the end.
-    #[error("`{0}` makes no name of a type: single underscores between words, please")]
+    #[error("`{0}` cannot become the name of a type; write single underscores between words")]
     NoWords(String),
 }
 

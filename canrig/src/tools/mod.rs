@@ -59,7 +59,7 @@ impl fmt::Display for ToolBus {
 #[derive(Args, Debug)]
 pub(crate) struct ToolBusArgs {
     /// The bus: `embedded` (that of your only running `canrig run`), `embedded:/path` or `private:number` (a
-    /// run tells its own), or a CAN interface such as `vcan0`
+    /// run prints its own), or a CAN interface such as `vcan0`
     #[arg(long, value_name = "BUS", default_value_t = ToolBus::Running)]
     pub bus: ToolBus,
 }

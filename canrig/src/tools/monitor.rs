@@ -261,10 +261,10 @@ fn sdo_words(channel: &Channel<'_>, payload: [u8; 8]) -> String {
 pub(crate) struct MonitorArgs {
     #[command(flatten)]
     pub bus: ToolBusArgs,
-    /// Show only these: parts of names (drive, sync, heartbeat) or identifiers (0x190)
+    /// Show only frames with this part in their name (drive, sync, heartbeat), or with this identifier (0x190)
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub only: Vec<String>,
-    /// Leave these out
+    /// Leave such frames out
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub except: Vec<String>,
     /// Show a frame only when its content has changed
@@ -273,13 +273,13 @@ pub(crate) struct MonitorArgs {
     /// Show the bytes too
     #[arg(long)]
     pub raw: bool,
-    /// End after so many lines
+    /// End after this number of lines
     #[arg(long, value_name = "LINES")]
     pub count: Option<u64>,
-    /// End after so many seconds
+    /// End after this time
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub duration: Option<f64>,
-    /// A DBC file instead of the rig's
+    /// The DBC file to decode by, if it is not the one that ships
     #[arg(long, value_name = "FILE")]
     pub dbc: Option<PathBuf>,
 }

@@ -408,7 +408,7 @@ impl Node for RollCall {
 pub(crate) struct NodesArgs {
     #[command(flatten)]
     pub bus: ToolBusArgs,
-    /// More EDS files to recognise nodes by, besides those of the rig
+    /// Further EDS files by which nodes are recognised, besides those that ship
     #[arg(long, value_name = "FILE")]
     pub eds: Vec<PathBuf>,
     /// How long to listen for heartbeats before nodes are asked

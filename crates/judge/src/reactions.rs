@@ -209,6 +209,6 @@ pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
         .collect();
     Measurement::Measured(match missing.as_slice() {
         [] => Ok(0.0),
-        missing => Err(format!("{} was not told", missing.join(", "))),
+        missing => Err(format!("{} was not sent", missing.join(", "))),
     })
 }

@@ -93,9 +93,8 @@ fn columns<'a>(runs: &'a [ListedRun<'_>]) -> Vec<&'a str> {
 
 /// One row a run, one column a metric. A table that does not hold every run leaves out those without any of its metrics.
 fn table(runs: &[ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup {
-    let is_listed = |run: &&ListedRun<'_>| {
-        has_every_run || names.iter().any(|name| run.metric(name).is_some())
-    };
+    let is_listed =
+        |run: &&ListedRun<'_>| has_every_run || names.iter().any(|name| run.metric(name).is_some());
     html! {
         div.wide { table.stacked {
             thead { tr {
@@ -137,10 +136,7 @@ fn linked(run: &ListedRun<'_>, runs: &[ListedRun<'_>]) -> Markup {
 }
 
 /// Whether no other of the runs is of the same scenario.
-fn is_alone<'a>(
-    run: &ListedRun<'_>,
-    mut runs: impl Iterator<Item = &'a ListedRun<'a>>,
-) -> bool {
+fn is_alone<'a>(run: &ListedRun<'_>, mut runs: impl Iterator<Item = &'a ListedRun<'a>>) -> bool {
     runs.all(|other| other.folder == run.folder || other.scenario() != run.scenario())
 }
 

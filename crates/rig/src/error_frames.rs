@@ -101,7 +101,7 @@ fn describe(frame: &CanFrame) -> ErrorMessage {
         ["back from bus-off" | "error active" | "arbitration lost"]
     );
     if words.is_empty() {
-        words.push("error not told further");
+        words.push("error without details");
     }
     ErrorMessage {
         node,
@@ -152,6 +152,6 @@ mod tests {
         assert_eq!(alone.text, "no acknowledgement, bus error, stuff error");
         assert!(!alone.is_state && !alone.is_good);
         assert!(message(ARBITRATION_LOST, 0, 0).is_good);
-        assert_eq!(message(0, 0, 0).text, "error not told further");
+        assert_eq!(message(0, 0, 0).text, "error without details");
     }
 }

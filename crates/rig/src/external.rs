@@ -16,7 +16,7 @@ pub enum ExternalNode {
     Drive,
     /// The controller
     Controller,
-    /// The fan and load module; needs `drive` too, since a real fan blows at no emulated wire
+    /// The fan and load module; needs `drive` too, since a real fan cannot cool an emulated wire
     Fan,
 }
 
@@ -48,7 +48,7 @@ impl External {
         let external = Self(nodes);
         if external.has(ExternalNode::Fan) && !external.has(ExternalNode::Drive) {
             return Err(
-                "--external fan needs --external drive: a real fan blows at no emulated wire",
+                "--external fan needs --external drive: a real fan cannot cool an emulated wire",
             );
         }
         Ok(external)

@@ -23,13 +23,13 @@ pub struct PlayArgs {
     /// Scenario files, or folders of them
     #[arg(required = true, value_name = "SCENARIO")]
     pub scenarios: Vec<PathBuf>,
-    /// Where run folders are made
+    /// The folder for the run folders
     #[arg(long, value_name = "FOLDER", default_value = "runs")]
     pub output: PathBuf,
     /// Print the verdicts as JSON instead of tables
     #[arg(long)]
     pub json: bool,
-    /// Print nothing but failures
+    /// Print failures only
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
     #[command(flatten)]
@@ -39,10 +39,11 @@ pub struct PlayArgs {
 /// Where to show what happens.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ViewerArgs {
-    /// Open the Rerun viewer and show the run in it while it goes on
+    /// Open the Rerun viewer and show the run while it is played
     #[arg(long)]
     pub viewer: bool,
-    /// Show the run in a viewer that is already open: PORT on this machine, HOST:PORT, or the viewer's own address
+    /// Show the run in a viewer that is open already: PORT on this machine, HOST:PORT, or the address that the viewer
+    /// prints
     #[arg(long, value_name = "ADDRESS")]
     pub rerun_connect: Option<ViewerAddress>,
 }

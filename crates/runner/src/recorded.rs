@@ -41,7 +41,7 @@ pub enum RecordedError {
         path: PathBuf,
     },
     /// A log without a scenario.
-    #[error("{}: what was played? Name its scenario with --scenario FILE", path.display())]
+    #[error("{}: a log does not name the scenario that was played; name it with --scenario FILE", path.display())]
     NoScenario {
         /// The log.
         path: PathBuf,

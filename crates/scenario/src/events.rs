@@ -35,7 +35,7 @@ pub struct Event {
     pub is_fault: bool,
 }
 
-/// What the disturbance node is told at one time.
+/// What the disturbance node is commanded at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DisturbanceCommand {
     /// From when.
@@ -181,7 +181,7 @@ impl Scenario {
 }
 
 impl Disturbance {
-    /// What the disturbance node is told, in the order of time, one entry per instant; nothing before the first entry.
+    /// What the disturbance node is commanded, in the order of time, one entry per instant; nothing before the first entry.
     #[must_use]
     pub fn commands(&self) -> Vec<DisturbanceCommand> {
         let fans = self

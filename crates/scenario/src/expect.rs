@@ -78,7 +78,7 @@ pub struct Expect {
     /// `true`: at the end no current flows, and the drive is not enabled or silent. `false`: current flows, or the drive is enabled still.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub safe_state: Option<bool>,
-    /// Emergencies that must be told, each as node and code: "drive 0x8130".
+    /// Emergencies that must be sent, each as node and code: "drive 0x8130".
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub emcy: Vec<String>,

@@ -1,6 +1,6 @@
 //! Plants and control laws from outside: their tables stand beside the shipped ones, each under its own name.
 //!
-//! They are told once, before anything is read; from then on schema and loader know them as they know the shipped ones.
+//! They are registered once, before anything is read; from then on schema and loader know them as they know the shipped ones.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;

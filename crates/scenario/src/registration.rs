@@ -34,7 +34,7 @@ pub enum InvalidOwn {
         fault: &'static str,
     },
     /// Told twice, or after a scenario was read.
-    #[error("the plants and laws of a bench are told once")]
+    #[error("the plants and laws of a bench are registered once")]
     ToldAlready,
 }
 

@@ -1,5 +1,5 @@
 //! Tables of plants and laws from outside: read, refused, described and written as the shipped ones. A program of its own,
-//! since they are told once.
+//! since they are registered once.
 
 use std::sync::Once;
 

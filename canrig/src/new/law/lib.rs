@@ -48,7 +48,7 @@ impl ControlLaw for MyLaw {
     type Config = Config;
     type State = State;
 
-    /// What the controller tells of the law every 10th cycle: names in recording, report and `[[expect.signal]]`.
+    /// What the controller sends of the law every 10th cycle: names in recording, report and `[[expect.signal]]`.
     const TERMS: &'static [Term<State>] = &[
         Term {
             name: "proportional_part_amperes",

@@ -108,7 +108,7 @@ impl Plant for MyPlant {
     type Config = Config;
     type Condition = ();
 
-    /// What the emulated drive tells of the plant at every SYNC: names in recording, report and `[[expect.signal]]`.
+    /// What the emulated drive sends of the plant at every SYNC: names in recording, report and `[[expect.signal]]`.
     const SIGNALS: &'static [Signal<Self>] = &[
         Signal {
             name: "coil_temperature_celsius",

@@ -29,7 +29,7 @@ enum SweepError {
     Write(#[from] WriteError),
     #[error(transparent)]
     Finish(#[from] FinishError),
-    #[error("interrupted: {done} of {of} runs are done; the same command goes on from there")]
+    #[error("interrupted: {done} of {of} runs are done; give the same command again to continue")]
     Interrupted { done: usize, of: usize },
 }
 
@@ -48,16 +48,16 @@ impl SweepError {
 pub struct SweepArgs {
     /// A scenario file with a [sweep] table
     pub scenario: PathBuf,
-    /// Where the sweep's folder is made; one that is there goes on where it ended
+    /// The folder for the sweep's folder; an interrupted sweep that is there is continued
     #[arg(long, value_name = "FOLDER", default_value = "runs")]
     pub output: PathBuf,
-    /// Play a part only, such as 2/4: the second of four, for as many machines; `canrig merge` puts them together
+    /// Play one part of the sweep, such as 2/4, the second of four, for several machines; `canrig merge` merges the parts
     #[arg(long, value_name = "PART", default_value_t = Shard::WHOLE)]
     pub shard: Shard,
-    /// Runs at a time; as many as there are cores if not given
+    /// Number of runs at a time; without it one for each core
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Print nothing but failures
+    /// Print failures only
     #[arg(long, short)]
     pub quiet: bool,
 }

@@ -35,7 +35,7 @@ enum MergeError {
     Different { first: PathBuf, other: PathBuf },
     #[error("{} was played by canrig {version}, this is {}; play it again", path.display(), env!("CARGO_PKG_VERSION"))]
     Version { path: PathBuf, version: String },
-    #[error("case {case} is in two parts, with different results: {} and {}", first.display(), other.display())]
+    #[error("case {case} has different results in two parts: {} and {}", first.display(), other.display())]
     Contradiction {
         case: usize,
         first: PathBuf,
@@ -74,10 +74,10 @@ pub struct MergeArgs {
     /// The folders that `canrig sweep --shard` made
     #[arg(required = true, value_name = "SHARD")]
     pub shards: Vec<PathBuf>,
-    /// Where the folder of the whole sweep is made
+    /// The folder for the folder of the whole sweep
     #[arg(long, value_name = "FOLDER", default_value = "runs")]
     pub output: PathBuf,
-    /// Print nothing but failures
+    /// Print failures only
     #[arg(long, short)]
     pub quiet: bool,
 }

@@ -49,7 +49,9 @@ pub struct SweepCase<'a> {
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
     /// The scenario has no [sweep].
-    #[error("{0} varies nothing: it has no [sweep] table (docs/sweeps.md shows one)")]
+    #[error(
+        "{0} has no [sweep] table, so nothing varies; add one, such as [[sweep.list]] with a key and its values"
+    )]
     NoSweep(String),
     /// A table beside the scenario cannot be read any more.
     #[error("{name} cannot be read: {source}")]

@@ -26,15 +26,15 @@ const SHRUNK_MAX: usize = 5;
 /// Arguments of `torture`.
 #[derive(Args, Debug)]
 pub struct TortureArgs {
-    /// The scenario that the faults meet; its own faults and limits are left out
+    /// The scenario that is played with faults; its own faults and limits are left out
     pub scenario: PathBuf,
-    /// How many mixes
+    /// Number of random combinations of faults
     #[arg(long, value_name = "COUNT", default_value_t = 1000)]
     pub runs: usize,
-    /// What they are drawn from
+    /// Seed of the random combinations
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub seed: u64,
-    /// Where the folders of failing cases are made
+    /// The folder for the folders of failing cases
     #[arg(long, value_name = "FOLDER", default_value = "runs")]
     pub output: PathBuf,
     /// Show no progress

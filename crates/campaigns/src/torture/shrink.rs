@@ -43,7 +43,7 @@ impl TortureCase {
     /// What the loader finds wrong; tables in other files are not read.
     pub fn scenario(&self) -> Result<Scenario, String> {
         let no_tables = |_: &str| {
-            let text = "torture takes scenarios without [[reference.table]] only";
+            let text = "torture cannot play a scenario with [[reference.table]]; write its set-points as holds, steps and ramps";
             Err(std::io::Error::other(text))
         };
         Scenario::parse(&self.text(), "torture", no_tables)

@@ -56,25 +56,25 @@ pub struct IdentifyArgs {
     /// Run folders, or logs of `candump -L` (then with --scenario); all of one plant
     #[arg(required = true, value_name = "RUN")]
     pub recordings: Vec<PathBuf>,
-    /// What to find: the paper's letters or the keys of the scenario's [plant], separated by commas
+    /// The parameters to identify: the paper's letters or the keys of the scenario's [plant], separated by commas
     #[arg(long, value_name = "LIST", default_value = "C,h,As,Af,Ms,Mf")]
     pub parameters: String,
-    /// Where to start: `section3` (the paper's a-priori values), `nominal`, or a file with a [plant] table
+    /// The start values: `section3` (the paper's a-priori values), `nominal`, or a file with a [plant] table
     #[arg(long, value_name = "START", default_value = "section3")]
     pub start: Start,
-    /// What the other parameters are: `nominal`, `scenario` (the recording's [plant]), or a file with a [plant] table
+    /// The values of the other parameters: `nominal`, `scenario` (the recording's [plant]), or a file with a [plant] table
     #[arg(long, value_name = "PLANT", default_value = "nominal")]
     pub known: KnownChoice,
     /// The scenario that was played, for logs; it gives cycle time and sensor
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
-    /// The DBC of the recordings, if not the rig's own
+    /// The DBC of the recordings, if it is not the one that ships
     #[arg(long, value_name = "FILE")]
     pub dbc: Option<PathBuf>,
-    /// Where the folder with the result is made
+    /// The folder for the folder with the result
     #[arg(long, value_name = "FOLDER", default_value = "runs")]
     pub output: PathBuf,
-    /// Print nothing but failures
+    /// Print failures only
     #[arg(long, short)]
     pub quiet: bool,
 }

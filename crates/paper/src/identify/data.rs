@@ -73,7 +73,7 @@ pub enum RecordingFault {
     OtherPlant(String),
     /// A log without its scenario.
     #[error(
-        "a log alone does not tell the cycle time and the sensor; name the scenario that was played with --scenario"
+        "a log alone does not hold the cycle time and the sensor; name the scenario that was played with --scenario"
     )]
     NoScenario,
     /// The DBC lacks a signal.
@@ -150,7 +150,7 @@ pub enum RecordingFault {
     /// Nothing moves.
     #[error(
         "the load moves by {millimetres:.2} mm at most (identification needs {needed_millimetres:.2} mm), with currents up to \
-         {current_amperes_max:.3} A: without motion the position tells nothing"
+         {current_amperes_max:.3} A: without motion the position shows nothing of the parameters"
     )]
     NoMotion {
         /// Highest less lowest position.

@@ -36,16 +36,16 @@ pub fn experiments(effort: Effort) -> Vec<Experiment> {
 /// Arguments of `reproduce`.
 #[derive(Args, Debug)]
 pub struct ReproduceArgs {
-    /// Where the folder with the page is made
+    /// The folder for the folder with the page
     #[arg(long, value_name = "FOLDER", default_value = "runs")]
     pub output: PathBuf,
-    /// Fewer plants, frequencies and settings: to see that everything works
+    /// Play fewer plants, frequencies and settings, to see that everything works
     #[arg(long)]
     pub reduced: bool,
     /// Print the numbers as JSON instead of a table
     #[arg(long)]
     pub json: bool,
-    /// Print nothing but failures
+    /// Print failures only
     #[arg(long, short, conflicts_with = "json")]
     pub quiet: bool,
 }

@@ -15,13 +15,13 @@ use worlds::catalogue::catalogue;
 /// Arguments of `export`.
 #[derive(Args, Debug)]
 pub struct ExportArgs {
-    /// A run folder, or a log beside its scenario.toml
+    /// A run folder, or a log of `candump -L` with its scenario.toml beside it
     #[arg(value_name = "RUN")]
     pub recording: PathBuf,
     /// The format
     #[arg(long, short, value_enum)]
     pub format: Format,
-    /// Where to write, instead of to standard output
+    /// The file to write, in place of standard output
     #[arg(long, short, value_name = "FILE")]
     pub output: Option<PathBuf>,
 }
@@ -29,7 +29,7 @@ pub struct ExportArgs {
 /// A format for other programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Format {
-    /// One row a cycle, signals as columns, as signals.csv
+    /// One row for each cycle, one column for each signal, as in signals.csv
     Csv,
     /// The frames as Vector's ASCII log (CANalyzer, python-can, SavvyCAN)
     Asc,

@@ -25,7 +25,7 @@ pub struct ReplayArgs {
     /// A run folder, or a log of `candump -L`
     #[arg(value_name = "RUN|LOG")]
     pub recording: PathBuf,
-    /// For a run folder: take the limits ([expect]) of this scenario. For a log: the scenario that was played
+    /// For a run folder: the scenario whose limits ([expect]) decide. For a log: the scenario that was played
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
     /// Print the verdict as JSON, as verdict.json has it
@@ -33,7 +33,7 @@ pub struct ReplayArgs {
     pub json: bool,
     #[command(flatten)]
     pub viewer: ViewerArgs,
-    /// How fast the viewer shows it: 1 as it was, 0.1 in slow motion, inf at once
+    /// Speed in the viewer: 1 as recorded, 0.1 in slow motion, inf without waiting
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed)]
     pub speed: f64,
 }

@@ -34,24 +34,24 @@ pub struct RunArgs {
     /// interface such as `vcan0`
     #[arg(long, value_name = "BUS", default_value = "auto")]
     pub bus: BusChoice,
-    /// Which time the processes live in
+    /// The clock of the processes
     #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
     pub clock: ClockChoice,
-    /// Nodes that canrig does not start but expects on the bus, such as a real drive. Limits on what then nobody tells are
-    /// not judged, and end a run that fails no other in exit code 5
+    /// Nodes that canrig does not start but expects on the bus, such as a real drive. A limit on a value that no node then
+    /// sends is not judged; a run that fails no other limit ends with exit code 5
     #[arg(long, value_enum, value_name = "NODE", value_delimiter = ',')]
     pub external: Vec<ExternalNode>,
-    /// The rig file of a real drive, which is then external: its bus, objects, scaling, time-outs and hard limits. Without it,
-    /// `rig.toml` beside the first scenario goes with --external drive
+    /// The rig file of a real drive: its bus, objects, scaling, time-outs and hard limits. It makes the drive external.
+    /// Without it, --external drive reads `rig.toml` beside the first scenario, where there is one
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
     /// End after the pre-flight of an external drive: interface, nodes, objects, direction under a slow heating ramp, stop
     #[arg(long)]
     pub dry_run: bool,
-    /// In the pre-flight, do not heat the wire until the load moves
+    /// Leave the heating ramp out of the pre-flight, so that the load does not move
     #[arg(long)]
     pub no_heating: bool,
-    /// Fail unless the bus is the kernel's own, so that a CI job cannot skip it silently
+    /// Fail unless the kernel serves the bus, so that a CI job cannot go without it unnoticed
     #[arg(long)]
     pub require_vcan: bool,
 }
@@ -61,7 +61,7 @@ pub struct RunArgs {
 pub enum ClockChoice {
     /// The machine's clock
     RealTime,
-    /// Virtual time: a verdict that no busy machine can bend
+    /// Virtual time: the load of the machine cannot change the verdict
     Lockstep,
 }
 

@@ -21,7 +21,7 @@ const LABELS_SHOWN_MAX: usize = 4;
 /// Arguments of `signals`.
 #[derive(Args, Debug)]
 pub struct SignalsArgs {
-    /// A run folder (the signals of its frames.dbc) or a scenario (those of its plant and control law); without it the
+    /// A run folder (the signals in its frames.dbc) or a scenario (those of its plant and control law); without it the
     /// signals of the bus that ships
     #[arg(value_name = "RUN|SCENARIO")]
     pub source: Option<PathBuf>,

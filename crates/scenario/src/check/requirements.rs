@@ -69,7 +69,7 @@ fn names(document: &Document<'_>, path: &str, requirements: &[String]) -> Vec<Pr
         } else {
             continue;
         };
-        let message = "a requirement cannot be listed so";
+        let message = "this is no name of a requirement";
         problems.push(document.problem(&format!("{path}.{index}"), message, label));
     }
     problems

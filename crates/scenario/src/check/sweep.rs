@@ -161,7 +161,7 @@ impl<'a> Checker<'a, '_> {
         let is_ordered = self.ordered(path, range.from, range.to);
         if range.count.is_some() == range.step.is_some() {
             let message = format!(
-                "how many values `{}` takes is given {}",
+                "the number of values of `{}` is given {}",
                 range.key,
                 if range.count.is_some() {
                     "twice"
@@ -307,7 +307,7 @@ impl<'a> Checker<'a, '_> {
         } else if sweep.draws.is_none() && is_drawn {
             report(
                 "[sweep] lacks the key `draws`".to_owned(),
-                "how often is drawn",
+                "the number of runs is missing",
             );
         } else if sweep.draws.is_some() && !is_drawn {
             report("nothing is drawn".to_owned(), "leave `draws` out");

@@ -354,14 +354,14 @@ fn requirements_are_of_demands_that_are_made() {
         &signal("stays = { max = 1 }\nrequirements = [\"REQ-1\", \"REQ-2\", \"REQ-1\"]"),
         11,
         35,
-        "a requirement cannot be listed so",
+        "this is no name of a requirement",
         "it stands here already",
     );
     check(
         &signal("stays = { max = 1 }\nrequirements = [\" REQ-1\"]"),
         11,
         17,
-        "a requirement cannot be listed so",
+        "this is no name of a requirement",
         "without blanks at its ends",
     );
     let met = of_limit("current_amperes_rms", "[\"REQ-1\"]")

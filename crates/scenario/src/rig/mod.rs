@@ -97,7 +97,7 @@ pub struct RigDrive {
     pub command: CommandObject,
     /// Where the position comes from.
     pub position: PositionObject,
-    /// Where the measured current comes from; `object = ""` if the drive tells none.
+    /// Where the measured current comes from; `object = ""` if the drive sends none.
     pub current: CurrentObject,
 }
 
@@ -150,7 +150,7 @@ impl Default for CommandObject {
     }
 }
 
-/// The object that tells the position.
+/// The object that holds the position.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PositionObject {
@@ -178,7 +178,7 @@ impl Default for PositionObject {
     }
 }
 
-/// The object that tells the current.
+/// The object that holds the current.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CurrentObject {

@@ -34,7 +34,7 @@ fn checks_of(name: &str, link: io::Result<Link>, kilobits_per_second: u32) -> Ve
         Err(error) => vec![Check::failed(
             INTERFACE,
             format!(
-                "the kernel tells nothing of {name}: {error}; look at `ip -details link show {name}`"
+                "the kernel reports nothing of {name}: {error}; look at `ip -details link show {name}`"
             ),
         )],
     }
@@ -61,7 +61,7 @@ fn interface(name: &str, link: &Link) -> Check {
 
 fn bit_rate(name: &str, link: &Link, kilobits_per_second: u32) -> Check {
     let Some(bit_rate) = link.bit_rate else {
-        return Check::open(BIT_RATE, "not told by this interface");
+        return Check::open(BIT_RATE, "not reported by this interface");
     };
     let wanted = kilobits_per_second * BITS_PER_KILOBIT;
     let shown = f64::from(bit_rate) / f64::from(BITS_PER_KILOBIT);
@@ -76,7 +76,7 @@ fn bit_rate(name: &str, link: &Link, kilobits_per_second: u32) -> Check {
 
 fn bus_errors(name: &str, link: &Link) -> Check {
     let Some(state) = link.state else {
-        return Check::open(BUS_ERRORS, "not told by this interface");
+        return Check::open(BUS_ERRORS, "not reported by this interface");
     };
     let counters = link.errors.map_or_else(String::new, |[transmit, receive]| {
         format!(", error counters {transmit} (transmit) and {receive} (receive)")
@@ -130,8 +130,8 @@ mod tests {
             is_up: true,
             ..Link::default()
         };
-        let expected = "✓ interface     can0 is up\n· bit rate      not told by this interface\n\
-            · bus errors    not told by this interface";
+        let expected = "✓ interface     can0 is up\n· bit rate      not reported by this interface\n\
+            · bus errors    not reported by this interface";
         assert_eq!(lines(vcan), expected);
     }
 
@@ -179,7 +179,7 @@ mod tests {
         assert!(
             none[0]
                 .to_string()
-                .starts_with("✗ interface     the kernel tells nothing of can0")
+                .starts_with("✗ interface     the kernel reports nothing of can0")
         );
     }
 }

@@ -17,16 +17,16 @@ use crate::recorded::{Recorded, RecordedError, refuse};
 /// Arguments of `compare`.
 #[derive(Args, Debug)]
 pub struct CompareArgs {
-    /// A run folder, or a log beside its scenario.toml
+    /// A run folder, or a log of `candump -L` with its scenario.toml beside it
     pub a: PathBuf,
-    /// Another one
+    /// The run that is compared with A
     pub b: PathBuf,
     /// How far a signal, a metric, or all signals of a unit may differ: `position_millimetres=0.5`, `degC=2`, `A=0.1`;
-    /// `inf` for not judged. Without it: 0.25 mm, 1 degC, 0.02 for fractions and states; currents, velocities and the
-    /// parts of the law are shown only, since they swing
+    /// with `inf` it is not judged. Without this option: 0.25 mm, 1 degC, 0.02 for fractions and states; currents,
+    /// velocities and the terms of the control law are shown but not judged, since they swing
     #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
     pub tolerance: Vec<GivenTolerance>,
-    /// How much earlier or later a value may come
+    /// How much earlier or later a value of B may come
     #[arg(long, value_name = "MILLISECONDS", default_value_t = 5.0, value_parser = milliseconds)]
     pub time_tolerance: f64,
     /// Write a page with plots of what differs

@@ -31,13 +31,13 @@ enum CoverageError {
 /// Arguments of `coverage`.
 #[derive(Args, Debug)]
 pub struct CoverageArgs {
-    /// Run folders; of several runs of one scenario the worst counts
+    /// Run folders; of several runs of one scenario the worst one counts
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
-    /// A CSV file with the column `id`, and `text` if you like: requirements that no run tests are shown too
+    /// A CSV file of all requirements, with a column `id` and, if you like, `text`: those that no run tests are shown too
     #[arg(long, value_name = "FILE")]
     pub requirements: Option<PathBuf>,
-    /// Write the matrix as a page
+    /// Write the matrix of requirements and scenarios as a page
     #[arg(long, short, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// Print the matrix as JSON instead of a table
