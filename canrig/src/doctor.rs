@@ -229,10 +229,11 @@ fn private_bus() -> MachineCheck {
     )
 }
 
-/// What went wrong, without the advice that a message holds in brackets or after a semicolon.
+/// What went wrong, without the advice of the message: the line below has a command.
 fn first_part(error: &impl ToString) -> String {
     let text = error.to_string();
-    let end = text.find("; ").unwrap_or(text.len());
+    let ends = ["; ", " (load it with"].map(|advice| text.find(advice));
+    let end = ends.into_iter().flatten().min().unwrap_or(text.len());
     text[..end].to_owned()
 }
 

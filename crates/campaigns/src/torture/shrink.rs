@@ -260,7 +260,7 @@ mod tests {
         let case = TortureCase::new(&base, Table::new(), 7).unwrap();
         let reason = case.scenario().unwrap_err();
         assert!(
-            reason.contains("without [[reference.table]] only"),
+            reason.contains("cannot play a scenario with [[reference.table]]"),
             "{reason}"
         );
     }
