@@ -35,7 +35,7 @@ fn a_page_holds_the_whole_run_and_loads_nothing() {
     assert!(page.len() < 1_000_000, "{} bytes", page.len());
     let parts = [
         "Verdict",
-        "<td>maximum_deviation_millimetres</td>",
+        "<td class=\"name\">maximum_deviation_millimetres</td>",
         "Position",
         "Hysteresis",
         "Sliding variable",

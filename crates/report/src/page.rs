@@ -58,17 +58,17 @@ pub fn result(metric: &Metric, outcome: Outcome) -> Markup {
 pub fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
     let tests_any = metrics.iter().any(|metric| !metric.requirements.is_empty());
     html! {
-        div.wide { table {
+        div.wide { table.stacked {
             thead { tr {
                 th { "metric" } th.number { "measured" } th.number { "limit" } th { "result" }
                 @if tests_any { th { "requirements" } }
             } }
             tbody { @for metric in metrics { tr {
-                td { (name(&metric.name)) }
-                td.number { (terminal::measured(metric)) }
-                td.number { (terminal::limit(&metric.name, metric.limit)) }
-                td { (result(metric, outcome)) }
-                @if tests_any { td { (metric.requirements.join(", ")) } }
+                td.name { (name(&metric.name)) }
+                td.number data-name="measured" { (terminal::measured(metric)) }
+                td.number.none[metric.limit.is_none()] data-name="limit" { (terminal::limit(&metric.name, metric.limit)) }
+                td.none[metric.limit.is_none()] data-name="result" { (result(metric, outcome)) }
+                @if tests_any { td.none[metric.requirements.is_empty()] data-name="requirements" { (metric.requirements.join(", ")) } }
             } } }
         } }
     }
