@@ -28,7 +28,7 @@ pub struct Expect {
     /// How far the position goes beyond the final set-point, by the step's height.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub overshoot_percent: Option<Limit>,
-    /// Mean absolute error over the last 0.5 s of the last hold.
+    /// Mean absolute error over the last 0.5 s of the scenario, in which the set-point must not move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steady_state_error_millimetres: Option<Limit>,
     /// RMS of set-point less position: over the last three periods of a sine, else over the whole run.
@@ -78,7 +78,7 @@ pub struct Expect {
     /// `true`: at the end no current flows, and the drive is not enabled or silent. `false`: current flows, or the drive is enabled still.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub safe_state: Option<bool>,
-    /// Emergencies that must be told, each as node and code: "drive 0x8130".
+    /// Emergencies that must be sent, each as node and code: "drive 0x8130".
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub emcy: Vec<String>,
