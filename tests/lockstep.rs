@@ -269,7 +269,7 @@ impl platform::lockstep::Participant for Asked<'_> {
     }
 }
 
-/// The proof of ARCHITECTURE.md, held to a run: late delivery and looking ahead change nothing.
+/// The proof of docs/design/lock-step.md, held to a run: late delivery and looking ahead change nothing.
 #[test]
 fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use recording::capture::Watch;

@@ -19,3 +19,10 @@ mod schema;
 mod tools;
 
 pub use bench::Bench;
+
+/// The command line, for what checks commands that stand in pages.
+#[doc(hidden)]
+#[must_use]
+pub fn command() -> clap::Command {
+    <cli::Cli as clap::CommandFactory>::command()
+}

@@ -28,7 +28,7 @@ pub struct Expect {
     /// How far the position goes beyond the final set-point, by the step's height.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub overshoot_percent: Option<Limit>,
-    /// Mean absolute error over the last 0.5 s of the last hold.
+    /// Mean absolute error over the last 0.5 s of the scenario, in which the set-point must not move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steady_state_error_millimetres: Option<Limit>,
     /// RMS of set-point less position: over the last three periods of a sine, else over the whole run.

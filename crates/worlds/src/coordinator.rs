@@ -6,7 +6,7 @@
 //! - a participant that nobody can reach before some time is let go on to that time, and ends early by itself when it
 //!   queues a frame that somebody may answer. What it queued for later waits in its outbox.
 //!
-//! Why this changes nothing stands in ARCHITECTURE.md, "Lock-step"; a test compares it with asking at every event.
+//! Why this changes nothing stands in docs/design/lock-step.md; a test compares it with asking at every event.
 
 use std::collections::VecDeque;
 use std::time::Duration;

@@ -1,0 +1,284 @@
+//! The pages of the book with all keys of scenario and rig files, written from the schemas: they cannot age.
+//! `UPDATE_SCHEMA=1 cargo test --release -p scenario` writes them.
+#![expect(clippy::unwrap_used, reason = "tests fail by panicking")]
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::path::Path;
+
+use serde_json::{Map, Value};
+
+/// Tables that more properties than this refer to stand once, behind all others.
+const OWN_SECTIONS_MAX: usize = 2;
+const REFERENCE: &str = "#/definitions/";
+
+/// A page while it is written.
+struct Page<'a> {
+    definitions: &'a Map<String, Value>,
+    /// Tables that many properties refer to.
+    shared: BTreeSet<&'a str>,
+    text: String,
+}
+
+/// A table below another one.
+struct Child<'a> {
+    path: String,
+    is_list: bool,
+    description: &'a str,
+    table: &'a Value,
+}
+
+impl<'a> Page<'a> {
+    fn of(schema: &'a Value, head: &str) -> String {
+        let definitions = schema["definitions"].as_object().unwrap();
+        let mut page = Self {
+            definitions,
+            shared: shared(schema),
+            text: format!("{head}\n"),
+        };
+        page.section("Top of the file", "", "", schema);
+        for name in page.shared.clone() {
+            let table = &definitions[name];
+            page.section(name, description(table), name, table);
+        }
+        page.text
+    }
+
+    /// A table with its keys, then the tables below it.
+    fn section(&mut self, heading: &str, about: &str, path: &str, table: &'a Value) {
+        write!(self.text, "\n## {heading}\n\n").unwrap();
+        if !about.is_empty() {
+            write!(self.text, "{}\n\n", line(about)).unwrap();
+        }
+        let Some(properties) = table["properties"].as_object() else {
+            return;
+        };
+        let mut children = Vec::new();
+        self.text += "| key | value | meaning |\n|---|---|---|\n";
+        for (key, property) in properties {
+            let child = self.child(path, key, property);
+            let section = child.as_ref().map(|child| child.path.replace('.', ""));
+            let row = self.row(key, property, is_required(table, key), section);
+            self.text += &row;
+            children.extend(child);
+        }
+        for child in children {
+            let (open, close) = if child.is_list {
+                ("[[", "]]")
+            } else {
+                ("[", "]")
+            };
+            let heading = format!("`{open}{}{close}`", child.path);
+            self.section(&heading, child.description, &child.path, child.table);
+        }
+    }
+
+    /// A key; `section` is where the table stands that it is.
+    fn row(
+        &self,
+        key: &str,
+        property: &'a Value,
+        is_required: bool,
+        section: Option<String>,
+    ) -> String {
+        let kind = self.kind(property);
+        let kind = match section {
+            Some(section) => format!("[{kind}](#{section})"),
+            None => kind,
+        };
+        let default = match &property["default"] {
+            _ if is_required => "required".to_owned(),
+            Value::Object(_) | Value::Array(_) | Value::Null => String::new(),
+            value => format!("default `{value}`"),
+        };
+        let value = [kind, range(property), default];
+        let value: Vec<String> = value.into_iter().filter(|part| !part.is_empty()).collect();
+        let meaning = format!("{}{}", line(description(property)), self.choices(property));
+        format!("| `{key}` | {} | {meaning} |\n", value.join("; "))
+    }
+
+    /// The table that a property is, where it has a section of its own.
+    fn child(&self, path: &str, key: &str, property: &'a Value) -> Option<Child<'a>> {
+        let is_list = property["type"] == "array";
+        let name = referred(if is_list {
+            &property["items"]
+        } else {
+            property
+        })?;
+        let table = &self.definitions[name];
+        let is_own = table["properties"].is_object() && !self.shared.contains(name);
+        let separator = if path.is_empty() { "" } else { "." };
+        is_own.then(|| Child {
+            path: format!("{path}{separator}{key}"),
+            is_list,
+            description: match description(property) {
+                "" => description(table),
+                description => description,
+            },
+            table,
+        })
+    }
+
+    /// What a property is, in words.
+    fn kind(&self, property: &Value) -> String {
+        if let Some(name) = referred(property) {
+            return self.kind_of_definition(name, "table");
+        }
+        match property["type"].as_str() {
+            Some("array") => match referred(&property["items"]) {
+                Some(name) => self.kind_of_definition(name, "list of tables"),
+                None => format!("list of {}s", self.kind(&property["items"])),
+            },
+            Some("integer") => "whole number".to_owned(),
+            Some("string") => "text".to_owned(),
+            Some("boolean") => "`true` or `false`".to_owned(),
+            other => other.unwrap_or("table").to_owned(),
+        }
+    }
+
+    fn kind_of_definition(&self, name: &str, table: &str) -> String {
+        if self.shared.contains(name) {
+            return format!("[{name}](#{})", name.to_lowercase());
+        }
+        let values = self.values(name).map(|(value, _)| format!("`{value}`"));
+        let values: Vec<String> = values.collect();
+        match values.is_empty() {
+            true => table.to_owned(),
+            false => values.join(", "),
+        }
+    }
+
+    /// The values of a choice, each with what it means.
+    fn values(&self, name: &str) -> impl Iterator<Item = (&Value, &str)> {
+        let values = self.definitions[name]["oneOf"]
+            .as_array()
+            .into_iter()
+            .flatten();
+        values.map(|value| (&value["const"], description(value)))
+    }
+
+    fn choices(&self, property: &Value) -> String {
+        let name = referred(property).into_iter();
+        let values = name.flat_map(|name| self.values(name));
+        let values = values.map(|(value, meaning)| format!(" `{value}`: {}", line(meaning)));
+        values.collect()
+    }
+}
+
+fn description(schema: &Value) -> &str {
+    schema["description"].as_str().unwrap_or_default()
+}
+
+/// A text in a cell of a table.
+fn line(text: &str) -> String {
+    text.replace('\n', " ").replace('|', "\\|")
+}
+
+fn is_required(table: &Value, key: &str) -> bool {
+    let required = table["required"].as_array();
+    required.is_some_and(|keys| keys.iter().any(|one| one == key))
+}
+
+/// The definition that a schema refers to.
+fn referred(schema: &Value) -> Option<&str> {
+    let reference = schema["$ref"].as_str();
+    let reference = reference.or_else(|| schema["allOf"][0]["$ref"].as_str());
+    reference?.strip_prefix(REFERENCE)
+}
+
+/// The tables that many properties refer to.
+fn shared(schema: &Value) -> BTreeSet<&str> {
+    let definitions = schema["definitions"].as_object().unwrap();
+    let tables = definitions.values().chain([schema]);
+    let properties = tables.filter_map(|table| table["properties"].as_object());
+    let mut count: BTreeMap<&str, usize> = BTreeMap::new();
+    for property in properties.flat_map(Map::values) {
+        for name in [property, &property["items"]]
+            .into_iter()
+            .filter_map(referred)
+        {
+            *count.entry(name).or_default() += 1;
+        }
+    }
+    let is_table = |name: &str| definitions[name]["properties"].is_object();
+    let often = count
+        .into_iter()
+        .filter(|(name, count)| *count > OWN_SECTIONS_MAX && is_table(name));
+    often.map(|(name, _)| name).collect()
+}
+
+/// Which values a property may have.
+fn range(property: &Value) -> String {
+    let mut parts = Vec::new();
+    let number = |key: &str| {
+        let number = property[key].as_number()?.to_string();
+        Some(
+            number
+                .strip_suffix(".0")
+                .map_or(number.clone(), str::to_owned),
+        )
+    };
+    let (least, above) = (number("minimum"), number("exclusiveMinimum"));
+    let least = least.or_else(|| Some(format!("> {}", above?)));
+    match (least, number("maximum")) {
+        _ if property["enum"].is_array() => {}
+        (Some(least), Some(most)) if least == most => parts.push(least),
+        (Some(least), Some(most)) => parts.push(format!("{least} … {most}")),
+        (Some(least), None) if least.starts_with('>') => parts.push(least),
+        (Some(least), None) => parts.push(format!("≥ {least}")),
+        (None, Some(most)) => parts.push(format!("≤ {most}")),
+        (None, None) => {}
+    }
+    if let Some(values) = property["enum"].as_array() {
+        let values: Vec<String> = values.iter().map(ToString::to_string).collect();
+        parts.push(format!("one of {}", values.join(", ")));
+    }
+    parts.extend(number("multipleOf").map(|step| format!("a multiple of {step}")));
+    parts.extend(number("maxLength").map(|most| format!("up to {most} characters")));
+    parts.extend(number("maxItems").map(|most| format!("up to {most}")));
+    parts.join("; ")
+}
+
+#[track_caller]
+fn check(name: &str, head: &str, schema: &str) {
+    let current = Page::of(&serde_json::from_str(schema).unwrap(), head);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference");
+    let path = folder.join(name);
+    if std::env::var_os("UPDATE_SCHEMA").is_some() {
+        std::fs::write(&path, &current).unwrap();
+    }
+    let committed = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        committed == current,
+        "{name} is out of date: run the tests with UPDATE_SCHEMA=1"
+    );
+}
+
+#[test]
+fn the_page_of_scenario_keys_is_that_of_the_schema() {
+    let head = "# Scenario keys\n\n\
+        This page is written from the schema that `canrig schema` prints. A scenario is a TOML file; [a scenario of your own](../tutorial/own-scenario.md) builds one.\n\
+        The [metrics](metrics.md) page defines what each key of `[expect]` measures. A plant or law of your own adds its table.";
+    check("scenario-keys.md", head, &scenario::schema::json_schema());
+}
+
+#[test]
+fn the_page_of_rig_keys_is_that_of_the_schema() {
+    let head = "# Rig keys\n\n\
+        This page is written from the schema that `canrig schema --rig` prints. A rig file describes a real drive: [from the emulator to a drive](../hardware.md#the-rig-file).";
+    check("rig-keys.md", head, &scenario::schema::rig_json_schema());
+}
+
+/// Every key of the schema is on the page.
+#[test]
+fn no_key_is_left_out() {
+    let schema: Value = serde_json::from_str(&scenario::schema::json_schema()).unwrap();
+    let page = Page::of(&schema, "");
+    let tables = schema["definitions"].as_object().unwrap().values();
+    let keys = tables
+        .chain([&schema])
+        .filter_map(|table| table["properties"].as_object());
+    for key in keys.flat_map(Map::keys) {
+        assert!(page.contains(&format!("| `{key}` |")), "{key}");
+    }
+}

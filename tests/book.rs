@@ -1,0 +1,428 @@
+//! The book and the other pages: each link and path exists, each snippet loads, each command parses, and the worked examples
+//! of the metrics have the values that the page says.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use rig::rig_file::LoadedRig;
+use rig::setup::Setup;
+use scenario::rig::RigFile;
+use serde_json::Value;
+use toml::Table;
+
+use crate::support::{output, root};
+
+/// The pages beside the book.
+const PAGES: [&str; 4] = [
+    "README.md",
+    "ARCHITECTURE.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+];
+/// What a path in a page begins with.
+const FOLDERS: [&str; 11] = [
+    ".ci/",
+    "benches/",
+    "canrig/",
+    "controller/",
+    "crates/",
+    "dbc/",
+    "docs/",
+    "fuzz/",
+    "plant-emulator/",
+    "scenarios/",
+    "tests/",
+];
+/// What stands for something else in a path or a command.
+const PLACEHOLDERS: [&str; 6] = ["…", "*", "<", "NAME", "{", "[RUN"];
+/// Blocks of TOML that only a plant or law from outside makes whole: those of `your-plant.md` and `your-law.md`.
+const OWN_BLOCKS: usize = 2;
+
+struct Page {
+    path: PathBuf,
+    text: String,
+}
+
+/// A block of code with the words behind its fence.
+struct Block<'a> {
+    info: &'a str,
+    text: String,
+}
+
+impl Page {
+    fn read(path: PathBuf) -> Self {
+        let text = fs::read_to_string(&path).unwrap();
+        Self { path, text }
+    }
+
+    /// The blocks of code, and the lines that are none.
+    fn parts(&self) -> (Vec<Block<'_>>, Vec<&str>) {
+        let (mut blocks, mut prose) = (Vec::new(), Vec::new());
+        let mut lines = self.text.lines();
+        while let Some(line) = lines.next() {
+            let Some(info) = line.strip_prefix("```") else {
+                prose.push(line);
+                continue;
+            };
+            let inside = lines.by_ref().take_while(|line| *line != "```");
+            let text = inside.map(|line| format!("{line}\n")).collect();
+            blocks.push(Block { info, text });
+        }
+        (blocks, prose)
+    }
+
+    fn blocks(&self) -> Vec<Block<'_>> {
+        self.parts().0
+    }
+
+    /// What stands between backticks in a line of text.
+    fn code_spans(&self) -> Vec<&str> {
+        let (_, prose) = self.parts();
+        let spans = prose.into_iter().filter(|line| !line.starts_with("    "));
+        spans
+            .flat_map(|line| line.split('`').skip(1).step_by(2))
+            .collect()
+    }
+
+    /// The targets of the links and pictures.
+    fn links(&self) -> Vec<&str> {
+        let (_, prose) = self.parts();
+        let links = prose.into_iter().flat_map(|line| line.split("](").skip(1));
+        links
+            .filter_map(|rest| Some(rest.split_once(')')?.0))
+            .collect()
+    }
+
+    /// The names by which links find headings, as mdBook and GitHub make them.
+    fn anchors(&self) -> BTreeSet<String> {
+        let (_, prose) = self.parts();
+        let headings = prose.into_iter().filter(|line| line.starts_with('#'));
+        headings
+            .map(|line| anchor(line.trim_start_matches('#').trim()))
+            .collect()
+    }
+}
+
+fn anchor(heading: &str) -> String {
+    let kept = |letter: &char| letter.is_alphanumeric() || " _-".contains(*letter);
+    let letters = heading.to_lowercase();
+    let letters: String = letters.chars().filter(kept).collect();
+    letters.replace(' ', "-")
+}
+
+fn in_book() -> Vec<Page> {
+    let mut paths = Vec::new();
+    let mut folders = vec![root().join("docs")];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "md") {
+                paths.push(path);
+            }
+        }
+    }
+    paths.sort();
+    paths.into_iter().map(Page::read).collect()
+}
+
+fn pages() -> Vec<Page> {
+    let others = PAGES.map(|name| Page::read(root().join(name)));
+    others.into_iter().chain(in_book()).collect()
+}
+
+fn has_placeholder(text: &str) -> bool {
+    PLACEHOLDERS.iter().any(|one| text.contains(one))
+}
+
+#[test]
+fn every_link_leads_somewhere() {
+    let mut count = 0;
+    for page in pages() {
+        for link in page.links() {
+            if link.starts_with("https://") {
+                continue;
+            }
+            count += 1;
+            let place = format!("{}: {link}", page.path.display());
+            let (file, heading) = link.split_once('#').unwrap_or((link, ""));
+            let target = match file {
+                "" => page.path.clone(),
+                file => page.path.parent().unwrap().join(file),
+            };
+            assert!(target.exists(), "{place}");
+            if page.path.starts_with(root().join("docs")) {
+                let target = target.canonicalize().unwrap();
+                assert!(
+                    target.starts_with(root().canonicalize().unwrap().join("docs")),
+                    "{place} leads out of the book"
+                );
+            }
+            if !heading.is_empty() {
+                assert!(Page::read(target).anchors().contains(heading), "{place}");
+            }
+        }
+    }
+    assert!(count > 100, "{count} links");
+}
+
+#[test]
+fn the_summary_lists_every_page_once() {
+    let book = root().join("docs");
+    let summary = Page::read(book.join("SUMMARY.md"));
+    let mut listed: Vec<PathBuf> = summary.links().iter().map(|link| book.join(link)).collect();
+    listed.sort();
+    let pages = in_book().into_iter().map(|page| page.path);
+    assert!(
+        listed
+            .into_iter()
+            .eq(pages.filter(|path| *path != summary.path))
+    );
+}
+
+#[test]
+fn every_path_is_there() {
+    let mut count = 0;
+    for page in pages() {
+        for span in page.code_spans() {
+            let path = span.split(' ').next().unwrap_or_default();
+            if !FOLDERS.iter().any(|folder| path.starts_with(folder)) || has_placeholder(path) {
+                continue;
+            }
+            count += 1;
+            assert!(
+                root().join(path).exists(),
+                "{}: {path}",
+                page.path.display()
+            );
+        }
+    }
+    assert!(count > 80, "{count} paths");
+}
+
+/// A snippet that is a part of a scenario, put into a whole one.
+fn merged(base: &str, part: &str) -> String {
+    let text = fs::read_to_string(root().join(base)).unwrap();
+    let mut whole: Table = text.parse().unwrap();
+    // Its limits are no part of what the snippet shows.
+    whole.remove("expect");
+    merge(&mut whole, part.parse().unwrap());
+    whole.to_string()
+}
+
+fn merge(whole: &mut Table, part: Table) {
+    for (key, value) in part {
+        match (whole.get_mut(&key), value) {
+            (Some(toml::Value::Table(whole)), toml::Value::Table(part)) => merge(whole, part),
+            (Some(toml::Value::Array(whole)), toml::Value::Array(part)) => whole.extend(part),
+            (_, value) => {
+                whole.insert(key, value);
+            }
+        }
+    }
+}
+
+/// Loads a file as `canrig check` does, beside the files that snippets name.
+fn load(folder: &Path, text: &str) -> Result<(), String> {
+    let path = folder.join("snippet.toml");
+    fs::write(&path, text).unwrap();
+    let loaded = match RigFile::is_meant(text) {
+        true => LoadedRig::load(&path).map(drop).map_err(miette_text),
+        false => Setup::load(&path, worlds::catalogue::catalogue())
+            .map(drop)
+            .map_err(miette_text),
+    };
+    loaded.map_err(|error| format!("{error}\n{text}"))
+}
+
+fn miette_text(error: impl std::fmt::Debug) -> String {
+    format!("{error:?}")
+}
+
+#[test]
+fn every_scenario_loads() {
+    let folder = tempfile::tempdir().unwrap();
+    let course = "time_seconds,current_amperes\n0,0.5\n12,0.5\n";
+    fs::write(folder.path().join("golden.csv"), course).unwrap();
+    let eds = root().join("tests/foreign/servo.eds");
+    fs::copy(eds, folder.path().join("servo.eds")).unwrap();
+    let (mut whole, mut parts, mut own) = (0, 0, 0);
+    for page in pages() {
+        for block in page.blocks() {
+            let text = match block.info {
+                "toml" => {
+                    whole += 1;
+                    block.text
+                }
+                "toml,fragment" => {
+                    parts += 1;
+                    merged("scenarios/step.toml", &block.text)
+                }
+                "toml,fragment,lift" => {
+                    parts += 1;
+                    merged("docs/examples/lift.toml", &block.text)
+                }
+                "toml,fragment,own" => {
+                    own += 1;
+                    continue;
+                }
+                info => {
+                    assert!(!info.starts_with("toml"), "{}: {info}", page.path.display());
+                    continue;
+                }
+            };
+            let place = page.path.display();
+            load(folder.path(), &text).unwrap_or_else(|error| panic!("{place}: {error}"));
+        }
+    }
+    assert!(
+        whole >= 3 && parts >= 10,
+        "{whole} scenarios, {parts} parts"
+    );
+    assert_eq!(own, OWN_BLOCKS);
+}
+
+/// The commands of canrig on a page: in blocks of a shell, behind the prompt where there is output, and in README's table.
+fn commands(page: &Page) -> Vec<String> {
+    let mut commands = Vec::new();
+    for block in page.blocks() {
+        let lines = block.text.lines();
+        match block.info {
+            "sh" => commands.extend(lines.map(str::to_owned)),
+            "console" | "text" => {
+                commands.extend(lines.filter_map(|line| Some(line.strip_prefix("$ ")?.to_owned())));
+            }
+            _ => {}
+        }
+    }
+    if page.path.ends_with("README.md") {
+        commands.extend(page.code_spans().into_iter().map(str::to_owned));
+    }
+    commands
+}
+
+/// The words of a command of canrig; none of another program's.
+fn words(command: &str) -> Option<Vec<&str>> {
+    let command = command.split(['#', '>', '|']).next()?.trim();
+    let rest = command
+        .strip_prefix("canrig ")
+        .or_else(|| command.strip_prefix("cargo run --release -- "))?;
+    Some(
+        ["canrig"]
+            .into_iter()
+            .chain(rest.split_whitespace())
+            .collect(),
+    )
+}
+
+#[test]
+fn every_command_parses() {
+    let mut count = 0;
+    for page in pages() {
+        for command in commands(&page) {
+            let Some(words) =
+                words(&command).filter(|_| !has_placeholder(&command.replace("/*", "")))
+            else {
+                continue;
+            };
+            count += 1;
+            let parsed = canrig::command().try_get_matches_from(words);
+            let place = page.path.display();
+            parsed.unwrap_or_else(|error| panic!("{place}: {command}\n{error}"));
+        }
+    }
+    assert!(count > 50, "{count} commands");
+}
+
+/// Each command that there is has its section in the reference.
+#[test]
+fn every_command_is_described() {
+    let page = Page::read(root().join("docs/reference/commands.md"));
+    let headings: Vec<&str> = page
+        .text
+        .lines()
+        .filter(|line| line.starts_with("### "))
+        .collect();
+    let headings = headings.join(" ");
+    for command in canrig::command()
+        .get_subcommands()
+        .filter(|one| !one.is_hide_set())
+    {
+        let name = command.get_name();
+        assert!(headings.contains(&format!("`canrig {name}")), "{name}");
+    }
+}
+
+/// What the page says of an example, as its recording gives it.
+#[track_caller]
+fn check(example: &str, exit: i32, expected: &[(&str, f64)]) {
+    let place = root().join("docs/examples/metrics").join(example);
+    let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let canrig = canrig.arg("replay").arg(place.with_extension("log"));
+    let scenario = place.with_extension("toml");
+    let (code, stdout, stderr) = output(canrig.arg("--json").arg("--scenario").arg(scenario));
+    assert_eq!(code, Some(exit), "{stderr}");
+    let verdict: Value = serde_json::from_str(&stdout).unwrap();
+    let metrics = verdict["metrics"].as_array().unwrap();
+    for (name, value) in expected {
+        let metric = metrics.iter().find(|metric| metric["name"] == *name);
+        let measured = metric.and_then(|metric| metric["value"].as_f64());
+        // As many digits as the page shows.
+        let is_same =
+            measured.is_some_and(|measured| (measured - value).abs() <= 5e-4 * value.abs());
+        assert!(is_same, "{example}: {name} is {measured:?} and not {value}");
+    }
+}
+
+#[test]
+fn the_worked_examples_are_right() {
+    let window = "from 1 to 2 s";
+    let step = [
+        ("settling_time_seconds", 0.6),
+        ("overshoot_percent", 6.0),
+        ("steady_state_error_millimetres", 0.06),
+        ("tracking_error_millimetres_rms", 6.221),
+        ("position_millimetres_max", 31.2),
+        ("current_amperes_rms", 0.6727),
+        ("missed_cycles_percent", 0.0),
+        ("bus_load_percent", 0.2638),
+        ("sync_interval_milliseconds_max", 104.0),
+        (&format!("position_millimetres stays {window}"), 31.2),
+        (
+            &format!("position_millimetres reaches 29.95 to 30.05 {window} within seconds"),
+            0.7,
+        ),
+        (
+            &format!("position_millimetres rate_per_second {window}"),
+            -6.0,
+        ),
+        (
+            "the load rises, 2: position_millimetres 29 to 31 for 200 ms within milliseconds",
+            600.0,
+        ),
+    ];
+    check("step", 1, &step);
+    let sine = [
+        ("sine_gain", 0.7616),
+        ("sine_phase_degrees", -23.2),
+        ("sine_offset_millimetres", 0.5),
+        ("tracking_error_millimetres_rms", 3.0822),
+    ];
+    check("sine", 0, &sine);
+    let load = [
+        ("maximum_deviation_millimetres", 1.4),
+        ("recovery_time_seconds", 0.7),
+    ];
+    check("load", 0, &load);
+    let fault = [
+        ("temperature_celsius", 71.5),
+        ("current_zero_within_milliseconds", 50.0),
+        ("safe_state", 1.0),
+        ("emcy", 0.0),
+        ("no_event", 0.0),
+    ];
+    check("fault", 0, &fault);
+}
