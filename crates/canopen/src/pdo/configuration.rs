@@ -73,6 +73,16 @@ impl Place {
     }
 }
 
+/// The 11-bit identifier in a PDO's COB-ID, whether the PDO exists now or not.
+///
+/// # Errors
+/// [`AbortCode::INVALID_VALUE`] for a 29-bit identifier, which no node here sends or hears, and for those that CiA 301
+/// keeps for other services.
+pub fn identifier(cob_id: u32) -> Result<u16, AbortCode> {
+    let cob_id = CobId(cob_id);
+    cob_id.check().map(|()| cob_id.id())
+}
+
 /// The numbers of the PDOs that a dictionary has parameters for.
 pub(crate) fn numbers(
     dictionary: &ObjectDictionary,
