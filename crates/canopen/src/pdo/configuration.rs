@@ -106,21 +106,23 @@ pub(crate) fn check_write(
     if place.is_mapping {
         check_mapping_write(dictionary, place, cob_id, sub_index, bytes)
     } else {
-        check_parameter_write(place.direction, cob_id, sub_index, bytes)
+        check_parameter_write(dictionary, place, cob_id, sub_index, bytes)
     }
 }
 
 /// CiA 301, 7.5.2.35 and 7.5.2.37.
 fn check_parameter_write(
-    direction: Direction,
+    dictionary: &ObjectDictionary,
+    place: Place,
     old: CobId,
     sub_index: u8,
     bytes: &[u8],
 ) -> Result<(), AbortCode> {
+    let direction = place.direction;
     match sub_index {
         COB_ID => {
             let new = CobId::from_bytes(bytes)?;
-            new.check()?;
+            new.check_at(dictionary, (place.parameters_index(), COB_ID))?;
             if old.is_valid() && new.is_valid() && old.id() != new.id() {
                 return Err(AbortCode::INVALID_VALUE);
             }

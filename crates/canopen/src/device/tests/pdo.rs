@@ -393,3 +393,43 @@ fn an_invalid_default_mapping_is_an_error_with_its_place() {
         (0x1802, AbortCode::NO_SUCH_OBJECT)
     );
 }
+
+#[test]
+fn identifiers_in_use_are_refused_until_they_are_free() {
+    let mut bench = Bench::new();
+    bench.write(0x1201, 1, &u32_bytes(0x690)).unwrap();
+    bench.write(0x1201, 2, &u32_bytes(0x6D0)).unwrap();
+    for (index, sub_index, own) in [
+        (0x1400, 1, 0x210),
+        (0x1401, 1, 0x310),
+        (0x1800, 1, 0x190),
+        (0x1801, 1, 0x290),
+        (0x1014, 0, 0x090),
+        (0x1201, 1, 0x690),
+    ] {
+        bench
+            .write(index, sub_index, &u32_bytes(own | DISABLED))
+            .unwrap();
+        let used = [0x080, 0x090, 0x210, 0x310, 0x190, 0x690, 0x6D0];
+        for id in used.into_iter().filter(|id| *id != own) {
+            let at = format!("{id:#x} into {index:#06x}");
+            assert_eq!(
+                bench.write(index, sub_index, &u32_bytes(id)),
+                Err(AbortCode::INVALID_VALUE),
+                "{at}"
+            );
+            let disabled = bench.write(index, sub_index, &u32_bytes(id | DISABLED));
+            assert_eq!(disabled, Ok(()), "{at}: out of use it harms nobody");
+        }
+        bench.write(index, sub_index, &u32_bytes(own)).unwrap();
+    }
+    for id in [0x090, 0x210, 0x190, 0x690] {
+        let refused = bench.write(0x1005, 0, &u32_bytes(id));
+        assert_eq!(refused, Err(AbortCode::INVALID_VALUE), "SYNC as {id:#x}");
+    }
+    bench
+        .write(0x1400, 1, &u32_bytes(0x210 | DISABLED))
+        .unwrap();
+    assert_eq!(bench.write(0x1005, 0, &u32_bytes(0x210)), Ok(()));
+}
+
