@@ -96,6 +96,29 @@ fn limits_cut_and_say_so() {
     assert_eq!(manager.current_amperes(), 0.0);
 }
 
+#[test]
+fn the_statusword_is_sent_when_it_changes() {
+    let mut manager = Manager::new();
+    manager.configure();
+    manager.remap(0x1800, 255, &[0x6041_0010]);
+    let count = |manager: &Manager| {
+        let frames = manager.frames().iter();
+        frames
+            .filter(|frame| frame.standard_id() == Some(0x190))
+            .count()
+    };
+    manager.run_for(milliseconds(1));
+    let mut before = count(&manager);
+    for (controlword, changes) in [(0x06_u16, 1), (0x06, 0), (0x07, 1), (0x0F, 1), (0x00, 1)] {
+        manager.write(DRIVE, 0x6040, 0, &controlword.to_le_bytes());
+        manager.run_for(milliseconds(1));
+        assert_eq!(count(&manager) - before, changes, "{controlword:#x}");
+        before = count(&manager);
+    }
+    let statusword = manager.read(DRIVE, 0x6041, 0).to_le_bytes();
+    assert_eq!(manager.last(0x190), Some(&statusword[..2]));
+}
+
 /// Heats, lets `disturb` happen and returns how long after that the current is gone.
 fn time_to_zero(mut manager: Manager, disturb: impl FnOnce(&mut Manager)) -> (Manager, Duration) {
     for _ in 0..100 {

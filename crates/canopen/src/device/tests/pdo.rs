@@ -433,3 +433,61 @@ fn identifiers_in_use_are_refused_until_they_are_free() {
     assert_eq!(bench.write(0x1005, 0, &u32_bytes(0x210)), Ok(()));
 }
 
+/// The events of types 0, 254 and 255 (CiA 301, 7.5.2.37) are changes of what is mapped.
+#[test]
+fn a_changed_value_is_the_event_of_types_254_and_255() {
+    for kind in [254, 255] {
+        let mut bench = Bench::new();
+        bench.write(0x1801, 2, &[kind]).unwrap();
+        bench.write(0x1801, 1, &u32_bytes(0x4000_0290)).unwrap();
+        bench.send(0, &[1, ID]);
+        assert_eq!(bench.tick(), ["290#00000000"]);
+        // By RPDO2, by SDO, by the application; the same value again is no event.
+        bench.send(0x310, &[5, 0, 0, 0]);
+        assert_eq!(bench.pass(Duration::ZERO).len(), 1);
+        bench.send(0x310, &[5, 0, 0, 0]);
+        assert!(bench.pass(milliseconds(1)).is_empty());
+        bench.write(0x2301, 0, &[6, 0, 0, 0]).unwrap();
+        let sent = bench.pass(Duration::ZERO);
+        assert_eq!(sent, [(1.0, "290#06000000".to_owned())]);
+        let dictionary = bench.device.services_mut().dictionary_mut();
+        dictionary.set_integer(0x2301, 0, 7).unwrap();
+        assert_eq!(bench.tick(), ["290#07000000"]);
+        bench.send(0, &[128, ID]);
+        bench.write(0x2301, 0, &[8, 0, 0, 0]).unwrap();
+        assert!(bench.pass(milliseconds(1)).is_empty(), "not Operational");
+    }
+}
+
+#[test]
+fn changes_within_the_inhibit_time_leave_together_at_its_end() {
+    let mut bench = Bench::new();
+    bench.write(0x1801, 3, &[25, 0]).unwrap();
+    bench.write(0x1801, 1, &u32_bytes(0x4000_0290)).unwrap();
+    bench.send(0, &[1, ID]);
+    assert_eq!(bench.pass(Duration::ZERO).len(), 1);
+    bench.write(0x2301, 0, &[1, 0, 0, 0]).unwrap();
+    bench.write(0x2301, 0, &[2, 0, 0, 0]).unwrap();
+    let sent = bench.pass(milliseconds(10));
+    assert_eq!(sent, [(2.5, "290#02000000".to_owned())]);
+}
+
+#[test]
+fn a_changed_value_makes_type_0_send_at_the_next_sync() {
+    let mut bench = Bench::operational();
+    bench.write(0x1800, 2, &[0]).unwrap();
+    assert!(bench.send(0x80, &[1]).is_empty());
+    bench.send(0x210, &[0, 0, 9, 0]);
+    assert!(bench.pass(milliseconds(1)).is_empty(), "not before a SYNC");
+    assert_eq!(bench.send(0x80, &[2]), ["190#090000000000"]);
+    assert!(bench.send(0x80, &[3]).is_empty());
+}
+
+#[test]
+fn an_rpdo_is_not_silent_where_a_change_may_be_sent_at_once() {
+    let mut bench = Bench::operational();
+    assert!(bench.device.takes_silently(0x210));
+    bench.write(0x1800, 2, &[255]).unwrap();
+    assert!(!bench.device.takes_silently(0x210));
+}
+
