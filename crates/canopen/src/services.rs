@@ -157,6 +157,13 @@ impl Services {
         frame.into_iter().for_each(|frame| self.send(frame));
     }
 
+    /// True when an RPDO's latest data held a value beyond the limits of its object, which got the limit instead.
+    #[must_use]
+    pub fn is_rpdo_cut(&self, number: u16) -> bool {
+        let mut rpdos = self.rpdos.iter();
+        rpdos.any(|rpdo| rpdo.number() == number && rpdo.is_cut())
+    }
+
     /// Makes the TPDOs of types 254 and 255 due whose mapped values have changed.
     #[inline]
     pub(crate) fn notice_changes(&mut self) {

@@ -491,3 +491,35 @@ fn an_rpdo_is_not_silent_where_a_change_may_be_sent_at_once() {
     assert!(!bench.device.takes_silently(0x210));
 }
 
+/// A PDO cannot be refused as an SDO can, so that its values are cut to the limits of the EDS.
+#[test]
+fn an_rpdos_value_beyond_its_objects_limits_is_cut_to_them() {
+    let mut dictionary = dictionary();
+    for (index, low, high) in [(TARGET, -1000, 1000), (0x2301, -70_000, 70_000)] {
+        let mut entry = dictionary.entry(dictionary.find(index, 0).unwrap()).clone();
+        (entry.low_limit, entry.high_limit) = (Some(low), Some(high));
+        dictionary.insert(entry);
+    }
+    let mut bench = Bench::with(dictionary);
+    bench.send(0, &[1, ID]);
+    for (target, expected) in [
+        (32_000_i16, 1000),
+        (1000, 1000),
+        (-32_000, -1000),
+        (-999, -999),
+    ] {
+        let [low, high] = target.to_le_bytes();
+        bench.send(0x210, &[0x0F, 0, low, high]);
+        bench.send(0x80, &[1]);
+        let stored = bench.device.services.dictionary.integer(TARGET, 0);
+        assert_eq!(stored, Some(expected), "{target}");
+        let is_cut = bench.device.services.is_rpdo_cut(1);
+        assert_eq!(is_cut, i128::from(target) != expected);
+    }
+    for (value, expected) in [(i32::MAX, 70_000), (i32::MIN, -70_000), (-3, -3)] {
+        bench.send(0x310, &value.to_le_bytes());
+        let stored = bench.device.services.dictionary.integer(0x2301, 0);
+        assert_eq!(stored, Some(expected));
+    }
+    assert_eq!(bench.read(CONTROLWORD, 0), Ok(0x0F), "the rest is taken");
+}
