@@ -421,6 +421,10 @@ impl<P: Plant> Application for Drive<P> {
             (cia402::MODES_OF_OPERATION, &[mode]) => {
                 objects::check_mode(services.dictionary(), mode.cast_signed())?;
             }
+            // Bit 9 of the statusword says "not remote" there, and then no controlword is obeyed (CiA 402-2, table 29).
+            (cia402::CONTROLWORD, _) if services.nmt_state() != NmtState::Operational => {
+                return Err(AbortCode::DEVICE_STATE);
+            }
             (cia402::CONTROLWORD, &[low, high]) => {
                 self.obey(u16::from_le_bytes([low, high]), services);
                 self.settle(services);

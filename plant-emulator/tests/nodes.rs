@@ -148,6 +148,29 @@ fn a_factor_beyond_its_objects_limits_is_cut() {
     }
 }
 
+/// Bit 9 of the statusword and what becomes of a controlword agree.
+#[test]
+fn a_controlword_is_refused_where_the_statusword_says_not_remote() {
+    let mut manager = Manager::new();
+    manager.run_for(milliseconds(2));
+    for (command, is_remote) in [(128, false), (1, true), (128, false)] {
+        manager.send(0, &[command, 0x10]);
+        for controlword in [0x06_u16, 0x07, 0x00] {
+            let before = manager.read(DRIVE, 0x6041, 0);
+            assert_eq!(before >> 9 & 1 == 1, is_remote, "{before:#06x}");
+            let bytes = controlword.to_le_bytes();
+            let written = manager.try_write(DRIVE, 0x6040, 0, &bytes);
+            if is_remote {
+                assert_eq!(written, Ok(()));
+            } else {
+                assert_eq!(written, Err(AbortCode::DEVICE_STATE));
+                assert_eq!(manager.read(DRIVE, 0x6041, 0), before);
+                assert_eq!(manager.read(DRIVE, 0x6040, 0), 0);
+            }
+        }
+    }
+}
+
 #[test]
 fn the_statusword_is_sent_when_it_changes() {
     let mut manager = Manager::new();
