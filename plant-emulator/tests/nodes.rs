@@ -171,6 +171,39 @@ fn a_controlword_is_refused_where_the_statusword_says_not_remote() {
     }
 }
 
+/// Whichever ramp the option codes ask for, the current falls at once.
+#[test]
+fn every_option_code_of_the_profile_takes_the_current_away_at_once() {
+    const QUICK_STOP: u16 = 0x02;
+    const HALT: u16 = 0x10F;
+    for (index, values, controlword) in [
+        (0x605A, 0..=8, QUICK_STOP),
+        (0x605B, 0..=1, 0x06),
+        (0x605C, 0..=1, 0x07),
+        (0x605D, 1..=4, HALT),
+    ] {
+        for value in values {
+            let mut manager = Manager::enabled();
+            manager.write(DRIVE, index, 0, &i16::to_le_bytes(value));
+            let stop = |manager: &mut Manager| manager.send_rpdo(controlword, 800);
+            let (mut manager, elapsed) = time_to_zero(manager, stop);
+            assert_eq!(elapsed, Duration::ZERO, "{index:#06x} = {value}");
+            manager.sync();
+            let statusword = u16::try_from(manager.read(DRIVE, 0x6041, 0)).unwrap();
+            let expected = match (index, value) {
+                (0x605A, 0..=4) => State::SwitchOnDisabled,
+                (0x605A, _) => State::QuickStopActive,
+                (0x605B, _) => State::ReadyToSwitchOn,
+                (0x605C, _) => State::SwitchedOn,
+                _ => State::OperationEnabled,
+            };
+            assert_eq!(State::from_statusword(statusword), Some(expected));
+        }
+    }
+    let refused = Manager::enabled().try_write(DRIVE, 0x6007, 0, &[0, 0]);
+    assert_eq!(refused, Err(AbortCode::VALUE_TOO_LOW), "no action");
+}
+
 #[test]
 fn the_statusword_is_sent_when_it_changes() {
     let mut manager = Manager::new();
