@@ -8,6 +8,7 @@
 mod allocation;
 mod checks;
 mod command_line;
+mod data_sheets;
 mod external;
 mod faults;
 mod identify;
