@@ -331,6 +331,24 @@ fn rig_files_are_checked_like_scenarios() {
     );
 }
 
+/// Cut to 11 bits it would be another PDO's, so no bench could serve it.
+#[test]
+fn a_rigs_eds_with_a_pdo_identifier_of_29_bits_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = rig_file(folder.path(), 45.0);
+    let text = fs::read_to_string(&path).unwrap() + "[drive]\neds = \"drive.eds\"\n";
+    fs::write(&path, text).unwrap();
+    let eds = dbc::DRIVE_EDS.replace("$NODEID+0x40000180", "0x20000190");
+    for (eds, code) in [(dbc::DRIVE_EDS, 0), (&eds, 3)] {
+        fs::write(folder.path().join("drive.eds"), eds).unwrap();
+        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        let (found, _, stderr) = output(canrig.arg("check").arg(&path));
+        assert_eq!(found, Some(code), "{stderr}");
+        let told = stderr.contains("0x1800:01") && stderr.contains("0x20000190");
+        assert_eq!(told, code == 3, "{stderr}");
+    }
+}
+
 #[test]
 fn a_set_point_that_the_rig_may_not_reach_is_refused_before_current_flows() {
     let folder = tempfile::tempdir().unwrap();

@@ -141,6 +141,17 @@ fn tools_join_a_run_and_leave_the_controllers_sdo_channel_alone() {
             stderr,
             "canrig: object 0x6041:00 of node 0x10: abort 0x0601_0002: attempt to write a read only object\n"
         );
+        for object in ["Controlword", "1800:5"] {
+            let (code, _, stderr) = run.tool(&["sdo", "write", "drive", object, "0"]);
+            assert_eq!(code, Some(4), "{stderr}");
+            assert!(
+                stderr.contains("a controller is running") && stderr.contains("--force"),
+                "{stderr}"
+            );
+        }
+        let (code, stdout, stderr) = run.tool(&["sdo", "write", "drive", "1800:5", "0", "--force"]);
+        assert_eq!(code, Some(0), "{stderr}");
+        assert!(stdout.ends_with("written\n"), "{stdout}");
         let (code, _, stderr) = run.tool(&["sdo", "read", "disturbance", "6411:1"]);
         assert_eq!(code, Some(4));
         assert!(

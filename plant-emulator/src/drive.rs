@@ -20,8 +20,8 @@ use canopen::{
 };
 use scenario::Scenario;
 
-use objects::Objects;
 pub(crate) use objects::declare;
+use objects::{Objects, TARGET_TORQUE};
 
 use crate::amplifier::Amplifier;
 use crate::clocked_plant::ClockedPlant;
@@ -71,6 +71,8 @@ pub struct Drive<P: Plant> {
     codes: Option<OptionCodes>,
     /// A limit cuts the target.
     is_limit_active: bool,
+    /// The latest command was beyond the limits of its object, and was cut to them when it was received.
+    is_command_cut: bool,
     /// A manager that was not heard since the start must be by then: the heartbeat consumer begins with the first one.
     manager: Option<(NodeId, Duration)>,
     /// When the latest SYNC came; supervised here while 0x1006 is 0.
@@ -105,6 +107,7 @@ impl<P: Plant> Drive<P> {
             idle_max: SYNC_TIMEOUT.max(scenario.bus.sync_period() * 3 / 2),
             codes: None,
             is_limit_active: false,
+            is_command_cut: false,
             manager: None,
             latest_sync: Duration::ZERO,
             has_sync_period: false,
@@ -249,7 +252,7 @@ impl<P: Plant> Drive<P> {
         let target = self.objects.target_torque_permille(dictionary);
         let (torque_max, current_max) = self.objects.limits_permille(dictionary);
         let (limited, is_cut) = cia402::limit_torque(target, torque_max, current_max);
-        self.is_limit_active = is_cut || self.amplifier.clips(limited);
+        self.is_limit_active = is_cut || self.is_command_cut || self.amplifier.clips(limited);
         let current_amperes = self.amplifier.current_amperes(limited);
         self.set_current(self.now(services), current_amperes);
     }
@@ -346,6 +349,7 @@ impl<P: Plant> Drive<P> {
 impl<P: Plant> Application for Drive<P> {
     fn on_reset(&mut self, services: &mut Services, _reset: NmtCommand) {
         self.machine = StateMachine::new();
+        self.is_command_cut = false;
         self.codes = None;
         let dictionary = services.dictionary();
         let limits = self.objects.protection_limits(dictionary);
@@ -380,7 +384,9 @@ impl<P: Plant> Application for Drive<P> {
         self.settle(services);
     }
 
-    fn on_rpdo(&mut self, services: &mut Services, _number: u16) {
+    fn on_rpdo(&mut self, services: &mut Services, number: u16) {
+        self.is_command_cut = services.is_rpdo_cut(number);
+        self.objects.refuse_mode(services.dictionary_mut());
         let controlword = self.objects.controlword(services.dictionary());
         let before = self.machine;
         self.obey(controlword, services);
@@ -413,10 +419,11 @@ impl<P: Plant> Application for Drive<P> {
         self.codes = None;
         match (index, bytes) {
             (cia402::MODES_OF_OPERATION, &[mode]) => {
-                let supported = services
-                    .dictionary()
-                    .unsigned(cia402::SUPPORTED_DRIVE_MODES, 0);
-                cia402::check_mode(mode.cast_signed(), supported.unwrap_or_default())?;
+                objects::check_mode(services.dictionary(), mode.cast_signed())?;
+            }
+            // Bit 9 of the statusword says "not remote" there, and then no controlword is obeyed (CiA 402-2, table 29).
+            (cia402::CONTROLWORD, _) if services.nmt_state() != NmtState::Operational => {
+                return Err(AbortCode::DEVICE_STATE);
             }
             (cia402::CONTROLWORD, &[low, high]) => {
                 self.obey(u16::from_le_bytes([low, high]), services);
@@ -425,6 +432,7 @@ impl<P: Plant> Application for Drive<P> {
             (COMMUNICATION_CYCLE_PERIOD, &[a, b, c, d]) => {
                 self.supervise_sync(services, u32::from_le_bytes([a, b, c, d]));
             }
+            (TARGET_TORQUE, _) => self.is_command_cut = false,
             (index, &[low, high]) => OptionCodes::check(index, i16::from_le_bytes([low, high]))?,
             _ => {}
         }

@@ -5,12 +5,14 @@ mod manager;
 use std::time::Duration;
 
 use canopen::cia402::State;
-use canopen::{CanFrame, Progress};
+use canopen::{AbortCode, CanFrame, Progress};
 use manager::{DISTURBANCE, DRIVE, Manager, milliseconds};
 use plant_emulator::sma::Actuator;
 use proptest::prelude::*;
 
 const ENABLE_OPERATION: u16 = 0x0F;
+/// Bit 11 of the statusword.
+const INTERNAL_LIMIT: u16 = 1 << 11;
 
 #[test]
 fn both_nodes_boot_and_answer() {
@@ -94,6 +96,135 @@ fn limits_cut_and_say_so() {
     assert!(manager.cycle(ENABLE_OPERATION, 100).statusword & 1 << 11 == 0);
     assert!(manager.cycle(ENABLE_OPERATION, -5).statusword & 1 << 11 != 0);
     assert_eq!(manager.current_amperes(), 0.0);
+}
+
+/// What an RPDO brings beyond the limits of the data sheet is cut to them, since a PDO cannot be refused.
+#[test]
+fn a_target_beyond_its_objects_limits_is_cut_and_says_so() {
+    let mut manager = Manager::enabled();
+    for (target, stored) in [(32_000_i16, 1000), (-32_000, -1000)] {
+        assert!(manager.cycle(ENABLE_OPERATION, 500).statusword & INTERNAL_LIMIT == 0);
+        manager.cycle(ENABLE_OPERATION, target);
+        let statusword = manager.cycle(ENABLE_OPERATION, target).statusword;
+        assert!(statusword & INTERNAL_LIMIT != 0, "{statusword:#06x}");
+        let bytes = manager.read(DRIVE, 0x6071, 0).to_le_bytes();
+        assert_eq!(i16::from_le_bytes([bytes[0], bytes[1]]), stored);
+        assert_eq!(manager.current_amperes(), f64::from(stored.max(0)) / 1e3);
+    }
+    manager.write(DRIVE, 0x6071, 0, &1000_i16.to_le_bytes());
+    let bytes = 1001_i16.to_le_bytes();
+    let refused = manager.try_write(DRIVE, 0x6071, 0, &bytes);
+    assert_eq!(refused, Err(AbortCode::VALUE_TOO_HIGH));
+    manager.sync();
+    manager.sync();
+    let statusword = manager.read(DRIVE, 0x6041, 0);
+    assert!(
+        statusword & u32::from(INTERNAL_LIMIT) == 0,
+        "{statusword:#x}"
+    );
+}
+
+#[test]
+fn a_mode_that_the_drive_has_not_is_refused_by_rpdo_too() {
+    let mut manager = Manager::new();
+    manager.configure();
+    manager.remap(0x1400, 1, &[0x6040_0010, 0x6071_0010, 0x6060_0008]);
+    for (mode, expected) in [(8, 10), (10, 10), (0xFF, 10), (0, 0), (3, 0), (10, 10)] {
+        manager.send(0x210, &[0x06, 0, 0, 0, mode]);
+        manager.sync();
+        let modes = [0x6060, 0x6061].map(|index| manager.read(DRIVE, index, 0));
+        assert_eq!(modes, [expected; 2], "mode {mode} by RPDO");
+    }
+}
+
+#[test]
+fn a_factor_beyond_its_objects_limits_is_cut() {
+    let mut manager = Manager::enabled();
+    manager.send(0, &[1, 0x11]);
+    for (factor, put_out) in [(32_000_i16, 30.0), (-5, 0.0), (2500, 2.5)] {
+        let [low, high] = factor.to_le_bytes();
+        manager.send(0x211, &[low, high, 0, 0]);
+        assert_eq!(manager.inputs().convection_factor, put_out);
+    }
+}
+
+/// Bit 9 of the statusword and what becomes of a controlword agree.
+#[test]
+fn a_controlword_is_refused_where_the_statusword_says_not_remote() {
+    let mut manager = Manager::new();
+    manager.run_for(milliseconds(2));
+    for (command, is_remote) in [(128, false), (1, true), (128, false)] {
+        manager.send(0, &[command, 0x10]);
+        for controlword in [0x06_u16, 0x07, 0x00] {
+            let before = manager.read(DRIVE, 0x6041, 0);
+            assert_eq!(before >> 9 & 1 == 1, is_remote, "{before:#06x}");
+            let bytes = controlword.to_le_bytes();
+            let written = manager.try_write(DRIVE, 0x6040, 0, &bytes);
+            if is_remote {
+                assert_eq!(written, Ok(()));
+            } else {
+                assert_eq!(written, Err(AbortCode::DEVICE_STATE));
+                assert_eq!(manager.read(DRIVE, 0x6041, 0), before);
+                assert_eq!(manager.read(DRIVE, 0x6040, 0), 0);
+            }
+        }
+    }
+}
+
+/// Whichever ramp the option codes ask for, the current falls at once.
+#[test]
+fn every_option_code_of_the_profile_takes_the_current_away_at_once() {
+    const QUICK_STOP: u16 = 0x02;
+    const HALT: u16 = 0x10F;
+    for (index, values, controlword) in [
+        (0x605A, 0..=8, QUICK_STOP),
+        (0x605B, 0..=1, 0x06),
+        (0x605C, 0..=1, 0x07),
+        (0x605D, 1..=4, HALT),
+    ] {
+        for value in values {
+            let mut manager = Manager::enabled();
+            manager.write(DRIVE, index, 0, &i16::to_le_bytes(value));
+            let stop = |manager: &mut Manager| manager.send_rpdo(controlword, 800);
+            let (mut manager, elapsed) = time_to_zero(manager, stop);
+            assert_eq!(elapsed, Duration::ZERO, "{index:#06x} = {value}");
+            manager.sync();
+            let statusword = u16::try_from(manager.read(DRIVE, 0x6041, 0)).unwrap();
+            let expected = match (index, value) {
+                (0x605A, 0..=4) => State::SwitchOnDisabled,
+                (0x605A, _) => State::QuickStopActive,
+                (0x605B, _) => State::ReadyToSwitchOn,
+                (0x605C, _) => State::SwitchedOn,
+                _ => State::OperationEnabled,
+            };
+            assert_eq!(State::from_statusword(statusword), Some(expected));
+        }
+    }
+    let refused = Manager::enabled().try_write(DRIVE, 0x6007, 0, &[0, 0]);
+    assert_eq!(refused, Err(AbortCode::VALUE_TOO_LOW), "no action");
+}
+
+#[test]
+fn the_statusword_is_sent_when_it_changes() {
+    let mut manager = Manager::new();
+    manager.configure();
+    manager.remap(0x1800, 255, &[0x6041_0010]);
+    let count = |manager: &Manager| {
+        let frames = manager.frames().iter();
+        frames
+            .filter(|frame| frame.standard_id() == Some(0x190))
+            .count()
+    };
+    manager.run_for(milliseconds(1));
+    let mut before = count(&manager);
+    for (controlword, changes) in [(0x06_u16, 1), (0x06, 0), (0x07, 1), (0x0F, 1), (0x00, 1)] {
+        manager.write(DRIVE, 0x6040, 0, &controlword.to_le_bytes());
+        manager.run_for(milliseconds(1));
+        assert_eq!(count(&manager) - before, changes, "{controlword:#x}");
+        before = count(&manager);
+    }
+    let statusword = manager.read(DRIVE, 0x6041, 0).to_le_bytes();
+    assert_eq!(manager.last(0x190), Some(&statusword[..2]));
 }
 
 /// Heats, lets `disturb` happen and returns how long after that the current is gone.

@@ -78,6 +78,10 @@ def write_all(node):
         if index == 0x1019:  # writable only without a SYNC period
             node.sdo.download(0x1006, 0, bytes(4))
         data = variable.encode_raw(value)
+        if index == 0x6040:  # the statusword says "not remote" in Pre-operational
+            aborts_with(DEVICE_STATE, lambda: node.sdo.download(index, sub_index, data), place)
+            refused += 1
+            continue
         node.sdo.download(index, sub_index, data)
         check(node.sdo.upload(index, sub_index) == data, f"{place} took {value}")
         taken += 1

@@ -2,12 +2,16 @@
 //!
 //! The second SDO channel of the node's data sheet is used where it answers, so a running controller is never disturbed.
 //! Else the tool listens, and uses the default channel only where no controller shows: nobody else speaks on it, no SYNC
-//! and no manager's heartbeat comes.
+//! and no manager's heartbeat comes. A write that would take the drive out of a running controller's hands (its
+//! controlword, or how PDOs are laid out) needs the same silence, or `--force`.
 
 use std::collections::VecDeque;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use canopen::cia402::CONTROLWORD;
+use canopen::object_dictionary::Entry;
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use canopen::{CanFrame, Filter, Node, Progress};
 use clap::{Args, Subcommand};
@@ -32,6 +36,8 @@ Numbers:
 Example, a heartbeat of node 16 every 50 ms:
   canrig sdo write 16 1017:00 50
   canrig sdo write 0x10 0x1017:00 0x32     means the same";
+/// Communication parameters and mappings of all PDOs (CiA 301, 7.5.1).
+const PDO_TABLES: RangeInclusive<u16> = 0x1400..=0x1BFF;
 
 /// What to do with an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,14 +45,38 @@ pub(crate) enum Request {
     /// Upload.
     Read,
     /// Download of these bytes.
-    Write(Vec<u8>),
+    Write {
+        bytes: Vec<u8>,
+        /// The user knows that a controller may run.
+        is_forced: bool,
+    },
+}
+
+impl Request {
+    /// True for a write that a running controller must not find done behind its back.
+    fn needs_silence(&self, index: u16) -> bool {
+        let is_guarded = index == CONTROLWORD || PDO_TABLES.contains(&index);
+        is_guarded
+            && matches!(
+                self,
+                Self::Write {
+                    is_forced: false,
+                    ..
+                }
+            )
+    }
 }
 
 #[derive(Debug)]
 enum Phase {
     Start,
-    Transfer { is_second_channel: bool },
-    Listening { until: Duration },
+    Transfer {
+        is_second_channel: bool,
+    },
+    /// Hears who is there before it uses the default channel, or before it writes what needs silence.
+    Listening {
+        until: Duration,
+    },
     Done,
 }
 
@@ -106,26 +136,55 @@ impl Transfer {
 
     fn begin(&mut self, now: Duration) {
         match self.second_channel {
-            Some((request, response)) => {
-                let client = SdoClient::new(self.node_id).with_channel(request, response);
-                self.client = client.with_timeout(ANSWER_TIME);
-                self.transfer(now, true);
+            Some(channel) if !self.request.needs_silence(self.place.0) => {
+                self.use_second_channel(now, channel);
             }
-            None => self.listen(now),
+            _ => {
+                self.phase = Phase::Listening {
+                    until: now + LISTEN_TIME,
+                };
+            }
         }
     }
 
-    fn listen(&mut self, now: Duration) {
-        self.phase = Phase::Listening {
-            until: now + LISTEN_TIME,
-        };
+    fn use_second_channel(&mut self, now: Duration, (request, response): (u16, u16)) {
+        let client = SdoClient::new(self.node_id).with_channel(request, response);
+        self.client = client.with_timeout(ANSWER_TIME);
+        self.transfer(now, true);
+    }
+
+    /// What was heard decides.
+    fn end_listening(&mut self, now: Duration) {
+        let (index, sub_index) = self.place;
+        let taken = self
+            .presence
+            .why_not_default_channel(self.node_id, &self.sheets);
+        let has_channel = self.second_channel.is_some() || taken.is_none();
+        let needs_silence = has_channel && self.request.needs_silence(index);
+        let manager = self.presence.manager(&self.sheets);
+        match (manager.filter(|_| needs_silence), self.second_channel) {
+            (Some(heard), _) => self.refuse(format!(
+                "0x{index:04X}:{sub_index:02X} of node {} was not written: a controller is running ({heard} was heard), \
+                 and this object is the controller's while it runs; write it when the controller has ended, or with --force",
+                self.node_id
+            )),
+            (None, Some(channel)) => self.use_second_channel(now, channel),
+            (None, None) => self.use_default_channel(now),
+        }
+    }
+
+    fn refuse(&mut self, reason: String) {
+        self.refusal = Some(reason);
+        self.phase = Phase::Done;
     }
 
     fn transfer(&mut self, now: Duration, is_second_channel: bool) {
         let (index, sub_index) = self.place;
         let started = match &self.request {
             Request::Read => self.client.start_upload(now, index, sub_index),
-            Request::Write(bytes) => self.client.start_download(now, index, sub_index, bytes),
+            Request::Write { bytes, .. } => {
+                self.client.start_download(now, index, sub_index, bytes)
+            }
         };
         self.phase = Phase::Transfer { is_second_channel };
         if let Err(error) = started {
@@ -150,10 +209,9 @@ impl Transfer {
             ),
             None => String::new(),
         };
-        self.refusal = Some(format!(
+        self.refuse(format!(
             "{why_default}{reason}; try again when it has ended"
         ));
-        self.phase = Phase::Done;
     }
 
     fn advance(&mut self, now: Duration) {
@@ -199,7 +257,7 @@ impl Node for Transfer {
     fn on_tick(&mut self, now: Duration) {
         match self.phase {
             Phase::Start => self.begin(now),
-            Phase::Listening { until } if now >= until => self.use_default_channel(now),
+            Phase::Listening { until } if now >= until => self.end_listening(now),
             Phase::Transfer { .. } => {
                 self.client.on_tick(now);
                 self.advance(now);
@@ -258,6 +316,9 @@ pub(crate) enum SdoAction {
         /// (0x0032 for 16 bits), or the bytes as they are sent ("32 00")
         #[arg(allow_hyphen_values = true)]
         value: String,
+        /// Write the controlword (0x6040) or a PDO table (0x1400 to 0x1BFF) although a controller is running
+        #[arg(long)]
+        force: bool,
     },
 }
 
@@ -280,12 +341,30 @@ pub(crate) struct ObjectArgs {
 pub(crate) fn sdo(args: &SdoArgs) -> Exit {
     ended(match &args.action {
         SdoAction::Read(target) => transferred(target, None),
-        SdoAction::Write { object, value } => transferred(object, Some(value)),
+        SdoAction::Write {
+            object,
+            value,
+            force,
+        } => transferred(object, Some((value, *force))),
     })
 }
 
-/// Reads an object, or writes it when there is a value; the line for people.
-fn transferred(target: &ObjectArgs, text: Option<&str>) -> Result<String, ToolError> {
+/// The bytes of a value in an object's type.
+fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u8>, ToolError> {
+    if let Some(entry) = entry {
+        return value::parse(entry, text).map_err(ToolError::Usage);
+    }
+    value::parse_untyped(text).ok_or_else(|| {
+        ToolError::Usage(format!(
+            "no EDS gives the type of 0x{:04X}:{:02X}, so the size of \"{text}\" is not known: write 0x with two digits \
+             for each byte (0x0032 for 16 bits) or the bytes as they are sent (\"32 00\"), or name the node's EDS with --eds",
+            place.0, place.1
+        ))
+    })
+}
+
+/// Reads an object, or writes it when there is a value and whether that is forced; the line for people.
+fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<String, ToolError> {
     let mut sheets = of_the_rig();
     let node_id = data_sheet::node_id(&target.node, &sheets)?;
     if let Some(path) = &target.eds {
@@ -305,22 +384,15 @@ fn transferred(target: &ObjectArgs, text: Option<&str>) -> Result<String, ToolEr
     let entry = sheet
         .and_then(|sheet| sheet.entry(place.0, place.1))
         .cloned();
-    let request = match (text, &entry) {
-        (None, _) => Request::Read,
-        (Some(text), Some(entry)) => {
-            Request::Write(value::parse(entry, text).map_err(ToolError::Usage)?)
-        }
-        (Some(text), None) => Request::Write(value::parse_untyped(text).ok_or_else(|| {
-            ToolError::Usage(format!(
-                "no EDS gives the type of 0x{:04X}:{:02X}, so the size of \"{text}\" is not known: write 0x with two digits \
-                 for each byte (0x0032 for 16 bits) or the bytes as they are sent (\"32 00\"), or name the node's EDS with --eds",
-                place.0, place.1
-            ))
-        })?),
-    };
-    let written = match &request {
-        Request::Read => None,
-        Request::Write(bytes) => Some(bytes.clone()),
+    let written = value
+        .map(|(text, _)| to_write(entry.as_ref(), place, text))
+        .transpose()?;
+    let request = match (&written, value) {
+        (Some(bytes), Some((_, is_forced))) => Request::Write {
+            bytes: bytes.clone(),
+            is_forced,
+        },
+        _ => Request::Read,
     };
     let mut transfer = Transfer::new(node_id, place, request, sheets);
     super::run(&mut transfer, &target.bus.bus)?;
@@ -345,4 +417,72 @@ fn transferred(target: &ObjectArgs, text: Option<&str>) -> Result<String, ToolEr
             .for_each(|meaning| line += &format!("\n  {meaning}"));
     }
     Ok(line)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEARTBEAT_OF_THE_CONTROLLER: (u16, &[u8]) = (0x701, &[5]);
+    const SYNC: (u16, &[u8]) = (0x080, &[1]);
+
+    /// What a write sends first and how it ends, beside what others say.
+    fn written(
+        node_id: u8,
+        index: u16,
+        is_forced: bool,
+        heard: &[(u16, &[u8])],
+    ) -> (Option<CanFrame>, String) {
+        let bytes = vec![0x0F, 0];
+        let request = Request::Write { bytes, is_forced };
+        let mut transfer = Transfer::new(node_id, (index, 0), request, of_the_rig());
+        transfer.on_tick(Duration::ZERO);
+        for (id, data) in heard {
+            transfer.on_frame(Duration::ZERO, &CanFrame::new(*id, data));
+        }
+        let first = transfer.next_frame();
+        transfer.on_tick(LISTEN_TIME);
+        let first = first.or_else(|| transfer.next_frame());
+        let text = transfer.into_result().unwrap_err();
+        assert_eq!(text.exit(), Exit::BenchFailed);
+        (first, text.to_string())
+    }
+
+    #[test]
+    fn what_is_the_running_controllers_is_written_by_force_only() {
+        for index in [0x6040, 0x1400, 0x17FF, 0x1800, 0x1BFF] {
+            for heard in [HEARTBEAT_OF_THE_CONTROLLER, SYNC] {
+                let (sent, text) = written(0x10, index, false, &[heard]);
+                assert_eq!(sent, None, "0x{index:04X}");
+                let place = format!("0x{index:04X}:00 of node 16 was not written");
+                assert!(text.contains(&place) && text.contains("--force"), "{text}");
+                let (sent, _) = written(0x10, index, true, &[heard]);
+                assert_eq!(sent.unwrap().standard_id(), Some(0x690));
+            }
+            let (sent, _) = written(0x10, index, false, &[(0x710, &[5])]);
+            let sent = sent.map(|frame| frame.standard_id());
+            assert_eq!(sent, Some(Some(0x690)), "no controller runs");
+        }
+    }
+
+    #[test]
+    fn other_objects_are_written_beside_a_controller() {
+        for index in [0x1017, 0x13FF, 0x1C00, 0x6060, 0x6071] {
+            let (sent, _) = written(0x10, index, false, &[SYNC]);
+            assert_eq!(sent.unwrap().standard_id(), Some(0x690), "0x{index:04X}");
+        }
+    }
+
+    #[test]
+    fn force_does_not_take_the_controllers_sdo_channel() {
+        for is_forced in [false, true] {
+            let (sent, text) = written(0x11, 0x1400, is_forced, &[SYNC]);
+            assert_eq!(sent, None);
+            assert!(text.contains("default SDO channel") && !text.contains("--force"));
+        }
+        // Nobody leads the controller, so its channel is free; its PDOs are its own all the same.
+        let (sent, text) = written(0x01, 0x1800, false, &[SYNC]);
+        assert_eq!(sent, None);
+        assert!(text.contains("--force"), "{text}");
+    }
 }

@@ -14,13 +14,9 @@ use crate::cause::Cause;
 
 /// Time between two questions to a drive that has not shown up.
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
-const ERROR_BEHAVIOUR: u16 = 0x1029;
 
 impl Application for Controller {
     fn on_reset(&mut self, services: &mut Services, _: NmtCommand) {
-        // A lost module or drive is this application's business; the device itself stays Operational.
-        services.write(ERROR_BEHAVIOUR, 1, &[1]).ok();
-        self.configure_self(services, 0, Duration::ZERO);
         if self.phase == Phase::Off {
             let now = services.now();
             let until = now + self.timeouts.bring_up();

@@ -27,6 +27,8 @@ const SYNCS_TO_STOP: u8 = 2;
 
 const SYNC_PERIOD_OBJECT: u16 = 0x1006;
 pub(super) const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
+/// The milliseconds in an entry of it; without them its node is not watched.
+const WATCH_TIME: u32 = 0xFFFF;
 
 /// The application of the controller's device.
 #[derive(Debug)]
@@ -159,7 +161,7 @@ impl Controller {
         for node in [self.drive.node_id(), self.fan] {
             services.send_nmt(NmtCommand::Stop, Some(node));
         }
-        self.configure_self(services, 0, Duration::ZERO);
+        self.configure_self(services, self.watch & !WATCH_TIME, Duration::ZERO);
     }
 
     /// Leads the drive one step nearer to Operation enabled.

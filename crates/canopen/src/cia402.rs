@@ -139,7 +139,7 @@ const HALT_BIT: u16 = 1 << 8;
 /// The option codes 0x6007 and 0x605A to 0x605E.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionCodes {
-    /// 0x605A: 0, 1 or 2 lead to Switch on disabled; 5 or 6 stay in Quick stop active.
+    /// 0x605A: 0 to 4 lead to Switch on disabled; 5 to 8 stay in Quick stop active.
     pub quick_stop: i16,
     /// 0x6007: 1 fault, 2 disable voltage, 3 quick stop.
     pub abort_connection: i16,
@@ -170,16 +170,16 @@ impl OptionCodes {
     }
 
     /// Whether an option code may be written. 0x6007 = 0 ("no action") is refused: without its manager the drive must
-    /// not go on heating. Ramps at current or voltage limit make no sense here and are refused too.
+    /// not go on heating. Every ramp of the standard is accepted, since each is the same step to 0 here.
     ///
     /// # Errors
     /// [`AbortCode::INVALID_VALUE`].
     pub fn check(index: u16, value: i16) -> Result<(), AbortCode> {
         let is_known = match index {
-            QUICK_STOP_OPTION_CODE => matches!(value, 0 | 1 | 2 | 5 | 6),
+            QUICK_STOP_OPTION_CODE => matches!(value, 0..=8),
             SHUTDOWN_OPTION_CODE | DISABLE_OPERATION_OPTION_CODE => matches!(value, 0 | 1),
-            HALT_OPTION_CODE => matches!(value, 1 | 2),
-            FAULT_REACTION_OPTION_CODE => matches!(value, 0..=2),
+            HALT_OPTION_CODE => matches!(value, 1..=4),
+            FAULT_REACTION_OPTION_CODE => matches!(value, 0..=4),
             ABORT_CONNECTION_OPTION_CODE => matches!(value, 1..=3),
             _ => true,
         };
@@ -609,11 +609,11 @@ mod tests {
     #[test]
     fn option_codes_without_meaning_here_are_refused() {
         for (index, good) in [
-            (QUICK_STOP_OPTION_CODE, &[0, 1, 2, 5, 6][..]),
+            (QUICK_STOP_OPTION_CODE, &[0, 1, 2, 3, 4, 5, 6, 7, 8][..]),
             (SHUTDOWN_OPTION_CODE, &[0, 1]),
             (DISABLE_OPERATION_OPTION_CODE, &[0, 1]),
-            (HALT_OPTION_CODE, &[1, 2]),
-            (FAULT_REACTION_OPTION_CODE, &[0, 1, 2]),
+            (HALT_OPTION_CODE, &[1, 2, 3, 4]),
+            (FAULT_REACTION_OPTION_CODE, &[0, 1, 2, 3, 4]),
             (ABORT_CONNECTION_OPTION_CODE, &[1, 2, 3]),
         ] {
             for value in -2..10 {

@@ -1,7 +1,9 @@
 //! COB-IDs as the dictionary holds them (CiA 301, 7.5.2.5, 7.5.2.15, 7.5.2.35) and the identifiers nobody may take.
 
-use crate::object_dictionary::AbortCode;
+use crate::object_dictionary::{AbortCode, Entry, ObjectDictionary};
 
+const SYNC: u16 = 0x1005;
+const EMCY: u16 = 0x1014;
 const FLAG_31: u32 = 0x8000_0000;
 const FLAG_30: u32 = 0x4000_0000;
 const EXTENDED: u32 = 0x2000_0000;
@@ -39,6 +41,40 @@ impl CobId {
         }
         Ok(())
     }
+
+    /// Refuses what [`CobId::check`] refuses, and an identifier that another service of the node has: two services of one
+    /// node would answer the same frame, or send different ones by one name. CiA 301 gives each its own (7.3.5).
+    pub(crate) fn check_at(
+        self,
+        dictionary: &ObjectDictionary,
+        (index, sub_index): (u16, u8),
+    ) -> Result<(), AbortCode> {
+        self.check()?;
+        let is_other = |entry: &&Entry| (entry.index, entry.sub_index) != (index, sub_index);
+        let mut others = dictionary.entries().iter().filter(is_other);
+        let is_used = |entry: &Entry| used_id(entry) == Some(self.id());
+        if is_in_use(index, self) && others.any(is_used) {
+            return Err(AbortCode::INVALID_VALUE);
+        }
+        Ok(())
+    }
+}
+
+/// The identifier that a service has through this sub-object; `None` where it configures none, or has none now.
+fn used_id(entry: &Entry) -> Option<u16> {
+    let is_cob_id = match entry.index {
+        SYNC | EMCY => entry.sub_index == 0,
+        0x1200..=0x12FF => matches!(entry.sub_index, 1 | 2),
+        0x1400..=0x15FF | 0x1800..=0x19FF => entry.sub_index == 1,
+        _ => false,
+    };
+    let cob_id = CobId(u32::try_from(entry.as_integer()).ok()?);
+    (is_cob_id && is_in_use(entry.index, cob_id)).then(|| cob_id.id())
+}
+
+/// Bit 31 takes a COB-ID out of use; that of SYNC has no such bit.
+fn is_in_use(index: u16, cob_id: CobId) -> bool {
+    index == SYNC || cob_id.is_valid()
 }
 
 /// The identifiers that no configurable service may use (CiA 301, table 42).

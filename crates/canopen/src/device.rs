@@ -96,11 +96,13 @@ impl<A: Application> Device<A> {
     pub fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode> {
         self.objects().write(index, sub_index, bytes)?;
         self.sdo.configure(&self.services.dictionary);
+        self.services.notice_changes();
         Ok(())
     }
 
     /// True when a PDO with this identifier makes the device say nothing before its next SYNC or deadline, as it is
-    /// configured now: no RPDO listens to it, or only such as wait for the SYNC.
+    /// configured now: no RPDO listens to it, or only such as wait for the SYNC, and no TPDO goes by events (a waiting
+    /// controlword may change the statusword on arrival).
     #[must_use]
     pub fn takes_silently(&self, pdo_id: u16) -> bool {
         let mut listening = self
@@ -108,7 +110,7 @@ impl<A: Application> Device<A> {
             .rpdos
             .iter()
             .filter(|rpdo| rpdo.listens_to(pdo_id));
-        listening.all(|rpdo| rpdo.is_silent())
+        listening.all(|rpdo| rpdo.is_silent() && !self.services.has_tpdos_that_follow_changes())
     }
 
     fn objects(&mut self) -> Objects<'_, A> {
@@ -488,6 +490,7 @@ impl<A: Application> Node for Device<A> {
             self.dispatch(id, frame);
         }
         self.finish();
+        self.services.notice_changes();
     }
 
     fn on_tick(&mut self, now: Duration) {
@@ -505,6 +508,7 @@ impl<A: Application> Node for Device<A> {
         self.is_stop_asked = true;
         self.application.on_stop(&mut self.services);
         self.finish();
+        self.services.notice_changes();
     }
 
     fn next_frame(&mut self) -> Option<CanFrame> {

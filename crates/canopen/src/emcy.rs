@@ -269,7 +269,7 @@ fn check_cob_id(dictionary: &ObjectDictionary, new: CobId) -> Result<(), AbortCo
     if new.flag_30() {
         return Err(AbortCode::INVALID_VALUE);
     }
-    new.check()?;
+    new.check_at(dictionary, (COB_ID, 0))?;
     let old = CobId(dictionary.unsigned(COB_ID, 0).unwrap_or(0));
     if old.is_valid() && new.is_valid() && old.id() != new.id() {
         return Err(AbortCode::DEVICE_STATE);

@@ -176,6 +176,16 @@ impl DataType {
         matches!(self, Self::Real32 | Self::Real64)
     }
 
+    /// The value with this rank, little-endian, in its first bytes: the inverse of [`DataType::rank`].
+    fn value_of_rank(self, rank: i128) -> [u8; 16] {
+        let size = self.size_bytes().unwrap_or(0);
+        if !self.is_real() || rank >= 0 || size == 0 {
+            return rank.to_le_bytes();
+        }
+        let sign_bit = 1 << (8 * size - 1);
+        ((-1 - rank) ^ sign_bit).to_le_bytes()
+    }
+
     /// The rank of a value among the values of its type, for comparing with limits: the integer itself, and for reals a
     /// number that grows with the value (-0 below +0, NaN outside the infinities). 0 for types without an order.
     #[must_use]
@@ -304,6 +314,15 @@ impl Entry {
     #[inline]
     pub fn decode_integer(&self, bytes: &[u8]) -> i128 {
         integer_from_le(self.data_type, bytes)
+    }
+
+    /// The limit that a value of the type's length is beyond, little-endian in the first bytes; `None` when it is within.
+    #[must_use]
+    pub(crate) fn limit_beyond(&self, bytes: &[u8]) -> Option<[u8; 16]> {
+        let rank = self.data_type.rank(bytes);
+        let above = self.high_limit.filter(|limit| rank > *limit);
+        let beyond = above.or(self.low_limit.filter(|limit| rank < *limit))?;
+        Some(self.data_type.value_of_rank(beyond))
     }
 
     /// Checks length and limits of a value to be written.
@@ -522,6 +541,45 @@ impl ObjectDictionary {
         {
             entry.value.clear();
             entry.value.extend_from_slice(&entry.default);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_beyond_a_limit_of_any_type_has_that_limit_in_its_place() {
+        let real = |value: f32| value.to_le_bytes().to_vec();
+        let whole = |value: i16| value.to_le_bytes().to_vec();
+        let ends = |low: f32, high: f32| (real(low), real(high));
+        for (data_type, (low, high), value, expected) in [
+            (DataType::Real32, ends(-2.5, 3.5), real(4.0), real(3.5)),
+            (DataType::Real32, ends(-2.5, 3.5), real(-1e9), real(-2.5)),
+            (DataType::Real32, ends(-2.5, -1.5), real(0.0), real(-1.5)),
+            (DataType::Real32, ends(-2.5, 3.5), real(f32::NAN), real(3.5)),
+            (DataType::Real32, ends(-2.5, 3.5), real(-2.0), real(-2.0)),
+            (
+                DataType::Integer16,
+                (whole(-7), whole(7)),
+                whole(-8),
+                whole(-7),
+            ),
+            (
+                DataType::Integer16,
+                (whole(-7), whole(7)),
+                whole(7),
+                whole(7),
+            ),
+        ] {
+            let mut entry = Entry::new(0x2000, 0, "", data_type, Access::ReadWrite, value.clone());
+            entry.low_limit = Some(data_type.rank(&low));
+            entry.high_limit = Some(data_type.rank(&high));
+            let limit = entry.limit_beyond(&value);
+            let stored = limit.map_or(value.clone(), |limit| limit[..value.len()].to_vec());
+            assert_eq!(stored, expected, "{value:?}");
+            assert_eq!(entry.check(&value).is_err(), limit.is_some());
         }
     }
 }

@@ -8,8 +8,8 @@ mod configuration;
 mod receive;
 mod transmit;
 
-pub use configuration::Mapping;
 pub(crate) use configuration::{Direction, Place, check_write, numbers};
+pub use configuration::{Mapping, identifier};
 pub use receive::WaitingPdo;
 pub(crate) use receive::{Received, Rpdo};
 pub(crate) use transmit::Tpdo;

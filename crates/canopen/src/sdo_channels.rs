@@ -34,7 +34,7 @@ pub(crate) fn check_write(
     if !new.is_valid() {
         return Ok(());
     }
-    new.check()?;
+    new.check_at(dictionary, (index, sub_index))?;
     if old.is_valid() && old.id() != new.id() {
         return Err(AbortCode::DEVICE_STATE);
     }

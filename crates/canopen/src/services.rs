@@ -145,8 +145,8 @@ impl Services {
         }
     }
 
-    /// Asks for a TPDO: types 254 and 255 are packed now, or when their inhibit time has passed; type 0 goes with the
-    /// next SYNC. Without effect outside Operational and for other types.
+    /// Asks for a TPDO, as a change of a mapped value does by itself: types 254 and 255 are packed now, or when their
+    /// inhibit time has passed; type 0 goes with the next SYNC. Without effect outside Operational and for other types.
     pub fn request_tpdo(&mut self, number: u16) {
         let (now, dictionary) = (self.now, &self.dictionary);
         let mut tpdos = self.tpdos.iter_mut();
@@ -155,6 +155,28 @@ impl Services {
             tpdo.on_tick(now, dictionary)
         });
         frame.into_iter().for_each(|frame| self.send(frame));
+    }
+
+    /// True when an RPDO's latest data held a value beyond the limits of its object, which got the limit instead.
+    #[must_use]
+    pub fn is_rpdo_cut(&self, number: u16) -> bool {
+        let mut rpdos = self.rpdos.iter();
+        rpdos.any(|rpdo| rpdo.number() == number && rpdo.is_cut())
+    }
+
+    /// Makes the TPDOs of types 254 and 255 due whose mapped values have changed.
+    #[inline]
+    pub(crate) fn notice_changes(&mut self) {
+        if self.has_timed_pdos {
+            let dictionary = &self.dictionary;
+            let tpdos = self.tpdos.iter_mut();
+            tpdos.for_each(|tpdo| tpdo.notice_event(dictionary));
+        }
+    }
+
+    /// True when a change of a value may make a TPDO leave without SYNC.
+    pub(crate) fn has_tpdos_that_follow_changes(&self) -> bool {
+        self.has_timed_pdos && self.tpdos.iter().any(Tpdo::follows_changes)
     }
 
     /// Raises an error: 0x1001, 0x1003, 0x603F and the EMCY follow. Nothing happens while it is active already.
@@ -280,7 +302,9 @@ impl Services {
         }
         if state == NmtState::Operational {
             let now = self.now;
-            self.tpdos.iter_mut().for_each(|tpdo| tpdo.start(now));
+            let dictionary = &self.dictionary;
+            let tpdos = self.tpdos.iter_mut();
+            tpdos.for_each(|tpdo| tpdo.start(now, dictionary));
         }
         if state.allows_sdo() {
             self.sync_producer.start(self.now);

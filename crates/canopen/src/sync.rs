@@ -74,7 +74,7 @@ pub(crate) fn check_write(
     match index {
         COB_ID => {
             let new = CobId::from_bytes(bytes)?;
-            new.check()?;
+            new.check_at(dictionary, (COB_ID, 0))?;
             let old = CobId(dictionary.unsigned(COB_ID, 0).unwrap_or(0));
             if old.flag_30() && new.id() != old.id() {
                 return Err(AbortCode::DEVICE_STATE);

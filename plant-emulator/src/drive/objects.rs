@@ -1,16 +1,16 @@
 //! The drive's objects: where they are and in which units they count.
 
-use canopen::ObjectDictionary;
 use canopen::cia402;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::pdo::WaitingPdo;
+use canopen::{AbortCode, ObjectDictionary};
 
 use crate::objects::{self, MissingObject};
 use crate::plant::{Plant, SIGNALS_MAX, Signal};
 use crate::thermal_protection::Limits;
 
 const POSITION_ACTUAL_VALUE: u16 = 0x6064;
-const TARGET_TORQUE: u16 = 0x6071;
+pub(super) const TARGET_TORQUE: u16 = 0x6071;
 const MAX_TORQUE: u16 = 0x6072;
 const MAX_CURRENT: u16 = 0x6073;
 const MOTOR_RATED_CURRENT: u16 = 0x6075;
@@ -101,6 +101,14 @@ impl<P: Plant> Objects<P> {
         self.mode(dictionary) != i8::from_le_bytes(bytes(dictionary, self.mode_display))
     }
 
+    /// Takes back a mode that an RPDO brought and the drive has not, as an SDO would have been refused.
+    pub(super) fn refuse_mode(&self, dictionary: &mut ObjectDictionary) {
+        if self.is_mode_new(dictionary) && check_mode(dictionary, self.mode(dictionary)).is_err() {
+            let present: [u8; 1] = bytes(dictionary, self.mode_display);
+            objects::store(dictionary, self.mode, &present);
+        }
+    }
+
     /// 0x6071 in permille of the rated torque.
     pub(super) fn target_torque_permille(&self, dictionary: &ObjectDictionary) -> i16 {
         i16::from_le_bytes(bytes(dictionary, self.target_torque))
@@ -160,6 +168,12 @@ impl<P: Plant> Objects<P> {
         let position = objects::rounded_i32(plant.position_metres() * 1e9);
         objects::store(dictionary, self.true_position, &position.to_le_bytes());
     }
+}
+
+/// Whether 0x6502 names a mode.
+pub(super) fn check_mode(dictionary: &ObjectDictionary, mode: i8) -> Result<(), AbortCode> {
+    let supported = dictionary.unsigned(cia402::SUPPORTED_DRIVE_MODES, 0);
+    cia402::check_mode(mode, supported.unwrap_or_default())
 }
 
 /// Puts the plant's own signals into the dictionary of the shipped data sheet, and those that TPDO2 has no room for into

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use canopen::cia402::State;
-use canopen::{CanFrame, Node, Progress};
+use canopen::{AbortCode, CanFrame, Node, Progress};
 use plant_emulator::PlantEmulator;
 use plant_emulator::sma::{Actuator, Inputs};
 use scenario::Scenario;
@@ -254,17 +254,43 @@ impl Manager {
         }
     }
 
-    /// Expedited SDO download.
+    /// Expedited SDO download that must be accepted.
     pub(crate) fn write(&mut self, node: u16, index: u16, sub_index: u8, bytes: &[u8]) {
+        let written = self.try_write(node, index, sub_index, bytes);
+        assert_eq!(written, Ok(()), "write {index:#06x}:{sub_index}");
+    }
+
+    /// Expedited SDO download; the abort code is the error.
+    pub(crate) fn try_write(
+        &mut self,
+        node: u16,
+        index: u16,
+        sub_index: u8,
+        bytes: &[u8],
+    ) -> Result<(), AbortCode> {
         let [low, high] = index.to_le_bytes();
         let unused = u8::try_from(4 - bytes.len()).expect("at most 4 bytes");
         let mut data = [0x23 | unused << 2, low, high, sub_index, 0, 0, 0, 0];
         data[4..4 + bytes.len()].copy_from_slice(bytes);
         self.send(0x600 + node, &data);
-        let answer = self.last(0x580 + node);
-        assert!(
-            matches!(answer, Some([0x60, ..])),
-            "write {index:#06x}:{sub_index}: {answer:02X?}"
-        );
+        match self.last(0x580 + node) {
+            Some([0x60, ..]) => Ok(()),
+            Some(&[0x80, _, _, _, a, b, c, d]) => Err(AbortCode(u32::from_le_bytes([a, b, c, d]))),
+            answer => panic!("write {index:#06x}:{sub_index}: {answer:02X?}"),
+        }
+    }
+
+    /// Gives RPDO or TPDO 1 these parameters and objects by the standard's procedure; the PDO's COB-ID stays.
+    pub(crate) fn remap(&mut self, index: u16, transmission_type: u8, mapped: &[u32]) {
+        let cob_id = self.read(DRIVE, index, 1);
+        self.write(DRIVE, index, 1, &(cob_id | 1 << 31).to_le_bytes());
+        self.write(DRIVE, index, 2, &[transmission_type]);
+        self.write(DRIVE, index + 0x200, 0, &[0]);
+        for (sub_index, entry) in (1..).zip(mapped) {
+            self.write(DRIVE, index + 0x200, sub_index, &entry.to_le_bytes());
+        }
+        let count = u8::try_from(mapped.len()).expect("at most 8");
+        self.write(DRIVE, index + 0x200, 0, &[count]);
+        self.write(DRIVE, index, 1, &cob_id.to_le_bytes());
     }
 }

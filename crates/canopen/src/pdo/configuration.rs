@@ -73,6 +73,16 @@ impl Place {
     }
 }
 
+/// The 11-bit identifier in a PDO's COB-ID, whether the PDO exists now or not.
+///
+/// # Errors
+/// [`AbortCode::INVALID_VALUE`] for a 29-bit identifier, which no node here sends or hears, and for those that CiA 301
+/// keeps for other services.
+pub fn identifier(cob_id: u32) -> Result<u16, AbortCode> {
+    let cob_id = CobId(cob_id);
+    cob_id.check().map(|()| cob_id.id())
+}
+
 /// The numbers of the PDOs that a dictionary has parameters for.
 pub(crate) fn numbers(
     dictionary: &ObjectDictionary,
@@ -96,21 +106,23 @@ pub(crate) fn check_write(
     if place.is_mapping {
         check_mapping_write(dictionary, place, cob_id, sub_index, bytes)
     } else {
-        check_parameter_write(place.direction, cob_id, sub_index, bytes)
+        check_parameter_write(dictionary, place, cob_id, sub_index, bytes)
     }
 }
 
 /// CiA 301, 7.5.2.35 and 7.5.2.37.
 fn check_parameter_write(
-    direction: Direction,
+    dictionary: &ObjectDictionary,
+    place: Place,
     old: CobId,
     sub_index: u8,
     bytes: &[u8],
 ) -> Result<(), AbortCode> {
+    let direction = place.direction;
     match sub_index {
         COB_ID => {
             let new = CobId::from_bytes(bytes)?;
-            new.check()?;
+            new.check_at(dictionary, (place.parameters_index(), COB_ID))?;
             if old.is_valid() && new.is_valid() && old.id() != new.id() {
                 return Err(AbortCode::INVALID_VALUE);
             }
@@ -160,12 +172,15 @@ struct Slot {
     /// `None` for a dummy, whose bytes nobody takes.
     handle: Option<Handle>,
     size_bytes: u8,
+    /// The object has a limit, so that what is received is held against it.
+    is_limited: bool,
 }
 
 impl Slot {
     const UNUSED: Self = Self {
         handle: None,
         size_bytes: 0,
+        is_limited: false,
     };
 
     /// The slot that a mapping entry describes: index, sub-index, length in bits (CiA 301, figure 74).
@@ -181,8 +196,10 @@ impl Slot {
             && dummy_size_bytes(index, sub_index) == Some(length_bits / 8)
             && length_bits % 8 == 0
         {
-            let handle = None;
-            return Ok(Self { handle, size_bytes });
+            return Ok(Self {
+                size_bytes,
+                ..Self::UNUSED
+            });
         }
         let handle = dictionary.find(index, sub_index)?;
         let entry = dictionary.entry(handle);
@@ -193,8 +210,11 @@ impl Slot {
         {
             return Err(AbortCode::NOT_MAPPABLE);
         }
-        let handle = Some(handle);
-        Ok(Self { handle, size_bytes })
+        Ok(Self {
+            handle: Some(handle),
+            size_bytes,
+            is_limited: entry.low_limit.is_some() || entry.high_limit.is_some(),
+        })
     }
 }
 
@@ -277,21 +297,37 @@ impl Mapping {
         data
     }
 
-    /// Stores the bytes of the PDO in the dictionary.
-    pub(super) fn unpack(&self, dictionary: &mut ObjectDictionary, data: &[u8; 8]) {
-        for (range, handle) in self.ranges() {
-            let stored = dictionary.store(handle, &data[range]);
+    /// Stores the bytes of the PDO in the dictionary. A value beyond its object's limits is cut to the limit, since a PDO
+    /// cannot be refused as an SDO can; true when that happened.
+    pub(super) fn unpack(&self, dictionary: &mut ObjectDictionary, data: &[u8; 8]) -> bool {
+        let mut is_cut = false;
+        for (range, slot, handle) in self.places() {
+            let bytes = &data[range];
+            let limit = slot
+                .is_limited
+                .then(|| dictionary.entry(handle).limit_beyond(bytes))
+                .flatten();
+            let stored = match limit {
+                Some(limit) => dictionary.store(handle, &limit[..bytes.len()]),
+                None => dictionary.store(handle, bytes),
+            };
+            is_cut |= limit.is_some();
             debug_assert!(stored.is_ok(), "a slot has the size of its object");
         }
+        is_cut
     }
 
     /// Each object with its place in the PDO.
     pub(super) fn ranges(&self) -> impl Iterator<Item = (std::ops::Range<usize>, Handle)> + '_ {
+        self.places().map(|(range, _, handle)| (range, handle))
+    }
+
+    fn places(&self) -> impl Iterator<Item = (std::ops::Range<usize>, &Slot, Handle)> + '_ {
         let mut start = 0;
         self.slots[..self.count].iter().filter_map(move |slot| {
             let range = start..start + usize::from(slot.size_bytes);
             start = range.end;
-            slot.handle.map(|handle| (range, handle))
+            slot.handle.map(|handle| (range, slot, handle))
         })
     }
 }

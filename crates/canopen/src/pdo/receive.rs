@@ -45,6 +45,8 @@ pub(crate) struct Rpdo {
     parameters: Parameters,
     mapping: Mapping,
     waiting: Option<[u8; 8]>,
+    /// A value of the latest data in the dictionary was beyond its object's limits.
+    is_cut: bool,
     deadline: Option<Duration>,
 }
 
@@ -58,6 +60,7 @@ impl Rpdo {
             parameters,
             mapping,
             waiting: None,
+            is_cut: false,
             deadline: None,
         })
     }
@@ -82,6 +85,11 @@ impl Rpdo {
         self.parameters.cob_id == Some(id) && self.mapping.length > 0
     }
 
+    /// True when a limit cut a value of the latest data in the dictionary.
+    pub(crate) fn is_cut(&self) -> bool {
+        self.is_cut
+    }
+
     /// True when nothing happens before a SYNC, whatever arrives: neither its data nor the end of a dead-line.
     pub(crate) fn is_silent(&self) -> bool {
         self.is_synchronous() && !self.is_timed()
@@ -95,6 +103,7 @@ impl Rpdo {
     /// Forgets what was received (Operational left, or new configuration).
     pub(crate) fn stop(&mut self) {
         self.waiting = None;
+        self.is_cut = false;
         self.deadline = None;
     }
 
@@ -122,7 +131,7 @@ impl Rpdo {
         }
         self.deadline = self.parameters.event_timer.map(|timer| now + timer);
         if !self.is_synchronous() {
-            self.mapping.unpack(dictionary, &frame.buffer());
+            self.is_cut = self.mapping.unpack(dictionary, &frame.buffer());
             return Received::Stored;
         }
         self.waiting = Some(frame.buffer());
@@ -143,7 +152,7 @@ impl Rpdo {
     pub(crate) fn on_sync(&mut self, dictionary: &mut ObjectDictionary) -> bool {
         let waiting = self.waiting.take();
         if let Some(data) = &waiting {
-            self.mapping.unpack(dictionary, data);
+            self.is_cut = self.mapping.unpack(dictionary, data);
         }
         waiting.is_some()
     }

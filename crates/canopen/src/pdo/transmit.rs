@@ -18,6 +18,8 @@ pub(crate) struct Tpdo {
     /// SYNCs until the next transmission; `None` until the SYNC with the start value.
     countdown: Option<u8>,
     is_requested: bool,
+    /// What the dictionary held when it was last looked at: another value is an event for types 0, 254 and 255.
+    known: [u8; 8],
     /// What was sampled at the last SYNC, for remote frames.
     sampled: Option<[u8; 8]>,
     next_allowed: Duration,
@@ -36,6 +38,7 @@ impl Tpdo {
             is_started: false,
             countdown: None,
             is_requested: false,
+            known: [0; 8],
             sampled: None,
             next_allowed: Duration::ZERO,
             event_deadline: None,
@@ -49,7 +52,7 @@ impl Tpdo {
             Err(_) => self.parameters.cob_id = None,
         }
         if self.is_started {
-            self.start(now);
+            self.start(now, dictionary);
         }
     }
 
@@ -59,11 +62,12 @@ impl Tpdo {
     }
 
     /// Begins (Operational entered, or new configuration): counts SYNCs anew; an event-driven PDO is sent at once.
-    pub(crate) fn start(&mut self, now: Duration) {
+    pub(crate) fn start(&mut self, now: Duration, dictionary: &ObjectDictionary) {
         let waits_for_start = self.parameters.sync_start != 0;
         self.is_started = true;
         self.countdown = (!waits_for_start).then_some(self.parameters.transmission_type);
         self.is_requested = self.is_event_driven();
+        self.known = self.mapping.pack(dictionary);
         self.sampled = None;
         self.event_deadline = self.parameters.event_timer.map(|timer| now + timer);
     }
@@ -75,7 +79,8 @@ impl Tpdo {
         self.event_deadline = None;
     }
 
-    /// Asks for transmission: at once for types 254 and 255 (after the inhibit time), at the next SYNC for type 0.
+    /// Asks for transmission, as a change of a mapped value does by itself: at once for types 254 and 255 (after the inhibit
+    /// time), at the next SYNC for type 0.
     pub(crate) fn request(&mut self) {
         self.is_requested = self.is_started;
     }
@@ -91,7 +96,10 @@ impl Tpdo {
             return None;
         }
         let is_due = match self.parameters.transmission_type {
-            0 => std::mem::take(&mut self.is_requested),
+            0 => {
+                self.notice_change(dictionary);
+                std::mem::take(&mut self.is_requested)
+            }
             period @ 1..=240 => self.count(period, sync),
             252 => false,
             _ => return None,
@@ -104,13 +112,14 @@ impl Tpdo {
             .and_then(|data| self.frame(&data))
     }
 
-    /// The frame to send at `now` because of an event or the event timer.
+    /// The frame to send at `now` because of a change, a request or the event timer.
     #[inline]
     pub(crate) fn on_tick(
         &mut self,
         now: Duration,
         dictionary: &ObjectDictionary,
     ) -> Option<CanFrame> {
+        self.notice_event(dictionary);
         if !self.is_active() || !self.is_event_driven() || now < self.next_allowed {
             return None;
         }
@@ -127,6 +136,21 @@ impl Tpdo {
                 .unwrap_or(now + timer)
         });
         self.frame(&self.mapping.pack(dictionary))
+    }
+
+    /// Makes a PDO of type 254 or 255 due when a mapped value has changed.
+    pub(crate) fn notice_event(&mut self, dictionary: &ObjectDictionary) {
+        if self.is_active() && self.is_event_driven() {
+            self.notice_change(dictionary);
+        }
+    }
+
+    /// CiA 301, 7.5.2.37, leaves the event of types 0, 254 and 255 to profile or manufacturer; here it is another value of
+    /// a mapped object.
+    fn notice_change(&mut self, dictionary: &ObjectDictionary) {
+        let present = self.mapping.pack(dictionary);
+        self.is_requested |= present != self.known;
+        self.known = present;
     }
 
     /// The answer to a remote frame with this identifier.
@@ -160,7 +184,16 @@ impl Tpdo {
     }
 
     fn is_active(&self) -> bool {
-        self.is_started && self.parameters.cob_id.is_some() && self.mapping.length > 0
+        self.is_started && self.exists()
+    }
+
+    fn exists(&self) -> bool {
+        self.parameters.cob_id.is_some() && self.mapping.length > 0
+    }
+
+    /// True when a change of a value may make it leave without SYNC, now or once the node is Operational.
+    pub(crate) fn follows_changes(&self) -> bool {
+        self.is_event_driven() && self.exists()
     }
 
     /// True when it goes by events or by time, so that it may have a deadline.

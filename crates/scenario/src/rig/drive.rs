@@ -18,6 +18,16 @@ pub enum DriveError {
     /// Its EDS cannot be read.
     #[error("the EDS is wrong: {0}")]
     Eds(#[from] EdsError),
+    /// A PDO of the drive has an identifier that no node here hears or sends.
+    #[error(
+        "the drive's EDS gives the PDO at 0x{parameters:04X}:01 the COB-ID 0x{cob_id:08X}: PDOs here have identifiers of 11 bits (up to 0x7FF), and none that CiA 301 keeps for other services; give this PDO another default there"
+    )]
+    Identifier {
+        /// Index of its communication parameters.
+        parameters: u16,
+        /// What the EDS has there.
+        cob_id: u32,
+    },
     /// A PDO of the drive is not described.
     #[error("the drive's EDS describes no usable PDO at 0x{0:04X}")]
     Pdo(u16),
@@ -91,6 +101,15 @@ impl Pdo {
             cob_id: dictionary.unsigned(parameters, 1)?,
             transmission_type: u8::try_from(dictionary.unsigned(parameters, 2)?).ok()?,
             entries: entries.collect::<Option<_>>()?,
+        })
+    }
+
+    /// Refuses an identifier of 29 bits, which the bench cannot serve: cut to 11 bits it would be another.
+    fn check_identifier(&self) -> Result<(), DriveError> {
+        let identifier = canopen::pdo::identifier(self.cob_id);
+        identifier.map(drop).map_err(|_| DriveError::Identifier {
+            parameters: self.parameters,
+            cob_id: self.cob_id,
         })
     }
 
@@ -293,7 +312,9 @@ impl DriveLayout {
         let node_id = NodeId::new(rig.node_id).ok_or(DriveError::NodeId(rig.node_id))?;
         let pdo = |parameters, mapping| {
             let pdo = Pdo::read(&dictionary, parameters, mapping);
-            pdo.ok_or(DriveError::Pdo(parameters))
+            let pdo = pdo.ok_or(DriveError::Pdo(parameters))?;
+            pdo.check_identifier()?;
+            Ok::<_, DriveError>(pdo)
         };
         let object = |text: &str| {
             let address = text
@@ -532,6 +553,24 @@ mod tests {
             error.to_string().contains("0x1008:00 is no integer"),
             "{error}"
         );
+    }
+
+    #[test]
+    fn identifiers_that_the_bench_cannot_serve_are_refused_with_their_place() {
+        for (was, cob_id, place) in [
+            ("$NODEID+0x40000180", "0x20000190", "0x1800:01"),
+            ("$NODEID+0x200", "0x20000210", "0x1400:01"),
+            ("$NODEID+0x200", "0x00000810", "0x1400:01"),
+            ("$NODEID+0x200", "0x00000601", "0x1400:01"),
+        ] {
+            let text = DRIVE_EDS.replace(
+                &format!("DefaultValue={was}\n"),
+                &format!("DefaultValue={cob_id}\n"),
+            );
+            let error = DriveLayout::emulated(objects(&text, 0x10)).unwrap_err();
+            let error = error.to_string();
+            assert!(error.contains(cob_id) && error.contains(place), "{error}");
+        }
     }
 
     #[test]

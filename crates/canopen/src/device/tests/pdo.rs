@@ -393,3 +393,133 @@ fn an_invalid_default_mapping_is_an_error_with_its_place() {
         (0x1802, AbortCode::NO_SUCH_OBJECT)
     );
 }
+
+#[test]
+fn identifiers_in_use_are_refused_until_they_are_free() {
+    let mut bench = Bench::new();
+    bench.write(0x1201, 1, &u32_bytes(0x690)).unwrap();
+    bench.write(0x1201, 2, &u32_bytes(0x6D0)).unwrap();
+    for (index, sub_index, own) in [
+        (0x1400, 1, 0x210),
+        (0x1401, 1, 0x310),
+        (0x1800, 1, 0x190),
+        (0x1801, 1, 0x290),
+        (0x1014, 0, 0x090),
+        (0x1201, 1, 0x690),
+    ] {
+        bench
+            .write(index, sub_index, &u32_bytes(own | DISABLED))
+            .unwrap();
+        let used = [0x080, 0x090, 0x210, 0x310, 0x190, 0x690, 0x6D0];
+        for id in used.into_iter().filter(|id| *id != own) {
+            let at = format!("{id:#x} into {index:#06x}");
+            assert_eq!(
+                bench.write(index, sub_index, &u32_bytes(id)),
+                Err(AbortCode::INVALID_VALUE),
+                "{at}"
+            );
+            let disabled = bench.write(index, sub_index, &u32_bytes(id | DISABLED));
+            assert_eq!(disabled, Ok(()), "{at}: out of use it harms nobody");
+        }
+        bench.write(index, sub_index, &u32_bytes(own)).unwrap();
+    }
+    for id in [0x090, 0x210, 0x190, 0x690] {
+        let refused = bench.write(0x1005, 0, &u32_bytes(id));
+        assert_eq!(refused, Err(AbortCode::INVALID_VALUE), "SYNC as {id:#x}");
+    }
+    bench
+        .write(0x1400, 1, &u32_bytes(0x210 | DISABLED))
+        .unwrap();
+    assert_eq!(bench.write(0x1005, 0, &u32_bytes(0x210)), Ok(()));
+}
+
+/// The events of types 0, 254 and 255 (CiA 301, 7.5.2.37) are changes of what is mapped.
+#[test]
+fn a_changed_value_is_the_event_of_types_254_and_255() {
+    for kind in [254, 255] {
+        let mut bench = Bench::new();
+        bench.write(0x1801, 2, &[kind]).unwrap();
+        bench.write(0x1801, 1, &u32_bytes(0x4000_0290)).unwrap();
+        bench.send(0, &[1, ID]);
+        assert_eq!(bench.tick(), ["290#00000000"]);
+        // By RPDO2, by SDO, by the application; the same value again is no event.
+        bench.send(0x310, &[5, 0, 0, 0]);
+        assert_eq!(bench.pass(Duration::ZERO).len(), 1);
+        bench.send(0x310, &[5, 0, 0, 0]);
+        assert!(bench.pass(milliseconds(1)).is_empty());
+        bench.write(0x2301, 0, &[6, 0, 0, 0]).unwrap();
+        let sent = bench.pass(Duration::ZERO);
+        assert_eq!(sent, [(1.0, "290#06000000".to_owned())]);
+        let dictionary = bench.device.services_mut().dictionary_mut();
+        dictionary.set_integer(0x2301, 0, 7).unwrap();
+        assert_eq!(bench.tick(), ["290#07000000"]);
+        bench.send(0, &[128, ID]);
+        bench.write(0x2301, 0, &[8, 0, 0, 0]).unwrap();
+        assert!(bench.pass(milliseconds(1)).is_empty(), "not Operational");
+    }
+}
+
+#[test]
+fn changes_within_the_inhibit_time_leave_together_at_its_end() {
+    let mut bench = Bench::new();
+    bench.write(0x1801, 3, &[25, 0]).unwrap();
+    bench.write(0x1801, 1, &u32_bytes(0x4000_0290)).unwrap();
+    bench.send(0, &[1, ID]);
+    assert_eq!(bench.pass(Duration::ZERO).len(), 1);
+    bench.write(0x2301, 0, &[1, 0, 0, 0]).unwrap();
+    bench.write(0x2301, 0, &[2, 0, 0, 0]).unwrap();
+    let sent = bench.pass(milliseconds(10));
+    assert_eq!(sent, [(2.5, "290#02000000".to_owned())]);
+}
+
+#[test]
+fn a_changed_value_makes_type_0_send_at_the_next_sync() {
+    let mut bench = Bench::operational();
+    bench.write(0x1800, 2, &[0]).unwrap();
+    assert!(bench.send(0x80, &[1]).is_empty());
+    bench.send(0x210, &[0, 0, 9, 0]);
+    assert!(bench.pass(milliseconds(1)).is_empty(), "not before a SYNC");
+    assert_eq!(bench.send(0x80, &[2]), ["190#090000000000"]);
+    assert!(bench.send(0x80, &[3]).is_empty());
+}
+
+#[test]
+fn an_rpdo_is_not_silent_where_a_change_may_be_sent_at_once() {
+    let mut bench = Bench::operational();
+    assert!(bench.device.takes_silently(0x210));
+    bench.write(0x1800, 2, &[255]).unwrap();
+    assert!(!bench.device.takes_silently(0x210));
+}
+
+/// A PDO cannot be refused as an SDO can, so that its values are cut to the limits of the EDS.
+#[test]
+fn an_rpdos_value_beyond_its_objects_limits_is_cut_to_them() {
+    let mut dictionary = dictionary();
+    for (index, low, high) in [(TARGET, -1000, 1000), (0x2301, -70_000, 70_000)] {
+        let mut entry = dictionary.entry(dictionary.find(index, 0).unwrap()).clone();
+        (entry.low_limit, entry.high_limit) = (Some(low), Some(high));
+        dictionary.insert(entry);
+    }
+    let mut bench = Bench::with(dictionary);
+    bench.send(0, &[1, ID]);
+    for (target, expected) in [
+        (32_000_i16, 1000),
+        (1000, 1000),
+        (-32_000, -1000),
+        (-999, -999),
+    ] {
+        let [low, high] = target.to_le_bytes();
+        bench.send(0x210, &[0x0F, 0, low, high]);
+        bench.send(0x80, &[1]);
+        let stored = bench.device.services.dictionary.integer(TARGET, 0);
+        assert_eq!(stored, Some(expected), "{target}");
+        let is_cut = bench.device.services.is_rpdo_cut(1);
+        assert_eq!(is_cut, i128::from(target) != expected);
+    }
+    for (value, expected) in [(i32::MAX, 70_000), (i32::MIN, -70_000), (-3, -3)] {
+        bench.send(0x310, &value.to_le_bytes());
+        let stored = bench.device.services.dictionary.integer(0x2301, 0);
+        assert_eq!(stored, Some(expected));
+    }
+    assert_eq!(bench.read(CONTROLWORD, 0), Ok(0x0F), "the rest is taken");
+}
