@@ -43,7 +43,7 @@ mod tests {
         let root: Table = root.parse().unwrap();
         let packages = ours["profile"]["release"]["package"].as_table().unwrap();
         // A crate of its own is another workspace, in which canrig's crates are dependencies.
-        for member in ["canrig", "plant-emulator", "worlds"] {
+        for member in ["controller", "plant-emulator", "worlds"] {
             let level = packages[member]["opt-level"].as_integer();
             assert_eq!(level, Some(3), "{member}");
         }
