@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use canopen::object_dictionary::Entry;
+use canopen::object_dictionary::{AbortCode, Entry};
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, ObjectDictionary, Progress, cia402};
 use scenario::rig::ObjectAddress;
@@ -318,6 +318,7 @@ fn check_objects(answers: &[&Answer]) -> Check {
                 let text = format!("{} cannot be read: {error}", question.name());
                 return Check::failed("objects", text);
             }
+            (Err(error), Some(_)) if waits_for_operational(question, error) => {}
             (Err(error), Some(_)) => {
                 let text = format!("{} does not take 0: {error}", question.name());
                 return Check::failed("objects", text);
@@ -339,6 +340,13 @@ fn check_objects(answers: &[&Answer]) -> Check {
         "objects",
         format!("{read} read, {written} written, as the EDS says"),
     )
+}
+
+/// A drive may take its controlword in NMT state operational only: what it refuses before commands nothing.
+fn waits_for_operational(question: &Question, error: &SdoError) -> bool {
+    let states = [AbortCode::DEVICE_STATE, AbortCode::LOCAL_CONTROL];
+    question.entry.index == cia402::CONTROLWORD
+        && matches!(error.failure, SdoFailure::Aborted(code) if states.contains(&code))
 }
 
 fn has_answered(result: &Result<Vec<u8>, SdoError>) -> bool {
