@@ -78,7 +78,7 @@ fn every_check_passes_on_the_emulator() {
             "✓ other manager none is heard",
             "✓ nodes         found: drive (node 16)",
             "✓ identity      as in the EDS",
-            "✓ objects       8 read, 4 written",
+            "✓ objects       8 read, 3 written",
             "✓ configuration PDOs 0x190 (8 bytes) and 0x210 (4 bytes)",
             "✓ drive         Operation enabled",
             "✓ position      0.00 to 0.00 mm without current",
