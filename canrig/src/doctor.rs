@@ -13,11 +13,10 @@ use platform::{probe, scheduling};
 
 use runner::console::print;
 use runner::exit::Exit;
+use runner::run::RUNS;
 
 /// The program that shows recordings.
 const VIEWER: &str = "rerun";
-/// The folder for runs where `--output` names no other.
-const RUNS: &str = "runs";
 
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -8,7 +8,7 @@ use crate::console::usage_error;
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::observer::observed;
-use crate::run::{Judged, run};
+use crate::run::{Judged, RUNS, run};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
@@ -24,7 +24,7 @@ pub struct PlayArgs {
     #[arg(required = true, value_name = "SCENARIO")]
     pub scenarios: Vec<PathBuf>,
     /// The folder for the run folders
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print the verdicts as JSON instead of tables
     #[arg(long)]

@@ -19,6 +19,9 @@ use report::{ReportError, Run};
 use rig::setup::Setup;
 use worlds::{End, Played, WorldError};
 
+/// The folder for run folders where `--output` names no other.
+pub const RUNS: &str = "runs";
+
 /// What a run left.
 pub struct Judged {
     /// The verdict.

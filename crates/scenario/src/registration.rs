@@ -33,7 +33,7 @@ pub enum InvalidOwn {
         /// The fault.
         fault: &'static str,
     },
-    /// Told twice, or after a scenario was read.
+    /// Registered twice, or after a scenario was read.
     #[error("the plants and laws of a bench are registered once")]
     ToldAlready,
 }

@@ -16,6 +16,7 @@ use recording::session::write_scenario;
 use rig::setup::Setup;
 use runner::console::{RunsBar, print, print_error};
 use runner::exit::Exit;
+use runner::run::RUNS;
 use runner::scenarios;
 
 /// Why a sweep did not come to its end.
@@ -49,7 +50,7 @@ pub struct SweepArgs {
     /// A scenario file with a [sweep] table
     pub scenario: PathBuf,
     /// The folder for the sweep's folder; an interrupted sweep that is there is continued
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Play one part of the sweep, such as 2/4, the second of four, for several machines; `canrig merge` merges the parts
     #[arg(long, value_name = "PART", default_value_t = Shard::WHOLE)]

@@ -15,6 +15,7 @@ use recording::run_folder::{WriteError, file};
 use rig::setup::Setup;
 use runner::console::print_error;
 use runner::exit::Exit;
+use runner::run::RUNS;
 use runner::scenarios;
 
 /// Missing cases that are named.
@@ -75,7 +76,7 @@ pub struct MergeArgs {
     #[arg(required = true, value_name = "SHARD")]
     pub shards: Vec<PathBuf>,
     /// The folder for the folder of the whole sweep
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print failures only
     #[arg(long, short)]

@@ -15,6 +15,7 @@ use recording::capture::Watch;
 use rig::setup::Setup;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
+use runner::run::RUNS;
 use runner::run::run;
 use runner::scenarios;
 use worlds::catalogue::catalogue;
@@ -35,7 +36,7 @@ pub struct TortureArgs {
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub seed: u64,
     /// The folder for the folders of failing cases
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Show no progress
     #[arg(long, short)]

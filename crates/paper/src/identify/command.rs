@@ -21,6 +21,7 @@ use super::statistics::FitStatistics;
 use recording::run_folder::{RunFolder, file};
 use runner::console::{Spinner, print, print_error};
 use runner::exit::Exit;
+use runner::run::RUNS;
 
 /// Most recordings of one identification.
 const RECORDINGS_MAX: usize = 100;
@@ -72,7 +73,7 @@ pub struct IdentifyArgs {
     #[arg(long, value_name = "FILE")]
     pub dbc: Option<PathBuf>,
     /// The folder for the folder with the result
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print failures only
     #[arg(long, short)]

@@ -15,6 +15,7 @@ use recording::run_folder::{RunFolder, WriteError, file};
 use runner::console::{Spinner, print, print_error};
 use runner::exit::Exit;
 use runner::observer::observed;
+use runner::run::RUNS;
 
 /// Name of the file with all numbers.
 const NUMBERS: &str = "reproduction.json";
@@ -37,7 +38,7 @@ pub fn experiments(effort: Effort) -> Vec<Experiment> {
 #[derive(Args, Debug)]
 pub struct ReproduceArgs {
     /// The folder for the folder with the page
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Play fewer plants, frequencies and settings, to see that everything works
     #[arg(long)]
