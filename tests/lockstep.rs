@@ -210,7 +210,7 @@ fn setup(path: &Path) -> rig::setup::Setup {
 
 #[test]
 fn the_recording_alone_gives_the_same_verdict() {
-    use judge::judge;
+    use judge::{Circumstances, judge};
     use recording::log::read_log;
     use recording::timeline::decode;
     let folder = tempfile::tempdir().unwrap();
@@ -221,7 +221,7 @@ fn the_recording_alone_gives_the_same_verdict() {
     let frames = read_log(std::io::BufReader::new(log)).unwrap();
     let setup = setup(&run.join("scenario.toml"));
     let timeline = decode(&frames, &setup).unwrap();
-    let verdict = judge(&timeline, &setup, 0);
+    let verdict = judge(&timeline, &setup, &Circumstances::default());
     assert_eq!(
         verdict.to_json(),
         fs::read_to_string(run.join("verdict.json")).unwrap()

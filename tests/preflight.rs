@@ -57,7 +57,7 @@ fn dry_run(folder: &Path, rig: &Path) -> Run {
 
 /// The last check is the one that failed, and says so.
 fn fails((code, text): (Option<i32>, String), line: &str) {
-    assert_eq!(code, Some(4), "{text}");
+    assert_eq!(code, Some(3), "{text}");
     let checks: Vec<&str> = text.lines().filter(|line| line.starts_with("  ")).collect();
     let last = checks.last().unwrap_or(&"");
     assert!(

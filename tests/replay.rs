@@ -240,6 +240,25 @@ fn a_cut_recording_is_judged_up_to_the_cut() {
     assert!(page.contains("incomplete") && page.contains("Hysteresis"));
 }
 
+/// Every 20th position is removed from a recording in virtual time: nobody but the drive can have left it out.
+#[test]
+fn a_drive_that_leaves_positions_out_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path(), &scenario("step.toml"));
+    let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    let mut positions = 0;
+    let kept = log.lines().filter(|line| {
+        positions += usize::from(line.contains(" 190#"));
+        !(line.contains(" 190#") && positions % 20 == 0)
+    });
+    let kept: String = kept.flat_map(|line| [line, "\n"]).collect();
+    fs::write(run.join("bus.log"), kept).unwrap();
+    let (code, stdout, stderr) = tool(&["replay", text(&run)]);
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    assert!(stdout.contains("FAIL: drive: no position in "), "{stdout}");
+    assert!(!stdout.contains("busy"), "{stdout}");
+}
+
 #[test]
 fn a_file_that_is_no_log_is_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -8,7 +8,9 @@ use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::Limit;
 
+use crate::circumstances::Circumstances;
 use crate::metric::Metric;
+use crate::misses::Misses;
 
 /// Sample times are multiples of the period; this absorbs their rounding.
 pub(crate) const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
@@ -18,6 +20,8 @@ pub(crate) struct Evidence<'a> {
     pub(crate) timeline: &'a Timeline,
     pub(crate) setup: &'a Setup,
     pub(crate) scenario: &'a Scenario,
+    pub(crate) circumstances: &'a Circumstances,
+    misses: Misses,
 }
 
 /// A value, or why there is none.
@@ -109,12 +113,23 @@ impl CycleSample {
 }
 
 impl<'a> Evidence<'a> {
-    pub(crate) fn new(timeline: &'a Timeline, setup: &'a Setup) -> Self {
+    pub(crate) fn new(
+        timeline: &'a Timeline,
+        setup: &'a Setup,
+        circumstances: &'a Circumstances,
+    ) -> Self {
         Self {
             timeline,
             setup,
             scenario: &setup.scenario,
+            circumstances,
+            misses: Misses::of(timeline, setup, circumstances),
         }
+    }
+
+    /// The cycles that were missed, and whose doing that was.
+    pub(crate) fn misses(&self) -> &Misses {
+        &self.misses
     }
 
     /// The samples of a window, up to but without its end; cycles without a position are left out.

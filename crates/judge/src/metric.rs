@@ -71,7 +71,7 @@ impl Metric {
     }
 }
 
-fn meets(value: f64, limit: Limit) -> bool {
+pub(crate) fn meets(value: f64, limit: Limit) -> bool {
     let value = rounded(value);
     limit.min.is_none_or(|min| value >= min) && limit.max.is_none_or(|max| value <= max)
 }

@@ -46,7 +46,7 @@ const MEASURES: [(&str, Measure); METRICS.len()] = [
         current_rms(evidence).into()
     }),
     ("missed_cycles_percent", |evidence| {
-        Measurement::Measured(Ok(evidence.timeline.missed_cycles_percent()))
+        Measurement::Measured(Ok(evidence.misses().percent()))
     }),
     ("bus_load_percent", |evidence| {
         traffic(evidence.timeline.bus_load_percent).into()

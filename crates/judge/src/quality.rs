@@ -3,35 +3,20 @@
 use recording::timeline::Timeline;
 use scenario::Scenario;
 
-use crate::verdict::Outcome;
+use crate::misses::is_recorded_to_its_end;
 
-/// With more missed cycles than this, control metrics decide nothing.
-const MISSED_CYCLES_PERCENT_MAX: f64 = 1.0;
-/// From this load on, a cycle that carries more than the others does not end in its time.
-const BUSY_BUS_PERCENT: f64 = 70.0;
-/// With faults the plant sends its truth every 10 ms at least.
-const FAULTY_END_SECONDS: f64 = 0.05;
-
-/// The outcome of a recording that is not good enough, with the reason. In a scenario with faults, cycles are missed on
-/// purpose.
-pub(crate) fn undecided(timeline: &Timeline, scenario: &Scenario) -> Option<(Outcome, String)> {
-    let planned = scenario.duration_seconds;
-    let is_sound = scenario.fault.is_empty();
-    if let Some(reason) = too_many_missed(timeline).filter(|_| is_sound) {
-        return Some((Outcome::Inconclusive, reason));
-    }
-    if timeline.zero_seconds.is_none() && has_boot_fault(scenario) {
-        return None;
-    }
-    let (reached, tolerance) = if is_sound {
-        (timeline.due_seconds(), 1.5 * timeline.period_seconds)
-    } else {
-        (timeline.last_frame_seconds, FAULTY_END_SECONDS)
-    };
-    (timeline.zero_seconds.is_none() || reached + tolerance < planned).then(|| {
-        let reached = timeline.zero_seconds.map_or(0.0, |_| reached);
-        let reason = format!("the recording ends after {reached:.3} s of {planned} s");
-        (Outcome::Incomplete, reason)
+/// Why a recording that ends before its scenario decides nothing.
+pub(crate) fn cut_short(timeline: &Timeline, scenario: &Scenario) -> Option<String> {
+    let never_began = timeline.zero_seconds.is_none();
+    let is_whole =
+        is_recorded_to_its_end(timeline, scenario) || never_began && has_boot_fault(scenario);
+    (!is_whole).then(|| {
+        let reached = match never_began {
+            true => 0.0,
+            false => timeline.last_frame_seconds,
+        };
+        let planned = scenario.duration_seconds;
+        format!("the recording ends after {reached:.3} s of {planned} s")
     })
 }
 
@@ -45,21 +30,4 @@ fn has_boot_fault(scenario: &Scenario) -> bool {
 #[must_use]
 pub fn lost_frames(lost: u64) -> String {
     format!("the recorder lost {lost} frames")
-}
-
-/// Why nothing can be decided, when too many cycles were missed.
-#[must_use]
-pub fn too_many_missed(timeline: &Timeline) -> Option<String> {
-    let missed = timeline.missed_cycles_percent();
-    (missed > MISSED_CYCLES_PERCENT_MAX).then(|| {
-        let load = timeline.bus_load_percent;
-        let cause = if load > BUSY_BUS_PERCENT {
-            format!("the bus is nearly full (load {load:.1} %)")
-        } else {
-            "the machine was too busy for real time; try --clock lockstep".to_owned()
-        };
-        format!(
-            "{missed:.1} % of the cycles were missed (limit {MISSED_CYCLES_PERCENT_MAX} %): {cause}"
-        )
-    })
 }

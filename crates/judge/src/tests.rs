@@ -2,14 +2,16 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
+use recording::ending::{EarlyEnd, EndedBy};
 use recording::log::Stamped;
+use recording::stalls::{Stall, What, Who};
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
 use rig::setup::Setup;
 use scenario::Scenario;
 
-use crate::judge;
 use crate::verdict::{Outcome, Verdict};
+use crate::{Circumstances, judge};
 
 const OPERATION_ENABLED: f64 = 39.0;
 
@@ -52,7 +54,11 @@ fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
 fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
     let setup = Setup::of(scenario.clone(), &Catalogue::shipped());
     let timeline = decode(frames, &setup).unwrap();
-    judge(&timeline, &setup, lost)
+    let circumstances = Circumstances {
+        frames_lost: lost,
+        ..Circumstances::default()
+    };
+    judge(&timeline, &setup, &circumstances)
 }
 
 fn value(verdict: &Verdict, name: &str) -> Option<f64> {
@@ -253,13 +259,142 @@ fn a_bad_recording_decides_nothing() {
     assert_eq!(outcome(&whole, 1), Outcome::Inconclusive);
     assert_eq!(outcome(&whole[..whole.len() / 2], 0), Outcome::Incomplete);
     assert_eq!(outcome(&[], 0), Outcome::Incomplete);
-    // Every 50th cycle without a position, then every 50th without its SYNC: 2 % missed, more than 1 %.
+}
+
+/// Every 50th cycle without a position, then every 50th without its SYNC: 2 % missed, more than 1 %.
+#[test]
+fn what_the_nodes_leave_out_fails_the_run_whoever_lost_frames() {
+    let whole = frames(4000, |_| Some(35.0));
     let silent = frames(4000, |cycle| (cycle % 50 != 7).then_some(35.0));
-    assert_eq!(outcome(&silent, 0), Outcome::Inconclusive);
+    let verdict = verdict_of(&scenario(""), &silent, 3);
+    assert_eq!(verdict.outcome, Outcome::Fail);
+    let reason = "drive: no position in 2.00 % of the cycles, first at 0.007 s (limit 1 %)";
+    assert_eq!(verdict.reason.as_deref(), Some(reason));
+    let outcome = |lost| verdict_of(&scenario(""), &silent, lost).outcome;
+    assert_eq!(outcome(50), Outcome::Inconclusive, "half may be lost ones");
     let is_kept = |stamped: &&Stamped| {
         let is_sync = stamped.frame.standard_id() == Some(0x080);
         !(is_sync && stamped.time.as_millis() % 50 == 7)
     };
     let skipped: Vec<Stamped> = whole.iter().filter(is_kept).copied().collect();
-    assert_eq!(outcome(&skipped, 0), Outcome::Inconclusive);
+    let verdict = verdict_of(&scenario(""), &skipped, 0);
+    assert_eq!(verdict.outcome, Outcome::Fail);
+    let reason = "controller: no SYNC in 2.00 % of the cycles, first at 0.006 s (limit 1 %)";
+    assert_eq!(verdict.reason.as_deref(), Some(reason));
+    // A scenario that permits as many has its own limit.
+    let permits = scenario("[expect]\nmissed_cycles_percent = { max = 3 }");
+    assert_eq!(verdict_of(&permits, &skipped, 0).outcome, Outcome::Pass);
+}
+
+/// A step to 36 mm, 4 % too far, at 1.2 s, and cycles without a position in a stall of the machine.
+fn beside_a_stall(
+    added: &str,
+    missed: std::ops::Range<u32>,
+    stall: (u64, u64),
+    position: impl Fn(f64) -> f64,
+) -> Verdict {
+    let is_missed = |cycle| missed.contains(&cycle);
+    let position = |cycle| (!is_missed(cycle)).then(|| position(f64::from(cycle) / 1e3));
+    let setup = Setup::of(scenario(added), &Catalogue::shipped());
+    let timeline = decode(&frames(4000, position), &setup).unwrap();
+    // The scenario begins at 1 ms.
+    let (from, until) = (
+        Duration::from_millis(1 + stall.0),
+        Duration::from_millis(1 + stall.1),
+    );
+    let circumstances = Circumstances {
+        stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+        ..Circumstances::default()
+    };
+    judge(&timeline, &setup, &circumstances)
+}
+
+const STEP_LIMIT: &str = "[expect]\novershoot_percent = { max = 1.0 }\n";
+
+fn overshooting(time: f64) -> f64 {
+    if (time - 1.2).abs() < 5e-4 {
+        36.0
+    } else {
+        step_response(1.1)(time)
+    }
+}
+
+#[test]
+fn a_limit_is_open_where_a_stall_in_its_window_explains_it() {
+    let verdict = beside_a_stall(STEP_LIMIT, 1150..1165, (1150, 1165), overshooting);
+    assert_eq!(verdict.outcome, Outcome::Inconclusive);
+    let reason = "not judged, since the machine stood still for 15.0 ms at 1.150 s: overshoot_percent; \
+        run it again or use --clock lockstep";
+    assert_eq!(verdict.reason.as_deref(), Some(reason));
+    // What is met is met all the same.
+    let met = beside_a_stall(STEP_LIMIT, 1150..1165, (1150, 1165), step_response(1.1));
+    assert_eq!((met.outcome, met.reason), (Outcome::Pass, None));
+    // A stall for which no cycle was missed explains nothing.
+    let verdict = beside_a_stall(STEP_LIMIT, 0..0, (1150, 1165), overshooting);
+    assert_eq!(verdict.outcome, Outcome::Fail);
+}
+
+#[test]
+fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
+    for (missed, stall) in [(1300..1315, (1300, 1315)), (3000..3200, (3000, 3200))] {
+        let verdict = beside_a_stall(STEP_LIMIT, missed, stall, overshooting);
+        assert_eq!(verdict.outcome, Outcome::Fail, "{:?}", verdict.reason);
+    }
+    // More than 1 % in stalls, and nothing missed before: nothing is known.
+    let verdict = beside_a_stall(STEP_LIMIT, 3000..3200, (3000, 3200), step_response(1.1));
+    assert_eq!(verdict.outcome, Outcome::Inconclusive);
+    let reason = verdict.reason.unwrap();
+    assert!(reason.contains("too busy for real time"), "{reason}");
+    assert!(reason.contains("200.0 ms at 3.000 s"), "{reason}");
+    let row = verdict
+        .metrics
+        .iter()
+        .find(|row| row.name == "overshoot_percent");
+    assert_eq!(row.unwrap().passed, None);
+}
+
+/// 5 % missed, half of them in a stall, against a limit of 3 %: without the stall it is met. Against 2 % it is not.
+#[test]
+fn missed_cycles_have_their_limit_without_those_of_the_bench() {
+    let judged = |max: f64| {
+        let limit = format!("[expect]\nmissed_cycles_percent = {{ max = {max:.1} }}\n");
+        let setup = Setup::of(scenario(&limit), &Catalogue::shipped());
+        let is_missed = |cycle| (2000..2100).contains(&cycle) || (3000..3100).contains(&cycle);
+        let frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
+        let timeline = decode(&frames, &setup).unwrap();
+        let (from, until) = (Duration::from_millis(2001), Duration::from_millis(2101));
+        let circumstances = Circumstances {
+            stalls: vec![Stall::new(from, until, Who::PlantEmulator, What::Waited)],
+            ..Circumstances::default()
+        };
+        let verdict = judge(&timeline, &setup, &circumstances);
+        assert_eq!(value(&verdict, "missed_cycles_percent"), Some(5.0));
+        verdict.outcome
+    };
+    assert_eq!(judged(2.0), Outcome::Fail);
+    assert_eq!(judged(3.0), Outcome::Inconclusive);
+}
+
+#[test]
+fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
+    let setup = Setup::of(scenario(""), &Catalogue::shipped());
+    let timeline = decode(&frames(2000, |_| Some(10.0)), &setup).unwrap();
+    let judged = |by| {
+        let circumstances = Circumstances {
+            ended_early: Some(EarlyEnd {
+                node: (by == EndedBy::Node).then(|| "controller".to_owned()),
+                ..EarlyEnd::without_node(by, "silent since 2.000 s")
+            }),
+            ..Circumstances::default()
+        };
+        let verdict = judge(&timeline, &setup, &circumstances);
+        assert_eq!(verdict.ended_early, circumstances.ended_early);
+        (verdict.outcome, verdict.reason.unwrap())
+    };
+    let reason = "controller: silent since 2.000 s";
+    assert_eq!(judged(EndedBy::Node), (Outcome::Fail, reason.to_owned()));
+    for by in [EndedBy::Bench, EndedBy::User] {
+        let reason = "silent since 2.000 s".to_owned();
+        assert_eq!(judged(by), (Outcome::Incomplete, reason));
+    }
 }

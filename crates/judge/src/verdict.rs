@@ -1,5 +1,6 @@
 //! What a run came to: metrics beside their limits, and the outcome. `verdict.json` holds it.
 
+use recording::ending::EarlyEnd;
 use rig::external::External;
 use rig::setup::Setup;
 use scenario::expect::Requirements;
@@ -57,6 +58,9 @@ pub struct Verdict {
     /// Frames that the recorder lost: the one thing that the frames of a recording do not show.
     #[serde(default, skip_serializing_if = "is_none_lost")]
     pub frames_lost: u64,
+    /// Who ended the run before its scenario's end, and why; none if it was played to its end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended_early: Option<EarlyEnd>,
     /// All metrics that the run has or the scenario limits.
     pub metrics: Vec<Metric>,
     /// Losses and emergencies of the run, the first of them.
@@ -81,6 +85,7 @@ impl Verdict {
             outcome: Outcome::Incomplete,
             reason: Some(reason.to_owned()),
             frames_lost: 0,
+            ended_early: None,
             metrics: Vec::new(),
             losses: Vec::new(),
             timing: None,

@@ -26,6 +26,7 @@ pub mod real_time;
 pub mod recorder;
 pub mod scheduling;
 mod socketcan_bus;
+pub mod stall_watch;
 pub mod stop;
 
 pub use open::open;

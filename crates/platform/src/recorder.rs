@@ -97,6 +97,12 @@ impl Recorder {
         self.clock.wall_epoch()
     }
 
+    /// A time of the system's monotonic clock as the recorder stamps its frames, see [`Recorder::wall_epoch`].
+    #[must_use]
+    pub fn from_monotonic(&self, time: Duration) -> Duration {
+        self.clock.from_monotonic(time)
+    }
+
     /// By how much the wall clock was stepped since the epoch. The kernel's stamps are wall-clock times, so on an
     /// interface more than a few milliseconds make them untrustworthy.
     #[must_use]

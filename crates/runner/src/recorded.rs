@@ -10,10 +10,12 @@ use scenario::ScenarioError;
 use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
 use judge::verdict::{Outcome, Verdict};
-use judge::{judge, judge_timing};
+use judge::{Circumstances, judge, judge_timing};
+use recording::ending::EndedBy;
 use recording::log::{Log, read_cut_log};
 use recording::run_folder::file;
 use recording::session::{FramesError, ReadError, read_setup};
+use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline};
 use report::parquet::ParquetError;
 use rig::catalogue::Catalogue;
@@ -91,6 +93,8 @@ pub struct Recorded {
     pub log: Log,
     /// The verdict of the run; none for a log that canrig has not written.
     pub stored: Option<Verdict>,
+    /// Where the machine held the nodes up; only a folder of a run in real time says it.
+    pub stalls: Vec<Stall>,
     /// Whether it is a run folder.
     pub is_folder: bool,
 }
@@ -139,11 +143,19 @@ impl Recorded {
             }
             None => read_played(folder, catalogue)?,
         };
+        let stalls = match is_folder {
+            true => read_stalls(folder).map_err(|source| RecordedError::Read {
+                path: folder.join(file::STALLS),
+                source,
+            })?,
+            false => Vec::new(),
+        };
         Ok(Self {
             path: path.to_owned(),
             setup,
             log,
             stored,
+            stalls,
             is_folder,
         })
     }
@@ -162,11 +174,18 @@ impl Recorded {
     /// The database lacks a signal that the bench needs.
     pub fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
         let stored = self.stored.as_ref();
-        let lost = stored.map_or(0, |stored| stored.frames_lost);
-        let mut verdict = judge(timeline, &self.setup, lost);
+        let ended_early = stored.and_then(|stored| stored.ended_early.clone());
+        let by_node = ended_early.clone().filter(|end| end.by == EndedBy::Node);
+        let circumstances = Circumstances {
+            frames_lost: stored.map_or(0, |stored| stored.frames_lost),
+            ended_early: by_node,
+            stalls: self.stalls.clone(),
+        };
+        let mut verdict = judge(timeline, &self.setup, &circumstances);
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason.clone_from(&stored.reason);
+            verdict.ended_early = ended_early;
         }
         if self.is_folder && stored.is_none() {
             let reason = format!("the run broke off before there was a {}", file::VERDICT);
@@ -175,7 +194,12 @@ impl Recorded {
         }
         if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
             let timing = timing.again(&self.log.frames, &self.setup)?;
-            judge_timing(&mut verdict, timing, &self.setup.scenario.expect);
+            judge_timing(
+                &mut verdict,
+                timing,
+                &self.setup.scenario.expect,
+                &self.stalls,
+            );
         }
         Ok(verdict)
     }
@@ -219,7 +243,7 @@ pub(crate) fn refuse(error: RecordedError) -> Exit {
         RecordedError::Rig(error) => print_diagnostic(*error),
         error => print_error(&format!("canrig: {error}")),
     }
-    Exit::ScenarioInvalid
+    Exit::CannotStart
 }
 
 /// Refuses what is no run folder.

@@ -8,12 +8,14 @@ use scenario::Scenario;
 use crate::exit::Exit;
 use judge::timing::Timing;
 use judge::verdict::Verdict;
-use judge::{judge, judge_broken};
+use judge::{Circumstances, judge};
 use recording::capture::{Capture, Watch};
+use recording::ending::{EarlyEnd, EndedBy};
 use recording::frame_queue::FrameQueue;
 use recording::progress::ProgressReader;
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::write_setup;
+use recording::stalls;
 use recording::timeline::{self, Timeline};
 use report::{ReportError, Run};
 use rig::setup::Setup;
@@ -32,8 +34,8 @@ pub struct Judged {
     pub exit: Exit,
 }
 
-/// Plays the scenario in a world, records and judges it, and hands the frames on to the queues meanwhile. What was
-/// recorded before a failure of the world is kept, with a verdict that says "incomplete" and why.
+/// Plays the scenario in a world, records and judges it, and hands the frames on to the queues meanwhile. A node that ended the
+/// run has failed; what was recorded before a failure of the bench is kept, with a verdict that says "incomplete" and why.
 ///
 /// # Errors
 /// The files of the run cannot be written.
@@ -56,8 +58,9 @@ pub fn run(
         host: Some(host), ..
     }) = &ended
     {
+        folder.write(file::STALLS, stalls::to_csv(&host.stalls).as_bytes())?;
         let timing = Timing::of(&frames, setup, host.clone())?;
-        judge::judge_timing(&mut verdict, timing, &setup.scenario.expect);
+        judge::judge_timing(&mut verdict, timing, &setup.scenario.expect, &host.stalls);
     }
     let run = Run {
         setup,
@@ -66,11 +69,12 @@ pub fn run(
         verdict: &verdict,
     };
     report::write_all(&run, &folder)?;
-    let exit = match ended {
+    let exit = match &ended {
         Ok(Played {
             end: End::Interrupted,
             ..
         }) => Exit::Interrupted,
+        Err(error) if error.is_before_start() => Exit::CannotStart,
         _ => verdict.outcome.into(),
     };
     Ok(Judged {
@@ -100,23 +104,37 @@ pub fn verdict(
     setup: &Setup,
     frames_lost: u64,
 ) -> Verdict {
-    match ended {
-        Err(error) => {
-            let error = with_cause(error, timeline, frames_lost);
-            judge_broken(timeline, setup, &error)
-        }
-        Ok(Played {
-            end: End::Interrupted,
-            ..
-        }) => Verdict::incomplete_of(setup, "interrupted by the user"),
-        Ok(_) => judge(timeline, setup, frames_lost),
+    let ended_early = match ended {
+        Err(error) => Some(EarlyEnd::without_node(
+            EndedBy::Bench,
+            with_losses(error, frames_lost),
+        )),
+        Ok(played) => match &played.end {
+            End::Completed => None,
+            End::Interrupted => return interrupted(setup),
+            End::ByNode(end) => Some(end.clone()),
+        },
+    };
+    let host = ended.as_ref().ok().and_then(|played| played.host.as_ref());
+    let circumstances = Circumstances {
+        frames_lost,
+        ended_early,
+        stalls: host.map(|host| host.stalls.clone()).unwrap_or_default(),
+    };
+    judge(timeline, setup, &circumstances)
+}
+
+fn interrupted(setup: &Setup) -> Verdict {
+    let reason = "interrupted by the user";
+    Verdict {
+        ended_early: Some(EarlyEnd::without_node(EndedBy::User, reason)),
+        ..Verdict::incomplete_of(setup, reason)
     }
 }
 
-/// A busy machine looks like a broken node; where it was busy, that is said too.
-fn with_cause(error: &WorldError, timeline: &Timeline, frames_lost: u64) -> String {
-    let busy = judge::too_many_missed(timeline);
-    let lost = (frames_lost > 0).then(|| judge::lost_frames(frames_lost));
-    let causes = busy.into_iter().chain(lost);
-    causes.fold(error.to_string(), |text, cause| format!("{text}\n{cause}"))
+fn with_losses(error: &WorldError, frames_lost: u64) -> String {
+    match frames_lost {
+        0 => error.to_string(),
+        lost => format!("{error}\n{}", judge::lost_frames(lost)),
+    }
 }

@@ -86,6 +86,11 @@ impl BusConnection {
         }
     }
 
+    /// A time of the system's monotonic clock on that of the recording.
+    pub(super) fn recorded_time(&self, time: Duration) -> Duration {
+        self.recorder.wall_epoch() + self.recorder.from_monotonic(time)
+    }
+
     /// By how much the clock of the stamps was stepped; the hub's is monotonic.
     pub(super) fn wall_clock_step(&self) -> Duration {
         if self.hub.is_some() {

@@ -9,6 +9,7 @@
 //! What it does not know: what is judged, what a run folder holds besides the recording, and who reads it. It prints nothing:
 //! what happens meanwhile is reported to the caller.
 
+mod blame;
 mod bus_choice;
 pub mod bus_connection;
 mod bus_model;
@@ -24,6 +25,8 @@ pub mod preflight;
 mod process_faults;
 pub mod processes;
 pub mod real_time;
+mod silence;
+mod stalls;
 mod supervisor;
 
 pub use bus_choice::{BusChoice, RunBus, choose_bus};

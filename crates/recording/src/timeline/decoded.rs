@@ -85,6 +85,28 @@ impl Timeline {
         cycle_start_seconds(self.cycles_due, self.period_seconds)
     }
 
+    /// What was known before a scenario time. How busy the bus was is that of the whole recording.
+    #[must_use]
+    pub fn before(&self, seconds: f64) -> Self {
+        let mut before = self.clone();
+        let rows = self.time_seconds.partition_point(|time| *time < seconds);
+        before.cycle.truncate(rows);
+        before.time_seconds.truncate(rows);
+        before.set_point_millimetres.truncate(rows);
+        for column in &mut before.columns {
+            column.values.truncate(rows);
+        }
+        before.events.retain(|event| event.time_seconds < seconds);
+        let emergencies = &mut before.emergencies;
+        emergencies.retain(|emergency| emergency.time_seconds < seconds);
+        before.truth.retain(|truth| truth.time_seconds < seconds);
+        for trace in &mut before.traces {
+            trace.samples.retain(|sample| sample.time_seconds < seconds);
+        }
+        before.last_frame_seconds = before.last_frame_seconds.min(seconds);
+        before
+    }
+
     /// Cycles that never began or in which the drive was silent, by all that were due.
     #[must_use]
     pub fn missed_cycles_percent(&self) -> f64 {

@@ -96,7 +96,7 @@ impl<'a> RunPlan<'a> {
         let external = External::new(&args.external).map_err(usage_error)?;
         let rig = rig_of(args, &external).map_err(|error| {
             print_diagnostic(error);
-            Exit::ScenarioInvalid
+            Exit::CannotStart
         })?;
         let external = match rig {
             Some(_) => external.with_drive(),
@@ -213,9 +213,16 @@ impl<'a> RunPlan<'a> {
         match observed(|| watch.interrupt(), || (), made) {
             Ok(End::Completed) => Exit::Pass,
             Ok(End::Interrupted) => Exit::Interrupted,
+            Ok(End::ByNode(end)) => {
+                print_error(&format!("canrig: {end}"));
+                Exit::VerdictFailed
+            }
             Err(error) => {
                 print_error(&format!("canrig: {error}"));
-                Exit::BenchFailed
+                match error.is_before_start() {
+                    true => Exit::CannotStart,
+                    false => Exit::BenchFailed,
+                }
             }
         }
     }
@@ -249,9 +256,7 @@ impl Testbed for RunPlan<'_> {
     ) -> Result<Played, WorldError> {
         match self.clock {
             ClockChoice::RealTime => self.in_real_time(setup, folder, capture),
-            ClockChoice::Lockstep => {
-                processes::in_lockstep(&setup.scenario, folder, capture, &self.bus)
-            }
+            ClockChoice::Lockstep => processes::in_lockstep(setup, folder, capture, &self.bus),
         }
     }
 }

@@ -178,10 +178,13 @@ fn heat(
     let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
     await_stopped(connection, &mut capture, &mut heating)?;
     capture.finish()?;
-    if matches!(&ended, Ok(played) if played.end == End::Interrupted) {
-        return Ok(End::Interrupted);
-    }
-    pass(heating.checks(ended.as_ref().map(|_| ())), report)?;
+    let ended = match ended.map(|played| played.end) {
+        Ok(End::Interrupted) => return Ok(End::Interrupted),
+        Ok(End::ByNode(end)) => Err(WorldError::ByNode(end)),
+        Ok(End::Completed) => Ok(()),
+        Err(error) => Err(error),
+    };
+    pass(heating.checks(ended.as_ref().copied()), report)?;
     Ok(End::Completed)
 }
 
