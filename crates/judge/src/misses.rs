@@ -1,6 +1,8 @@
 //! Whose doing it was that a cycle was missed: the bench's, a fault's of the scenario, or a node's. By evidence only: without
 //! a stall in the recording's evidence nothing is the bench's.
 
+use std::time::Duration;
+
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::stalls::{Stall, Who};
 use recording::timeline::Timeline;
@@ -9,6 +11,7 @@ use rig::setup::Setup;
 use scenario::Scenario;
 
 use crate::circumstances::Circumstances;
+use crate::evidence::TIME_TOLERANCE_SECONDS;
 
 /// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
 const REACTION_SECONDS: f64 = 0.2;
@@ -96,7 +99,9 @@ impl Misses {
                 let booted = fault
                     .from_seconds
                     .map_or(Some(0.0), |_| fault.until_seconds);
-                until >= begins && booted.is_none_or(|ends| from <= ends + REACTION_SECONDS)
+                let reaction = REACTION_SECONDS + TIME_TOLERANCE_SECONDS;
+                until + TIME_TOLERANCE_SECONDS >= begins
+                    && booted.is_none_or(|ends| from <= ends + reaction)
             })
         };
         let mut all = Vec::new();
@@ -246,9 +251,15 @@ fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
     let Some(zero) = timeline.zero_seconds else {
         return Vec::new();
     };
+    // Both are whole microseconds since 1970, which seconds in an f64 do not hold.
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "microseconds since 1970 stay below 2^52"
+    )]
+    let since_zero = |time: Duration| (time.as_micros() as f64 - (1e6 * zero).round()) / 1e6;
     let stretch = |stall: &Stall| Stretch {
-        from_seconds: stall.from.as_secs_f64() - zero,
-        until_seconds: stall.until.as_secs_f64() - zero,
+        from_seconds: since_zero(stall.from),
+        until_seconds: since_zero(stall.until),
         stall: *stall,
     };
     stalls.iter().map(stretch).collect()
@@ -271,10 +282,11 @@ fn excusing(stretches: &[Stretch], missing: Missing, external: &External) -> Vec
 
 /// The longest of the stalls, sorted by their ends, that overlap a stretch.
 fn overlapping(stretches: &[Stretch], from: f64, until: f64) -> Option<Stretch> {
-    let first = stretches.partition_point(|stretch| stretch.until_seconds <= from);
+    let ends_before = |stretch: &Stretch| stretch.until_seconds <= from + TIME_TOLERANCE_SECONDS;
+    let first = stretches.partition_point(ends_before);
     let candidates = stretches[first..].iter();
     candidates
-        .filter(|stretch| stretch.from_seconds < until)
+        .filter(|stretch| stretch.from_seconds < until - TIME_TOLERANCE_SECONDS)
         .max_by(|left, right| left.length().total_cmp(&right.length()))
         .copied()
 }

@@ -176,6 +176,7 @@ mod tests {
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let setup = Setup::of(scenario, &Catalogue::shipped());
         let timeline = decode(&frames(), &setup).unwrap();
+        let circumstances = crate::Circumstances::default();
         let rows = metrics(&Evidence::new(&timeline, &setup, &circumstances));
         let found: Vec<_> = rows
             .iter()

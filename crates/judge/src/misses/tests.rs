@@ -27,7 +27,7 @@ enum Cycle {
 #[derive(Clone, Copy, Debug)]
 struct Held {
     from: i64,
-    length: u64,
+    length: u32,
     who: Who,
 }
 
@@ -38,18 +38,18 @@ fn micros(micros: u64) -> Duration {
 impl Held {
     fn stall(self) -> Stall {
         let from = micros(ZERO_MICROS.checked_add_signed(1000 * self.from).unwrap());
-        let until = from + micros(1000 * self.length);
+        let until = from + micros(1000 * u64::from(self.length));
         Stall::new(from, until, self.who, What::Waited)
     }
 }
 
-fn setup(cycles: usize, faults: &[(u64, u64)], external: &External) -> Setup {
+fn setup(cycles: usize, faults: &[(u32, u32)], external: &External) -> Setup {
     let seconds = 0.01 * f64::from(u32::try_from(cycles).unwrap());
     let mut text = format!(
         "schema = 1\nname = \"m\"\nduration_seconds = {seconds:.2}\n[bus]\nsync_period_milliseconds = 10.0\n[controller.open_loop]\n"
     );
     for (from, until) in faults {
-        let [from, until] = [from, until].map(|centis| *centis as f64 / 100.0);
+        let [from, until] = [from, until].map(|centis| f64::from(*centis) / 100.0);
         text += &format!(
             "[[fault.node.crash]]\nnode = \"controller\"\nfrom_seconds = {from:.2}\nuntil_seconds = {until:.2}\n"
         );
@@ -87,22 +87,23 @@ fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
 fn slow(
     cycles: &[Cycle],
     held: &[Held],
-    faults: &[(u64, u64)],
+    faults: &[(u32, u32)],
     external: &External,
-) -> Vec<(usize, &'static str)> {
+) -> Vec<(f64, &'static str)> {
     let mut by_fault = vec![false; cycles.len()];
     let mut whose = Vec::new();
-    for (place, cycle) in cycles.iter().enumerate() {
+    for (number, cycle) in (0_u32..).zip(cycles) {
         if *cycle == Cycle::Served {
             continue;
         }
-        let (from, until) = (10 * place as i64, 10 * place as i64 + 10);
-        let is_during = faults
-            .iter()
-            .any(|(begins, ends)| until >= 10 * *begins as i64 && from <= 10 * *ends as i64 + 200);
+        let place = usize::try_from(number).unwrap();
+        let (from, until) = (10 * i64::from(number), 10 * i64::from(number) + 10);
+        let is_during = faults.iter().any(|(begins, ends)| {
+            until >= 10 * i64::from(*begins) && from <= 10 * i64::from(*ends) + 200
+        });
         by_fault[place] = is_during || place > 0 && by_fault[place - 1];
         let explains = |held: &&Held| {
-            let overlaps = held.from < until && held.from + held.length as i64 > from;
+            let overlaps = held.from < until && held.from + i64::from(held.length) > from;
             let is_of_it = match (held.who, cycle) {
                 (Who::Machine | Who::Bus, _) => true,
                 (Who::Controller, Cycle::WithoutSync) => true,
@@ -116,7 +117,7 @@ fn slow(
             (None, true) => "fault",
             (None, false) => "node",
         };
-        whose.push((place, doing));
+        whose.push((f64::from(number) * 0.01, doing));
     }
     whose
 }
@@ -149,7 +150,7 @@ fn held() -> impl Strategy<Value = Held> {
         Just(Who::Controller),
         Just(Who::PlantEmulator)
     ];
-    (-30..900_i64, 1..60_u64, who).prop_map(|(from, length, who)| Held { from, length, who })
+    (-30..900_i64, 1..60_u32, who).prop_map(|(from, length, who)| Held { from, length, who })
 }
 
 proptest! {
@@ -157,13 +158,13 @@ proptest! {
     fn each_miss_is_whose_doing_a_slow_look_finds(
         cycles in cycles(),
         held in prop::collection::vec(held(), 0..6),
-        fault in prop::option::of((5..40_u64, 1..20_u64)),
+        fault in prop::option::of((5..40_u32, 1..20_u32)),
         nodes in prop::sample::subsequence(vec![ExternalNode::Drive, ExternalNode::Controller], 0..=2),
     ) {
         let external = External::new(&nodes).unwrap();
-        let faults: Vec<(u64, u64)> = fault.into_iter().map(|(from, length)| (from, from + length)).collect();
+        let faults: Vec<(u32, u32)> = fault.into_iter().map(|(from, length)| (from, from + length)).collect();
         // A fault may not begin after the scenario's end.
-        let last = cycles.len() as u64;
+        let last = u32::try_from(cycles.len()).unwrap();
         prop_assume!(faults.iter().all(|(_, until)| *until < last));
         let setup = setup(cycles.len(), &faults, &external);
         let timeline = decode(&frames(&cycles), &setup).unwrap();
@@ -174,8 +175,7 @@ proptest! {
         let misses = Misses::of(&timeline, &setup, &circumstances);
         prop_assert_eq!(misses.due, cycles.len() as u64);
         let found: Vec<_> = misses.all.iter().map(|miss| {
-            let place = (miss.at_seconds * 100.0).round() as usize;
-            (place, word(miss.doing))
+            (miss.at_seconds, word(miss.doing))
         }).collect();
         prop_assert_eq!(found, slow(&cycles, &held, &faults, &external));
     }
@@ -205,7 +205,7 @@ fn who_left_out_what_is_named_with_its_share_and_its_first_time() {
 fn the_end_of_a_run_is_the_machines_only_if_it_stood_still_for_half_of_the_silence() {
     let setup = setup(100, &[], &External::default());
     let timeline = decode(&frames(&[Cycle::Served; 40]), &setup).unwrap();
-    let excused = |silence_seconds: f64, held: &[(i64, u64)]| {
+    let excused = |silence_seconds: f64, held: &[(i64, u32)]| {
         let end = EarlyEnd {
             by: EndedBy::Node,
             node: Some("drive".to_owned()),

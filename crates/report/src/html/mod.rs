@@ -53,9 +53,7 @@ pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
 
 fn head(run: &Run<'_>) -> Markup {
     let scenario = &run.setup.scenario;
-    let Run {
-        verdict, timeline, ..
-    } = run;
+    let verdict = run.verdict;
     let law = scenario.controller.law_name();
     html! {
         h1 { (scenario.name) }
