@@ -9,13 +9,13 @@ use scenario::ScenarioError;
 
 use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
+use exports::parquet::ParquetError;
 use judge::verdict::{Outcome, Verdict};
 use judge::{judge, judge_timing};
 use recording::log::{Log, read_cut_log};
 use recording::run_folder::file;
 use recording::session::{FramesError, ReadError, read_setup};
 use recording::timeline::{self, Timeline};
-use report::parquet::ParquetError;
 use rig::catalogue::Catalogue;
 use rig::rig_file::RigError;
 use rig::setup::Setup;
