@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::support::root;
 
 /// A room, by its package's name, and the rooms that it may depend on. Each stands above all that it names.
-const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
     ("canopen", &[]),
     ("dbc", &["canopen"]),
     ("scenario", &["canopen"]),
@@ -50,6 +50,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
             "judge",
         ],
     ),
+    ("exports", &["canopen", "recording"]),
     (
         "runner",
         &[
@@ -62,6 +63,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
             "judge",
             "worlds",
             "report",
+            "exports",
         ],
     ),
     (
@@ -77,6 +79,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
             "judge",
             "worlds",
             "report",
+            "exports",
             "runner",
         ],
     ),
@@ -92,6 +95,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
             "judge",
             "worlds",
             "report",
+            "exports",
             "runner",
             "campaigns",
         ],
@@ -111,6 +115,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 16] = [
             "judge",
             "worlds",
             "report",
+            "exports",
             "runner",
             "campaigns",
             "paper",

@@ -171,3 +171,27 @@ pub fn tables_of(scenario: &Scenario) -> impl Iterator<Item = &str> {
     let files = tables.chain(courses.map(|course| &course.file));
     files.map(String::as_str)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder that holds its scenario is taken for whole, so a sweep that was killed would go on without the table.
+    #[test]
+    fn a_folder_without_the_files_of_its_scenario_has_no_scenario() {
+        let place = tempfile::tempdir().unwrap();
+        let scenario = place.path().join("t.toml");
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
+            [[reference.table]]\nfrom_seconds = 0.0\nfile = \"course.csv\"\n";
+        fs::write(&scenario, text).unwrap();
+        let table = place.path().join("course.csv");
+        fs::write(&table, "time_seconds,position_millimetres\n0.0,10.0\n1.0,12.0\n").unwrap();
+        let database = Arc::new(Database::shipped().clone());
+        let setup = Setup::load_recorded(&scenario, database).unwrap();
+        fs::remove_file(table).unwrap();
+        let folder = RunFolder::create(&place.path().join("runs"), "t", 1, text).unwrap();
+        write_setup(&folder, &setup).unwrap_err();
+        assert!(folder.path().join(file::FRAMES).exists());
+        assert!(!folder.scenario().exists());
+    }
+}

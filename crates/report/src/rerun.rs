@@ -79,10 +79,11 @@ pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
         .with_name(setup.scenario.name.as_str())
         .with_start_time(0_i64);
     send_static(&mut file, EntityPath::properties(), &properties)?;
-    let mut recording = Recording::begin(file, setup, Known::Whole)?;
+    let mut recording = Recording::begin(&mut file, setup, Known::Whole)?;
     recording.log(timeline, &mut bus)?;
     recording.log_verdict(verdict)?;
-    recording.finish()?.finish()?;
+    recording.finish()?;
+    file.finish()?;
     Ok(fs::rename(partial, path)?)
 }
 

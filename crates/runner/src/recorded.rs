@@ -9,6 +9,7 @@ use scenario::ScenarioError;
 
 use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
+use exports::parquet::ParquetError;
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, judge, judge_timing};
 use recording::ending::EndedBy;
@@ -17,7 +18,6 @@ use recording::run_folder::file;
 use recording::session::{FramesError, ReadError, read_setup};
 use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline};
-use report::parquet::ParquetError;
 use rig::catalogue::Catalogue;
 use rig::rig_file::RigError;
 use rig::setup::Setup;

@@ -19,6 +19,7 @@ use crate::error::{Problem, ScenarioError, Source};
 use crate::outside::Outside;
 use crate::own::{Own, Section};
 use crate::scenario::Scenario;
+use crate::table::ReadTable;
 use crate::view::{ControllerView, HIDDEN_FROM_CONTROLLER};
 use crate::{schema, structure};
 
@@ -60,8 +61,6 @@ enum Reading {
     Recorded,
 }
 
-/// Gives the text of a table by the name that a scenario uses.
-pub(crate) type ReadTable<'a> = &'a mut dyn FnMut(&str) -> io::Result<String>;
 /// Says what else is wrong with a scenario.
 type Object<'a> = &'a dyn Fn(&Scenario) -> Vec<Objection>;
 

@@ -1,5 +1,6 @@
 //! CSV tables: the set-points, two columns under a fixed header, and the recorded courses of signals, one column of many.
 
+use std::io;
 use std::ops::RangeInclusive;
 use std::path::{Component, Path};
 
@@ -13,6 +14,9 @@ const ROWS_MAX: usize = 1_000_000;
 const COLUMNS_LISTED_MAX: usize = 50;
 /// The wire's travel.
 const POSITION_MILLIMETRES: RangeInclusive<f64> = 0.0..=60.0;
+
+/// Gives the text of a table by the name that a scenario uses.
+pub(crate) type ReadTable<'a> = &'a mut dyn FnMut(&str) -> io::Result<String>;
 
 /// Rows `(time_seconds, value)`.
 type Rows = Vec<(f64, f64)>;

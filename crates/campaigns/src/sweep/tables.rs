@@ -7,7 +7,7 @@ use std::path::Path;
 use super::plan::SweepPlan;
 use super::row::SweepRow;
 use super::store::{self, StoreError};
-use report::parquet::{Cells, ColumnKind, ParquetTable};
+use exports::parquet::{Cells, ColumnKind, ParquetTable};
 
 /// Names of the tables.
 pub(super) const CSV: &str = "runs.csv";

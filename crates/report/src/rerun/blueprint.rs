@@ -36,7 +36,7 @@ pub(crate) enum Play {
 
 /// Sends the layout.
 pub(super) fn send(
-    output: &mut impl Output,
+    output: &mut dyn Output,
     setup: &Setup,
     groups: &BTreeSet<&str>,
     play: Play,
@@ -66,15 +66,15 @@ struct Place {
     share: f32,
 }
 
-struct Layout<'a, O> {
-    output: &'a mut O,
+struct Layout<'a> {
+    output: &'a mut dyn Output,
     store: StoreId,
     setup: &'a Setup,
     play: Play,
     places: u8,
 }
 
-impl<O: Output> Layout<'_, O> {
+impl Layout<'_> {
     fn build(&mut self, groups: &BTreeSet<&str>) -> Result<()> {
         let has = |group| groups.contains(group);
         let mut left = vec![self.plot("Position (mm)", "position", 2.2)?];

@@ -134,7 +134,7 @@ impl BusReader {
     }
 
     /// Logs what there is since the last time.
-    pub(super) fn log(&mut self, output: &mut impl Output) -> Result<(), RerunError> {
+    pub(super) fn log(&mut self, output: &mut dyn Output) -> Result<(), RerunError> {
         let cycles = mem::take(&mut self.cycles);
         // Most cycles have a row of each timing, so the times are made once.
         let all = times::columns(cycles.iter().map(|cycle| cycle.moment));
@@ -173,7 +173,7 @@ fn first_from(seconds: f64) -> Duration {
 const LOAD: &str = "bus/load_percent";
 
 /// Names and colours.
-pub(super) fn log_styles(output: &mut impl Output) -> Result<(), RerunError> {
+pub(super) fn log_styles(output: &mut dyn Output) -> Result<(), RerunError> {
     for (name, label, colour) in TIMING {
         send_static(
             output,

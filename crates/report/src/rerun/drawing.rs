@@ -65,7 +65,7 @@ impl Drawing {
 
     /// Draws what stands still.
     pub(super) fn draw(
-        output: &mut impl Output,
+        output: &mut dyn Output,
         scenario: &Scenario,
     ) -> Result<Option<Self>, RerunError> {
         let Some(rig) = Self::of(scenario) else {
@@ -112,7 +112,7 @@ impl Drawing {
     /// Draws what moves in a piece of the run.
     pub(super) fn log(
         &mut self,
-        output: &mut impl Output,
+        output: &mut dyn Output,
         timeline: &Timeline,
     ) -> Result<(), RerunError> {
         let poses = self.new_poses(timeline);

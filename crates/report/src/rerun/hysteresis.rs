@@ -67,7 +67,7 @@ impl Hysteresis {
     /// Draws what a piece of the run adds.
     pub(super) fn log(
         &mut self,
-        output: &mut impl Output,
+        output: &mut dyn Output,
         timeline: &Timeline,
     ) -> Result<(), RerunError> {
         let Some((temperature, fraction)) = signals(timeline) else {
@@ -130,7 +130,7 @@ impl Hysteresis {
     }
 
     /// Draws the whole path, which stands still while the point moves along it, unless it is drawn.
-    pub(super) fn log_path(&mut self, output: &mut impl Output) -> Result<(), RerunError> {
+    pub(super) fn log_path(&mut self, output: &mut dyn Output) -> Result<(), RerunError> {
         let Some(frame) = self.frame.as_ref().filter(|_| self.is_path_old) else {
             return Ok(());
         };
@@ -151,7 +151,7 @@ impl Hysteresis {
 }
 
 /// The point that moves with the time.
-fn log_now(output: &mut impl Output, frame: &Frame, points: &[Point]) -> Result<(), RerunError> {
+fn log_now(output: &mut dyn Output, frame: &Frame, points: &[Point]) -> Result<(), RerunError> {
     if points.is_empty() {
         return Ok(());
     }
@@ -166,7 +166,7 @@ fn log_now(output: &mut impl Output, frame: &Frame, points: &[Point]) -> Result<
 }
 
 /// How the point looks.
-pub(super) fn log_style(output: &mut impl Output) -> Result<(), RerunError> {
+pub(super) fn log_style(output: &mut dyn Output) -> Result<(), RerunError> {
     let look = Points2D::update_fields()
         .with_colors([groups::ORANGE])
         .with_radii([Radius::new_ui_points(5.0)]);
@@ -273,7 +273,7 @@ impl Frame {
         Self::at(right, self.fraction.part(fraction))
     }
 
-    fn log(&self, output: &mut impl Output) -> Result<(), RerunError> {
+    fn log(&self, output: &mut dyn Output) -> Result<(), RerunError> {
         let mut lines: Vec<[[f32; 2]; 2]> = Vec::new();
         let mut numbers: Vec<([f32; 2], String)> = Vec::new();
         for celsius in self.celsius.lines() {

@@ -42,7 +42,7 @@ pub(super) fn begin(store_id: StoreId) -> LogMsg {
 
 /// Sends what never changes of an entity.
 pub(super) fn send_static(
-    output: &mut impl Output,
+    output: &mut dyn Output,
     path: impl Into<EntityPath>,
     what: &dyn AsComponents,
 ) -> Result<(), RerunError> {
@@ -52,7 +52,7 @@ pub(super) fn send_static(
 
 /// Sends rows of one number each.
 pub(super) fn send_scalars(
-    output: &mut impl Output,
+    output: &mut dyn Output,
     path: impl Into<EntityPath>,
     times: [TimeColumn; 2],
     values: Vec<f64>,
@@ -63,7 +63,7 @@ pub(super) fn send_scalars(
 
 /// Sends rows with their times.
 pub(super) fn send_rows(
-    output: &mut impl Output,
+    output: &mut dyn Output,
     path: impl Into<EntityPath>,
     times: [TimeColumn; 2],
     columns: impl IntoIterator<Item = SerializedComponentColumn>,

@@ -38,8 +38,8 @@ pub(crate) enum Known {
 }
 
 /// A run on its way to a file or a viewer.
-pub(crate) struct Recording<'a, O> {
-    output: O,
+pub(crate) struct Recording<'a> {
+    output: &'a mut dyn Output,
     setup: &'a Setup,
     scenario: &'a Scenario,
     known: Known,
@@ -57,13 +57,17 @@ pub(crate) struct Recording<'a, O> {
     end_seconds: f64,
 }
 
-impl<'a, O: Output> Recording<'a, O> {
+impl<'a> Recording<'a> {
     /// A recording with nothing in it but what never changes.
-    pub(crate) fn begin(mut output: O, setup: &'a Setup, known: Known) -> Result<Self, RerunError> {
-        bus::log_styles(&mut output)?;
-        hysteresis::log_style(&mut output)?;
+    pub(crate) fn begin(
+        output: &'a mut dyn Output,
+        setup: &'a Setup,
+        known: Known,
+    ) -> Result<Self, RerunError> {
+        bus::log_styles(output)?;
+        hysteresis::log_style(output)?;
         let scenario = &setup.scenario;
-        let drawing = Drawing::draw(&mut output, scenario)?;
+        let drawing = Drawing::draw(output, scenario)?;
         Ok(Self {
             output,
             setup,
@@ -79,15 +83,10 @@ impl<'a, O: Output> Recording<'a, O> {
         })
     }
 
-    /// Where it goes.
-    pub(crate) fn output(&self) -> &O {
-        &self.output
-    }
-
     /// Sends the layout of a run that has just begun, with all that may come.
     pub(crate) fn expect_all(&mut self) -> Result<(), RerunError> {
         let groups = groups::expected(self.setup);
-        blueprint::send(&mut self.output, self.setup, &groups, Play::Following)
+        blueprint::send(self.output, self.setup, &groups, Play::Following)
     }
 
     /// Logs a piece of the run.
@@ -97,9 +96,9 @@ impl<'a, O: Output> Recording<'a, O> {
         bus: &mut BusReader,
     ) -> Result<(), RerunError> {
         self.log_signals(timeline)?;
-        self.hysteresis.log(&mut self.output, timeline)?;
+        self.hysteresis.log(self.output, timeline)?;
         if let Some(drawing) = &mut self.drawing {
-            drawing.log(&mut self.output, timeline)?;
+            drawing.log(self.output, timeline)?;
         }
         self.log_settling_bands(timeline)?;
         self.log_events(timeline.period_seconds, &timeline.events)?;
@@ -109,23 +108,22 @@ impl<'a, O: Output> Recording<'a, O> {
             .map_or(0.0, |event| event.time_seconds);
         let end_seconds = timeline.end_seconds().max(last_event);
         self.end_seconds = self.end_seconds.max(end_seconds);
-        bus.log(&mut self.output)
+        bus.log(self.output)
     }
 
     /// Sends the layout of what there is.
-    pub(crate) fn finish(mut self) -> Result<O, RerunError> {
+    pub(crate) fn finish(mut self) -> Result<(), RerunError> {
         if self.hysteresis.is_there() {
             self.groups.insert(groups::HYSTERESIS);
         }
-        blueprint::send(&mut self.output, self.setup, &self.groups, Play::Paused)?;
-        Ok(self.output)
+        blueprint::send(self.output, self.setup, &self.groups, Play::Paused)
     }
 
     /// The end: the verdict as a page, as the last event, and as the recording's properties.
     pub(crate) fn log_verdict(&mut self, verdict: &Verdict) -> Result<(), RerunError> {
-        self.hysteresis.log_path(&mut self.output)?;
+        self.hysteresis.log_path(self.output)?;
         let page = TextDocument::from_markdown(page(verdict));
-        send_static(&mut self.output, "verdict", &page)?;
+        send_static(self.output, "verdict", &page)?;
         let event = TimelineEvent {
             time_seconds: self.end_seconds,
             level: match verdict.outcome {
@@ -143,7 +141,7 @@ impl<'a, O: Output> Recording<'a, O> {
             .with_component::<Text>("seed", [text(&verdict.seed.to_string())])
             .with_component::<Text>("canrig_version", [text(&verdict.version)]);
         let path = EntityPath::properties().join(&EntityPath::from("run"));
-        send_static(&mut self.output, path, &properties)
+        send_static(self.output, path, &properties)
     }
 
     /// Set-point, error, disturbances and all signals of the bus.
@@ -209,11 +207,11 @@ impl<'a, O: Output> Recording<'a, O> {
             } else {
                 line(style.label, style.colour)
             });
-            send_static(&mut self.output, path.as_str(), &look)?;
+            send_static(self.output, path.as_str(), &look)?;
             self.styled.insert(path.clone());
         }
         let values = rows.numbers().iter().map(|&row| values[row]);
-        send_scalars(&mut self.output, path, times, values.collect())
+        send_scalars(self.output, path, times, values.collect())
     }
 
     /// The band that each judged step must settle in, as far as the piece goes.
@@ -236,11 +234,11 @@ impl<'a, O: Output> Recording<'a, O> {
                 let path = format!("position/settling_band/step_{number}/{side}_millimetres");
                 if !self.styled.contains(&path) {
                     let look = line("settling band", groups::GREY).with_widths([1.0]);
-                    send_static(&mut self.output, path.as_str(), &look)?;
+                    send_static(self.output, path.as_str(), &look)?;
                     self.styled.insert(path.clone());
                 }
                 let values = vec![step.to_millimetres + edge; 2];
-                send_scalars(&mut self.output, path, times.clone(), values)?;
+                send_scalars(self.output, path, times.clone(), values)?;
             }
         }
         Ok(())
@@ -263,7 +261,7 @@ impl<'a, O: Output> Recording<'a, O> {
             .with_many_text(texts)
             .with_many_level(events.iter().map(level))
             .columns_of_unit_batches()?;
-        send_rows(&mut self.output, "events", times::columns(moments), rows)
+        send_rows(self.output, "events", times::columns(moments), rows)
     }
 }
 

@@ -97,7 +97,9 @@ fn follow(
 ) -> Result<(), LiveError> {
     let mut reader = TimelineReader::new(setup)?;
     let mut bus = BusReader::new(setup)?;
-    let mut recording = Recording::begin(stream, setup, Known::SoFar)?;
+    // Another handle of the same stream.
+    let mut output = stream.clone();
+    let mut recording = Recording::begin(&mut output, setup, Known::SoFar)?;
     recording.expect_all()?;
     loop {
         let is_last = frames.is_abandoned() && frames.slots() <= PIECE_FRAMES_MAX;
@@ -113,7 +115,7 @@ fn follow(
             reader.take_piece(&setup.scenario)?
         };
         recording.log(&piece, &mut bus)?;
-        flush(recording.output())?;
+        flush(&stream)?;
         if is_last {
             break;
         }
@@ -124,7 +126,7 @@ fn follow(
     if let Ok(verdict) = judged.recv() {
         recording.log_verdict(&verdict)?;
     }
-    flush(recording.output())
+    flush(&stream)
 }
 
 /// Waits until the viewer has everything: no more than a piece is ever on the way, however slow or paused the viewer is.

@@ -9,7 +9,8 @@ use crate::exit::Exit;
 use crate::output::write;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use dbc::scenario_clock::ScenarioClock;
-use report::{asc, blf, csv, mf4, parquet};
+use exports::{asc, blf, mf4, parquet};
+use report::csv;
 use worlds::catalogue::catalogue;
 
 /// Arguments of `export`.

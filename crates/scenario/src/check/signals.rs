@@ -7,9 +7,8 @@ use super::tables::read_beside;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Demand, Emergency, Expected, Sequence, SignalCheck};
-use crate::load::ReadTable;
 use crate::scenario::Scenario;
-use crate::table;
+use crate::table::{self, ReadTable};
 
 /// A window may end so much after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
 const END_SECONDS: f64 = 0.1;

@@ -2,9 +2,8 @@
 
 use crate::document::Document;
 use crate::error::Problem;
-use crate::load::ReadTable;
 use crate::reference::Table;
-use crate::table;
+use crate::table::{self, ReadTable};
 
 /// Reads the tables of the set-point into their rows.
 pub(crate) fn read_tables(
