@@ -244,8 +244,10 @@ fn without_a_controller_every_node_answers() {
             ("16 (0x10)", " drive.eds"),
             ("17 (0x11)", " disturbance.eds"),
         ] {
-            let row = stdout.lines().find(|line| line.contains(node));
-            let row = row.unwrap_or_else(|| panic!("no {node} in {stdout}"));
+            let row = stdout
+                .lines()
+                .find(|line| line.contains(node))
+                .unwrap_or_else(|| panic!("no {node} in {stdout}"));
             assert!(
                 row.contains("pre-operational") && row.contains(eds),
                 "{row}"
@@ -341,7 +343,7 @@ fn the_help_of_sdo_says_how_numbers_are_read() {
 }
 
 #[test]
-fn what_the_user_got_wrong_is_told() {
+fn what_the_user_got_wrong_is_reported() {
     let runtime = tempfile::tempdir().unwrap();
     for (arguments, code, words) in [
         (
