@@ -60,8 +60,12 @@ pub(crate) struct HostArgs {
 fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, String> {
     let view = ControllerView::load(&args.scenario).map_err(|error| error.to_string())?;
     let scenario = Scenario::load(&args.scenario).map_err(|error| error.to_string())?;
-    let rig = args.rig.as_deref().map(LoadedRig::load).transpose();
-    let rig = rig.map_err(|error| error.to_string())?;
+    let rig = args
+        .rig
+        .as_deref()
+        .map(LoadedRig::load)
+        .transpose()
+        .map_err(|error| error.to_string())?;
     let is_real_time = args.host.lockstep.is_none();
     let is_of_process =
         |kind: &FaultKind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang);

@@ -106,7 +106,7 @@ pub fn suspend(number: u32, is_suspended: bool) -> io::Result<()> {
     kill_process(child.ok_or(Errno::SRCH)?, signal).map_err(io::Error::from)
 }
 
-/// Takes the side channel that the parent passed under `number`.
+/// Opens the side channel that the parent passed under `number`.
 ///
 /// # Errors
 /// When `number` is no `SOCK_SEQPACKET` socket, or was taken before.
