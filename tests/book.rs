@@ -107,8 +107,7 @@ impl Page {
 
 fn anchor(heading: &str) -> String {
     let kept = |letter: &char| letter.is_alphanumeric() || " _-".contains(*letter);
-    let letters = heading.to_lowercase();
-    let letters: String = letters.chars().filter(kept).collect();
+    let letters: String = heading.to_lowercase().chars().filter(kept).collect();
     letters.replace(' ', "-")
 }
 

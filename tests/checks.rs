@@ -116,7 +116,7 @@ fn every_check_can_fail_and_says_when() {
 }
 
 #[test]
-fn a_wrong_name_is_told_before_any_run() {
+fn a_wrong_name_is_reported_before_any_run() {
     let folder = tempfile::tempdir().unwrap();
     let check = "[[expect.signal]]\nname = \"drive_tpdo1.curent_amperes\"\nstays = { max = 1.0 }\n";
     let path = write(folder.path(), check, None);

@@ -143,8 +143,8 @@ fn the_doctor_passes_where_only_what_is_optional_is_missing() {
     ] {
         assert!(stdout.contains(what), "{what} is missing:\n{stdout}");
     }
-    let amiss = stdout.lines().filter(|line| line.starts_with("  no "));
-    assert_eq!(stdout.matches("mend: ").count(), amiss.count(), "{stdout}");
+    let missing = stdout.lines().filter(|line| line.starts_with("  no "));
+    assert_eq!(stdout.matches("fix: ").count(), missing.count(), "{stdout}");
     let optional = stdout.matches("\noptional, ").count();
     assert_eq!((optional, stdout.starts_with("needed, ")), (3, true));
 

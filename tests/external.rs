@@ -89,7 +89,7 @@ impl Run {
     /// Exit code, what was printed, and the run's folder.
     pub(crate) fn end(self) -> (Option<i32>, String, PathBuf) {
         let runs = self.runs.clone();
-        let (code, text) = self.told();
+        let (code, text) = self.printed();
         (code, text, only_run(&runs))
     }
 
@@ -102,7 +102,7 @@ impl Run {
     }
 
     /// Exit code, and what was printed.
-    pub(crate) fn told(mut self) -> (Option<i32>, String) {
+    pub(crate) fn printed(mut self) -> (Option<i32>, String) {
         let mut text = String::new();
         self.lines.read_to_string(&mut text).unwrap();
         let ended = self.canrig.ended();
@@ -115,8 +115,11 @@ impl Run {
 pub(crate) fn start(address: &str, role: &str, scenario: &Path) -> Child {
     let mut node = Command::new(env!("CARGO_BIN_EXE_canrig"));
     node.args(["node", role, "--bus", address, "--scenario"]);
-    let node = node.arg(scenario).stdin(Stdio::piped());
-    let node = node.stdout(Stdio::null()).stderr(Stdio::null());
+    let node = node
+        .arg(scenario)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
     node.spawn().unwrap()
 }
 
@@ -151,20 +154,25 @@ fn values(run: &Path, column: &str) -> usize {
     let table = fs::read_to_string(run.join("signals.csv")).unwrap();
     let place = |line: &str| line.split(',').position(|name| name == column);
     let place = place(table.lines().next().unwrap()).unwrap();
-    let cells = table.lines().skip(1);
-    let cells = cells.map(|line| line.split(',').nth(place).unwrap());
+    let cells = table
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').nth(place).unwrap());
     cells.filter(|cell| !cell.is_empty()).count()
 }
 
 #[test]
-fn beside_an_external_drive_nothing_is_guessed_and_a_limit_that_nobody_tells_does_not_pass() {
+fn beside_an_external_drive_nothing_is_guessed_and_a_limit_that_nobody_publishes_does_not_pass() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let run = Run::expecting(folder.path(), "drive");
-        // The emulator tells temperatures, which must not be taken for those of the drive that it stands for.
+        // The emulator publishes temperatures, which must not be taken for those of the drive that it stands for.
         let (code, text, run) = run.end_beside("plant-emulator");
         assert_eq!(code, Some(5), "{text}");
-        assert!(text.contains("only the emulated plant tells it"), "{text}");
+        assert!(
+            text.contains("only the emulated plant publishes it"),
+            "{text}"
+        );
         let verdict = verdict(&run);
         assert_eq!(verdict["external"], serde_json::json!(["drive"]));
         for name in ["temperature_celsius", "maximum_deviation_millimetres"] {
@@ -248,7 +256,10 @@ fn a_rig_file_gives_the_cycle_and_goes_with_the_recording() {
         let run = Run::with(folder.path(), &["--rig", rig.to_str().unwrap()]);
         let (code, text, run) = run.end_beside("plant-emulator");
         assert_eq!(code, Some(5), "{text}");
-        assert!(text.contains("only the emulated plant tells it"), "{text}");
+        assert!(
+            text.contains("only the emulated plant publishes it"),
+            "{text}"
+        );
         assert_eq!(verdict(&run)["external"], serde_json::json!(["drive"]));
         // 3 s at the 50 ms of the rig file, where the scenario has 100 ms.
         let rows = values(&run, "position_millimetres");
@@ -275,8 +286,8 @@ fn canrig_stops_a_drive_that_a_foreign_controller_leads_beyond_a_limit() {
         stop(drive);
         stop(controller);
         assert_eq!(code, Some(1), "{text}");
-        let told = "drive: canrig stopped the drive: limit of the rig: the position is";
-        assert!(text.contains(told), "{text}");
+        let expected = "drive: canrig stopped the drive: limit of the rig: the position is";
+        assert!(text.contains(expected), "{text}");
         let log = fs::read_to_string(run.join("bus.log")).unwrap();
         let (_, after) = log.split_once(" 000#0210\n").expect("NMT stop");
         let is_heated = |line: &str| line.contains(" 190#37") && !line.ends_with("0000");
@@ -447,8 +458,8 @@ fn a_rigs_eds_with_a_pdo_identifier_of_29_bits_is_refused() {
         let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
         let (found, _, stderr) = output(canrig.arg("check").arg(&path));
         assert_eq!(found, Some(code), "{stderr}");
-        let told = stderr.contains("0x1800:01") && stderr.contains("0x20000190");
-        assert_eq!(told, code == 3, "{stderr}");
+        let is_named = stderr.contains("0x1800:01") && stderr.contains("0x20000190");
+        assert_eq!(is_named, code == 3, "{stderr}");
     }
 }
 
@@ -460,6 +471,6 @@ fn a_set_point_that_the_rig_may_not_reach_is_refused_before_current_flows() {
     canrig.args(["--bus", "embedded", "--rig"]).arg(&rig);
     let (code, _, stderr) = output(canrig.arg(scenario("step.toml")));
     assert_eq!(code, Some(3), "{stderr}");
-    let told = "the set-point is 35 mm at 10 s, beyond the rig's limits (-1 to 34 mm)";
-    assert!(stderr.contains(told), "{stderr}");
+    let expected = "the set-point is 35 mm at 10 s, beyond the rig's limits (-1 to 34 mm)";
+    assert!(stderr.contains(expected), "{stderr}");
 }

@@ -157,7 +157,7 @@ fn uniform(state: &mut u64) -> f64 {
 #[test]
 fn all_of_20_random_starts_end_at_the_same_optimum() {
     let measurements = [excitation().measurement()];
-    // Coarse integration is enough to tell where a search ends.
+    // Coarse integration is enough to see where a search ends.
     let fit = fit(&measurements, SIX).coarse();
     let mut state = 20;
     let mut draw = || -> Vec<f64> {
@@ -262,7 +262,7 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
 
 /// With Sec. 3 values a ramp to 0.8 A never lifts the load (PAPER I1).
 #[test]
-fn a_start_that_never_lifts_is_told_and_replaced() {
+fn a_start_that_never_lifts_is_reported_and_replaced() {
     let text = "schema = 1\nname = \"low ramp\"\nduration_seconds = 20.0\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 0.0\n\
                 until_seconds = 10.0\ncurrent_amperes = 0.8\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 10.0\nuntil_seconds = 20.0\n\
                 current_amperes = 0.0\n";
@@ -309,7 +309,7 @@ fn complaint(run: &Path, arguments: &[&str]) -> String {
 }
 
 #[test]
-fn a_recording_that_is_not_there_is_told() {
+fn a_recording_that_is_not_there_is_named() {
     let message = complaint(Path::new("/nowhere"), &[]);
     assert!(
         message.contains("/nowhere: it cannot be read: No such file"),
@@ -331,7 +331,7 @@ fn a_recording_without_motion_is_refused() {
 fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
     let recording = Recording::of(&step_text(0.8, 4.0));
     let emulated = recording.measurement();
-    // The same drive as if it told no current and its sensor were of another kind.
+    // The same drive as if it measured no current and its sensor were of another kind.
     let rig = "schema = 1\nname = \"silent\"\n[drive]\ncurrent = { object = \"\" }\n\
         position = { resolution_millimetres = 0.025 }\n[limits]\ncurrent_amperes = 1.0\n\
         position_millimetres = { min = -1.0, max = 59.5 }\nspeed_millimetres_per_second = 1e4\n";
@@ -339,7 +339,7 @@ fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
     let silent = recording.measurement();
     assert!((silent.sensor_step_metres() - 25e-6).abs() < 1e-12);
     assert!(silent.sensor.span_millimetres >= 59.5);
-    // The commands tell when which current flowed, to the cycle.
+    // The commands show when which current flowed, to the cycle.
     assert_eq!(silent.positions_metres, emulated.positions_metres);
     let pairs = silent
         .currents_amperes

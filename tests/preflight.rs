@@ -45,9 +45,9 @@ fn flown_in(folder: &Path, drive: &str, faults: &str) -> (Option<i32>, String) {
     let emulated = folder.join("drive.toml");
     fs::write(&emulated, scenario_text(faults)).unwrap();
     let drive = start(&run.address, "plant-emulator", &emulated);
-    let told = run.told();
+    let printed = run.printed();
     stop(drive);
-    told
+    printed
 }
 
 fn dry_run(folder: &Path, rig: &Path) -> Run {
@@ -107,8 +107,7 @@ fn a_run_begins_with_the_pre_flight_and_heating_can_be_declined() {
         assert!(matches!(code, Some(0 | 5)), "{code:?} {text}");
         assert!(text.contains("· direction     not heated"), "{text}");
         assert!(text.contains("run folder"), "{text}");
-        let flights = fs::read_dir(&run).unwrap();
-        let flights = flights.filter(|entry| {
+        let flights = fs::read_dir(&run).unwrap().filter(|entry| {
             let name = entry.as_ref().unwrap().file_name();
             name.to_string_lossy().starts_with("pre-flight-")
         });
@@ -119,11 +118,11 @@ fn a_run_begins_with_the_pre_flight_and_heating_can_be_declined() {
 }
 
 #[test]
-fn nobody_there_and_somebody_else_leading_are_told() {
+fn nobody_there_and_somebody_else_leading_are_reported() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let rig = rig_file(folder.path(), "", 1.0);
-        let absent = dry_run(folder.path(), &rig).told();
+        let absent = dry_run(folder.path(), &rig).printed();
         fails(
             absent,
             "nodes         drive (node 16) answered no SDO for 1 s",
@@ -133,14 +132,14 @@ fn nobody_there_and_somebody_else_leading_are_told() {
         let rig = rig_file(folder.path(), "", 20.0);
         let run = dry_run(folder.path(), &rig);
         let other = run.start("controller");
-        let told = run.told();
+        let printed = run.printed();
         stop(other);
-        fails(told, "other manager ");
+        fails(printed, "other manager ");
     });
 }
 
 #[test]
-fn another_drive_and_objects_that_it_has_not_are_told() {
+fn another_drive_and_objects_that_it_has_not_are_reported() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let eds = dbc::DRIVE_EDS.replace("DefaultValue=0x00020192", "DefaultValue=0x00030192");
@@ -162,19 +161,19 @@ fn another_drive_and_objects_that_it_has_not_are_told() {
 }
 
 #[test]
-fn an_object_that_the_drive_does_not_map_is_told() {
+fn an_object_that_the_drive_does_not_map_is_reported() {
     in_real_time(|| {
         // It is there, of the right kind and writable, but in no PDO.
         let other = flown("current = { object = \"0x1017\" }", "");
         fails(
             other,
-            "configuration the drive did not take 0x10170010 for ",
+            "configuration the drive did not accept 0x10170010 for ",
         );
     });
 }
 
 #[test]
-fn a_position_that_cannot_be_is_told_before_current_flows() {
+fn a_position_that_cannot_be_is_reported_before_current_flows() {
     in_real_time(|| {
         let other = flown("position = { units_at_stop = 50000.0 }", "");
         fails(
@@ -187,7 +186,7 @@ fn a_position_that_cannot_be_is_told_before_current_flows() {
 }
 
 #[test]
-fn a_wrong_sign_and_a_load_that_does_not_move_are_told() {
+fn a_wrong_sign_and_a_load_that_does_not_move_are_reported() {
     in_real_time(|| {
         let other = flown("position = { units_per_millimetre = -1000.0 }", "");
         fails(other, "direction     falls by ");
@@ -197,18 +196,18 @@ fn a_wrong_sign_and_a_load_that_does_not_move_are_told() {
 }
 
 #[test]
-fn a_current_that_nobody_commands_is_told() {
+fn a_current_that_nobody_commands_is_reported() {
     in_real_time(|| {
         let stuck = "[[fault.amplifier.stuck_on]]\nfrom_seconds = 1.2\ncurrent_amperes = 0.7\n";
-        let told = "direction     the drive (node 16) ";
-        fails(flown("", stuck), told);
+        let line = "direction     the drive (node 16) ";
+        fails(flown("", stuck), line);
     });
 }
 
 #[test]
 fn a_limit_of_the_rig_holds_under_the_ramp_too() {
     in_real_time(|| {
-        // 0x6064 is the position in micrometres, so 30 mm are told as 60 mm.
+        // 0x6064 is the position in micrometres, so 30 mm are reported as 60 mm.
         let drive = "position = { units_per_millimetre = 500.0, resolution_millimetres = 10.0 }";
         let other = flown(drive, "");
         // No motion is seen, so the load rises on until the limit.
@@ -252,7 +251,7 @@ fn ctrl_c_under_the_ramp_takes_the_current_away() {
         let log = fs::read_to_string(folder.join("bus.log")).unwrap();
         let (_, after) = log.split_once(" 210#02000000\n").expect("quick stop");
         assert!(after.contains(" 000#0210"), "no NMT stop:\n{after}");
-        let told = after.lines().rev().find(|line| line.contains(" 190#"));
-        assert!(told.is_some_and(|line| line.ends_with("0000")), "{told:?}");
+        let last = after.lines().rev().find(|line| line.contains(" 190#"));
+        assert!(last.is_some_and(|line| line.ends_with("0000")), "{last:?}");
     });
 }

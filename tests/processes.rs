@@ -115,8 +115,8 @@ fn is_named_and_nothing_stays(victim: &str, scenario: &str, clock: &str) {
     kill_process(run.node(victim), Signal::KILL).unwrap();
     let (code, text, folder) = run.end();
     assert_eq!(code, Some(4), "{text}");
-    let told = format!("the {victim} was killed by signal 9");
-    assert!(text.contains(&told), "{text}");
+    let expected = format!("the {victim} was killed by signal 9");
+    assert!(text.contains(&expected), "{text}");
     assert!(nodes.iter().all(|node| is_gone(*node)));
     assert_eq!(verdict(folder.path())["outcome"], "incomplete");
 }

@@ -1,5 +1,5 @@
 //! Tests in real time on machines that stand still now and then: a virtual machine that is held up for 60 ms loses its drive,
-//! as it should. What fails beside such a stall tells nothing and is tried again; what fails without one fails.
+//! as it should. What fails beside such a stall proves nothing and is tried again; what fails without one fails.
 
 use std::ops::{Deref, DerefMut};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};

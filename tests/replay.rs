@@ -192,8 +192,8 @@ fn a_foreign_log_needs_its_scenario_only() {
     let folder = tempfile::tempdir().unwrap();
     let run = simulated(&folder.path().join("runs"), &scenario("step.toml"));
     let foreign = folder.path().join("foreign.log");
-    let log = fs::read_to_string(run.join("bus.log")).unwrap();
-    let log = log
+    let log = fs::read_to_string(run.join("bus.log"))
+        .unwrap()
         .replace("(00000", "(17000")
         .replace(") can0 ", ") slcan1 ");
     let other =

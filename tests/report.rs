@@ -97,8 +97,13 @@ fn several_runs_are_compared_on_one_page() {
     // The scenarios by their names; their folders only where two are of one scenario.
     assert!(page.contains(">25 mm step from a warm hold</a>"), "{page}");
     assert!(!page.contains("<div class=\"soft\">25-mm-step"), "{page}");
-    let head = page.split("<thead>").nth(1).unwrap();
-    let head = head.split("</thead>").next().unwrap();
+    let head = page
+        .split("<thead>")
+        .nth(1)
+        .unwrap()
+        .split("</thead>")
+        .next()
+        .unwrap();
     let names: Vec<&str> = head.split("<th class=\"number\">").skip(1).collect();
     assert!(names.len() <= 8, "{head}");
     assert!(names[0].starts_with("settling_time_seconds"), "{head}");
@@ -110,7 +115,7 @@ fn several_runs_are_compared_on_one_page() {
 }
 
 #[test]
-fn runs_of_one_scenario_are_told_apart_by_their_folders() {
+fn runs_of_one_scenario_differ_by_their_folders() {
     let folder = tempfile::tempdir().unwrap();
     let path = short_scenario(folder.path(), 1.0);
     let runs = folder.path().join("runs");

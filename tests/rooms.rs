@@ -160,8 +160,10 @@ fn packages(manifest: &toml::Table, section: &str) -> Vec<String> {
 
 /// The members of the workspace as their manifests say.
 fn rooms(root: &Path) -> Vec<Room> {
-    let members = manifest(&root.join("Cargo.toml"))["workspace"]["members"].clone();
-    let members: Vec<String> = members.try_into().unwrap();
+    let members: Vec<String> = manifest(&root.join("Cargo.toml"))["workspace"]["members"]
+        .clone()
+        .try_into()
+        .unwrap();
     let mut rooms: Vec<Room> = members
         .iter()
         .map(|member| {
@@ -190,8 +192,10 @@ fn forbidden(rooms: &[Room]) -> Vec<String> {
         let Some(allowed) = allowed.get(room.name.as_str()) else {
             return vec![format!("{} has no rule", room.name)];
         };
-        let strange = room.depends_on.iter();
-        let strange = strange.filter(|name| !allowed.contains(&name.as_str()));
+        let strange = room
+            .depends_on
+            .iter()
+            .filter(|name| !allowed.contains(&name.as_str()));
         strange
             .map(|name| format!("{} must not depend on {name}", room.name))
             .collect()

@@ -187,7 +187,7 @@ fn a_case_that_fails_does_so_by_itself() {
 }
 
 #[test]
-fn what_cannot_be_swept_is_told() {
+fn what_cannot_be_swept_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let output_folder = folder.path().join("runs");
     let sweep = |text: &str| {

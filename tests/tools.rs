@@ -88,6 +88,47 @@ fn frames(log: &str, id: &str) -> usize {
         .count()
 }
 
+fn sdo_reads_and_writes_beside_the_controller(run: &Run) {
+    let (code, stdout, stderr) = run.tool(&["sdo", "read", "drive", "Modes of operation display"]);
+    assert_eq!(
+        (code, stdout.as_str()),
+        (
+            Some(0),
+            "0x6061:00  Modes of operation display (INTEGER8) = 10\n"
+        ),
+        "{stderr}"
+    );
+    let (code, stdout, stderr) = run.tool(&["sdo", "write", "0x10", "1017", "30"]);
+    assert_eq!(code, Some(0), "{stderr}");
+    assert_eq!(
+        stdout,
+        "0x1017:00  Producer heartbeat time (UNSIGNED16) = 30 (0x001E)  written\n"
+    );
+    let (code, _, stderr) = run.tool(&["sdo", "write", "drive", "Statusword", "0"]);
+    assert_eq!(code, Some(4));
+    assert_eq!(
+        stderr,
+        "canrig: object 0x6041:00 of node 0x10: abort 0x0601_0002: attempt to write a read only object\n"
+    );
+    for object in ["Controlword", "1800:5"] {
+        let (code, _, stderr) = run.tool(&["sdo", "write", "drive", object, "0"]);
+        assert_eq!(code, Some(4), "{stderr}");
+        assert!(
+            stderr.contains("a controller is running") && stderr.contains("--force"),
+            "{stderr}"
+        );
+    }
+    let (code, stdout, stderr) = run.tool(&["sdo", "write", "drive", "1800:5", "0", "--force"]);
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stdout.ends_with("written\n"), "{stdout}");
+    let (code, _, stderr) = run.tool(&["sdo", "read", "disturbance", "6411:1"]);
+    assert_eq!(code, Some(4));
+    assert!(
+        stderr.contains("the default SDO channel of node 17 belongs to the running controller"),
+        "{stderr}"
+    );
+}
+
 #[test]
 fn tools_join_a_run_and_leave_the_controllers_sdo_channel_alone() {
     in_real_time(|| {
@@ -119,45 +160,7 @@ fn tools_join_a_run_and_leave_the_controllers_sdo_channel_alone() {
                 .for_each(|word| assert!(row.contains(word), "{word} in {row}"));
         }
 
-        let (code, stdout, stderr) =
-            run.tool(&["sdo", "read", "drive", "Modes of operation display"]);
-        assert_eq!(
-            (code, stdout.as_str()),
-            (
-                Some(0),
-                "0x6061:00  Modes of operation display (INTEGER8) = 10\n"
-            ),
-            "{stderr}"
-        );
-        let (code, stdout, stderr) = run.tool(&["sdo", "write", "0x10", "1017", "30"]);
-        assert_eq!(code, Some(0), "{stderr}");
-        assert_eq!(
-            stdout,
-            "0x1017:00  Producer heartbeat time (UNSIGNED16) = 30 (0x001E)  written\n"
-        );
-        let (code, _, stderr) = run.tool(&["sdo", "write", "drive", "Statusword", "0"]);
-        assert_eq!(code, Some(4));
-        assert_eq!(
-            stderr,
-            "canrig: object 0x6041:00 of node 0x10: abort 0x0601_0002: attempt to write a read only object\n"
-        );
-        for object in ["Controlword", "1800:5"] {
-            let (code, _, stderr) = run.tool(&["sdo", "write", "drive", object, "0"]);
-            assert_eq!(code, Some(4), "{stderr}");
-            assert!(
-                stderr.contains("a controller is running") && stderr.contains("--force"),
-                "{stderr}"
-            );
-        }
-        let (code, stdout, stderr) = run.tool(&["sdo", "write", "drive", "1800:5", "0", "--force"]);
-        assert_eq!(code, Some(0), "{stderr}");
-        assert!(stdout.ends_with("written\n"), "{stdout}");
-        let (code, _, stderr) = run.tool(&["sdo", "read", "disturbance", "6411:1"]);
-        assert_eq!(code, Some(4));
-        assert!(
-            stderr.contains("the default SDO channel of node 17 belongs to the running controller"),
-            "{stderr}"
-        );
+        sdo_reads_and_writes_beside_the_controller(&run);
 
         let (code, stdout, stderr) =
             run.tool(&["monitor", "--only", "drive_tpdo1", "--count", "5"]);
@@ -244,8 +247,10 @@ fn without_a_controller_every_node_answers() {
             ("16 (0x10)", " drive.eds"),
             ("17 (0x11)", " disturbance.eds"),
         ] {
-            let row = stdout.lines().find(|line| line.contains(node));
-            let row = row.unwrap_or_else(|| panic!("no {node} in {stdout}"));
+            let row = stdout
+                .lines()
+                .find(|line| line.contains(node))
+                .unwrap_or_else(|| panic!("no {node} in {stdout}"));
             assert!(
                 row.contains("pre-operational") && row.contains(eds),
                 "{row}"
@@ -341,7 +346,7 @@ fn the_help_of_sdo_says_how_numbers_are_read() {
 }
 
 #[test]
-fn what_the_user_got_wrong_is_told() {
+fn what_the_user_got_wrong_is_reported() {
     let runtime = tempfile::tempdir().unwrap();
     for (arguments, code, words) in [
         (

@@ -31,8 +31,11 @@ fn decoded(run: &Path) -> BTreeMap<String, Vec<String>> {
                 )
             })
             .collect();
-        let columns = chunk.components().values();
-        let columns: Vec<String> = columns.map(|column| format!("{column:?}")).collect();
+        let columns: Vec<String> = chunk
+            .components()
+            .values()
+            .map(|column| format!("{column:?}"))
+            .collect();
         entities
             .entry(chunk.entity_path().to_string())
             .or_default()
@@ -137,7 +140,7 @@ fn an_absent_paused_or_killed_viewer_changes_no_byte_and_holds_up_no_end() {
 }
 
 #[test]
-fn in_real_time_a_paused_viewer_costs_no_frame_and_is_told() {
+fn in_real_time_a_paused_viewer_costs_no_frame_and_is_reported() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let short = short_scenario(folder.path(), 2.0);
@@ -156,7 +159,7 @@ fn in_real_time_a_paused_viewer_costs_no_frame_and_is_told() {
 }
 
 #[test]
-fn a_viewer_that_is_not_installed_is_told_how_to_get() {
+fn a_viewer_that_is_not_installed_comes_with_how_to_get_it() {
     let folder = tempfile::tempdir().unwrap();
     let short = short_scenario(folder.path(), 1.0);
     let mut command = canrig(&folder.path().join("runs"), "simulate");

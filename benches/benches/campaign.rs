@@ -34,7 +34,7 @@ fn played(plan: &SweepPlan, number: usize) -> (SweepRow, usize) {
     let case = plan.case(number);
     let scenario = case.scenario().expect("the case is valid");
     let row = play_one(number, scenario, &Watch::default(), |played| {
-        let row = SweepRow::of_verdict(number, &case.id, played.verdict);
+        let row = SweepRow::from_verdict(number, &case.id, played.verdict);
         (row, played.timeline.cycle.len())
     });
     row.expect("the case is played")

@@ -24,7 +24,7 @@ fn sync_to_tpdo(mut bench: Bench) -> (Bench, Option<CanFrame>) {
 #[bench::operational(Bench::heated())]
 fn rpdo_to_apply(mut bench: Bench) -> (Bench, Option<CanFrame>) {
     // The command waits for the SYNC that makes it act.
-    bench.take(black_box(&CanFrame::new(0x210, &[15, 0, 0x2C, 0x01])));
+    bench.deliver(black_box(&CanFrame::new(0x210, &[15, 0, 0x2C, 0x01])));
     let answer = black_box(bench.sync());
     (bench, answer)
 }
@@ -33,7 +33,7 @@ fn rpdo_to_apply(mut bench: Bench) -> (Bench, Option<CanFrame>) {
 #[bench::operational(Bench::heated())]
 fn sdo_expedited_upload(mut bench: Bench) -> (Bench, Option<CanFrame>) {
     let read = CanFrame::new(0x610, &[0x40, 0x00, 0x10, 0, 0, 0, 0, 0]);
-    let answer = black_box(bench.take(black_box(&read)));
+    let answer = black_box(bench.deliver(black_box(&read)));
     (bench, answer)
 }
 

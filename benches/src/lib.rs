@@ -26,7 +26,7 @@ pub fn limit(instructions: u64) -> LibraryBenchmarkConfig {
     config
 }
 
-/// What a law is told in one cycle.
+/// What a law receives in one cycle.
 #[derive(Clone, Copy)]
 pub struct Cycle {
     measurement: Measurement,
@@ -90,10 +90,10 @@ impl Bench {
             counter: 0,
         };
         bench.emulator.on_tick(Duration::ZERO);
-        bench.take(&CanFrame::new(0x610, &[0x2F, 0x60, 0x60, 0, 10, 0, 0, 0]));
-        bench.take(&CanFrame::new(0x000, &[1, 0]));
+        bench.deliver(&CanFrame::new(0x610, &[0x2F, 0x60, 0x60, 0, 10, 0, 0, 0]));
+        bench.deliver(&CanFrame::new(0x000, &[1, 0]));
         for controlword in [6, 7, 15].into_iter().chain([15; 100]) {
-            bench.take(&CanFrame::new(0x210, &[controlword, 0, 0xF4, 0x01]));
+            bench.deliver(&CanFrame::new(0x210, &[controlword, 0, 0xF4, 0x01]));
             bench.wait();
             bench.sync();
         }
@@ -118,11 +118,11 @@ impl Bench {
     pub fn sync(&mut self) -> Option<CanFrame> {
         self.counter = self.counter % 240 + 1;
         let sync = CanFrame::new(0x080, &[self.counter]);
-        self.take(&sync)
+        self.deliver(&sync)
     }
 
     /// Delivers a frame; the first answer.
-    pub fn take(&mut self, frame: &CanFrame) -> Option<CanFrame> {
+    pub fn deliver(&mut self, frame: &CanFrame) -> Option<CanFrame> {
         self.emulator.on_frame(self.now, frame);
         let first = self.emulator.next_frame();
         while self.emulator.next_frame().is_some() {}

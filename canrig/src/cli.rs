@@ -121,9 +121,9 @@ pub(crate) enum Command {
     Check(CheckArgs),
     /// List the signals of the bus, of a scenario or of a run: name, unit, sender, message, range
     Signals(SignalsArgs),
-    /// Write the crate of a plant or a control law of your own, with a bench that knows it
+    /// Write a crate for a plant or a control law of your own, with a test bench that has it
     New(NewArgs),
-    /// Check what this machine has for a test bench, and print the command for what is missing
+    /// Check whether this machine has what a test bench needs, and print the commands that fix the rest
     Doctor(DoctorArgs),
     /// Print the JSON Schema of scenario or rig files, for editors
     Schema(SchemaArgs),

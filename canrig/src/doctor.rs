@@ -1,4 +1,4 @@
-//! What of this machine serves a test bench, and the command that mends what does not.
+//! What of this machine serves a test bench, and the command that repairs what does not.
 
 use std::env;
 use std::fs;
@@ -25,17 +25,17 @@ struct MachineCheck {
     what: &'static str,
     /// What was found.
     found: String,
-    /// The command that mends it; none where nothing is amiss.
-    mend: Option<String>,
+    /// The command that repairs it; none where nothing is amiss.
+    fix: Option<String>,
 }
 
 impl MachineCheck {
     fn new(what: &'static str, found: Result<String, (String, &str)>) -> Self {
-        let (found, mend) = match found {
+        let (found, fix) = match found {
             Ok(found) => (found, None),
-            Err((found, mend)) => (found, Some(mend.to_owned())),
+            Err((found, fix)) => (found, Some(fix.to_owned())),
         };
-        Self { what, found, mend }
+        Self { what, found, fix }
     }
 }
 
@@ -50,25 +50,28 @@ struct Section {
 
 impl Section {
     fn lacks_something(&self) -> bool {
-        self.checks.iter().any(|check| check.mend.is_some())
+        self.checks.iter().any(|check| check.fix.is_some())
     }
 
-    /// The heading, and a line for each check with the command that mends it.
+    /// The heading, and a line for each check with the command that repairs it.
     fn in_words(&self, width: usize) -> String {
-        let lines = self.checks.iter().map(|check| {
-            let MachineCheck { what, found, mend } = check;
-            let mark = match (mend, self.is_needed) {
-                (None, _) => "ok",
-                (Some(_), true) => "MISSING",
-                (Some(_), false) => "no",
-            };
-            let line = format!("  {mark:7}  {what:width$}  {found}");
-            match mend {
-                None => line,
-                Some(mend) => format!("{line}\n           {:width$}  mend: {mend}", ""),
-            }
-        });
-        let lines: Vec<String> = lines.collect();
+        let lines: Vec<String> = self
+            .checks
+            .iter()
+            .map(|check| {
+                let MachineCheck { what, found, fix } = check;
+                let mark = match (fix, self.is_needed) {
+                    (None, _) => "ok",
+                    (Some(_), true) => "MISSING",
+                    (Some(_), false) => "no",
+                };
+                let line = format!("  {mark:7}  {what:width$}  {found}");
+                match fix {
+                    None => line,
+                    Some(fix) => format!("{line}\n           {:width$}  fix: {fix}", ""),
+                }
+            })
+            .collect();
         format!("{}\n{}", self.heading, lines.join("\n"))
     }
 }
@@ -76,7 +79,7 @@ impl Section {
 /// Arguments of `doctor`.
 #[derive(Args, Debug)]
 pub(crate) struct DoctorArgs {
-    /// End with exit code 4 when something optional is missing, too
+    /// End with exit code 4 also when something optional is missing
     #[arg(long)]
     pub strict: bool,
 }
@@ -132,10 +135,14 @@ fn examine() -> Vec<Section> {
 /// The sections, and whether the bench works here.
 fn report(sections: &[Section]) -> String {
     let checks = sections.iter().flat_map(|section| &section.checks);
-    let width = checks.map(|check| check.what.len()).max();
-    let width = width.unwrap_or_default();
-    let blocks = sections.iter().map(|section| section.in_words(width));
-    let blocks: Vec<String> = blocks.collect();
+    let width = checks
+        .map(|check| check.what.len())
+        .max()
+        .unwrap_or_default();
+    let blocks: Vec<String> = sections
+        .iter()
+        .map(|section| section.in_words(width))
+        .collect();
     let end = match exit(sections, false) {
         Exit::Pass => "Nothing that is needed is missing: canrig run scenarios/step.toml",
         _ => "Something that is needed is MISSING.",
@@ -145,11 +152,11 @@ fn report(sections: &[Section]) -> String {
 
 fn rust() -> MachineCheck {
     let least = env!("CARGO_PKG_RUST_VERSION");
-    let mend = "install it from https://rustup.rs, or: rustup update stable   (an installed canrig runs without it)";
+    let fix = "install it from https://rustup.rs, or: rustup update stable   (an installed canrig runs without it)";
     let found = match first_line("rustc", "--version") {
         Some(version) if is_at_least(&version, least) => Ok(version),
-        Some(version) => Err((format!("{version}, but {least} or newer is needed"), mend)),
-        None => Err(("rustc is not in PATH".to_owned(), mend)),
+        Some(version) => Err((format!("{version}, but {least} or newer is needed"), fix)),
+        None => Err(("rustc is not in PATH".to_owned(), fix)),
     };
     MachineCheck::new("Rust toolchain", found)
 }
@@ -167,8 +174,8 @@ fn is_at_least(version: &str, least: &str) -> bool {
 fn c_compiler() -> MachineCheck {
     let program = env::var("CC").unwrap_or_else(|_| "cc".to_owned());
     let found = first_line(&program, "--version");
-    let mend = "sudo apt-get install gcc libc6-dev   (an installed canrig runs without it)";
-    let missing = || (format!("{program} is not in PATH"), mend);
+    let fix = "sudo apt-get install gcc libc6-dev   (an installed canrig runs without it)";
+    let missing = || (format!("{program} is not in PATH"), fix);
     MachineCheck::new("C compiler", found.ok_or_else(missing))
 }
 
@@ -187,17 +194,17 @@ fn embedded_bus() -> MachineCheck {
         joined.map(|_| ()).map_err(|error| error.to_string())
     };
     let found = joined().map(|()| "serves and is joined".to_owned());
-    let mend = "set TMPDIR to a folder that you can write to and that admits sockets";
-    MachineCheck::new("embedded bus", found.map_err(|error| (error, mend)))
+    let fix = "set TMPDIR to a folder that you can write to and that admits sockets";
+    MachineCheck::new("embedded bus", found.map_err(|error| (error, fix)))
 }
 
 fn run_folder() -> MachineCheck {
     let runs = Path::new(RUNS);
     let folder = if runs.is_dir() { runs } else { Path::new(".") };
-    let mend = "go to a folder that you can write to, or name one: canrig run --output FOLDER …";
+    let fix = "go to a folder that you can write to, or name one: canrig run --output FOLDER …";
     let found = match write_into(folder) {
         Ok(()) => Ok("can be written here".to_owned()),
-        Err(error) => Err((format!("cannot be written here: {error}"), mend)),
+        Err(error) => Err((format!("cannot be written here: {error}"), fix)),
     };
     MachineCheck::new("run folders", found)
 }
@@ -211,20 +218,20 @@ fn write_into(folder: &Path) -> io::Result<()> {
 
 fn kernel_can() -> MachineCheck {
     let found = probe::kernel_can().map(|()| "CAN sockets open".to_owned());
-    let mend = "sudo modprobe -a can-raw vcan   (where the kernel is built with CAN; else use --bus embedded)";
+    let fix = "sudo modprobe -a can-raw vcan   (where the kernel is built with CAN; else use --bus embedded)";
     MachineCheck::new(
         "kernel CAN",
-        found.map_err(|error| (first_part(&error), mend)),
+        found.map_err(|error| (first_part(&error), fix)),
     )
 }
 
 fn private_bus() -> MachineCheck {
     let found =
         PrivateBus::start().map(|_| "a vcan in a namespace of one's own carries frames".to_owned());
-    let mend = "sudo modprobe -a can-raw vcan && sudo sysctl user.max_user_namespaces=10000 kernel.unprivileged_userns_clone=1";
+    let fix = "sudo modprobe -a can-raw vcan && sudo sysctl user.max_user_namespaces=10000 kernel.unprivileged_userns_clone=1";
     MachineCheck::new(
         "private bus",
-        found.map_err(|error| (first_part(&error), mend)),
+        found.map_err(|error| (first_part(&error), fix)),
     )
 }
 
@@ -252,10 +259,10 @@ fn fifo() -> MachineCheck {
 
 fn memory() -> MachineCheck {
     let found = scheduling::lock_memory().map(|()| "granted".to_owned());
-    let mend = "sudo prlimit --pid $$ --memlock=unlimited";
+    let fix = "sudo prlimit --pid $$ --memlock=unlimited";
     MachineCheck::new(
         "locked memory",
-        found.map_err(|error| (first_part(&error), mend)),
+        found.map_err(|error| (first_part(&error), fix)),
     )
 }
 
@@ -302,8 +309,8 @@ fn viewer() -> MachineCheck {
         .map(|folder| folder.join(VIEWER))
         .find(|program| program.is_file());
     let found = place.map(|place| place.display().to_string());
-    let mend = "pip install rerun-sdk==0.36.3";
-    MachineCheck::new("viewer", found.ok_or(("not in PATH".to_owned(), mend)))
+    let fix = "pip install rerun-sdk==0.36.3";
+    MachineCheck::new("viewer", found.ok_or(("not in PATH".to_owned(), fix)))
 }
 
 /// The content of a one-line file of the kernel.
@@ -316,23 +323,23 @@ fn setting(path: impl AsRef<Path>) -> Option<String> {
 mod tests {
     use super::*;
 
-    fn section(is_needed: bool, mend: Result<(), &str>) -> Section {
-        let found = mend.map(|()| "found".to_owned());
+    fn section(is_needed: bool, fix: Result<(), &str>) -> Section {
+        let found = fix.map(|()| "found".to_owned());
         Section {
             heading: "for something",
             is_needed,
             checks: vec![
                 MachineCheck::new("bus", Ok("carries frames".to_owned())),
-                MachineCheck::new("viewer", found.map_err(|mend| ("absent".to_owned(), mend))),
+                MachineCheck::new("viewer", found.map_err(|fix| ("absent".to_owned(), fix))),
             ],
         }
     }
 
     #[test]
-    fn what_is_amiss_comes_with_the_command_that_mends_it() {
+    fn what_is_amiss_comes_with_the_command_that_fixes_it() {
         let text = section(true, Err("install it")).in_words(6);
         let expected = "for something\n  ok       bus     carries frames\n  MISSING  viewer  absent\n\
-                                   \x20                  mend: install it";
+                                   \x20                  fix: install it";
         assert_eq!(text, expected);
         let text = section(false, Err("install it")).in_words(6);
         assert!(text.contains("\n  no       viewer  absent\n"), "{text}");
@@ -353,8 +360,8 @@ mod tests {
     #[test]
     fn several_modules_are_loaded_together() {
         for check in [kernel_can(), private_bus()] {
-            let mend = check.mend.unwrap_or_default();
-            assert!(!mend.contains("modprobe") || mend.contains("modprobe -a can-raw vcan"));
+            let fix = check.fix.unwrap_or_default();
+            assert!(!fix.contains("modprobe") || fix.contains("modprobe -a can-raw vcan"));
         }
     }
 

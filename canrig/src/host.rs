@@ -98,8 +98,12 @@ impl From<RunError> for Failure {
 fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
     let view = ControllerView::load(&args.scenario).map_err(Failure::of_setup)?;
     let scenario = Scenario::load(&args.scenario).map_err(Failure::of_setup)?;
-    let rig = args.rig.as_deref().map(LoadedRig::load).transpose();
-    let rig = rig.map_err(Failure::of_setup)?;
+    let rig = args
+        .rig
+        .as_deref()
+        .map(LoadedRig::load)
+        .transpose()
+        .map_err(Failure::of_setup)?;
     let is_real_time = args.host.lockstep.is_none();
     let is_of_process =
         |kind: &FaultKind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang);

@@ -19,7 +19,7 @@ pub enum LawError {
     /// No table or several.
     #[error("the [controller] table must hold exactly one law, found {0}")]
     NotExactlyOne(usize),
-    /// A law from outside that nobody told.
+    /// A law from outside that nobody registered.
     #[error("there is no control law `{0}`")]
     Unknown(String),
     /// The table of a law from outside is that of another one.
@@ -42,13 +42,13 @@ impl OwnLaw {
         Self {
             name: L::NAME,
             terms: L::TERMS.iter().map(|term| term.described()).collect(),
-            table: OwnTable::of::<L::Config>(L::NAME),
+            table: OwnTable::new::<L::Config>(L::NAME),
             make: |own| Ok(Law::of::<L>(&own.parameters()?)),
         }
     }
 }
 
-/// Why a law from outside cannot be told.
+/// Why a law from outside cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum InvalidOwnLaw {
     /// Its table cannot be one.
@@ -74,22 +74,22 @@ pub enum InvalidOwnLaw {
     },
 }
 
-/// A law from outside that was told.
-struct Told {
+/// A law from outside that was registered.
+struct Registered {
     name: &'static str,
     terms: Vec<LawTerm>,
     make: fn(&Own) -> Result<Law, LawError>,
 }
 
-static OWN: OnceLock<Vec<Told>> = OnceLock::new();
+static OWN: OnceLock<Vec<Registered>> = OnceLock::new();
 
-/// Tells the laws from outside, once and before any scenario is read.
+/// Registers the laws from outside, once and before any scenario is read.
 ///
 /// # Errors
 /// One of them has a name, parameters or terms that it cannot have.
 pub fn register_laws(laws: Vec<OwnLaw>) -> Result<(), InvalidOwnLaw> {
     laws.iter().try_for_each(check)?;
-    let (told, tables) = laws
+    let (laws, tables) = laws
         .into_iter()
         .map(|law| {
             let OwnLaw {
@@ -98,12 +98,12 @@ pub fn register_laws(laws: Vec<OwnLaw>) -> Result<(), InvalidOwnLaw> {
                 table,
                 make,
             } = law;
-            (Told { name, terms, make }, table)
+            (Registered { name, terms, make }, table)
         })
         .unzip();
     register(Section::Controller, tables)?;
-    OWN.set(told)
-        .map_err(|_| InvalidOwnLaw::Table(InvalidOwn::ToldAlready))
+    OWN.set(laws)
+        .map_err(|_| InvalidOwnLaw::Table(InvalidOwn::RegisteredAlready))
 }
 
 /// Whether the bus can carry a law's terms.
@@ -127,19 +127,21 @@ fn check(law: &OwnLaw) -> Result<(), InvalidOwnLaw> {
     Ok(())
 }
 
-fn told() -> &'static [Told] {
+fn registered() -> &'static [Registered] {
     OWN.get().map_or(&[], Vec::as_slice)
 }
 
 /// The laws from outside, each with its terms; those that ship have none of their own.
 pub fn own_laws() -> impl Iterator<Item = (&'static str, &'static [LawTerm])> {
-    told().iter().map(|law| (law.name, law.terms.as_slice()))
+    registered()
+        .iter()
+        .map(|law| (law.name, law.terms.as_slice()))
 }
 
 /// The one law in a scenario's `[controller]` table, before its first cycle.
 ///
 /// # Errors
-/// The table holds none or several, or one that nobody told.
+/// The table holds none or several, or one that nobody registered.
 pub fn law(controller: &Controller) -> Result<Law, LawError> {
     let shipped = [
         (controller.sliding_mode.as_ref()).map(Law::of::<SlidingMode>),
@@ -158,8 +160,10 @@ pub fn law(controller: &Controller) -> Result<Law, LawError> {
 }
 
 fn own_law(own: &Own) -> Result<Law, LawError> {
-    let law = told().iter().find(|law| law.name == own.name());
-    let law = law.ok_or_else(|| LawError::Unknown(own.name().to_owned()))?;
+    let law = registered()
+        .iter()
+        .find(|law| law.name == own.name())
+        .ok_or_else(|| LawError::Unknown(own.name().to_owned()))?;
     (law.make)(own)
 }
 
@@ -186,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_law_that_the_bus_cannot_tell_is_refused() {
+    fn a_law_that_the_bus_cannot_carry_is_refused() {
         let of = |names: &[&str]| OwnLaw {
             terms: (names.iter())
                 .map(|name| LawTerm {

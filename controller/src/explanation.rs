@@ -179,7 +179,7 @@ mod tests {
     #[test]
     fn a_law_without_own_terms_has_the_shipped_dictionary() {
         let shipped = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap().dictionary;
-        let told = |dictionary: &ObjectDictionary| format!("{:?}", dictionary.entries());
-        assert_eq!(told(&dictionary(&[])), told(&shipped));
+        let objects = |dictionary: &ObjectDictionary| format!("{:?}", dictionary.entries());
+        assert_eq!(objects(&dictionary(&[])), objects(&shipped));
     }
 }

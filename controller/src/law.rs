@@ -77,7 +77,7 @@ impl Saturation {
 /// A control law: a table of the scenario in, constants in `self`, memory in `State`, a command out.
 ///
 /// The controller node owns the rest: the drive, SYNC, set-point, missing and implausible positions, and the objects in
-/// which the [`Explanation`] or the law's own [`Term`]s are told. An observer is the law's own: its state is a part of
+/// which the [`Explanation`] or the law's own [`Term`]s are published. An observer is the law's own: its state is a part of
 /// `State`.
 pub trait ControlLaw: fmt::Debug + Send + 'static {
     /// Its name, and that of its table in a scenario.
@@ -88,7 +88,7 @@ pub trait ControlLaw: fmt::Debug + Send + 'static {
     type State: Copy + fmt::Debug + Send;
 
     /// Terms of its own that are worth recording, at most [`LAW_TERMS_MAX`](dbc::LAW_TERMS_MAX), every 10th cycle. A law
-    /// with any tells of its [`Explanation`] the reference only: they take the place of the rest.
+    /// with any publishes the reference only of its [`Explanation`]: they take the place of the rest.
     const TERMS: &'static [Term<Self::State>] = &[];
 
     /// Works out the constants.
@@ -121,7 +121,7 @@ pub struct Term<S> {
 }
 
 impl<S> Term<S> {
-    /// As the bus tells it.
+    /// As the bus has it.
     pub(crate) fn described(&self) -> LawTerm {
         LawTerm {
             name: self.name.to_owned(),
@@ -293,7 +293,7 @@ mod tests {
         assert_eq!(limited_current(0.56789), 0.568);
     }
 
-    /// Asks for whatever stands as the target, and tells it.
+    /// Asks for whatever stands as the target, and publishes it.
     #[derive(Debug)]
     struct Wild;
 
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_a_law_asks_for_a_current_comes_out_and_the_wish_is_told() {
+    fn whatever_a_law_asks_for_a_current_comes_out_and_the_wish_is_published() {
         let mut law = Law::of::<Wild>(&controller::OpenLoop::default());
         assert_eq!(law.terms()[0].name, "wish_amperes");
         let wishes = [0.1234567, 7.0, -7.0, f64::INFINITY, f64::NAN];
@@ -337,8 +337,8 @@ mod tests {
             };
             let command = law.step(&Measurement::default(), &set_point, 1e-3);
             assert_eq!(command.current_amperes, current);
-            let told: Vec<u64> = law.term_values().map(f64::to_bits).collect();
-            assert_eq!(told, [wish.to_bits()]);
+            let published: Vec<u64> = law.term_values().map(f64::to_bits).collect();
+            assert_eq!(published, [wish.to_bits()]);
         }
     }
 

@@ -190,7 +190,7 @@ impl BringUp {
         self.advance(services)
     }
 
-    /// Takes a frame, which may be an answer.
+    /// Handles a frame, which may be an answer.
     pub(crate) fn on_frame(&mut self, services: &mut Services, frame: &canopen::CanFrame) {
         self.client.on_frame(services.now(), frame);
         self.drain(services);
@@ -210,7 +210,7 @@ impl BringUp {
     /// Goes on with the program as far as the answers allow.
     pub(crate) fn advance(&mut self, services: &mut Services) -> Outcome {
         if let Some(result) = self.client.take_result()
-            && let Err(text) = self.take(result)
+            && let Err(text) = self.on_result(result)
         {
             return Outcome::Failed(text);
         }
@@ -235,8 +235,8 @@ impl BringUp {
         Outcome::Busy
     }
 
-    /// Judges the answer to the present step.
-    fn take(&mut self, result: Result<Vec<u8>, SdoError>) -> Result<(), String> {
+    /// Checks the answer to the present step.
+    fn on_result(&mut self, result: Result<Vec<u8>, SdoError>) -> Result<(), String> {
         let Some(step) = self.steps.get(self.next) else {
             return Ok(());
         };
@@ -273,9 +273,9 @@ impl BringUp {
             },
             (_, Ok(_)) => Ok(()),
             (Action::Write | Action::Correct, Err(error)) => Err(format!(
-                "the drive did not take {wanted} for {name}: {error}"
+                "the drive did not accept {wanted} for {name}: {error}"
             )),
-            (_, Err(error)) => Err(format!("the drive did not tell {name}: {error}")),
+            (_, Err(error)) => Err(format!("the drive's {name} cannot be read: {error}")),
         }
     }
 

@@ -18,6 +18,7 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Device, Filter, Node, Progress, nmt::NodeId};
 use scenario::ControllerView;
+use scenario::plant::SMA_ACTUATOR;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::LimitWatch;
 use scenario::rig::{RigDrive, RigFile, Timeouts};
@@ -105,6 +106,7 @@ impl ControllerNode {
         let sync_period = view.bus.sync_period();
         let controller = Controller {
             trajectory: view.reference.trajectory(),
+            has_set_point: !view.reference.is_empty(),
             explanation: ExplanationObjects::find(&dictionary, &law)?,
             law,
             bring_up: BringUp::new(&drive, sync_period, timeouts),
@@ -118,7 +120,7 @@ impl ControllerNode {
             last_heard: Duration::ZERO,
             last_statusword: None,
             last_emergency: None,
-            plausibility: Plausibility::default(),
+            plausibility: Plausibility::new(view.plant == SMA_ACTUATOR),
             implausible: None,
             limits,
             current_amperes: 0.0,

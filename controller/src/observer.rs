@@ -367,8 +367,10 @@ mod tests {
             fraction: [0.8, -0.2, 0.6],
             temperature: [0.95, 0.3],
         };
-        let columns = Matrix::identity().data.0;
-        let columns = columns.map(|column| Vector::from(transition.apply(column)));
+        let columns = Matrix::identity()
+            .data
+            .0
+            .map(|column| Vector::from(transition.apply(column)));
         let whole = Matrix::from_columns(&columns);
         let covariance = Matrix::from_iterator((1..=25_u32).map(|number| f64::from(number % 7)));
         let difference = transition.carry(&covariance) - whole * covariance * whole.transpose();

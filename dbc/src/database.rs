@@ -207,7 +207,7 @@ impl Database {
     }
 
     /// Messages in any order, each of which has been checked.
-    pub(crate) fn of(mut messages: Vec<Message>) -> Self {
+    pub(crate) fn from_messages(mut messages: Vec<Message>) -> Self {
         messages.sort_by_key(|message| message.raw_id);
         Self { messages }
     }
@@ -231,7 +231,7 @@ impl Database {
         let is_named = |message: &&Message| names.contains(&message.name.as_str());
         let ours = self.messages.iter().filter(|message| !is_named(message));
         let others = other.messages.iter().filter(is_named);
-        Self::of(ours.chain(others).cloned().collect()).with_silent(names)
+        Self::from_messages(ours.chain(others).cloned().collect()).with_silent(names)
     }
 
     /// The same with messages under other identifiers, all of them at once.
@@ -342,7 +342,7 @@ impl Database {
         })
     }
 
-    /// Takes a frame apart; `None` when its identifier is not in the file.
+    /// Decodes a frame; `None` when its identifier is not in the file.
     #[must_use]
     pub fn decode(&self, frame: &CanFrame) -> Option<Decoded<'_>> {
         self.message_of(frame).map(|message| Decoded {

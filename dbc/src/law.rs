@@ -38,11 +38,13 @@ impl Database {
             let terms = terms.iter().enumerate().skip(first).take(TERMS_IN_MESSAGE);
             for message in messages.iter_mut().filter(|message| message.name == name) {
                 let receivers = message.signals[0].receivers.clone();
-                let signals = terms.clone().zip([0, BITS]);
-                let signals = signals.map(|((number, term), start_bit)| Signal {
-                    receivers: receivers.clone(),
-                    ..signal(number, term, start_bit)
-                });
+                let signals = terms
+                    .clone()
+                    .zip([0, BITS])
+                    .map(|((number, term), start_bit)| Signal {
+                        receivers: receivers.clone(),
+                        ..signal(number, term, start_bit)
+                    });
                 message.signals = signals.collect();
                 message.length_bytes = message.signals.iter().map(|_| BITS / 8).sum();
                 "Own terms of the law, every 10th SYNC.".clone_into(&mut message.comment);
@@ -51,7 +53,7 @@ impl Database {
         messages.retain(|message| {
             !MESSAGES.contains(&message.name.as_str()) || !message.signals.is_empty()
         });
-        Self::of(messages)
+        Self::from_messages(messages)
     }
 }
 

@@ -47,7 +47,7 @@ impl Database {
         for signal in unplaced {
             signal.put_into(&mut messages)?;
         }
-        let database = Self::of(messages);
+        let database = Self::from_messages(messages);
         refuse_duplicates(database.messages())?;
         Ok(database)
     }
@@ -146,10 +146,12 @@ fn read_unplaced(
             signal: signal.name.clone(),
             reason,
         };
-        let start_bit = number(START_BIT_IN_MESSAGE).and_then(|bit| u8::try_from(bit).ok());
-        let start_bit = start_bit.ok_or_else(|| refuse("has no start bit from 0 to 255"))?;
-        let place = number(PLACE_IN_MESSAGE).and_then(|place| usize::try_from(place).ok());
-        let place = place.ok_or_else(|| refuse("has no place among the message's signals"))?;
+        let start_bit = number(START_BIT_IN_MESSAGE)
+            .and_then(|bit| u8::try_from(bit).ok())
+            .ok_or_else(|| refuse("has no start bit from 0 to 255"))?;
+        let place = number(PLACE_IN_MESSAGE)
+            .and_then(|place| usize::try_from(place).ok())
+            .ok_or_else(|| refuse("has no place among the message's signals"))?;
         signal.coding = signal.coding.starting_at(start_bit);
         Ok(Unplaced {
             message: belongs_to.to_owned(),

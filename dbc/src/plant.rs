@@ -2,6 +2,7 @@
 
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
 use crate::database::{Database, Message, Signal};
+use crate::signals::WIRE_TEMPERATURE;
 
 const TPDO2: &str = "drive_tpdo2";
 const TPDO3: &str = "drive_tpdo3";
@@ -10,6 +11,18 @@ const TPDO3_OFFSET: u32 = 0x100;
 /// Signals before the true position in TPDO2.
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
+const CONTROLLER_EMERGENCY: &str = "controller_emergency";
+/// What the shipped DBC says of a wire, and what is said of another plant.
+const LABELS_WITHOUT_WIRE: [(&str, &str); 2] = [
+    (
+        "position changes faster than the wire moves",
+        "position changes faster than the plant moves",
+    ),
+    (
+        "position stands still although the wire is heated",
+        "position stands still away from the set-point at the largest current",
+    ),
+];
 
 /// A signal of an emulated plant: 16 bits, signed where its range begins below zero.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,7 +46,7 @@ impl Database {
     pub fn with_plant(signals: &[PlantSignal]) -> Self {
         let mut messages = Self::shipped().messages().to_vec();
         let Some(place) = messages.iter().position(|message| message.name == TPDO2) else {
-            return Self::of(messages);
+            return Self::from_messages(messages);
         };
         let (first, others) = signals.split_at(signals.len().min(SIGNALS_IN_TPDO2));
         let tpdo2 = &mut messages[place];
@@ -54,7 +67,27 @@ impl Database {
             };
             messages.push(tpdo3);
         }
-        Self::of(messages)
+        if !signals.iter().any(|signal| signal.name == WIRE_TEMPERATURE) {
+            messages.iter_mut().for_each(relabel_without_wire);
+        }
+        Self::from_messages(messages)
+    }
+}
+
+/// Says what the controller's emergencies mean of a plant that is no wire.
+fn relabel_without_wire(message: &mut Message) {
+    if message.name != CONTROLLER_EMERGENCY {
+        return;
+    }
+    let labels = message
+        .signals
+        .iter_mut()
+        .flat_map(|signal| &mut signal.labels);
+    for (_, label) in labels {
+        let mut all = LABELS_WITHOUT_WIRE.iter();
+        if let Some((_, of_a_plant)) = all.find(|(of_a_wire, _)| label == of_a_wire) {
+            (*of_a_plant).clone_into(label);
+        }
     }
 }
 
@@ -124,6 +157,28 @@ mod tests {
                 .signal("drive_tpdo2.true_position_millimetres")
                 .is_some()
         );
+    }
+
+    #[test]
+    fn an_emergency_speaks_of_a_wire_only_where_there_is_one() {
+        let labels = |signals: &[PlantSignal]| {
+            let database = Database::with_plant(signals);
+            let message = database.message(CONTROLLER_EMERGENCY).unwrap();
+            let labels = message.signals.iter().flat_map(|signal| &signal.labels);
+            Vec::from_iter(labels.map(|(_, label)| label.clone()))
+        };
+        let count = |labels: &[String]| labels.iter().filter(|one| one.contains("wire")).count();
+        let (wire, motor) = (
+            labels(&[signal(WIRE_TEMPERATURE, 0.0)]),
+            labels(&[signal("a", 0.0)]),
+        );
+        assert_eq!(
+            (count(&wire), count(&motor)),
+            (LABELS_WITHOUT_WIRE.len(), 0)
+        );
+        for (_, text) in LABELS_WITHOUT_WIRE {
+            assert!(motor.iter().any(|label| label == text), "{text}");
+        }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Scenario time, told from frames alone.
+//! Scenario time, computed from frames alone.
 
 use std::time::Duration;
 
@@ -44,7 +44,7 @@ impl ScenarioClock {
         })
     }
 
-    /// Takes every frame of the bus in order; `true` when it is a SYNC of the scenario.
+    /// Reads every frame of the bus, in order; `true` when it is a SYNC of the scenario.
     #[inline]
     pub fn on_frame(&mut self, time: Duration, frame: &CanFrame) -> bool {
         if frame.standard_id() == Some(SYNC_COB_ID) {

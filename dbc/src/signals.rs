@@ -25,7 +25,7 @@ pub const PLANT_SIGNALS: &str = "drive_tpdo2";
 pub const OTHER_PLANT_SIGNALS: &str = "drive_tpdo3";
 /// Position of the load before the sensor.
 pub const TRUE_POSITION: &str = "true_position_millimetres";
-/// Temperature of the SMA actuator's wire, by which its frames are told from those of other plants.
+/// Temperature of the SMA actuator's wire, by which its frames differ from those of other plants.
 pub const WIRE_TEMPERATURE: &str = "wire_temperature_celsius";
 
 /// The messages whose signals become columns, in this order.
@@ -53,9 +53,8 @@ pub const OPTIONAL_MESSAGES: [&str; 4] = [
 pub const TRUTH_MESSAGES: [&str; 3] = [PLANT_SIGNALS, OTHER_PLANT_SIGNALS, "plant_truth"];
 
 /// The emulated plant's own signals, which no real drive measures: the columns of its messages less the true position.
-pub fn of_the_plant(database: &Database) -> impl Iterator<Item = &Signal> {
-    let messages = [PLANT_SIGNALS, OTHER_PLANT_SIGNALS];
-    let messages = messages
+pub fn plant_signals(database: &Database) -> impl Iterator<Item = &Signal> {
+    let messages = [PLANT_SIGNALS, OTHER_PLANT_SIGNALS]
         .into_iter()
         .filter_map(|name| database.message(name));
     let signals = messages.flat_map(|message| &message.signals);
@@ -66,7 +65,7 @@ pub fn of_the_plant(database: &Database) -> impl Iterator<Item = &Signal> {
 const LAW_MESSAGES: [&str; 3] = ["controller_tpdo2", "controller_tpdo3", "controller_tpdo4"];
 
 /// The terms of a law from outside, where the database is that of such a law.
-pub fn of_the_own_law(database: &Database) -> impl Iterator<Item = &Signal> {
+pub fn own_law_signals(database: &Database) -> impl Iterator<Item = &Signal> {
     let messages = LAW_MESSAGES.into_iter();
     messages
         .filter_map(|name| database.message(name))

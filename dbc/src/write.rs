@@ -44,7 +44,7 @@ impl Database {
     /// above 0x7FF without the flag for 29 bits, a payload beyond 8 bytes, a text beyond [`Database::TEXT_BYTES_MAX`].
     #[must_use]
     pub fn to_dbc(&self) -> String {
-        File::of(self.messages()).to_string()
+        File::new(self.messages()).to_string()
     }
 }
 
@@ -87,12 +87,12 @@ struct Line<'a> {
 }
 
 impl<'a> File<'a> {
-    fn of(messages: &'a [Message]) -> Self {
+    fn new(messages: &'a [Message]) -> Self {
         let mut entries = Vec::new();
         let mut unplaced = Vec::new();
         for message in messages {
             let (placed, others) = placed_and_unplaced(message);
-            entries.push(Entry::of(message, placed));
+            entries.push(Entry::new(message, placed));
             unplaced.extend(
                 others
                     .into_iter()
@@ -100,11 +100,12 @@ impl<'a> File<'a> {
             );
         }
         let names: BTreeSet<_> = messages.iter().map(|message| &message.name).collect();
-        let free_names = (1..).map(|number: u32| format!("unplaced_{number}"));
-        let free_names = free_names.filter(|name| !names.contains(name));
+        let free_names = (1..)
+            .map(|number: u32| format!("unplaced_{number}"))
+            .filter(|name| !names.contains(name));
         let unplaced = unplaced.into_iter().zip(free_names);
         entries.extend(unplaced.map(|((message, place, signal), name)| {
-            Entry::of_signal(message, place, signal, name)
+            Entry::with_signal(message, place, signal, name)
         }));
         give_identifiers(messages, &mut entries);
         entries.sort_by_key(|entry| entry.file_id);
@@ -137,7 +138,7 @@ impl<'a> File<'a> {
 }
 
 impl<'a> Entry<'a> {
-    fn of(message: &'a Message, signals: Vec<&'a Signal>) -> Self {
+    fn new(message: &'a Message, signals: Vec<&'a Signal>) -> Self {
         let short_names = short_names(&signals).into_iter();
         let lines = short_names.zip(signals).map(|(short_name, signal)| Line {
             short_name,
@@ -163,12 +164,12 @@ impl<'a> Entry<'a> {
     }
 
     /// A message for one signal, which begins with the first bit.
-    fn of_signal(message: &'a Message, place: usize, signal: &'a Signal, name: String) -> Self {
+    fn with_signal(message: &'a Message, place: usize, signal: &'a Signal, name: String) -> Self {
         let start_bit = match signal.coding.byte_order {
             ByteOrder::LittleEndian => 0,
             ByteOrder::BigEndian => 7,
         };
-        let mut entry = Self::of(message, vec![signal]);
+        let mut entry = Self::new(message, vec![signal]);
         for line in &mut entry.signals {
             line.coding = signal.coding.starting_at(start_bit);
         }
@@ -482,7 +483,7 @@ impl Display for Quoted<'_> {
     }
 }
 
-/// A number by the fewest digits that tell it from all others.
+/// A number by the fewest digits that no other number has.
 struct Number(f64);
 
 impl Display for Number {

@@ -39,8 +39,9 @@ fn names() -> impl Strategy<Value = BTreeSet<String>> {
 }
 
 fn plant_signals() -> impl Strategy<Value = Vec<PlantSignal>> {
-    let resolution = any::<f64>().prop_map(f64::abs);
-    let resolution = resolution.prop_filter("a step", |step| *step > 0.0 && step.is_finite());
+    let resolution = any::<f64>()
+        .prop_map(f64::abs)
+        .prop_filter("a step", |step| *step > 0.0 && step.is_finite());
     let range = (-1e9..1e9_f64, 1e-9..1e9_f64).prop_map(|(minimum, width)| Range {
         minimum,
         maximum: minimum + width,
@@ -65,12 +66,14 @@ fn plant_signals() -> impl Strategy<Value = Vec<PlantSignal>> {
 fn law_terms() -> impl Strategy<Value = Vec<LawTerm>> {
     let parts = prop::collection::vec((any_text(), any_text()), 6);
     (names(), parts).prop_map(|(names, parts)| {
-        let terms = names.into_iter().zip(parts);
-        let terms = terms.map(|(name, (unit, comment))| LawTerm {
-            name,
-            unit,
-            comment,
-        });
+        let terms = names
+            .into_iter()
+            .zip(parts)
+            .map(|(name, (unit, comment))| LawTerm {
+                name,
+                unit,
+                comment,
+            });
         terms.collect()
     })
 }

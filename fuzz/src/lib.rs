@@ -104,7 +104,7 @@ impl<N: Node> Journey<N> {
         self.drain()
     }
 
-    /// Takes the steps that bytes spell.
+    /// Plays the steps that bytes spell.
     pub fn travel(&mut self, bytes: &[u8]) {
         for step in steps(bytes) {
             self.pass(step.pause);

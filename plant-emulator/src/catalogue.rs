@@ -52,7 +52,7 @@ impl Kind {
         self.name
     }
 
-    /// The plant's own signals, as they are told on the bus.
+    /// The plant's own signals, as they are on the bus.
     #[must_use]
     pub fn signals(&self) -> &[PlantSignal] {
         &self.signals
@@ -70,18 +70,21 @@ impl OwnPlant {
     #[must_use]
     pub fn of<P: Plant>() -> Self {
         let parameters = |scenario: &Scenario| {
-            let own = scenario.plant.own.as_ref();
-            let own = own.ok_or_else(|| InvalidEmulator::UnknownPlant(P::NAME.to_owned()))?;
+            let own = scenario
+                .plant
+                .own
+                .as_ref()
+                .ok_or_else(|| InvalidEmulator::UnknownPlant(P::NAME.to_owned()))?;
             Ok(own.parameters::<P::Config>()?)
         };
         Self {
             kind: Kind::of::<P>(parameters),
-            table: OwnTable::of::<P::Config>(P::NAME).with_faults(P::FAULTS),
+            table: OwnTable::new::<P::Config>(P::NAME).with_faults(P::FAULTS),
         }
     }
 }
 
-/// Why a plant from outside cannot be told.
+/// Why a plant from outside cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum InvalidOwnPlant {
     /// Its table cannot be one.
@@ -95,7 +98,7 @@ pub enum InvalidOwnPlant {
         /// How many.
         count: usize,
     },
-    /// A signal that cannot be told.
+    /// A signal that the bus cannot carry.
     #[error("the signal `{signal}` of the plant `{plant}` {reason}")]
     Signal {
         /// The plant.
@@ -116,7 +119,7 @@ static SHIPPED: LazyLock<[Kind; 2]> = LazyLock::new(|| {
 
 static OWN: OnceLock<Vec<Kind>> = OnceLock::new();
 
-/// Tells the plants from outside, once and before any scenario is read.
+/// Registers the plants from outside, once and before any scenario is read.
 ///
 /// # Errors
 /// One of them has a name, parameters or signals that it cannot have.
@@ -130,7 +133,7 @@ pub fn register_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
         .unzip();
     register(Section::Plant, tables)?;
     OWN.set(kinds)
-        .map_err(|_| InvalidOwnPlant::Table(InvalidOwn::ToldAlready))
+        .map_err(|_| InvalidOwnPlant::Table(InvalidOwn::RegisteredAlready))
 }
 
 /// Whether the bus can carry a plant's signals.
@@ -235,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn the_motor_tells_its_third_signal_in_tpdo3() {
+    fn the_motor_publishes_its_third_signal_in_tpdo3() {
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n\
                     [controller.open_loop]\n[plant.dc_motor]\nambient_celsius = 31.0\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
@@ -246,11 +249,11 @@ mod tests {
             while node.next_frame().is_some() {}
             node.on_frame(Duration::from_millis(1), &CanFrame::new(id, data));
         }
-        let told: Vec<_> = std::iter::from_fn(|| node.next_frame()).collect();
+        let frames: Vec<_> = std::iter::from_fn(|| node.next_frame()).collect();
         let database = database("dc_motor");
         let value = |path| {
             let signal = database.require(path).unwrap();
-            told.iter().find_map(|frame| signal.decode(frame))
+            frames.iter().find_map(|frame| signal.decode(frame))
         };
         assert_eq!(value("drive_tpdo2.winding_temperature_celsius"), Some(31.0));
         assert_eq!(

@@ -26,7 +26,7 @@ impl<P: Plant> ClockedPlant<P> {
         }
     }
 
-    /// Brings the plant to `now`, under the inputs that have acted so far, and tells how much time that was.
+    /// Brings the plant to `now`, under the inputs that have acted so far, and returns how much time that was.
     pub(crate) fn advance_to(&mut self, now: Duration) -> Duration {
         let elapsed = now.saturating_sub(self.time);
         if !elapsed.is_zero() {

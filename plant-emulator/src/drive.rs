@@ -58,7 +58,7 @@ pub struct Drive<P: Plant> {
     plant: ClockedPlant<P>,
     /// What goes wrong with sensor, amplifier and plant.
     faults: RigFaults,
-    /// What the amplifier is told.
+    /// What the amplifier is commanded.
     commanded_amperes: f64,
     /// Since when the current is not what is commanded.
     deviates_since: Option<Duration>,
@@ -182,7 +182,7 @@ impl<P: Plant> Drive<P> {
         self.clock_error = (ahead, behind);
     }
 
-    /// Takes the current away because the drive is dead.
+    /// Switches the current off because the drive is dead.
     pub(crate) fn cut_off(&mut self, now: Duration) {
         self.set_current(now, 0.0);
     }
@@ -206,7 +206,7 @@ impl<P: Plant> Drive<P> {
         }
     }
 
-    /// Tells the amplifier what to put out.
+    /// Commands the amplifier.
     fn set_current(&mut self, now: Duration, commanded_amperes: f64) {
         self.commanded_amperes = commanded_amperes;
         let inputs = Inputs {

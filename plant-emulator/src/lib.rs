@@ -87,7 +87,7 @@ pub enum InvalidEmulator {
 /// The drive with the plant it is wired to, and the disturbance module that acts on the same plant.
 ///
 /// The plant follows the emulator's own time; see [`drive`]. In a scenario with faults the drive's node may fail; the
-/// plant lives on and tells the truth about itself.
+/// plant lives on and publishes the truth about itself.
 #[derive(Debug)]
 pub struct PlantEmulator<P: Plant> {
     drive: DriveNode<P>,
@@ -114,7 +114,7 @@ impl<P: Plant> DriveNode<P> {
             return Ok(Self::Sound(sound));
         }
         let database = Database::shipped();
-        let plan = FaultPlan::of(&scenario.fault, scenario::fault::node::Node::Drive);
+        let plan = FaultPlan::new(&scenario.fault, scenario::fault::node::Node::Drive);
         let fresh = sound.clone();
         let renew = move |device: &mut Device<Drive<P>>| {
             let mut drive = device.application().clone();
@@ -211,8 +211,9 @@ impl<P: Plant> PlantEmulator<P> {
     pub fn new(scenario: &scenario::Scenario, config: &P::Config) -> Result<Self, InvalidEmulator> {
         let plant = P::new(config)?;
         let wrong_id = scenario.fault.node.wrong_node_id.first();
-        let drive_id = wrong_id.and_then(|fault| NodeId::new(fault.node_id));
-        let drive_id = drive_id.unwrap_or(DRIVE_NODE_ID);
+        let drive_id = wrong_id
+            .and_then(|fault| NodeId::new(fault.node_id))
+            .unwrap_or(DRIVE_NODE_ID);
         let mut objects = dictionary(drive_id, dbc::DRIVE_EDS)?;
         if let Some(fault) = scenario.fault.node.wrong_identity.first() {
             set_product_code(&mut objects, fault.product_code);
@@ -259,7 +260,7 @@ impl<P: Plant> Node for PlantEmulator<P> {
     }
 
     /// The PDOs of the manager and the own ones, as far as they wait for the SYNC or nobody here listens to them. With
-    /// faults any frame may make the emulator tell the truth.
+    /// faults any frame may make the emulator publish the truth.
     fn silent_filters(&self) -> Vec<Filter> {
         let DriveNode::Sound(drive) = &self.drive else {
             return Vec::new();

@@ -21,7 +21,7 @@ pub trait Plant: Clone + fmt::Debug + Send + 'static {
     /// What can be wrong with it; by default nothing is. `()` for a plant to which no fault means anything.
     type Condition: Copy + fmt::Debug + Default + PartialEq + Send;
 
-    /// Its own signals, at most [`SIGNALS_MAX`]: no real drive measures them, the emulated one tells them at every SYNC.
+    /// Its own signals, at most [`SIGNALS_MAX`]: no real drive measures them, the emulated one publishes them at every SYNC.
     const SIGNALS: &'static [Signal<Self>];
 
     /// The kinds of `[[fault.plant.…]]` that [`Plant::condition`] looks at; others are refused.

@@ -106,7 +106,7 @@ def ends(controller, text):
     controller.wait(20)  # its standard input stays open: it is not asked to stop
     message = controller.stderr.read()
     check(controller.returncode == 1, "exit code of the controller", controller.returncode)
-    check(text in message, f"the message tells \"{text}\"", message)
+    check(text in message, f"the message says \"{text}\"", message)
     return message.strip()
 
 
@@ -169,7 +169,7 @@ def emergency(given, bus, scenario):
 
 
 def refused_write(given, bus, scenario):
-    """The drive refuses a mode: object, value and abort are told"""
+    """The drive refuses a mode: object, value and abort are reported"""
     def refuse(index, subindex, od, data):
         if index == 0x6060:
             raise canopen.SdoAbortedError(0x06090030)
@@ -177,7 +177,7 @@ def refused_write(given, bus, scenario):
     with controlled(given, bus, scenario) as (drive, controller):
         drive.node.add_write_callback(refuse)
         drive.boot()
-        return ends(controller, "the drive did not take 10 for Modes of operation: object 0x6060:00 of node 0x10: "
+        return ends(controller, "the drive did not accept 10 for Modes of operation: object 0x6060:00 of node 0x10: "
                                 "abort 0x0609_0030")
 
 

@@ -231,7 +231,7 @@ def emergencies(bus, drive):
     eventually(lambda: drive.nmt.state == "PRE-OPERATIONAL", "error behaviour 0x1029: pre-operational")
     check(drive.sdo[0x1003][1].raw & 0xFFFF == 0x8130, "0x1003 remembers")
     check(drive.sdo[0x603F].raw == 0x8130, "0x603F follows")
-    check(drive.sdo[0x1001].raw & 0x11 == 0x11, "0x1001 tells of communication")
+    check(drive.sdo[0x1001].raw & 0x11 == 0x11, "0x1001 shows communication")
     pulse = bus.send_periodic(0x700 + CONTROLLER, [0x05], 0.02)
     emergency(drive, 0x0000)
     check(drive.sdo[0x1001].raw == 0, "0x1001 is clear again")
@@ -317,7 +317,7 @@ def power_states(bus, drive):
     pulse = bus.send_periodic(0x700 + CONTROLLER, [0x05], 0.05)
     emergency(drive, 0x0000)
     drive.nmt.state = "OPERATIONAL"
-    eventually(lambda: drive.state == "FAULT", "the fault is told in TPDO1")
+    eventually(lambda: drive.state == "FAULT", "the fault is reported in TPDO1")
     drive.reset_from_fault()
     check(drive.state == "OPERATION ENABLED", "out of the fault", drive.state)
     eventually(lambda: current() == 400, "heated again")

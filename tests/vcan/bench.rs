@@ -15,9 +15,9 @@ pub(crate) const TESTS: [(&str, Test); 4] = [
         same_bytes,
     ),
     ("real_time_over_vcan_is_recorded_whole", real_time),
-    ("a_foreign_frame_in_lockstep_is_told", foreign_frame),
+    ("a_foreign_frame_in_lockstep_is_refused", foreign_frame),
     (
-        "errors_that_a_driver_tells_are_events_and_judged",
+        "errors_that_a_driver_reports_are_events_and_judged",
         bus_errors,
     ),
 ];
@@ -61,26 +61,27 @@ fn real_time() -> Result<(), Failed> {
         let runs = folder.path().join("runs");
         let arguments = ["--bus", INTERFACE, "--require-vcan"];
         let (code, stdout, stderr) = output(canrig(&runs, "run").args(arguments).arg(short));
-        let told = format!("{code:?}\n{stdout}\n{stderr}");
-        if told.contains("the recorder lost") {
+        let printed = format!("{code:?}\n{stdout}\n{stderr}");
+        if printed.contains("the recorder lost") {
             return Ok(());
         }
-        if matches!(code, Some(0 | 5)) || told.contains("too busy for real time") {
+        if matches!(code, Some(0 | 5)) || printed.contains("too busy for real time") {
             let log = fs::read_to_string(only_run(&runs).join("bus.log"))?;
-            let counters = log.lines().filter_map(|line| line.split_once(" 080#"));
-            let counters: Vec<u8> = counters
+            let counters: Vec<u8> = log
+                .lines()
+                .filter_map(|line| line.split_once(" 080#"))
                 .map(|(_, counter)| u8::from_str_radix(counter, 16).unwrap())
                 .collect();
             // How many there are is the machine's business; none may be missing between two others.
-            assert!(counters.len() > 20, "{} SYNCs\n{told}", counters.len());
+            assert!(counters.len() > 20, "{} SYNCs\n{printed}", counters.len());
             let gaps = counters
                 .windows(2)
                 .filter(|pair| pair[1] != pair[0] % 240 + 1)
                 .count();
-            assert_eq!(gaps, 0, "of {} SYNCs\n{told}", counters.len());
+            assert_eq!(gaps, 0, "of {} SYNCs\n{printed}", counters.len());
             return Ok(());
         }
-        refusals.push(told);
+        refusals.push(printed);
     }
     Err(refusals.join("\n").into())
 }
@@ -90,8 +91,9 @@ fn foreign_frame() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let arguments = ["--bus", INTERFACE, "--clock", "lockstep"];
     let mut canrig = canrig(folder.path(), "run");
-    let run = canrig.args(arguments).arg(scenario("step.toml"));
-    let run = run
+    let run = canrig
+        .args(arguments)
+        .arg(scenario("step.toml"))
         .stderr(std::process::Stdio::piped())
         .stdout(std::process::Stdio::null())
         .spawn()?;
@@ -113,7 +115,7 @@ fn foreign_frame() -> Result<(), Failed> {
     Ok(())
 }
 
-/// A vcan has no errors of its own, but passes on the messages with which a driver tells of some.
+/// A vcan has no errors of its own, but passes on the messages with which a driver reports some.
 fn bus_errors() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let scenario = support::unhurried_scenario(folder.path(), 3.0);
@@ -122,8 +124,9 @@ fn bus_errors() -> Result<(), Failed> {
     fs::write(&scenario, text)?;
     let runs = folder.path().join("runs");
     let mut canrig = canrig(&runs, "run");
-    let run = canrig.args(["--bus", INTERFACE]).arg(&scenario);
-    let run = run
+    let run = canrig
+        .args(["--bus", INTERFACE])
+        .arg(&scenario)
         .stderr(std::process::Stdio::piped())
         .stdout(std::process::Stdio::piped())
         .spawn()?;
@@ -132,8 +135,8 @@ fn bus_errors() -> Result<(), Failed> {
     // The scenario begins within the first second.
     std::thread::sleep(std::time::Duration::from_millis(1500));
     // Twice nobody acknowledged, then the warning level of sending.
-    let told = [(0x020, 0), (0x020, 0), (0x004, 0x08)];
-    for (class, controller) in told {
+    let reported = [(0x020, 0), (0x020, 0), (0x004, 0x08)];
+    for (class, controller) in reported {
         let data = [0, controller, 0, 0, 0, 0, 0, 0];
         let message = canopen::CanFrame::from_raw(canopen::frame::ERROR_FLAG | class, 8, data);
         bus.send(&message.ok_or("a frame")?)?;
@@ -145,9 +148,9 @@ fn bus_errors() -> Result<(), Failed> {
     );
     assert_eq!(ended.status.code(), Some(1), "{stdout}\n{stderr}");
     let verdict = fs::read_to_string(only_run(&runs).join("verdict.json"))?;
-    for told_once in [" s bench: no acknowledgement", " s bench: error warning"] {
-        let count = verdict.matches(told_once).count();
-        assert_eq!(count, 1, "{told_once}: {verdict}");
+    for reported_once in [" s bench: no acknowledgement", " s bench: error warning"] {
+        let count = verdict.matches(reported_once).count();
+        assert_eq!(count, 1, "{reported_once}: {verdict}");
     }
     Ok(())
 }

@@ -82,30 +82,33 @@ fn killed_bench() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let scenario = unhurried_scenario(folder.path(), 1.0);
     let _drive = Drive::start(INTERFACE, &scenario)?;
-    let (command, told) = (0x210, 0x190);
-    let mut ear = ear(&[command, told])?;
+    let (command, feedback) = (0x210, 0x190);
+    let mut ear = ear(&[command, feedback])?;
     let mut bench = canrig(&folder.path().join("runs"), "run");
-    let bench = bench.args(["--bus", INTERFACE, "--external", "drive", "--dry-run"]);
-    let mut bench = bench.arg(&scenario).stdout(Stdio::null()).spawn()?;
+    let mut bench = bench
+        .args(["--bus", INTERFACE, "--external", "drive", "--dry-run"])
+        .arg(&scenario)
+        .stdout(Stdio::null())
+        .spawn()?;
     let milliamperes = |frame: &CanFrame| i16::from_le_bytes([frame.data()[6], frame.data()[7]]);
-    let is_told = |frame: &CanFrame| frame.standard_id() == Some(told);
+    let is_feedback = |frame: &CanFrame| frame.standard_id() == Some(feedback);
     hear(&mut *ear, |frame| {
-        is_told(frame) && milliamperes(frame) > 100
+        is_feedback(frame) && milliamperes(frame) > 100
     })?;
     bench.kill()?;
     bench.wait()?;
     let quick_stop = CanFrame::new(command, &[2, 0, 0, 0]);
     hear(&mut *ear, |frame| *frame == quick_stop)?;
     hear(&mut *ear, |frame| {
-        is_told(frame) && milliamperes(frame) == 0
+        is_feedback(frame) && milliamperes(frame) == 0
     })?;
     Ok(())
 }
 
-/// A vcan never goes error passive or bus-off, but passes on the messages with which a driver tells of it, to all nodes: the
+/// A vcan never goes error passive or bus-off, but passes on the messages with which a driver reports it, to all nodes: the
 /// drive answers to the first with an emergency, the controller to the second with its safe state.
 fn bad_states() -> Result<(), Failed> {
-    // It tells the emergency, and leaves Operational by it.
+    // It reports the emergency, and leaves Operational by it.
     let passive = struck(&[(0x004, 0x20)], "bench: error passive")?;
     assert!(passive.contains("the drive (node 16) "), "{passive}");
     let off = struck(&[(0x040, 0), (0x100, 0)], "bench: bus-off")?;
@@ -113,14 +116,18 @@ fn bad_states() -> Result<(), Failed> {
     Ok(())
 }
 
-/// What a run says that ends at such messages, without current; they are in its recording, and what they told in its verdict.
-fn struck(messages: &[(u32, u8)], told: &str) -> Result<String, Failed> {
+/// What a run says that ends at such messages, without current; they are in its recording, and what they reported in its verdict.
+fn struck(messages: &[(u32, u8)], expected: &str) -> Result<String, Failed> {
     let folder = tempfile::tempdir()?;
     let scenario = unhurried_scenario(folder.path(), 5.0);
     let runs = folder.path().join("runs");
     let mut run = canrig(&runs, "run");
-    let run = run.args(["--bus", INTERFACE]).arg(&scenario);
-    let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
+    let run = run
+        .args(["--bus", INTERFACE])
+        .arg(&scenario)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()?;
     let mut ear = ear(&[0x210])?;
     hear(&mut *ear, |frame| frame.data()[0] == 0x0F)?;
     std::thread::sleep(Duration::from_millis(500));
@@ -134,7 +141,10 @@ fn struck(messages: &[(u32, u8)], told: &str) -> Result<String, Failed> {
     let stderr = String::from_utf8(ended.stderr)?;
     assert_eq!(ended.status.code(), Some(4), "{stderr}");
     let verdict = fs::read_to_string(only_run(&runs).join("verdict.json"))?;
-    assert!(verdict.contains(told), "{told} is not in\n{verdict}");
+    assert!(
+        verdict.contains(expected),
+        "{expected} is not in\n{verdict}"
+    );
     let log = fs::read_to_string(only_run(&runs).join("bus.log"))?;
     for (class, _) in messages {
         let id = format!(" {:08X}#", ERROR_FLAG | class);
@@ -185,20 +195,22 @@ fn full_queue() -> Result<(), Failed> {
 /// The commands of the page, as they stand there. A busy machine may leave gaps that identification refuses.
 fn from_hardware_to_model() -> Result<(), Failed> {
     let page = fs::read_to_string(root().join(PAGE))?;
-    let blocks = page.split("```sh\n").skip(1);
-    let blocks = blocks.filter_map(|rest| rest.split_once("```"));
+    let blocks = page
+        .split("```sh\n")
+        .skip(1)
+        .filter_map(|rest| rest.split_once("```"));
     let commands: Vec<&str> = blocks.flat_map(|(block, _)| block.lines()).collect();
     assert_eq!(commands.len(), 6, "{commands:?}");
-    let mut told = String::new();
+    let mut printed = String::new();
     for _ in 0..ATTEMPTS {
-        told = follow(&commands)?;
-        if let [before, after] = deviations(&told)[..] {
+        printed = follow(&commands)?;
+        if let [before, after] = deviations(&printed)[..] {
             // The nominal wire is off by millimetres, the one found by some steps of the sensor.
-            assert!(before > 1.0 && after < before / 5.0, "{told}");
+            assert!(before > 1.0 && after < before / 5.0, "{printed}");
             return Ok(());
         }
     }
-    Err(format!("the page cannot be followed: {told}").into())
+    Err(format!("the page cannot be followed: {printed}").into())
 }
 
 /// What the commands print where `can0` is a virtual interface with another wire behind it, up to the first that fails.
@@ -212,15 +224,16 @@ fn follow(commands: &[&str]) -> Result<String, Failed> {
     let (code, _, stderr) = output(Command::new("ip").args(["link", "set", "can0", "up"]));
     assert_eq!(code, Some(0), "{stderr}");
     let _drive = Drive::start("can0", &wire)?;
-    let programs = Path::new(env!("CARGO_BIN_EXE_canrig"));
-    let programs = programs.parent().ok_or("no folder")?;
+    let programs = Path::new(env!("CARGO_BIN_EXE_canrig"))
+        .parent()
+        .ok_or("no folder")?;
     let path = format!("{}:{}", programs.display(), std::env::var("PATH")?);
-    let mut told = String::new();
+    let mut printed = String::new();
     for command in commands {
         let mut shell = Command::new("bash");
         let shell = shell.args(["-c", command]).env("PATH", &path);
         let (code, stdout, stderr) = output(shell.current_dir(folder.path()).env("NO_COLOR", "1"));
-        told += &format!("$ {command}\n{stdout}{stderr}");
+        printed += &format!("$ {command}\n{stdout}{stderr}");
         // Runs that are compared may diverge, and what is found in late samples may lack its confirmation.
         let is_expected = match command.split(' ').nth(1) {
             Some("compare") => matches!(code, Some(0 | 1)),
@@ -231,12 +244,12 @@ fn follow(commands: &[&str]) -> Result<String, Failed> {
             break;
         }
     }
-    Ok(told)
+    Ok(printed)
 }
 
 /// The root mean squares that the comparisons print for the position, which has no row where it is exactly the same.
-fn deviations(told: &str) -> Vec<f64> {
-    let comparisons = told
+fn deviations(printed: &str) -> Vec<f64> {
+    let comparisons = printed
         .split("$ canrig ")
         .filter(|part| part.starts_with("compare"));
     let finished = comparisons.filter(|part| part.contains("exactly the same"));

@@ -14,7 +14,7 @@ mod bus;
 mod echo;
 mod hardware;
 #[path = "../real_time.rs"]
-#[expect(dead_code, reason = "these tests tell by a result what went wrong")]
+#[expect(dead_code, reason = "these tests return what went wrong")]
 mod real_time;
 #[path = "../support.rs"]
 mod support;
@@ -55,8 +55,8 @@ fn main() -> ExitCode {
         .into_iter()
         .chain(of_bench)
         .chain(of_hardware)
-        .chain(of_private_bus);
-    let trials = trials.map(|trial| trial.with_ignored_flag(why_not.is_some()));
+        .chain(of_private_bus)
+        .map(|trial| trial.with_ignored_flag(why_not.is_some()));
     // Real-time runs side by side would only wait for each other.
     let arguments = Arguments {
         test_threads: Some(1),
@@ -116,7 +116,7 @@ fn isolated(
                 return Ok(());
             }
             let [stdout, stderr] =
-                [test.stdout, test.stderr].map(|told| String::from_utf8_lossy(&told).into_owned());
+                [test.stdout, test.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
             Err(format!("{stdout}\n{stderr}").into())
         })
     })

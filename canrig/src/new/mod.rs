@@ -19,7 +19,7 @@ use runner::exit::Exit;
 
 /// The checkout that this program was built from. It may be gone, or on another machine.
 const BUILT_FROM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
-/// How the skeletons call that checkout.
+/// What stands in the skeletons for the path of that checkout.
 const CHECKOUT: &str = "CANRIG";
 /// What cargo and the bench leave behind.
 const IGNORED: &str = "/target\n/runs\n";

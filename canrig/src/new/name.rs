@@ -3,7 +3,7 @@
 use scenario::own::Section;
 use scenario::registration::{InvalidOwn, is_free};
 
-/// Names that Rust or cargo keeps to itself as those of crates.
+/// Names of crates that Rust or cargo reserves.
 const KEPT: [&str; 58] = [
     "abstract",
     "alloc",
@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_tables_crates_and_types_are_told_from_others() {
+    fn names_of_tables_crates_and_types_differ_from_others() {
         let refused = |text: &str| {
             Name::new(text, Section::Plant)
                 .err()
@@ -186,8 +186,8 @@ mod tests {
             ("my-plant", "cannot be the name of a table"),
             ("../up", "cannot be the name of a table"),
             ("", "cannot be the name of a table"),
-            ("heat", "another table already"),
-            ("dc_motor", "another table already"),
+            ("heat", "is a table already"),
+            ("dc_motor", "is a table already"),
             ("fn", "in Rust"),
             ("test", "in Rust"),
             ("config", "the crate uses"),

@@ -39,8 +39,10 @@ mod tests {
     fn dependencies_are_built_as_in_the_checkout_and_its_crates_optimised() {
         let checkout = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         let ours: Table = release_profile(&checkout).unwrap().parse().unwrap();
-        let root = std::fs::read_to_string(checkout.join("Cargo.toml")).unwrap();
-        let root: Table = root.parse().unwrap();
+        let root: Table = std::fs::read_to_string(checkout.join("Cargo.toml"))
+            .unwrap()
+            .parse()
+            .unwrap();
         let packages = ours["profile"]["release"]["package"].as_table().unwrap();
         // A crate of its own is another workspace, in which canrig's crates are dependencies.
         for member in ["controller", "plant-emulator", "worlds"] {

@@ -72,7 +72,7 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     if (0.0..=86_400.0).contains(&seconds) {
         Ok(seconds)
     } else {
-        Err("0 to 86400 seconds are possible".to_owned())
+        Err("the time must be from 0 to 86400 seconds".to_owned())
     }
 }
 

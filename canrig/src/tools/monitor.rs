@@ -14,7 +14,7 @@ use platform::stop::StopSignal;
 
 use super::nodes::state_name;
 use super::{ToolBusArgs, ToolError, ended, open, seconds, value};
-use rig::data_sheet::{DataSheet, of_the_rig};
+use rig::data_sheet::{DataSheet, rig_data_sheets};
 use rig::error_frames;
 use runner::console::{BufferedLines, print_error};
 use runner::exit::Exit;
@@ -264,7 +264,7 @@ pub(crate) struct MonitorArgs {
     /// Show only frames with this part in their name (drive, sync, heartbeat), or with this identifier (0x190)
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub only: Vec<String>,
-    /// Leave such frames out
+    /// Leave out frames with this part in their name, or with this identifier
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub except: Vec<String>,
     /// Show a frame only when its content has changed
@@ -320,7 +320,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
         }
     };
     let (count, duration) = (options.count, options.duration);
-    let mut decoder = Decoder::new(database, of_the_rig(), options);
+    let mut decoder = Decoder::new(database, rig_data_sheets(), options);
     let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
     let mut bus = open(&bus, &[Filter::ALL, Filter::ERRORS])?;
     let clock = Clock::start();
@@ -362,7 +362,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn decoder(options: MonitorOptions) -> Decoder {
-        Decoder::new(Database::shipped().clone(), of_the_rig(), options)
+        Decoder::new(Database::shipped().clone(), rig_data_sheets(), options)
     }
 
     /// The line without its time.

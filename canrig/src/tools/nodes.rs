@@ -16,7 +16,7 @@ use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets};
 
 use super::{ToolBusArgs, ToolError, ended, seconds};
-use rig::data_sheet::{DataSheet, of_the_rig};
+use rig::data_sheet::{DataSheet, rig_data_sheets};
 use rig::presence::Presence;
 use runner::exit::Exit;
 
@@ -122,8 +122,11 @@ impl RollCall {
         let ids = states.keys().chain(&self.called);
         let node = |node_id: &u8| {
             let unasked = || Err("not asked: interrupted".to_owned());
-            let identity = self.identities.get(node_id).cloned();
-            let identity = identity.unwrap_or_else(unasked);
+            let identity = self
+                .identities
+                .get(node_id)
+                .cloned()
+                .unwrap_or_else(unasked);
             let node = NodeOnBus {
                 state: states.get(node_id).copied(),
                 data_sheet: self.data_sheet(*node_id, identity.as_ref().ok()),
@@ -258,14 +261,14 @@ impl RollCall {
         }
     }
 
-    /// Takes what the node being asked has answered, and goes on.
+    /// Keeps what the node being asked has answered, and goes on.
     fn advance(&mut self, now: Duration) {
         let Phase::Asking(questions) = &mut self.phase else {
             return;
         };
         if let Some(result) = questions.client.take_result() {
             let node_id = questions.node_id;
-            match questions.take(&result) {
+            match questions.on_result(&result) {
                 Ok(()) if questions.next < QUESTIONS.len() => questions.ask(now),
                 Ok(()) => {
                     let identity = std::mem::take(&mut questions.identity);
@@ -321,7 +324,7 @@ impl IdentityQuestions {
     }
 
     /// Keeps an answer. An abort is an answer too.
-    fn take(&mut self, result: &Result<Vec<u8>, SdoError>) -> Result<(), SdoError> {
+    fn on_result(&mut self, result: &Result<Vec<u8>, SdoError>) -> Result<(), SdoError> {
         let bytes = match result {
             Ok(bytes) => Some(bytes.as_slice()),
             Err(error) if matches!(error.failure, SdoFailure::Aborted(_)) => None,
@@ -424,7 +427,7 @@ pub(crate) fn nodes(args: &NodesArgs) -> Exit {
 
 /// The table for people.
 fn called(args: &NodesArgs) -> Result<String, ToolError> {
-    let mut sheets = of_the_rig();
+    let mut sheets = rig_data_sheets();
     for path in &args.eds {
         // For its identity only; which node-ID it has is to be found out.
         let sheet = DataSheet::load(path, 127)?;
@@ -515,11 +518,11 @@ fn device_type(device_type: u32) -> String {
 
 fn identity_words(identity: &[Option<u32>; 4]) -> String {
     let words = ["vendor", "product", "revision", "serial"];
-    let numbers = words
+    let numbers: Vec<String> = words
         .into_iter()
         .zip(identity)
-        .filter_map(|(word, number)| number.map(|number| format!("{word} 0x{number:X}")));
-    let numbers: Vec<String> = numbers.collect();
+        .filter_map(|(word, number)| number.map(|number| format!("{word} 0x{number:X}")))
+        .collect();
     if numbers.is_empty() {
         "-".to_owned()
     } else {

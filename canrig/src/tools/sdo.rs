@@ -18,7 +18,7 @@ use clap::{Args, Subcommand};
 use dbc::Database;
 
 use super::{ToolBusArgs, ToolError, ended, value};
-use rig::data_sheet::{self, DataSheet, of_the_rig};
+use rig::data_sheet::{self, DataSheet, rig_data_sheets};
 use rig::presence::Presence;
 use runner::exit::Exit;
 
@@ -365,7 +365,7 @@ fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u
 
 /// Reads an object, or writes it when there is a value and whether that is forced; the line for people.
 fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<String, ToolError> {
-    let mut sheets = of_the_rig();
+    let mut sheets = rig_data_sheets();
     let node_id = data_sheet::node_id(&target.node, &sheets)?;
     if let Some(path) = &target.eds {
         sheets.insert(0, DataSheet::load(path, node_id)?);
@@ -435,7 +435,7 @@ mod tests {
     ) -> (Option<CanFrame>, String) {
         let bytes = vec![0x0F, 0];
         let request = Request::Write { bytes, is_forced };
-        let mut transfer = Transfer::new(node_id, (index, 0), request, of_the_rig());
+        let mut transfer = Transfer::new(node_id, (index, 0), request, rig_data_sheets());
         transfer.on_tick(Duration::ZERO);
         for (id, data) in heard {
             transfer.on_frame(Duration::ZERO, &CanFrame::new(*id, data));

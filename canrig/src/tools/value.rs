@@ -289,10 +289,13 @@ fn parse_integer(text: &str) -> Option<i128> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use rig::data_sheet::of_the_rig;
+    use rig::data_sheet::rig_data_sheets;
 
     fn entry(index: u16, sub_index: u8) -> Entry {
-        of_the_rig()[1].entry(index, sub_index).unwrap().clone()
+        rig_data_sheets()[1]
+            .entry(index, sub_index)
+            .unwrap()
+            .clone()
     }
 
     #[test]
@@ -385,7 +388,7 @@ mod tests {
 
         #[test]
         fn arbitrary_text_and_bytes_never_panic(text in ".{0,20}", bytes: Vec<u8>, place in 0usize..112) {
-            let drive = of_the_rig().remove(1);
+            let drive = rig_data_sheets().remove(1);
             let entry = &drive.dictionary.entries()[place];
             let _ = parse(entry, &text);
             let _ = parse_bytes(&text);

@@ -54,6 +54,11 @@ impl Controller {
         }
     }
 
+    fn scenario_time_seconds(&self, cycle: &Cycle) -> f64 {
+        let period_nanoseconds = u64::try_from(self.sync_period.as_nanos()).unwrap_or(u64::MAX);
+        Duration::from_nanos(period_nanoseconds.saturating_mul(cycle.number)).as_secs_f64()
+    }
+
     /// One step of the law; the command in amperes.
     pub(super) fn step(
         &mut self,
@@ -61,10 +66,8 @@ impl Controller {
         cycle: &Cycle,
         position_metres: f64,
     ) -> f64 {
-        let period_nanoseconds = u64::try_from(self.sync_period.as_nanos()).unwrap_or(u64::MAX);
-        let time = Duration::from_nanos(period_nanoseconds.saturating_mul(cycle.number));
         let measurement = Measurement {
-            scenario_time_seconds: time.as_secs_f64(),
+            scenario_time_seconds: self.scenario_time_seconds(cycle),
             position_metres,
         };
         let set_point = self.trajectory.at(measurement.scenario_time_seconds);
@@ -101,13 +104,16 @@ impl Controller {
             self.fail(services, Cause::RigLimit, violation.to_string());
             return;
         }
-        match self.plausibility.check(feedback.position_metres) {
+        let position_metres = feedback.position_metres;
+        let set_point = self.trajectory.at(self.scenario_time_seconds(&cycle));
+        let set_point_metres = match self.has_set_point {
+            true => set_point.position_metres,
+            false => f64::NAN,
+        };
+        match (self.plausibility).check(position_metres, set_point_metres) {
             Ok(()) => self.implausible = None,
             Err(cause @ Cause::PositionFrozen) => {
-                let millimetres = feedback.position_metres * 1e3;
-                let text = format!(
-                    "the position stands still at {millimetres:.1} mm although the wire is heated"
-                );
+                let text = self.plausibility.frozen_words(position_metres);
                 self.fail(services, cause, text);
                 return;
             }
@@ -118,7 +124,7 @@ impl Controller {
         }
         (cycle.has_position, cycle.missing) = (true, 0);
         self.phase = Phase::Running(cycle);
-        let current_amperes = self.step(services, &cycle, feedback.position_metres);
+        let current_amperes = self.step(services, &cycle, position_metres);
         self.command(
             services,
             DriveCommand::EnableOperation.controlword(),

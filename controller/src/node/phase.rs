@@ -12,7 +12,7 @@ pub(super) enum Phase {
         until: Duration,
         next_question: Duration,
     },
-    /// The drive was up already and has been told to reset its communication; its boot-up is awaited.
+    /// The drive was up already and has been ordered to reset its communication; its boot-up is awaited.
     Resetting { until: Duration },
     /// Configures the drive by SDO.
     Configuring { until: Duration },

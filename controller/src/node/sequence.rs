@@ -35,6 +35,8 @@ const WATCH_TIME: u32 = 0xFFFF;
 pub(super) struct Controller {
     pub(super) law: Law,
     pub(super) trajectory: Trajectory,
+    /// False in open loop, where the trajectory is 0 throughout.
+    pub(super) has_set_point: bool,
     pub(super) explanation: ExplanationObjects,
     pub(super) bring_up: BringUp,
     pub(super) drive: DriveLayout,
@@ -130,7 +132,7 @@ impl Controller {
         }
     }
 
-    /// Takes the energy away, says why on the bus and remembers it.
+    /// Switches the current off, reports the cause on the bus and keeps it.
     pub(super) fn fail(&mut self, services: &mut Services, cause: Cause, text: String) {
         if matches!(self.phase, Phase::Stopping { .. } | Phase::Ended) {
             return;

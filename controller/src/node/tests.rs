@@ -425,7 +425,7 @@ fn an_abort_names_object_value_and_reason() {
     let mut bus = Bus::new(OPEN_LOOP);
     bus.drive().application_mut().refuses = Some((0x6060, AbortCode::INVALID_VALUE));
     bus.fails_with(
-        "the drive did not take 10 for Modes of operation: object 0x6060:00 of node 0x10: abort 0x0609_0030: invalid value for parameter",
+        "the drive did not accept 10 for Modes of operation: object 0x6060:00 of node 0x10: abort 0x0609_0030: invalid value for parameter",
     );
 }
 
@@ -487,7 +487,7 @@ fn a_restarted_controller_takes_over_a_drive_that_was_left_operational() {
 }
 
 #[test]
-fn a_fault_from_before_is_reset_and_one_that_stays_is_told() {
+fn a_fault_from_before_is_reset_and_one_that_stays_is_reported() {
     let mut bus = Bus::new(OPEN_LOOP);
     bus.drive().on_tick(Duration::ZERO);
     bus.drive().application_mut().machine.on_fault();
@@ -709,7 +709,7 @@ proptest! {
 }
 
 /// What the controller's EMCYs say: code and number of the cause.
-fn told(bus: &Bus) -> Vec<(u16, u8)> {
+fn emergencies(bus: &Bus) -> Vec<(u16, u8)> {
     let emergencies = bus.frames(0x081, Duration::ZERO);
     let content = |frame: &CanFrame| {
         let data = frame.data();
@@ -719,14 +719,14 @@ fn told(bus: &Bus) -> Vec<(u16, u8)> {
 }
 
 #[test]
-fn an_implausible_position_ends_the_run_and_the_bus_is_told_why() {
+fn an_implausible_position_ends_the_run_and_the_bus_shows_why() {
     let mut bus = Bus::new(CLOSED_LOOP);
     bus.run_until_running();
     bus.run_for(50 * MILLISECOND);
     bus.drive().application_mut().position_error = 30_000;
     bus.run_for(40 * MILLISECOND);
     assert!(matches!(bus.controller.progress(), Progress::Failed(_)));
-    assert_eq!(told(&bus), [(0x7300, 3)]);
+    assert_eq!(emergencies(&bus), [(0x7300, 3)]);
     assert!(!bus.drive().application().is_heating());
 }
 
@@ -741,7 +741,7 @@ fn a_single_spike_costs_a_cycle_only() {
     bus.run_for(50 * MILLISECOND);
     assert_eq!(bus.controller.progress(), Progress::Running);
     assert_eq!(bus.controller.statistics().missing_positions, 1);
-    assert_eq!(told(&bus), []);
+    assert_eq!(emergencies(&bus), []);
 }
 
 /// A rig file with the drive as node 0x20 and these limits on the position.
@@ -806,6 +806,6 @@ fn a_position_beyond_the_rigs_limits_ends_the_run() {
     assert_eq!(bus.ending(), Progress::Failed(expected.to_owned()));
     assert!(!bus.drive().application().is_heating());
     assert!(bus.has_sent(&NmtCommand::Stop.frame(NodeId::new(32))));
-    let told = bus.frames(0x081, Duration::ZERO);
-    assert_eq!(told.last().unwrap().data()[4], Cause::RigLimit as u8);
+    let emergencies = bus.frames(0x081, Duration::ZERO);
+    assert_eq!(emergencies.last().unwrap().data()[4], Cause::RigLimit as u8);
 }

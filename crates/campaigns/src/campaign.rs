@@ -132,8 +132,8 @@ impl Campaign {
         let queue = JobQueue::new(jobs, on_result, WAITING_MAX * threads);
         let serve = |watch: &Watch| {
             while let Some((place, job)) = queue.next(watch) {
-                let done = catch_unwind(AssertUnwindSafe(|| work(&job, watch)));
-                let done = done.unwrap_or_else(|panic| Err(message(panic.as_ref())));
+                let done = catch_unwind(AssertUnwindSafe(|| work(&job, watch)))
+                    .unwrap_or_else(|panic| Err(message(panic.as_ref())));
                 // A run that was interrupted came to nothing.
                 if watch.is_interrupted() {
                     break;
@@ -187,8 +187,10 @@ pub fn play_one<T>(
 
 /// The text of a panic.
 fn message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().copied();
-    let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+    let text = panic
+        .downcast_ref::<&str>()
+        .copied()
+        .or_else(|| panic.downcast_ref::<String>().map(String::as_str));
     format!("it panicked: {}", text.unwrap_or("without a message"))
 }
 
@@ -240,11 +242,12 @@ mod tests {
 
     #[test]
     fn a_run_that_panics_is_named_and_the_others_go_on() {
-        let results = campaign(2).play(scenarios(), |played| {
-            assert!(played.index != 2, "the third cannot be reduced");
-            played.index
-        });
-        let results = results.unwrap();
+        let results = campaign(2)
+            .play(scenarios(), |played| {
+                assert!(played.index != 2, "the third cannot be reduced");
+                played.index
+            })
+            .unwrap();
         let fault = results[2].as_ref().unwrap_err();
         let text = "run 2 (run 2, seed 2) failed: it panicked: the third cannot be reduced";
         assert_eq!(fault.to_string(), text);

@@ -18,7 +18,7 @@ pub enum CommunicationLoss {
     Heartbeat(NodeId),
     /// No SYNC for 1.5 periods (0x1006), or as many as [`Services::set_missing_syncs_tolerated`] allows.
     Sync,
-    /// The RPDO with this number, from 1, missed its dead-line (0x1400:05).
+    /// The RPDO with this number, from 1, missed its deadline (0x1400:05).
     Rpdo(u16),
     /// The CAN controller left the bus.
     BusOff,

@@ -63,7 +63,7 @@ impl State {
         }
     }
 
-    /// The state that a statusword tells; `None` for a pattern that the standard does not know.
+    /// The state in a statusword; `None` for a pattern that the standard does not know.
     #[must_use]
     pub fn from_statusword(statusword: u16) -> Option<Self> {
         Some(match (statusword & 0x4F, statusword & 0x20 != 0) {
@@ -208,7 +208,7 @@ pub fn check_mode(mode: i8, supported_drive_modes: u32) -> Result<(), AbortCode>
     }
 }
 
-/// What the statusword tells beside the state (CiA 402-2, table 29).
+/// What the statusword says beside the state (CiA 402-2, table 29).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
     /// Bit 4: the power stage has its supply.

@@ -171,8 +171,13 @@ impl Reader {
     /// Reads one object by its object type (CiA 301, table 42).
     fn object(&mut self, index: u16, object: &Object<'_, '_>) -> Result<(), EdsError> {
         let Some(main) = object.main else {
-            let orphan = object.subs.values().copied().next();
-            let orphan = orphan.or(object.names).or(object.values);
+            let orphan = object
+                .subs
+                .values()
+                .copied()
+                .next()
+                .or(object.names)
+                .or(object.values);
             return orphan.map_or(Ok(()), |section| {
                 Err(section.error(format!("there is no section [{index:04X}]")))
             });
@@ -377,15 +382,15 @@ fn integer_at<T: Copy + Into<i128> + TryFrom<i128>>(
 
 /// Reads `AccessType`.
 fn access(item: &Item<'_>) -> Result<Access, EdsError> {
-    let words = [
+    let mut words = [
         ("ro", Access::ReadOnly),
         ("wo", Access::WriteOnly),
         ("rw", Access::ReadWrite),
         ("rwr", Access::ReadWriteRead),
         ("rww", Access::ReadWriteWrite),
         ("const", Access::Constant),
-    ];
-    let mut words = words.into_iter();
+    ]
+    .into_iter();
     let found = words.find(|(word, _)| item.value.eq_ignore_ascii_case(word));
     found
         .map(|(_, access)| access)

@@ -1,7 +1,7 @@
 //! Emergencies (CiA 301, 7.2.7): the error register 0x1001, the history 0x1003, the message by 0x1014 and 0x1015,
 //! and the error code 0x603F of CiA 402.
 //!
-//! An error is a condition: it is raised once, stays active, and its end is told by "no error" with the register of
+//! An error is a condition: it is raised once, stays active, and its end is reported by "no error" with the register of
 //! what remains. While the node is Stopped, messages wait.
 
 use std::collections::VecDeque;
@@ -19,7 +19,7 @@ const DRIVE_ERROR_CODE: u16 = 0x603F;
 
 /// Messages that wait for the bus at most; the oldest goes when there are more.
 const QUEUE_LENGTH: usize = 16;
-/// Conditions that are active at most; further ones are not told.
+/// Conditions that are active at most; further ones are not reported.
 const ACTIVE_MAX: usize = 64;
 
 /// An emergency error code (CiA 301, table 26).
@@ -182,7 +182,7 @@ impl Emcy {
         }
     }
 
-    /// Raises a condition unless it is active; `source` tells several with the same code apart.
+    /// Raises a condition unless it is active; `source` separates several with the same code.
     pub(crate) fn raise(
         &mut self,
         dictionary: &mut ObjectDictionary,

@@ -160,7 +160,7 @@ impl HeartbeatConsumer {
         old.map(|old| old.node_id)
     }
 
-    /// Takes a heartbeat.
+    /// Notes a heartbeat.
     pub(crate) fn on_heartbeat(
         &mut self,
         now: Duration,

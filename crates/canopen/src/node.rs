@@ -48,7 +48,7 @@ pub trait Node {
         Vec::new()
     }
 
-    /// Takes a frame that the bus delivered.
+    /// Handles a frame that the bus delivered.
     fn on_frame(&mut self, now: Duration, frame: &CanFrame);
 
     /// Does what is due at `now`.

@@ -350,7 +350,7 @@ impl Entry {
 }
 
 /// Little-endian bytes as an integer, sign-extended by type; 0 for types that are no integers.
-/// Copies a value. Told the widths of every cycle, the compiler makes no call of them.
+/// Copies a value. The widths of every cycle are written out, so that the compiler makes no call for them.
 #[inline]
 pub(crate) fn copy(to: &mut [u8], from: &[u8]) {
     match from.len() {

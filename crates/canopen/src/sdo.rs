@@ -8,7 +8,7 @@ use crate::object_dictionary::AbortCode;
 /// Longest value that is transferred; longer ones are aborted with [`AbortCode::OUT_OF_MEMORY`].
 pub const MAX_TRANSFER_BYTES: usize = 64 << 10;
 
-/// How long server and client wait for the other side unless told otherwise.
+/// How long server and client wait for the other side unless they are set otherwise.
 pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// COB-ID of requests on the default channel, without the node-ID.
@@ -35,7 +35,7 @@ pub(crate) struct Multiplexer {
 
 impl Multiplexer {
     /// The multiplexer in bytes 1 to 3.
-    pub(crate) fn of(payload: &Payload) -> Self {
+    pub(crate) fn from_payload(payload: &Payload) -> Self {
         Self {
             index: u16::from_le_bytes([payload[1], payload[2]]),
             sub_index: payload[3],
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn expedited_commands_tell_their_length() {
+    fn expedited_commands_have_their_length() {
         for length in 1..=4 {
             let (command, _) = expedited(0x40, &[1, 2, 3, 4][..length]).unwrap();
             assert_eq!(expedited_length(command), Some(length));

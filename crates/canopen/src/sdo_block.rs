@@ -59,7 +59,7 @@ impl BlockSender {
         Some(payload)
     }
 
-    /// Takes the receiver's acknowledgement of a block; true when it has everything.
+    /// Handles the receiver's acknowledgement of a block; true when it has everything.
     pub(crate) fn acknowledge(
         &mut self,
         data: &[u8],
@@ -139,8 +139,8 @@ impl BlockReceiver {
         self.is_complete
     }
 
-    /// Takes a segment; the last one is stored with its padding.
-    pub(crate) fn take(
+    /// Accepts a segment; the last one is stored with its padding.
+    pub(crate) fn accept(
         &mut self,
         payload: &Payload,
         buffer: &mut Vec<u8>,

@@ -104,7 +104,7 @@ impl SdoServers {
         self.servers().any(|server| server.request_id() == id)
     }
 
-    /// Takes a request.
+    /// Handles a request.
     pub(crate) fn on_frame(&mut self, now: Duration, frame: &CanFrame, objects: &mut dyn Access) {
         for server in self.servers_mut() {
             server.on_frame(now, frame, objects);

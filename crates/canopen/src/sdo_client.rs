@@ -258,12 +258,12 @@ impl SdoClient {
         Ok(())
     }
 
-    /// Takes a frame; those that are no answer to this transfer are passed over.
+    /// Handles a frame; those that are no answer to this transfer are passed over.
     pub fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         let Some(answer) = payload_of(frame, self.response_id) else {
             return;
         };
-        match self.take(&answer) {
+        match self.handle(&answer) {
             Ok(Step::Stale) => {}
             Ok(Step::Forward) => self.deadline = Some(now.saturating_add(self.timeout)),
             Ok(Step::Done) => {
@@ -351,14 +351,14 @@ impl SdoClient {
         }));
     }
 
-    /// Ends the transfer and tells the server.
+    /// Ends the transfer and sends the server an abort.
     fn give_up(&mut self, code: AbortCode, failure: SdoFailure) {
         self.request = Some(self.object.abort(code));
         self.finish(Err(failure));
     }
 
     /// Handles an answer by what the client waits for.
-    fn take(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
+    fn handle(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
         let is_receiving_block = matches!(self.state, State::BlockUpload { .. });
         let is_abort = answer[0] >> 5 == 4 && (answer[0] == 0x80 || !is_receiving_block);
         if is_abort {
@@ -387,9 +387,9 @@ impl SdoClient {
         }
     }
 
-    /// Takes the server's abort of this object.
+    /// Handles the server's abort of this object.
     fn aborted(&mut self, answer: &Payload) -> Step {
-        if self.is_busy() && Multiplexer::of(answer) == self.object {
+        if self.is_busy() && Multiplexer::from_payload(answer) == self.object {
             let code = AbortCode(u32::from_le_bytes(data_of(answer)));
             self.finish(Err(SdoFailure::Aborted(code)));
         }
@@ -404,7 +404,7 @@ impl SdoClient {
 
     /// The answer to either initiation of an upload.
     fn upload_initiated(&mut self, answer: &Payload, is_block: bool) -> Result<Step, AbortCode> {
-        if Multiplexer::of(answer) != self.object {
+        if Multiplexer::from_payload(answer) != self.object {
             return Ok(Step::Stale);
         }
         match answer[0] >> 5 {
@@ -466,7 +466,7 @@ impl SdoClient {
         else {
             return Ok(Step::Stale);
         };
-        let sequence = match receiver.take(answer, &mut self.buffer)? {
+        let sequence = match receiver.accept(answer, &mut self.buffer)? {
             Received::Dropped => return Ok(Step::Stale),
             Received::Stored => return Ok(Step::Forward),
             Received::BlockEnded(sequence) => sequence,
@@ -499,7 +499,7 @@ impl SdoClient {
 
     /// The answer to the initiation of a plain download.
     fn download_initiated(&mut self, answer: &Payload, is_expedited: bool) -> Step {
-        if answer[0] >> 5 != 3 || Multiplexer::of(answer) != self.object {
+        if answer[0] >> 5 != 3 || Multiplexer::from_payload(answer) != self.object {
             return Step::Stale;
         }
         if is_expedited {
@@ -538,7 +538,7 @@ impl SdoClient {
     /// The answer to the initiation of a block download.
     fn block_download_initiated(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
         let is_answer = answer[0] >> 5 == 5 && answer[0] & 0b11 == 0;
-        if !is_answer || Multiplexer::of(answer) != self.object {
+        if !is_answer || Multiplexer::from_payload(answer) != self.object {
             return Ok(Step::Stale);
         }
         check_block_size(answer[4])?;
@@ -757,7 +757,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_times_out_and_tells_the_server() {
+    fn silence_times_out_and_aborts_at_the_server() {
         let mut client = upload();
         let deadline = NOW + DEFAULT_TIMEOUT;
         assert_eq!(client.next_deadline(), Some(deadline));

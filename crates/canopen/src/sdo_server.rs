@@ -43,7 +43,7 @@ pub trait Access {
         Ok(())
     }
 
-    /// The length of an object's type in bytes, for expedited downloads that do not tell theirs; `None` means four.
+    /// The length of an object's type in bytes, for expedited downloads that do not say theirs; `None` means four.
     fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
         let _ = (index, sub_index);
         None
@@ -193,12 +193,12 @@ impl SdoServer {
         self.answer = None;
     }
 
-    /// Takes a frame; those with another COB-ID, not of 8 bytes, or no plain data frames are passed over.
+    /// Handles a frame; those with another COB-ID, not of 8 bytes, or no plain data frames are passed over.
     pub fn on_frame(&mut self, now: Duration, frame: &CanFrame, objects: &mut dyn Access) {
         let Some(request) = payload_of(frame, self.request_id) else {
             return;
         };
-        match self.take(&request, objects) {
+        match self.handle(&request, objects) {
             Ok(_) if !self.is_busy() => self.deadline = None,
             Ok(Step::Forward) => self.deadline = Some(now.saturating_add(self.timeout)),
             Ok(Step::None) => {}
@@ -235,14 +235,14 @@ impl SdoServer {
         self.deadline = None;
     }
 
-    /// Ends the transfer and tells the client why.
+    /// Ends the transfer and sends the client the reason.
     fn fail(&mut self, code: AbortCode) {
         self.close();
         self.answer = Some(self.object.abort(code));
     }
 
     /// Handles a request by its command specifier, which is only there outside the segments of a block.
-    fn take(&mut self, request: &Payload, objects: &mut dyn Access) -> Result<Step, AbortCode> {
+    fn handle(&mut self, request: &Payload, objects: &mut dyn Access) -> Result<Step, AbortCode> {
         let command = request[0];
         if command >> 5 == 4 && (command == 0x80 || !self.is_receiving_block()) {
             self.close();
@@ -263,7 +263,7 @@ impl SdoServer {
             (6, 0 | 2) => self.initiate_block_download(request, objects)?,
             (6, _) => self.end_block_download(request, objects)?,
             _ => {
-                self.object = Multiplexer::of(request);
+                self.object = Multiplexer::from_payload(request);
                 return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
             }
         }
@@ -278,7 +278,7 @@ impl SdoServer {
     /// Drops what was going on, since the client begins anew.
     fn begin(&mut self, request: &Payload) -> Multiplexer {
         self.close();
-        self.object = Multiplexer::of(request);
+        self.object = Multiplexer::from_payload(request);
         self.object
     }
 
@@ -441,7 +441,7 @@ impl SdoServer {
         else {
             return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
         };
-        let sequence = match receiver.take(request, &mut self.buffer)? {
+        let sequence = match receiver.accept(request, &mut self.buffer)? {
             Received::Dropped => return Ok(Step::None),
             Received::Stored => return Ok(Step::Forward),
             Received::BlockEnded(sequence) => sequence,

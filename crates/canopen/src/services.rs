@@ -15,7 +15,7 @@ use crate::sync::{self, SyncConsumer, SyncProducer};
 
 /// Frames that wait to be drained at most; newer ones are dropped and counted.
 const OUTPUT_LENGTH: usize = 256;
-/// Tells an overrun of the output from one that the CAN controller reports.
+/// Source of an overrun of the output, beside one that the CAN controller reports.
 const OUTPUT_OVERRUN: u16 = 1;
 
 /// The dictionary of a PDO cannot work.
@@ -242,7 +242,7 @@ impl Services {
     ) -> Result<Handle, AbortCode> {
         let dictionary = &self.dictionary;
         let handle = dictionary.check_write(index, sub_index, bytes)?;
-        if let Some(place) = Place::of(index) {
+        if let Some(place) = Place::from_index(index) {
             pdo::check_write(dictionary, place, sub_index, bytes)?;
         } else if sync::owns(index) {
             sync::check_write(dictionary, index, bytes)?;
@@ -261,7 +261,7 @@ impl Services {
         self.dictionary.store(handle, bytes)?;
         let entry = self.dictionary.entry(handle);
         let (index, sub_index) = (entry.index, entry.sub_index);
-        if let Some(place) = Place::of(index) {
+        if let Some(place) = Place::from_index(index) {
             self.configure_pdo(place);
         } else if sync::owns(index) {
             self.configure_sync();
@@ -330,8 +330,10 @@ impl Services {
 
     /// When a service has something to do next.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
-        let emcy = self.emcy.next_deadline();
-        let emcy = emcy.filter(|_| self.state.allows_sdo());
+        let emcy = self
+            .emcy
+            .next_deadline()
+            .filter(|_| self.state.allows_sdo());
         let heartbeats = earlier(
             self.heartbeat.next_deadline(),
             self.monitors.next_deadline(),

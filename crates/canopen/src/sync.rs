@@ -142,7 +142,7 @@ impl SyncConsumer {
         self.parameters.cob_id == Some(id) && !self.parameters.is_producer
     }
 
-    /// Takes a frame with SYNC's identifier.
+    /// Handles a frame with SYNC's identifier.
     pub(crate) fn on_frame(&mut self, now: Duration, data: &[u8]) -> Reception {
         let counter = match (data, self.parameters.overflow) {
             ([], _) => None,
@@ -186,7 +186,7 @@ impl SyncConsumer {
         (!self.parameters.is_producer).then(|| now + period.saturating_mul(half_periods) / 2)
     }
 
-    /// SYNCs since the one before; 1 where the counters do not tell.
+    /// SYNCs since the one before; 1 where the counters do not show it.
     fn elapsed_until(&self, counter: Option<u8>) -> u8 {
         let overflow = self.parameters.overflow;
         match (self.last_counter, counter) {

@@ -208,15 +208,15 @@ impl<N: Node> Faulty<N> {
             .plan
             .faults
             .iter()
-            .flat_map(|fault| [fault.from, fault.until]);
-        let changes = changes.filter_map(|change| zero?.checked_add(change));
+            .flat_map(|fault| [fault.from, fault.until])
+            .filter_map(|change| zero?.checked_add(change));
         changes
             .filter(|change| *change > followed)
             .chain(boot)
             .min()
     }
 
-    /// Takes what the node wants to send.
+    /// Collects what the node sends.
     fn collect(&mut self) {
         let time = self.scenario_time(Some(self.now));
         let slow = self.active(time).map(|kind| match kind {

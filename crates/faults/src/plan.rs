@@ -63,9 +63,9 @@ pub struct FaultPlan {
 }
 
 impl FaultPlan {
-    /// What a scenario has in store for a node.
+    /// The faults of a node, in scenario time.
     #[must_use]
-    pub fn of(faults: &Faults, node: Node) -> Self {
+    pub fn new(faults: &Faults, node: Node) -> Self {
         let all = &faults.node;
         let mut planned = Vec::new();
         for fault in all.crash.iter().filter(|fault| fault.node == node) {

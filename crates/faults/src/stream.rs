@@ -17,14 +17,14 @@ impl Stream {
 
     /// The stream of one fault of a scenario; other faults have no part in it.
     #[must_use]
-    pub fn of_fault(seed: u64, place: &Place) -> Self {
+    pub fn for_fault(seed: u64, place: &Place) -> Self {
         Self::named(seed, &place.path())
     }
 
     /// The stream of something with a name.
     #[must_use]
     pub fn named(seed: u64, name: &str) -> Self {
-        // FNV-1a: any hash does that tells names apart and never changes.
+        // FNV-1a: any hash serves that differs between names and never changes.
         let hash = name.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {
             (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
         });
@@ -71,7 +71,7 @@ mod tests {
             kind: "noise",
             index,
         };
-        let draw = |seed, index| Stream::of_fault(seed, &place(index)).bits();
+        let draw = |seed, index| Stream::for_fault(seed, &place(index)).bits();
         assert_eq!(draw(1, 0), draw(1, 0));
         assert_ne!(draw(1, 0), draw(1, 1));
         assert_ne!(draw(1, 0), draw(2, 0));

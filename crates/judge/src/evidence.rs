@@ -230,5 +230,5 @@ pub(crate) fn no_samples() -> String {
 }
 
 fn only_emulated() -> String {
-    "not available: only the emulated plant tells it".to_owned()
+    "not available: only the emulated plant publishes it".to_owned()
 }

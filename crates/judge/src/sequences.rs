@@ -6,6 +6,7 @@ use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
 use crate::evidence::{Evidence, Observation, TIME_TOLERANCE_SECONDS, samples_in};
 use crate::metric::{Metric, rounded};
+use crate::signals::nearest;
 
 /// A row for each event of each sequence.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
@@ -59,6 +60,7 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         false => rest.from_seconds - TIME_TOLERANCE_SECONDS,
     };
     let is_next = |time: f64| time >= earliest && time < rest.until_seconds;
+    let mut nearest = String::new();
     let found = match event {
         Expected {
             emcy: Some(text), ..
@@ -68,9 +70,11 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         } => Ok(event_with(evidence, text, is_next)),
         Expected {
             signal: Some(name), ..
-        } => evidence
-            .trace(name)
-            .map(|trace| stay(&trace.samples, event, rest, is_next)),
+        } => evidence.trace(name).map(|trace| {
+            let samples = samples_in(&trace.samples, rest);
+            nearest = nearest_words(samples, event);
+            stay(samples, event, is_next)
+        }),
         _ => Err(Observation::none("nothing is expected")),
     };
     match found {
@@ -78,7 +82,10 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
             let since = (at_seconds - rest.from_seconds).max(0.0);
             Observation::at(Ok(1e3 * since), at_seconds)
         }
-        Ok(None) => Observation::none(format!("did not come after {:.3} s", rest.from_seconds)),
+        Ok(None) => Observation::none(format!(
+            "did not come after {:.3} s{nearest}",
+            rest.from_seconds
+        )),
         Err(observation) => observation,
     }
 }
@@ -101,15 +108,10 @@ fn event_with(evidence: &Evidence<'_>, part: &str, is_next: impl Fn(f64) -> bool
 }
 
 /// When a signal gets within the limits and stays there for long enough.
-fn stay(
-    samples: &[SignalSample],
-    event: &Expected,
-    rest: Window,
-    is_next: impl Fn(f64) -> bool,
-) -> Option<f64> {
+fn stay(samples: &[SignalSample], event: &Expected, is_next: impl Fn(f64) -> bool) -> Option<f64> {
     let (wanted, long) = (event.reaches?, event.for_milliseconds.unwrap_or(0.0) / 1e3);
     let mut since = None;
-    for sample in samples_in(samples, rest) {
+    for sample in samples {
         if !wanted.admits(sample.value) {
             since = None;
             continue;
@@ -120,6 +122,35 @@ fn stay(
         }
     }
     None
+}
+
+/// How near a signal came to its limits, and when; where it was within them, for how long.
+fn nearest_words(samples: &[SignalSample], event: &Expected) -> String {
+    let Some(wanted) = event.reaches else {
+        return String::new();
+    };
+    let mut longest: Option<(f64, f64)> = None;
+    for stay in samples.chunk_by(|one, next| wanted.admits(one.value) == wanted.admits(next.value))
+    {
+        let (from, until) = (stay[0].time_seconds, stay[stay.len() - 1].time_seconds);
+        let is_longer = longest.is_none_or(|(_, long)| until - from > long);
+        if wanted.admits(stay[0].value) && is_longer {
+            longest = Some((from, until - from));
+        }
+    }
+    match (longest, nearest(samples, wanted)) {
+        (Some((from, long)), _) => {
+            format!(
+                "; was so for at most {:.3} ms, from {from:.3} s",
+                1e3 * long
+            )
+        }
+        (None, Some(sample)) => {
+            let value = rounded(sample.value);
+            format!("; the nearest was {value} at {:.3} s", sample.time_seconds)
+        }
+        (None, None) => "; no sample came".to_owned(),
+    }
 }
 
 #[cfg(test)]
@@ -233,6 +264,20 @@ mod tests {
     }
 
     #[test]
+    fn a_signal_that_does_not_get_there_says_how_near_it_came() {
+        let signal = |reaches: &str| {
+            format!(
+                "until_seconds = 0.9\nevent = [{{ signal = \"current_amperes\", reaches = {reaches} }}]"
+            )
+        };
+        let far = Err("did not come after 0.000 s; the nearest was 0.5 at 0.000 s");
+        check(&signal("{ min = 0.7 }"), &[(far, false)]);
+        let short = Err("did not come after 0.000 s; was so for at most 378.000 ms, from 0.521 s");
+        let stays = signal("{ max = 0.1 }, for_milliseconds = 500");
+        check(&stays, &[(short, false)]);
+    }
+
+    #[test]
     fn a_signal_that_never_was_on_the_bus_never_comes() {
         let truth = "{ signal = \"convection_factor\", reaches = { min = 0 } }";
         let silent = Err("disturbance_rpdo1.convection_factor never was on the bus");
@@ -241,7 +286,7 @@ mod tests {
         let missing = Err("no signal is called `convection`");
         check(&format!("event = [{unknown}]"), &[(missing, false)]);
         let truth = "{ signal = \"plant_current_amperes\", reaches = { min = 0 } }";
-        let unavailable = Err("not available: only the emulated plant tells it");
+        let unavailable = Err("not available: only the emulated plant publishes it");
         check(&format!("event = [{truth}]"), &[(unavailable, false)]);
     }
 }

@@ -96,15 +96,20 @@ fn arrival(samples: &[SignalSample], from_seconds: f64, wanted: Limit) -> Observ
     if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
         return Observation::at(Ok(first.time_seconds - from_seconds), first.time_seconds);
     }
-    let outside = |sample: &&SignalSample| -margin(sample.value, wanted);
-    let numbers = samples.iter().filter(|sample| !sample.value.is_nan());
-    match numbers.min_by(|left, right| outside(left).total_cmp(&outside(right))) {
+    match nearest(samples, wanted) {
         Some(nearest) => {
             let reason = format!("not reached, only {}", rounded(nearest.value));
             Observation::at(Err(reason), nearest.time_seconds)
         }
         None => Observation::none("NaN is no number"),
     }
+}
+
+/// The sample that comes nearest to what is wanted; the first of several.
+pub(crate) fn nearest(samples: &[SignalSample], wanted: Limit) -> Option<&SignalSample> {
+    let outside = |sample: &&SignalSample| -margin(sample.value, wanted);
+    let numbers = samples.iter().filter(|sample| !sample.value.is_nan());
+    numbers.min_by(|left, right| outside(left).total_cmp(&outside(right)))
 }
 
 /// The value that is nearest to a limit or farthest beyond it; the first of several.

@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn interfaces_are_told_apart() {
+    fn interfaces_are_distinguished() {
         assert_eq!(interface("no-such-one").unwrap(), Interface::Missing);
         assert_eq!(interface("lo").unwrap(), Interface::NotCan);
     }

@@ -121,7 +121,7 @@ pub fn is_crash(signal: i32) -> bool {
     .contains(&signal)
 }
 
-/// Takes the side channel that the parent passed under `number`.
+/// Opens the side channel that the parent passed under `number`.
 ///
 /// # Errors
 /// When `number` is no `SOCK_SEQPACKET` socket, or was taken before.

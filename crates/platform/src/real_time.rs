@@ -154,7 +154,7 @@ pub fn run(
     loop {
         let now = cycle.clock.now();
         if ready.frames {
-            cycle.take_frames(now)?;
+            cycle.deliver_frames(now)?;
         }
         if ready.stop && stop.is_raised() {
             cycle.ask_to_stop(now)?;
@@ -221,7 +221,7 @@ struct Cycle<'a> {
 
 impl Cycle<'_> {
     /// All of a batch were there when the loop woke up, at `now`.
-    fn take_frames(&mut self, now: Duration) -> Result<(), RunError> {
+    fn deliver_frames(&mut self, now: Duration) -> Result<(), RunError> {
         for _ in 0..BATCH_FRAMES {
             let Some(frame) = self.bus.receive(Duration::ZERO)? else {
                 break;

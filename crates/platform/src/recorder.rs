@@ -217,9 +217,9 @@ fn listen(socket: &CanSocket, stop: &OwnedFd, ring: &mut Ring) {
         ];
         // An interrupted wait leaves no events and is repeated.
         let waited = poll(&mut fds, None).is_ok();
-        let told_to_stop = waited && !fds[1].revents().is_empty();
+        let is_stop_requested = waited && !fds[1].revents().is_empty();
         let alive = read_all(socket, &mut stamps, ring);
-        if told_to_stop || !alive {
+        if is_stop_requested || !alive {
             break;
         }
     }
@@ -247,7 +247,7 @@ impl Stamps {
     }
 }
 
-/// Takes what the kernel holds; false when the interface is gone.
+/// Reads what the kernel holds; false when the interface is gone.
 fn read_all(socket: &CanSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool {
     loop {
         match socket.read_frame_with_timestamp() {

@@ -103,7 +103,7 @@ pub fn lock_memory() -> Result<(), Refused> {
     })
 }
 
-/// Takes this thread, and what it starts, behind all others that want to run. Where that is refused nothing changes.
+/// Puts this thread, and what it starts, behind all others that want to run. Where that is refused nothing changes.
 pub fn step_back() {
     let _ = rustix::process::nice(NICENESS);
 }

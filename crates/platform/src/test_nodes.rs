@@ -43,7 +43,7 @@ impl Node for Echo {
     fn on_frame(&mut self, _now: Duration, frame: &CanFrame) {
         self.received += 1;
         if frame.standard_id() == Some(0x1FF) {
-            self.progress = Progress::Failed("the echo was told to fail".into());
+            self.progress = Progress::Failed("the echo was ordered to fail".into());
             return;
         }
         self.queue.push_back(CanFrame::new(0x101, frame.data()));

@@ -69,8 +69,8 @@ impl RunFolder {
         Ok(Self { path })
     }
 
-    /// Makes or opens the folder `<parent>/<name>-<id>`: work that was broken off goes on where it was. The id tells
-    /// scenarios apart.
+    /// Makes or opens the folder `<parent>/<name>-<id>`: work that was broken off goes on where it was. Scenarios
+    /// differ by the id.
     ///
     /// # Errors
     /// The folder cannot be made.

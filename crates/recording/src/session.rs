@@ -185,7 +185,11 @@ mod tests {
             [[reference.table]]\nfrom_seconds = 0.0\nfile = \"course.csv\"\n";
         fs::write(&scenario, text).unwrap();
         let table = place.path().join("course.csv");
-        fs::write(&table, "time_seconds,position_millimetres\n0.0,10.0\n1.0,12.0\n").unwrap();
+        fs::write(
+            &table,
+            "time_seconds,position_millimetres\n0.0,10.0\n1.0,12.0\n",
+        )
+        .unwrap();
         let database = Arc::new(Database::shipped().clone());
         let setup = Setup::load_recorded(&scenario, database).unwrap();
         fs::remove_file(table).unwrap();

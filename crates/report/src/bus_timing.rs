@@ -39,7 +39,7 @@ pub(super) struct DurationSpread {
 
 impl DurationSpread {
     /// Of no durations there is none.
-    pub(super) fn of(sorted: &[Microseconds]) -> Option<Self> {
+    pub(super) fn from_sorted(sorted: &[Microseconds]) -> Option<Self> {
         let (least, most) = (*sorted.first()?, *sorted.last()?);
         let rank = |percent: usize| sorted[(sorted.len() - 1) * percent / 100];
         Some(Self {
@@ -56,7 +56,7 @@ impl BusTiming {
     ///
     /// # Errors
     /// The database lacks a message of the drive.
-    pub(super) fn of(
+    pub(super) fn new(
         frames: &[Stamped],
         duration_seconds: f64,
         bitrate_kilobits_per_second: u32,
@@ -78,7 +78,7 @@ impl BusTiming {
             if scenario_time >= duration {
                 break;
             }
-            load.take(scenario_time, stamped.occupied_bits);
+            load.add(scenario_time, stamped.occupied_bits);
             let since_sync = |sync: Duration| microseconds(now.saturating_sub(sync));
             let id = stamped.frame.raw_id();
             if id == u32::from(SYNC_COB_ID) {
@@ -119,7 +119,7 @@ impl LoadCounter {
         }
     }
 
-    fn take(&mut self, time: Duration, bits: u32) {
+    fn add(&mut self, time: Duration, bits: u32) {
         let Some(place) = usize::try_from(time.as_nanos() / self.stretch.as_nanos())
             .ok()
             .filter(|place| *place <= LOAD_STRETCHES as usize)
@@ -213,8 +213,8 @@ mod tests {
             percentile_99: 100,
             most: 101,
         };
-        assert_eq!(DurationSpread::of(&durations), Some(expected));
-        assert_eq!(DurationSpread::of(&[]), None);
+        assert_eq!(DurationSpread::from_sorted(&durations), Some(expected));
+        assert_eq!(DurationSpread::from_sorted(&[]), None);
     }
 
     #[test]

@@ -55,8 +55,8 @@ pub fn write_all(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
 
 fn write_tables_and_page(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
     folder.write_with(file::SIGNALS, |output| csv::write(output, run.timeline))?;
-    let junit = junit::to_xml(std::slice::from_ref(run.verdict));
-    let junit = junit.map_err(|error| ReportError::made(file::JUNIT, &error))?;
+    let junit = junit::to_xml(std::slice::from_ref(run.verdict))
+        .map_err(|error| ReportError::made(file::JUNIT, &error))?;
     folder.write(file::JUNIT, junit.as_bytes())?;
     let page = html::to_html(run)?;
     Ok(folder.write(file::REPORT, page.as_bytes())?)

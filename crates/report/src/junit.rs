@@ -86,8 +86,10 @@ fn message(metric: &Metric) -> String {
         (None, Some(remark)) => remark.clone(),
         (None, None) => "not measured".to_owned(),
     };
-    let when = metric.at_seconds.map(|time| format!(" at {time} s"));
-    let when = when.unwrap_or_default();
+    let when = metric
+        .at_seconds
+        .map(|time| format!(" at {time} s"))
+        .unwrap_or_default();
     format!("{}: {measured}{when}, limit {}", metric.name, limit(metric))
 }
 
@@ -97,9 +99,8 @@ fn limit(metric: &Metric) -> String {
     if let Some(wanted) = limit.min.and_then(|wanted| answer(&metric.name, wanted)) {
         return wanted.to_owned();
     }
-    let sides = [("min", limit.min), ("max", limit.max)];
-    let sides = sides
-        .iter()
+    let sides = [("min", limit.min), ("max", limit.max)]
+        .into_iter()
         .filter_map(|(side, value)| value.map(|value| format!("{side} {value}")));
     sides.collect::<Vec<_>>().join(", ")
 }

@@ -11,7 +11,7 @@ use judge::verdict::{Metric, Outcome, Verdict};
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
 
-/// Runs whose positions are laid over each other in one plot; with more they cannot be told apart.
+/// Runs whose positions are laid over each other in one plot; with more nobody can distinguish them.
 const RUNS_IN_A_PLOT: usize = 7;
 /// Metrics that stand side by side in one table; with more of them it would be wider than a screen of 1300 pixels.
 const COLUMNS_MAX: usize = 8;
@@ -83,8 +83,10 @@ fn columns<'a>(runs: &'a [ListedRun<'_>]) -> Vec<&'a str> {
         .map(|metric| metric.name.as_str())
         .collect();
     let known = metrics().filter(|metric| metric.value.is_some() || metric.limit.is_some());
-    let names = known.map(|metric| metric.name.as_str());
-    let names: BTreeSet<&str> = names.filter(|name| is_key(name)).collect();
+    let names: BTreeSet<&str> = known
+        .map(|metric| metric.name.as_str())
+        .filter(|name| is_key(name))
+        .collect();
     let mut names: Vec<&str> = names.into_iter().collect();
     let place = |name: &str| METRICS.iter().position(|metric| metric.name == name);
     names.sort_by_key(|name| (!limited.contains(name), place(name).unwrap_or(usize::MAX)));

@@ -70,7 +70,7 @@ pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
         verdict,
     } = *run;
     let mut bus = BusReader::new(setup)?;
-    frames.iter().for_each(|stamped| bus.take(stamped));
+    frames.iter().for_each(|stamped| bus.observe(stamped));
     let partial = path.with_added_extension("partial");
     let id = recording_id(timeline, verdict);
     let store = StoreId::new(StoreKind::Recording, APPLICATION, id);

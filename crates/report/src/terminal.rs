@@ -121,9 +121,8 @@ fn timing_table(timing: &Timing) -> String {
             quantiles.p99,
             quantiles.p99_9,
             quantiles.max,
-        ];
-        let values = values
-            .map(|value| Cell::new(format!("{value:.0}")).set_alignment(CellAlignment::Right));
+        ]
+        .map(|value| Cell::new(format!("{value:.0}")).set_alignment(CellAlignment::Right));
         table.add_row([Cell::new(name)].into_iter().chain(values));
     }
     let mut text = format!("{table}\n{}", timing.losses());

@@ -53,7 +53,7 @@ impl Catalogue {
         let pair = Pair {
             plant: SMA_ACTUATOR.to_owned(),
             law: None,
-            frames: Arc::new(Frames::of(Arc::new(Database::shipped().clone()))),
+            frames: Arc::new(Frames::from_database(Arc::new(Database::shipped().clone()))),
         };
         Self {
             pairs: vec![pair],
@@ -119,8 +119,9 @@ impl Pair {
 /// A name that two columns of `signals.csv` would have.
 #[must_use]
 pub fn name_of_two_columns(database: &Database) -> Option<&str> {
-    let messages = COLUMN_MESSAGES.into_iter();
-    let messages = messages.filter_map(|name| database.message(name));
+    let messages = COLUMN_MESSAGES
+        .into_iter()
+        .filter_map(|name| database.message(name));
     let mut names = messages.flat_map(|message| &message.signals);
     let mut seen = BTreeSet::new();
     let second = names.find(|signal| !seen.insert(&signal.name));
@@ -144,12 +145,12 @@ impl Frames {
         let database = Database::with_plant(signals).with_law(terms);
         Self {
             law_terms: terms.to_vec(),
-            ..Self::of(Arc::new(database))
+            ..Self::from_database(Arc::new(database))
         }
     }
 
     /// The frames of a database, whoever sent them.
-    pub(crate) fn of(database: Arc<Database>) -> Self {
+    pub(crate) fn from_database(database: Arc<Database>) -> Self {
         Self {
             law_terms: Vec::new(),
             database,
@@ -177,7 +178,7 @@ impl Frames {
 
     /// All names of all signals.
     pub(crate) fn names(&self) -> &SignalNames {
-        let make = || SignalNames::new(&self.database, &data_sheet::of_the_rig());
+        let make = || SignalNames::new(&self.database, &data_sheet::rig_data_sheets());
         self.names.get_or_init(make)
     }
 }
@@ -223,7 +224,7 @@ mod tests {
 
     #[test]
     fn on_a_rig_the_plant_s_signals_keep_their_names_and_never_have_a_value() {
-        let rig = LoadedRig::of_text(
+        let rig = LoadedRig::from_text(
             "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
              position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n",
         );
@@ -234,7 +235,7 @@ mod tests {
         };
         let frames = Frames::new(&[signal("a"), signal("b"), signal("c")], &[term]);
         let database = frames.database_with(Some(&rig.unwrap()), &External::default());
-        let names = SignalNames::new(&database, &data_sheet::of_the_rig());
+        let names = SignalNames::new(&database, &data_sheet::rig_data_sheets());
         assert_eq!(names.find("c"), Ok("drive_tpdo3.c"));
         assert_eq!(names.find("sum"), Ok("controller_tpdo2.sum"));
         assert!(names.find("wire_temperature_celsius").is_err());

@@ -21,7 +21,7 @@ const CANDIDATES_MAX: usize = 8;
 /// Why a data sheet does not serve.
 #[derive(Debug, thiserror::Error)]
 pub enum DataSheetError {
-    /// What the user typed stands for no node or no object.
+    /// What the user typed names no node or no object.
     #[error("{0}")]
     Unknown(String),
     /// A file cannot be read.
@@ -60,7 +60,7 @@ pub struct DataSheet {
 /// # Panics
 /// Never: tests read the files that are compiled in.
 #[must_use]
-pub fn of_the_rig() -> Vec<DataSheet> {
+pub fn rig_data_sheets() -> Vec<DataSheet> {
     let shipped = [
         ("controller", 0x01, dbc::CONTROLLER_EDS),
         ("drive", 0x10, dbc::DRIVE_EDS),
@@ -178,12 +178,34 @@ impl DataSheet {
         }
         match found.as_slice() {
             [entry] => Ok((entry.index, entry.sub_index)),
-            [] => Err(DataSheetError::Unknown(format!(
-                "{} has no object \"{text}\"; give an index such as 0x6064:00 or a name from the EDS",
-                self.name
-            ))),
+            [] => Err(DataSheetError::Unknown(self.unknown(text))),
             several => Err(DataSheetError::Unknown(ambiguous(text, several))),
         }
+    }
+}
+
+impl DataSheet {
+    /// What to say of a name that no object has.
+    fn unknown(&self, text: &str) -> String {
+        let entries = self.dictionary.entries().iter();
+        let known: Vec<(String, &Entry)> = entries
+            .map(|entry| (entry.name.to_lowercase(), entry))
+            .collect();
+        let nearest = scenario::nearest(
+            &text.to_lowercase(),
+            known.iter().map(|(name, _)| name.as_str()),
+        );
+        let meant = known
+            .iter()
+            .find(|(name, _)| Some(name.as_str()) == nearest)
+            .map_or_else(String::new, |(_, entry)| {
+                let (name, index, sub_index) = (&entry.name, entry.index, entry.sub_index);
+                format!("; did you mean \"{name}\" (0x{index:04X}:{sub_index:02X})?")
+            });
+        format!(
+            "{} has no object \"{text}\"{meant}\ngive an index such as 0x6064:00, or a name from the EDS",
+            self.name
+        )
     }
 }
 
@@ -222,7 +244,7 @@ mod tests {
     use super::*;
 
     fn drive() -> DataSheet {
-        of_the_rig().remove(1)
+        rig_data_sheets().remove(1)
     }
 
     #[test]
@@ -236,7 +258,7 @@ mod tests {
             ("Statusword", (0x6041, 0)),
             ("position actual value", (0x6064, 0)),
             ("target torq", (0x6071, 0)),
-            // Not in the EDS, but a place: the node will say what it thinks of it.
+            // Not in the EDS, but a place: the node accepts or refuses it.
             ("FFFF:FF", (0xFFFF, 0xFF)),
         ] {
             assert_eq!(drive().find(text).unwrap(), place, "{text}");
@@ -250,6 +272,12 @@ mod tests {
             unknown.contains("drive.eds has no object \"warp factor\""),
             "{unknown}"
         );
+        assert!(!unknown.contains("did you mean"), "{unknown}");
+        let misspelt = drive().find("Statuswrd").unwrap_err().to_string();
+        assert!(
+            misspelt.contains("did you mean \"Statusword\" (0x6041:00)?"),
+            "{misspelt}"
+        );
         let ambiguous = drive().find("option code").unwrap_err().to_string();
         assert!(ambiguous.contains("6 objects"), "{ambiguous}");
         assert!(
@@ -260,7 +288,7 @@ mod tests {
 
     #[test]
     fn nodes_are_found_by_number_and_by_name() {
-        let sheets = of_the_rig();
+        let sheets = rig_data_sheets();
         for (text, id) in [("16", 16), ("0x10", 16), ("drive", 16), ("controller", 1)] {
             assert_eq!(node_id(text, &sheets).unwrap(), id);
         }
@@ -271,7 +299,7 @@ mod tests {
 
     #[test]
     fn only_the_drive_has_a_second_channel_and_only_the_controller_manages() {
-        let sheets = of_the_rig();
+        let sheets = rig_data_sheets();
         let channels: Vec<_> = sheets.iter().map(DataSheet::second_channel).collect();
         assert_eq!(channels, [None, Some((0x690, 0x6D0)), None]);
         let managers: Vec<_> = sheets.iter().map(DataSheet::is_manager).collect();

@@ -83,7 +83,7 @@ impl External {
         !self.has(ExternalNode::Drive) || self.has(ExternalNode::Fan)
     }
 
-    /// Says so when a fault of the scenario happens to a node that obeys nobody here.
+    /// Refuses a fault of the scenario that would happen to a node that canrig does not start.
     ///
     /// # Errors
     /// Which fault, and why not.

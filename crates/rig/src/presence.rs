@@ -20,7 +20,7 @@ pub struct Presence {
 }
 
 impl Presence {
-    /// Takes a frame of somebody else.
+    /// Notes a frame of somebody else.
     pub fn on_frame(&mut self, frame: &CanFrame) {
         let Some(id) = frame.standard_id() else {
             return;
@@ -82,7 +82,7 @@ impl Presence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data_sheet::of_the_rig;
+    use crate::data_sheet::rig_data_sheets;
 
     fn after(frames: &[(u16, &[u8])]) -> Presence {
         let mut presence = Presence::default();
@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn a_silent_bus_lets_guests_use_default_channels() {
-        let sheets = of_the_rig();
+        let sheets = rig_data_sheets();
         let presence = after(&[(0x710, &[0x7F]), (0x190, &[0; 8])]);
         assert_eq!(presence.states()[&0x10], NmtState::PreOperational);
         assert_eq!(presence.why_not_default_channel(0x10, &sheets), None);
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn a_running_manager_keeps_guests_away() {
-        let sheets = of_the_rig();
+        let sheets = rig_data_sheets();
         for frame in [(0x080, &[1][..]), (0x701, &[5]), (0x080, &[])] {
             let presence = after(&[frame]);
             let reason = presence.why_not_default_channel(0x11, &sheets).unwrap();
@@ -119,7 +119,7 @@ mod tests {
         let presence = after(&[(0x611, &[0x40, 0, 0x10, 0, 0, 0, 0, 0])]);
         assert!(presence.why_not_default_channel(0x11, &[]).is_some());
         assert!(presence.why_not_default_channel(0x12, &[]).is_none());
-        // The drive's second channel, and an emergency, are nobody's default channel.
+        // Neither the drive's second channel nor an emergency is a default channel.
         let presence = after(&[(0x690, &[0; 8]), (0x6D0, &[0; 8]), (0x090, &[0; 8])]);
         assert!((1..=127).all(|id| presence.why_not_default_channel(id, &[]).is_none()));
     }

@@ -102,28 +102,30 @@ impl LoadedRig {
                 source,
             })?,
         };
-        Self::of(path, file, text, eds)
+        Self::new(path, file, text, eds)
     }
 
     /// A rig file that lies nowhere, for a drive with the emulated one's EDS.
     ///
     /// # Errors
     /// It is not valid.
-    pub fn of_text(text: &str) -> Result<Self, RigError> {
+    pub fn from_text(text: &str) -> Result<Self, RigError> {
         let file = RigFile::parse(text, RIG_FILE)?;
         let eds = dbc::DRIVE_EDS.to_owned();
-        Self::of(Path::new(RIG_FILE), file, text.to_owned(), eds)
+        Self::new(Path::new(RIG_FILE), file, text.to_owned(), eds)
     }
 
-    fn of(path: &Path, file: RigFile, text: String, eds: String) -> Result<Self, RigError> {
+    fn new(path: &Path, file: RigFile, text: String, eds: String) -> Result<Self, RigError> {
         let dictionary = dbc::dictionary(&eds, file.drive.node_id);
-        let drive = dictionary.map_err(DriveError::from).and_then(|dictionary| {
-            DriveLayout::new(dictionary, &file.drive, file.limits.current_amperes)
-        });
-        let drive = drive.map_err(|source| RigError::Drive {
-            rig: path.to_owned(),
-            source: Box::new(source),
-        })?;
+        let drive = dictionary
+            .map_err(DriveError::from)
+            .and_then(|dictionary| {
+                DriveLayout::new(dictionary, &file.drive, file.limits.current_amperes)
+            })
+            .map_err(|source| RigError::Drive {
+                rig: path.to_owned(),
+                source: Box::new(source),
+            })?;
         let database = database(&file, &drive).map_err(|source| RigError::Identifier {
             rig: path.to_owned(),
             source,
@@ -138,7 +140,7 @@ impl LoadedRig {
         })
     }
 
-    /// Refuses a scenario before any current flows.
+    /// Refuses, before any current flows, a scenario whose set-point leaves the limits.
     ///
     /// # Errors
     /// Where the set-point leaves the limits.

@@ -45,7 +45,7 @@ impl Setup {
     /// # Errors
     /// The file cannot be read or is no valid scenario.
     pub fn load_recorded(path: &Path, database: Arc<Database>) -> Result<Self, ScenarioError> {
-        let frames = Arc::new(Frames::of(database));
+        let frames = Arc::new(Frames::from_database(database));
         let objections = |scenario: &Scenario| SignalNames::objections(scenario, || frames.names());
         let (scenario, text) = Scenario::load_recorded(path, objections)?;
         Ok(Self::with_frames(scenario, frames).from_file(path, text))

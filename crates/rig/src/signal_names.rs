@@ -73,8 +73,11 @@ impl SignalNames {
             }
         }
         let entries = |sheet: &DataSheet| {
-            let names = sheet.dictionary.entries().iter();
-            let names = names.map(|entry| entry.name.clone());
+            let names = sheet
+                .dictionary
+                .entries()
+                .iter()
+                .map(|entry| entry.name.clone());
             let node = sheet.node_name.clone();
             let full = names.clone().map(move |name| format!("{node}.{name}"));
             names.chain(full).collect::<Vec<_>>()
@@ -177,7 +180,7 @@ mod tests {
     use crate::data_sheet;
 
     fn of_the_actuator() -> SignalNames {
-        SignalNames::new(Database::shipped(), &data_sheet::of_the_rig())
+        SignalNames::new(Database::shipped(), &data_sheet::rig_data_sheets())
     }
 
     #[track_caller]

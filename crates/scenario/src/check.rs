@@ -103,14 +103,11 @@ fn laws(document: &Document<'_>, reference: &Reference) -> Option<Problem> {
         }
         [_] => None,
         [first, second, ..] => {
-            let span = document.key_span(&format!("controller.{second}"));
-            let label = format!("`{first}` is chosen already");
-            Some(
-                document
-                    .source
-                    .problem(span, "more than one control law", label)
-                    .with_help(HELP),
-            )
+            let place = |law: &str| document.key_span(&format!("controller.{law}"));
+            let problem = (document.source)
+                .problem(place(second), "more than one control law", "the second law")
+                .with_place(place(first), "the first law");
+            Some(problem.with_help(HELP))
         }
     }
 }

@@ -144,7 +144,7 @@ pub struct Pid {
     pub derivative_filter_radians_per_second: f64,
     /// Smallest current that is commanded: below 0 for a plant that is driven both ways.
     #[serde(skip_serializing_if = "is_zero")]
-    #[schemars(range(min = -1.0, max = 0.0))]
+    #[schemars(range(min = -1.0, max = 0.0), extend("default" = 0.0))]
     pub current_amperes_min: f64,
 }
 

@@ -1,5 +1,6 @@
 //! A TOML document that still knows where everything stands.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use serde::de::DeserializeOwned;
@@ -8,6 +9,9 @@ use toml::de::{DeTable, DeValue};
 
 use crate::error::{Problem, Source};
 use crate::outside::Outside;
+
+/// What the parser says of a key that stood before.
+const DUPLICATE: &str = "duplicate key";
 
 /// The document as a tree with spans.
 pub(crate) struct Document<'text> {
@@ -19,24 +23,64 @@ impl<'text> Document<'text> {
     /// Parses the text; syntax errors are the only errors.
     pub(crate) fn parse(source: Source, text: &'text str) -> Result<Self, Vec<Problem>> {
         let (root, errors) = DeTable::parse_recoverable(text);
-        if errors.is_empty() {
-            return Ok(Self { source, root });
+        let document = Self { source, root };
+        match errors.as_slice() {
+            [] => Ok(document),
+            errors => Err(document.syntax_problems(text, errors)),
         }
+    }
+
+    /// What the parser refuses. A table that stands twice is one problem, not one for each of its keys.
+    fn syntax_problems(&self, text: &str, errors: &[toml::de::Error]) -> Vec<Problem> {
         // What is missing at the end is shown at the last character: behind it there is nothing to underline.
         let last = text
             .trim_end()
             .char_indices()
             .last()
             .map_or(0, |(at, _)| at);
-        let problem = |error: &toml::de::Error| {
-            let span = error.span().filter(|span| span.start <= last);
-            let span = span.unwrap_or(last..last);
-            source.problem(span, "TOML syntax error", error.message())
-        };
-        Err(errors.iter().map(problem).collect())
+        let headings = headings(text);
+        let mut firsts = BTreeMap::new();
+        for (heading, path) in &headings {
+            firsts.entry(*path).or_insert(heading);
+        }
+        let mut second_table = 0..0;
+        let mut problems = Vec::new();
+        for error in errors {
+            let span = error
+                .span()
+                .filter(|span| span.start <= last)
+                .unwrap_or(last..last);
+            let is_duplicate = error.message() == DUPLICATE;
+            if is_duplicate && second_table.contains(&span.start) {
+                continue;
+            }
+            let next = headings.partition_point(|(heading, _)| heading.start <= span.start);
+            let heading = next.checked_sub(1).map(|place| &headings[place]);
+            let is_heading = |(heading, _): &&(Range<usize>, _)| heading.contains(&span.start);
+            let Some((heading, path)) = heading.filter(is_heading).filter(|_| is_duplicate) else {
+                let message = error.message();
+                problems.push((self.source).problem(span, "TOML syntax error", message));
+                continue;
+            };
+            let end = headings
+                .get(next)
+                .map_or(text.len(), |(next, _)| next.start);
+            second_table = heading.start..end;
+            let message = format!("[{path}] stands twice");
+            let problem = (self.source).problem(span, message, "for the second time");
+            let problem = match firsts.get(path) {
+                Some(first) if first.start < heading.start => {
+                    let first = first.start..first.start + text[(*first).clone()].trim_end().len();
+                    problem.with_place(first, "here for the first time")
+                }
+                _ => problem,
+            };
+            problems.push(problem.with_help("keep one of them"));
+        }
+        problems
     }
 
-    /// Takes a top-level key out, so that nothing later can see it.
+    /// Removes a top-level key, so that nothing later can see it.
     pub(crate) fn remove(&mut self, key: &str) {
         self.root.get_mut().remove(key);
     }
@@ -126,6 +170,21 @@ impl<'text> Document<'text> {
         }
         spans
     }
+}
+
+/// The lines of a text that begin a table, each with the table's path: `[controller.pid]` has `controller.pid`.
+fn headings(text: &str) -> Vec<(Range<usize>, &str)> {
+    let mut end = 0;
+    let lines = text.split_inclusive('\n').map(|line| {
+        let start = end;
+        end += line.len();
+        (start..end, line.trim_start_matches([' ', '\t']))
+    });
+    let headings = lines.filter_map(|(place, line)| {
+        let path = line.strip_prefix('[')?.trim_start_matches('[');
+        Some((place, path.split(']').next()?.trim()))
+    });
+    headings.collect()
 }
 
 type Child<'tree, 'text> = (Range<usize>, &'tree Spanned<DeValue<'text>>);

@@ -1,10 +1,11 @@
 //! What is wrong with a scenario file, as diagnostics that underline the place.
 
 use std::fmt;
+use std::io;
 use std::ops::Range;
 use std::sync::Arc;
 
-use miette::{Diagnostic, NamedSource, SourceSpan};
+use miette::{Diagnostic, LabeledSpan, NamedSource, SourceSpan};
 use thiserror::Error;
 
 /// More problems than these are counted, not shown.
@@ -37,6 +38,24 @@ impl ScenarioError {
         }
     }
 
+    /// A file of this kind that is not there or cannot be read.
+    pub(crate) fn unreadable(kind: &'static str, file_name: &str, error: &io::Error) -> Self {
+        let message = match error.kind() {
+            io::ErrorKind::NotFound => "there is no such file".to_owned(),
+            _ => error.to_string(),
+        };
+        let problem = Problem {
+            message: message.into_boxed_str(),
+            label: Box::default(),
+            help: None,
+            offset: None,
+            underlined: None,
+            others: Vec::new(),
+            source_text: Source::new(file_name, "").text,
+        };
+        Self::new(kind, file_name, vec![problem])
+    }
+
     /// The problems in the order of the file; at least one, at most 50.
     #[must_use]
     pub fn problems(&self) -> &[Problem] {
@@ -47,6 +66,9 @@ impl ScenarioError {
 impl fmt::Display for ScenarioError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (kind, file_name) = (self.kind, &self.file_name);
+        if self.problems.iter().all(|problem| problem.offset.is_none()) {
+            return write!(formatter, "the {kind} {file_name} cannot be read");
+        }
         match self.problems_total {
             1 => write!(formatter, "{file_name} is not a valid {kind}"),
             total if total > self.problems.len() => write!(
@@ -68,31 +90,22 @@ impl std::error::Error for ScenarioError {}
 #[derive(Clone, Debug, Diagnostic, Error)]
 #[error("{message}")]
 pub struct Problem {
-    message: String,
-    label: String,
+    message: Box<str>,
+    label: Box<str>,
     #[help]
-    help: Option<String>,
+    help: Option<Box<str>>,
     /// Where it is, also in a text that is not shown.
     offset: Option<usize>,
     #[label("{label}")]
     underlined: Option<SourceSpan>,
+    /// Other places that have to do with it, each with its own label.
+    #[label(collection)]
+    others: Vec<LabeledSpan>,
     #[source_code]
     source_text: Arc<NamedSource<String>>,
 }
 
 impl Problem {
-    /// A file that cannot be used at all.
-    pub(crate) fn of_file(source: &Source, message: String) -> Self {
-        Self {
-            message,
-            label: String::new(),
-            help: None,
-            offset: None,
-            underlined: None,
-            source_text: source.text.clone(),
-        }
-    }
-
     /// Name of the file with the problem: the scenario or a table of it.
     #[must_use]
     pub fn file_name(&self) -> &str {
@@ -108,7 +121,16 @@ impl Problem {
     }
 
     pub(crate) fn with_help(mut self, help: impl Into<String>) -> Self {
-        self.help = Some(help.into());
+        self.help = Some(help.into().into_boxed_str());
+        self
+    }
+
+    /// The same with a second place of the text that has to do with it.
+    pub(crate) fn with_place(mut self, span: Range<usize>, label: &str) -> Self {
+        if self.underlined.is_some() {
+            let label = Some(label.to_owned());
+            self.others.push(LabeledSpan::new_with_span(label, span));
+        }
         self
     }
 }
@@ -137,18 +159,21 @@ impl Source {
     ) -> Problem {
         let span = SourceSpan::from(span);
         let mut problem = Problem {
-            message: message.into(),
-            label: label.into(),
+            message: message.into().into_boxed_str(),
+            label: label.into().into_boxed_str(),
             help: None,
             offset: Some(span.offset()),
             underlined: self.is_shown.then_some(span),
+            others: Vec::new(),
             source_text: self.text.clone(),
         };
         if !self.is_shown
             && let Some((line, column)) = problem.line_and_column()
         {
             let label = &problem.label;
-            problem.message += &format!(" (line {line}, column {column}: {label})");
+            let message = &problem.message;
+            problem.message =
+                format!("{message} (line {line}, column {column}: {label})").into_boxed_str();
         }
         problem
     }

@@ -126,8 +126,7 @@ impl Scenario {
             text,
             is_fault: false,
         };
-        let steps = self.reference.step.iter();
-        let steps = steps.map(|step| {
+        let steps = self.reference.step.iter().map(|step| {
             event(
                 step.at_seconds,
                 format!("step to {} mm", step.position_millimetres),
@@ -155,8 +154,10 @@ impl Scenario {
             };
             [Some(begin), end]
         });
-        let events = steps.chain(disturbances.flatten()).chain(faults.flatten());
-        let mut events: Vec<_> = events.collect();
+        let mut events: Vec<_> = steps
+            .chain(disturbances.flatten())
+            .chain(faults.flatten())
+            .collect();
         events.sort_by(|left, right| left.at_seconds.total_cmp(&right.at_seconds));
         events
     }
@@ -301,8 +302,7 @@ mod tests {
             )
         });
         assert!(spans.eq([(12.0, 15.0), (13.0, 13.0), (25.0, 25.0)]));
-        let commands = scenario.disturbance.commands();
-        let commands = commands.iter().map(|command| {
+        let commands = scenario.disturbance.commands().into_iter().map(|command| {
             (
                 command.at_seconds,
                 command.convection_factor,

@@ -123,8 +123,10 @@ impl Expect {
 
     /// The signals that checks and sequences name, each with the path of its name in the file.
     pub fn named_signals(&self) -> impl Iterator<Item = (String, &str)> {
-        let checks = self.signal.iter().enumerate();
-        let checks = checks
+        let checks = self
+            .signal
+            .iter()
+            .enumerate()
             .map(|(index, check)| (format!("expect.signal.{index}.name"), check.name.as_str()));
         let events = self
             .sequence
@@ -160,8 +162,8 @@ impl FromStr for Emergency {
         if !["controller", "drive", "disturbance"].contains(&node) {
             return Err("the node must be controller, drive or disturbance");
         }
-        let code = u16::from_str_radix(code, 16);
-        let code = code.map_err(|_| "the code must have four hexadecimal digits")?;
+        let code = u16::from_str_radix(code, 16)
+            .map_err(|_| "the code must have four hexadecimal digits")?;
         Ok(Self {
             node: node.to_owned(),
             code,

@@ -5,7 +5,7 @@
 //! stands; the JSON Schemas of both; what a rig file makes of a drive ([`rig::drive`]) and the watch over its limits
 //! ([`rig::limits`]).
 //!
-//! The controller gets a [`ControllerView`], which cannot see `[plant]`.
+//! The controller gets a [`ControllerView`], which has no more of `[plant]` than the plant's name.
 //!
 //! It does not know: the signals of the bus (the caller brings an [`Objection`] to a name that is none), which data sheets
 //! ship, how a plant behaves, how a run is played or judged.

@@ -16,7 +16,7 @@ use toml::de::ValueDeserializer;
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::outside::Outside;
+use crate::outside::{self, Outside};
 use crate::own::{Own, Section};
 use crate::scenario::Scenario;
 use crate::table::ReadTable;
@@ -61,8 +61,8 @@ enum Reading {
     Recorded,
 }
 
-/// Says what else is wrong with a scenario.
-type Object<'a> = &'a dyn Fn(&Scenario) -> Vec<Objection>;
+/// Finds what else is wrong with a scenario.
+type FindObjections<'a> = &'a dyn Fn(&Scenario) -> Vec<Objection>;
 
 // The functions that deserialize take trait objects: a generic one would be compiled again, with all of TOML and every
 // type of a scenario, in each crate that calls it.
@@ -102,10 +102,10 @@ impl Scenario {
     fn load_for(
         path: &Path,
         reading: Reading,
-        object: Object<'_>,
+        find_objections: FindObjections<'_>,
     ) -> Result<(Self, String), ScenarioError> {
         load(path, |text, name, read_table| {
-            Self::parse_for(text, name, read_table, reading, object)
+            Self::parse_for(text, name, read_table, reading, find_objections)
                 .map(|scenario| (scenario, text.to_owned()))
         })
     }
@@ -130,13 +130,13 @@ impl Scenario {
         file_name: &str,
         read_table: ReadTable<'_>,
         reading: Reading,
-        object: Object<'_>,
+        find_objections: FindObjections<'_>,
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
         let outside = match reading {
             Reading::ToPlay => Outside::Registered,
-            Reading::Recorded => Outside::of_recording(document.root()),
+            Reading::Recorded => Outside::from_recording(document.root()),
         };
         let (mut scenario, mut problems) =
             build::<Self>(&document, &outside, "the scenario", &outside.schema()).map_err(fail)?;
@@ -153,7 +153,8 @@ impl Scenario {
         problems.extend(check::name(&document, &scenario.name));
         problems.extend(check::bench(&document, &scenario, &outside));
         if !outside.is_recorded() {
-            problems.extend(check::sweep(&document, scenario.sweep.as_mut()));
+            let plant = scenario.plant.name();
+            problems.extend(check::sweep(&document, plant, scenario.sweep.as_mut()));
         }
         problems.extend(check::read_tables(
             &document,
@@ -166,7 +167,7 @@ impl Scenario {
             scenario.duration_seconds,
             read_table,
         ));
-        let objections = object(&scenario).into_iter();
+        let objections = find_objections(&scenario).into_iter();
         problems.extend(objections.map(|objection| objection.problem(&document)));
         none_of(problems, scenario).map_err(fail)
     }
@@ -200,6 +201,7 @@ impl ControllerView {
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
+        let plant = outside::plant_name(document.root());
         for key in HIDDEN_FROM_CONTROLLER {
             document.remove(key);
         }
@@ -211,6 +213,7 @@ impl ControllerView {
             &schema::CONTROLLER_VIEW,
         )
         .map_err(fail)?;
+        view.plant = plant;
         let own = &mut view.controller.own;
         read_own(&document, &outside, Section::Controller, own, &mut problems);
         let control = check::Control {
@@ -234,13 +237,8 @@ fn load<T>(
     parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
 ) -> Result<T, ScenarioError> {
     let name = path.display().to_string();
-    let text = read_text(path, SCENARIO_BYTES_MAX).map_err(|error| {
-        let problem = Problem::of_file(
-            &Source::new(&name, ""),
-            format!("the file cannot be read: {error}"),
-        );
-        ScenarioError::new(KIND, &name, vec![problem])
-    })?;
+    let text = read_text(path, SCENARIO_BYTES_MAX)
+        .map_err(|error| ScenarioError::unreadable(KIND, &name, &error))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     parse(&text, &name, &mut |table| read_table(folder, table))
 }
@@ -307,11 +305,13 @@ fn own_table(
         let span = error.span().unwrap_or_else(|| value.span());
         (document.source).problem(span, "invalid value", error.message())
     };
-    let checked = outside.check(section, name, value.clone());
-    let checked = checked.err().map(problem);
-    let table = toml::Table::deserialize(ValueDeserializer::from(value.clone()));
-    let table = table.unwrap_or_default();
-    Some((Own::of(name, table), checked))
+    let checked = outside
+        .check(section, name, value.clone())
+        .err()
+        .map(problem);
+    let table =
+        toml::Table::deserialize(ValueDeserializer::from(value.clone())).unwrap_or_default();
+    Some((Own::new(name, table), checked))
 }
 
 /// Reads the table of a plant or a law from outside; what the schema said of it already is not said twice.

@@ -184,8 +184,11 @@ mod tests {
                 name => format!("{name} = 1.0"),
             };
             let expect: Expect = toml::from_str(&text).unwrap();
-            let given = METRICS.iter().filter(|one| one.limit(&expect).is_some());
-            let given: Vec<&str> = given.map(|metric| metric.name).collect();
+            let given: Vec<&str> = METRICS
+                .iter()
+                .filter(|one| one.limit(&expect).is_some())
+                .map(|metric| metric.name)
+                .collect();
             assert_eq!(given, [metric.name]);
             assert!(expect.keys().eq([metric.name]));
         }

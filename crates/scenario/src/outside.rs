@@ -7,6 +7,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::own::{self, Section, is_name};
+use crate::plant::{DC_MOTOR, SMA_ACTUATOR};
 use crate::schema;
 
 /// The tables from outside that a reader of a scenario admits.
@@ -20,7 +21,7 @@ pub(crate) enum Outside {
 
 impl Outside {
     /// Those of a recorded scenario: every table where a plant or a law is chosen that the format itself does not know.
-    pub(crate) fn of_recording(root: &DeTable<'_>) -> Self {
+    pub(crate) fn from_recording(root: &DeTable<'_>) -> Self {
         let tables = Section::ALL
             .into_iter()
             .flat_map(|section| strange_tables(root, section).map(move |name| (section, name)));
@@ -75,7 +76,7 @@ impl Outside {
         }
     }
 
-    /// Takes the tables out of a document, since no type of ours has a field for them.
+    /// Removes the tables from a document, since no type of ours has a field for them.
     pub(crate) fn remove_from(&self, root: &mut DeTable<'_>) {
         for section in Section::ALL {
             let Some(value) = root.get_mut(section.key()) else {
@@ -90,14 +91,29 @@ impl Outside {
     }
 }
 
+/// The name of the plant that a document chooses, whether this bench knows that plant or not.
+pub(crate) fn plant_name(root: &DeTable<'_>) -> String {
+    let table = root
+        .get(Section::Plant.key())
+        .and_then(|value| value.get_ref().as_table());
+    let is_motor = table.is_some_and(|table| table.contains_key(DC_MOTOR));
+    let shipped = if is_motor { DC_MOTOR } else { SMA_ACTUATOR };
+    let mut strange = strange_tables(root, Section::Plant);
+    strange.next().unwrap_or_else(|| shipped.to_owned())
+}
+
 /// Names of tables in a section of a document that the format does not know.
 fn strange_tables(root: &DeTable<'_>, section: Section) -> impl Iterator<Item = String> {
-    let table = root.get(section.key());
-    let table = table.and_then(|value| value.get_ref().as_table());
+    let table = root
+        .get(section.key())
+        .and_then(|value| value.get_ref().as_table());
     let known = &schema::SHIPPED["definitions"][section.definition()]["properties"];
-    let tables = table.into_iter().flat_map(|table| table.iter());
-    let tables = tables.filter(|(_, value)| value.get_ref().is_table());
-    let names = tables.map(|(key, _)| key.get_ref().as_ref());
-    let names = names.filter(|name| is_name(name) && known.get(name).is_none());
+    let tables = table
+        .into_iter()
+        .flat_map(|table| table.iter())
+        .filter(|(_, value)| value.get_ref().is_table());
+    let names = tables
+        .map(|(key, _)| key.get_ref().as_ref())
+        .filter(|name| is_name(name) && known.get(name).is_none());
     names.map(str::to_owned).collect::<Vec<_>>().into_iter()
 }

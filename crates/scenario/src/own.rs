@@ -96,7 +96,7 @@ pub struct OwnTable {
 impl OwnTable {
     /// The table `name`, which holds these parameters.
     #[must_use]
-    pub fn of<P: Parameters>(name: &'static str) -> Self {
+    pub fn new<P: Parameters>(name: &'static str) -> Self {
         // Without definitions of its own, which may be called like one of ours.
         let mut settings = SchemaSettings::draft07().with_transform(TakeNullAway);
         settings.inline_subschemas = true;
@@ -200,7 +200,7 @@ pub struct Own(BTreeMap<String, toml::Table>);
 
 impl Own {
     /// What a scenario says of a plant or a law of this name.
-    pub(crate) fn of(name: &str, parameters: toml::Table) -> Self {
+    pub(crate) fn new(name: &str, parameters: toml::Table) -> Self {
         Self(BTreeMap::from([(name.to_owned(), parameters)]))
     }
 

@@ -11,7 +11,7 @@ const METRES_PER_MILLIMETRE: f64 = 1e-3;
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Reference {
-    /// A position to hold; no event for the metrics.
+    /// From a time on, a position. The set-point jumps there, but no metric judges it as a step.
     #[schemars(length(max = 10_000))]
     pub hold: Vec<Hold>,
     /// A jump that the metrics judge.
@@ -28,14 +28,14 @@ pub struct Reference {
     pub table: Vec<Table>,
 }
 
-/// A position to hold.
+/// From a time on, a position.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Hold {
-    /// From when.
+    /// From this time on.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
-    /// Which position.
+    /// The position.
     #[schemars(range(min = 0.0, max = 60.0))]
     pub position_millimetres: f64,
 }
@@ -176,8 +176,9 @@ impl Reference {
             (sine.from_seconds, piece)
         });
         let tables = self.table.iter().map(|table| {
-            let rows = table.rows.iter();
-            let rows = rows
+            let rows = table
+                .rows
+                .iter()
                 .map(|&(time, position)| (time, metres(position)))
                 .collect();
             (table.from_seconds, Piece::Table { rows })

@@ -11,11 +11,11 @@ use crate::schema::schema_of;
 pub enum InvalidOwn {
     /// No name of a table.
     #[error(
-        "`{0}` cannot be the name of a table: a name is at most 64 small letters, digits and underscores, a letter first"
+        "`{0}` cannot be the name of a table: a name has at most 64 small letters, digits and underscores, and begins with a letter"
     )]
     Name(String),
     /// The name of something else.
-    #[error("[{}.{name}] is another table already", section.key())]
+    #[error("[{}.{name}] is a table already: choose another name", section.key())]
     Taken {
         /// Where.
         section: Section,
@@ -35,7 +35,7 @@ pub enum InvalidOwn {
     },
     /// Registered twice, or after a scenario was read.
     #[error("the plants and laws of a bench are registered once")]
-    ToldAlready,
+    RegisteredAlready,
 }
 
 /// Registers all tables of a section, once and before anything is read.
@@ -61,10 +61,10 @@ pub fn register(section: Section, tables: Vec<OwnTable>) -> Result<(), InvalidOw
     }
     section
         .set_tables(tables)
-        .map_err(|_| InvalidOwn::ToldAlready)
+        .map_err(|_| InvalidOwn::RegisteredAlready)
 }
 
-/// Says so when a plant or a law cannot have a name.
+/// Refuses a name that a plant or a law cannot have.
 ///
 /// # Errors
 /// It cannot be a table's, or is that of another one.

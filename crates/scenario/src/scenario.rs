@@ -51,7 +51,7 @@ pub struct Scenario {
     /// What goes wrong on purpose; no node sees it, each only suffers it.
     #[serde(default, skip_serializing_if = "Faults::is_empty")]
     pub fault: Faults,
-    /// The emulated plant; the controller never sees it.
+    /// The emulated plant; the controller never sees its parameters.
     #[serde(default)]
     pub plant: Plant,
     /// What passes.

@@ -335,7 +335,7 @@ fn a_law_or_a_set_point_that_is_wrong_has_its_place_and_its_words() {
             5,
             13,
             "more than one control law",
-            "`pid` is chosen already",
+            "the second law",
         ),
         (
             with("[controller.pid]\n"),
@@ -605,7 +605,7 @@ fn files_and_tables_are_read_within_bounds() {
     let error = Scenario::load(&path).unwrap_err();
     assert_eq!(
         error.problems()[0].to_string(),
-        "the file cannot be read: it is longer than 1048576 bytes"
+        "it is longer than 1048576 bytes"
     );
     fs::write(&path, [0xFF, 0xFE]).unwrap();
     assert!(
@@ -614,7 +614,12 @@ fn files_and_tables_are_read_within_bounds() {
             .contains("UTF-8")
     );
     assert!(Scenario::load(&folder).is_err());
-    assert!(Scenario::load(&folder.join("missing.toml")).is_err());
+    let error = Scenario::load(&folder.join("missing.toml")).unwrap_err();
+    assert!(
+        error.to_string().ends_with("missing.toml cannot be read"),
+        "{error}"
+    );
+    assert_eq!(error.problems()[0].to_string(), "there is no such file");
     fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -631,6 +636,12 @@ fn the_controller_never_looks_at_the_plant() {
     );
     let view = ControllerView::parse(&text, "x.toml", no_tables).unwrap();
     assert_eq!(view.bus.sync_period(), std::time::Duration::from_millis(1));
+    assert_eq!(view.plant, "sma_actuator");
+    for plant in ["dc_motor", "pendulum_of_another_bench"] {
+        let text = with(CLOSED) + &format!("[plant.{plant}]\nnonsense = 1\n");
+        let view = ControllerView::parse(&text, "x.toml", no_tables).unwrap();
+        assert_eq!(view.plant, plant);
+    }
     let text = text.replace("[plant]", "[plants]");
     assert_eq!(
         ControllerView::parse(&text, "x.toml", no_tables)
@@ -639,6 +650,38 @@ fn the_controller_never_looks_at_the_plant() {
             .len(),
         1
     );
+}
+
+#[test]
+fn a_table_that_stands_twice_is_one_problem_that_names_both_places() {
+    let pid = "[controller.pid]\nset_point_weight = 0.4\nproportional_amperes_per_metre = 20.0\n";
+    let text = with(&format!("{pid}\n# Again.\n{pid}\n[plant]\n[bus]\n"));
+    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let [problem] = error.problems() else {
+        panic!("{:?}", error.problems());
+    };
+    assert_eq!(problem.to_string(), "[controller.pid] stands twice");
+    assert_eq!(problem.line_and_column(), Some((9, 13)));
+    let rendered = render(&error);
+    for label in ["here for the first time", "for the second time"] {
+        assert!(rendered.contains(label), "{rendered}");
+    }
+    // A key outside such a table is a problem of its own.
+    let text = with("[bus]\nx = 1\n[bus]\nx = 1\n[plant]\na = 1\na = 2\n");
+    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let problems: Vec<_> = error.problems().iter().map(ToString::to_string).collect();
+    assert_eq!(problems, ["[bus] stands twice", "TOML syntax error"]);
+}
+
+#[test]
+fn two_laws_are_one_problem_that_names_both() {
+    let text = with("[controller.pid]\n[controller.open_loop]\n");
+    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    assert_eq!(error.problems().len(), 1);
+    let rendered = render(&error);
+    for label in ["the first law", "the second law"] {
+        assert!(rendered.contains(label), "{rendered}");
+    }
 }
 
 #[test]
@@ -667,7 +710,7 @@ fn deep_nesting_is_an_error_not_a_stack_overflow() {
 }
 
 #[test]
-fn a_place_in_an_endless_line_is_told_instead_of_underlined() {
+fn a_place_in_an_endless_line_is_numbered_instead_of_underlined() {
     let text = with(&format!("x = {}", "[".repeat(100_000)));
     let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
     let rendered = render(&error);

@@ -60,8 +60,9 @@ impl TimingLimits {
             ),
             ("round_trip_microseconds", self.round_trip_microseconds),
         ];
-        let delayed = self.frames_delayed;
-        let delayed = delayed.map(|limit| ("frames_delayed".to_owned(), limit));
+        let delayed = self
+            .frames_delayed
+            .map(|limit| ("frames_delayed".to_owned(), limit));
         let quantiles = distributions.into_iter().flat_map(|(name, limits)| {
             let limits = [
                 ("median", limits.median),

@@ -7,7 +7,7 @@ use crate::bus::Bus;
 use crate::scenario::Scenario;
 use crate::{controller, reference};
 
-/// A scenario without the plant, its disturbances and faults, and its limits: a controller cannot use what it cannot see.
+/// A scenario without the plant's parameters, its disturbances and faults, and its limits: a controller cannot use what it cannot see.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct ControllerView {
@@ -28,6 +28,10 @@ pub struct ControllerView {
     /// The position set-point.
     #[serde(default)]
     pub reference: reference::Reference,
+    /// The name of the plant, of which the controller knows nothing else: that a position stands still means one thing of a
+    /// wire under current and another of a motor.
+    #[serde(skip)]
+    pub plant: String,
 }
 
 /// The keys that the controller's loader takes out of the document before it looks at anything.
@@ -53,6 +57,7 @@ impl Scenario {
             bus: self.bus.clone(),
             controller: self.controller.clone(),
             reference: self.reference.clone(),
+            plant: self.plant.name().to_owned(),
         }
     }
 }

@@ -29,7 +29,7 @@ struct Child<'a> {
 }
 
 impl<'a> Page<'a> {
-    fn of(schema: &'a Value, head: &str) -> String {
+    fn text_of(schema: &'a Value, head: &str) -> String {
         let definitions = schema["definitions"].as_object().unwrap();
         let mut page = Self {
             definitions,
@@ -91,8 +91,10 @@ impl<'a> Page<'a> {
             Value::Object(_) | Value::Array(_) | Value::Null => String::new(),
             value => format!("default `{value}`"),
         };
-        let value = [kind, range(property), default];
-        let value: Vec<String> = value.into_iter().filter(|part| !part.is_empty()).collect();
+        let value: Vec<String> = [kind, range(property), default]
+            .into_iter()
+            .filter(|part| !part.is_empty())
+            .collect();
         let meaning = format!("{}{}", line(description(property)), self.choices(property));
         format!("| `{key}` | {} | {meaning} |\n", value.join("; "))
     }
@@ -140,8 +142,10 @@ impl<'a> Page<'a> {
         if self.shared.contains(name) {
             return format!("[{name}](#{})", name.to_lowercase());
         }
-        let values = self.values(name).map(|(value, _)| format!("`{value}`"));
-        let values: Vec<String> = values.collect();
+        let values: Vec<String> = self
+            .values(name)
+            .map(|(value, _)| format!("`{value}`"))
+            .collect();
         match values.is_empty() {
             true => table.to_owned(),
             false => values.join(", "),
@@ -159,8 +163,9 @@ impl<'a> Page<'a> {
 
     fn choices(&self, property: &Value) -> String {
         let name = referred(property).into_iter();
-        let values = name.flat_map(|name| self.values(name));
-        let values = values.map(|(value, meaning)| format!(" `{value}`: {}", line(meaning)));
+        let values = name
+            .flat_map(|name| self.values(name))
+            .map(|(value, meaning)| format!(" `{value}`: {}", line(meaning)));
         values.collect()
     }
 }
@@ -181,8 +186,9 @@ fn is_required(table: &Value, key: &str) -> bool {
 
 /// The definition that a schema refers to.
 fn referred(schema: &Value) -> Option<&str> {
-    let reference = schema["$ref"].as_str();
-    let reference = reference.or_else(|| schema["allOf"][0]["$ref"].as_str());
+    let reference = schema["$ref"]
+        .as_str()
+        .or_else(|| schema["allOf"][0]["$ref"].as_str());
     reference?.strip_prefix(REFERENCE)
 }
 
@@ -241,7 +247,7 @@ fn range(property: &Value) -> String {
 
 #[track_caller]
 fn check(name: &str, head: &str, schema: &str) {
-    let current = Page::of(&serde_json::from_str(schema).unwrap(), head);
+    let current = Page::text_of(&serde_json::from_str(schema).unwrap(), head);
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference");
     let path = folder.join(name);
     if std::env::var_os("UPDATE_SCHEMA").is_some() {
@@ -273,7 +279,7 @@ fn the_page_of_rig_keys_is_that_of_the_schema() {
 #[test]
 fn no_key_is_left_out() {
     let schema: Value = serde_json::from_str(&scenario::schema::json_schema()).unwrap();
-    let page = Page::of(&schema, "");
+    let page = Page::text_of(&schema, "");
     let tables = schema["definitions"].as_object().unwrap().values();
     let keys = tables
         .chain([&schema])

@@ -51,12 +51,12 @@ struct Relay {
     current_amperes: f64,
 }
 
-fn told() {
-    static TOLD: Once = Once::new();
-    TOLD.call_once(|| {
-        let pendulum = OwnTable::of::<Pendulum>("pendulum").with_faults(&["jammed_pulley"]);
+fn register_once() {
+    static REGISTERED: Once = Once::new();
+    REGISTERED.call_once(|| {
+        let pendulum = OwnTable::new::<Pendulum>("pendulum").with_faults(&["jammed_pulley"]);
         register(Section::Plant, vec![pendulum]).expect("a table of a plant");
-        let relay = OwnTable::of::<Relay>("relay");
+        let relay = OwnTable::new::<Relay>("relay");
         register(Section::Controller, vec![relay]).expect("a table of a law");
     });
 }
@@ -69,7 +69,7 @@ fn text(controller: &str, plant: &str) -> String {
 }
 
 fn parsed(controller: &str, plant: &str) -> Result<Scenario, String> {
-    told();
+    register_once();
     let text = text(controller, plant);
     Scenario::parse(&text, "t.toml", |_| unreachable!("no table"))
         .map_err(|error| format!("{:?}", miette::Report::new(error)))
@@ -115,7 +115,7 @@ fn a_written_scenario_is_read_again() {
 
 #[test]
 fn the_controller_sees_its_law_and_no_plant() {
-    told();
+    register_once();
     let text = text(RELAY, "[plant.pendulum]\nlength_metres = -1.0\n");
     let view = ControllerView::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
     assert_eq!(view.controller.law_name(), "relay");
@@ -184,7 +184,7 @@ fn what_the_bench_does_not_have_is_named() {
 
 /// Reads a scenario from a file, as that of a recording.
 fn recorded(controller: &str, plant: &str) -> Result<Scenario, String> {
-    told();
+    register_once();
     let folder = tempfile::tempdir().expect("a folder can be made");
     let path = folder.path().join("scenario.toml");
     std::fs::write(&path, text(controller, plant)).expect("it can be written");
@@ -273,7 +273,7 @@ fn two_plants_two_laws_a_wire_and_a_strange_fault_are_refused() {
 
 #[test]
 fn the_schema_describes_them() {
-    told();
+    register_once();
     let schema: serde_json::Value = serde_json::from_str(&scenario::schema::json_schema()).unwrap();
     let pendulum = &schema["definitions"]["Plant"]["properties"]["pendulum"];
     assert_eq!(pendulum["description"], "A pendulum.");
@@ -285,32 +285,32 @@ fn the_schema_describes_them() {
 }
 
 #[test]
-fn what_cannot_be_a_table_is_refused_when_it_is_told() {
+fn what_cannot_be_a_table_is_refused_when_it_is_registered() {
     let plant = |table| register(Section::Plant, vec![table]).unwrap_err();
     assert!(matches!(
-        plant(OwnTable::of::<Pendulum>("heat")),
+        plant(OwnTable::new::<Pendulum>("heat")),
         InvalidOwn::Taken { .. }
     ));
     assert!(matches!(
-        plant(OwnTable::of::<Pendulum>("sma_actuator")),
+        plant(OwnTable::new::<Pendulum>("sma_actuator")),
         InvalidOwn::Taken { .. }
     ));
     assert!(matches!(
-        plant(OwnTable::of::<Pendulum>("My Plant")),
+        plant(OwnTable::new::<Pendulum>("My Plant")),
         InvalidOwn::Name(_)
     ));
     assert!(matches!(
-        plant(OwnTable::of::<f64>("number")),
+        plant(OwnTable::new::<f64>("number")),
         InvalidOwn::NoTable(_)
     ));
-    let fault = OwnTable::of::<Pendulum>("swing").with_faults(&["rain"]);
+    let fault = OwnTable::new::<Pendulum>("swing").with_faults(&["rain"]);
     assert!(matches!(
         plant(fault),
         InvalidOwn::Fault { fault: "rain", .. }
     ));
-    told();
+    register_once();
     assert_eq!(
-        plant(OwnTable::of::<Pendulum>("swing")),
-        InvalidOwn::ToldAlready
+        plant(OwnTable::new::<Pendulum>("swing")),
+        InvalidOwn::RegisteredAlready
     );
 }

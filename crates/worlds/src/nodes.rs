@@ -61,7 +61,7 @@ pub fn faulty_controller(
     if faults.is_empty() {
         return Ok(Box::new(node));
     }
-    let plan = FaultPlan::of(faults, scenario::fault::node::Node::Controller);
+    let plan = FaultPlan::new(faults, scenario::fault::node::Node::Controller);
     let renew = move |node: &mut ControllerNode| {
         // It could be set up once, so it can again.
         if let Ok(new) = make() {

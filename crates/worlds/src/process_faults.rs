@@ -25,7 +25,7 @@ pub(super) struct ProcessFaults(VecDeque<(Duration, ProcessAction)>);
 
 impl ProcessFaults {
     pub(super) fn new(scenario: &Scenario) -> Self {
-        let plan = FaultPlan::of(&scenario.fault, Node::Controller);
+        let plan = FaultPlan::new(&scenario.fault, Node::Controller);
         let actions = plan.faults.iter().flat_map(|fault| {
             let (begin, end) = match fault.kind {
                 FaultKind::Crash(_) => (ProcessAction::Kill, ProcessAction::Start),

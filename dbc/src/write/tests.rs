@@ -129,7 +129,7 @@ fn database() -> impl Strategy<Value = Database> {
             let is_new = message.is_silent() || identifiers.insert(message.raw_id);
             is_new && names.insert(message.name.clone())
         });
-        Database::of(messages)
+        Database::from_messages(messages)
     })
 }
 
@@ -186,7 +186,7 @@ fn a_message_is_written_as_people_write_it() {
         signals: shipped("drive_tpdo1").signals[7..].to_vec(),
         ..shipped("drive_tpdo1").clone()
     };
-    let text = Database::of(vec![message]).to_dbc();
+    let text = Database::from_messages(vec![message]).to_dbc();
     let written = "BU_: drive controller bench\n\n\
         BO_ 400 drive_tpdo1: 8 drive\n \
         SG_ statusword_bits_13_to_15 : 13|3@1+ (1,0) [0|7] \"\" controller,bench\n \
@@ -201,8 +201,9 @@ fn what_no_frame_carries_has_identifiers_that_nobody_uses() {
     message.raw_id = IDENTIFIER_MAX;
     message.signals.truncate(1);
     message.signals[0].coding = message.signals[0].coding.absent();
-    let silent = Database::of(vec![shipped("drive_tpdo2").clone()]).with_silent(&["drive_tpdo2"]);
-    let database = Database::of([&[message], silent.messages()].concat());
+    let silent =
+        Database::from_messages(vec![shipped("drive_tpdo2").clone()]).with_silent(&["drive_tpdo2"]);
+    let database = Database::from_messages([&[message], silent.messages()].concat());
     check(&database);
     let text = database.to_dbc();
     for line in [
@@ -223,7 +224,7 @@ fn what_a_dbc_cannot_say_is_refused_when_read() {
     let refused = |change: fn(&mut Message)| {
         let mut message = shipped("drive_tpdo2").clone();
         change(&mut message);
-        let text = Database::of(vec![message]).to_dbc();
+        let text = Database::from_messages(vec![message]).to_dbc();
         Database::parse(&text).unwrap_err().to_string()
     };
     let double = refused(|message| message.signals[1].name = message.signals[0].name.clone());

@@ -55,8 +55,10 @@ impl<P: Plant> Objects<P> {
         let protection = |sub_index, data_type| {
             objects::find(dictionary, THERMAL_PROTECTION, sub_index, data_type)
         };
-        let signals = P::SIGNALS.iter().zip(PLANT_SIGNALS);
-        let signals = signals.map(|(signal, index)| Ok((at(index, data_type(signal))?, signal)));
+        let signals = P::SIGNALS
+            .iter()
+            .zip(PLANT_SIGNALS)
+            .map(|(signal, index)| Ok((at(index, data_type(signal))?, signal)));
         Ok(Self {
             controlword: at(cia402::CONTROLWORD, DataType::Unsigned16)?,
             statusword: at(cia402::STATUSWORD, DataType::Unsigned16)?,
@@ -101,7 +103,7 @@ impl<P: Plant> Objects<P> {
         self.mode(dictionary) != i8::from_le_bytes(bytes(dictionary, self.mode_display))
     }
 
-    /// Takes back a mode that an RPDO brought and the drive has not, as an SDO would have been refused.
+    /// Undoes a mode that an RPDO brought and the drive has not, as an SDO would have been refused.
     pub(super) fn refuse_mode(&self, dictionary: &mut ObjectDictionary) {
         if self.is_mode_new(dictionary) && check_mode(dictionary, self.mode(dictionary)).is_err() {
             let present: [u8; 1] = bytes(dictionary, self.mode_display);

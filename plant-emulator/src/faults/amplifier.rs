@@ -16,8 +16,10 @@ pub(super) fn current_amperes(
     if let Some(stuck) = stuck.find(|fault| fault.acts_at(time_seconds)) {
         return stuck.current_amperes;
     }
-    let saturated = faults.saturated.iter();
-    let saturated = saturated.filter(|fault| fault.acts_at(time_seconds));
+    let saturated = faults
+        .saturated
+        .iter()
+        .filter(|fault| fault.acts_at(time_seconds));
     saturated
         .map(|fault| fault.current_amperes_max)
         .fold(commanded_amperes, f64::min)

@@ -31,8 +31,7 @@ impl RigFaults {
         let faults = &scenario.fault;
         let is_of_rig =
             |window: &FaultWindow| matches!(window.place.group, "sensor" | "amplifier" | "plant");
-        let windows = faults.windows();
-        let windows = windows.iter().filter(|window| is_of_rig(window));
+        let windows = faults.windows().into_iter().filter(is_of_rig);
         let times = windows.flat_map(|window| [window.from_seconds, window.until_seconds]);
         let mut changes: Vec<_> = times.flatten().map(Duration::from_secs_f64).collect();
         changes.sort_unstable();

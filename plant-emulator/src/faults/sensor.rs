@@ -22,7 +22,7 @@ impl SensorFaults {
     pub(super) fn new(faults: &sensor::SensorFaults, seed: u64) -> Self {
         let stream = |kind, index| {
             let group = "sensor";
-            Stream::of_fault(seed, &Place { group, kind, index })
+            Stream::for_fault(seed, &Place { group, kind, index })
         };
         let noise = faults.noise.iter().cloned().enumerate();
         let spikes = faults.spikes.iter().cloned().enumerate();
@@ -47,8 +47,11 @@ impl SensorFaults {
     ) -> Counts {
         let error_millimetres = self.error_millimetres(time_seconds);
         let sound = convert(position_metres + error_millimetres * METRES_PER_MILLIMETRE);
-        let lost_bits = self.faults.lost_bits.iter();
-        let lost_bits = lost_bits.filter(|fault| fault.acts_at(time_seconds));
+        let lost_bits = self
+            .faults
+            .lost_bits
+            .iter()
+            .filter(|fault| fault.acts_at(time_seconds));
         let counts = sound.without(lost_bits.fold(0, |mask, fault| mask | fault.mask));
         let is_stuck = self
             .faults

@@ -79,7 +79,7 @@ pub fn sweep(args: &SweepArgs) -> Exit {
 fn play(args: &SweepArgs, setup: &Setup) -> Result<Exit, SweepError> {
     let plan = SweepPlan::new(setup)?;
     let folder = open_folder(&args.output, setup, &plan, args.shard)?;
-    let (mut store, found) = Store::open(folder.path(), &Header::of(&plan, args.shard))?;
+    let (mut store, found) = Store::open(folder.path(), &Header::new(&plan, args.shard))?;
     let mut campaign = Campaign::on_all_cores(!args.quiet);
     campaign.threads = args.threads.map_or(campaign.threads, usize::from);
     if !args.quiet {
@@ -175,7 +175,7 @@ fn played(plan: &SweepPlan, number: usize, watch: &Watch) -> Result<SweepRow, St
         }
     };
     let row = campaign::play_one(number, scenario, watch, |played| {
-        SweepRow::of_verdict(number, &case.id, played.verdict)
+        SweepRow::from_verdict(number, &case.id, played.verdict)
     });
     row.map_err(|error| error.to_string())
 }

@@ -30,7 +30,7 @@ pub(super) fn finish(
     plan: &SweepPlan,
     is_quiet: bool,
 ) -> Result<Exit, FinishError> {
-    let summary = Summary::of(plan, &setup.scenario, folder.path())?;
+    let summary = Summary::read(plan, &setup.scenario, folder.path())?;
     let metrics = summary.metrics();
     let tables = Tables {
         plan,

@@ -111,10 +111,10 @@ fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
     let plan = SweepPlan::new(setup)?;
     let mut parts = open(&args.shards, &plan)?;
     let folder = open_folder(&args.output, setup, &plan, Shard::WHOLE)?;
-    let (mut store, found) = Store::open(folder.path(), &Header::of(&plan, Shard::WHOLE))?;
+    let (mut store, found) = Store::open(folder.path(), &Header::new(&plan, Shard::WHOLE))?;
     let mut missing = Vec::new();
     for case in Shard::WHOLE.cases(plan.runs()) {
-        let row = of_case(&mut parts, case)?;
+        let row = row_of_case(&mut parts, case)?;
         match row {
             _ if case <= found.done => {}
             // Rows are kept in order, so nothing can be appended behind a gap.
@@ -136,7 +136,7 @@ fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
 
 /// Opens the parts, which must be of this sweep.
 fn open(paths: &[PathBuf], plan: &SweepPlan) -> Result<Vec<Part>, MergeError> {
-    let expected = Header::of(plan, Shard::WHOLE);
+    let expected = Header::new(plan, Shard::WHOLE);
     let open = |path: &PathBuf| {
         let (header, rows) = store::read(path)?;
         let path = path.clone();
@@ -159,7 +159,7 @@ fn open(paths: &[PathBuf], plan: &SweepPlan) -> Result<Vec<Part>, MergeError> {
 }
 
 /// The row of a case; none where no part has it. Parts may have the same one.
-fn of_case(parts: &mut [Part], case: usize) -> Result<Option<SweepRow>, MergeError> {
+fn row_of_case(parts: &mut [Part], case: usize) -> Result<Option<SweepRow>, MergeError> {
     let mut found: Option<(&Path, SweepRow)> = None;
     for part in parts {
         // An error must come out, too.
@@ -182,11 +182,11 @@ fn of_case(parts: &mut [Part], case: usize) -> Result<Option<SweepRow>, MergeErr
 
 /// The first of the missing cases.
 fn words(missing: &[usize]) -> String {
-    let named = missing
+    let named: Vec<String> = missing
         .iter()
         .take(MISSING_SHOWN_MAX)
-        .map(ToString::to_string);
-    let named: Vec<String> = named.collect();
+        .map(ToString::to_string)
+        .collect();
     let more = if missing.len() > MISSING_SHOWN_MAX {
         ", …"
     } else {

@@ -128,7 +128,7 @@ fn drawn(spread: &MetricSpread) -> Markup {
     plot.render()
 }
 
-/// What is shown where few values would press the others flat.
+/// The range that is drawn: where few values lie far out, that of the others.
 fn without_outliers(spread: &MetricSpread) -> Option<(f64, f64)> {
     let [least, .., greatest] = spread.quantiles;
     let (low, high) = spread.bulk;
@@ -155,8 +155,9 @@ fn failing(summary: &Summary, place_of: impl Fn(&Failing) -> String) -> Markup {
 
 /// How many cases ended how, in one line.
 fn counts(summary: &Summary) -> String {
-    let counts = summary.ended.iter();
-    let counts: Vec<String> = counts
+    let counts: Vec<String> = summary
+        .ended
+        .iter()
         .map(|(ended, count)| format!("{count} {}", words(*ended)))
         .collect();
     format!("{} runs: {}", summary.runs, counts.join(", "))

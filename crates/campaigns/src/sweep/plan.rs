@@ -38,7 +38,7 @@ pub struct SweepPlan {
 pub struct SweepCase<'a> {
     /// Its number, from 1.
     pub number: usize,
-    /// What names its content: the same scenario has the same in every sweep.
+    /// A hash of its content: the same scenario has the same one in every sweep.
     pub id: String,
     /// The scenario as a file of its own.
     pub text: String,
@@ -110,7 +110,7 @@ impl SweepPlan {
         &self.name
     }
 
-    /// What names file, tables and the version of the program: what belongs together has the same.
+    /// A hash of file, tables and the version of the program: parts of one sweep have the same one.
     #[must_use]
     pub fn id(&self) -> &str {
         &self.id
@@ -217,8 +217,9 @@ impl SweepPlan {
     /// The case's values with their keys, for people.
     #[must_use]
     pub fn words(&self, number: usize) -> String {
-        let values = self.keys().zip(self.values(number));
-        let values: Vec<String> = values
+        let values: Vec<String> = self
+            .keys()
+            .zip(self.values(number))
             .map(|(key, value)| format!("{key} = {value}"))
             .collect();
         values.join(", ")

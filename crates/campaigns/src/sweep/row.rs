@@ -94,13 +94,15 @@ pub struct SweepRow {
 impl SweepRow {
     /// What a verdict says.
     #[must_use]
-    pub fn of_verdict(case: usize, id: &str, verdict: &Verdict) -> Self {
+    pub fn from_verdict(case: usize, id: &str, verdict: &Verdict) -> Self {
         let missed = verdict
             .metrics
             .iter()
             .filter(|one| one.passed == Some(false));
-        let metrics = verdict.metrics.iter();
-        let metrics = metrics.filter_map(|one| Some((one.name.clone(), one.value?)));
+        let metrics = verdict
+            .metrics
+            .iter()
+            .filter_map(|one| Some((one.name.clone(), one.value?)));
         Self {
             case,
             id: id.to_owned(),

@@ -42,7 +42,9 @@ impl FromStr for Shard {
             .and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
         let (number, of) = numbers.ok_or("a part is expected, such as 2/4")?;
         if of > SHARDS_MAX || !(1..=of).contains(&number) {
-            return Err(format!("1/1 to {SHARDS_MAX}/{SHARDS_MAX} are possible"));
+            return Err(format!(
+                "a part is written as its number and how many there are, such as 2/4, up to {SHARDS_MAX}/{SHARDS_MAX}"
+            ));
         }
         Ok(Self { number, of })
     }

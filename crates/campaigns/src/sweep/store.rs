@@ -36,7 +36,7 @@ pub(super) struct Header {
 
 impl Header {
     /// What this program would write.
-    pub(super) fn of(plan: &SweepPlan, shard: Shard) -> Self {
+    pub(super) fn new(plan: &SweepPlan, shard: Shard) -> Self {
         Self {
             schema: 1,
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -252,11 +252,11 @@ impl<R: Read> Lines<R> {
             .input
             .by_ref()
             .take(LINE_BYTES_MAX)
-            .read_until(b'\n', &mut self.text);
-        let read = read.map_err(|source| StoreError::Read {
-            path: self.path.clone(),
-            source,
-        })?;
+            .read_until(b'\n', &mut self.text)
+            .map_err(|source| StoreError::Read {
+                path: self.path.clone(),
+                source,
+            })?;
         self.number += 1;
         self.end += read as u64;
         self.is_at_end = read == 0;

@@ -78,7 +78,7 @@ struct Survey {
 }
 
 impl Survey {
-    fn of(plan: &SweepPlan, folder: &Path) -> Result<Self, StoreError> {
+    fn read(plan: &SweepPlan, folder: &Path) -> Result<Self, StoreError> {
         let mut survey = Self {
             runs: 0,
             ended: BTreeMap::new(),
@@ -117,12 +117,12 @@ impl Survey {
 
 impl Summary {
     /// Of the rows in a folder.
-    pub(super) fn of(
+    pub(super) fn read(
         plan: &SweepPlan,
         scenario: &Scenario,
         folder: &Path,
     ) -> Result<Self, StoreError> {
-        let survey = Survey::of(plan, folder)?;
+        let survey = Survey::read(plan, folder)?;
         let keys = plan.ways().map(|(key, way)| (key.to_owned(), way));
         Ok(Self {
             name: plan.name().to_owned(),

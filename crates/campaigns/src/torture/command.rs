@@ -9,7 +9,7 @@ use scenario::Scenario;
 
 use super::draw;
 use super::invariants::{BrokenInvariant, violation};
-use super::shrink::{TortureCase, of_failed_run};
+use super::shrink::{TortureCase, from_failed_run};
 use crate::campaign::Campaign;
 use recording::capture::Watch;
 use rig::setup::Setup;
@@ -71,14 +71,14 @@ pub fn torture(args: &TortureArgs) -> Exit {
         return Exit::Interrupted;
     };
     let played = results.len();
-    let broken = results
+    let broken: Vec<(usize, BrokenInvariant)> = results
         .into_iter()
         .enumerate()
         .filter_map(|(index, result)| {
-            let violation = result.unwrap_or_else(|fault| Some(of_failed_run(&fault)));
+            let violation = result.unwrap_or_else(|fault| Some(from_failed_run(&fault)));
             Some((index, violation?))
-        });
-    let broken: Vec<(usize, BrokenInvariant)> = broken.collect();
+        })
+        .collect();
     let shown = shrink_all(args, &broken, case);
     print(&summary(args, played, &broken));
     if played < args.runs {

@@ -74,8 +74,7 @@ fn truth_is_complete(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let truth = &played.timeline.truth;
     let gap = truth
         .windows(2)
-        .find(|pair| pair[1].time_seconds - pair[0].time_seconds > TRUTH_SECONDS_MAX);
-    let gap = gap?;
+        .find(|pair| pair[1].time_seconds - pair[0].time_seconds > TRUTH_SECONDS_MAX)?;
     let (from, until) = (gap[0].time_seconds, gap[1].time_seconds);
     violated(
         "truth",

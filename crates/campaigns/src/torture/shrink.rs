@@ -63,7 +63,7 @@ impl TortureCase {
         }));
         match played.ok()?.ok()?.pop()? {
             Ok(violation) => violation,
-            Err(fault) => Some(of_failed_run(&fault)),
+            Err(fault) => Some(from_failed_run(&fault)),
         }
     }
 
@@ -213,7 +213,7 @@ fn rounder(value: &Value) -> Vec<Value> {
 }
 
 /// A run that the program itself could not bring to a verdict.
-pub(super) fn of_failed_run(fault: &FailedRun) -> BrokenInvariant {
+pub(super) fn from_failed_run(fault: &FailedRun) -> BrokenInvariant {
     BrokenInvariant {
         invariant: "panic",
         text: fault.reason.clone(),

@@ -139,8 +139,7 @@ fn add_pdo(dictionary: &mut ObjectDictionary, index: u16, cob_id: u32, kind: u8,
     let mapping = index + 0x200;
     add(dictionary, mapping, 0, Unsigned8, rw, mapped.len() as i128);
     for sub_index in 1..=8_u8 {
-        let entry = mapped.get(usize::from(sub_index) - 1).copied();
-        let entry = entry.unwrap_or(0);
+        let entry = mapped.get(usize::from(sub_index) - 1).copied().unwrap_or(0);
         add(dictionary, mapping, sub_index, Unsigned32, rw, entry.into());
     }
 }

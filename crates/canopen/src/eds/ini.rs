@@ -11,7 +11,7 @@ use super::error::EdsError;
 /// Longest line; CiA 306-1 allows 255 characters.
 const MAX_LINE_BYTES: usize = 1024;
 
-/// The name of a section or a key, whose case does not matter. Shorter ones come first, since the length tells most apart.
+/// The name of a section or a key, whose case does not matter. Shorter ones come first, since most differ in length.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Name<'t>(pub(super) &'t str);
 

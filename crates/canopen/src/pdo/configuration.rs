@@ -40,7 +40,7 @@ pub(crate) struct Place {
 
 impl Place {
     /// The place of a PDO object; `None` for other indices.
-    pub(crate) fn of(index: u16) -> Option<Self> {
+    pub(crate) fn from_index(index: u16) -> Option<Self> {
         let (direction, is_mapping, base) = match index {
             0x1400..=0x15FF => (Direction::Receive, false, RPDO_PARAMETERS),
             0x1600..=0x17FF => (Direction::Receive, true, RPDO_MAPPINGS),
@@ -56,7 +56,7 @@ impl Place {
     }
 
     /// The place of a PDO's parameters.
-    pub(super) fn of_parameters(direction: Direction, number: u16) -> Self {
+    pub(super) fn from_parameters(direction: Direction, number: u16) -> Self {
         Self {
             direction,
             number,
@@ -89,7 +89,7 @@ pub(crate) fn numbers(
     direction: Direction,
 ) -> impl Iterator<Item = u16> + '_ {
     (1..=NUMBERS_PER_TYPE).filter(move |number| {
-        let place = Place::of_parameters(direction, *number);
+        let place = Place::from_parameters(direction, *number);
         dictionary.find(place.parameters_index(), COB_ID).is_ok()
     })
 }
@@ -271,8 +271,8 @@ impl Mapping {
         };
         for (sub_index, slot) in (1..=count).zip(&mut mapping.slots) {
             let handle = dictionary.find(index, sub_index)?;
-            let entry = u32::try_from(dictionary.entry(handle).as_integer());
-            let entry = entry.map_err(|_| AbortCode::NOT_MAPPABLE)?;
+            let entry = u32::try_from(dictionary.entry(handle).as_integer())
+                .map_err(|_| AbortCode::NOT_MAPPABLE)?;
             *slot = Slot::new(dictionary, entry, direction)?;
             mapping.length += slot.size_bytes;
         }
@@ -375,8 +375,8 @@ pub(super) fn read(
 ) -> Result<(Parameters, Mapping), AbortCode> {
     let parameters = Parameters::read(dictionary, place)?;
     let index = place.parameters_index() + MAPPING_OFFSET;
-    let count = u8::try_from(dictionary.unsigned(index, 0).unwrap_or(0));
-    let count = count.map_err(|_| AbortCode::PDO_TOO_LONG)?;
+    let count = u8::try_from(dictionary.unsigned(index, 0).unwrap_or(0))
+        .map_err(|_| AbortCode::PDO_TOO_LONG)?;
     let mapping = Mapping::read(dictionary, index, count, place.direction)?;
     Ok((parameters, mapping))
 }

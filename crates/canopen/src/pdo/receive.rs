@@ -53,7 +53,7 @@ pub(crate) struct Rpdo {
 impl Rpdo {
     /// The RPDO as the dictionary configures it.
     pub(crate) fn new(dictionary: &ObjectDictionary, number: u16) -> Result<Self, AbortCode> {
-        let place = Place::of_parameters(Direction::Receive, number);
+        let place = Place::from_parameters(Direction::Receive, number);
         let (parameters, mapping) = read(dictionary, place)?;
         Ok(Self {
             place,
@@ -90,7 +90,7 @@ impl Rpdo {
         self.is_cut
     }
 
-    /// True when nothing happens before a SYNC, whatever arrives: neither its data nor the end of a dead-line.
+    /// True when nothing happens before a SYNC, whatever arrives: neither its data nor the end of a deadline.
     pub(crate) fn is_silent(&self) -> bool {
         self.is_synchronous() && !self.is_timed()
     }
@@ -119,7 +119,7 @@ impl Rpdo {
         frame.data().len() > self.mapping.length()
     }
 
-    /// Takes the payload of a frame; the dead-line (sub-index 5) runs from here.
+    /// Stores the payload of a frame; the deadline (sub-index 5) runs from here.
     pub(crate) fn on_frame(
         &mut self,
         now: Duration,
@@ -157,7 +157,7 @@ impl Rpdo {
         waiting.is_some()
     }
 
-    /// True once when the dead-line has passed.
+    /// True once when the deadline has passed.
     #[inline]
     pub(crate) fn has_timed_out(&mut self, now: Duration) -> bool {
         let has_timed_out = self.deadline.is_some_and(|deadline| now >= deadline);
@@ -167,7 +167,7 @@ impl Rpdo {
         has_timed_out
     }
 
-    /// When the dead-line passes.
+    /// When the deadline passes.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         self.deadline
     }

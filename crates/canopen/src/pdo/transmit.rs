@@ -29,7 +29,7 @@ pub(crate) struct Tpdo {
 impl Tpdo {
     /// The TPDO as the dictionary configures it.
     pub(crate) fn new(dictionary: &ObjectDictionary, number: u16) -> Result<Self, AbortCode> {
-        let place = Place::of_parameters(Direction::Transmit, number);
+        let place = Place::from_parameters(Direction::Transmit, number);
         let (parameters, mapping) = read(dictionary, place)?;
         Ok(Self {
             place,

@@ -354,7 +354,7 @@ mod tests {
     use scenario::plant::StressStrain;
 
     #[test]
-    fn a_plant_that_is_not_nominal_is_told() {
+    fn a_plant_that_is_not_nominal_is_named() {
         let mut plant = Plant::default();
         assert_eq!(differences(&plant), None);
         plant.mechanics.load_kilograms = 0.05;

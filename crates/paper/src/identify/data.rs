@@ -228,9 +228,8 @@ impl IdentificationData {
             (path.join(file::BUS_LOG), setup)
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
-            let scenario = Scenario::load(scenario);
-            let scenario =
-                scenario.map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
+            let scenario = Scenario::load(scenario)
+                .map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
             let setup = Setup::of(scenario, catalogue());
             (path.to_owned(), setup.with_database(shipped()))
         };
@@ -244,7 +243,7 @@ impl IdentificationData {
         Self::from_setup(path, &frames, setup).map_err(at)
     }
 
-    /// Takes the frames of a recording on the emulated rig.
+    /// Reads the frames of a recording on the emulated rig.
     ///
     /// # Errors
     /// Identification cannot use it.
@@ -278,7 +277,7 @@ impl IdentificationData {
             positions_metres: Vec::new(),
             currents_amperes: Vec::new(),
         };
-        let disturbances = Disturbances::of(timeline);
+        let disturbances = Disturbances::new(timeline);
         let grid = cycles_per_sample(timeline.period_seconds);
         for (row, current_amperes) in flowed(timeline).into_iter().enumerate().skip(1) {
             let inputs = Inputs {
@@ -351,13 +350,15 @@ fn commanded(timeline: &Timeline) -> Vec<f64> {
     let name = signals::TARGET_CURRENT.split_once('.');
     let column = name.and_then(|(_, name)| timeline.column(name));
     let mut last = 0.0;
-    let held = column.into_iter().flat_map(|column| &column.values);
-    let held = held.map(|value| {
-        if !value.is_nan() {
-            last = *value;
-        }
-        last
-    });
+    let held = column
+        .into_iter()
+        .flat_map(|column| &column.values)
+        .map(|value| {
+            if !value.is_nan() {
+                last = *value;
+            }
+            last
+        });
     let delayed = std::iter::repeat_n(0.0, COMMAND_CYCLES).chain(held);
     delayed.take(timeline.cycle.len()).collect()
 }
@@ -415,7 +416,7 @@ struct Disturbances<'a> {
 }
 
 impl<'a> Disturbances<'a> {
-    fn of(timeline: &'a Timeline) -> Self {
+    fn new(timeline: &'a Timeline) -> Self {
         let column = |path: &str| {
             let name = path.split_once('.').map_or(path, |(_, name)| name);
             timeline

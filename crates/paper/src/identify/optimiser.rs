@@ -294,8 +294,8 @@ impl Residual for LeastSquares<'_> {
         let is_ordered = self.fit.is_ordered(&values);
         let residual = is_ordered
             .then(|| self.fit.residual_metres(&values))
-            .flatten();
-        let residual = residual.unwrap_or_else(|| vec![f64::NAN; self.fit.sample_count()]);
+            .flatten()
+            .unwrap_or_else(|| vec![f64::NAN; self.fit.sample_count()]);
         Ok(residual.iter().map(|metres| metres / self.scale).collect())
     }
 }
@@ -305,9 +305,10 @@ impl Jacobian for LeastSquares<'_> {
 
     fn jacobian(&self, place: &Vec<f64>) -> Result<DenseMatrix, Infallible> {
         let values = at_fractions(self.fit, place);
-        let columns = self.fit.jacobian(&values);
-        let columns =
-            columns.unwrap_or_else(|| vec![vec![f64::NAN; self.fit.sample_count()]; place.len()]);
+        let columns = self
+            .fit
+            .jacobian(&values)
+            .unwrap_or_else(|| vec![vec![f64::NAN; self.fit.sample_count()]; place.len()]);
         let ranges: Vec<f64> = self
             .fit
             .parameters

@@ -122,8 +122,10 @@ fn percent(part: f64, estimate: &Estimate) -> f64 {
 fn search(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     let mut lines = Vec::new();
     if let Some((detour, origin)) = &found.descent.detour {
-        let names = fit.parameters.iter().zip(origin);
-        let names: Vec<String> = names
+        let names: Vec<String> = fit
+            .parameters
+            .iter()
+            .zip(origin)
             .map(|(parameter, value)| format!("{} {}", parameter.symbol, significant(*value, 3)))
             .collect();
         let why = match detour {
@@ -231,7 +233,7 @@ fn undetermined(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
             100.0 * DETERMINED_PART
         ));
     } else {
-        lines.push("Add an excitation that tells them apart: current steps show the thermal time constant, a fan the convection.".to_owned());
+        lines.push("Add an excitation that separates them: current steps show the thermal time constant, a fan the convection.".to_owned());
     }
     lines.extend(weakest(fit, found));
     lines.extend(correlated(fit, found));
@@ -271,8 +273,10 @@ fn weakest(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
 fn combination(fit: &Fit<'_>, name: &str, direction: &[f64], singular_value_metres: f64) -> String {
     let largest = direction.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
     let length = EXAMPLE_PART / largest.max(f64::MIN_POSITIVE);
-    let changes = fit.parameters.iter().zip(direction);
-    let changes: Vec<String> = changes
+    let changes: Vec<String> = fit
+        .parameters
+        .iter()
+        .zip(direction)
         .map(|(parameter, part)| format!("{} {:+.1} %", parameter.symbol, 100.0 * part * length))
         .collect();
     format!(
@@ -285,13 +289,14 @@ fn combination(fit: &Fit<'_>, name: &str, direction: &[f64], singular_value_metr
 fn correlated(fit: &Fit<'_>, found: &Solution) -> Option<String> {
     let count = fit.parameters.len();
     let pairs = (0..count).flat_map(|row| (0..row).map(move |column| (row, column)));
-    let named = pairs.filter_map(|(row, column)| {
-        let correlation = found.statistics.correlations[row][column];
-        let symbols = (fit.parameters[column].symbol, fit.parameters[row].symbol);
-        (correlation.abs() > CORRELATION_NAMED)
-            .then(|| format!("{} and {} {correlation:+.3}", symbols.0, symbols.1))
-    });
-    let named: Vec<String> = named.collect();
+    let named: Vec<String> = pairs
+        .filter_map(|(row, column)| {
+            let correlation = found.statistics.correlations[row][column];
+            let symbols = (fit.parameters[column].symbol, fit.parameters[row].symbol);
+            (correlation.abs() > CORRELATION_NAMED)
+                .then(|| format!("{} and {} {correlation:+.3}", symbols.0, symbols.1))
+        })
+        .collect();
     (!named.is_empty()).then(|| {
         format!(
             "Strongly correlated, so that only a combination of them is well known: {}.",
@@ -330,8 +335,8 @@ fn is_shifted(estimate: &Estimate) -> bool {
 /// Where quantisation moves an estimate by more than the usual standard error.
 fn shift_warning(fit: &Fit<'_>, found: &Solution) -> Option<String> {
     let estimates = fit.parameters.iter().zip(&found.statistics.estimates);
-    let shifted = estimates.filter(|(_, estimate)| is_shifted(estimate));
-    let shifted: Vec<String> = shifted
+    let shifted: Vec<String> = estimates
+        .filter(|(_, estimate)| is_shifted(estimate))
         .map(|(parameter, estimate)| {
             format!(
                 "{} by {} ({:+.2} %)",

@@ -156,8 +156,9 @@ pub fn descend(
 ) -> Result<Descent, SearchError> {
     check_start(fit, start)?;
     if !start::lifts(fit, start) {
-        let origin = start::scan(fit).filter(|origin| start::lifts(fit, origin));
-        let origin = origin.ok_or(SearchError::NeverLifts)?;
+        let origin = start::scan(fit)
+            .filter(|origin| start::lifts(fit, origin))
+            .ok_or(SearchError::NeverLifts)?;
         let optimum = descend_from(fit, &origin, progress).ok_or_else(|| no_derivative(fit))?;
         let detour = Some((Detour::NeverLifts, origin));
         return Ok(Descent { detour, optimum });

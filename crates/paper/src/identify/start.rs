@@ -110,8 +110,7 @@ pub fn scan(fit: &Fit<'_>) -> Option<Vec<f64>> {
     let coarse = fit.coarse();
     let points = (1..)
         .map(|index| point(&coarse, index))
-        .take(100 * SCAN_POINTS as usize);
-    let points = points
+        .take(100 * SCAN_POINTS as usize)
         .filter(|values| coarse.admits(values))
         .take(SCAN_POINTS as usize);
     let rated =

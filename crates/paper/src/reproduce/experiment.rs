@@ -37,7 +37,7 @@ pub struct Experiment {
     pub evaluate: fn(&[Kept]) -> Evaluation,
 }
 
-/// A run that an experiment wants.
+/// A run that an experiment needs.
 pub struct PlannedRun {
     /// What distinguishes it from the others of the experiment.
     pub label: String,
@@ -225,7 +225,7 @@ impl PlannedRun {
         laws.iter().map(run).collect()
     }
 
-    /// Takes from a recording what the experiment wants.
+    /// Keeps of a recording what the experiment needs.
     #[must_use]
     pub fn keep(&self, played: &campaign::CampaignRun<'_>) -> Kept {
         let window = match self.keep {
@@ -243,7 +243,7 @@ impl PlannedRun {
             scenario: self.scenario.clone(),
             verdict: played.verdict.clone(),
             signals: window.map_or_else(Signals::default, |window| {
-                Signals::of(played.timeline, window)
+                Signals::new(played.timeline, window)
             }),
             measurement: (self.keep == Keep::IdentificationData).then(measurement),
         }
@@ -251,7 +251,7 @@ impl PlannedRun {
 }
 
 impl Signals {
-    fn of(timeline: &Timeline, window: Window) -> Self {
+    fn new(timeline: &Timeline, window: Window) -> Self {
         let times = &timeline.time_seconds;
         let first = times.partition_point(|time| *time < window.from_seconds);
         let end = times.partition_point(|time| *time <= window.until_seconds);

@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn the_observer_is_told_the_resolution() {
+    fn the_observer_knows_the_resolution() {
         let scenario = with_resolution(&bases::step(), 12);
         let step = scenario
             .controller

@@ -297,17 +297,18 @@ fn search(run: &Kept) -> Result<Vec<f64>, String> {
 /// The values found, beside those that the recording was made with.
 fn found(of: &str, values: &[f64]) -> Vec<Quantity> {
     let truth = Plant::default();
-    let numbers = parameters().into_iter().zip(values).zip(IDENTIFIED);
-    let numbers = numbers.map(|((parameter, value), (_, paper))| {
-        let tolerance = match (parameter.symbol, of) {
-            ("h", NOISY) => 0.08,
-            ("h", _) => 0.05,
-            _ => 0.01,
-        };
-        let truth = parameter.get(&truth);
-        let target = within(truth, tolerance);
-        Quantity::derived(parameter.key(), of, Ok(*value), target).beside(paper)
-    });
+    let numbers = parameters().into_iter().zip(values).zip(IDENTIFIED).map(
+        |((parameter, value), (_, paper))| {
+            let tolerance = match (parameter.symbol, of) {
+                ("h", NOISY) => 0.08,
+                ("h", _) => 0.05,
+                _ => 0.01,
+            };
+            let truth = parameter.get(&truth);
+            let target = within(truth, tolerance);
+            Quantity::derived(parameter.key(), of, Ok(*value), target).beside(paper)
+        },
+    );
     numbers.collect()
 }
 

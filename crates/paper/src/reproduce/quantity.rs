@@ -48,7 +48,7 @@ impl Quantity {
     /// These metrics of a verdict, in this order; those that the run does not have are left out. In a run that decides
     /// nothing no limit is met.
     #[must_use]
-    pub fn of_verdict(of: &str, verdict: &Verdict, metrics: &[&str], paper: &Paper) -> Vec<Self> {
+    pub fn from_verdict(of: &str, verdict: &Verdict, metrics: &[&str], paper: &Paper) -> Vec<Self> {
         let find = |name: &&str| verdict.metrics.iter().find(|metric| metric.name == *name);
         let is_decided = matches!(verdict.outcome, Outcome::Pass | Outcome::Fail);
         let number = |metric: &Metric| {
@@ -125,7 +125,7 @@ mod tests {
         ];
         let names = ["settling_time_seconds", "overshoot_percent", "sine_gain"];
         let paper = [("overshoot_percent", "0.6 %")];
-        let numbers = |verdict: &Verdict| Quantity::of_verdict("pid", verdict, &names, &paper);
+        let numbers = |verdict: &Verdict| Quantity::from_verdict("pid", verdict, &names, &paper);
         let found = numbers(&verdict);
         assert_eq!(found.len(), 2);
         assert_eq!((found[0].is_compared(), found[0].holds()), (false, true));

@@ -72,7 +72,7 @@ fn step_cold() -> Experiment {
     Experiment {
         id: "step_cold",
         title: "Step of 25 mm from cold",
-        text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position tells \
+        text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position shows \
                nothing of the wire. The best that a search with full knowledge of the plant found is 0.39 s.",
         runs: PlannedRun::for_laws(
             &bases::step_cold(),
@@ -200,7 +200,7 @@ struct Response {
 }
 
 impl Response {
-    fn of(law: ComparedLaw, runs: &[Kept]) -> Self {
+    fn new(law: ComparedLaw, runs: &[Kept]) -> Self {
         let own = || runs.iter().filter(|run| run.label == law.name());
         let values =
             |name: &'static str| own().map(move |run| run.metric(name).unwrap_or(f64::NAN));
@@ -256,7 +256,7 @@ impl Response {
 }
 
 fn responses(runs: &[Kept]) -> Evaluation {
-    let responses = ComparedLaw::ALL.map(|law| Response::of(law, runs));
+    let responses = ComparedLaw::ALL.map(|law| Response::new(law, runs));
     let figure = |title, unit, values: fn(&Response) -> &[f64]| {
         let mut figure = Figure::new(title, unit, "frequency (Hz)");
         for response in responses.iter().rev() {
@@ -328,7 +328,7 @@ fn fan() -> Experiment {
                 &DISTURBANCE_METRICS,
                 &[("maximum_deviation_millimetres", "plot")],
             );
-            numbers.extend(Quantity::of_verdict(
+            numbers.extend(Quantity::from_verdict(
                 &open.label,
                 &open.verdict,
                 &DISTURBANCE_METRICS[..1],
@@ -426,7 +426,7 @@ fn numbers(runs: &[Kept], metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
         } else {
             &[]
         };
-        Quantity::of_verdict(&run.label, &run.verdict, metrics, paper)
+        Quantity::from_verdict(&run.label, &run.verdict, metrics, paper)
     };
     runs.iter().flat_map(of_run).collect()
 }

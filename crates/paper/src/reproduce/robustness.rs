@@ -73,10 +73,10 @@ fn distributions(runs: &[Kept]) -> Evaluation {
     for law in LAWS {
         let own: Vec<&Kept> = runs.iter().filter(|run| run.label == law.name()).collect();
         let sorted = |name: &str| {
-            let values = own
+            let mut values: Vec<f64> = own
                 .iter()
-                .map(|run| run.metric(name).unwrap_or(f64::INFINITY));
-            let mut values: Vec<f64> = values.collect();
+                .map(|run| run.metric(name).unwrap_or(f64::INFINITY))
+                .collect();
             values.sort_by(f64::total_cmp);
             values
         };
@@ -161,7 +161,7 @@ fn other_truth() -> Experiment {
             let coloured: Vec<_> = runs.iter().zip(colours).collect();
             let numbers = runs
                 .iter()
-                .flat_map(|run| Quantity::of_verdict(&run.label, &run.verdict, &metrics, &[]));
+                .flat_map(|run| Quantity::from_verdict(&run.label, &run.verdict, &metrics, &[]));
             Evaluation {
                 numbers: numbers.collect(),
                 figures: vec![

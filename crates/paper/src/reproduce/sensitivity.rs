@@ -59,7 +59,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
         Experiment {
             id: "cycle_time",
             title: "Sensitivity to the cycle time",
-            text: "The step of Fig. 11 and the sine of Fig. 12 (b) with other times between two SYNCs. The laws are told the cycle and nothing \
+            text: "The step of Fig. 11 and the sine of Fig. 12 (b) with other times between two SYNCs. The laws know the cycle and nothing \
                    else. At 0.5 ms the frames fill the bus of 1 Mbit/s nearly, and those cycles in which the controller explains itself are missed.",
             runs: on_rigs(
                 CYCLES_MILLISECONDS.into_iter().take(count),
@@ -70,7 +70,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
         Experiment {
             id: "resolution",
             title: "Sensitivity to the resolution of the position sensor",
-            text: "The same with other converters. The observer is told the resolution, which is in a data sheet.",
+            text: "The same with other converters. The observer knows the resolution, which is in a data sheet.",
             runs: on_rigs(RESOLUTIONS_BITS.into_iter().take(count), |base, bits| {
                 (format!("{bits} bit"), with_resolution(base, bits))
             }),
@@ -80,7 +80,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
             id: "noise",
             title: "Sensitivity to noise of the position sensor",
             text: "The same with normal noise before the 10-bit conversion, its standard deviation in steps of the converter (59 µm). The laws \
-                   are not told.",
+                   do not know of it.",
             runs: on_rigs(NOISES_STEPS.into_iter().take(count), |base, steps| {
                 (format!("{steps} steps"), with_noise(base, steps))
             }),

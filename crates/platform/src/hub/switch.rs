@@ -33,7 +33,7 @@ struct Client {
     /// `None` until the first packet.
     filters: Option<Vec<Filter>>,
     dropped: u64,
-    dropped_told: u64,
+    dropped_reported: u64,
 }
 
 pub(super) struct Switch {
@@ -88,14 +88,14 @@ impl Switch {
             for event in ready {
                 match event.data.u64() {
                     STOP => return,
-                    LISTENER => self.take_client(),
+                    LISTENER => self.accept_client(),
                     index => self.serve(usize::try_from(index).unwrap_or(CLIENTS_MAX)),
                 }
             }
         }
     }
 
-    fn take_client(&mut self) {
+    fn accept_client(&mut self) {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         let socket = match accept_with(&self.listener, flags) {
             Ok(socket) => socket,
@@ -116,14 +116,14 @@ impl Switch {
                     socket,
                     filters: None,
                     dropped: 0,
-                    dropped_told: 0,
+                    dropped_reported: 0,
                 });
             }
             _ => count(&self.counters.refused),
         }
     }
 
-    /// Takes one packet from a client.
+    /// Receives one packet from a client.
     fn serve(&mut self, index: usize) {
         let Some(client) = self.clients.get_mut(index).and_then(Option::as_mut) else {
             return;
@@ -173,11 +173,11 @@ impl Client {
 
     /// Gives the client a frame, and before it the news of lost ones; false when its socket is full or gone.
     fn deliver(&mut self, bytes: &[u8; FRAME_BYTES]) -> bool {
-        if self.dropped != self.dropped_told {
+        if self.dropped != self.dropped_reported {
             if !self.send(&encode_notice(self.dropped)) {
                 return false;
             }
-            self.dropped_told = self.dropped;
+            self.dropped_reported = self.dropped;
         }
         self.send(bytes)
     }
@@ -192,7 +192,7 @@ impl Client {
     }
 }
 
-/// Takes one packet; a longer one than fits shows by its length.
+/// Receives one packet; a longer one than fits shows by its length.
 fn receive(client: &Client, packet: &mut [u8]) -> Packet {
     let flags = RecvFlags::DONTWAIT | RecvFlags::TRUNC;
     match rustix::net::recv(&client.socket, packet, flags) {

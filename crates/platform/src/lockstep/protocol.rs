@@ -302,7 +302,7 @@ fn shortened(text: &str) -> &str {
     &text[..end]
 }
 
-/// Takes fields off the front of a message.
+/// Reads fields from the front of a message.
 struct Reader<'a> {
     rest: &'a [u8],
     length: usize,
@@ -316,7 +316,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], ProtocolError> {
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], ProtocolError> {
         let (head, rest) = self
             .rest
             .split_first_chunk::<N>()
@@ -328,19 +328,19 @@ impl<'a> Reader<'a> {
     }
 
     fn u8(&mut self) -> Result<u8, ProtocolError> {
-        self.take().map(u8::from_le_bytes)
+        self.bytes().map(u8::from_le_bytes)
     }
 
     fn u16(&mut self) -> Result<u16, ProtocolError> {
-        self.take().map(u16::from_le_bytes)
+        self.bytes().map(u16::from_le_bytes)
     }
 
     fn u32(&mut self) -> Result<u32, ProtocolError> {
-        self.take().map(u32::from_le_bytes)
+        self.bytes().map(u32::from_le_bytes)
     }
 
     fn u64(&mut self) -> Result<u64, ProtocolError> {
-        self.take().map(u64::from_le_bytes)
+        self.bytes().map(u64::from_le_bytes)
     }
 
     fn deadline(&mut self) -> Result<Option<Duration>, ProtocolError> {
@@ -368,7 +368,7 @@ impl<'a> Reader<'a> {
             let id = self.u32()?;
             let length = self.u8()?;
             let frame =
-                CanFrame::from_raw(id, length, self.take()?).ok_or(ProtocolError::BadValue {
+                CanFrame::from_raw(id, length, self.bytes()?).ok_or(ProtocolError::BadValue {
                     field: "frame length",
                     value: length,
                 })?;

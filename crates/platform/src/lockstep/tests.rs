@@ -148,10 +148,10 @@ fn a_failed_node_says_why_on_both_sides() {
     let answer = step(&mut remote, MS, &[(MS, CanFrame::new(0x1FF, &[]))]).unwrap();
     assert_eq!(
         answer.progress,
-        Progress::Failed("the echo was told to fail".into())
+        Progress::Failed("the echo was ordered to fail".into())
     );
     let error = echo.join().unwrap().unwrap_err();
-    assert_eq!(error.to_string(), "the echo was told to fail");
+    assert_eq!(error.to_string(), "the echo was ordered to fail");
 }
 
 #[test]

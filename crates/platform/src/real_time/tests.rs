@@ -198,7 +198,7 @@ fn a_node_that_fails_ends_the_loop_with_its_words() {
     let mut bench = bench(Echo::new(MS));
     bench.other.send(&CanFrame::new(0x1FF, &[])).unwrap();
     let error = bench.echo.join().unwrap().1.unwrap_err();
-    assert_eq!(error.to_string(), "the echo was told to fail");
+    assert_eq!(error.to_string(), "the echo was ordered to fail");
 }
 
 #[test]

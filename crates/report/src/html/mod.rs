@@ -25,7 +25,7 @@ const EVENTS_MAX: usize = 300;
 /// The database lacks a signal that the bench needs.
 pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
     let (scenario, database) = (&run.setup.scenario, &*run.setup.database);
-    let timing = BusTiming::of(
+    let timing = BusTiming::new(
         run.frames,
         scenario.duration_seconds,
         scenario.bus.bitrate_kilobits_per_second,

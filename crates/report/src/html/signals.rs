@@ -47,7 +47,7 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
             ("current_amperes", "measured", Colour::Measured),
         ],
     ));
-    let has_wire = signals::of_the_plant(database).any(|signal| signal.name == WIRE_TEMPERATURE);
+    let has_wire = signals::plant_signals(database).any(|signal| signal.name == WIRE_TEMPERATURE);
     if has_wire {
         in_time.extend(of_the_wire(timeline));
     } else {
@@ -112,7 +112,7 @@ fn of_own_terms<'a>(
     timeline: &'a Timeline,
     database: &'a Database,
 ) -> impl Iterator<Item = Plot<'a>> {
-    signals::of_the_own_law(database).map(|term| {
+    signals::own_law_signals(database).map(|term| {
         let title = term.comment.trim_end_matches('.');
         let drawn = [(term.name.as_str(), "law", Colour::Estimated)];
         let mut plot = of_signals(timeline, title, shown_unit(&term.unit), &drawn);
@@ -157,7 +157,7 @@ fn of_another_plant<'a>(
     timeline: &'a Timeline,
     database: &'a Database,
 ) -> impl Iterator<Item = Plot<'a>> {
-    signals::of_the_plant(database).map(|signal| {
+    signals::plant_signals(database).map(|signal| {
         let name = signal.name.as_str();
         let unit = shown_unit(&signal.unit);
         of_signals(

@@ -150,8 +150,7 @@ impl Layout<'_> {
     /// Time, level and text; the path would be the same in each row.
     fn event_log(&mut self, group: &str, share: f32) -> Result<Place> {
         let place = self.view("TextLog", "Events", group, share)?;
-        let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body];
-        let columns = columns.map(|kind| {
+        let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body].map(|kind| {
             TextLogColumn(datatypes::TextLogColumn {
                 visible: Bool(true),
                 kind,

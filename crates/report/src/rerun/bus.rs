@@ -12,7 +12,7 @@ use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
 use rig::setup::Setup;
 
-/// Stretch of time for which a load is told.
+/// Stretch of time over which a load is a mean.
 const LOAD_STRETCH_SECONDS: f64 = 0.1;
 /// The signals in the group [`groups::TIMING`], with their names in the legend and their colours.
 const TIMING: [(&str, &str, [u8; 3]); 3] = [
@@ -75,24 +75,24 @@ impl BusReader {
         })
     }
 
-    /// Takes every frame of the bus in order.
-    pub(crate) fn take(&mut self, stamped: &Stamped) {
+    /// Reads every frame of the bus, in order.
+    pub(crate) fn observe(&mut self, stamped: &Stamped) {
         let time = self.cycle.on_frame(stamped).filter(|time| *time < self.end);
         let Some(time) = time else {
             return;
         };
-        self.take_load(time, stamped.occupied_bits);
+        self.add_load(time, stamped.occupied_bits);
         let micros = |time: Duration| time.as_secs_f64() * 1e6;
         match self.cycle.stage(stamped, time) {
             Some(CycleStage::Sync { time }) => self.begin_cycle(time),
-            Some(CycleStage::Position { after_sync }) => self.tell(1, micros(after_sync)),
-            Some(CycleStage::Command { after_sync, .. }) => self.tell(2, micros(after_sync)),
+            Some(CycleStage::Position { after_sync }) => self.set(1, micros(after_sync)),
+            Some(CycleStage::Command { after_sync, .. }) => self.set(2, micros(after_sync)),
             None => {}
         }
     }
 
-    /// Tells one of [`TIMING`] of this cycle, whose beginning may have been logged.
-    fn tell(&mut self, place: usize, microseconds: f64) {
+    /// Sets one of [`TIMING`] of this cycle, whose beginning may have been logged.
+    fn set(&mut self, place: usize, microseconds: f64) {
         if self.cycles.is_empty() {
             self.push_cycle();
         }
@@ -115,11 +115,11 @@ impl BusReader {
         self.now = times::moment_at(due_seconds, period_seconds);
         let lateness = 1e6 * (time.as_secs_f64() - due_seconds);
         self.push_cycle();
-        self.tell(0, lateness.round());
+        self.set(0, lateness.round());
     }
 
     /// Counts bits; a stretch that is over becomes a row at its end.
-    fn take_load(&mut self, time: Duration, bits: u32) {
+    fn add_load(&mut self, time: Duration, bits: u32) {
         while time >= self.stretch_end {
             let end_seconds = self.stretch * LOAD_STRETCH_SECONDS;
             let end = times::moment_at(end_seconds, self.period.as_secs_f64());

@@ -53,7 +53,7 @@ pub(super) struct Drawing {
 
 impl Drawing {
     /// The actuator's drawing; other plants have none.
-    fn of(scenario: &Scenario) -> Option<Self> {
+    fn new(scenario: &Scenario) -> Option<Self> {
         let mechanics = &scenario.plant.mechanics;
         (scenario.plant.name() == SMA_ACTUATOR).then_some(Self {
             wire: 1e3 * mechanics.wire_length_metres,
@@ -68,7 +68,7 @@ impl Drawing {
         output: &mut dyn Output,
         scenario: &Scenario,
     ) -> Result<Option<Self>, RerunError> {
-        let Some(rig) = Self::of(scenario) else {
+        let Some(rig) = Self::new(scenario) else {
             return Ok(None);
         };
         let anchor = vec![place(0.0, -9.0), place(0.0, 9.0)];
@@ -131,7 +131,7 @@ impl Drawing {
         send("rig/wire", wire.columns_of_unit_batches()?.collect())?;
         let temperature = Points2D::update_fields()
             .with_colors(poses.iter().map(|pose| colour(pose.celsius)))
-            .with_labels(poses.iter().map(|pose| told(pose.celsius, 0, "°C")));
+            .with_labels(poses.iter().map(|pose| with_unit(pose.celsius, 0, "°C")));
         send(
             "rig/temperature",
             temperature.columns_of_unit_batches()?.collect(),
@@ -152,7 +152,7 @@ impl Drawing {
                 let [right, down] = self.load(pose.position);
                 place(right, down)
             }))
-            .with_labels(poses.iter().map(|pose| told(pose.position, 1, "mm")));
+            .with_labels(poses.iter().map(|pose| with_unit(pose.position, 1, "mm")));
         send("rig/load", load.columns_of_unit_batches()?.collect())
     }
 
@@ -236,7 +236,7 @@ impl Drawing {
 
 /// What the view must show: from the least to the largest coordinate, across and down.
 pub(super) fn bounds(scenario: &Scenario) -> Option<[[f64; 2]; 2]> {
-    let rig = Drawing::of(scenario)?;
+    let rig = Drawing::new(scenario)?;
     let [right, down] = rig.load(0.0);
     let top = rig.inner - rig.outer;
     Some([
@@ -260,7 +260,7 @@ fn place(right: f64, down: f64) -> [f32; 2] {
 }
 
 /// A number with its unit; nothing where there is none.
-fn told(value: f64, decimals: usize, unit: &str) -> String {
+fn with_unit(value: f64, decimals: usize, unit: &str) -> String {
     if value.is_nan() {
         String::new()
     } else {

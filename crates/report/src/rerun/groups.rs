@@ -36,7 +36,7 @@ pub(super) const SPRING_FORCE: &str = "spring_force";
 /// The loop of fraction over temperature.
 pub(super) const HYSTERESIS: &str = "hysteresis";
 
-// Colours that people with any colour vision tell apart (Okabe and Ito), light enough for a dark viewer.
+// Colours that people with any colour vision distinguish (Okabe and Ito), light enough for a dark viewer.
 pub(super) const ORANGE: [u8; 3] = [230, 159, 0];
 pub(super) const SKY: [u8; 3] = [86, 180, 233];
 pub(super) const GREEN: [u8; 3] = [0, 158, 115];
@@ -129,10 +129,12 @@ pub(super) fn own_views(setup: &Setup) -> Vec<OwnView<'_>> {
     let Scenario {
         plant, controller, ..
     } = &setup.scenario;
-    let signals = signals::of_the_plant(&setup.database).filter(|_| plant.own.is_some());
-    let signals = signals.map(|it| (it.name.as_str(), &it.unit, &it.comment, "true", GREEN));
-    let terms = signals::of_the_own_law(&setup.database).filter(|_| controller.own.is_some());
-    let terms = terms.map(|it| (it.name.as_str(), &it.unit, &it.comment, "law", PINK));
+    let signals = signals::plant_signals(&setup.database)
+        .filter(|_| plant.own.is_some())
+        .map(|it| (it.name.as_str(), &it.unit, &it.comment, "true", GREEN));
+    let terms = signals::own_law_signals(&setup.database)
+        .filter(|_| controller.own.is_some())
+        .map(|it| (it.name.as_str(), &it.unit, &it.comment, "law", PINK));
     let shipped = Database::shipped();
     // What is called like a shipped signal is drawn with it.
     let own = signals
@@ -179,7 +181,7 @@ pub(super) fn expected(setup: &Setup) -> BTreeSet<&str> {
     let scenario = &setup.scenario;
     let mut groups = BTreeSet::from(["error"]);
     let own = own_views(setup);
-    let signals = signals::of_the_plant(&setup.database);
+    let signals = signals::plant_signals(&setup.database);
     groups.extend(signals.map(|signal| style(&signal.name, || true, &own).group));
     groups.extend(own.iter().map(|view| view.style.group));
     if scenario.plant.name() == SMA_ACTUATOR {

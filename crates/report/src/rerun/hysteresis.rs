@@ -73,9 +73,11 @@ impl Hysteresis {
         let Some((temperature, fraction)) = signals(timeline) else {
             return Ok(());
         };
-        let rows = temperature.iter().zip(fraction).enumerate();
-        let rows =
-            rows.filter(|(_, (celsius, fraction))| celsius.is_finite() && fraction.is_finite());
+        let rows = temperature
+            .iter()
+            .zip(fraction)
+            .enumerate()
+            .filter(|(_, (celsius, fraction))| celsius.is_finite() && fraction.is_finite());
         let is_new_frame = self.widen(rows.clone().map(|(_, values)| values));
         let Some(frame) = &self.frame else {
             return Ok(());
@@ -113,11 +115,11 @@ impl Hysteresis {
         Ok(())
     }
 
-    /// Takes the values into the axes; `true` when the frame is another now.
+    /// Widens the axes to the values; `true` when the frame is another now.
     fn widen<'a>(&mut self, values: impl Iterator<Item = (&'a f64, &'a f64)>) -> bool {
         for (celsius, fraction) in values {
-            self.celsius.take(*celsius);
-            self.fraction.take(*fraction);
+            self.celsius.include(*celsius);
+            self.fraction.include(*fraction);
         }
         let celsius = Axis::new(&self.celsius, &GRID_CELSIUS);
         let fraction = Axis::new(&self.fraction, &GRID_FRACTION);
@@ -206,7 +208,7 @@ impl Default for Span {
 }
 
 impl Span {
-    fn take(&mut self, value: f64) {
+    fn include(&mut self, value: f64) {
         self.low = self.low.min(value);
         self.high = self.high.max(value);
     }
@@ -309,7 +311,7 @@ mod tests {
     fn an_axis_has_few_lines_around_all_values() {
         let axis = |values: &[f64]| {
             let mut span = Span::default();
-            values.iter().for_each(|value| span.take(*value));
+            values.iter().for_each(|value| span.include(*value));
             let axis = Axis::new(&span, &GRID_CELSIUS)?;
             Some((axis.low, axis.step, axis.steps))
         };

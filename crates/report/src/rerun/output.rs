@@ -11,10 +11,10 @@ use super::{APPLICATION, RerunError};
 
 /// A file, or a viewer.
 pub(crate) trait Output {
-    /// Takes rows of one entity of the recording.
+    /// Writes rows of one entity of the recording.
     fn send(&mut self, chunk: Chunk) -> Result<(), RerunError>;
 
-    /// Takes a message that is not of the recording itself.
+    /// Writes a message that is not of the recording itself.
     fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError>;
 }
 
@@ -68,8 +68,10 @@ pub(super) fn send_rows(
     times: [TimeColumn; 2],
     columns: impl IntoIterator<Item = SerializedComponentColumn>,
 ) -> Result<(), RerunError> {
-    let times = times.map(|times| (*times.timeline().name(), times));
-    let times = times.into_iter().collect();
+    let times = times
+        .map(|times| (*times.timeline().name(), times))
+        .into_iter()
+        .collect();
     let columns = columns.into_iter().collect();
     let chunk = Chunk::from_auto_row_ids(ChunkId::new(), path.into(), times, columns)?;
     output.send(chunk)

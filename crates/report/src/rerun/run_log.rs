@@ -170,7 +170,7 @@ impl<'a> Recording<'a> {
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in own.into_iter().chain(columns) {
             let style = self.style(name, values);
-            let rows = Rows::of(values, style.group, self.known);
+            let rows = Rows::new(values, style.group, self.known);
             let numbers = rows.numbers();
             if numbers.is_empty() {
                 continue;
@@ -319,7 +319,7 @@ pub(super) enum Rows {
 }
 
 impl Rows {
-    pub(super) fn of(values: &[f64], group: &str, known: Known) -> Self {
+    pub(super) fn new(values: &[f64], group: &str, known: Known) -> Self {
         let changes_max = match known {
             _ if group == groups::OTHER => usize::MAX,
             Known::Whole => values.len().div_ceil(CHANGES_SELDOM),

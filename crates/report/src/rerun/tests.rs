@@ -113,8 +113,11 @@ fn scalars(path: &Path) -> BTreeMap<String, Vec<Row>> {
                 .unwrap();
             times.times_raw().to_vec()
         };
-        let rows = times(RUN_TIME).into_iter().zip(times(CYCLE)).zip(values);
-        let rows = rows.map(|((time, cycle), value)| (time, cycle, value));
+        let rows = times(RUN_TIME)
+            .into_iter()
+            .zip(times(CYCLE))
+            .zip(values)
+            .map(|((time, cycle), value)| (time, cycle, value));
         series
             .entry(chunk.entity_path().to_string())
             .or_default()
@@ -197,7 +200,7 @@ fn a_signal_that_seldom_changes_or_is_not_drawn_has_rows_where_it_changes_and_th
  {
     let nan = f64::NAN;
     let values = [nan, 1.0, 1.0, nan, 1.0, 2.0, 2.0, 2.0];
-    let drawn = |values: &[f64]| Rows::of(values, "position", Known::Whole);
+    let drawn = |values: &[f64]| Rows::new(values, "position", Known::Whole);
     assert_eq!(drawn(&values), Rows::All(vec![1, 2, 4, 5, 6, 7]));
     assert_eq!(
         drawn(&[values, [2.0; 8]].concat()),
@@ -205,9 +208,9 @@ fn a_signal_that_seldom_changes_or_is_not_drawn_has_rows_where_it_changes_and_th
     );
     assert_eq!(drawn(&[nan; 9]), Rows::Changes(Vec::new()));
     // Of a run that goes on it is not known what it will do.
-    let so_far = Rows::of(&[1.0; 9], "position", Known::SoFar);
+    let so_far = Rows::new(&[1.0; 9], "position", Known::SoFar);
     assert_eq!(so_far, Rows::All((0..9).collect()));
-    let other = |values: &[f64]| Rows::of(values, groups::OTHER, Known::SoFar);
+    let other = |values: &[f64]| Rows::new(values, groups::OTHER, Known::SoFar);
     assert_eq!(other(&values), Rows::Changes(vec![1, 5, 7]));
     assert_eq!(other(&[nan, nan]), Rows::Changes(Vec::new()));
     assert_eq!(other(&[3.0]), Rows::Changes(vec![0]));
@@ -220,8 +223,10 @@ fn the_viewer_draws_every_row_of_a_signal_that_has_few() {
     let policy = SeriesLines::descriptor_aggregation_policy().component;
     let chunks = chunks(&path);
     let is_drawn_whole = |path: &str| {
-        let styles = chunks.iter().filter(|chunk| chunk.is_static());
-        let mut styles = styles.filter(|chunk| chunk.entity_path().to_string() == path);
+        let mut styles = chunks
+            .iter()
+            .filter(|chunk| chunk.is_static())
+            .filter(|chunk| chunk.entity_path().to_string() == path);
         styles.any(|style| style.components().contains_component(policy))
     };
     // The drive was silent in the cycle of a change.

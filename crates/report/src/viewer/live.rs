@@ -107,7 +107,7 @@ fn follow(
         let new = frames.slots().min(PIECE_FRAMES_MAX);
         for stamped in frames.read_chunk(new).into_iter().flatten() {
             reader.take(&stamped);
-            bus.take(&stamped);
+            bus.observe(&stamped);
         }
         let piece = if is_last {
             reader.take_rest(&setup.scenario)?

@@ -62,8 +62,10 @@ impl Viewers {
     #[must_use]
     #[cfg(feature = "rerun")]
     pub fn show(&self, setup: &Setup, when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
-        let started = self.addresses.iter();
-        let started = started.map(|address| Show::start(address, setup, when_full));
+        let started = self
+            .addresses
+            .iter()
+            .map(|address| Show::start(address, setup, when_full));
         let (queues, shows) = started.unzip();
         (queues, Shows(shows))
     }

@@ -17,7 +17,7 @@ use worlds::catalogue::catalogue;
 #[derive(Args, Debug)]
 pub struct CheckArgs {
     /// Scenario or rig files, or folders of them
-    #[arg(required = true, value_name = "SCENARIO")]
+    #[arg(required = true, value_name = "FILE")]
     pub scenarios: Vec<PathBuf>,
 }
 

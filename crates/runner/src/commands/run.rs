@@ -51,7 +51,7 @@ pub struct RunArgs {
     /// Leave the heating ramp out of the pre-flight, so that the load does not move
     #[arg(long)]
     pub no_heating: bool,
-    /// Fail unless the kernel serves the bus, so that a CI job cannot go without it unnoticed
+    /// Fail unless the kernel provides the bus, so that a CI job cannot fall back to the embedded bus unnoticed
     #[arg(long)]
     pub require_vcan: bool,
 }

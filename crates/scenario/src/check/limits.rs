@@ -9,8 +9,10 @@ use crate::scenario::Scenario;
 pub(super) fn limits(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let mut problems = Vec::new();
     let timing = scenario.expect.timing.limits();
-    let limits = scenario.expect.limits();
-    let limits = limits.map(|(name, limit)| (name.to_owned(), limit));
+    let limits = scenario
+        .expect
+        .limits()
+        .map(|(name, limit)| (name.to_owned(), limit));
     for (name, limit) in limits.chain(timing.map(|(path, limit)| (format!("timing.{path}"), limit)))
     {
         let path = format!("expect.{name}");

@@ -4,8 +4,20 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::outside::Outside;
 use crate::own::Section;
-use crate::plant::{Heat, Mechanics, Phase};
+use crate::plant::{DC_MOTOR, Heat, Mechanics, Phase};
 use crate::scenario::Scenario;
+
+/// The tables of the SMA actuator, which no other plant has.
+const WIRE_TABLES: [&str; 3] = ["plant.heat", "plant.phase", "plant.mechanics"];
+
+/// Whether a key, as in `plant.heat.ambient_celsius`, is one of the SMA actuator's.
+pub(super) fn is_about_a_wire(key: &str) -> bool {
+    let mut tables = WIRE_TABLES.iter();
+    tables.any(|table| {
+        key.strip_prefix(table)
+            .is_some_and(|rest| rest.starts_with('.'))
+    })
+}
 
 /// What the schema cannot say about the plant.
 pub(super) fn check(
@@ -29,18 +41,21 @@ pub(super) fn check(
 /// are by default.
 fn without_wire(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let (plant, name) = (&scenario.plant, scenario.plant.name());
-    let tables = [
-        ("plant.heat", plant.heat != Heat::default()),
-        ("plant.phase", plant.phase != Phase::default()),
-        ("plant.mechanics", plant.mechanics != Mechanics::default()),
+    let is_given = [
+        plant.heat != Heat::default(),
+        plant.phase != Phase::default(),
+        plant.mechanics != Mechanics::default(),
     ];
-    let of_the_wire = tables.into_iter().filter(|(_, is_given)| *is_given);
-    let problems = of_the_wire.map(|(path, _)| {
+    let problem = |path: &str| {
         let message = format!("`{path}` is about a wire, and the plant is `{name}`");
         let help = format!("leave it out, or leave [plant.{name}] out for the SMA actuator");
         misplaced(document, path, message, help)
-    });
-    problems.collect()
+    };
+    let tables = WIRE_TABLES.into_iter().zip(is_given);
+    tables
+        .filter(|(_, is_given)| *is_given)
+        .map(|(path, _)| problem(path))
+        .collect()
 }
 
 fn second_plants(document: &Document<'_>, scenario: &Scenario, outside: &Outside) -> Vec<Problem> {
@@ -49,7 +64,7 @@ fn second_plants(document: &Document<'_>, scenario: &Scenario, outside: &Outside
     let others = document
         .keys("plant")
         .into_iter()
-        .filter(|key| *key != name && (*key == "dc_motor" || from_outside.contains(key)));
+        .filter(|key| *key != name && (*key == DC_MOTOR || from_outside.contains(key)));
     let problems = others.map(|other| {
         let message = format!("`{other}` is a second plant beside `{name}`");
         let help = "leave one of them out".to_owned();

@@ -38,8 +38,12 @@ fn undemanded(
     scenario: &Scenario,
 ) -> Option<Problem> {
     let timing = scenario.expect.timing.rows();
-    let given = scenario.expect.keys().map(str::to_owned);
-    let given: Vec<String> = given.chain(timing).collect();
+    let given: Vec<String> = scenario
+        .expect
+        .keys()
+        .map(str::to_owned)
+        .chain(timing)
+        .collect();
     if given.iter().any(|given| given == key) {
         return None;
     }

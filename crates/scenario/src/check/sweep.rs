@@ -11,21 +11,29 @@ use serde_json::Value;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::nearest;
+use crate::plant::SMA_ACTUATOR;
 use crate::structure::{broken_limit, resolve};
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
 use crate::{schema, sweep};
 
-/// Tables that are not swept: the format's own, and checks, whose names in the verdict tell their windows and limits.
+use super::plant::is_about_a_wire;
+
+/// Tables that are not swept: the format's own, and checks, whose names in the verdict hold their windows and limits.
 const NOT_SWEPT: [&str; 4] = ["schema", "sweep", "expect.signal", "expect.sequence"];
 
-/// Everything that is wrong with the sweep of a scenario. Notes in it which keys take whole numbers.
-pub(crate) fn check(document: &Document<'_>, sweep: Option<&mut Sweep>) -> Vec<Problem> {
+/// Everything that is wrong with the sweep of a scenario with this plant. Notes in it which keys are whole numbers.
+pub(crate) fn check(
+    document: &Document<'_>,
+    plant: &str,
+    sweep: Option<&mut Sweep>,
+) -> Vec<Problem> {
     let Some(sweep) = sweep else {
         return Vec::new();
     };
     let mut checker = Checker {
         document,
-        keys: Keys::of(&schema::SCENARIO, document),
+        plant,
+        keys: Keys::new(&schema::SCENARIO, document, plant),
         has_few_runs: sweep.runs() <= RUNS_MAX,
         seen: BTreeSet::new(),
         problems: Vec::new(),
@@ -57,9 +65,12 @@ pub(crate) fn check(document: &Document<'_>, sweep: Option<&mut Sweep>) -> Vec<P
 struct Keys<'a>(BTreeMap<String, &'a Value>);
 
 impl<'a> Keys<'a> {
-    fn of(schema: &'a Value, document: &Document<'_>) -> Self {
+    fn new(schema: &'a Value, document: &Document<'_>, plant: &str) -> Self {
         let mut keys = Self(BTreeMap::new());
         keys.collect(schema, schema, document, "", "");
+        if plant != SMA_ACTUATOR {
+            keys.0.retain(|key, _| !is_about_a_wire(key));
+        }
         keys
     }
 
@@ -119,6 +130,8 @@ fn is_integer(schema: &Value) -> bool {
 
 struct Checker<'a, 'text> {
     document: &'a Document<'text>,
+    /// The plant's name.
+    plant: &'a str,
     keys: Keys<'a>,
     /// False where the values of ranges are too many to be looked at.
     has_few_runs: bool,
@@ -241,10 +254,19 @@ impl<'a> Checker<'a, '_> {
                 None => "no number of this scenario".to_owned(),
             };
             let span = self.within(&format!("{path}.key"), key);
-            let message = format!("`{key}` is no number of this scenario");
+            let message = match is_about_a_wire(key) && self.plant != SMA_ACTUATOR {
+                true => format!("`{key}` is about a wire, and the plant is `{}`", self.plant),
+                false => format!("`{key}` is no number of this scenario"),
+            };
             let problem = self.document.source.problem(span, message, label);
-            let help = "keys are dotted paths, such as plant.mechanics.load_kilograms or reference.step[0].position_millimetres; \
-                        an entry, and a table that is a choice (the law), must be in the file";
+            let example = match self.plant {
+                SMA_ACTUATOR => "plant.mechanics.load_kilograms",
+                _ => "plant.sensor.resolution_bits",
+            };
+            let help = format!(
+                "keys are dotted paths, such as {example} or reference.step[0].position_millimetres; \
+                 an entry, and a table that is a choice (the law, the plant), must be in the file"
+            );
             self.problems.push(problem.with_help(help));
             return None;
         };

@@ -311,7 +311,7 @@ fn an_objection_is_underlined_beside_the_other_problems() {
     });
     std::fs::remove_dir_all(&folder).unwrap();
     let error = loaded.unwrap_err();
-    let told: Vec<_> = error
+    let found: Vec<_> = error
         .problems()
         .iter()
         .map(|problem| (problem.to_string(), problem.line_and_column().unwrap()))
@@ -321,7 +321,7 @@ fn an_objection_is_underlined_beside_the_other_problems() {
         ("what is current_amperes?".to_owned(), (6, 8)),
         ("the window is after the end of the run".to_owned(), (5, 1)),
     ];
-    assert!(expected.iter().all(|one| told.contains(one)), "{told:?}");
+    assert!(expected.iter().all(|one| found.contains(one)), "{found:?}");
 }
 
 #[test]
@@ -366,8 +366,12 @@ fn requirements_are_of_demands_that_are_made() {
     );
     let met = of_limit("current_amperes_rms", "[\"REQ-1\"]")
         + &signal("stays = { max = 1 }\nrequirements = [\"REQ-2\"]");
-    let rows = parse(&met).unwrap().expect.requirements_of_rows();
-    let rows: Vec<_> = rows.into_iter().collect();
+    let rows: Vec<_> = parse(&met)
+        .unwrap()
+        .expect
+        .requirements_of_rows()
+        .into_iter()
+        .collect();
     let expected = [
         ("current_amperes stays".to_owned(), vec!["REQ-2".to_owned()]),
         ("current_amperes_rms".to_owned(), vec!["REQ-1".to_owned()]),

@@ -13,7 +13,7 @@ pub enum Station {
     Controller,
     /// The drive, and the disturbance module on the same CAN controller.
     Drive,
-    /// The bench's own voice.
+    /// canrig's own node, which can stop the drive.
     Bench,
 }
 

@@ -91,7 +91,7 @@ fn every_kind_says_where_it_acts_or_its_group_does() {
 }
 
 #[test]
-fn what_makes_no_sense_is_told() {
+fn what_makes_no_sense_is_refused() {
     let cases = [
         (
             "[[fault.sensor.stuk]]\nfrom_seconds = 1.0\n",

@@ -19,11 +19,8 @@ impl RigFile {
     /// The file cannot be read, or everything that is wrong in it.
     pub fn load_with_text(path: &Path) -> Result<(Self, String), ScenarioError> {
         let name = path.display().to_string();
-        let text = read_text(path, SCENARIO_BYTES_MAX).map_err(|error| {
-            let message = format!("the file cannot be read: {error}");
-            let problem = Problem::of_file(&Source::new(&name, ""), message);
-            ScenarioError::new(KIND, &name, vec![problem])
-        })?;
+        let text = read_text(path, SCENARIO_BYTES_MAX)
+            .map_err(|error| ScenarioError::unreadable(KIND, &name, &error))?;
         Self::parse(&text, &name).map(|rig| (rig, text))
     }
 

@@ -13,6 +13,8 @@ pub use sma::{Heat, Mechanics, Phase, StressStrain};
 
 /// Name of the plant of a scenario without a table of another one: the actuator of the paper.
 pub const SMA_ACTUATOR: &str = "sma_actuator";
+/// Name of the DC motor, and of its table.
+pub(crate) const DC_MOTOR: &str = "dc_motor";
 
 /// The rig: a plant with its sensor and its amplifier. Without a plant's own table, such as `[plant.dc_motor]`, it is the SMA
 /// actuator.
@@ -44,7 +46,7 @@ impl Plant {
     pub fn name(&self) -> &str {
         match (&self.own, &self.dc_motor) {
             (Some(own), _) => own.name(),
-            (None, Some(_)) => "dc_motor",
+            (None, Some(_)) => DC_MOTOR,
             (None, None) => SMA_ACTUATOR,
         }
     }
@@ -101,7 +103,7 @@ impl Default for Sensor {
 pub struct Amplifier {
     /// Smallest current: 0, or below it for an amplifier that drives both ways (paper: 0).
     #[serde(skip_serializing_if = "is_zero")]
-    #[schemars(range(min = -1.0, max = 0.0))]
+    #[schemars(range(min = -1.0, max = 0.0), extend("default" = 0.0))]
     pub current_amperes_min: f64,
     /// Largest current (paper: 1).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]

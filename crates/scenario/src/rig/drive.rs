@@ -65,14 +65,14 @@ pub enum DriveError {
     },
 }
 
-/// What the drive's TPDO1 tells.
+/// What the drive's TPDO1 reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Feedback {
     /// 0x6041.
     pub statusword: u16,
     /// Height of the load above its stop.
     pub position_metres: f64,
-    /// Current through the wire; none where the drive does not tell it.
+    /// Current through the wire; none where the drive does not measure it.
     pub current_amperes: Option<f64>,
 }
 
@@ -311,8 +311,8 @@ impl DriveLayout {
     ) -> Result<Self, DriveError> {
         let node_id = NodeId::new(rig.node_id).ok_or(DriveError::NodeId(rig.node_id))?;
         let pdo = |parameters, mapping| {
-            let pdo = Pdo::read(&dictionary, parameters, mapping);
-            let pdo = pdo.ok_or(DriveError::Pdo(parameters))?;
+            let pdo =
+                Pdo::read(&dictionary, parameters, mapping).ok_or(DriveError::Pdo(parameters))?;
             pdo.check_identifier()?;
             Ok::<_, DriveError>(pdo)
         };
@@ -333,8 +333,8 @@ impl DriveLayout {
         let current = has_current
             .then(|| object(&rig.current.object))
             .transpose()?;
-        let told: Vec<Object> = [statusword, position].into_iter().chain(current).collect();
-        let feedback = pdo(0x1800, 0x1A00)?.with(&told)?;
+        let reported: Vec<Object> = [statusword, position].into_iter().chain(current).collect();
+        let feedback = pdo(0x1800, 0x1A00)?.with(&reported)?;
         let command = pdo(0x1400, 0x1600)?.with(&[controlword, target])?;
         let missing =
             |pdo: &Pdo, object: &Object| pdo.place(object).ok_or(DriveError::Pdo(pdo.parameters));
@@ -426,7 +426,7 @@ impl DriveLayout {
         self.position
     }
 
-    /// The measured current, in amperes, in TPDO1; none where the drive does not tell it.
+    /// The measured current, in amperes, in TPDO1; none where the drive does not measure it.
     #[must_use]
     pub fn current(&self) -> Option<Scaled> {
         self.current
@@ -567,8 +567,9 @@ mod tests {
                 &format!("DefaultValue={was}\n"),
                 &format!("DefaultValue={cob_id}\n"),
             );
-            let error = DriveLayout::emulated(objects(&text, 0x10)).unwrap_err();
-            let error = error.to_string();
+            let error = DriveLayout::emulated(objects(&text, 0x10))
+                .unwrap_err()
+                .to_string();
             assert!(error.contains(cob_id) && error.contains(place), "{error}");
         }
     }
@@ -585,8 +586,8 @@ mod tests {
         rig.command.units_per_ampere = 2000.0;
         rig.current.object = String::new();
         let drive = DriveLayout::new(objects(DRIVE_EDS, 0x20), &rig, 0.9).unwrap();
-        let told = drive.decode(&CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0, 0]));
-        let feedback = told.unwrap();
+        let frame = CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0, 0]);
+        let feedback = drive.decode(&frame).unwrap();
         assert!((feedback.position_metres - 0.006).abs() < 1e-12);
         assert_eq!(feedback.current_amperes, None);
         for (amperes, units) in [(0.5, 1000_i16), (0.95, 1800), (7.0, 1800)] {

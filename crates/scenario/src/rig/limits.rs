@@ -8,7 +8,7 @@ use super::drive::Feedback;
 
 /// Speeds are means over this time, or two cycles: a step of a converter is no speed.
 const SPEED_WINDOW: Duration = Duration::from_millis(20);
-/// A measured current may be so much beyond the limit, which a command never is. Assumed: no drive is told its accuracy here.
+/// A measured current may be so much beyond the limit, which a command never is. Assumed: the rig file does not have the drive's accuracy.
 const MEASURED_CURRENT_TOLERANCE: f64 = 0.05;
 const MILLIMETRES_PER_METRE: f64 = 1e3;
 /// Commands are whole units of an object; this absorbs their rounding.
@@ -96,7 +96,7 @@ impl LimitWatch {
         }
     }
 
-    /// Takes a sample of the drive; the limit that it violates.
+    /// Checks a sample of the drive; the limit that it violates.
     pub fn check(&mut self, now: Duration, feedback: &Feedback) -> Option<Violation> {
         let limit = self.limits.current_amperes;
         let current = feedback.current_amperes.unwrap_or(0.0);
@@ -116,7 +116,7 @@ impl LimitWatch {
         self.check_speed(now, millimetres)
     }
 
-    /// Takes a command to the drive; the limit that it violates.
+    /// Checks a command to the drive; the limit that it violates.
     #[must_use]
     pub fn check_command(&self, amperes: f64) -> Option<Violation> {
         let limit = self.limits.current_amperes;
@@ -167,9 +167,9 @@ mod tests {
 
     #[test]
     fn each_limit_is_watched_and_named() {
-        let told = |violation: Option<Violation>| violation.map(|violation| violation.to_string());
+        let words = |violation: Option<Violation>| violation.map(|violation| violation.to_string());
         let check = |millimetres, amperes| {
-            told(watch().check(Duration::ZERO, &sample(millimetres, amperes)))
+            words(watch().check(Duration::ZERO, &sample(millimetres, amperes)))
         };
         assert_eq!(
             check(44.9, 0.94),
@@ -186,10 +186,10 @@ mod tests {
         );
         assert!(check(45.1, 0.0).is_some() && check(f64::NAN, 0.0).is_some());
         assert_eq!(
-            told(watch().check_command(0.901)).unwrap(),
+            words(watch().check_command(0.901)).unwrap(),
             "limit of the rig: 0.901 A are commanded (limit 0.9 A)"
         );
-        assert_eq!(told(watch().check_command(0.9)), None);
+        assert_eq!(words(watch().check_command(0.9)), None);
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub struct RigFile {
     /// The fan and load module, where there is one.
     #[serde(default)]
     pub fan: RigFan,
-    /// What may never be, whatever a scenario says.
+    /// Hard limits, which hold whatever a scenario says.
     pub limits: Limits,
     /// How long nodes wait for each other.
     #[serde(default)]

@@ -51,12 +51,12 @@ fn an_error_underlines_its_place() {
 }
 
 #[test]
-fn all_that_makes_no_sense_is_told_at_once() {
+fn all_that_makes_no_sense_is_reported_at_once() {
     let text = with(
         "[drive]\neds = \"../other.eds\"\ncommand = { object = \"6071\" }\n\
          position = { units_per_millimetre = 0.0 }\n[timeouts]\ndrive_lost_milliseconds = 20\n",
-    );
-    let text = text.replace("min = -1.0", "min = 45.0");
+    )
+    .replace("min = -1.0", "min = 45.0");
     let expected = [
         "no position is within the limits",
         "the EDS must lie in the rig file's folder",

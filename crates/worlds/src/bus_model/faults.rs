@@ -38,7 +38,7 @@ impl<F: OfFrames + Clone> Hitting<F> {
             let group = "bus";
             Self {
                 fault,
-                stream: Stream::of_fault(seed, &Place { group, kind, index }),
+                stream: Stream::for_fault(seed, &Place { group, kind, index }),
                 burst_left: 0,
             }
         });

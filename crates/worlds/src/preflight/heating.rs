@@ -188,7 +188,7 @@ impl<'a> Heating<'a> {
         match (self.position(), self.phase.rest(), self.phase.motion()) {
             (Err(text), ..) => Found::Failed(text),
             (Ok(()), Some(rest), Some(_)) => Found::Passed(at_rest(rest)),
-            _ => Found::Missing("the drive told none for a second".to_owned()),
+            _ => Found::Missing("the drive sent no position for a second".to_owned()),
         }
     }
 
@@ -282,7 +282,7 @@ impl<'a> Heating<'a> {
                 after.as_secs_f64() * 1e3
             )),
             _ => Found::Failed(format!(
-                "no heartbeat told the state Stopped within {limit_milliseconds} ms: the drive does not obey NMT"
+                "no heartbeat reported the state Stopped within {limit_milliseconds} ms: the drive does not obey NMT"
             )),
         }
     }
@@ -420,7 +420,7 @@ mod tests {
 
         /// The checklist, and whether the bench would have ended the ramp.
         fn judged(&self) -> (String, bool) {
-            let rig = LoadedRig::of_text(RIG).unwrap();
+            let rig = LoadedRig::from_text(RIG).unwrap();
             let mut heating = Heating::new(&rig).unwrap();
             heating.follow(&self.frames);
             let checks = heating.checks(Ok(()));
@@ -481,7 +481,7 @@ mod tests {
         spike.cycle(0x0237, 3.0, 600);
         spike.cycle(0x0237, 0.0, 600);
         assert!(!spike.judged().1);
-        let rig = LoadedRig::of_text(RIG).unwrap();
+        let rig = LoadedRig::from_text(RIG).unwrap();
         let position = rig.drive.position();
         assert_eq!(extreme(&position, -2_147_483.648), Some(-2_147_483_648.0));
         assert_eq!(extreme(&position, 10.0), None);

@@ -89,7 +89,7 @@ fn bus_errors(name: &str, link: &Link) -> Check {
             "look at the cable, both terminating resistors and every node's bit rate".to_owned()
         }
         State::BusOff | State::Stopped => {
-            format!("mend the bus, then: ip link set {name} type can restart")
+            format!("repair the bus, then: ip link set {name} type can restart")
         }
     };
     let words = match state {

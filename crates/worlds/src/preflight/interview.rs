@@ -12,7 +12,7 @@ use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, ObjectDictionary, Prog
 use scenario::rig::ObjectAddress;
 
 use super::checklist::Check;
-use rig::data_sheet::of_the_rig;
+use rig::data_sheet::rig_data_sheets;
 use rig::presence::Presence;
 use rig::rig_file::LoadedRig;
 
@@ -378,7 +378,7 @@ impl Node for Interview {
                 self.phase = Phase::Listening { until };
             }
             Phase::Listening { until } if now >= until => {
-                self.manager = self.presence.manager(&of_the_rig());
+                self.manager = self.presence.manager(&rig_data_sheets());
                 if self.manager.is_some() {
                     self.phase = Phase::Done;
                     return;

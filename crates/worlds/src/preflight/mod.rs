@@ -207,7 +207,7 @@ fn emulated(scenario: &Scenario) -> Result<LoadedRig, WorldError> {
          position_millimetres = {{ min = -2.0, max = 59.5 }}\nspeed_millimetres_per_second = 500.0\n",
         bus.bitrate_kilobits_per_second, bus.sync_period_milliseconds
     );
-    LoadedRig::of_text(&text).map_err(|error| cannot_be_made(&error))
+    LoadedRig::from_text(&text).map_err(|error| cannot_be_made(&error))
 }
 
 /// The session in which the drive is led: at rest, then under a ramp from 0 A to the limit of the rig.

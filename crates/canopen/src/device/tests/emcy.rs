@@ -18,7 +18,7 @@ fn error_message(class: u32, controller: u8) -> CanFrame {
 fn message_is_little_endian_with_register_and_manufacturer_bytes() {
     let mut bench = Bench::new();
     assert_eq!(raise(&mut bench, 0x4210), ["090#1042090102030405"]);
-    assert!(raise(&mut bench, 0x4210).is_empty(), "told once");
+    assert!(raise(&mut bench, 0x4210).is_empty(), "sent once");
 }
 
 #[test]
@@ -34,7 +34,7 @@ fn encode_and_decode_agree() {
 }
 
 #[test]
-fn register_shows_what_is_active_and_no_error_tells_what_remains() {
+fn register_shows_what_is_active_and_no_error_what_remains() {
     let mut bench = Bench::new();
     raise(&mut bench, 0x4210);
     raise(&mut bench, 0x2310);
@@ -156,7 +156,7 @@ fn controller_overrun_is_8110_and_error_passive_8120() {
 }
 
 #[test]
-fn an_output_that_nobody_drains_is_bounded_and_told_as_8110() {
+fn an_output_that_nobody_drains_is_bounded_and_reported_as_8110() {
     let mut bench = Bench::operational();
     for _ in 0..300 {
         bench.device.on_frame(bench.now, &CanFrame::new(0x80, &[]));

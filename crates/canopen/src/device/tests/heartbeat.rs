@@ -56,7 +56,7 @@ fn the_boot_up_message_is_the_first_heartbeat() {
 }
 
 #[test]
-fn a_change_of_state_is_told_at_once() {
+fn a_change_of_state_is_sent_at_once() {
     let mut bench = Bench::new();
     bench.write(0x1017, 0, &[100, 0]).unwrap();
     assert_eq!(bench.send(0, &[1, ID]), ["710#05"]);

@@ -348,7 +348,7 @@ fn pdos_work_in_operational_only_and_what_waited_is_dropped() {
 fn short_pdo_is_ignored_with_emcy_8210_until_a_good_one_comes() {
     let mut bench = Bench::operational();
     assert_eq!(bench.send(0x210, &[1, 0, 1]), ["090#1082110100000000"]);
-    assert!(bench.send(0x210, &[1]).is_empty(), "told once");
+    assert!(bench.send(0x210, &[1]).is_empty(), "sent once");
     assert_eq!(bench.send(0x80, &[1]), ["190#000000000000"]);
     assert_eq!(bench.send(0x210, &[1, 0, 1, 0]), ["090#0000001082010000"]);
 }
@@ -365,7 +365,7 @@ fn long_pdo_is_used_with_emcy_8220() {
 }
 
 #[test]
-fn rpdo_deadline_raises_emcy_8250_once_and_tells_the_application() {
+fn rpdo_deadline_raises_emcy_8250_once_and_informs_the_application() {
     let mut bench = Bench::operational();
     bench.write(0x1400, 5, &[5, 0]).unwrap();
     assert!(

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn aborts_tell_missing_object_missing_sub_index_read_only_write_only() {
+fn aborts_name_missing_object_missing_sub_index_read_only_write_only() {
     let mut bench = Bench::new();
     assert_eq!(bench.read(0x5FFF, 0), Err(AbortCode(0x0602_0000)));
     assert_eq!(bench.read(0x1016, 9), Err(AbortCode(0x0609_0011)));
@@ -12,7 +12,7 @@ fn aborts_tell_missing_object_missing_sub_index_read_only_write_only() {
 }
 
 #[test]
-fn aborts_tell_too_long_too_short_above_and_below_limit() {
+fn aborts_name_too_long_too_short_above_and_below_limit() {
     let mut dictionary = dictionary();
     let (index, rights) = (0x2400, Rights::ReadWrite);
     let mut entry = Entry::new(index, 0, "limited", DataType::Integer16, rights, vec![0, 0]);

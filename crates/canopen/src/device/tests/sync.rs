@@ -104,7 +104,7 @@ fn another_cob_id_is_obeyed() {
 }
 
 #[test]
-fn time_out_comes_after_one_and_a_half_periods_and_is_told_once() {
+fn time_out_comes_after_one_and_a_half_periods_and_is_reported_once() {
     let mut bench = Bench::operational();
     set_period(&mut bench, 1000);
     assert!(

@@ -45,7 +45,7 @@ fn milliseconds(text: &str) -> Result<f64, String> {
     if (0.0..=10_000.0).contains(&value) {
         Ok(value)
     } else {
-        Err("0 to 10000 ms are possible".to_owned())
+        Err("the time must be from 0 to 10000 ms".to_owned())
     }
 }
 

@@ -146,6 +146,7 @@ fn summary(requirements: &[Requirement]) -> String {
         .collect();
     match requirements.len() {
         0 => "no requirement is named".to_owned(),
+        1 => format!("1 requirement: {}", counts.join(", ")),
         total => format!("{total} requirements: {}", counts.join(", ")),
     }
 }

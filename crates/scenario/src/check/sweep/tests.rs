@@ -46,6 +46,22 @@ fn the_keys_of_a_sweep_are_numbers_of_the_scenario() {
     }
 }
 
+#[test]
+fn a_key_of_another_plant_is_refused_with_the_nearest_of_this_one() {
+    let swept = |key: &str| {
+        format!("[plant.dc_motor]\n[sweep]\n[[sweep.list]]\nkey = \"{key}\"\nvalues = [0.3, 0.4]\n")
+    };
+    check(
+        &swept("plant.mechanics.load_kilograms"),
+        11,
+        14,
+        "`plant.mechanics.load_kilograms` is about a wire, and the plant is `dc_motor`",
+        "did you mean `plant.dc_motor.load_kilograms`?",
+    );
+    assert!(parse(&swept("plant.dc_motor.load_kilograms")).is_ok());
+    assert!(parse(&swept("plant.sensor.noise_millimetres_rms")).is_ok());
+}
+
 const NOISE: &str = "key = \"plant.sensor.noise_millimetres_rms\"";
 const BITS: &str = "key = \"plant.sensor.resolution_bits\"";
 const BITRATE: &str = "key = \"bus.bitrate_kilobits_per_second\"";
@@ -205,7 +221,7 @@ fn a_sweep_knows_which_keys_take_whole_numbers() {
 }
 
 #[test]
-fn a_sweep_without_end_is_told_at_once() {
+fn a_sweep_without_end_is_refused_at_once() {
     let range = "[[sweep.range]]\nkey = \"seed\"\nfrom = 0\nto = 1e15\nstep = 1e-3\n";
     let error = parse(&swept(&range.repeat(100))).unwrap_err();
     let problem = &error.problems()[0];
