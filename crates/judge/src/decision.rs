@@ -44,7 +44,7 @@ pub fn judge(timeline: &Timeline, setup: &Setup, frames_lost: u64) -> Verdict {
 /// loaded beyond its limit is a failed limit, with what came of it as the reason.
 #[must_use]
 pub fn judge_broken(timeline: &Timeline, setup: &Setup, error: &str) -> Verdict {
-    let evidence = Evidence::new(timeline, setup);
+    let evidence = Evidence::broken(timeline, setup);
     let mut metrics = metrics(&evidence);
     metrics
         .retain(|metric| TRAFFIC_METRICS.contains(&metric.name.as_str()) && metric.value.is_some());

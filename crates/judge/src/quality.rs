@@ -35,6 +35,12 @@ pub(crate) fn undecided(timeline: &Timeline, scenario: &Scenario) -> Option<(Out
     })
 }
 
+/// Whether the recording goes on until a scenario time: what is missing before it was not sent. Where the scenario never
+/// began, nothing but its nodes kept it from that.
+pub(crate) fn reaches(timeline: &Timeline, seconds: f64) -> bool {
+    timeline.zero_seconds.is_none() || timeline.last_frame_seconds + FAULTY_END_SECONDS >= seconds
+}
+
 /// A fault with which the scenario need not begin.
 fn has_boot_fault(scenario: &Scenario) -> bool {
     let windows = scenario.fault.windows();
