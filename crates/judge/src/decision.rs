@@ -35,9 +35,12 @@ pub fn judge(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) 
     let (outcome, reason) = match &circumstances.ended_early {
         None => decide(&evidence, &mut metrics),
         Some(end) => {
-            metrics.retain(|metric| {
-                TRAFFIC_METRICS.contains(&metric.name.as_str()) && metric.value.is_some()
-            });
+            // What a node kept from being seen is missed; of what the bench broke off only the traffic says something.
+            let is_kept = |metric: &Metric| {
+                end.by == EndedBy::Node
+                    || TRAFFIC_METRICS.contains(&metric.name.as_str()) && metric.value.is_some()
+            };
+            metrics.retain(is_kept);
             decide_broken(&evidence, end, &mut metrics)
         }
     };

@@ -10,7 +10,7 @@ pub struct Metric {
     pub name: String,
     /// The measured value; none where the run does not have it (no step, never settled).
     pub value: Option<f64>,
-    /// When it was so, in scenario time; for checks of signals only.
+    /// When it was so, in scenario time; for checks of signals, and where one of several sines decides.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub at_seconds: Option<f64>,
     /// Why there is no value.

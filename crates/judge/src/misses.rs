@@ -9,6 +9,7 @@ use recording::timeline::Timeline;
 use rig::external::{External, ExternalNode};
 use rig::setup::Setup;
 use scenario::Scenario;
+use scenario::events::Window;
 
 use crate::circumstances::Circumstances;
 use crate::evidence::TIME_TOLERANCE_SECONDS;
@@ -16,7 +17,7 @@ use crate::evidence::TIME_TOLERANCE_SECONDS;
 /// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
 const REACTION_SECONDS: f64 = 0.2;
 /// With faults the plant sends its truth every 10 ms at least.
-const FAULTY_END_SECONDS: f64 = 0.05;
+pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
 /// Without faults the last SYNC comes a period before the end, or late.
 const END_PERIODS: f64 = 1.5;
 
@@ -160,6 +161,16 @@ impl Misses {
         })
     }
 
+    /// Whether cycles were missed in a window, and none of them by a node or a fault.
+    pub(crate) fn are_of_the_bench_in(&self, window: Window) -> bool {
+        let inside = |miss: &&Miss| {
+            miss.at_seconds >= window.from_seconds - TIME_TOLERANCE_SECONDS
+                && miss.at_seconds < window.until_seconds - TIME_TOLERANCE_SECONDS
+        };
+        let mut missed = self.all.iter().filter(inside).peekable();
+        missed.peek().is_some() && missed.all(|miss| matches!(miss.doing, Doing::Bench(_)))
+    }
+
     pub(crate) fn percent_by_bench(&self) -> f64 {
         self.percent_of(self.by_bench().count())
     }
@@ -223,16 +234,16 @@ fn due(timeline: &Timeline, scenario: &Scenario, ended_early: Option<&EarlyEnd>)
         None => is_recorded_to_its_end(timeline, scenario),
         Some(end) => end.by == EndedBy::Node,
     };
-    if was_to_go_on {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a positive number of cycles"
-        )]
-        let whole = (scenario.duration_seconds / timeline.period_seconds).round() as u64;
-        timeline.cycles_due.max(whole)
-    } else {
-        timeline.cycles_due
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a positive number of cycles"
+    )]
+    let judged = (scenario.judged_end_seconds() / timeline.period_seconds).round() as u64;
+    match (was_to_go_on, scenario.expect.judged_until_seconds) {
+        (true, None) => timeline.cycles_due.max(judged),
+        (true, Some(_)) => judged,
+        (false, _) => timeline.cycles_due.min(judged),
     }
 }
 

@@ -3,7 +3,7 @@
 use recording::timeline::Timeline;
 use scenario::Scenario;
 
-use crate::misses::is_recorded_to_its_end;
+use crate::misses::{FAULTY_END_SECONDS, is_recorded_to_its_end};
 
 /// Why a recording that ends before its scenario decides nothing.
 pub(crate) fn cut_short(timeline: &Timeline, scenario: &Scenario) -> Option<String> {
@@ -18,6 +18,12 @@ pub(crate) fn cut_short(timeline: &Timeline, scenario: &Scenario) -> Option<Stri
         let planned = scenario.duration_seconds;
         format!("the recording ends after {reached:.3} s of {planned} s")
     })
+}
+
+/// Whether the recording goes on until a scenario time: what is missing before it was not sent. Where the scenario never
+/// began, nothing but its nodes kept it from that.
+pub(crate) fn reaches(timeline: &Timeline, seconds: f64) -> bool {
+    timeline.zero_seconds.is_none() || timeline.last_frame_seconds + FAULTY_END_SECONDS >= seconds
 }
 
 /// A fault with which the scenario need not begin.

@@ -1,10 +1,10 @@
 //! Events held against `[[expect.sequence]]`: each after the one before, soon enough.
 
-use recording::traces::SignalSample;
+use recording::traces::{SignalSample, SignalTrace};
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
-use crate::evidence::{Evidence, Observation, TIME_TOLERANCE_SECONDS, samples_in};
+use crate::evidence::{Absence, Evidence, Observation, TIME_TOLERANCE_SECONDS, samples_in};
 use crate::metric::{Metric, rounded};
 use crate::signals::nearest;
 
@@ -31,7 +31,10 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
                 let again = place.checked_sub(1).map(|last| &sequence.event[last]) == Some(event);
                 next(evidence, event, rest, again)
             }
-            Err(missing) => Observation::none(format!("{missing} did not come before")),
+            Err(missing) => {
+                let reason = format!("{missing} did not come before");
+                Observation::none(Absence::unseen(reason, window))
+            }
         };
         let longest = event
             .within_milliseconds
@@ -45,7 +48,7 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
             (None, Ok(_)) => Err(event.to_string()),
             (_, missing) => missing,
         };
-        metrics.push(observation.metric(sequence.row_name(place), limit));
+        metrics.push(observation.metric(evidence, sequence.row_name(place), Some(limit)));
     }
     metrics
 }
@@ -71,9 +74,8 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         Expected {
             signal: Some(name), ..
         } => evidence.trace(name).map(|trace| {
-            let samples = samples_in(&trace.samples, rest);
-            nearest = nearest_words(samples, event);
-            stay(samples, event, is_next)
+            nearest = nearest_words(samples_in(&trace.samples, rest), event);
+            stay(trace, event, rest, is_next)
         }),
         _ => Err(Observation::none("nothing is expected")),
     };
@@ -82,10 +84,10 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
             let since = (at_seconds - rest.from_seconds).max(0.0);
             Observation::at(Ok(1e3 * since), at_seconds)
         }
-        Ok(None) => Observation::none(format!(
-            "did not come after {:.3} s{nearest}",
-            rest.from_seconds
-        )),
+        Ok(None) => {
+            let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
+            Observation::none(Absence::unseen(reason, rest))
+        }
         Err(observation) => observation,
     }
 }
@@ -107,17 +109,30 @@ fn event_with(evidence: &Evidence<'_>, part: &str, is_next: impl Fn(f64) -> bool
     times.find(|time| is_next(*time))
 }
 
-/// When a signal gets within the limits and stays there for long enough.
-fn stay(samples: &[SignalSample], event: &Expected, is_next: impl Fn(f64) -> bool) -> Option<f64> {
+/// When a signal gets within the limits and stays there for long enough. A stay does not last through a silence.
+fn stay(
+    trace: &SignalTrace,
+    event: &Expected,
+    rest: Window,
+    is_next: impl Fn(f64) -> bool,
+) -> Option<f64> {
     let (wanted, long) = (event.reaches?, event.for_milliseconds.unwrap_or(0.0) / 1e3);
-    let mut since = None;
-    for sample in samples {
-        if !wanted.admits(sample.value) {
+    let is_silence = |seconds: f64| {
+        let longest = trace.silence_seconds_max;
+        longest.is_some_and(|longest| seconds > longest + TIME_TOLERANCE_SECONDS)
+    };
+    let (mut since, mut latest) = (None, rest.from_seconds);
+    for sample in samples_in(&trace.samples, rest) {
+        let time = sample.time_seconds;
+        let was_silent = is_silence(time - std::mem::replace(&mut latest, time));
+        if was_silent || !wanted.admits(sample.value) {
             since = None;
+        }
+        if !wanted.admits(sample.value) {
             continue;
         }
-        let begin = *since.get_or_insert(sample.time_seconds);
-        if sample.time_seconds - begin >= long && is_next(begin) {
+        let begin = *since.get_or_insert(time);
+        if time - begin >= long && is_next(begin) {
             return Some(begin);
         }
     }
@@ -200,13 +215,18 @@ mod tests {
     /// Each row as value or remark, then its result.
     #[track_caller]
     fn check(sequence: &str, expected: &[(Result<f64, &str>, bool)]) {
+        check_frames(&frames(), sequence, expected);
+    }
+
+    #[track_caller]
+    fn check_frames(frames: &[Stamped], sequence: &str, expected: &[(Result<f64, &str>, bool)]) {
         let text = format!(
             "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n\
              [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let setup = Setup::of(scenario, &Catalogue::shipped());
-        let timeline = decode(&frames(), &setup).unwrap();
+        let timeline = decode(frames, &setup).unwrap();
         let circumstances = crate::Circumstances::default();
         let rows = metrics(&Evidence::new(&timeline, &setup, &circumstances));
         let found: Vec<_> = rows
@@ -234,6 +254,21 @@ mod tests {
             &format!("from_seconds = 0.4\nevent = [{EMCY}, {stays}]"),
             &[(Ok(100.05), true), (Ok(20.95), false)],
         );
+    }
+
+    /// The current is 0 from 0.521 s on; for 0.2 s of that nothing is heard.
+    #[test]
+    fn a_stay_does_not_last_through_a_silence() {
+        let stay = "event = [{ signal = \"current_amperes\", reaches = { max = 0 }, for_milliseconds = 150 }]";
+        let is_silent = |stamped: &Stamped| {
+            (Duration::from_millis(700)..Duration::from_millis(900)).contains(&stamped.time)
+        };
+        let heard: Vec<Stamped> = frames().into_iter().filter(|one| !is_silent(one)).collect();
+        check_frames(&frames(), stay, &[(Ok(521.0), true)]);
+        let did_not_come = Err("did not come after 0.000 s");
+        let longer = stay.replace("150", "250");
+        check_frames(&frames(), &longer, &[(Ok(521.0), true)]);
+        check_frames(&heard, &longer, &[(did_not_come, false)]);
     }
 
     #[test]

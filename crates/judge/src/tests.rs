@@ -10,7 +10,7 @@ use rig::catalogue::Catalogue;
 use rig::setup::Setup;
 use scenario::Scenario;
 
-use crate::verdict::{Outcome, Verdict};
+use crate::verdict::{Metric, Outcome, Verdict};
 use crate::{Circumstances, judge};
 
 const OPERATION_ENABLED: f64 = 39.0;
@@ -61,9 +61,13 @@ fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
     judge(&timeline, &setup, &circumstances)
 }
 
+fn row<'a>(verdict: &'a Verdict, name: &str) -> &'a Metric {
+    let row = verdict.metrics.iter().find(|metric| metric.name == name);
+    row.unwrap_or_else(|| panic!("no {name}"))
+}
+
 fn value(verdict: &Verdict, name: &str) -> Option<f64> {
-    let metric = verdict.metrics.iter().find(|metric| metric.name == name);
-    metric.unwrap_or_else(|| panic!("no {name}")).value
+    row(verdict, name).value
 }
 
 fn check(added: &str, position: impl Fn(f64) -> f64, name: &str, expected: f64) {
@@ -103,13 +107,142 @@ fn settling_counts_from_the_step_to_the_first_sample_of_the_last_stay() {
         }
     };
     check("", stays_inside, "settling_time_seconds", 0.1);
+}
+
+/// Without a limit too, since a reader who misses a row takes its metric for met.
+#[test]
+fn a_step_that_never_settles_has_a_row() {
     let never = verdict_of(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
-    assert!(
-        never
-            .metrics
-            .iter()
-            .all(|metric| metric.name != "settling_time_seconds")
+    let reason = row(&never, "settling_time_seconds").remark.as_deref();
+    assert_eq!(reason, Some("never settled"));
+    assert_eq!(never.outcome, Outcome::Pass, "nothing is demanded");
+}
+
+#[test]
+fn a_stay_lasts_for_a_tenth_of_a_second_at_least() {
+    let limit = "[expect]\nsettling_time_seconds = { max = 3.0 }";
+    let judged = |settled: f64| {
+        let position = step_response(settled);
+        let frames = frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3)));
+        verdict_of(&scenario(limit), &frames, 0)
+    };
+    let late = judged(3.95);
+    let reason = "the window ends 0.05 s after the position entered the band; 0.1 s are needed";
+    assert_eq!(
+        row(&late, "settling_time_seconds").remark.as_deref(),
+        Some(reason)
     );
+    assert_eq!(late.outcome, Outcome::Fail);
+    assert_eq!(value(&judged(3.9), "settling_time_seconds"), Some(2.9));
+}
+
+/// Frames of 4 s in which the controller dies; the plant reports of itself to the end.
+fn dying_frames(cycles: u32) -> Vec<Stamped> {
+    let position = step_response(1.1);
+    let mut frames = frames(cycles, |cycle| Some(position(f64::from(cycle) / 1e3)));
+    let start = frames.last().unwrap().time;
+    let end = Duration::from_millis(4002);
+    let heartbeats = (1..).map(|number| start + number * Duration::from_millis(10));
+    let heartbeats = heartbeats.take_while(|time| *time < end);
+    let alive = CanFrame::new(0x710, &[5]);
+    frames.extend(heartbeats.map(|time| Stamped::new(time, alive)));
+    frames
+}
+
+const CRASH: &str = "[[fault.node.crash]]\nfrom_seconds = 0.99\nnode = \"controller\"\n";
+const LIMITS: &str = "[expect]\nsettling_time_seconds = { max = 0.2 }\novershoot_percent = { max = 5.0 }\n\
+    tracking_error_millimetres_rms = { max = 25.0 }\nposition_millimetres_max = { max = 36.0 }\n\
+    current_amperes_rms = { max = 1.0 }\nmissed_cycles_percent = { max = 1.0 }\n\
+    sync_interval_milliseconds_max = { max = 2.0 }\n";
+
+/// The names of the rows with a limit, by what came of it.
+fn names(verdict: &Verdict, passed: Option<bool>) -> Vec<&str> {
+    let rows = verdict.metrics.iter();
+    let rows = rows.filter(|row| row.limit.is_some() && row.passed == passed);
+    rows.map(|row| row.name.as_str()).collect()
+}
+
+#[test]
+fn what_a_silent_node_kept_from_being_seen_fails() {
+    let dead = verdict_of(
+        &scenario(&format!("{CRASH}{LIMITS}")),
+        &dying_frames(990),
+        0,
+    );
+    assert_eq!(dead.outcome, Outcome::Fail);
+    assert_eq!(names(&dead, Some(true)), [] as [&str; 0]);
+    assert_eq!(names(&dead, Some(false)).len(), 7);
+    let reason = |name| row(&dead, name).remark.clone().unwrap();
+    assert_eq!(
+        reason("overshoot_percent"),
+        "no position from 1.000 to 4.000 s"
+    );
+    let silent = "silent from 0.989 to 4.000 s";
+    assert_eq!(reason("tracking_error_millimetres_rms"), silent);
+    let no_sync = "no SYNC from 0.990 to 4.000 s";
+    // Cycles 990 to 3999.
+    assert_eq!(value(&dead, "missed_cycles_percent"), Some(75.25));
+    assert_eq!(reason("sync_interval_milliseconds_max"), no_sync);
+}
+
+#[test]
+fn what_is_judged_may_end_before_the_scenario_does() {
+    let ends = format!("{CRASH}{LIMITS}judged_until_seconds = 1.5\n");
+    let dead = verdict_of(&scenario(&ends), &dying_frames(1500), 0);
+    assert_eq!(dead.outcome, Outcome::Pass, "{:?}", dead.metrics);
+    assert_eq!(value(&dead, "settling_time_seconds"), Some(0.1));
+    assert_eq!(value(&dead, "missed_cycles_percent"), Some(0.0));
+    // 0.02 s without a position are no silence, 0.021 s are.
+    let passes = |cycles| verdict_of(&scenario(&ends), &dying_frames(cycles), 0).outcome;
+    assert_eq!(passes(1481), Outcome::Pass);
+    assert_eq!(passes(1479), Outcome::Fail);
+}
+
+#[test]
+fn what_the_bench_kept_from_being_seen_is_not_judged() {
+    let setup = Setup::of(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
+    let cut = dying_frames(990);
+    let cut = &cut[..cut.len() / 2];
+    let timeline = decode(cut, &setup).unwrap();
+    let verdict = judge(&timeline, &setup, &Circumstances::default());
+    assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
+    assert_eq!(names(&verdict, None).len(), 7);
+    assert_eq!(verdict.outcome, Outcome::Incomplete);
+    let circumstances = Circumstances {
+        ended_early: Some(EarlyEnd::without_node(EndedBy::Bench, "the bus went down")),
+        ..Circumstances::default()
+    };
+    let broken = judge(&timeline, &setup, &circumstances);
+    assert_eq!(names(&broken, Some(true)), [] as [&str; 0]);
+    assert!(value(&broken, "missed_cycles_percent").is_some());
+}
+
+#[test]
+fn a_limit_on_faults_is_not_met_by_a_recording_without_them() {
+    let mut setup = Setup::of(scenario(""), &Catalogue::shipped());
+    let frames = frames(4000, |_| Some(35.0));
+    let limits = "safe_state = true\ncurrent_zero_within_milliseconds = 60.0\n\
+                  recovers_within_seconds = 1.0\nemcy = [\"drive 0x8130\"]\n";
+    let with_fault = scenario(&format!("{CRASH}[expect]\n{limits}"));
+    setup.scenario.expect = with_fault.expect;
+    let timeline = decode(&frames, &setup).unwrap();
+    let verdict = judge(&timeline, &setup, &Circumstances::default());
+    assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
+    let unseen = ["current_zero_within_milliseconds", "safe_state"];
+    assert_eq!(names(&verdict, None), unseen);
+    let missed = ["recovers_within_seconds", "emcy"];
+    assert_eq!(names(&verdict, Some(false)), missed);
+}
+
+#[test]
+fn a_run_without_currents_says_so() {
+    let mut frames = frames(4000, |_| None);
+    frames.remove(0);
+    let feedback = CanFrame::new(0x190, &[0x37, 0x02]);
+    frames.insert(0, Stamped::new(Duration::ZERO, feedback));
+    let verdict = verdict_of(&scenario(""), &frames, 0);
+    let reason = row(&verdict, "current_amperes_rms").remark.as_deref();
+    assert_eq!(reason, Some("no current in the recording"));
 }
 
 #[test]
@@ -160,6 +293,43 @@ fn a_sine_is_followed_with_gain_phase_and_offset() {
             );
         }
     }
+}
+
+#[test]
+fn each_sine_is_judged_and_the_worst_reported() {
+    let sine = |from: f64| {
+        format!(
+            "[[reference.sine]]\nfrom_seconds = {from:?}\ncentre_millimetres = 25.0\n\
+             amplitude_millimetres = 10.0\nperiod_seconds = 0.4\n"
+        )
+    };
+    let text = |expect: &str| {
+        format!(
+            "schema = 1\nname = \"sines\"\nduration_seconds = 4.0\n[controller.pid]\n{}{}{expect}",
+            sine(0.0),
+            sine(2.0)
+        )
+    };
+    let omega = std::f64::consts::TAU / 0.4;
+    let amplitude = |cycle| if cycle < 2000 { 7.0 } else { 12.0 };
+    let position = |cycle| 25.0 + amplitude(cycle) * libm::sin(omega * f64::from(cycle) / 1e3);
+    let judged = |expect: &str| {
+        let sines = Scenario::parse(&text(expect), "s.toml", |_| unreachable!("no table"));
+        let verdict = verdict_of(
+            &sines.unwrap(),
+            &frames(4000, |cycle| Some(position(cycle))),
+            0,
+        );
+        let gain = row(&verdict, "sine_gain");
+        (
+            (1e3 * gain.value.unwrap()).round(),
+            gain.at_seconds,
+            gain.passed,
+        )
+    };
+    assert_eq!(judged(""), (700.0, Some(0.8), None));
+    let limit = "[expect]\nsine_gain = { min = 0.6, max = 1.1 }\n";
+    assert_eq!(judged(limit), (1200.0, Some(2.8), Some(false)));
 }
 
 #[test]

@@ -36,6 +36,10 @@ pub struct TimelineReader {
     clock: ScenarioClock,
     period: Duration,
     end: Duration,
+    /// What the traffic is judged on ends here.
+    judged_end: Duration,
+    /// Scenario time of the latest SYNC.
+    latest_sync: Duration,
     end_cycle: u64,
     events: EventReader,
     losses: LossReader,
@@ -68,6 +72,8 @@ impl TimelineReader {
             clock: ScenarioClock::new(database)?,
             period,
             end,
+            judged_end: Duration::from_secs_f64(scenario.judged_end_seconds()),
+            latest_sync: Duration::ZERO,
             end_cycle: cycles(end, period),
             rare,
             events,
@@ -103,18 +109,28 @@ impl TimelineReader {
         if frame.is_error() || self.rare.contains(&frame.raw_id()) {
             self.take_rare(stamped, time);
         }
-        // How the nodes stop after the scenario's end is no part of its last cycle.
-        if time.is_none_or(|time| time < self.end) {
+        if time.is_none_or(|time| time < self.judged_end) {
             let bits = stamped.occupied_bits;
             self.traffic.take(frame, stamped.time, bits);
-            self.columns.take(frame, self.cycle.len());
+        }
+        let is_late = time.is_some_and(|time| self.is_late(time));
+        // How the nodes stop after the scenario's end is no part of its last cycle.
+        if time.is_none_or(|time| time < self.end) {
+            self.columns.take(frame, self.cycle.len(), is_late);
         }
         if let Some(time) = time.filter(|_| is_sync) {
+            self.latest_sync = time;
             self.begin_cycle(cycles(time, self.period));
         }
         if !self.traces.is_empty() {
-            self.traces.take(frame, time, self.cycle_seconds());
+            let cycle_seconds = self.cycle_seconds().filter(|_| is_sync || !is_late);
+            self.traces.take(frame, time, cycle_seconds);
         }
+    }
+
+    /// Whether a frame comes when the latest cycle is over and no SYNC has begun another.
+    fn is_late(&self, time: Duration) -> bool {
+        time.saturating_sub(self.latest_sync) > self.period + self.period / 2
     }
 
     /// Takes a frame for those that read few: most frames are cyclic and none of theirs.
@@ -271,6 +287,38 @@ mod tests {
                     .for_each(|last| *last = value);
             }
         }
+    }
+
+    /// A drive that goes on sending when the SYNC has stopped.
+    #[test]
+    fn a_position_after_the_last_cycle_is_in_no_row() {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
+                    [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::of(scenario, &Catalogue::shipped());
+        let database = &*setup.database;
+        let position = |millimetres: f64| {
+            let mut message = database.builder("drive_tpdo1").unwrap();
+            message.set(&database.require(STATUSWORD).unwrap(), 39.0);
+            message.set(&database.require(signals::POSITION).unwrap(), millimetres);
+            message.frame()
+        };
+        let sync = CanFrame::new(SYNC_COB_ID, &[]);
+        let frames = [
+            (0, position(0.0)),
+            (1000, sync),
+            (1130, position(1.0)),
+            (2000, sync),
+            (2130, position(2.0)),
+            (3700, position(9.0)),
+        ];
+        let frames =
+            frames.map(|(micros, frame)| Stamped::new(Duration::from_micros(micros), frame));
+        let timeline = decode(&frames, &setup).unwrap();
+        assert_eq!(timeline.position(), [1.0, 2.0]);
+        let samples = timeline.traces[0].samples.iter();
+        let samples: Vec<_> = samples.map(|one| (one.time_seconds, one.value)).collect();
+        assert_eq!(samples, [(0.0, 1.0), (0.001, 2.0), (0.0027, 9.0)]);
     }
 
     proptest! {
