@@ -234,12 +234,18 @@ fn due(timeline: &Timeline, scenario: &Scenario, ended_early: Option<&EarlyEnd>)
         None => is_recorded_to_its_end(timeline, scenario),
         Some(end) => end.by == EndedBy::Node,
     };
+    let cycles = scenario.judged_end_seconds() / timeline.period_seconds;
+    // A cycle that begins before an earlier end is judged.
+    let judged = match scenario.expect.judged_until_seconds {
+        None => libm::round(cycles),
+        Some(_) => libm::ceil(cycles - TIME_TOLERANCE_SECONDS),
+    };
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "a positive number of cycles"
     )]
-    let judged = (scenario.judged_end_seconds() / timeline.period_seconds).round() as u64;
+    let judged = judged as u64;
     match (was_to_go_on, scenario.expect.judged_until_seconds) {
         (true, None) => timeline.cycles_due.max(judged),
         (true, Some(_)) => judged,

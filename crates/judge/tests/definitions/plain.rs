@@ -343,15 +343,12 @@ impl Plain<'_> {
         let due = self.drawn.cycles.last().map_or(0, |cycle| cycle.number + 1);
         let due_seconds = f64::from(due) * PERIOD_SECONDS;
         let has_sync = self.end - due_seconds <= SILENCE_SECONDS + TOLERANCE;
-        let due = (0..CYCLES.min(due))
+        let due = (0..CYCLES)
             .filter(|number| is_in(f64::from(*number) * PERIOD_SECONDS, self.whole()))
             .count();
         let served = self.within(self.whole()).len();
         let missed = 100.0 * (due - served) as f64 / due as f64;
-        rows.insert(
-            "missed_cycles_percent".to_owned(),
-            has_sync.then_some(missed),
-        );
+        rows.insert("missed_cycles_percent".to_owned(), Some(missed));
         let before_end = |micros: &u64| *micros as f64 / 1e6 < self.end;
         let syncs = self.drawn.cycles.iter().map(|cycle| cycle.micros);
         let syncs: Vec<u64> = syncs.filter(before_end).collect();
