@@ -213,6 +213,7 @@ fn the_recording_alone_gives_the_same_verdict() {
     use judge::judge;
     use recording::log::read_log;
     use recording::timeline::decode;
+    use recording::unrecorded::Unrecorded;
     let folder = tempfile::tempdir().unwrap();
     let (code, ..) = output(canrig(folder.path(), "simulate").arg(scenario("fan.toml")));
     assert_eq!(code, Some(0));
@@ -221,7 +222,7 @@ fn the_recording_alone_gives_the_same_verdict() {
     let frames = read_log(std::io::BufReader::new(log)).unwrap();
     let setup = setup(&run.join("scenario.toml"));
     let timeline = decode(&frames, &setup).unwrap();
-    let verdict = judge(&timeline, &setup, 0);
+    let verdict = judge(&timeline, &setup, &Unrecorded::default());
     assert_eq!(
         verdict.to_json(),
         fs::read_to_string(run.join("verdict.json")).unwrap()

@@ -10,6 +10,7 @@ use judge::verdict::Verdict;
 use libfuzzer_sys::fuzz_target;
 use recording::log::Stamped;
 use recording::timeline;
+use recording::unrecorded::Unrecorded;
 use rig::setup::Setup;
 use scenario::Scenario;
 use worlds::catalogue::catalogue;
@@ -30,7 +31,7 @@ fuzz_target!(|bytes: &[u8]| {
         })
         .collect();
     let timeline = timeline::decode(&frames, &SETUP).expect("the rig's own database");
-    let verdict = judge(&timeline, &SETUP, 0);
+    let verdict = judge(&timeline, &SETUP, &Unrecorded::default());
     let read = Verdict::from_json(&verdict.to_json()).expect("our own verdict is valid");
     assert_eq!(read.to_json(), verdict.to_json());
 });

@@ -2,13 +2,14 @@
 
 use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
+use recording::unrecorded::Unrecorded;
 use rig::setup::Setup;
 use scenario::Scenario;
 
 use crate::evidence::Evidence;
 use crate::metric::{Metric, not_judged};
 use crate::metrics::metrics;
-use crate::quality::{lost_frames, undecided};
+use crate::quality::{incomplete_recording, second_master, undecided};
 use crate::verdict::{Outcome, Verdict};
 
 /// Losses that a verdict lists at most.
@@ -23,19 +24,26 @@ const TRAFFIC_METRICS: [&str; 3] = [
     "missed_cycles_percent",
 ];
 
+/// More than any bus carries: 100 %, and some room for the stamps of short recordings.
+const LOAD_PERCENT_MAX: f64 = 101.0;
+
 /// Judges a run.
 #[must_use]
-pub fn judge(timeline: &Timeline, setup: &Setup, frames_lost: u64) -> Verdict {
+pub fn judge(timeline: &Timeline, setup: &Setup, unrecorded: &Unrecorded) -> Verdict {
     let scenario = &setup.scenario;
     let evidence = Evidence::new(timeline, setup);
     let metrics = metrics(&evidence);
-    let (outcome, reason) = outcome(timeline, scenario, &metrics, frames_lost);
+    let (outcome, reason) = outcome(timeline, scenario, &metrics, unrecorded);
     Verdict {
         outcome,
         reason,
-        frames_lost,
+        frames_lost: unrecorded.frames_lost,
+        fd_frames: unrecorded.fd_frames,
         metrics,
-        losses: losses(&evidence),
+        losses: fd_frames(unrecorded)
+            .into_iter()
+            .chain(losses(&evidence))
+            .collect(),
         ..Verdict::incomplete_of(setup, "")
     }
 }
@@ -62,13 +70,14 @@ fn outcome(
     timeline: &Timeline,
     scenario: &Scenario,
     metrics: &[Metric],
-    lost: u64,
+    unrecorded: &Unrecorded,
 ) -> (Outcome, Option<String>) {
     if let Some(reason) = overload(metrics) {
         return (Outcome::Fail, Some(reason));
     }
-    if lost > 0 {
-        return (Outcome::Inconclusive, Some(lost_frames(lost)));
+    let doubt = incomplete_recording(unrecorded).or_else(|| second_master(timeline));
+    if let Some(reason) = doubt {
+        return (Outcome::Inconclusive, Some(reason));
     }
     if let Some((outcome, reason)) = undecided(timeline, scenario) {
         return (outcome, Some(reason));
@@ -76,18 +85,41 @@ fn outcome(
     if metrics.iter().any(|metric| metric.passed == Some(false)) {
         return (Outcome::Fail, None);
     }
-    match not_judged(metrics) {
+    match not_judged(metrics).or_else(|| unknown_load(metrics, unrecorded)) {
         None => (Outcome::Pass, None),
         reason => (Outcome::Inconclusive, reason),
     }
 }
 
-/// The reason of a verdict on a bus that is loaded beyond its limit.
+/// The reason of a verdict on a bus that is loaded beyond its limit, or beyond what any bus carries.
 fn overload(metrics: &[Metric]) -> Option<String> {
     let load = metrics.iter().find(|metric| metric.name == BUS_LOAD)?;
-    (load.passed == Some(false)).then(|| {
-        let percent = load.value.unwrap_or(f64::NAN);
-        format!("the bus is overloaded ({percent:.1} %), so frames come late")
+    let percent = load.value.unwrap_or(f64::NAN);
+    if percent > LOAD_PERCENT_MAX {
+        return Some(format!(
+            "the bus load is {percent:.1} %: no bus carries that at this bit rate, only a virtual one; send less, or raise [bus] bitrate_kilobits_per_second"
+        ));
+    }
+    (load.passed == Some(false))
+        .then(|| format!("the bus is overloaded ({percent:.1} %), so frames come late"))
+}
+
+/// Why a limit on the bus load is not met for certain.
+fn unknown_load(metrics: &[Metric], unrecorded: &Unrecorded) -> Option<String> {
+    let is_limited = |metric: &Metric| metric.name == BUS_LOAD && metric.limit.is_some();
+    let fd_frames = fd_frames(unrecorded)?;
+    metrics
+        .iter()
+        .any(is_limited)
+        .then(|| format!("the bus load is not known: {fd_frames}"))
+}
+
+/// CAN FD frames that were on the bus, for people.
+fn fd_frames(unrecorded: &Unrecorded) -> Option<String> {
+    let frames = unrecorded.fd_frames;
+    (frames > 0).then(|| {
+        let noun = if frames == 1 { "frame" } else { "frames" };
+        format!("{frames} CAN FD {noun} on the bus, not recorded: canrig reads classic CAN")
     })
 }
 

@@ -4,6 +4,7 @@ use dbc::SignalMissing;
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use scenario::ScenarioError;
 
@@ -15,6 +16,7 @@ use recording::log::{Log, read_cut_log};
 use recording::run_folder::file;
 use recording::session::{FramesError, ReadError, read_setup};
 use recording::timeline::{self, Timeline};
+use recording::unrecorded::Unrecorded;
 use report::parquet::ParquetError;
 use rig::catalogue::Catalogue;
 use rig::rig_file::RigError;
@@ -162,8 +164,7 @@ impl Recorded {
     /// The database lacks a signal that the bench needs.
     pub fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
         let stored = self.stored.as_ref();
-        let lost = stored.map_or(0, |stored| stored.frames_lost);
-        let mut verdict = judge(timeline, &self.setup, lost);
+        let mut verdict = judge(timeline, &self.setup, &self.unrecorded(timeline));
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason.clone_from(&stored.reason);
@@ -178,6 +179,19 @@ impl Recorded {
             judge_timing(&mut verdict, timing, &self.setup.scenario.expect);
         }
         Ok(verdict)
+    }
+
+    /// What was on the bus and is not among the frames: what the run noted, and what of its log cannot be read.
+    fn unrecorded(&self, timeline: &Timeline) -> Unrecorded {
+        let duration_seconds = self.setup.scenario.duration_seconds;
+        let end = timeline.zero_seconds.map(|zero| zero + duration_seconds);
+        let end = end.and_then(|end| Duration::try_from_secs_f64(end).ok());
+        let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
+        Unrecorded {
+            frames_lost: of_run(|stored| stored.frames_lost),
+            fd_frames: of_run(|stored| stored.fd_frames) + self.log.fd_frames,
+            strange_lines: self.log.strange_until(end.unwrap_or(Duration::MAX)),
+        }
     }
 
     /// The verdict of the run itself, or what it would have been.

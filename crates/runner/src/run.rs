@@ -15,6 +15,7 @@ use recording::progress::ProgressReader;
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::write_setup;
 use recording::timeline::{self, Timeline};
+use recording::unrecorded::Unrecorded;
 use report::{ReportError, Run};
 use rig::setup::Setup;
 use worlds::{End, Played, WorldError};
@@ -49,9 +50,9 @@ pub fn run(
     let clock = ScenarioClock::new(&setup.database)?;
     let mut capture = Capture::new(folder.bus_log()?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
-    let (frames, frames_lost) = capture.finish()?;
+    let (frames, unrecorded) = capture.finish()?;
     let timeline = timeline::decode(&frames, setup)?;
-    let mut verdict = verdict(&ended, &timeline, setup, frames_lost);
+    let mut verdict = verdict(&ended, &timeline, setup, &unrecorded);
     if let Ok(Played {
         host: Some(host), ..
     }) = &ended
@@ -98,18 +99,18 @@ pub fn verdict(
     ended: &Result<Played, WorldError>,
     timeline: &Timeline,
     setup: &Setup,
-    frames_lost: u64,
+    unrecorded: &Unrecorded,
 ) -> Verdict {
     match ended {
         Err(error) => {
-            let error = with_cause(error, timeline, frames_lost);
+            let error = with_cause(error, timeline, unrecorded.frames_lost);
             judge_broken(timeline, setup, &error)
         }
         Ok(Played {
             end: End::Interrupted,
             ..
         }) => Verdict::incomplete_of(setup, "interrupted by the user"),
-        Ok(_) => judge(timeline, setup, frames_lost),
+        Ok(_) => judge(timeline, setup, unrecorded),
     }
 }
 

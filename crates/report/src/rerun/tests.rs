@@ -19,6 +19,7 @@ use super::*;
 use judge::judge;
 use recording::log::Stamped;
 use recording::timeline;
+use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
 use rig::setup::Setup;
 use scenario::Scenario;
@@ -75,7 +76,7 @@ fn made_up_run() -> (Vec<Stamped>, Timeline, Verdict) {
     let stamped = |(micros, frame)| Stamped::new(Duration::from_micros(micros), frame);
     let frames: Vec<Stamped> = frames.into_iter().map(stamped).collect();
     let timeline = timeline::decode(&frames, &setup()).unwrap();
-    let verdict = judge(&timeline, &setup(), 0);
+    let verdict = judge(&timeline, &setup(), &Unrecorded::default());
     (frames, timeline, verdict)
 }
 
