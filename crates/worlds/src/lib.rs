@@ -12,6 +12,7 @@
 mod bus_choice;
 pub mod bus_connection;
 mod bus_model;
+mod bus_place;
 pub mod catalogue;
 mod child;
 mod coordinator;
@@ -27,5 +28,6 @@ pub mod real_time;
 mod supervisor;
 
 pub use bus_choice::{BusChoice, RunBus, choose_bus};
+pub use bus_place::{BusPlace, Vigil};
 pub use error::WorldError;
 pub use played::{End, Played};

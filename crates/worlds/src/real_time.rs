@@ -19,6 +19,7 @@ use crate::processes::{Processes, runtime};
 use crate::supervisor::Supervisor;
 use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
+use recording::masters::MasterWatch;
 use recording::run_folder::RunFolder;
 use rig::external::ExternalNode;
 use rig::setup::Setup;
@@ -78,6 +79,9 @@ pub fn play(
             bench => end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench)),
         }
     });
+    if let Some(second_master) = bench.second_master() {
+        return Err(WorldError::SecondMaster(second_master.to_owned()));
+    }
     ended.map(|(end, [controller, plant_emulator])| Played {
         end,
         host: Some(Host {
@@ -107,7 +111,7 @@ fn start_nodes(
     })
 }
 
-/// The bench's own node, with a supervisor where there is a rig.
+/// The bench's own node, with a supervisor where there is a rig, and a watch for a second master of a drive that is real.
 fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
     let mut orders = setup.scenario.clone();
     if !setup.external.has_fan() {
@@ -116,8 +120,11 @@ fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
     }
     let supervisor = setup.rig.as_ref();
     let supervisor = supervisor.map(|rig| Supervisor::new(&rig.file, &rig.drive));
+    let watch = |setup: &Setup| MasterWatch::new(&setup.scenario, &setup.database, &setup.external);
+    let has_drive = setup.external.has(ExternalNode::Drive);
+    let masters = has_drive.then(|| watch(setup)).transpose()?;
     let bench = DisturbanceProducer::new(&orders, &setup.database)?;
-    Ok(bench.with_supervisor(supervisor))
+    Ok(bench.with_supervisor(supervisor).with_master_watch(masters))
 }
 
 /// Waits until the bench's own node has ended: it has stopped the drive, or failed.
