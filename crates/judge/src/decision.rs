@@ -3,6 +3,7 @@
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
+use recording::unrecorded::Unrecorded;
 use rig::setup::Setup;
 
 use crate::circumstances::Circumstances;
@@ -11,7 +12,7 @@ use crate::excuse::{Excuse, MISSED_CYCLES, leave_open};
 use crate::metric::{Metric, not_judged};
 use crate::metrics::metrics;
 use crate::misses::excuse_of_end;
-use crate::quality::{cut_short, lost_frames};
+use crate::quality::{cut_short, incomplete_recording, second_master};
 use crate::verdict::{Outcome, Verdict};
 
 /// Losses that a verdict lists at most.
@@ -26,6 +27,9 @@ const BUSY_BUS_PERCENT: f64 = 70.0;
 const BUS_LOAD: &str = "bus_load_percent";
 /// The metrics of the traffic, which a run that broke off has too.
 const TRAFFIC_METRICS: [&str; 3] = [BUS_LOAD, "sync_interval_milliseconds_max", MISSED_CYCLES];
+
+/// More than any bus carries: 100 %, and some room for the stamps of short recordings.
+const LOAD_PERCENT_MAX: f64 = 101.0;
 
 /// Judges a run.
 #[must_use]
@@ -44,13 +48,18 @@ pub fn judge(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) 
             decide_broken(&evidence, end, &mut metrics)
         }
     };
+    let unrecorded = &circumstances.unrecorded;
     Verdict {
         outcome,
         reason,
-        frames_lost: circumstances.frames_lost,
+        frames_lost: unrecorded.frames_lost,
+        fd_frames: unrecorded.fd_frames,
         ended_early: circumstances.ended_early.clone(),
         metrics,
-        losses: losses(&evidence),
+        losses: fd_frames(unrecorded)
+            .into_iter()
+            .chain(losses(&evidence))
+            .collect(),
         ..Verdict::incomplete_of(setup, "")
     }
 }
@@ -87,12 +96,16 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
     if let Some(reason) = overload(metrics) {
         return (Outcome::Fail, Some(reason));
     }
+    // Of what somebody else led, nothing says anything of the nodes under test.
+    if let Some(reason) = second_master(evidence.timeline) {
+        return (Outcome::Inconclusive, Some(reason));
+    }
     if let Some(reason) = missed_by_nodes(evidence) {
         return (Outcome::Fail, Some(reason));
     }
-    let lost = evidence.circumstances.frames_lost;
-    if lost > 0 {
-        return (Outcome::Inconclusive, Some(lost_frames(lost)));
+    let unrecorded = &evidence.circumstances.unrecorded;
+    if let Some(reason) = incomplete_recording(unrecorded) {
+        return (Outcome::Inconclusive, Some(reason));
     }
     let excuse = Excuse::of(evidence, MISSED_CYCLES_PERCENT_MAX);
     let excused = match &excuse {
@@ -107,7 +120,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
     } else if excused.is_some() {
         (Outcome::Inconclusive, excused)
     } else {
-        match not_judged(metrics) {
+        match not_judged(metrics).or_else(|| unknown_load(metrics, unrecorded)) {
             None => (Outcome::Pass, None),
             reason => (Outcome::Inconclusive, reason),
         }
@@ -120,7 +133,8 @@ fn missed_by_nodes(evidence: &Evidence<'_>) -> Option<String> {
     let limit = limit.and_then(|limit| limit.max);
     let limit = limit.unwrap_or(MISSED_CYCLES_PERCENT_MAX);
     let misses = evidence.misses();
-    let reason = misses.too_many_by_nodes(limit, evidence.circumstances.frames_lost)?;
+    let lost = evidence.circumstances.unrecorded.frames_lost;
+    let reason = misses.too_many_by_nodes(limit, lost)?;
     let load = evidence.timeline.bus_load_percent;
     Some(match load > BUSY_BUS_PERCENT {
         true => format!("{reason}; the bus is nearly full (load {load:.1} %)"),
@@ -128,12 +142,35 @@ fn missed_by_nodes(evidence: &Evidence<'_>) -> Option<String> {
     })
 }
 
-/// The reason of a verdict on a bus that is loaded beyond its limit.
+/// The reason of a verdict on a bus that is loaded beyond its limit, or beyond what any bus carries.
 fn overload(metrics: &[Metric]) -> Option<String> {
     let load = metrics.iter().find(|metric| metric.name == BUS_LOAD)?;
-    (load.passed == Some(false)).then(|| {
-        let percent = load.value.unwrap_or(f64::NAN);
-        format!("the bus is overloaded ({percent:.1} %), so frames come late")
+    let percent = load.value.unwrap_or(f64::NAN);
+    if percent > LOAD_PERCENT_MAX {
+        return Some(format!(
+            "the bus load is {percent:.1} %: no bus carries that at this bit rate, only a virtual one; send less, or raise [bus] bitrate_kilobits_per_second"
+        ));
+    }
+    (load.passed == Some(false))
+        .then(|| format!("the bus is overloaded ({percent:.1} %), so frames come late"))
+}
+
+/// Why a limit on the bus load is not met for certain.
+fn unknown_load(metrics: &[Metric], unrecorded: &Unrecorded) -> Option<String> {
+    let is_limited = |metric: &Metric| metric.name == BUS_LOAD && metric.limit.is_some();
+    let fd_frames = fd_frames(unrecorded)?;
+    metrics
+        .iter()
+        .any(is_limited)
+        .then(|| format!("the bus load is not known: {fd_frames}"))
+}
+
+/// CAN FD frames that were on the bus, for people.
+fn fd_frames(unrecorded: &Unrecorded) -> Option<String> {
+    let frames = unrecorded.fd_frames;
+    (frames > 0).then(|| {
+        let noun = if frames == 1 { "frame" } else { "frames" };
+        format!("{frames} CAN FD {noun} on the bus, not recorded: canrig reads classic CAN")
     })
 }
 

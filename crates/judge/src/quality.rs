@@ -1,6 +1,7 @@
 //! Whether a recording is good enough to decide anything.
 
 use recording::timeline::Timeline;
+use recording::unrecorded::Unrecorded;
 use scenario::Scenario;
 
 use crate::misses::{FAULTY_END_SECONDS, is_recorded_to_its_end};
@@ -30,6 +31,20 @@ pub(crate) fn reaches(timeline: &Timeline, seconds: f64) -> bool {
 fn has_boot_fault(scenario: &Scenario) -> bool {
     let windows = scenario.fault.windows();
     windows.iter().any(|fault| fault.from_seconds.is_none())
+}
+
+/// Why nothing can be decided, when the recording is not all that was on the bus.
+pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
+    let lost = unrecorded.frames_lost;
+    let lost = (lost > 0).then(|| lost_frames(lost));
+    lost.or_else(|| unrecorded.strange_lines.clone())
+}
+
+/// Why nothing can be decided, when somebody else led the drive too.
+pub(crate) fn second_master(timeline: &Timeline) -> Option<String> {
+    let found = timeline.second_masters.iter().map(ToString::to_string);
+    let found = found.collect::<Vec<_>>().join("; ");
+    (!found.is_empty()).then(|| format!("a second master: {found}"))
 }
 
 /// The reason of a verdict on a recording with missing frames.

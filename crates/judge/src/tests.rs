@@ -6,6 +6,7 @@ use recording::ending::{EarlyEnd, EndedBy};
 use recording::log::Stamped;
 use recording::stalls::{Stall, What, Who};
 use recording::timeline::decode;
+use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
 use rig::setup::Setup;
 use scenario::Scenario;
@@ -55,7 +56,10 @@ fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
     let setup = Setup::of(scenario.clone(), &Catalogue::shipped());
     let timeline = decode(frames, &setup).unwrap();
     let circumstances = Circumstances {
-        frames_lost: lost,
+        unrecorded: Unrecorded {
+            frames_lost: lost,
+            ..Unrecorded::default()
+        },
         ..Circumstances::default()
     };
     judge(&timeline, &setup, &circumstances)
@@ -566,5 +570,78 @@ fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
     for by in [EndedBy::Bench, EndedBy::User] {
         let reason = "silent since 2.000 s".to_owned();
         assert_eq!(judged(by), (Outcome::Incomplete, reason));
+    }
+}
+
+/// The frames of a good run, and each SYNC a second time.
+fn with_foreign_syncs() -> Vec<Stamped> {
+    let frames = frames(4000, |_| Some(10.0));
+    let is_sync = |stamped: &&Stamped| stamped.frame.standard_id() == Some(0x080);
+    let half = Duration::from_micros(500);
+    let foreign = frames.iter().filter(is_sync);
+    let foreign = foreign.map(|stamped| Stamped::new(stamped.time + half, stamped.frame));
+    let mut all: Vec<Stamped> = frames.iter().copied().chain(foreign).collect();
+    all.sort_by_key(|stamped| stamped.time);
+    all
+}
+
+#[test]
+fn a_second_master_lets_nothing_pass_and_nothing_fail() {
+    let frames = with_foreign_syncs();
+    for limits in [
+        "[expect]\n",
+        "[expect]\nposition_millimetres = { max = 1.0 }\n",
+    ] {
+        let verdict = verdict_of(&scenario(limits), &frames, 0);
+        assert_eq!(verdict.outcome, Outcome::Inconclusive);
+        let reason = verdict.reason.unwrap();
+        let expected = "a second master: 0x080 (SYNC, one every 1 ms), ";
+        assert!(reason.starts_with(expected), "{reason}");
+    }
+}
+
+#[test]
+fn a_load_that_no_bus_carries_fails_without_a_limit() {
+    let filler = CanFrame::new(0x300, &[0x55; 8]);
+    let load = |frames_per_cycle: usize| {
+        let mut frames = frames(4000, |_| Some(10.0));
+        for cycle in 0..4000_u64 {
+            let time = Duration::from_micros(1000 * cycle + 1600);
+            frames.extend(vec![Stamped::new(time, filler); frames_per_cycle]);
+        }
+        frames.sort_by_key(|stamped| stamped.time);
+        verdict_of(&scenario(""), &frames, 0)
+    };
+    let full = load(7);
+    assert!(value(&full, "bus_load_percent").unwrap() > 90.0);
+    assert_eq!(full.outcome, Outcome::Pass);
+    let beyond = load(8);
+    assert_eq!(beyond.outcome, Outcome::Fail);
+    let reason = beyond.reason.unwrap();
+    assert!(reason.contains("no bus carries that"), "{reason}");
+}
+
+#[test]
+fn fd_frames_are_named_and_leave_a_limit_on_the_load_open() {
+    let frames = frames(4000, |_| Some(10.0));
+    let circumstances = Circumstances {
+        unrecorded: Unrecorded {
+            fd_frames: 7,
+            ..Unrecorded::default()
+        },
+        ..Circumstances::default()
+    };
+    for (limits, outcome) in [
+        ("", Outcome::Pass),
+        (
+            "[expect]\nbus_load_percent = { max = 90.0 }\n",
+            Outcome::Inconclusive,
+        ),
+    ] {
+        let setup = Setup::of(scenario(limits), &Catalogue::shipped());
+        let timeline = decode(&frames, &setup).unwrap();
+        let verdict = judge(&timeline, &setup, &circumstances);
+        assert_eq!((verdict.outcome, verdict.fd_frames), (outcome, 7));
+        assert!(verdict.losses[0].starts_with("7 CAN FD frames on the bus"));
     }
 }

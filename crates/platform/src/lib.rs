@@ -10,6 +10,7 @@
 //! It does not know: scenarios, what a frame means, what a node is for.
 
 pub mod bus;
+pub mod claim;
 pub mod clock;
 pub mod counting_allocator;
 mod embedded_bus;

@@ -4,6 +4,7 @@ use dbc::SignalMissing;
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use scenario::ScenarioError;
 
@@ -177,7 +178,7 @@ impl Recorded {
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
         let by_node = ended_early.clone().filter(|end| end.by == EndedBy::Node);
         let circumstances = Circumstances {
-            frames_lost: stored.map_or(0, |stored| stored.frames_lost),
+            unrecorded: self.unrecorded(timeline),
             ended_early: by_node,
             stalls: self.stalls.clone(),
         };
@@ -202,6 +203,19 @@ impl Recorded {
             );
         }
         Ok(verdict)
+    }
+
+    /// What was on the bus and is not among the frames: what the run noted, and what of its log cannot be read.
+    fn unrecorded(&self, timeline: &Timeline) -> Unrecorded {
+        let duration_seconds = self.setup.scenario.duration_seconds;
+        let end = timeline.zero_seconds.map(|zero| zero + duration_seconds);
+        let end = end.and_then(|end| Duration::try_from_secs_f64(end).ok());
+        let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
+        Unrecorded {
+            frames_lost: of_run(|stored| stored.frames_lost),
+            fd_frames: of_run(|stored| stored.fd_frames) + self.log.fd_frames,
+            strange_lines: self.log.strange_until(end.unwrap_or(Duration::MAX)),
+        }
     }
 
     /// The verdict of the run itself, or what it would have been.

@@ -17,6 +17,7 @@ use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::write_setup;
 use recording::stalls;
 use recording::timeline::{self, Timeline};
+use recording::unrecorded::Unrecorded;
 use report::{ReportError, Run};
 use rig::setup::Setup;
 use worlds::{End, Played, WorldError};
@@ -51,9 +52,9 @@ pub fn run(
     let clock = ScenarioClock::new(&setup.database)?;
     let mut capture = Capture::new(folder.bus_log()?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
-    let (frames, frames_lost) = capture.finish()?;
+    let (frames, unrecorded) = capture.finish()?;
     let timeline = timeline::decode(&frames, setup)?;
-    let mut verdict = verdict(&ended, &timeline, setup, frames_lost);
+    let mut verdict = verdict(&ended, &timeline, setup, &unrecorded);
     if let Ok(Played {
         host: Some(host), ..
     }) = &ended
@@ -102,12 +103,12 @@ pub fn verdict(
     ended: &Result<Played, WorldError>,
     timeline: &Timeline,
     setup: &Setup,
-    frames_lost: u64,
+    unrecorded: &Unrecorded,
 ) -> Verdict {
     let ended_early = match ended {
         Err(error) => Some(EarlyEnd::without_node(
             EndedBy::Bench,
-            with_losses(error, frames_lost),
+            with_losses(error, unrecorded.frames_lost),
         )),
         Ok(played) => match &played.end {
             End::Completed => None,
@@ -117,7 +118,7 @@ pub fn verdict(
     };
     let host = ended.as_ref().ok().and_then(|played| played.host.as_ref());
     let circumstances = Circumstances {
-        frames_lost,
+        unrecorded: unrecorded.clone(),
         ended_early,
         stalls: host.map(|host| host.stalls.clone()).unwrap_or_default(),
     };

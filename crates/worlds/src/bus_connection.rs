@@ -141,7 +141,7 @@ impl BusConnection {
         })
     }
 
-    /// Ends the bus and gives the capture the last frames, and how many were lost.
+    /// Ends the bus and gives the capture the last frames, and how many others there were.
     ///
     /// # Errors
     /// The recording cannot be written.
@@ -149,6 +149,7 @@ impl BusConnection {
         self.recorder.stop();
         self.hub = None;
         capture.lose(self.recorder.lost());
+        capture.count_fd(self.recorder.fd_frames());
         self.collect(capture).map(|_| ())
     }
 }

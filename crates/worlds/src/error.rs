@@ -104,6 +104,12 @@ pub enum WorldError {
     /// A limit of the rig was violated.
     #[error("canrig stopped the drive: {0}")]
     Violation(String),
+    /// Somebody else leads on this bus.
+    #[error("a second master: {0}")]
+    SecondMaster(String),
+    /// The bench cannot have the interface for itself.
+    #[error(transparent)]
+    Claim(platform::claim::ClaimError),
     /// A check before current may flow.
     #[error("the pre-flight fails: {name}: {found}")]
     Preflight {

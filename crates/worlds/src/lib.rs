@@ -13,6 +13,7 @@ mod blame;
 mod bus_choice;
 pub mod bus_connection;
 mod bus_model;
+mod bus_place;
 pub mod catalogue;
 mod child;
 mod coordinator;
@@ -30,5 +31,6 @@ mod stalls;
 mod supervisor;
 
 pub use bus_choice::{BusChoice, RunBus, choose_bus};
+pub use bus_place::{BusPlace, Vigil};
 pub use error::WorldError;
 pub use played::{End, Played};

@@ -21,6 +21,7 @@ use crate::stalls::StallRecorder;
 use crate::supervisor::Supervisor;
 use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
+use recording::masters::MasterWatch;
 use recording::run_folder::RunFolder;
 use recording::stalls::Who;
 use rig::external::ExternalNode;
@@ -79,6 +80,9 @@ pub fn play(
         (end, stopped)
     });
     connection.collect(capture)?;
+    if let Some(second_master) = bench.second_master() {
+        return Err(WorldError::SecondMaster(second_master.to_owned()));
+    }
     let (end, [mut controller, mut plant_emulator]) = with_reports(end, stopped);
     if !setup.scenario.fault.node.hang.is_empty() {
         // Suspended on purpose, a loop wakes up late.
@@ -121,7 +125,7 @@ fn start_nodes(
     })
 }
 
-/// The bench's own node, with a supervisor where there is a rig.
+/// The bench's own node, with a supervisor where there is a rig, and a watch for a second master of a drive that is real.
 fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
     let mut orders = setup.scenario.clone();
     if !setup.external.has_fan() {
@@ -130,8 +134,11 @@ fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
     }
     let supervisor = setup.rig.as_ref();
     let supervisor = supervisor.map(|rig| Supervisor::new(&rig.file, &rig.drive));
+    let watch = |setup: &Setup| MasterWatch::new(&setup.scenario, &setup.database, &setup.external);
+    let has_drive = setup.external.has(ExternalNode::Drive);
+    let masters = has_drive.then(|| watch(setup)).transpose()?;
     let bench = DisturbanceProducer::new(&orders, &setup.database)?;
-    Ok(bench.with_supervisor(supervisor))
+    Ok(bench.with_supervisor(supervisor).with_master_watch(masters))
 }
 
 /// Waits until the bench's own node has ended: it has stopped the drive, or failed.

@@ -1,6 +1,7 @@
 //! The decoded recording: one row for each cycle.
 
 use crate::events::{TimedEmergency, TimelineEvent};
+use crate::masters::SecondMaster;
 use crate::traces::SignalTrace;
 use crate::truth::PlantTruth;
 
@@ -30,6 +31,8 @@ pub struct Timeline {
     /// The raw set-point of the scenario per row; NaN where the scenario has none.
     pub set_point_millimetres: Vec<f64>,
     pub columns: Vec<Column>,
+    /// What shows that somebody else led the drive too, the first first.
+    pub second_masters: Vec<SecondMaster>,
     /// Time in which frames occupied the bus by all time, from the first SYNC on; NaN without two SYNCs.
     pub bus_load_percent: f64,
     /// The longest time between two SYNCs; NaN without two SYNCs.

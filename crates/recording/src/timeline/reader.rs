@@ -15,6 +15,7 @@ use crate::events::EventReader;
 use crate::fan::FanReader;
 use crate::log::Stamped;
 use crate::losses::LossReader;
+use crate::masters::MasterWatch;
 use crate::traces::TraceReader;
 use crate::truth::TruthReader;
 
@@ -50,6 +51,7 @@ pub struct TimelineReader {
     traces: TraceReader,
     last_frame: Duration,
     traffic: Traffic,
+    masters: MasterWatch,
     columns: Columns,
     cycle: Vec<u64>,
     cycles_due: u64,
@@ -83,6 +85,7 @@ impl TimelineReader {
             traces: TraceReader::new(setup),
             last_frame: Duration::ZERO,
             traffic: Traffic::new(scenario),
+            masters: MasterWatch::new(scenario, database, &setup.external)?,
             columns: Columns::new(database)?,
             cycle: Vec::new(),
             cycles_due: 0,
@@ -103,6 +106,7 @@ impl TimelineReader {
         let is_sync = self.clock.on_frame(stamped.time, frame);
         let time = self.clock.scenario_time(stamped.time);
         self.last_frame = stamped.time;
+        self.masters.take_at(stamped.time, time, frame);
         if let Some(time) = time {
             self.losses.pass(time);
         }
@@ -216,6 +220,7 @@ impl TimelineReader {
             traces: Vec::new(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             last_frame_seconds: since_zero.as_secs_f64(),
+            second_masters: self.masters.found(),
             bus_load_percent: self.traffic.load_percent(),
             sync_interval_milliseconds_max: self.traffic.sync_interval_milliseconds_max(),
         })
