@@ -60,7 +60,7 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         false => rest.from_seconds - TIME_TOLERANCE_SECONDS,
     };
     let is_next = |time: f64| time >= earliest && time < rest.until_seconds;
-    let mut nearest = String::new();
+    let mut samples: &[SignalSample] = &[];
     let found = match event {
         Expected {
             emcy: Some(text), ..
@@ -71,8 +71,7 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         Expected {
             signal: Some(name), ..
         } => evidence.trace(name).map(|trace| {
-            let samples = samples_in(&trace.samples, rest);
-            nearest = nearest_words(samples, event);
+            samples = samples_in(&trace.samples, rest);
             stay(samples, event, is_next)
         }),
         _ => Err(Observation::none("nothing is expected")),
@@ -83,8 +82,9 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
             Observation::at(Ok(1e3 * since), at_seconds)
         }
         Ok(None) => Observation::none(format!(
-            "did not come after {:.3} s{nearest}",
-            rest.from_seconds
+            "did not come after {:.3} s{}",
+            rest.from_seconds,
+            nearest_words(samples, event)
         )),
         Err(observation) => observation,
     }
