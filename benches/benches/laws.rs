@@ -66,7 +66,7 @@ fn pid_cycle(start: (Law, Cycle)) -> (Law, Command) {
     cycle(start)
 }
 
-#[library_benchmark(config = limit(260))]
+#[library_benchmark(config = limit(330))]
 #[bench::hold(open_loop())]
 fn open_loop_cycle(start: (Law, Cycle)) -> (Law, Command) {
     cycle(start)

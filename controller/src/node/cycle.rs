@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use canopen::Services;
 use canopen::cia402::{Command as DriveCommand, State};
+use scenario::reference::SetPoint;
 use scenario::rig::drive::Feedback;
 
 use super::phase::{Cycle, Phase};
@@ -26,13 +27,15 @@ impl Controller {
         if !cycle.has_position {
             cycle.missing += 1;
             self.statistics.missing_positions += 1;
-            self.step(services, &cycle, f64::NAN);
+            let reference = self.reference(&cycle);
+            self.step(services, reference, f64::NAN);
         }
         // The law lives through skipped cycles too, so that its model keeps pace with the plant.
         let missing_max = u64::from(self.timeouts.missing_positions_cycles);
         for _ in 0..skipped.min(missing_max) {
             cycle.number += 1;
-            self.step(services, &cycle, f64::NAN);
+            let reference = self.reference(&cycle);
+            self.step(services, reference, f64::NAN);
         }
         cycle.number += 1 + skipped.saturating_sub(missing_max);
         cycle.has_position = false;
@@ -54,23 +57,25 @@ impl Controller {
         }
     }
 
-    fn scenario_time_seconds(&self, cycle: &Cycle) -> f64 {
+    /// Scenario time of a cycle, and its set-point.
+    fn reference(&self, cycle: &Cycle) -> (f64, SetPoint) {
         let period_nanoseconds = u64::try_from(self.sync_period.as_nanos()).unwrap_or(u64::MAX);
-        Duration::from_nanos(period_nanoseconds.saturating_mul(cycle.number)).as_secs_f64()
+        let time = Duration::from_nanos(period_nanoseconds.saturating_mul(cycle.number));
+        let time_seconds = time.as_secs_f64();
+        (time_seconds, self.trajectory.at(time_seconds))
     }
 
     /// One step of the law; the command in amperes.
     pub(super) fn step(
         &mut self,
         services: &mut Services,
-        cycle: &Cycle,
+        (scenario_time_seconds, set_point): (f64, SetPoint),
         position_metres: f64,
     ) -> f64 {
         let measurement = Measurement {
-            scenario_time_seconds: self.scenario_time_seconds(cycle),
+            scenario_time_seconds,
             position_metres,
         };
-        let set_point = self.trajectory.at(measurement.scenario_time_seconds);
         let period_seconds = self.sync_period.as_secs_f64();
         let command = self.law.step(&measurement, &set_point, period_seconds);
         self.explanation
@@ -105,12 +110,12 @@ impl Controller {
             return;
         }
         let position_metres = feedback.position_metres;
-        let set_point = self.trajectory.at(self.scenario_time_seconds(&cycle));
+        let reference = self.reference(&cycle);
         let set_point_metres = match self.has_set_point {
-            true => set_point.position_metres,
+            true => reference.1.position_metres,
             false => f64::NAN,
         };
-        match (self.plausibility).check(position_metres, set_point_metres) {
+        match self.plausibility.check(position_metres, set_point_metres) {
             Ok(()) => self.implausible = None,
             Err(cause @ Cause::PositionFrozen) => {
                 let text = self.plausibility.frozen_words(position_metres);
@@ -124,7 +129,7 @@ impl Controller {
         }
         (cycle.has_position, cycle.missing) = (true, 0);
         self.phase = Phase::Running(cycle);
-        let current_amperes = self.step(services, &cycle, position_metres);
+        let current_amperes = self.step(services, reference, position_metres);
         self.command(
             services,
             DriveCommand::EnableOperation.controlword(),

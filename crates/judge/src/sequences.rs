@@ -1,6 +1,6 @@
 //! Events held against `[[expect.sequence]]`: each after the one before, soon enough.
 
-use recording::traces::{SignalSample, SignalTrace};
+use recording::traces::SignalSample;
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
@@ -63,7 +63,7 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         false => rest.from_seconds - TIME_TOLERANCE_SECONDS,
     };
     let is_next = |time: f64| time >= earliest && time < rest.until_seconds;
-    let mut nearest = String::new();
+    let mut samples: &[SignalSample] = &[];
     let found = match event {
         Expected {
             emcy: Some(text), ..
@@ -74,8 +74,8 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         Expected {
             signal: Some(name), ..
         } => evidence.trace(name).map(|trace| {
-            nearest = nearest_words(samples_in(&trace.samples, rest), event);
-            stay(trace, event, rest, is_next)
+            samples = samples_in(&trace.samples, rest);
+            stay(samples, trace.silence_seconds_max, event, rest, is_next)
         }),
         _ => Err(Observation::none("nothing is expected")),
     };
@@ -85,6 +85,7 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
             Observation::at(Ok(1e3 * since), at_seconds)
         }
         Ok(None) => {
+            let nearest = nearest_words(samples, event);
             let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
             Observation::none(Absence::unseen(reason, rest))
         }
@@ -111,18 +112,18 @@ fn event_with(evidence: &Evidence<'_>, part: &str, is_next: impl Fn(f64) -> bool
 
 /// When a signal gets within the limits and stays there for long enough. A stay does not last through a silence.
 fn stay(
-    trace: &SignalTrace,
+    samples: &[SignalSample],
+    silence_seconds_max: Option<f64>,
     event: &Expected,
     rest: Window,
     is_next: impl Fn(f64) -> bool,
 ) -> Option<f64> {
     let (wanted, long) = (event.reaches?, event.for_milliseconds.unwrap_or(0.0) / 1e3);
     let is_silence = |seconds: f64| {
-        let longest = trace.silence_seconds_max;
-        longest.is_some_and(|longest| seconds > longest + TIME_TOLERANCE_SECONDS)
+        silence_seconds_max.is_some_and(|longest| seconds > longest + TIME_TOLERANCE_SECONDS)
     };
     let (mut since, mut latest) = (None, rest.from_seconds);
-    for sample in samples_in(&trace.samples, rest) {
+    for sample in samples {
         let time = sample.time_seconds;
         let was_silent = is_silence(time - std::mem::replace(&mut latest, time));
         if was_silent || !wanted.admits(sample.value) {

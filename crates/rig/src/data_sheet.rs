@@ -182,9 +182,7 @@ impl DataSheet {
             several => Err(DataSheetError::Unknown(ambiguous(text, several))),
         }
     }
-}
 
-impl DataSheet {
     /// What to say of a name that no object has.
     fn unknown(&self, text: &str) -> String {
         let entries = self.dictionary.entries().iter();

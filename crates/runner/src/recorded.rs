@@ -19,6 +19,7 @@ use recording::run_folder::file;
 use recording::session::{FramesError, ReadError, read_setup};
 use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline};
+use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
 use rig::rig_file::RigError;
 use rig::setup::Setup;
