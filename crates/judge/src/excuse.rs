@@ -58,12 +58,17 @@ impl Excuse {
         evidence: &Evidence<'_>,
         rows: &mut [Metric],
     ) -> Option<String> {
-        let timeline = evidence.timeline.before(self.first_seconds);
-        let before = Evidence::new(&timeline, evidence.setup, evidence.circumstances);
-        let before = metrics(&before);
+        let before = metrics_before(evidence, self.first_seconds);
         let mut opened = Vec::new();
         for row in rows.iter_mut() {
             let old = before.iter().find(|old| old.name == row.name);
+            if let (None, Some(old)) = (row.passed, old)
+                && is_proven(row, Some(old))
+            {
+                // A stall kept its window from being seen to the end, but it was beyond the limit before.
+                row.clone_from(old);
+                continue;
+            }
             let is_open = match row.passed {
                 Some(false) if row.name == MISSED_CYCLES => Self::explains_missed(evidence, row),
                 Some(false) if row.name == SYNC_INTERVAL => self.explains_interval(evidence, row),
@@ -98,6 +103,15 @@ impl Excuse {
         row.value
             .is_some_and(|value| value <= 1e3 * (longest + periods))
     }
+}
+
+/// What was measured until a time, as if the scenario ended there.
+fn metrics_before(evidence: &Evidence<'_>, seconds: f64) -> Vec<Metric> {
+    let timeline = evidence.timeline.before(seconds);
+    let mut setup = evidence.setup.clone();
+    let until_seconds = seconds.min(setup.scenario.judged_end_seconds());
+    setup.scenario.expect.judged_until_seconds = Some(until_seconds);
+    metrics(&Evidence::new(&timeline, &setup, evidence.circumstances))
 }
 
 /// Whether a limit was missed by what was on the bus before the first stall: by what is the same without all that came later,

@@ -1,6 +1,6 @@
 //! Events held against `[[expect.sequence]]`: each after the one before, soon enough.
 
-use recording::traces::SignalSample;
+use recording::traces::{SignalSample, SignalTrace};
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
@@ -63,33 +63,30 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         false => rest.from_seconds - TIME_TOLERANCE_SECONDS,
     };
     let is_next = |time: f64| time >= earliest && time < rest.until_seconds;
-    let mut samples: &[SignalSample] = &[];
-    let found = match event {
+    let (found, nearest) = match event {
         Expected {
             emcy: Some(text), ..
-        } => Ok(emergency(evidence, text, is_next)),
+        } => (emergency(evidence, text, is_next), String::new()),
         Expected {
             text: Some(text), ..
-        } => Ok(event_with(evidence, text, is_next)),
+        } => (event_with(evidence, text, is_next), String::new()),
         Expected {
             signal: Some(name), ..
-        } => evidence.trace(name).map(|trace| {
-            samples = samples_in(&trace.samples, rest);
-            stay(samples, trace.silence_seconds_max, event, rest, is_next)
-        }),
-        _ => Err(Observation::none("nothing is expected")),
+        } => match evidence.trace(name) {
+            Ok(trace) => reached(trace, event, rest, is_next),
+            Err(observation) => return observation,
+        },
+        _ => return Observation::none("nothing is expected"),
     };
     match found {
-        Ok(Some(at_seconds)) => {
+        Some(at_seconds) => {
             let since = (at_seconds - rest.from_seconds).max(0.0);
             Observation::at(Ok(1e3 * since), at_seconds)
         }
-        Ok(None) => {
-            let nearest = nearest_words(samples, event);
+        None => {
             let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
             Observation::none(Absence::unseen(reason, rest))
         }
-        Err(observation) => observation,
     }
 }
 
@@ -110,56 +107,69 @@ fn event_with(evidence: &Evidence<'_>, part: &str, is_next: impl Fn(f64) -> bool
     times.find(|time| is_next(*time))
 }
 
-/// When a signal gets within the limits and stays there for long enough. A stay does not last through a silence.
-fn stay(
-    samples: &[SignalSample],
-    silence_seconds_max: Option<f64>,
+/// When a signal gets within its limits for long enough; if it does not, how near it came.
+fn reached(
+    trace: &SignalTrace,
     event: &Expected,
     rest: Window,
     is_next: impl Fn(f64) -> bool,
-) -> Option<f64> {
-    let (wanted, long) = (event.reaches?, event.for_milliseconds.unwrap_or(0.0) / 1e3);
+) -> (Option<f64>, String) {
+    let samples = samples_in(&trace.samples, rest);
+    let stays = stays(samples, trace.silence_seconds_max, event);
+    let long = event.for_milliseconds.unwrap_or(0.0) / 1e3;
+    let is_reached = |stay: &&Stay| stay.lasts_seconds >= long && is_next(stay.begins_seconds);
+    match stays.iter().find(is_reached) {
+        Some(stay) => (Some(stay.begins_seconds), String::new()),
+        None => (None, nearest_words(samples, &stays, event)),
+    }
+}
+
+/// A signal within its limits from one sample to another, without a silence.
+struct Stay {
+    begins_seconds: f64,
+    lasts_seconds: f64,
+}
+
+/// All stays of a signal within the limits of an event, in order.
+fn stays(
+    samples: &[SignalSample],
+    silence_seconds_max: Option<f64>,
+    event: &Expected,
+) -> Vec<Stay> {
+    let Some(wanted) = event.reaches else {
+        return Vec::new();
+    };
     let is_silence = |seconds: f64| {
         silence_seconds_max.is_some_and(|longest| seconds > longest + TIME_TOLERANCE_SECONDS)
     };
-    let (mut since, mut latest) = (None, rest.from_seconds);
-    for sample in samples {
-        let time = sample.time_seconds;
-        let was_silent = is_silence(time - std::mem::replace(&mut latest, time));
-        if was_silent || !wanted.admits(sample.value) {
-            since = None;
-        }
-        if !wanted.admits(sample.value) {
-            continue;
-        }
-        let begin = *since.get_or_insert(time);
-        if time - begin >= long && is_next(begin) {
-            return Some(begin);
-        }
-    }
-    None
+    let is_one_stay = |one: &SignalSample, next: &SignalSample| {
+        wanted.admits(one.value) == wanted.admits(next.value)
+            && !is_silence(next.time_seconds - one.time_seconds)
+    };
+    let stretches = samples.chunk_by(is_one_stay);
+    stretches
+        .filter(|stretch| wanted.admits(stretch[0].value))
+        .map(|stay| Stay {
+            begins_seconds: stay[0].time_seconds,
+            lasts_seconds: stay[stay.len() - 1].time_seconds - stay[0].time_seconds,
+        })
+        .collect()
 }
 
 /// How near a signal came to its limits, and when; where it was within them, for how long.
-fn nearest_words(samples: &[SignalSample], event: &Expected) -> String {
+fn nearest_words(samples: &[SignalSample], stays: &[Stay], event: &Expected) -> String {
     let Some(wanted) = event.reaches else {
         return String::new();
     };
-    let mut longest: Option<(f64, f64)> = None;
-    for stay in samples.chunk_by(|one, next| wanted.admits(one.value) == wanted.admits(next.value))
-    {
-        let (from, until) = (stay[0].time_seconds, stay[stay.len() - 1].time_seconds);
-        let is_longer = longest.is_none_or(|(_, long)| until - from > long);
-        if wanted.admits(stay[0].value) && is_longer {
-            longest = Some((from, until - from));
-        }
-    }
+    // Of stays that last equally long the first is named.
+    let longest = stays
+        .iter()
+        .rev()
+        .max_by(|one, other| one.lasts_seconds.total_cmp(&other.lasts_seconds));
     match (longest, nearest(samples, wanted)) {
-        (Some((from, long)), _) => {
-            format!(
-                "; was so for at most {:.3} ms, from {from:.3} s",
-                1e3 * long
-            )
+        (Some(stay), _) => {
+            let (from, long) = (stay.begins_seconds, 1e3 * stay.lasts_seconds);
+            format!("; was so for at most {long:.3} ms, from {from:.3} s")
         }
         (None, Some(sample)) => {
             let value = rounded(sample.value);
@@ -257,7 +267,7 @@ mod tests {
         );
     }
 
-    /// The current is 0 from 0.521 s on; for 0.2 s of that nothing is heard.
+    /// The current is 0 from 0.521 s on; from 0.6 to 0.8 s nothing is heard.
     #[test]
     fn a_stay_does_not_last_through_a_silence() {
         let stay = "event = [{ signal = \"current_amperes\", reaches = { max = 0 }, for_milliseconds = 150 }]";
@@ -266,10 +276,10 @@ mod tests {
         };
         let heard: Vec<Stamped> = frames().into_iter().filter(|one| !is_silent(one)).collect();
         check_frames(&frames(), stay, &[(Ok(521.0), true)]);
-        let did_not_come = Err("did not come after 0.000 s");
         let longer = stay.replace("150", "250");
         check_frames(&frames(), &longer, &[(Ok(521.0), true)]);
-        check_frames(&heard, &longer, &[(did_not_come, false)]);
+        let short = Err("did not come after 0.000 s; was so for at most 199.000 ms, from 0.800 s");
+        check_frames(&heard, &longer, &[(short, false)]);
     }
 
     #[test]

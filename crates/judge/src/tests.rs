@@ -191,7 +191,9 @@ fn what_a_silent_node_kept_from_being_seen_fails() {
 
 #[test]
 fn what_is_judged_may_end_before_the_scenario_does() {
-    let ends = format!("{CRASH}{LIMITS}judged_until_seconds = 1.5\n");
+    // 21 missed cycles of 1500 are 1.4 %, which the limit on them admits.
+    let limits = LIMITS.replace("percent = { max = 1.0 }", "percent = { max = 2.0 }");
+    let ends = format!("{CRASH}{limits}judged_until_seconds = 1.5\n");
     let dead = verdict_of(&scenario(&ends), &dying_frames(1500), 0);
     assert_eq!(dead.outcome, Outcome::Pass, "{:?}", dead.metrics);
     assert_eq!(value(&dead, "settling_time_seconds"), Some(0.1));
@@ -590,7 +592,7 @@ fn a_second_master_lets_nothing_pass_and_nothing_fail() {
     let frames = with_foreign_syncs();
     for limits in [
         "[expect]\n",
-        "[expect]\nposition_millimetres = { max = 1.0 }\n",
+        "[expect]\nposition_millimetres_max = { max = 1.0 }\n",
     ] {
         let verdict = verdict_of(&scenario(limits), &frames, 0);
         assert_eq!(verdict.outcome, Outcome::Inconclusive);
