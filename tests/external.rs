@@ -342,11 +342,10 @@ fn a_foreign_controller_that_dies_fails_the_run() {
         let missed = metric(&verdict(&run), "missed_cycles_percent")["value"].as_f64();
         assert!(missed > Some(70.0), "{missed:?}");
         let log = fs::read_to_string(run.join("bus.log")).unwrap();
-        let last = log.lines().rfind(|line| line.contains(" 190#")).unwrap();
-        assert!(
-            last.ends_with("0000") || !last.contains(" 190#37"),
-            "{last}"
-        );
+        // Without SYNC it sends no position: that it left Operational, with its emergency, says that no current flows.
+        assert!(log.contains(" 090#3081"), "no emergency:\n{log}");
+        let last = log.lines().rfind(|line| line.contains(" 710#")).unwrap();
+        assert!(!last.ends_with("#05"), "{last}");
     });
 }
 

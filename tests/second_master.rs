@@ -20,7 +20,7 @@ fn scenario_text(expect: &str) -> String {
     format!(
         "schema = 1\nname = \"shared\"\nduration_seconds = 3.0\n[bus]\nsync_period_milliseconds = 100.0\n\
          [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
-         [expect]\nposition_millimetres = {{ max = 59.0 }}\n{expect}"
+         [expect]\nposition_millimetres_max = {{ max = 59.0 }}\n{expect}"
     )
 }
 
@@ -83,10 +83,9 @@ fn beside_a_real_drive_a_second_master_ends_the_run_without_current() {
         let (code, text, run) = beside_a_producer(&address, || run.end());
         stop(drive);
         assert_eq!(code, Some(4), "{text}");
-        assert!(
-            text.contains("canrig: a second master: 0x080 (SYNC"),
-            "{text}"
-        );
+        let place = run.parent().unwrap().parent().unwrap().join("swapped.toml");
+        let reason = format!("canrig: {}: a second master: 0x080 (SYNC", place.display());
+        assert!(text.contains(&reason), "{text}");
         let log = fs::read_to_string(run.join("bus.log")).unwrap();
         // The foreign SYNC has no counter.
         let (_, foreign) = log.split_once(" 080#\n").expect("a foreign SYNC");

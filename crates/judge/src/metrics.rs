@@ -187,6 +187,9 @@ fn missed_cycles(evidence: &Evidence<'_>) -> MetricValue {
 }
 
 fn sync_interval(evidence: &Evidence<'_>) -> MetricValue {
+    if evidence.timeline.zero_seconds.is_none() {
+        return Err("the scenario never began".into());
+    }
     let longest = traffic(evidence.timeline.sync_interval_milliseconds_max)?;
     until_the_end(evidence)?;
     Ok(longest)

@@ -16,6 +16,8 @@ use crate::evidence::TIME_TOLERANCE_SECONDS;
 
 /// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
 const REACTION_SECONDS: f64 = 0.2;
+/// Nodes wait at least for so long for each other's heartbeat.
+const HEARD_SECONDS: f64 = 0.1;
 /// With faults the plant sends its truth every 10 ms at least.
 pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
 /// Without faults the last SYNC comes a period before the end, or late.
@@ -263,11 +265,10 @@ pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, scenario: &Scenario) -
         && timeline.last_frame_seconds + tolerance >= scenario.duration_seconds
 }
 
-/// The stalls in scenario time.
+/// The stalls in the time of the timeline.
 fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
-    let Some(zero) = timeline.zero_seconds else {
-        return Vec::new();
-    };
+    // Where the scenario never began, times are those of the recording.
+    let zero = timeline.zero_seconds.unwrap_or_default();
     // Both are whole microseconds since 1970, which seconds in an f64 do not hold.
     #[expect(
         clippy::cast_precision_loss,
@@ -308,30 +309,40 @@ fn overlapping(stretches: &[Stretch], from: f64, until: f64) -> Option<Stretch> 
         .copied()
 }
 
-/// The longest stall of those that fill at least half of the time in which a node was amiss: then the end of the run says
-/// nothing of the node.
+/// The longest stall of those that fill at least half of the time in which a node was amiss, or in which it was to be heard
+/// again: then the end of the run says nothing of the node.
 pub(crate) fn excuse_of_end(
     timeline: &Timeline,
     stalls: &[Stall],
     end: &EarlyEnd,
 ) -> Option<Stretch> {
-    let (from, until) = (end.since_seconds?, end.at_seconds?);
-    let mut excusing = stretches(timeline, stalls);
-    excusing.retain(|stretch| stretch.until_seconds > from && stretch.from_seconds < until);
-    excusing.sort_by(|left, right| left.from_seconds.total_cmp(&right.from_seconds));
+    let until = end.at_seconds?;
+    let since = end.since_seconds.unwrap_or(until);
+    let mut stretches = stretches(timeline, stalls);
+    stretches.sort_by(|left, right| left.from_seconds.total_cmp(&right.from_seconds));
+    [since, until - HEARD_SECONDS]
+        .into_iter()
+        .find_map(|from| longest_of_half(&stretches, from, until))
+}
+
+/// The longest of the stalls, sorted by their begins, that overlap a stretch, if together they fill at least half of it.
+fn longest_of_half(stretches: &[Stretch], from: f64, until: f64) -> Option<Stretch> {
+    let overlaps =
+        |stretch: &&Stretch| stretch.until_seconds > from && stretch.from_seconds < until;
     let mut reached = from;
     let mut covered = 0.0;
-    for stretch in &excusing {
+    for stretch in stretches.iter().filter(overlaps) {
         let begins = stretch.from_seconds.max(reached);
         let ends = stretch.until_seconds.min(until);
         covered += f64::max(ends - begins, 0.0);
         reached = reached.max(ends);
     }
     let is_filled = covered > 0.0 && covered >= (until - from) / 2.0;
-    let longest = excusing.into_iter();
+    let longest = stretches.iter().filter(overlaps);
     longest
         .max_by(|left, right| left.length().total_cmp(&right.length()))
         .filter(|_| is_filled)
+        .copied()
 }
 
 #[cfg(test)]

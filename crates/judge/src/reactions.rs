@@ -163,7 +163,7 @@ fn zero_since(truth: &[PlantTruth], fault_seconds: f64, silence_seconds_max: f64
             continue;
         }
         let since = *zero_since.get_or_insert(from);
-        if until - since >= WITHOUT_CURRENT_SECONDS {
+        if until - since >= WITHOUT_CURRENT_SECONDS - TIME_TOLERANCE_SECONDS {
             return Some(since);
         }
     }

@@ -23,10 +23,10 @@ pub struct EarlyEnd {
     /// Which node; none where the bench or the user ended it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub node: Option<String>,
-    /// Since when something was amiss, in scenario time; none before the scenario began.
+    /// Since when something was amiss, in scenario time; where the scenario never began, in that of the recording.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub since_seconds: Option<f64>,
-    /// When the run ended for it, in scenario time; none before the scenario began.
+    /// When the run ended for it, in the same time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_seconds: Option<f64>,
     /// What happened.

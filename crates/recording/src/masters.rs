@@ -95,6 +95,10 @@ impl MasterWatch {
             let rate = rate("drive_rpdo1", "commands to the drive", Some(cycle))?;
             Some(rate.only(database.signal(COMMAND)?, enabling(database)))
         };
+        // When a node is no longer slow, its next frame comes sooner by so much.
+        let delays = fault.node.slow_cycle.iter();
+        let delays = delays.map(|fault| fault.delay_milliseconds / 1e3);
+        let slow_seconds = delays.fold(0.0, f64::max);
         let sync = rate("sync", "SYNC", Some(cycle));
         let of_ours = [
             rate("drive_tpdo1", "positions of the drive", Some(cycle)),
@@ -107,7 +111,10 @@ impl MasterWatch {
             clock: ScenarioClock::new(database)?,
             statusword: database.require(STATUSWORD)?.raw_id(),
             end: Duration::from_secs_f64(scenario.duration_seconds),
-            rates: rates.filter(|_| is_watched).collect(),
+            rates: rates
+                .filter(|_| is_watched)
+                .map(|rate| rate.of_slow_nodes(slow_seconds))
+                .collect(),
             nmt: (is_watched && is_ours).then(|| Nmt::new(scenario)),
         })
     }
@@ -217,6 +224,8 @@ struct Rate {
     latest: Option<Duration>,
     /// Frames that came before their time; a backlog, if negative.
     ahead: f64,
+    /// More of them are another sender's.
+    ahead_max: f64,
     surplus: Surplus,
 }
 
@@ -229,6 +238,7 @@ impl Rate {
             only: None,
             latest: None,
             ahead: -periods(FIRST_LATENESS, period),
+            ahead_max: AHEAD_MAX,
             surplus: Surplus::default(),
         }
     }
@@ -236,6 +246,13 @@ impl Rate {
     fn only(self, signal: SignalHandle, values: Vec<i64>) -> Self {
         Self {
             only: Some((signal, values)),
+            ..self
+        }
+    }
+
+    fn of_slow_nodes(self, delay_seconds: f64) -> Self {
+        Self {
+            ahead_max: AHEAD_MAX + delay_seconds / self.period.as_secs_f64(),
             ..self
         }
     }
@@ -263,7 +280,7 @@ impl Rate {
             self.ahead = self.ahead.min(0.0);
             return;
         };
-        if self.ahead > AHEAD_MAX {
+        if self.ahead > self.ahead_max {
             self.ahead -= 1.0;
             self.surplus.add(scenario_time);
         }

@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use canopen::emcy::{EmergencyMessage, ErrorCode};
 use dbc::scenario_clock::SYNC_COB_ID;
 use dbc::signals;
 use platform::lockstep::LockstepError;
@@ -27,9 +28,8 @@ const NMT_COB_ID: u16 = 0x000;
 const NMT_STOP: u8 = 2;
 const CONTROLLER_EMCY: u16 = 0x081;
 const CONTROLLER_HEARTBEAT: u16 = 0x701;
-/// Where the controller's EMCY has its cause, and the causes that are the drive's: no position, not enabled, an emergency,
-/// not operational, no bring-up.
-const CAUSE_BYTE: usize = 4;
+/// The causes in the controller's EMCY that are the drive's: no position, not enabled, an emergency, not operational, no
+/// bring-up.
 const CAUSES_OF_DRIVE: [u8; 5] = [1, 5, 6, 7, 9];
 
 /// The end of a run that broke off with an error, if a node under test is why.
@@ -97,6 +97,11 @@ impl Seen<'_> {
         Some(micros / 1e6)
     }
 
+    /// Scenario time; the recording's where the scenario never began.
+    fn stamp(&self, time: Duration) -> f64 {
+        self.seconds(time).unwrap_or(time.as_secs_f64())
+    }
+
     fn end_of_recording(&self) -> Option<Duration> {
         self.frames.last().map(|last| last.time)
     }
@@ -115,8 +120,8 @@ impl Seen<'_> {
         EarlyEnd {
             by: EndedBy::Node,
             node: Some(node.to_owned()),
-            since_seconds: since.and_then(|since| self.seconds(since)),
-            at_seconds: self.end_of_recording().and_then(|end| self.seconds(end)),
+            since_seconds: since.map(|since| self.stamp(since)),
+            at_seconds: self.end_of_recording().map(|end| self.stamp(end)),
             what,
         }
     }
@@ -142,7 +147,7 @@ impl Seen<'_> {
         };
         let since = last.and_then(|last| self.seconds(last)).unwrap_or_default();
         EarlyEnd {
-            at_seconds: last.and_then(|last| self.seconds(last + silence)),
+            at_seconds: last.map(|last| self.stamp(last + silence)),
             ..self.end(node, last, format!("silent since {since:.3} s"))
         }
     }
@@ -187,11 +192,18 @@ impl Seen<'_> {
         self.end(DRIVE, position, what)
     }
 
-    /// Whether the controller's last emergency says that the drive was amiss.
+    /// Whether the controller's last error says that the drive was amiss: its heartbeat, or a cause of the controller's own.
     fn is_of_drive(&self) -> bool {
-        let emergency = self.last(CONTROLLER_EMCY.into());
-        let cause = emergency.and_then(|emergency| emergency.frame.data().get(CAUSE_BYTE));
-        cause.is_some_and(|cause| CAUSES_OF_DRIVE.contains(cause))
+        let of_controller =
+            |stamped: &&Stamped| stamped.frame.standard_id() == Some(CONTROLLER_EMCY);
+        let latest_first = self.frames.iter().rev().filter(of_controller);
+        let mut errors = latest_first
+            .filter_map(|stamped| EmergencyMessage::decode(stamped.frame.data()))
+            .filter(|emergency| emergency.code != ErrorCode::NO_ERROR);
+        errors.next().is_some_and(|emergency| {
+            let [_, cause, ..] = emergency.manufacturer;
+            emergency.code == ErrorCode::HEARTBEAT || CAUSES_OF_DRIVE.contains(&cause)
+        })
     }
 
     fn is_bus_in_trouble(&self) -> bool {
