@@ -103,7 +103,8 @@ impl MasterWatch {
         let of_ours = [
             rate("drive_tpdo1", "positions of the drive", Some(cycle)),
             command(),
-            rate("controller_heartbeat", "heartbeats of the controller", None),
+            rate("controller_heartbeat", "heartbeats of the controller", None)
+                .map(Rate::of_heartbeats),
         ];
         let of_ours = of_ours.into_iter().flatten().filter(|_| is_ours);
         let rates = sync.into_iter().chain(of_ours);
@@ -221,6 +222,8 @@ struct Rate {
     period: Duration,
     /// Only frames with one of these values count.
     only: Option<(SignalHandle, Vec<i64>)>,
+    /// Of heartbeats, the states since the latest boot-up.
+    states: Option<Vec<u8>>,
     latest: Option<Duration>,
     /// Frames that came before their time; a backlog, if negative.
     ahead: f64,
@@ -236,6 +239,7 @@ impl Rate {
             what,
             period,
             only: None,
+            states: None,
             latest: None,
             ahead: -periods(FIRST_LATENESS, period),
             ahead_max: AHEAD_MAX,
@@ -257,6 +261,30 @@ impl Rate {
         }
     }
 
+    fn of_heartbeats(self) -> Self {
+        Self {
+            states: Some(Vec::new()),
+            ..self
+        }
+    }
+
+    /// Whether a frame is a heartbeat with a state that the node has not had since its boot-up: that one comes at once. Of two
+    /// senders in two states, each sends its state again.
+    fn has_new_state(&mut self, frame: &CanFrame) -> bool {
+        let (Some(states), Some(byte)) = (&mut self.states, frame.data().first()) else {
+            return false;
+        };
+        let state = byte & 0x7F;
+        if state == NmtState::Initialising.number() {
+            states.clear();
+        }
+        let is_new = !states.contains(&state);
+        if is_new {
+            states.push(state);
+        }
+        is_new
+    }
+
     fn counts(&self, frame: &CanFrame) -> bool {
         self.only.as_ref().is_none_or(|(signal, values)| {
             let value = signal.decode(frame);
@@ -267,7 +295,7 @@ impl Rate {
 
     /// Takes a frame of the message; outside the scenario's time none is too many.
     fn take(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
-        if !self.counts(frame) {
+        if !self.counts(frame) || self.has_new_state(frame) {
             return;
         }
         if let Some(latest) = self.latest.replace(time) {
@@ -275,14 +303,11 @@ impl Rate {
             let remembered = self.ahead * (1.0 - since / MEMORY_PERIODS).max(0.0);
             self.ahead = (remembered + 1.0 - since).max(-periods(BACKLOG_MAX, self.period));
         }
-        // A node that boots sends its first heartbeats sooner: a lead from before the scenario does not count.
-        let Some(scenario_time) = scenario_time else {
-            self.ahead = self.ahead.min(0.0);
-            return;
-        };
         if self.ahead > self.ahead_max {
             self.ahead -= 1.0;
-            self.surplus.add(scenario_time);
+            if let Some(time) = scenario_time {
+                self.surplus.add(time);
+            }
         }
     }
 }
@@ -458,7 +483,13 @@ mod tests {
         }
         let boot = [heartbeat(Duration::ZERO, 0), heartbeat(5 * PERIOD, 5)];
         frames.extend(boot);
-        frames.extend((1..75).map(|number| heartbeat(20 * number * PERIOD, 5)));
+        frames.extend((1..40).map(|number| heartbeat(20 * number * PERIOD, 5)));
+        // Stopped between two of them, and started anew.
+        frames.extend([heartbeat(790 * PERIOD, 4)]);
+        frames.extend((40..50).map(|number| heartbeat(20 * number * PERIOD, 4)));
+        frames.extend([heartbeat(986 * PERIOD, 0), heartbeat(987 * PERIOD, 0x7F)]);
+        frames.extend([heartbeat(991 * PERIOD, 5)]);
+        frames.extend((0..20).map(|number| heartbeat((1006 + 20 * number) * PERIOD, 5)));
         assert_eq!(found(frames), []);
     }
 

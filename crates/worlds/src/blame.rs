@@ -177,33 +177,41 @@ impl Seen<'_> {
 
     /// A node that gave up by itself; of a controller that gave its drive up, the drive.
     fn gave_up(&self, name: &str, how: &str, log: &str) -> EarlyEnd {
-        let position = self.last_position();
         let when = self.when();
-        if name != CONTROLLER || !self.is_of_drive() {
-            return self.end(name, position, format!("{how}{when}{log}"));
-        }
-        let silent = position.zip(self.end_of_recording());
+        let given_up = self.drive_given_up().filter(|_| name == CONTROLLER);
+        let Some(given_up) = given_up else {
+            return self.end(name, self.last_position(), format!("{how}{when}{log}"));
+        };
+        let position = self.last_position();
         let patience = SILENT_PERIODS * self.setup.scenario.bus.sync_period();
-        let silent = silent.filter(|(position, end)| *end > *position + patience);
-        let silent = silent.and_then(|(position, _)| self.seconds(position));
+        let silent = position.filter(|position| given_up > *position + patience);
+        let silent = silent.and_then(|position| self.seconds(position));
         let silent =
             silent.map_or_else(String::new, |since| format!("silent since {since:.3} s; "));
         let what = format!("{silent}the controller gave it up{when} and {how}{log}");
-        self.end(DRIVE, position, what)
+        EarlyEnd {
+            at_seconds: Some(self.stamp(given_up)),
+            ..self.end(DRIVE, position, what)
+        }
     }
 
-    /// Whether the controller's last error says that the drive was amiss: its heartbeat, or a cause of the controller's own.
-    fn is_of_drive(&self) -> bool {
+    /// When the controller gave its drive up, if its last error says that the drive was amiss: its heartbeat, or a cause of the
+    /// controller's own.
+    fn drive_given_up(&self) -> Option<Duration> {
         let of_controller =
             |stamped: &&Stamped| stamped.frame.standard_id() == Some(CONTROLLER_EMCY);
         let latest_first = self.frames.iter().rev().filter(of_controller);
         let mut errors = latest_first
-            .filter_map(|stamped| EmergencyMessage::decode(stamped.frame.data()))
-            .filter(|emergency| emergency.code != ErrorCode::NO_ERROR);
-        errors.next().is_some_and(|emergency| {
-            let [_, cause, ..] = emergency.manufacturer;
-            emergency.code == ErrorCode::HEARTBEAT || CAUSES_OF_DRIVE.contains(&cause)
-        })
+            .filter_map(|stamped| {
+                let emergency = EmergencyMessage::decode(stamped.frame.data())?;
+                Some((stamped.time, emergency))
+            })
+            .filter(|(_, emergency)| emergency.code != ErrorCode::NO_ERROR);
+        let (time, emergency) = errors.next()?;
+        let [_, cause, ..] = emergency.manufacturer;
+        let is_of_drive =
+            emergency.code == ErrorCode::HEARTBEAT || CAUSES_OF_DRIVE.contains(&cause);
+        is_of_drive.then_some(time)
     }
 
     fn is_bus_in_trouble(&self) -> bool {
