@@ -4,7 +4,7 @@ use std::rc::Rc;
 
 use dbc::signals::{POSITION, TRUE_POSITION, TRUTH_MESSAGES};
 use recording::ending::EndedBy;
-use recording::timeline::Timeline;
+use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use rig::setup::Setup;
 use scenario::Scenario;
@@ -15,9 +15,6 @@ use crate::circumstances::Circumstances;
 use crate::metric::Metric;
 use crate::misses::Misses;
 use crate::quality::reaches;
-
-/// Sample times are multiples of the period; this absorbs their rounding.
-pub(crate) const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
 
 /// What is judged, and by what.
 pub(crate) struct Evidence<'a> {

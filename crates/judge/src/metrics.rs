@@ -1,11 +1,11 @@
 //! What a run came to, in numbers, each with its limit.
 
+use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 use scenario::metrics::METRICS;
 
 use crate::evidence::{
-    Absence, Evidence, Measurement, MetricValue, TIME_TOLERANCE_SECONDS, first_silence, largest,
-    mean, worst,
+    Absence, Evidence, Measurement, MetricValue, first_silence, largest, mean, worst,
 };
 use crate::metric::Metric;
 use crate::{disturbances, reactions, sequences, signals, sine, steps};

@@ -5,14 +5,13 @@ use std::time::Duration;
 
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::stalls::{Stall, Who};
-use recording::timeline::Timeline;
+use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use rig::external::{External, ExternalNode};
 use rig::setup::Setup;
 use scenario::Scenario;
 use scenario::events::Window;
 
 use crate::circumstances::Circumstances;
-use crate::evidence::TIME_TOLERANCE_SECONDS;
 
 /// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
 const REACTION_SECONDS: f64 = 0.2;

@@ -2,7 +2,7 @@
 //! of it has no value.
 
 use canopen::cia402::State;
-use recording::timeline::{Column, Timeline};
+use recording::timeline::{Column, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::silence_seconds_max;
 use recording::truth::PlantTruth;
 use scenario::Scenario;
@@ -10,9 +10,7 @@ use scenario::events::Window;
 use scenario::expect::Emergency;
 
 use crate::disturbances::recovery;
-use crate::evidence::{
-    Absence, Evidence, Measurement, MetricValue, TIME_TOLERANCE_SECONDS, first_silence, largest,
-};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, first_silence, largest};
 
 /// Without current for so long counts as current 0: a law may command no current for some cycles.
 const WITHOUT_CURRENT_SECONDS: f64 = 0.1;

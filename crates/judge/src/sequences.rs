@@ -1,10 +1,11 @@
 //! Events held against `[[expect.sequence]]`: each after the one before, soon enough.
 
+use recording::timeline::TIME_TOLERANCE_SECONDS;
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
-use crate::evidence::{Absence, Evidence, Observation, TIME_TOLERANCE_SECONDS, samples_in};
+use crate::evidence::{Absence, Evidence, Observation, samples_in};
 use crate::metric::{Metric, rounded};
 use crate::signals::nearest;
 

@@ -1,12 +1,11 @@
 //! What signals did, held against `[[expect.signal]]`. Where nothing was seen, nothing passes.
 
+use recording::timeline::TIME_TOLERANCE_SECONDS;
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
-use crate::evidence::{
-    Absence, Evidence, Observation, TIME_TOLERANCE_SECONDS, first_silence, margin, samples_in,
-};
+use crate::evidence::{Absence, Evidence, Observation, first_silence, margin, samples_in};
 use crate::metric::{Metric, rounded};
 
 /// A row for each demand.

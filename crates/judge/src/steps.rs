@@ -1,8 +1,9 @@
 //! How the position follows the steps of the set-point.
 
+use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::JudgedStep;
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, TIME_TOLERANCE_SECONDS, worst};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, worst};
 use crate::metric::rounded;
 
 /// Half the width of the settling band, by the height of the step (PAPER, "Definitions").

@@ -187,7 +187,8 @@ impl Drawn {
             }
         }
         let micros = |seconds: f64| {
-            let micros = ZERO_MICROS + Duration::from_secs_f64(seconds).as_micros() as u64;
+            let since_zero = Duration::from_secs_f64(seconds).as_micros();
+            let micros = ZERO_MICROS + u64::try_from(since_zero).unwrap();
             micros.next_multiple_of(100)
         };
         for truth in &self.truth {

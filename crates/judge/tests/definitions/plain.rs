@@ -85,7 +85,7 @@ pub(crate) fn set_point(pieces: &[(f64, Piece)], time: f64) -> f64 {
             centre,
             amplitude,
             period_seconds,
-        } => centre + amplitude * (TAU * (time - start) / period_seconds).sin(),
+        } => centre + amplitude * libm::sin(TAU * (time - start) / period_seconds),
     })
 }
 
@@ -544,7 +544,7 @@ fn fit(samples: &[Sample], period: f64, value: impl Fn(&Sample) -> f64) -> Optio
     let (mut matrix, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
     for sample in samples {
         let angle = TAU * sample.time / period;
-        let row = [1.0, angle.sin(), angle.cos()];
+        let row = [1.0, libm::sin(angle), libm::cos(angle)];
         for line in 0..3 {
             for column in 0..3 {
                 matrix[line][column] += row[line] * row[column];
@@ -577,7 +577,7 @@ fn bits(frame: &CanFrame) -> usize {
         |value: u16, count: u16| stream.extend((0..count).rev().map(|bit| value >> bit & 1 == 1));
     push(identifier, 11);
     push(0, 3);
-    push(frame.data().len() as u16, 4);
+    push(u16::try_from(frame.data().len()).unwrap(), 4);
     for byte in frame.data() {
         push(u16::from(*byte), 8);
     }

@@ -5,6 +5,9 @@ use crate::masters::SecondMaster;
 use crate::traces::SignalTrace;
 use crate::truth::PlantTruth;
 
+/// Sample times are multiples of the period; this absorbs their rounding.
+pub const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
+
 /// One signal over all cycles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
