@@ -54,19 +54,19 @@ pub(crate) fn end_by_node(
             let what = format!("canrig stopped the drive: {text}{when}");
             Ok(seen.end(DRIVE, None, what))
         }
-        WorldError::NoStop { name, .. } => Ok(seen.end(name, None, error.to_string())),
+        WorldError::NoStop { ref name, .. } => Ok(seen.end(name, None, error.to_string())),
         WorldError::Process {
             name,
             how,
             log,
             doing: Doing::GaveUp,
-        } if !seen.is_bus_in_trouble() => Ok(seen.gave_up(name, &how, &log)),
+        } if !seen.is_bus_in_trouble() => Ok(seen.gave_up(&name, &how, &log)),
         WorldError::Process {
             name,
             how,
             log,
             doing: Doing::Crashed,
-        } => Ok(seen.end(name, None, format!("{how}{}{log}", seen.when()))),
+        } => Ok(seen.end(&name, None, format!("{how}{}{log}", seen.when()))),
         WorldError::Coordinator(CoordinatorError::Failed { name, reason }) => {
             Ok(seen.gave_up(&name, "gave up", &format!(": {reason}")))
         }

@@ -22,7 +22,7 @@ pub(super) const COLLECT_PERIOD: Duration = Duration::from_millis(20);
 /// A stop signal for a thread of the bench.
 pub(super) fn stop_signal() -> Result<(Stopper, StopSignal), WorldError> {
     StopSignal::manual().map_err(|source| WorldError::Spawn {
-        name: BENCH,
+        name: BENCH.to_owned(),
         source,
     })
 }
