@@ -191,11 +191,14 @@ fn fd_frames() -> Result<(), Failed> {
     let scenario = support::unhurried_scenario(folder.path(), 2.0);
     let runs = folder.path().join("runs");
     let mut canrig = canrig(&runs, "run");
-    let run = canrig.args(["--bus", INTERFACE]).arg(&scenario);
-    let run = run.stdout(std::process::Stdio::piped()).spawn()?;
+    let run = canrig
+        .args(["--bus", INTERFACE])
+        .arg(&scenario)
+        .stdout(std::process::Stdio::piped())
+        .spawn()?;
     let mut monitor = Command::new(env!("CARGO_BIN_EXE_canrig"));
-    let monitor = monitor.args(["monitor", "--bus", INTERFACE, "--duration", "3"]);
     let monitor = monitor
+        .args(["monitor", "--bus", INTERFACE, "--duration", "3"])
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::piped())
         .spawn()?;

@@ -161,8 +161,10 @@ const LIMITS: &str = "[expect]\nsettling_time_seconds = { max = 0.2 }\novershoot
 
 /// The names of the rows with a limit, by what came of it.
 fn names(verdict: &Verdict, passed: Option<bool>) -> Vec<&str> {
-    let rows = verdict.metrics.iter();
-    let rows = rows.filter(|row| row.limit.is_some() && row.passed == passed);
+    let rows = verdict
+        .metrics
+        .iter()
+        .filter(|row| row.limit.is_some() && row.passed == passed);
     rows.map(|row| row.name.as_str()).collect()
 }
 
@@ -580,8 +582,10 @@ fn with_foreign_syncs() -> Vec<Stamped> {
     let frames = frames(4000, |_| Some(10.0));
     let is_sync = |stamped: &&Stamped| stamped.frame.standard_id() == Some(0x080);
     let half = Duration::from_micros(500);
-    let foreign = frames.iter().filter(is_sync);
-    let foreign = foreign.map(|stamped| Stamped::new(stamped.time + half, stamped.frame));
+    let foreign = frames
+        .iter()
+        .filter(is_sync)
+        .map(|stamped| Stamped::new(stamped.time + half, stamped.frame));
     let mut all: Vec<Stamped> = frames.iter().copied().chain(foreign).collect();
     all.sort_by_key(|stamped| stamped.time);
     all

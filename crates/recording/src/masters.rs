@@ -96,8 +96,11 @@ impl MasterWatch {
             Some(rate.only(database.signal(COMMAND)?, enabling(database)))
         };
         // When a node is no longer slow, its next frame comes sooner by so much.
-        let delays = fault.node.slow_cycle.iter();
-        let delays = delays.map(|fault| fault.delay_milliseconds / 1e3);
+        let delays = fault
+            .node
+            .slow_cycle
+            .iter()
+            .map(|fault| fault.delay_milliseconds / 1e3);
         let slow_seconds = delays.fold(0.0, f64::max);
         let sync = rate("sync", "SYNC", Some(cycle));
         let of_ours = [
@@ -105,8 +108,10 @@ impl MasterWatch {
             command(),
             rate("controller_heartbeat", "heartbeats of the controller", None)
                 .map(Rate::of_heartbeats),
-        ];
-        let of_ours = of_ours.into_iter().flatten().filter(|_| is_ours);
+        ]
+        .into_iter()
+        .flatten()
+        .filter(|_| is_ours);
         let rates = sync.into_iter().chain(of_ours);
         Ok(Self {
             clock: ScenarioClock::new(database)?,
@@ -124,9 +129,12 @@ impl MasterWatch {
     #[must_use]
     pub fn filters(&self) -> Vec<Filter> {
         let mask = Filter::exact(0).mask;
-        let rates = self.rates.iter().map(|rate| rate.raw_id);
-        let rates = rates.chain([self.statusword, SYNC_COB_ID.into()]);
-        let rates = rates.map(|id| Filter { id, mask });
+        let rates = self
+            .rates
+            .iter()
+            .map(|rate| rate.raw_id)
+            .chain([self.statusword, SYNC_COB_ID.into()])
+            .map(|id| Filter { id, mask });
         let heartbeats = Filter {
             id: HEARTBEATS.into(),
             mask: mask & !0x7F,
@@ -164,16 +172,18 @@ impl MasterWatch {
     /// What was seen of a second master, the first of it first.
     #[must_use]
     pub fn found(&self) -> Vec<SecondMaster> {
-        let rates = self.rates.iter();
-        let rates = rates.filter(|rate| rate.surplus.first.is_some());
-        let rates = rates.filter_map(|rate| {
-            let period_milliseconds = 1e3 * rate.period.as_secs_f64();
-            let what = format!(
-                "0x{:03X} ({}, one every {period_milliseconds} ms)",
-                rate.raw_id, rate.what
-            );
-            rate.surplus.found(what)
-        });
+        let rates = self
+            .rates
+            .iter()
+            .filter(|rate| rate.surplus.first.is_some())
+            .filter_map(|rate| {
+                let period_milliseconds = 1e3 * rate.period.as_secs_f64();
+                let what = format!(
+                    "0x{:03X} ({}, one every {period_milliseconds} ms)",
+                    rate.raw_id, rate.what
+                );
+                rate.surplus.found(what)
+            });
         let nmt = self.nmt.iter().filter_map(|nmt| {
             let what = format!("0x{NMT_COB_ID:03X} (NMT {})", nmt.first);
             nmt.surplus.found(what)

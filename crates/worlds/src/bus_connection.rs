@@ -135,8 +135,9 @@ impl BusConnection {
                 clock::sleep(COLLECT_PERIOD);
             }
             drop(stopper);
-            let ended = running.join();
-            let ended = ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            let ended = running
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             ended.map(|_| ()).map_err(WorldError::Bench)
         })
     }

@@ -86,8 +86,10 @@ pub fn play(
     wire: Option<&mut dyn Bus>,
 ) -> Result<End, WorldError> {
     let stations = roles.iter().map(|role| role.station).collect();
-    let names = roles.iter().map(|role| role.participant.name().to_owned());
-    let names: Vec<String> = names.collect();
+    let names: Vec<String> = roles
+        .iter()
+        .map(|role| role.participant.name().to_owned())
+        .collect();
     let participants = roles.into_iter().map(|role| role.participant);
     let faults = BusFaults::new(scenario, Database::shipped(), stations)?;
     let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants)

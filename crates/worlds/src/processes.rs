@@ -45,8 +45,12 @@ impl Processes {
 
     /// Waits until one of them ends before its time; the error that says so.
     pub(super) async fn early_end(&mut self) -> WorldError {
-        let ends = self.0.iter_mut().rev();
-        let mut ends: Vec<_> = ends.map(|process| Box::pin(process.early_end())).collect();
+        let mut ends: Vec<_> = self
+            .0
+            .iter_mut()
+            .rev()
+            .map(|process| Box::pin(process.early_end()))
+            .collect();
         poll_fn(|context| {
             let mut polls = ends.iter_mut().map(|end| end.as_mut().poll(context));
             polls.find(Poll::is_ready).unwrap_or(Poll::Pending)
@@ -144,11 +148,13 @@ fn play(
         }
         let mut bench = DisturbanceProducer::new(scenario, Database::shipped())?;
         let mut bench = Local::new(BENCH, &mut bench);
-        let roles = remotes.iter_mut().map(|(station, remote)| Role {
-            station: *station,
-            participant: remote,
-        });
-        let mut roles: Vec<Role<'_>> = roles.collect();
+        let mut roles: Vec<Role<'_>> = remotes
+            .iter_mut()
+            .map(|(station, remote)| Role {
+                station: *station,
+                participant: remote,
+            })
+            .collect();
         let bench = Role {
             station: Station::Bench,
             participant: &mut bench,

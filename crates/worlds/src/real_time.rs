@@ -129,8 +129,10 @@ fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
         // On a bus without the module its identifier may be somebody else's.
         orders.disturbance = Disturbance::default();
     }
-    let supervisor = setup.rig.as_ref();
-    let supervisor = supervisor.map(|rig| Supervisor::new(&rig.file, &rig.drive));
+    let supervisor = setup
+        .rig
+        .as_ref()
+        .map(|rig| Supervisor::new(&rig.file, &rig.drive));
     let watch = |setup: &Setup| MasterWatch::new(&setup.scenario, &setup.database, &setup.external);
     let has_drive = setup.external.has(ExternalNode::Drive);
     let masters = has_drive.then(|| watch(setup)).transpose()?;

@@ -63,11 +63,14 @@ impl StallRecorder {
                 .filter(move |[from, until]| *until > *from + longer_than)
                 .filter_map(move |[from, until]| Some((who?, What::WokeLate, from, until)))
         });
-        let seen = self.watch.stop().into_iter();
-        let seen = seen.map(|SeenStall { who, from, until }| match who {
-            None => (Who::Machine, What::StoodStill, from, until),
-            Some(who) => (who, What::Waited, from, until),
-        });
+        let seen = self
+            .watch
+            .stop()
+            .into_iter()
+            .map(|SeenStall { who, from, until }| match who {
+                None => (Who::Machine, What::StoodStill, from, until),
+                Some(who) => (who, What::Waited, from, until),
+            });
         let mut stalls: Vec<Stall> = seen
             .chain(late)
             .map(|(who, what, from, until)| {

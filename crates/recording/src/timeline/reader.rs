@@ -68,8 +68,12 @@ impl TimelineReader {
         let losses = LossReader::new(scenario, database);
         let truth = TruthReader::new(database)?;
         let fan = FanReader::new(database)?;
-        let rare = events.raw_ids().chain(losses.raw_ids());
-        let rare = rare.chain([truth.raw_id()]).chain(fan.raw_ids()).collect();
+        let rare = events
+            .raw_ids()
+            .chain(losses.raw_ids())
+            .chain([truth.raw_id()])
+            .chain(fan.raw_ids())
+            .collect();
         Ok(Self {
             clock: ScenarioClock::new(database)?,
             period,
@@ -321,8 +325,11 @@ mod tests {
             frames.map(|(micros, frame)| Stamped::new(Duration::from_micros(micros), frame));
         let timeline = decode(&frames, &setup).unwrap();
         assert_eq!(timeline.position(), [1.0, 2.0]);
-        let samples = timeline.traces[0].samples.iter();
-        let samples: Vec<_> = samples.map(|one| (one.time_seconds, one.value)).collect();
+        let samples: Vec<_> = timeline.traces[0]
+            .samples
+            .iter()
+            .map(|one| (one.time_seconds, one.value))
+            .collect();
         assert_eq!(samples, [(0.0, 1.0), (0.001, 2.0), (0.0027, 9.0)]);
     }
 
