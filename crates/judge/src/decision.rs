@@ -107,7 +107,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
     if let Some(reason) = incomplete_recording(unrecorded) {
         return (Outcome::Inconclusive, Some(reason));
     }
-    let excuse = Excuse::of(evidence, MISSED_CYCLES_PERCENT_MAX);
+    let excuse = Excuse::find(evidence, MISSED_CYCLES_PERCENT_MAX);
     let excused = match &excuse {
         Some(excuse) => excuse.open_limits(evidence, metrics),
         None => None,

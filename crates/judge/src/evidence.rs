@@ -197,7 +197,7 @@ impl<'a> Evidence<'a> {
             setup,
             scenario,
             circumstances,
-            misses: Rc::new(Misses::of(timeline, setup, circumstances)),
+            misses: Rc::new(Misses::new(timeline, setup, circumstances)),
             position: timeline.position(),
             silence_seconds_max: silence,
         }

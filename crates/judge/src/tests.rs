@@ -53,7 +53,7 @@ fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
 }
 
 fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
-    let setup = Setup::of(scenario.clone(), &Catalogue::shipped());
+    let setup = Setup::new(scenario.clone(), &Catalogue::shipped());
     let timeline = decode(frames, &setup).unwrap();
     let circumstances = Circumstances {
         unrecorded: Unrecorded {
@@ -208,7 +208,7 @@ fn what_is_judged_may_end_before_the_scenario_does() {
 
 #[test]
 fn what_the_bench_kept_from_being_seen_is_not_judged() {
-    let setup = Setup::of(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
+    let setup = Setup::new(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
     let cut = dying_frames(990);
     let cut = &cut[..cut.len() / 2];
     let timeline = decode(cut, &setup).unwrap();
@@ -227,7 +227,7 @@ fn what_the_bench_kept_from_being_seen_is_not_judged() {
 
 #[test]
 fn a_limit_on_faults_is_not_met_by_a_recording_without_them() {
-    let mut setup = Setup::of(scenario(""), &Catalogue::shipped());
+    let mut setup = Setup::new(scenario(""), &Catalogue::shipped());
     let frames = frames(4000, |_| Some(35.0));
     let limits = "safe_state = true\ncurrent_zero_within_milliseconds = 60.0\n\
                   recovers_within_seconds = 1.0\nemcy = [\"drive 0x8130\"]\n";
@@ -473,7 +473,7 @@ fn beside_a_stall(
 ) -> Verdict {
     let is_missed = |cycle| missed.contains(&cycle);
     let position = |cycle| (!is_missed(cycle)).then(|| position(f64::from(cycle) / 1e3));
-    let setup = Setup::of(scenario(added), &Catalogue::shipped());
+    let setup = Setup::new(scenario(added), &Catalogue::shipped());
     let timeline = decode(&frames(4000, position), &setup).unwrap();
     // The scenario begins at 1 ms.
     let (from, until) = (
@@ -536,7 +536,7 @@ fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
 fn missed_cycles_have_their_limit_without_those_of_the_bench() {
     let judged = |max: f64| {
         let limit = format!("[expect]\nmissed_cycles_percent = {{ max = {max:.1} }}\n");
-        let setup = Setup::of(scenario(&limit), &Catalogue::shipped());
+        let setup = Setup::new(scenario(&limit), &Catalogue::shipped());
         let is_missed = |cycle| (2000..2100).contains(&cycle) || (3000..3100).contains(&cycle);
         let frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
         let timeline = decode(&frames, &setup).unwrap();
@@ -555,7 +555,7 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
 
 #[test]
 fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
-    let setup = Setup::of(scenario(""), &Catalogue::shipped());
+    let setup = Setup::new(scenario(""), &Catalogue::shipped());
     let timeline = decode(&frames(2000, |_| Some(10.0)), &setup).unwrap();
     let judged = |by| {
         let circumstances = Circumstances {
@@ -644,7 +644,7 @@ fn fd_frames_are_named_and_leave_a_limit_on_the_load_open() {
             Outcome::Inconclusive,
         ),
     ] {
-        let setup = Setup::of(scenario(limits), &Catalogue::shipped());
+        let setup = Setup::new(scenario(limits), &Catalogue::shipped());
         let timeline = decode(&frames, &setup).unwrap();
         let verdict = judge(&timeline, &setup, &circumstances);
         assert_eq!((verdict.outcome, verdict.fd_frames), (outcome, 7));

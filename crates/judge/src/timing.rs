@@ -44,9 +44,9 @@ impl Timing {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn of(frames: &[Stamped], setup: &Setup, host: Host) -> Result<Self, SignalMissing> {
-        let latencies = Latencies::of(frames, setup)?;
-        let quantiles = |histogram| Quantiles::of(histogram, 1);
+    pub fn new(frames: &[Stamped], setup: &Setup, host: Host) -> Result<Self, SignalMissing> {
+        let latencies = Latencies::new(frames, setup)?;
+        let quantiles = |histogram| Quantiles::new(histogram, 1);
         let duration = Duration::from_secs_f64(setup.scenario.duration_seconds);
         Ok(Self {
             distrust: distrust(&host, duration),
@@ -63,7 +63,7 @@ impl Timing {
     /// # Errors
     /// The database lacks a signal.
     pub fn again(self, frames: &[Stamped], setup: &Setup) -> Result<Self, SignalMissing> {
-        let measured = Self::of(frames, setup, Host::default())?;
+        let measured = Self::new(frames, setup, Host::default())?;
         Ok(Self {
             controller: self.controller,
             plant_emulator: self.plant_emulator,

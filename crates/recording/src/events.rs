@@ -126,9 +126,9 @@ impl EventReader {
         self.signals.keys().copied()
     }
 
-    pub(crate) fn take(&mut self, stamped: &Stamped) {
+    pub(crate) fn on_frame(&mut self, stamped: &Stamped) {
         if let Some(message) = error_frames::read(&stamped.frame) {
-            self.take_error(stamped.time, message);
+            self.on_error_frame(stamped.time, message);
             return;
         }
         let Some(signal) = self.signals.get_mut(&stamped.frame.raw_id()) else {
@@ -149,7 +149,7 @@ impl EventReader {
     }
 
     /// What a CAN driver reports. What it may report with each frame is an event when it begins.
-    fn take_error(&mut self, time: Duration, message: ErrorMessage) {
+    fn on_error_frame(&mut self, time: Duration, message: ErrorMessage) {
         let ErrorMessage {
             node,
             text,

@@ -145,15 +145,15 @@ impl MasterWatch {
     }
 
     /// Takes every frame of the bus in order.
-    pub fn take(&mut self, time: Duration, frame: &CanFrame) {
+    pub fn on_frame(&mut self, time: Duration, frame: &CanFrame) {
         self.clock.on_frame(time, frame);
         let scenario_time = self.clock.scenario_time(time);
-        self.take_at(time, scenario_time, frame);
+        self.on_frame_at(time, scenario_time, frame);
     }
 
-    /// As [`MasterWatch::take`], where the scenario time of the frame is known.
+    /// As [`MasterWatch::on_frame`], where the scenario time of the frame is known.
     #[inline]
-    pub(crate) fn take_at(
+    pub(crate) fn on_frame_at(
         &mut self,
         time: Duration,
         scenario_time: Option<Duration>,
@@ -162,10 +162,10 @@ impl MasterWatch {
         let scenario_time = scenario_time.filter(|time| *time < self.end);
         let id = frame.raw_id();
         if let Some(rate) = self.rates.iter_mut().find(|rate| rate.raw_id == id) {
-            rate.take(time, scenario_time, frame);
+            rate.on_frame(time, scenario_time, frame);
         }
         if let (Some(nmt), Some(time)) = (&mut self.nmt, scenario_time) {
-            nmt.take(time, frame);
+            nmt.on_frame(time, frame);
         }
     }
 
@@ -304,7 +304,7 @@ impl Rate {
     }
 
     /// Takes a frame of the message; outside the scenario's time none is too many.
-    fn take(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
+    fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
         if !self.counts(frame) || self.has_new_state(frame) {
             return;
         }
@@ -350,7 +350,7 @@ impl Nmt {
         }
     }
 
-    fn take(&mut self, scenario_time: Duration, frame: &CanFrame) {
+    fn on_frame(&mut self, scenario_time: Duration, frame: &CanFrame) {
         match (frame.standard_id(), frame.data()) {
             (Some(SYNC_COB_ID), _) => self.on_sync(scenario_time),
             (Some(NMT_COB_ID), &[specifier, node, ..]) => {
@@ -449,9 +449,9 @@ mod tests {
         let filters = watch.filters();
         let mut filtered = MasterWatch::new(&scenario, Database::shipped(), external).unwrap();
         for (time, frame) in &frames {
-            watch.take(*time, frame);
+            watch.on_frame(*time, frame);
             if filters.iter().any(|filter| filter.accepts(frame)) {
-                filtered.take(*time, frame);
+                filtered.on_frame(*time, frame);
             }
         }
         assert_eq!(filtered.found(), watch.found());

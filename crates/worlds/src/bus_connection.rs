@@ -105,7 +105,7 @@ impl BusConnection {
         let epoch = self.recorder.wall_epoch();
         let mut has_frames = false;
         while let Some(stamped) = self.recorder.next() {
-            capture.take(Stamped::new(epoch + stamped.time, stamped.frame));
+            capture.record(Stamped::new(epoch + stamped.time, stamped.frame));
             has_frames = true;
         }
         capture.flush()?;

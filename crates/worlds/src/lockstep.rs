@@ -179,7 +179,7 @@ impl Wire for Taps<'_, '_, '_> {
         occupied_bits: u32,
     ) -> Result<(), CoordinatorError> {
         self.capture
-            .take(Stamped::counted(time, *frame, occupied_bits));
+            .record(Stamped::counted(time, *frame, occupied_bits));
         match &mut self.wire {
             Some(wire) => wire.send(frame).map_err(|source| CoordinatorError::Wire {
                 frame: *frame,

@@ -115,7 +115,7 @@ fn database_of(source: &Path) -> Result<Arc<Database>, RecordedError> {
     }
     let scenario =
         Scenario::load(source).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
-    Ok(Setup::of(scenario, catalogue()).database)
+    Ok(Setup::new(scenario, catalogue()).database)
 }
 
 /// Every signal that a frame carries, in the order of the identifiers.

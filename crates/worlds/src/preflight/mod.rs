@@ -241,7 +241,7 @@ fn ramp(rig: &Arc<LoadedRig>, setup: &Setup) -> Result<Setup, WorldError> {
     }
     let scenario = Scenario::parse(&text, NAME, |_| Err(std::io::ErrorKind::NotFound.into()))
         .map_err(|error| cannot_be_made(&error))?;
-    let ramp = Setup::of(scenario, catalogue()).from_file(NAME, text);
+    let ramp = Setup::new(scenario, catalogue()).from_file(NAME, text);
     Ok(ramp.on(Some(Arc::clone(rig)), setup.external.clone()))
 }
 
