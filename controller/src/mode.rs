@@ -13,7 +13,10 @@
 //! - when it leaves a calm law: `κ = 1`, and `|e| > n q`.
 //!
 //! Between these a law on its way to calmness is not roused again: what rings under a fast law comes to rest under a calm one.
-//! A setting lies at `p = pm^(1 − κ) ph^κ` between its value `pm` in a move and `ph` in a hold, with `ρ` in place of `κ` for the
+//!
+//! A law that rings backs off: the sliding variable `s` swings when it passes from beyond `3/4 φ` on one side to beyond it on the
+//! other. Each swing adds 1/5 to the ringing, which fades within a second, and `λ` is that of the calmness or of the ringing,
+//! whichever is more, in a move too. A setting lies at `p = pm^(1 − κ) ph^κ` between its value `pm` in a move and `ph` in a hold, with `ρ` in place of `κ` for the
 //! observer's.
 
 use scenario::controller::SlidingMode as Config;
@@ -29,6 +32,13 @@ const TRUSTING_SECONDS: f64 = 0.2;
 
 /// A load that is more steps of the sensor away than this keeps the law awake.
 const FAR_SENSOR_STEPS: f64 = 10.0;
+
+/// The sliding variable swings between values beyond this, by the boundary layer.
+const SWING_SHARE: f64 = 0.75;
+
+/// What a swing adds to the ringing, and how long it takes to fade from 1.
+const RINGING_PER_SWING: f64 = 0.2;
+const RINGING_SECONDS: f64 = 1.0;
 
 /// What differs between the modes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,6 +72,18 @@ pub struct Modes {
     calm_error_metres_max: f64,
     error_metres_max: f64,
     velocity_at_rest_max: f64,
+    swing_min: f64,
+}
+
+/// What the modes go by.
+#[derive(Clone, Copy, Debug)]
+pub struct Course {
+    /// From the reference to the measured position; not finite where none came.
+    pub error_metres: f64,
+    /// Of the reference.
+    pub velocity_metres_per_second: f64,
+    /// `s` in m/s², of the cycle before.
+    pub sliding_variable: f64,
 }
 
 /// Which mode it is.
@@ -71,6 +93,10 @@ pub struct State {
     rest: f64,
     /// `κ`.
     calmness: f64,
+    /// 0 to 1.
+    ringing: f64,
+    /// The side on which `s` was last beyond a swing: 1, -1, or 0 for neither.
+    side: f64,
     /// `e`.
     error_metres: f64,
 }
@@ -95,23 +121,18 @@ impl Modes {
             calm_error_metres_max: config.hold.error_sensor_steps_max * sensor_step_metres,
             error_metres_max: FAR_SENSOR_STEPS * sensor_step_metres,
             velocity_at_rest_max: sensor_step_metres / REST_SECONDS,
+            swing_min: SWING_SHARE * config.boundary_layer_metres_per_second_squared,
         }
     }
 
-    /// The settings for this cycle, from the measured distance to the reference, which is not finite where no position came,
-    /// and the reference's velocity.
-    pub fn step(
-        &self,
-        state: &mut State,
-        error_metres: f64,
-        velocity_metres_per_second: f64,
-        seconds: f64,
-    ) -> Settings {
-        if error_metres.is_finite() {
+    /// The settings for this cycle.
+    pub fn step(&self, state: &mut State, course: &Course, seconds: f64) -> Settings {
+        if course.error_metres.is_finite() {
             let share = (seconds / WINDOW_SECONDS).min(1.0);
-            state.error_metres += (error_metres - state.error_metres) * share;
+            state.error_metres += (course.error_metres - state.error_metres) * share;
         }
-        let is_moving = velocity_metres_per_second.abs() > self.velocity_at_rest_max;
+        self.listen(state, course.sliding_variable, seconds);
+        let is_moving = course.velocity_metres_per_second.abs() > self.velocity_at_rest_max;
         let risen = |share: f64, rise_seconds: f64| (share + seconds / rise_seconds).min(1.0);
         state.rest = if is_moving {
             0.0
@@ -124,6 +145,19 @@ impl Modes {
             risen(state.calmness, self.calming_seconds)
         };
         self.settings(state)
+    }
+
+    /// Finds swings of the sliding variable.
+    fn listen(&self, state: &mut State, sliding_variable: f64, seconds: f64) {
+        state.ringing = (state.ringing - seconds / RINGING_SECONDS).max(0.0);
+        if sliding_variable.abs() <= self.swing_min {
+            return;
+        }
+        let side = sliding_variable.signum();
+        if side * state.side < 0.0 {
+            state.ringing = (state.ringing + RINGING_PER_SWING).min(1.0);
+        }
+        state.side = side;
     }
 
     /// Whether the load is where it wakes the law.
@@ -139,8 +173,9 @@ impl Modes {
     fn settings(&self, state: &State) -> Settings {
         let (in_move, in_hold) = (&self.in_move, &self.in_hold);
         let drift = |in_move, in_hold| between(in_move, in_hold, state.rest);
+        let calmness = state.calmness.max(state.ringing);
         Settings {
-            bandwidth: between(in_move.bandwidth, in_hold.bandwidth, state.calmness),
+            bandwidth: between(in_move.bandwidth, in_hold.bandwidth, calmness),
             fraction_drift: drift(in_move.fraction_drift, in_hold.fraction_drift),
             heating_drift: drift(in_move.heating_drift, in_hold.heating_drift),
         }
@@ -158,10 +193,26 @@ mod tests {
         Modes::new(&Config::default())
     }
 
+    fn at_rest(error_metres: f64) -> Course {
+        Course {
+            error_metres,
+            velocity_metres_per_second: 0.0,
+            sliding_variable: 0.0,
+        }
+    }
+
+    fn moving(sliding_variable: f64) -> Course {
+        Course {
+            error_metres: 0.0,
+            velocity_metres_per_second: 0.1,
+            sliding_variable,
+        }
+    }
+
     /// The state after some cycles at an error, with the reference at rest.
     fn after(modes: &Modes, mut state: State, cycles: usize, error_metres: f64) -> State {
         for _ in 0..cycles {
-            modes.step(&mut state, error_metres, 0.0, PERIOD);
+            modes.step(&mut state, &at_rest(error_metres), PERIOD);
         }
         state
     }
@@ -175,7 +226,7 @@ mod tests {
         let modes = modes();
         let mut state = calm(&modes);
         assert_eq!(modes.settings(&state), modes.in_hold);
-        let settings = modes.step(&mut state, 0.0, 0.1, PERIOD);
+        let settings = modes.step(&mut state, &moving(0.0), PERIOD);
         assert_eq!(settings, modes.in_move);
     }
 
@@ -185,7 +236,7 @@ mod tests {
         let mut state = State::default();
         let mut last = modes.in_move.bandwidth;
         for _ in 0..799 {
-            let settings = modes.step(&mut state, 0.0, 0.0, PERIOD);
+            let settings = modes.step(&mut state, &at_rest(0.0), PERIOD);
             assert!((modes.in_hold.bandwidth..last).contains(&settings.bandwidth));
             last = settings.bandwidth;
         }
@@ -219,6 +270,26 @@ mod tests {
         let later = after(&modes, state, 100, 4.0 * STEP_METRES);
         assert!((later.calmness - 500.0 / 800.0).abs() < 1e-9, "{later:?}");
         assert_eq!(after(&modes, state, 100, 12.0 * STEP_METRES).calmness, 0.0);
+    }
+
+    #[test]
+    fn a_law_that_rings_backs_off_and_one_that_goes_astray_once_does_not() {
+        let modes = modes();
+        let mut state = State::default();
+        for _ in 0..100 {
+            assert_eq!(modes.step(&mut state, &moving(-2.0), PERIOD), modes.in_move);
+        }
+        for swing in 0..6 {
+            let side = if swing % 2 == 0 { 1.0 } else { -1.0 };
+            modes.step(&mut state, &moving(2.0 * side), PERIOD);
+        }
+        let settings = modes.step(&mut state, &moving(0.0), PERIOD);
+        assert!(settings.bandwidth < 1.1 * modes.in_hold.bandwidth);
+        assert_eq!(settings.fraction_drift, modes.in_move.fraction_drift);
+        for _ in 0..1001 {
+            modes.step(&mut state, &moving(0.0), PERIOD);
+        }
+        assert_eq!(modes.settings(&state), modes.in_move);
     }
 
     #[test]

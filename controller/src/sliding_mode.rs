@@ -5,7 +5,7 @@ use scenario::controller::SlidingMode as Config;
 use scenario::reference::SetPoint;
 
 use crate::law::{Command, ControlLaw, Explanation, Measurement, SQUARED_CURRENT_MAX, current_of};
-use crate::mode::{self, Modes};
+use crate::mode::{self, Course, Modes};
 use crate::nominal_model::{LocalModel, NominalModel, State as ModelState};
 use crate::observer::{self, Observer};
 use crate::reference_filter::{self, JerkRange, Point, Reference, ReferenceFilter};
@@ -29,6 +29,7 @@ pub struct State {
     observer: observer::State,
     reference: reference_filter::State,
     squared_current: f64,
+    sliding_variable: f64,
 }
 
 /// The sliding surface and its gains, Eq. (14).
@@ -167,6 +168,7 @@ impl ControlLaw for SlidingMode {
             observer: self.observer.start(),
             reference: reference_filter::State::default(),
             squared_current: 0.0,
+            sliding_variable: 0.0,
         }
     }
 
@@ -179,12 +181,12 @@ impl ControlLaw for SlidingMode {
     ) -> Command {
         let model = &self.observer.model;
         let aim = &state.reference.point;
-        let settings = self.modes.step(
-            &mut state.mode,
-            measurement.position_metres - aim.position_metres,
-            aim.velocity_metres_per_second,
-            period_seconds,
-        );
+        let course = Course {
+            error_metres: measurement.position_metres - aim.position_metres,
+            velocity_metres_per_second: aim.velocity_metres_per_second,
+            sliding_variable: state.sliding_variable,
+        };
+        let settings = self.modes.step(&mut state.mode, &course, period_seconds);
         let surface = self.surface.with_bandwidth(settings.bandwidth);
         self.observer.step(
             &mut state.observer,
@@ -225,6 +227,7 @@ impl ControlLaw for SlidingMode {
             squared_current,
         );
         command.explanation.saturation.on_stop = on_stop;
+        state.sliding_variable = wanted.sliding_variable;
         state.squared_current = command.current_amperes * command.current_amperes;
         command
     }
