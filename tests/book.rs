@@ -411,6 +411,13 @@ fn the_worked_examples_are_right() {
         ("tracking_error_millimetres_rms", 3.0822),
     ];
     check("sine", 0, &sine);
+    let sines = [
+        ("sine_gain", 1.2),
+        ("sine_phase_degrees", -23.2),
+        ("sine_offset_millimetres", 1.0),
+        ("tracking_error_millimetres_rms", 3.0822),
+    ];
+    check("sines", 0, &sines);
     let load = [
         ("maximum_deviation_millimetres", 1.4),
         ("recovery_time_seconds", 0.7),

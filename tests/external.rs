@@ -4,6 +4,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -284,8 +285,8 @@ fn canrig_stops_a_drive_that_a_foreign_controller_leads_beyond_a_limit() {
         let (code, text, run) = run.end();
         stop(drive);
         stop(controller);
-        assert_eq!(code, Some(4), "{text}");
-        let expected = "canrig stopped the drive: limit of the rig: the position is";
+        assert_eq!(code, Some(1), "{text}");
+        let expected = "drive: canrig stopped the drive: limit of the rig: the position is";
         assert!(text.contains(expected), "{text}");
         let log = fs::read_to_string(run.join("bus.log")).unwrap();
         let (_, after) = log.split_once(" 000#0210\n").expect("NMT stop");
@@ -294,6 +295,107 @@ fn canrig_stops_a_drive_that_a_foreign_controller_leads_beyond_a_limit() {
             !after.lines().any(is_heated),
             "the current flows on:\n{after}"
         );
+    });
+}
+
+/// A run that a node ended: failed, with who and when in the verdict, for CI, on the page and in a replay.
+fn is_failed_by(node: &str, what: &str, run: &Path) {
+    let verdict = verdict(run);
+    assert_eq!(verdict["outcome"], "fail", "{verdict}");
+    let reason = verdict["reason"].as_str().unwrap();
+    assert!(reason.starts_with(&format!("{node}: {what}")), "{reason}");
+    let end = &verdict["ended_early"];
+    assert_eq!((&end["by"], &end["node"]), (&"node".into(), &node.into()));
+    let [junit, page] =
+        ["junit.xml", "report.html"].map(|name| fs::read_to_string(run.join(name)).unwrap());
+    let first = reason.lines().next().unwrap();
+    assert!(
+        junit.contains(&format!("<failure message=\"{first}")),
+        "{junit}"
+    );
+    assert!(page.contains(first), "{reason} is not on the page");
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (code, text, stderr) = output(replay.arg("replay").arg(run));
+    assert_eq!(code, Some(1), "{text}{stderr}");
+    assert!(
+        text.contains("the same verdict as that of the run"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_foreign_controller_that_dies_fails_the_run() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let text = scenario_text().replace("duration_seconds = 3.0", "duration_seconds = 9.0");
+        let run = Run::of(&text, folder.path(), &["--external", "controller"]);
+        let mut controller = run.start("controller");
+        let log = || fs::read_to_string(only_run(&run.runs).join("bus.log")).unwrap_or_default();
+        wait_for("the drive to be led", || log().contains(" 210#0F00"));
+        std::thread::sleep(Duration::from_secs(1));
+        controller.kill().unwrap();
+        controller.wait().unwrap();
+        let (code, text, run) = run.end();
+        assert_eq!(code, Some(1), "{text}");
+        assert!(text.contains("controller: silent since "), "{text}");
+        is_failed_by("controller", "silent since ", &run);
+        let missed = metric(&verdict(&run), "missed_cycles_percent")["value"].as_f64();
+        assert!(missed > Some(70.0), "{missed:?}");
+        let log = fs::read_to_string(run.join("bus.log")).unwrap();
+        // Without SYNC it sends no position: that it left Operational, with its emergency, says that no current flows.
+        assert!(log.contains(" 090#3081"), "no emergency:\n{log}");
+        let last = log.lines().rfind(|line| line.contains(" 710#")).unwrap();
+        assert!(!last.ends_with("#05"), "{last}");
+    });
+}
+
+/// One that sends SYNC and nothing else; and none at all.
+#[test]
+fn a_controller_that_enables_nothing_and_one_that_is_not_there_fail_the_run() {
+    let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let run = |folder: &tempfile::TempDir| Run::expecting(folder.path(), "controller");
+    let [idle, absent] = [run(&folders[0]), run(&folders[1])];
+    let address = idle.address.parse().unwrap();
+    let is_over = std::sync::atomic::AtomicBool::new(false);
+    let ends = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut bus = platform::open(&address, &[]).unwrap();
+            while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
+                // The bus ends before this does.
+                let _ = bus.send(&canopen::CanFrame::new(0x080, &[]));
+                std::thread::sleep(Duration::from_millis(100));
+            }
+        });
+        let ends = [idle.end(), absent.end()];
+        is_over.store(true, std::sync::atomic::Ordering::Relaxed);
+        ends
+    });
+    let whats = [
+        "the scenario did not begin within 15 s: the drive never reported Operation enabled",
+        "not heard at all within 15 s",
+    ];
+    for ((code, text, run), what) in ends.into_iter().zip(whats) {
+        assert_eq!(code, Some(1), "{text}");
+        is_failed_by("controller", what, &run);
+    }
+}
+
+#[test]
+fn a_drive_that_dies_beside_our_controller_is_named() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = rig_file(folder.path(), 70.0);
+        let run = Run::with(folder.path(), &["--rig", rig.to_str().unwrap()]);
+        let mut drive = run.start("plant-emulator");
+        let log = || fs::read_to_string(only_run(&run.runs).join("bus.log")).unwrap_or_default();
+        wait_for("the scenario to go on", || {
+            log().lines().filter(|line| line.contains(" 190#")).count() > 20
+        });
+        drive.kill().unwrap();
+        drive.wait().unwrap();
+        let (code, text, run) = run.end();
+        assert_eq!(code, Some(1), "{text}");
+        is_failed_by("drive", "silent since ", &run);
     });
 }
 

@@ -210,7 +210,7 @@ fn setup(path: &Path) -> rig::setup::Setup {
 
 #[test]
 fn the_recording_alone_gives_the_same_verdict() {
-    use judge::judge;
+    use judge::{Circumstances, judge};
     use recording::log::read_log;
     use recording::timeline::decode;
     let folder = tempfile::tempdir().unwrap();
@@ -221,7 +221,7 @@ fn the_recording_alone_gives_the_same_verdict() {
     let frames = read_log(std::io::BufReader::new(log)).unwrap();
     let setup = setup(&run.join("scenario.toml"));
     let timeline = decode(&frames, &setup).unwrap();
-    let verdict = judge(&timeline, &setup, 0);
+    let verdict = judge(&timeline, &setup, &Circumstances::default());
     assert_eq!(
         verdict.to_json(),
         fs::read_to_string(run.join("verdict.json")).unwrap()
@@ -456,7 +456,7 @@ impl platform::bus::Bus for Sleeper {
 }
 
 #[test]
-fn an_overloaded_bus_fails_on_its_load_and_shows_late_frames() {
+fn an_overloaded_bus_fails_on_its_load() {
     let folder = tempfile::tempdir().unwrap();
     let path = crate::support::short_scenario(folder.path(), 2.0);
     let slow = "[bus]\nbitrate_kilobits_per_second = 125\n";
@@ -482,7 +482,7 @@ fn an_overloaded_bus_fails_on_its_load_and_shows_late_frames() {
         (99.0..=101.0).contains(&value("bus_load_percent")),
         "{verdict}"
     );
-    assert!(value("sync_interval_milliseconds_max") > 5.0, "{verdict}");
+    assert!(stdout.contains("the scenario never began"), "{stdout}");
     // Eight times the bit rate carries it.
     fs::write(&path, text.replace("125", "1000")).unwrap();
     let (code, stdout, _) = output(canrig(&folder.path().join("fast"), "simulate").arg(&path));

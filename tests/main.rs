@@ -21,6 +21,7 @@ mod replay;
 mod report;
 mod reproduce;
 mod rooms;
+mod second_master;
 mod support;
 mod sweep;
 mod tools;

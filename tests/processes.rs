@@ -135,6 +135,52 @@ fn a_node_killed_in_lockstep_is_named_and_nothing_stays() {
     }
 }
 
+/// A machine that stands still, as a virtual one that is paused: what is missed then is not the nodes' doing.
+#[test]
+fn a_machine_that_stands_still_leaves_the_run_open_and_a_replay_agrees() {
+    let folder = tempfile::tempdir().unwrap();
+    let hold = unhurried_scenario(folder.path(), 4.0);
+    let runs = folder.path().join("runs");
+    let mut canrig = canrig(&runs, "run");
+    let canrig = canrig.args(["--bus", "embedded"]).arg(hold);
+    let canrig = canrig.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let run = Run {
+        canrig: Started::new(canrig.spawn().unwrap()),
+        folder,
+    };
+    let log = || {
+        let folder = fs::read_dir(&runs).ok().and_then(|mut runs| runs.next());
+        let log = folder.map(|folder| folder.unwrap().path().join("bus.log"));
+        log.and_then(|log| fs::read_to_string(log).ok())
+            .unwrap_or_default()
+    };
+    wait_for("the scenario to begin", || log().contains(" 210#0F00"));
+    let everybody = [run.id(), run.node("controller"), run.node("plant-emulator")];
+    for (signal, milliseconds) in [(Signal::STOP, 450), (Signal::CONT, 0)] {
+        for process in everybody {
+            kill_process(process, signal).unwrap();
+        }
+        std::thread::sleep(std::time::Duration::from_millis(milliseconds));
+    }
+    let (code, text, _folder) = run.end();
+    assert_eq!(code, Some(5), "{text}");
+    let run = only_run(&runs);
+    let stalls = fs::read_to_string(run.join("stalls.csv")).unwrap();
+    assert!(stalls.contains(",machine,stood still"), "{stalls}");
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (code, again, stderr) = output(replay.arg("replay").arg(&run));
+    assert_eq!(code, Some(5), "{again}{stderr}");
+    assert!(
+        again.contains("the same verdict as that of the run"),
+        "{again}"
+    );
+    // Without the evidence nobody but the nodes can have left the cycles out.
+    fs::remove_file(run.join("stalls.csv")).unwrap();
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (code, again, stderr) = output(replay.arg("replay").arg(&run));
+    assert_eq!(code, Some(1), "{again}{stderr}");
+}
+
 #[test]
 fn a_killed_bench_leaves_no_process_and_no_socket() {
     in_real_time(|| {

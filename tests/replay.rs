@@ -240,6 +240,70 @@ fn a_cut_recording_is_judged_up_to_the_cut() {
     assert!(page.contains("incomplete") && page.contains("Hysteresis"));
 }
 
+/// Every 20th position is removed from a recording in virtual time: nobody but the drive can have left it out.
+#[test]
+fn a_drive_that_leaves_positions_out_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path(), &scenario("step.toml"));
+    let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    let mut positions = 0;
+    let kept = log.lines().filter(|line| {
+        positions += usize::from(line.contains(" 190#"));
+        !(line.contains(" 190#") && positions % 20 == 0)
+    });
+    let kept: String = kept.flat_map(|line| [line, "\n"]).collect();
+    fs::write(run.join("bus.log"), kept).unwrap();
+    let (code, stdout, stderr) = tool(&["replay", text(&run)]);
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    assert!(stdout.contains("FAIL: drive: no position in "), "{stdout}");
+    assert!(!stdout.contains("busy"), "{stdout}");
+}
+
+/// A disk that has lost a line: what was in it is not known, and so nothing passes.
+#[test]
+fn a_strange_line_is_named_and_its_recording_does_not_pass() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path(), &scenario("step.toml"));
+    let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    let lines: Vec<&str> = log.lines().collect();
+    let with_strange = |number: usize| {
+        let mut lines = lines.clone();
+        lines[number - 1] = "(00000000x1.234567) can0 190#01";
+        fs::write(run.join("bus.log"), lines.join("\n") + "\n").unwrap();
+        tool(&["replay", text(&run)])
+    };
+    let (code, stdout, stderr) = with_strange(5000);
+    assert_eq!(code, Some(5), "{stdout}{stderr}");
+    let reason = "a line of the log is no frame, line 5000: not a line of candump -L";
+    assert!(
+        stdout.contains(reason) && stderr.contains(reason),
+        "{stdout}{stderr}"
+    );
+    // How the nodes stop after the scenario's end is not judged.
+    let (code, stdout, stderr) = with_strange(lines.len() - 1);
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let reason = format!("line {}: not a line", lines.len() - 1);
+    assert!(stderr.contains(&reason), "{stderr}");
+}
+
+#[test]
+fn remote_frames_error_messages_and_fd_frames_leave_a_log_readable() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(&folder.path().join("runs"), &scenario("step.toml"));
+    let path = folder.path().join("foreign.log");
+    let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    let (first, rest) = log.split_once('\n').unwrap();
+    let time = first.split_once(' ').unwrap().0;
+    let added = ["7DF#R8", "20000004#R8", "123##1AABB"];
+    let added = added.map(|frame| format!("{time} can0 {frame}\n")).concat();
+    fs::write(&path, format!("{first}\n{added}{rest}")).unwrap();
+    let played = scenario("step.toml");
+    let arguments = ["replay", text(&path), "--scenario", text(&played)];
+    let (code, stdout, stderr) = tool(&arguments);
+    assert_eq!((code, stderr.as_str()), (Some(0), ""), "{stdout}");
+    assert!(stdout.contains("1 CAN FD frame"), "{stdout}");
+}
+
 #[test]
 fn a_file_that_is_no_log_is_refused() {
     let folder = tempfile::tempdir().unwrap();

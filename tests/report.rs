@@ -178,3 +178,25 @@ fn what_is_no_run_folder_is_refused() {
         }
     }
 }
+
+/// Nodes send 0 for what they do not have.
+#[test]
+fn a_page_draws_no_signal_that_the_run_does_not_have() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = short_scenario(folder.path(), 1.0);
+    let text = fs::read_to_string(&path).unwrap();
+    let drawn = |name: &str, text: &str| {
+        fs::write(&path, text).unwrap();
+        let runs = folder.path().join(name);
+        let (code, _, stderr) = output(canrig(&runs, "simulate").arg(&path));
+        assert_eq!(code, Some(0), "{stderr}");
+        fs::read_to_string(only_run(&runs).join("report.html")).unwrap()
+    };
+    let law = "[controller.sliding_mode]";
+    assert!(text.contains(law), "{text}");
+    let parts = ["Sliding variable", "Parts of the law", ">estimated"];
+    let page = drawn("sliding", &text);
+    assert!(parts.iter().all(|part| page.contains(part)));
+    let page = drawn("pid", &text.replace(law, "[controller.pid]"));
+    assert!(parts.iter().all(|part| !page.contains(part)));
+}

@@ -1,6 +1,7 @@
 //! `canrig node`: one node as a process of its own.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use canopen::Node;
 use clap::{Args, ValueEnum};
@@ -8,7 +9,7 @@ use faults::FaultKind;
 use platform::bus::{Bus, BusAddress};
 use platform::hub;
 use platform::process::inherited_channel;
-use platform::real_time::RunReport;
+use platform::real_time::{RunError, RunReport};
 use platform::scheduling::Scheduling;
 use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
@@ -56,38 +57,77 @@ pub(crate) struct HostArgs {
     pub lockstep: Option<i32>,
 }
 
+/// Why a node's process ends before it is asked to, and the exit code by which the bench knows whose doing it is.
+struct Failure {
+    exit: Exit,
+    reason: String,
+}
+
+impl Failure {
+    /// The node cannot be set up, so nothing begins.
+    fn of_setup(error: impl ToString) -> Self {
+        Self::new(Exit::CannotStart, error)
+    }
+
+    /// The node can do nothing for it.
+    fn of_bus(error: impl ToString) -> Self {
+        Self::new(Exit::BenchFailed, error)
+    }
+
+    fn new(exit: Exit, error: impl ToString) -> Self {
+        Self {
+            exit,
+            reason: error.to_string(),
+        }
+    }
+}
+
+impl From<RunError> for Failure {
+    fn from(error: RunError) -> Self {
+        let exit = match error {
+            RunError::Bus(_) | RunError::System { .. } => Exit::BenchFailed,
+            RunError::Node(_) | RunError::NotStopped | RunError::Stuck { .. } => {
+                Exit::VerdictFailed
+            }
+        };
+        Self::new(exit, error)
+    }
+}
+
 /// The controller's process: what happens to a process in real time is done to it from outside.
-fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, String> {
-    let view = ControllerView::load(&args.scenario).map_err(|error| error.to_string())?;
-    let scenario = Scenario::load(&args.scenario).map_err(|error| error.to_string())?;
+fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
+    let view = ControllerView::load(&args.scenario).map_err(Failure::of_setup)?;
+    let scenario = Scenario::load(&args.scenario).map_err(Failure::of_setup)?;
     let rig = args
         .rig
         .as_deref()
         .map(LoadedRig::load)
         .transpose()
-        .map_err(|error| error.to_string())?;
+        .map_err(Failure::of_setup)?;
     let is_real_time = args.host.lockstep.is_none();
     let is_of_process =
         |kind: &FaultKind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang);
     let make = move || controller(&view, rig.as_ref());
-    faulty_controller(make, &scenario.fault, is_of_process).map_err(|error| error.to_string())
+    faulty_controller(make, &scenario.fault, is_of_process).map_err(Failure::of_setup)
+}
+
+fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
+    let scenario = Scenario::load(&args.scenario).map_err(Failure::of_setup)?;
+    plant_emulator(&scenario).map_err(Failure::of_setup)
 }
 
 /// Runs one node as this process: what the hidden subcommand `node` does.
 #[must_use]
 pub(crate) fn host(args: &NodeArgs) -> Exit {
     let hosted = match args.role {
-        Role::Controller => hosted_controller(args).and_then(|mut node| run_node(&mut *node, args)),
-        Role::PlantEmulator => Scenario::load(&args.scenario)
-            .map_err(|error| error.to_string())
-            .and_then(|scenario| plant_emulator(&scenario).map_err(|error| error.to_string()))
-            .and_then(|mut node| run_node(&mut *node, args)),
+        Role::Controller => hosted_controller(args),
+        Role::PlantEmulator => hosted_emulator(args),
     };
-    match hosted {
+    match hosted.and_then(|mut node| run_node(&mut *node, args)) {
         Ok(()) => Exit::Pass,
-        Err(reason) => {
+        Err(Failure { exit, reason }) => {
             print_error(&reason);
-            Exit::BenchFailed
+            exit
         }
     }
 }
@@ -101,10 +141,19 @@ fn node_report(report: &RunReport, scheduling: &Scheduling) -> NodeReport {
         frames_dropped: report.frames_dropped,
         frames_delayed: report.frames_delayed,
         refused: scheduling.refusals().map(ToString::to_string).collect(),
+        late: report
+            .late
+            .iter()
+            .map(|times| times.map(nanoseconds))
+            .collect(),
     }
 }
 
-fn run_node(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
+fn nanoseconds(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
+
+fn run_node(node: &mut dyn Node, args: &NodeArgs) -> Result<(), Failure> {
     let ended = run_on_bus(node, args);
     if let Some(BusAddress::Embedded(socket)) = &args.host.bus {
         hub::remove_orphaned(socket);
@@ -112,33 +161,31 @@ fn run_node(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
     ended
 }
 
-fn run_on_bus(node: &mut dyn Node, args: &NodeArgs) -> Result<(), String> {
-    let stop = StopSignal::from_parent().map_err(|error| error.to_string())?;
+fn run_on_bus(node: &mut dyn Node, args: &NodeArgs) -> Result<(), Failure> {
+    let stop = StopSignal::from_parent().map_err(Failure::of_bus)?;
     let is_real_time = args.host.lockstep.is_none();
     // Before the bus: who enters a private one loses the right to the priority, but not the priority.
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
     let mut bus = match &args.host.bus {
-        Some(address) => {
-            Some(platform::open(address, &node.filters()).map_err(|error| error.to_string())?)
-        }
+        Some(address) => Some(platform::open(address, &node.filters()).map_err(Failure::of_bus)?),
         None => None,
     };
     let bus = bus.as_mut().map(|bus| &mut **bus as &mut dyn Bus);
     match (args.host.lockstep, bus) {
         (Some(number), wire) => {
-            let channel = inherited_channel(number).map_err(|error| error.to_string())?;
-            lockstep::follow(node, channel, wire).map_err(|error| error.to_string())
+            let channel = inherited_channel(number).map_err(Failure::of_bus)?;
+            lockstep::follow(node, channel, wire).map_err(Failure::of_bus)
         }
         (None, Some(bus)) => {
             let scheduling = Scheduling {
                 fifo: fifo.unwrap_or(Ok(())),
                 memory: scheduling::lock_memory(),
             };
-            let report = real_time::run(node, bus, &stop).map_err(|error| error.to_string())?;
+            let report = real_time::run(node, bus, &stop)?;
             let report = node_report(&report, &scheduling);
-            print(&serde_json::to_string(&report).map_err(|error| error.to_string())?);
+            print(&serde_json::to_string(&report).map_err(Failure::of_bus)?);
             Ok(())
         }
-        (None, None) => Err("a node needs --bus or --lockstep".to_owned()),
+        (None, None) => Err(Failure::of_setup("a node needs --bus or --lockstep")),
     }
 }

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use canrig_fuzz::steps;
-use judge::judge;
+use judge::{Circumstances, judge};
 use judge::verdict::Verdict;
 use libfuzzer_sys::fuzz_target;
 use recording::log::Stamped;
@@ -30,7 +30,7 @@ fuzz_target!(|bytes: &[u8]| {
         })
         .collect();
     let timeline = timeline::decode(&frames, &SETUP).expect("the rig's own database");
-    let verdict = judge(&timeline, &SETUP, 0);
+    let verdict = judge(&timeline, &SETUP, &Circumstances::default());
     let read = Verdict::from_json(&verdict.to_json()).expect("our own verdict is valid");
     assert_eq!(read.to_json(), verdict.to_json());
 });

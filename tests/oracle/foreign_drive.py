@@ -102,10 +102,10 @@ def controlled(given, bus, scenario):
 
 
 def ends(controller, text):
-    """The controller must end by itself with exit code 4 and a message that contains the text."""
+    """The controller must end by itself with exit code 1 and a message that contains the text."""
     controller.wait(20)  # its standard input stays open: it is not asked to stop
     message = controller.stderr.read()
-    check(controller.returncode == 4, "exit code of the controller", controller.returncode)
+    check(controller.returncode == 1, "exit code of the controller", controller.returncode)
     check(text in message, f"the message says \"{text}\"", message)
     return message.strip()
 

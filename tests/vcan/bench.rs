@@ -4,12 +4,13 @@ use std::fs;
 use std::process::Command;
 
 use libtest_mimic::Failed;
+use socketcan::{CanFdFrame, CanFdSocket, EmbeddedFrame, Socket, StandardId};
 
 use crate::support::{self, canrig, only_run, output, scenario};
 use crate::{INTERFACE, Test};
 
 /// Each with the interface for itself.
-pub(crate) const TESTS: [(&str, Test); 4] = [
+pub(crate) const TESTS: [(&str, Test); 6] = [
     (
         "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
         same_bytes,
@@ -20,6 +21,11 @@ pub(crate) const TESTS: [(&str, Test); 4] = [
         "errors_that_a_driver_reports_are_events_and_judged",
         bus_errors,
     ),
+    (
+        "a_second_bench_on_an_interface_ends_and_names_the_first",
+        second_bench,
+    ),
+    ("fd_frames_are_counted_and_named", fd_frames),
 ];
 
 /// These make buses themselves, where everybody else is.
@@ -152,6 +158,69 @@ fn bus_errors() -> Result<(), Failed> {
         let count = verdict.matches(reported_once).count();
         assert_eq!(count, 1, "{reported_once}: {verdict}");
     }
+    Ok(())
+}
+
+/// Both would hear nobody at first, and lead then.
+fn second_bench() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    let scenario = support::unhurried_scenario(folder.path(), 3.0);
+    let run = |name: &str| {
+        let mut canrig = canrig(&folder.path().join(name), "run");
+        canrig.args(["--bus", INTERFACE]).arg(&scenario);
+        canrig
+    };
+    let first = run("first")
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()?;
+    let process = first.id();
+    std::thread::sleep(std::time::Duration::from_millis(1500));
+    let (code, _, stderr) = output(&mut run("second"));
+    assert_eq!(code, Some(4), "{stderr}");
+    let told = format!("a second master: process {process} of this machine plays on {INTERFACE}");
+    assert!(stderr.contains(&told), "{stderr}");
+    first.wait_with_output()?;
+    let (code, _, stderr) = output(&mut run("third"));
+    assert!(matches!(code, Some(0 | 5)), "{stderr}");
+    Ok(())
+}
+
+fn fd_frames() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    let scenario = support::unhurried_scenario(folder.path(), 2.0);
+    let runs = folder.path().join("runs");
+    let mut canrig = canrig(&runs, "run");
+    let run = canrig.args(["--bus", INTERFACE]).arg(&scenario);
+    let run = run.stdout(std::process::Stdio::piped()).spawn()?;
+    let mut monitor = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let monitor = monitor.args(["monitor", "--bus", INTERFACE, "--duration", "3"]);
+    let monitor = monitor
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::piped())
+        .spawn()?;
+    std::thread::sleep(std::time::Duration::from_millis(1500));
+    let socket = CanFdSocket::open(INTERFACE)?;
+    let id = StandardId::new(0x123).ok_or("an identifier")?;
+    let frame = CanFdFrame::new(id, &[7; 12]).ok_or("a frame")?;
+    for _ in 0..3 {
+        socket.write_frame(&frame)?;
+    }
+    let stderr = String::from_utf8(monitor.wait_with_output()?.stderr)?;
+    assert!(
+        stderr.contains("3 CAN FD frames were on the bus"),
+        "{stderr}"
+    );
+    let stdout = String::from_utf8(run.wait_with_output()?.stdout)?;
+    assert!(stdout.contains("3 CAN FD frames on the bus"), "{stdout}");
+    let run = only_run(&runs);
+    let stored = fs::read_to_string(run.join("verdict.json"))?;
+    assert!(stored.contains("\"fd_frames\": 3"), "{stored}");
+    let log = fs::read_to_string(run.join("bus.log"))?;
+    assert!(!log.contains(" 123#"), "an FD frame is no classical one");
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (_, again, stderr) = output(replay.args(["replay", "--json"]).arg(&run));
+    assert_eq!(again, stored, "{stderr}");
     Ok(())
 }
 

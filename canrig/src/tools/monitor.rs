@@ -206,6 +206,12 @@ impl Decoder {
 fn frame_words(frame: &CanFrame) -> (String, String) {
     let text = frame.to_string();
     let (id, _) = text.split_once('#').unwrap_or((&text, ""));
+    if frame.is_remote() {
+        return (
+            id.to_owned(),
+            format!("asks for {} bytes", frame.data().len()),
+        );
+    }
     let pairs: Vec<String> = frame
         .data()
         .iter()
@@ -323,6 +329,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let mut decoder = Decoder::new(database, rig_data_sheets(), options);
     let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
     let mut bus = open(&bus, &[Filter::ALL, Filter::ERRORS])?;
+    bus.count_fd_frames();
     let clock = Clock::start();
     let mut output = BufferedLines::default();
     let mut lines = 0;
@@ -350,6 +357,12 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
         print_error(&format!(
             "canrig: {} frames were lost: they came faster than they could be shown (show fewer with --only, --except or --changes)",
             bus.dropped()
+        ));
+    }
+    if bus.fd_frames() > 0 {
+        print_error(&format!(
+            "canrig: {} CAN FD frames were on the bus and are not shown: canrig reads classic CAN",
+            bus.fd_frames()
         ));
     }
     Ok(())

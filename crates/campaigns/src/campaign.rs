@@ -173,9 +173,9 @@ pub fn play_one<T>(
     let setup = Setup::of(scenario, catalogue());
     let mut capture = Capture::in_memory(ScenarioClock::new(&setup.database)?, watch);
     let ended = lockstep::simulate(&setup, &mut capture).map(Played::in_virtual_time);
-    let (frames, frames_lost) = capture.finish()?;
+    let (frames, unrecorded) = capture.finish()?;
     let timeline = timeline::decode(&frames, &setup)?;
-    let verdict = run::verdict(&ended, &timeline, &setup, frames_lost);
+    let verdict = run::verdict(&ended, &timeline, &setup, &unrecorded);
     Ok(reduce(&CampaignRun {
         index,
         scenario: &setup.scenario,

@@ -36,9 +36,16 @@ impl CanFrame {
         }
     }
 
-    /// A frame from the fields of the kernel's `struct can_frame`; `None` when `length` exceeds 8.
+    /// A frame from the fields of the kernel's `struct can_frame`; `None` when `length` exceeds 8. An error message has no
+    /// other flag, and a remote frame no payload: what a socket gives besides is dropped, so that a recording holds all of a
+    /// frame.
     #[must_use]
     pub fn from_raw(id: u32, length: u8, data: [u8; 8]) -> Option<Self> {
+        let (id, data) = match id & (ERROR_FLAG | REMOTE_FLAG) {
+            0 => (id, data),
+            REMOTE_FLAG => (id, [0; 8]),
+            _ => (id & !(EXTENDED_FLAG | REMOTE_FLAG), data),
+        };
         (length <= 8).then_some(Self { id, length, data })
     }
 
@@ -77,7 +84,7 @@ impl CanFrame {
         self.id & ERROR_FLAG != 0
     }
 
-    /// The payload (0 to 8 bytes).
+    /// The payload (0 to 8 bytes); of a remote frame, zeros in the number that it asks for.
     #[must_use]
     #[inline]
     pub fn data(&self) -> &[u8] {
@@ -98,18 +105,21 @@ impl fmt::Debug for CanFrame {
     }
 }
 
-/// The notation of candump's log: `190#1234ABCD`, `#R` for a remote frame.
+/// The notation of candump's log: `190#1234ABCD`; `#R8` for a remote frame of that length, `#R` for one of length 0.
 impl fmt::Display for CanFrame {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_error() {
-            write!(formatter, "{:08X}#", self.id & !EXTENDED_FLAG)?;
+            write!(formatter, "{:08X}#", self.id)?;
         } else if self.is_extended() {
             write!(formatter, "{:08X}#", self.id & 0x1FFF_FFFF)?;
         } else {
             write!(formatter, "{:03X}#", self.id & 0x7FF)?;
         }
         if self.is_remote() {
-            return formatter.write_str("R");
+            return match self.length {
+                0 => formatter.write_str("R"),
+                length => write!(formatter, "R{length}"),
+            };
         }
         // The bytes are one number, the first of them its highest.
         let digits = 2 * usize::from(self.length);
@@ -226,6 +236,18 @@ mod tests {
         ] {
             assert!(!filter.accepts(&raw(other)), "{other:#x}");
         }
+    }
+
+    #[test]
+    fn a_remote_frame_shows_its_length_and_an_error_message_has_no_other_flag() {
+        let remote = |length| CanFrame::from_raw(REMOTE_FLAG | 0x190, length, [7; 8]).unwrap();
+        assert_eq!(remote(8).to_string(), "190#R8");
+        assert_eq!(remote(8).data(), [0; 8]);
+        assert_eq!(remote(0).to_string(), "190#R");
+        let flags = ERROR_FLAG | REMOTE_FLAG | EXTENDED_FLAG;
+        let error = CanFrame::from_raw(flags | 4, 2, [1; 8]).unwrap();
+        assert!(error.is_error() && !error.is_remote());
+        assert_eq!(error.to_string(), "20000004#0101");
     }
 
     /// `linux/can.h`: a mask with `CAN_ERR_FLAG` makes a filter for error messages, so no data filter may carry it.

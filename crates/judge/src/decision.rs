@@ -1,93 +1,176 @@
-//! Decides the outcome of a run by its metrics and by the quality of its recording.
+//! Decides the outcome of a run by its metrics, by whose doing its missed cycles were, and by who ended it.
 
+use recording::ending::{EarlyEnd, EndedBy};
 use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
+use recording::unrecorded::Unrecorded;
 use rig::setup::Setup;
-use scenario::Scenario;
 
+use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
+use crate::excuse::{Excuse, MISSED_CYCLES, leave_open};
 use crate::metric::{Metric, not_judged};
 use crate::metrics::metrics;
-use crate::quality::{lost_frames, undecided};
+use crate::misses::excuse_of_end;
+use crate::quality::{cut_short, incomplete_recording, second_master};
 use crate::verdict::{Outcome, Verdict};
 
 /// Losses that a verdict lists at most.
 const LOSSES_MAX: usize = 20;
+/// With more cycles missed than this by the nodes, a run without a limit of its own fails; by the bench, control metrics
+/// decide nothing.
+const MISSED_CYCLES_PERCENT_MAX: f64 = 1.0;
+/// From this load on, a cycle that carries more than the others does not end in its time.
+const BUSY_BUS_PERCENT: f64 = 70.0;
 
 /// The metric that decides before all others: on an overloaded bus nothing else means anything.
 const BUS_LOAD: &str = "bus_load_percent";
 /// The metrics of the traffic, which a run that broke off has too.
-const TRAFFIC_METRICS: [&str; 3] = [
-    BUS_LOAD,
-    "sync_interval_milliseconds_max",
-    "missed_cycles_percent",
-];
+const TRAFFIC_METRICS: [&str; 3] = [BUS_LOAD, "sync_interval_milliseconds_max", MISSED_CYCLES];
+
+/// More than any bus carries: 100 %, and some room for the stamps of short recordings.
+const LOAD_PERCENT_MAX: f64 = 101.0;
 
 /// Judges a run.
 #[must_use]
-pub fn judge(timeline: &Timeline, setup: &Setup, frames_lost: u64) -> Verdict {
-    let scenario = &setup.scenario;
-    let evidence = Evidence::new(timeline, setup);
-    let metrics = metrics(&evidence);
-    let (outcome, reason) = outcome(timeline, scenario, &metrics, frames_lost);
+pub fn judge(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) -> Verdict {
+    let evidence = Evidence::new(timeline, setup, circumstances);
+    let mut metrics = metrics(&evidence);
+    let (outcome, reason) = match &circumstances.ended_early {
+        None => decide(&evidence, &mut metrics),
+        Some(end) => {
+            // What a node kept from being seen is missed; of what the bench broke off only the traffic says something.
+            let is_kept = |metric: &Metric| {
+                end.by == EndedBy::Node
+                    || TRAFFIC_METRICS.contains(&metric.name.as_str()) && metric.value.is_some()
+            };
+            metrics.retain(is_kept);
+            decide_broken(&evidence, end, &mut metrics)
+        }
+    };
+    let unrecorded = &circumstances.unrecorded;
     Verdict {
         outcome,
         reason,
-        frames_lost,
+        frames_lost: unrecorded.frames_lost,
+        fd_frames: unrecorded.fd_frames,
+        ended_early: circumstances.ended_early.clone(),
         metrics,
-        losses: losses(&evidence),
+        losses: fd_frames(unrecorded)
+            .into_iter()
+            .chain(losses(&evidence))
+            .collect(),
         ..Verdict::incomplete_of(setup, "")
     }
 }
 
-/// Judges a run that broke off. Only what the traffic shows is reported, and what went wrong until then; a bus that is
-/// loaded beyond its limit is a failed limit, with what came of it as the reason.
-#[must_use]
-pub fn judge_broken(timeline: &Timeline, setup: &Setup, error: &str) -> Verdict {
-    let evidence = Evidence::new(timeline, setup);
-    let mut metrics = metrics(&evidence);
-    metrics
-        .retain(|metric| TRAFFIC_METRICS.contains(&metric.name.as_str()) && metric.value.is_some());
-    let mut verdict = Verdict::incomplete_of(setup, error);
-    if let Some(reason) = overload(&metrics) {
-        verdict.outcome = Outcome::Fail;
-        verdict.reason = Some(format!("{reason}; {error}"));
+/// A run that broke off: what its traffic shows is reported, and what went wrong until then. A node's end is a failure, unless
+/// the machine stood still while the node was amiss; a bus that is loaded beyond its limit is a failed limit, with what came of
+/// it as the reason.
+fn decide_broken(
+    evidence: &Evidence<'_>,
+    end: &EarlyEnd,
+    metrics: &mut [Metric],
+) -> (Outcome, Option<String>) {
+    if let Some(reason) = overload(metrics) {
+        return (Outcome::Fail, Some(format!("{reason}; {end}")));
     }
-    verdict.metrics = metrics;
-    verdict.losses = losses(&evidence);
-    verdict
+    if end.by != EndedBy::Node {
+        return (Outcome::Incomplete, Some(end.to_string()));
+    }
+    match excuse_of_end(evidence.timeline, &evidence.circumstances.stalls, end) {
+        None => (Outcome::Fail, Some(end.to_string())),
+        Some(stall) => {
+            metrics.iter_mut().for_each(leave_open);
+            let stall = stall.words();
+            let reason = format!(
+                "{stall}, so the end of the run proves nothing ({end}); run it again or use --clock lockstep"
+            );
+            (Outcome::Inconclusive, Some(reason))
+        }
+    }
 }
 
-fn outcome(
-    timeline: &Timeline,
-    scenario: &Scenario,
-    metrics: &[Metric],
-    lost: u64,
-) -> (Outcome, Option<String>) {
+/// A run that was played to its end, or a recording that ends somewhere. Opens the limits that the bench's misses explain.
+fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<String>) {
     if let Some(reason) = overload(metrics) {
         return (Outcome::Fail, Some(reason));
     }
-    if lost > 0 {
-        return (Outcome::Inconclusive, Some(lost_frames(lost)));
+    // Of what somebody else led, nothing says anything of the nodes under test.
+    if let Some(reason) = second_master(evidence.timeline) {
+        return (Outcome::Inconclusive, Some(reason));
     }
-    if let Some((outcome, reason)) = undecided(timeline, scenario) {
-        return (outcome, Some(reason));
+    if let Some(reason) = missed_by_nodes(evidence) {
+        return (Outcome::Fail, Some(reason));
     }
-    if metrics.iter().any(|metric| metric.passed == Some(false)) {
-        return (Outcome::Fail, None);
+    let unrecorded = &evidence.circumstances.unrecorded;
+    if let Some(reason) = incomplete_recording(unrecorded) {
+        return (Outcome::Inconclusive, Some(reason));
     }
-    match not_judged(metrics) {
-        None => (Outcome::Pass, None),
-        reason => (Outcome::Inconclusive, reason),
+    let excuse = Excuse::of(evidence, MISSED_CYCLES_PERCENT_MAX);
+    let excused = match &excuse {
+        Some(excuse) => excuse.open_limits(evidence, metrics),
+        None => None,
+    };
+    let is_failed = |metric: &Metric| metric.passed == Some(false);
+    if let Some(reason) = cut_short(evidence.timeline, evidence.scenario) {
+        (Outcome::Incomplete, Some(reason))
+    } else if metrics.iter().any(is_failed) {
+        (Outcome::Fail, None)
+    } else if excused.is_some() {
+        (Outcome::Inconclusive, excused)
+    } else {
+        match not_judged(metrics).or_else(|| unknown_load(metrics, unrecorded)) {
+            None => (Outcome::Pass, None),
+            reason => (Outcome::Inconclusive, reason),
+        }
     }
 }
 
-/// The reason of a verdict on a bus that is loaded beyond its limit.
+/// Why a run fails whose nodes left out too many cycles: more than its limit says, or than can be where it has none.
+fn missed_by_nodes(evidence: &Evidence<'_>) -> Option<String> {
+    let limit = evidence.scenario.expect.missed_cycles_percent;
+    let limit = limit.and_then(|limit| limit.max);
+    let limit = limit.unwrap_or(MISSED_CYCLES_PERCENT_MAX);
+    let misses = evidence.misses();
+    let lost = evidence.circumstances.unrecorded.frames_lost;
+    let reason = misses.too_many_by_nodes(limit, lost)?;
+    let load = evidence.timeline.bus_load_percent;
+    Some(match load > BUSY_BUS_PERCENT {
+        true => format!("{reason}; the bus is nearly full (load {load:.1} %)"),
+        false => reason,
+    })
+}
+
+/// The reason of a verdict on a bus that is loaded beyond its limit, or beyond what any bus carries.
 fn overload(metrics: &[Metric]) -> Option<String> {
     let load = metrics.iter().find(|metric| metric.name == BUS_LOAD)?;
-    (load.passed == Some(false)).then(|| {
-        let percent = load.value.unwrap_or(f64::NAN);
-        format!("the bus is overloaded ({percent:.1} %), so frames come late")
+    let percent = load.value.unwrap_or(f64::NAN);
+    if percent > LOAD_PERCENT_MAX {
+        return Some(format!(
+            "the bus load is {percent:.1} %: no bus carries that at this bit rate, only a virtual one; send less, or raise [bus] bitrate_kilobits_per_second"
+        ));
+    }
+    (load.passed == Some(false))
+        .then(|| format!("the bus is overloaded ({percent:.1} %), so frames come late"))
+}
+
+/// Why a limit on the bus load is not met for certain.
+fn unknown_load(metrics: &[Metric], unrecorded: &Unrecorded) -> Option<String> {
+    let is_limited = |metric: &Metric| metric.name == BUS_LOAD && metric.limit.is_some();
+    let fd_frames = fd_frames(unrecorded)?;
+    metrics
+        .iter()
+        .any(is_limited)
+        .then(|| format!("the bus load is not known: {fd_frames}"))
+}
+
+/// CAN FD frames that were on the bus, for people.
+fn fd_frames(unrecorded: &Unrecorded) -> Option<String> {
+    let frames = unrecorded.fd_frames;
+    (frames > 0).then(|| {
+        let noun = if frames == 1 { "frame" } else { "frames" };
+        format!("{frames} CAN FD {noun} on the bus, not recorded: canrig reads classic CAN")
     })
 }
 

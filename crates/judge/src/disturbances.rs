@@ -2,7 +2,7 @@
 
 use scenario::events::Window;
 
-use crate::evidence::{CycleSample, Evidence, Measurement, MetricValue, largest, worst};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, largest, worst};
 
 /// A deviation within this counts as recovered from a disturbance: four steps of a 10-bit converter over 60 mm.
 const RECOVERY_BAND_MILLIMETRES: f64 = 0.25;
@@ -24,15 +24,24 @@ fn worst_disturbance(
     evidence: &Evidence<'_>,
     metric: fn(&Evidence<'_>, Window) -> MetricValue,
 ) -> Measurement {
+    if evidence.scenario.reference.is_empty() {
+        return Measurement::Meaningless("no set-point".to_owned());
+    }
     let windows = evidence.scenario.disturbance_windows();
-    let values = windows.iter().map(|disturbance| {
-        let mut window = disturbance.window;
-        window.until_seconds += AFTER_DISTURBANCE_SECONDS;
+    let end_seconds = evidence.scenario.judged_end_seconds();
+    let windows = windows.iter().map(|disturbance| disturbance.window);
+    let judged = windows.filter(|window| window.from_seconds < end_seconds);
+    let values = judged.map(|window| {
+        let until_seconds = window.until_seconds + AFTER_DISTURBANCE_SECONDS;
+        let window = Window {
+            until_seconds: until_seconds.min(end_seconds),
+            ..window
+        };
         metric(evidence, window)
     });
     match worst(values) {
-        None => Measurement::Missing("no disturbance in the scenario".to_owned()),
-        Some(Ok(_)) if !evidence.timeline.has_fan => {
+        None => Measurement::Meaningless("no disturbance in the scenario".to_owned()),
+        Some(_) if !evidence.timeline.has_fan => {
             Measurement::Unavailable("not available: no fan on the bus".to_owned())
         }
         Some(value) => value.into(),
@@ -40,22 +49,36 @@ fn worst_disturbance(
 }
 
 fn deviation(evidence: &Evidence<'_>, window: Window) -> MetricValue {
-    let samples = evidence.samples(window);
+    let samples = evidence.seen(window)?;
     largest(samples.map(|sample| sample.deviation_millimetres()))
 }
 
-/// From the start of a window until the deviation stays small.
+/// From the start of a window until the deviation stays small. Nobody knows how large it is in a silence.
 pub(crate) fn recovery(evidence: &Evidence<'_>, window: Window) -> MetricValue {
-    let is_outside =
-        |sample: &CycleSample| sample.deviation_millimetres() > RECOVERY_BAND_MILLIMETRES;
-    let Some(last_outside) = evidence.samples(window).filter(is_outside).last() else {
-        return deviation(evidence, window).map(|_| 0.0);
-    };
-    let (time, timeline) = (last_outside.time_seconds, evidence.timeline);
-    let end = window.until_seconds.min(timeline.end_seconds());
-    if time + 1.5 * timeline.period_seconds >= end {
-        Err("not recovered".to_owned())
-    } else {
-        Ok(time + timeline.period_seconds - window.from_seconds)
+    let period_seconds = evidence.timeline.period_seconds;
+    let mut latest = window.from_seconds;
+    let (mut recovered_at, mut is_outside) = (None, false);
+    let mut samples = evidence.samples(window).peekable();
+    let first = samples.peek().copied();
+    let first = first.ok_or_else(|| evidence.no_position(window))?;
+    checked(first.deviation_millimetres())?;
+    for sample in samples {
+        let time = sample.time_seconds;
+        if evidence.is_silence(latest, time) {
+            recovered_at = Some(time);
+        }
+        is_outside = sample.deviation_millimetres() > RECOVERY_BAND_MILLIMETRES;
+        if is_outside {
+            recovered_at = Some(time + period_seconds);
+        }
+        latest = time;
     }
+    if evidence.is_silence(latest, window.until_seconds) {
+        return Err(Absence::silent_between(latest, window.until_seconds));
+    }
+    let recovered_at = recovered_at.unwrap_or(window.from_seconds);
+    if is_outside || recovered_at + 0.5 * period_seconds >= window.until_seconds {
+        return Err("not recovered".into());
+    }
+    Ok(recovered_at - window.from_seconds)
 }

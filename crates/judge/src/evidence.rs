@@ -1,45 +1,95 @@
 //! What a verdict rests on: the decoded recording, windows of its samples, and the values that are made of them.
 
-use dbc::signals::TRUTH_MESSAGES;
-use recording::timeline::Timeline;
-use recording::traces::{SignalSample, SignalTrace};
+use std::rc::Rc;
+
+use dbc::signals::{POSITION, TRUE_POSITION, TRUTH_MESSAGES};
+use recording::ending::EndedBy;
+use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
+use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use rig::setup::Setup;
 use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::Limit;
 
+use crate::circumstances::Circumstances;
 use crate::metric::Metric;
-
-/// Sample times are multiples of the period; this absorbs their rounding.
-pub(crate) const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
+use crate::misses::Misses;
+use crate::quality::reaches;
 
 /// What is judged, and by what.
 pub(crate) struct Evidence<'a> {
     pub(crate) timeline: &'a Timeline,
     pub(crate) setup: &'a Setup,
     pub(crate) scenario: &'a Scenario,
+    pub(crate) circumstances: &'a Circumstances,
+    misses: Rc<Misses>,
+    /// The position that is judged: the measured one, or the true one beside it.
+    position: &'a [f64],
+    /// Longest time between two samples of the position.
+    pub(crate) silence_seconds_max: f64,
 }
 
 /// A value, or why there is none.
-pub(crate) type MetricValue = Result<f64, String>;
+pub(crate) type MetricValue = Result<f64, Absence>;
+
+/// Why there is no value.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Absence {
+    pub(crate) reason: String,
+    /// The stretch of time in which nothing came, where that is why.
+    silence: Option<Window>,
+}
+
+impl Absence {
+    pub(crate) fn unseen(reason: impl Into<String>, silence: Window) -> Self {
+        Self {
+            reason: reason.into(),
+            silence: Some(silence),
+        }
+    }
+
+    pub(crate) fn silent(silence: Window) -> Self {
+        let (from, until) = (silence.from_seconds, silence.until_seconds);
+        Self::unseen(format!("silent from {from:.3} to {until:.3} s"), silence)
+    }
+
+    pub(crate) fn silent_between(from_seconds: f64, until_seconds: f64) -> Self {
+        Self::silent(Window {
+            from_seconds,
+            until_seconds,
+        })
+    }
+}
+
+impl From<String> for Absence {
+    fn from(reason: String) -> Self {
+        Self {
+            reason,
+            silence: None,
+        }
+    }
+}
+
+impl From<&str> for Absence {
+    fn from(reason: &str) -> Self {
+        reason.to_owned().into()
+    }
+}
 
 /// What the recording shows of a metric.
 pub(crate) enum Measurement {
-    Measured(MetricValue),
-    /// There is no value, which matters only where the metric has a limit.
-    Missing(String),
+    Seen(Observation),
+    /// The scenario gives the metric no meaning, and this is why; that matters only where it has a limit.
+    Meaningless(String),
     /// Nobody on this bus sends it, so a limit is neither met nor missed.
     Unavailable(String),
-    /// The scenario gives the metric no meaning.
+    /// Nothing is said of the metric.
     NotAsked,
 }
 
 impl From<MetricValue> for Measurement {
     fn from(value: MetricValue) -> Self {
-        match value {
-            Ok(value) => Self::Measured(Ok(value)),
-            Err(reason) => Self::Missing(reason),
-        }
+        Self::Seen(value.into())
     }
 }
 
@@ -50,17 +100,22 @@ impl Measurement {
     }
 
     /// The row of the verdict, if there is one.
-    pub(crate) fn metric(self, name: &str, limit: Option<Limit>) -> Option<Metric> {
+    pub(crate) fn metric(
+        self,
+        evidence: &Evidence<'_>,
+        name: &str,
+        limit: Option<Limit>,
+    ) -> Option<Metric> {
         match self {
-            Self::Measured(value) => Some(Metric::new(name, value, limit)),
-            Self::Missing(reason) => limit.map(|_| Metric::new(name, Err(reason), limit)),
+            Self::Seen(observation) => Some(observation.metric(evidence, name.to_owned(), limit)),
+            Self::Meaningless(reason) => limit.map(|_| Metric::new(name, Err(reason), limit)),
             Self::Unavailable(reason) => Some(Metric::not_judged(name, reason, limit)),
             Self::NotAsked => None,
         }
     }
 }
 
-/// What the recording shows of a check: a value, and when it was so.
+/// What the recording shows of a metric or a check: a value, and when it was so.
 pub(crate) struct Observation {
     pub(crate) value: MetricValue,
     pub(crate) at_seconds: Option<f64>,
@@ -68,33 +123,52 @@ pub(crate) struct Observation {
     is_unavailable: bool,
 }
 
-impl Observation {
-    pub(crate) fn at(value: MetricValue, at_seconds: f64) -> Self {
+impl From<MetricValue> for Observation {
+    fn from(value: MetricValue) -> Self {
         Self {
             value,
-            at_seconds: Some(at_seconds),
-            is_unavailable: false,
-        }
-    }
-
-    pub(crate) fn none(reason: impl Into<String>) -> Self {
-        Self {
-            value: Err(reason.into()),
             at_seconds: None,
             is_unavailable: false,
         }
     }
+}
 
-    /// The row of the verdict.
-    pub(crate) fn metric(self, name: String, limit: Limit) -> Metric {
-        if self.is_unavailable {
-            return Metric::not_judged(name, only_emulated(), Some(limit));
+impl Observation {
+    pub(crate) fn at(value: MetricValue, at_seconds: f64) -> Self {
+        Self {
+            at_seconds: Some(at_seconds),
+            ..value.into()
         }
-        Metric::new(name, self.value, Some(limit)).at(self.at_seconds)
+    }
+
+    pub(crate) fn none(reason: impl Into<Absence>) -> Self {
+        Err(reason.into()).into()
+    }
+
+    /// The row of the verdict. What a node kept from being seen is missed, what the bench did is not judged.
+    pub(crate) fn metric(
+        self,
+        evidence: &Evidence<'_>,
+        name: String,
+        limit: Option<Limit>,
+    ) -> Metric {
+        if self.is_unavailable {
+            return Metric::not_judged(name, only_emulated(), limit);
+        }
+        match self.value {
+            Err(Absence {
+                reason,
+                silence: Some(silence),
+            }) if evidence.is_of_the_bench(silence) => Metric::not_judged(name, reason, limit),
+            value => {
+                let value = value.map_err(|absence| absence.reason);
+                Metric::new(name, value, limit).at(self.at_seconds)
+            }
+        }
     }
 }
 
-/// Set-point and measured position of one cycle.
+/// Set-point and position of one cycle.
 #[derive(Clone, Copy)]
 pub(crate) struct CycleSample {
     pub(crate) time_seconds: f64,
@@ -109,12 +183,45 @@ impl CycleSample {
 }
 
 impl<'a> Evidence<'a> {
-    pub(crate) fn new(timeline: &'a Timeline, setup: &'a Setup) -> Self {
+    pub(crate) fn new(
+        timeline: &'a Timeline,
+        setup: &'a Setup,
+        circumstances: &'a Circumstances,
+    ) -> Self {
+        let scenario = &setup.scenario;
+        let period = scenario.bus.sync_period();
+        let message = POSITION.split('.').next().unwrap_or_default();
+        let silence = silence_seconds_max(message, period, &setup.database);
         Self {
             timeline,
             setup,
-            scenario: &setup.scenario,
+            scenario,
+            circumstances,
+            misses: Rc::new(Misses::of(timeline, setup, circumstances)),
+            position: timeline.position(),
+            silence_seconds_max: silence,
         }
+    }
+
+    /// The cycles that were missed, and whose doing that was.
+    pub(crate) fn misses(&self) -> &Misses {
+        &self.misses
+    }
+
+    /// As the plant itself was; none where its sensor and it are sound, or it reports nothing of itself.
+    pub(crate) fn of_the_truth(&self) -> Option<Self> {
+        let windows = self.scenario.fault.windows();
+        let mut groups = windows.iter().map(|fault| fault.place.group);
+        if !groups.any(|group| ["sensor", "plant"].contains(&group)) {
+            return None;
+        }
+        let column = self.timeline.column(TRUE_POSITION)?;
+        let is_known = column.values.iter().any(|value| !value.is_nan());
+        is_known.then_some(Self {
+            position: &column.values,
+            misses: Rc::clone(&self.misses),
+            ..*self
+        })
     }
 
     /// The samples of a window, up to but without its end; cycles without a position are left out.
@@ -122,21 +229,93 @@ impl<'a> Evidence<'a> {
         let timeline = self.timeline;
         let times = timeline.time_seconds.iter();
         let set_points = timeline.set_point_millimetres.iter();
-        let rows = times.zip(set_points).zip(timeline.position());
-        let samples = rows.map(|((time, set_point), position)| CycleSample {
-            time_seconds: *time,
-            set_point_millimetres: *set_point,
-            position_millimetres: *position,
+        // The true position holds until the drive sends another; where the drive is silent there is none.
+        let positions = self.position.iter().zip(timeline.position());
+        let rows = times.zip(set_points).zip(positions);
+        let samples = rows.map(|((time, set_point), (position, measured))| {
+            let sample = CycleSample {
+                time_seconds: *time,
+                set_point_millimetres: *set_point,
+                position_millimetres: *position,
+            };
+            (sample, measured.is_nan() || position.is_nan())
         });
-        samples.filter(move |sample| {
+        samples.filter_map(move |(sample, is_missing)| {
             let is_inside = sample.time_seconds >= window.from_seconds - TIME_TOLERANCE_SECONDS
                 && sample.time_seconds < window.until_seconds - TIME_TOLERANCE_SECONDS;
-            is_inside && !sample.position_millimetres.is_nan()
+            (is_inside && !is_missing).then_some(sample)
         })
     }
 
-    /// The window of the whole run.
+    /// The samples of a window in which the drive never was silent.
+    ///
+    /// # Errors
+    /// It was, or there is no sample.
+    pub(crate) fn seen(
+        &self,
+        window: Window,
+    ) -> Result<impl Iterator<Item = CycleSample>, Absence> {
+        let mut times = self.samples(window).map(|sample| sample.time_seconds);
+        if times.next().is_none() {
+            return Err(self.no_position(window));
+        }
+        let times = self.samples(window).map(|sample| sample.time_seconds);
+        match first_silence(times, window, self.silence_seconds_max) {
+            Some(silence) => Err(Absence::silent(silence)),
+            None => Ok(self.samples(window)),
+        }
+    }
+
+    /// Why a window is empty.
+    pub(crate) fn no_position(&self, window: Window) -> Absence {
+        let reason = if self.position.iter().all(|position| position.is_nan()) {
+            "no position in the recording".to_owned()
+        } else {
+            let (from, until) = (window.from_seconds, window.until_seconds);
+            format!("no position from {from:.3} to {until:.3} s")
+        };
+        Absence::unseen(reason, window)
+    }
+
+    /// Whether so long without a position is a silence.
+    pub(crate) fn is_silence(&self, from_seconds: f64, until_seconds: f64) -> bool {
+        until_seconds - from_seconds > self.silence_seconds_max + TIME_TOLERANCE_SECONDS
+    }
+
+    /// Where the SYNC was silent up to the end of what is judged.
+    pub(crate) fn silence_of_sync(&self) -> Option<Window> {
+        let silence = Window {
+            from_seconds: self.timeline.due_seconds(),
+            until_seconds: self.scenario.judged_end_seconds(),
+        };
+        self.is_silence(silence.from_seconds, silence.until_seconds)
+            .then_some(silence)
+    }
+
+    /// Whether a silence is the bench's doing, and not that of a node: the run broke off, its recording did, or every cycle in it
+    /// was missed for a stall.
+    fn is_of_the_bench(&self, silence: Window) -> bool {
+        self.is_cut_before(silence.until_seconds) || self.misses.are_of_the_bench_in(silence)
+    }
+
+    /// Whether the bench or the user kept from being seen what came before a time.
+    pub(crate) fn is_cut_before(&self, seconds: f64) -> bool {
+        match &self.circumstances.ended_early {
+            Some(end) => end.by != EndedBy::Node,
+            None => !reaches(self.timeline, seconds),
+        }
+    }
+
+    /// The window of all that is judged of the loop.
     pub(crate) fn whole(&self) -> Window {
+        Window {
+            from_seconds: 0.0,
+            until_seconds: self.scenario.judged_end_seconds(),
+        }
+    }
+
+    /// The window of the whole scenario.
+    pub(crate) fn run(&self) -> Window {
         Window {
             from_seconds: 0.0,
             until_seconds: self.scenario.duration_seconds,
@@ -179,6 +358,25 @@ pub(crate) fn samples_in(samples: &[SignalSample], window: Window) -> &[SignalSa
     &samples[from..until.max(from)]
 }
 
+/// The first stretch of a window without a sample that is longer than it may be.
+pub(crate) fn first_silence(
+    times_seconds: impl Iterator<Item = f64>,
+    window: Window,
+    seconds_max: f64,
+) -> Option<Window> {
+    let mut from_seconds = window.from_seconds;
+    for until_seconds in times_seconds.chain([window.until_seconds]) {
+        if until_seconds - from_seconds > seconds_max + TIME_TOLERANCE_SECONDS {
+            return Some(Window {
+                from_seconds,
+                until_seconds,
+            });
+        }
+        from_seconds = until_seconds;
+    }
+    None
+}
+
 /// The largest value over all steps or disturbances; an error counts as worse than any value.
 pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> Option<MetricValue> {
     values.reduce(|worst, value| match (worst, value) {
@@ -187,31 +385,32 @@ pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> Option<MetricV
     })
 }
 
-pub(crate) fn largest(values: impl Iterator<Item = f64>) -> MetricValue {
-    let largest = values.reduce(|largest, value| if value <= largest { largest } else { value });
-    checked(largest.ok_or_else(no_samples)?)
+/// How far a value is within a limit; negative beyond it.
+pub(crate) fn margin(value: f64, limit: Limit) -> f64 {
+    let above_min = limit.min.map_or(f64::INFINITY, |min| value - min);
+    let below_max = limit.max.map_or(f64::INFINITY, |max| max - value);
+    above_min.min(below_max)
 }
 
+/// The largest of some values, of which there is one at least.
+pub(crate) fn largest(values: impl Iterator<Item = f64>) -> MetricValue {
+    let largest = values.reduce(|largest, value| if value <= largest { largest } else { value });
+    checked(largest.unwrap_or(f64::NAN))
+}
+
+/// The mean of some values, of which there is one at least.
 pub(crate) fn mean(values: impl Iterator<Item = f64>) -> MetricValue {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
-    if count == 0.0 {
-        Err(no_samples())
-    } else {
-        checked(sum / count)
-    }
+    checked(sum / count)
 }
 
 /// A position is never NaN here, so NaN means that there is no set-point.
 pub(crate) fn checked(value: f64) -> MetricValue {
     if value.is_nan() {
-        Err("no set-point".to_owned())
+        Err("no set-point".into())
     } else {
         Ok(value)
     }
-}
-
-pub(crate) fn no_samples() -> String {
-    "no position in the recording".to_owned()
 }
 
 fn only_emulated() -> String {

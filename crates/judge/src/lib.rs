@@ -1,19 +1,23 @@
 //! From a timeline to a verdict. Nothing but the recording counts.
 //!
 //! Comes in: a decoded recording ([`Timeline`](recording::timeline::Timeline)), the [`Setup`](rig::setup::Setup) with the
-//! scenario's `[expect]`, and how many frames the recorder lost; of a run in real time, what its host counted. Goes out: a
-//! [`Verdict`](verdict::Verdict): each metric beside its limit ([`metrics`]), the checks of signals and sequences, the
-//! losses, the [`Timing`](timing::Timing), and one [`Outcome`](verdict::Outcome). `verdict.json` holds it.
+//! scenario's `[expect]`, and the [`Circumstances`]: frames that the recorder lost, who ended the run, where the machine was
+//! late; of a run in real time, what its host counted. Goes out: a [`Verdict`](verdict::Verdict): each metric beside its limit
+//! ([`metrics`]), the checks of signals and sequences, the losses, the [`Timing`](timing::Timing), and one
+//! [`Outcome`](verdict::Outcome). `verdict.json` holds it.
 //!
 //! It does not know: which world made the recording, where it is stored, how a verdict is shown. Names, units and limits of
 //! the metrics stand in [`scenario::metrics`].
 
+mod circumstances;
 mod decision;
 mod disturbances;
 mod evidence;
+mod excuse;
 mod harmonic;
 mod metric;
 mod metrics;
+mod misses;
 mod quality;
 mod reactions;
 mod sequences;
@@ -26,7 +30,8 @@ pub mod timing;
 mod timing_decision;
 pub mod verdict;
 
-pub use decision::{judge, judge_broken};
-pub use quality::{lost_frames, too_many_missed};
+pub use circumstances::Circumstances;
+pub use decision::judge;
+pub use quality::lost_frames;
 pub use steps::SETTLING_BAND;
 pub use timing_decision::judge_timing;

@@ -10,7 +10,7 @@ pub struct Metric {
     pub name: String,
     /// The measured value; none where the run does not have it (no step, never settled).
     pub value: Option<f64>,
-    /// When it was so, in scenario time; for checks of signals only.
+    /// When it was so, in scenario time; for checks of signals, and where one of several sines decides.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub at_seconds: Option<f64>,
     /// Why there is no value.
@@ -71,7 +71,7 @@ impl Metric {
     }
 }
 
-fn meets(value: f64, limit: Limit) -> bool {
+pub(crate) fn meets(value: f64, limit: Limit) -> bool {
     let value = rounded(value);
     limit.min.is_none_or(|min| value >= min) && limit.max.is_none_or(|max| value <= max)
 }

@@ -1,9 +1,12 @@
 //! What a run came to, in numbers, each with its limit.
 
+use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 use scenario::metrics::METRICS;
 
-use crate::evidence::{Evidence, Measurement, MetricValue, largest, mean};
+use crate::evidence::{
+    Absence, Evidence, Measurement, MetricValue, first_silence, largest, mean, worst,
+};
 use crate::metric::Metric;
 use crate::{disturbances, reactions, sequences, signals, sine, steps};
 
@@ -15,25 +18,13 @@ type Measure = fn(&Evidence<'_>) -> Measurement;
 
 /// How each metric is measured, by the names of [`METRICS`] and in their order.
 const MEASURES: [(&str, Measure); METRICS.len()] = [
-    ("settling_time_seconds", |evidence| {
-        steps::settling_time(evidence).into()
-    }),
-    ("overshoot_percent", |evidence| {
-        steps::overshoot(evidence).into()
-    }),
-    ("steady_state_error_millimetres", |evidence| {
-        steady_state_error(evidence).into()
-    }),
-    ("tracking_error_millimetres_rms", |evidence| {
-        tracking_error(evidence).into()
-    }),
-    ("sine_gain", |evidence| sine::gain(evidence).into()),
-    ("sine_phase_degrees", |evidence| {
-        sine::phase_degrees(evidence).into()
-    }),
-    ("sine_offset_millimetres", |evidence| {
-        sine::offset_millimetres(evidence).into()
-    }),
+    ("settling_time_seconds", steps::settling_time),
+    ("overshoot_percent", steps::overshoot),
+    ("steady_state_error_millimetres", steady_state_error),
+    ("tracking_error_millimetres_rms", tracking_error),
+    ("sine_gain", sine::gain),
+    ("sine_phase_degrees", sine::phase_degrees),
+    ("sine_offset_millimetres", sine::offset_millimetres),
     (
         "maximum_deviation_millimetres",
         disturbances::maximum_deviation,
@@ -46,13 +37,13 @@ const MEASURES: [(&str, Measure); METRICS.len()] = [
         current_rms(evidence).into()
     }),
     ("missed_cycles_percent", |evidence| {
-        Measurement::Measured(Ok(evidence.timeline.missed_cycles_percent()))
+        missed_cycles(evidence).into()
     }),
     ("bus_load_percent", |evidence| {
         traffic(evidence.timeline.bus_load_percent).into()
     }),
     ("sync_interval_milliseconds_max", |evidence| {
-        traffic(evidence.timeline.sync_interval_milliseconds_max).into()
+        sync_interval(evidence).into()
     }),
     ("temperature_celsius", reactions::temperature_max),
     ("no_event", reactions::unwanted_events),
@@ -62,17 +53,34 @@ const MEASURES: [(&str, Measure); METRICS.len()] = [
     ("emcy", reactions::missing_emergencies),
 ];
 
+/// The metrics of the position, which have a second value where measured and true position differ.
+const OF_POSITION: [&str; 11] = [
+    "settling_time_seconds",
+    "overshoot_percent",
+    "steady_state_error_millimetres",
+    "tracking_error_millimetres_rms",
+    "sine_gain",
+    "sine_phase_degrees",
+    "sine_offset_millimetres",
+    "maximum_deviation_millimetres",
+    "recovery_time_seconds",
+    "position_millimetres_max",
+    "recovers_within_seconds",
+];
+
+/// The metrics that have a value of what was recorded, however early that ends.
+const OF_WHAT_CAME: [&str; 3] = [
+    "missed_cycles_percent",
+    "bus_load_percent",
+    "sync_interval_milliseconds_max",
+];
+
 /// All rows of the verdict: the metrics that the scenario gives a meaning to or a limit, then its checks.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let expect = &evidence.scenario.expect;
-    let metrics = METRICS.iter().zip(MEASURES);
-    let metrics = metrics.filter_map(|(metric, (name, measure))| {
-        measure(evidence).metric(name, metric.limit(expect))
-    });
-    let mut rows: Vec<Metric> = metrics
-        .chain(signals::metrics(evidence))
-        .chain(sequences::metrics(evidence))
-        .collect();
+    let mut rows = rows_of_metrics(evidence);
+    rows.extend(signals::metrics(evidence));
+    rows.extend(sequences::metrics(evidence));
     let requirements = expect.requirements_of_rows();
     for row in &mut rows {
         let own = requirements.get(&row.name);
@@ -81,44 +89,128 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     rows
 }
 
-fn steady_state_error(evidence: &Evidence<'_>) -> MetricValue {
-    let until_seconds = evidence.scenario.duration_seconds;
+fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
+    let expect = &evidence.scenario.expect;
+    let truth = evidence.of_the_truth();
+    let is_cut = evidence.is_cut_before(evidence.scenario.judged_end_seconds());
+    let mut rows = Vec::new();
+    for (metric, (name, measure)) in METRICS.iter().zip(MEASURES) {
+        let row = measure(evidence).metric(evidence, name, metric.limit(expect));
+        rows.extend(row.map(|row| match is_cut && OF_WHAT_CAME.contains(&name) {
+            true => without_pass(row),
+            false => row,
+        }));
+        if let Some(truth) = truth.as_ref().filter(|_| OF_POSITION.contains(&name)) {
+            rows.extend(measure(truth).metric(truth, &format!("true_{name}"), None));
+        }
+    }
+    rows
+}
+
+/// A limit that was met until the bench ended the run may have been missed later.
+fn without_pass(row: Metric) -> Metric {
+    Metric {
+        passed: row.passed.filter(|passed| !passed),
+        ..row
+    }
+}
+
+fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
+    let until_seconds = evidence.scenario.judged_end_seconds();
     let window = Window {
-        from_seconds: until_seconds - STEADY_STATE_SECONDS,
+        from_seconds: (until_seconds - STEADY_STATE_SECONDS).max(0.0),
         until_seconds,
     };
+    if evidence.scenario.reference.is_empty() {
+        return Measurement::Meaningless("no set-point".to_owned());
+    }
     let samples = || evidence.samples(window);
     let set_points = || samples().map(|sample| sample.set_point_millimetres);
     let mut pairs = set_points().zip(set_points().skip(1));
     if pairs.any(|(before, after)| before != after) {
-        return Err("the set-point moves at the end".to_owned());
+        return Measurement::Meaningless("the set-point moves at the end".to_owned());
     }
-    mean(samples().map(|sample| sample.deviation_millimetres()))
+    let samples = evidence.seen(window);
+    samples
+        .and_then(|samples| mean(samples.map(|sample| sample.deviation_millimetres())))
+        .into()
 }
 
-fn tracking_error(evidence: &Evidence<'_>) -> MetricValue {
-    let window = evidence.scenario.judged_sine().unwrap_or(evidence.whole());
-    let samples = evidence.samples(window);
+fn tracking_error(evidence: &Evidence<'_>) -> Measurement {
+    if evidence.scenario.reference.is_empty() {
+        return Measurement::Meaningless("no set-point".to_owned());
+    }
+    let sines = evidence.scenario.judged_sines();
+    let windows = sines.iter().map(|sine| sine.window);
+    let errors = windows.map(|window| deviation_rms(evidence, window));
+    let error = worst(errors).unwrap_or_else(|| deviation_rms(evidence, evidence.whole()));
+    error.into()
+}
+
+fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {
+    let samples = evidence.seen(window)?;
     let squares = samples.map(|sample| sample.deviation_millimetres().powi(2));
     mean(squares).map(f64::sqrt)
 }
 
 fn position_max(evidence: &Evidence<'_>) -> MetricValue {
-    let samples = evidence.samples(evidence.whole());
+    let samples = evidence.seen(evidence.whole())?;
     largest(samples.map(|sample| sample.position_millimetres))
 }
 
 fn current_rms(evidence: &Evidence<'_>) -> MetricValue {
-    let currents = evidence.timeline.current().iter();
-    let squares = currents
-        .filter(|current| !current.is_nan())
-        .map(|current| current.powi(2));
-    mean(squares).map(f64::sqrt)
+    let (timeline, whole) = (evidence.timeline, evidence.whole());
+    let end_seconds = whole.until_seconds - TIME_TOLERANCE_SECONDS;
+    let rows = || {
+        let rows = timeline.time_seconds.iter().zip(timeline.current());
+        rows.filter(|(time, current)| **time < end_seconds && !current.is_nan())
+    };
+    if rows().next().is_none() {
+        let reason = "no current in the recording";
+        return Err(Absence::unseen(reason, whole));
+    }
+    let times = rows().map(|(time, _)| *time);
+    if let Some(silence) = first_silence(times, whole, evidence.silence_seconds_max) {
+        return Err(Absence::silent(silence));
+    }
+    mean(rows().map(|(_, current)| current.powi(2))).map(f64::sqrt)
+}
+
+/// Cycles that never began or in which the drive was silent, by all that were due.
+fn missed_cycles(evidence: &Evidence<'_>) -> MetricValue {
+    let misses = evidence.misses();
+    if misses.due == 0 {
+        let reason = "no cycle in the recording";
+        return Err(Absence::unseen(reason, evidence.whole()));
+    }
+    Ok(misses.percent())
+}
+
+fn sync_interval(evidence: &Evidence<'_>) -> MetricValue {
+    if evidence.timeline.zero_seconds.is_none() {
+        return Err("the scenario never began".into());
+    }
+    let longest = traffic(evidence.timeline.sync_interval_milliseconds_max)?;
+    until_the_end(evidence)?;
+    Ok(longest)
+}
+
+/// # Errors
+/// The SYNC came to its end before what is judged did. What the bench ended still shows how it went until then.
+fn until_the_end(evidence: &Evidence<'_>) -> Result<(), Absence> {
+    match evidence.silence_of_sync() {
+        Some(silence) if !evidence.is_cut_before(silence.until_seconds) => {
+            let (from, until) = (silence.from_seconds, silence.until_seconds);
+            let reason = format!("no SYNC from {from:.3} to {until:.3} s");
+            Err(Absence::unseen(reason, silence))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn traffic(value: f64) -> MetricValue {
     if value.is_nan() {
-        Err("no two SYNCs in the recording".to_owned())
+        Err("no two SYNCs in the recording".into())
     } else {
         Ok(value)
     }
@@ -136,11 +228,17 @@ mod tests {
         let schema = scenario::schema::json_schema();
         let schema: serde_json::Value = serde_json::from_str(&schema).unwrap();
         let keys = schema["definitions"]["Expect"]["properties"].as_object();
-        let is_table = |key: &&String| {
-            let tables = ["requirements", "sequence", "signal", "timing"];
-            tables.contains(&key.as_str())
+        let is_other = |key: &&String| {
+            let others = [
+                "judged_until_seconds",
+                "requirements",
+                "sequence",
+                "signal",
+                "timing",
+            ];
+            others.contains(&key.as_str())
         };
-        let keys = keys.unwrap().keys().filter(|key| !is_table(key));
+        let keys = keys.unwrap().keys().filter(|key| !is_other(key));
         let mut names = names.to_vec();
         names.sort_unstable();
         assert!(keys.eq(names));

@@ -1,20 +1,23 @@
-//! What the run did about its faults, from the recording alone. Without faults most of it means nothing.
+//! What the run did about its faults, from the recording alone. Without faults the plant reports nothing of itself, so most
+//! of it has no value.
 
 use canopen::cia402::State;
-use recording::timeline::{Column, Timeline};
+use recording::timeline::{Column, TIME_TOLERANCE_SECONDS, Timeline};
+use recording::traces::silence_seconds_max;
 use recording::truth::PlantTruth;
 use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::Emergency;
 
 use crate::disturbances::recovery;
-use crate::evidence::{Evidence, Measurement, MetricValue, largest};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, first_silence, largest};
 
 /// Without current for so long counts as current 0: a law may command no current for some cycles.
 const WITHOUT_CURRENT_SECONDS: f64 = 0.1;
 /// The state at the end is that of this time before it.
 const END_SECONDS: f64 = 0.1;
 
+const TRUTH: &str = "plant_truth";
 const STATUSWORD: &str = "statusword_state";
 /// How the names of signals end that report how warm the current makes a plant.
 const TEMPERATURE: &str = "_temperature_celsius";
@@ -27,10 +30,46 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
         return Measurement::NotAsked;
     }
     let mut temperatures = temperatures(evidence.timeline).peekable();
-    match temperatures.peek() {
-        Some(_) => Measurement::Measured(largest(temperatures)),
-        None => Measurement::only_emulated(),
+    if temperatures.peek().is_none() {
+        return Measurement::only_emulated();
     }
+    let is_seen = match evidence.timeline.truth.is_empty() {
+        true => evidence.seen(evidence.run()).map(drop),
+        false => silence_of_truth(evidence).map_or(Ok(()), |silence| Err(silence_of(silence))),
+    };
+    is_seen.and_then(|()| largest(temperatures)).into()
+}
+
+/// The first stretch from the plant's first message to the end in which it was silent.
+fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
+    let (timeline, truth) = (evidence.timeline, &evidence.timeline.truth);
+    let first_seconds = truth.first()?.time_seconds;
+    let window = match timeline.zero_seconds {
+        Some(_) => Window {
+            from_seconds: first_seconds.min(0.0),
+            ..evidence.run()
+        },
+        None => Window {
+            from_seconds: first_seconds,
+            until_seconds: timeline.last_frame_seconds.max(first_seconds),
+        },
+    };
+    let times = truth.iter().map(|truth| truth.time_seconds);
+    let times = times.filter(|time| *time < window.until_seconds);
+    first_silence(times, window, silence_of_truth_seconds_max(evidence))
+}
+
+fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
+    let period = evidence.scenario.bus.sync_period();
+    silence_seconds_max(TRUTH, period, &evidence.setup.database)
+}
+
+fn silence_of(silence: Window) -> Absence {
+    let (from, until) = (silence.from_seconds, silence.until_seconds);
+    Absence::unseen(
+        format!("no {TRUTH} from {from:.3} to {until:.3} s"),
+        silence,
+    )
 }
 
 /// The plant's own peaks, and the drive's view of the truth where the plant is silent.
@@ -56,24 +95,43 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
     let mut events = evidence.timeline.events.iter();
     let found = events
         .find(|event| event.time_seconds <= evidence.end_seconds() && is_unwanted(&event.text));
-    Measurement::Measured(match found {
-        None => Ok(0.0),
-        Some(event) => Err(format!("there is \"{}\"", event.text)),
-    })
+    match found {
+        Some(event) => Err(format!("there is \"{}\"", event.text).into()).into(),
+        None if evidence.is_cut_before(evidence.scenario.duration_seconds) => {
+            Measurement::Unavailable("none until the recording ends".to_owned())
+        }
+        None => Ok(0.0).into(),
+    }
 }
 
 /// Milliseconds from the first fault to the start of the first stretch without current.
 pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
-    if evidence.scenario.fault.is_empty() {
-        return Measurement::NotAsked;
+    let scenario = evidence.scenario;
+    if scenario.fault.is_empty() {
+        return without_faults(scenario.expect.current_zero_within_milliseconds.is_some());
     }
     let truth = &evidence.timeline.truth;
     let Some(first) = truth.first() else {
         return Measurement::only_emulated();
     };
-    let fault = first_fault_seconds(evidence.scenario).max(first.time_seconds);
-    let zero = zero_since(truth, fault).map(|since| 1e3 * (since - fault));
-    Measurement::Measured(zero.ok_or_else(|| "current flows on".to_owned()))
+    let fault = first_fault_seconds(scenario).max(first.time_seconds);
+    let silence_max = silence_of_truth_seconds_max(evidence);
+    let zero = zero_since(truth, fault, silence_max).map(|since| 1e3 * (since - fault));
+    zero.ok_or_else(|| match silence_of_truth(evidence) {
+        Some(silence) => silence_of(silence),
+        None => "current flows on".into(),
+    })
+    .into()
+}
+
+/// What the plant reports only where something can fail: a limit on it, put on a recording without faults, is not judged.
+fn without_faults(is_limited: bool) -> Measurement {
+    match is_limited {
+        true => {
+            Measurement::Unavailable(format!("not available: without faults there is no {TRUTH}"))
+        }
+        false => Measurement::NotAsked,
+    }
 }
 
 /// When the first fault begins; those of the boot do at the start of the recording.
@@ -85,8 +143,8 @@ fn first_fault_seconds(scenario: &Scenario) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// The start of the first stretch without current after a fault.
-fn zero_since(truth: &[PlantTruth], fault_seconds: f64) -> Option<f64> {
+/// The start of the first stretch without current after a fault. What flows in a silence, nobody knows.
+fn zero_since(truth: &[PlantTruth], fault_seconds: f64, silence_seconds_max: f64) -> Option<f64> {
     let mut zero_since = None;
     for pair in truth.windows(2) {
         let (from, until) = (
@@ -96,12 +154,14 @@ fn zero_since(truth: &[PlantTruth], fault_seconds: f64) -> Option<f64> {
         if until <= from {
             continue;
         }
-        if is_heated(&pair[0]) {
+        if is_heated(&pair[0])
+            || until - pair[0].time_seconds > silence_seconds_max + TIME_TOLERANCE_SECONDS
+        {
             zero_since = None;
             continue;
         }
         let since = *zero_since.get_or_insert(from);
-        if until - since >= WITHOUT_CURRENT_SECONDS {
+        if until - since >= WITHOUT_CURRENT_SECONDS - TIME_TOLERANCE_SECONDS {
             return Some(since);
         }
     }
@@ -115,10 +175,13 @@ fn is_heated(truth: &PlantTruth) -> bool {
 /// From the end of the last fault until the deviation stays small.
 pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     let scenario = evidence.scenario;
-    if scenario.fault.is_empty() || scenario.reference.is_empty() {
-        return Measurement::NotAsked;
+    if scenario.fault.is_empty() {
+        return Measurement::Meaningless("no fault in the scenario".to_owned());
     }
-    Measurement::Measured(recovery_after(evidence, last_fault_end_seconds(scenario)))
+    if scenario.reference.is_empty() {
+        return Measurement::Meaningless("no set-point".to_owned());
+    }
+    recovery_after(evidence, last_fault_end_seconds(scenario)).into()
 }
 
 /// None where a fault lasts to the end.
@@ -135,28 +198,53 @@ fn last_fault_end_seconds(scenario: &Scenario) -> Option<f64> {
 
 fn recovery_after(evidence: &Evidence<'_>, fault_end_seconds: Option<f64>) -> MetricValue {
     let from_seconds = fault_end_seconds.ok_or("a fault lasts to the end")?;
-    let until_seconds = evidence.scenario.duration_seconds;
-    let is_cut = evidence.timeline.end_seconds() + END_SECONDS < until_seconds;
-    if from_seconds >= until_seconds || is_cut {
-        return Err("not recovered".to_owned());
-    }
     let window = Window {
         from_seconds,
-        until_seconds,
+        ..evidence.run()
     };
+    if window.from_seconds >= window.until_seconds {
+        return Err("not recovered".into());
+    }
     recovery(evidence, window)
 }
 
 /// 1 where the bench is safe at the end, else 0.
 pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
-    if evidence.scenario.fault.is_empty() {
-        return Measurement::NotAsked;
+    let scenario = evidence.scenario;
+    if scenario.fault.is_empty() {
+        return without_faults(scenario.expect.safe_state.is_some());
     }
     if evidence.timeline.truth.is_empty() {
         return Measurement::only_emulated();
     }
+    if let Some(silence) = silence_at_end(evidence) {
+        return Err(silence_of(silence)).into();
+    }
     let is_safe = is_safe_at_end(evidence);
-    Measurement::Measured(Ok(if is_safe { 1.0 } else { 0.0 }))
+    Ok(if is_safe { 1.0 } else { 0.0 }).into()
+}
+
+/// The silence of the plant in which the scenario ended.
+fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
+    evidence.timeline.zero_seconds?;
+    let end_seconds = evidence.scenario.duration_seconds;
+    let times = evidence
+        .timeline
+        .truth
+        .iter()
+        .map(|truth| truth.time_seconds);
+    let latest = times
+        .filter(|time| *time <= end_seconds)
+        .fold(0.0, f64::max);
+    let window = Window {
+        from_seconds: latest,
+        until_seconds: end_seconds,
+    };
+    first_silence(
+        [].into_iter(),
+        window,
+        silence_of_truth_seconds_max(evidence),
+    )
 }
 
 /// No current in the wire at the end, and a drive that is not enabled, or silent.
@@ -193,7 +281,7 @@ fn is_enabled_since(timeline: &Timeline, from_seconds: f64) -> bool {
 /// 0 where all emergencies that are demanded came.
 pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
     let demanded = &evidence.scenario.expect.emcy;
-    if evidence.scenario.fault.is_empty() || demanded.is_empty() {
+    if demanded.is_empty() {
         return Measurement::NotAsked;
     }
     let came = |wanted: &Emergency| {
@@ -207,8 +295,9 @@ pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
         .filter(is_missing)
         .map(String::as_str)
         .collect();
-    Measurement::Measured(match missing.as_slice() {
-        [] => Ok(0.0),
-        missing => Err(format!("{} was not sent", missing.join(", "))),
-    })
+    if missing.is_empty() {
+        return Ok(0.0).into();
+    }
+    let reason = format!("{} was not sent", missing.join(", "));
+    Err(Absence::unseen(reason, evidence.run())).into()
 }

@@ -1,10 +1,11 @@
 //! Events held against `[[expect.sequence]]`: each after the one before, soon enough.
 
-use recording::traces::SignalSample;
+use recording::timeline::TIME_TOLERANCE_SECONDS;
+use recording::traces::{SignalSample, SignalTrace};
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
-use crate::evidence::{Evidence, Observation, TIME_TOLERANCE_SECONDS, samples_in};
+use crate::evidence::{Absence, Evidence, Observation, samples_in};
 use crate::metric::{Metric, rounded};
 use crate::signals::nearest;
 
@@ -31,7 +32,10 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
                 let again = place.checked_sub(1).map(|last| &sequence.event[last]) == Some(event);
                 next(evidence, event, rest, again)
             }
-            Err(missing) => Observation::none(format!("{missing} did not come before")),
+            Err(missing) => {
+                let reason = format!("{missing} did not come before");
+                Observation::none(Absence::unseen(reason, window))
+            }
         };
         let longest = event
             .within_milliseconds
@@ -45,7 +49,7 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
             (None, Ok(_)) => Err(event.to_string()),
             (_, missing) => missing,
         };
-        metrics.push(observation.metric(sequence.row_name(place), limit));
+        metrics.push(observation.metric(evidence, sequence.row_name(place), Some(limit)));
     }
     metrics
 }
@@ -60,33 +64,30 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
         false => rest.from_seconds - TIME_TOLERANCE_SECONDS,
     };
     let is_next = |time: f64| time >= earliest && time < rest.until_seconds;
-    let mut samples: &[SignalSample] = &[];
-    let found = match event {
+    let (found, nearest) = match event {
         Expected {
             emcy: Some(text), ..
-        } => Ok(emergency(evidence, text, is_next)),
+        } => (emergency(evidence, text, is_next), String::new()),
         Expected {
             text: Some(text), ..
-        } => Ok(event_with(evidence, text, is_next)),
+        } => (event_with(evidence, text, is_next), String::new()),
         Expected {
             signal: Some(name), ..
-        } => evidence.trace(name).map(|trace| {
-            samples = samples_in(&trace.samples, rest);
-            stay(samples, event, is_next)
-        }),
-        _ => Err(Observation::none("nothing is expected")),
+        } => match evidence.trace(name) {
+            Ok(trace) => reached(trace, event, rest, is_next),
+            Err(observation) => return observation,
+        },
+        _ => return Observation::none("nothing is expected"),
     };
     match found {
-        Ok(Some(at_seconds)) => {
+        Some(at_seconds) => {
             let since = (at_seconds - rest.from_seconds).max(0.0);
             Observation::at(Ok(1e3 * since), at_seconds)
         }
-        Ok(None) => Observation::none(format!(
-            "did not come after {:.3} s{}",
-            rest.from_seconds,
-            nearest_words(samples, event)
-        )),
-        Err(observation) => observation,
+        None => {
+            let reason = format!("did not come after {:.3} s{nearest}", rest.from_seconds);
+            Observation::none(Absence::unseen(reason, rest))
+        }
     }
 }
 
@@ -107,43 +108,69 @@ fn event_with(evidence: &Evidence<'_>, part: &str, is_next: impl Fn(f64) -> bool
     times.find(|time| is_next(*time))
 }
 
-/// When a signal gets within the limits and stays there for long enough.
-fn stay(samples: &[SignalSample], event: &Expected, is_next: impl Fn(f64) -> bool) -> Option<f64> {
-    let (wanted, long) = (event.reaches?, event.for_milliseconds.unwrap_or(0.0) / 1e3);
-    let mut since = None;
-    for sample in samples {
-        if !wanted.admits(sample.value) {
-            since = None;
-            continue;
-        }
-        let begin = *since.get_or_insert(sample.time_seconds);
-        if sample.time_seconds - begin >= long && is_next(begin) {
-            return Some(begin);
-        }
+/// When a signal gets within its limits for long enough; if it does not, how near it came.
+fn reached(
+    trace: &SignalTrace,
+    event: &Expected,
+    rest: Window,
+    is_next: impl Fn(f64) -> bool,
+) -> (Option<f64>, String) {
+    let samples = samples_in(&trace.samples, rest);
+    let stays = stays(samples, trace.silence_seconds_max, event);
+    let long = event.for_milliseconds.unwrap_or(0.0) / 1e3;
+    let is_reached = |stay: &&Stay| stay.lasts_seconds >= long && is_next(stay.begins_seconds);
+    match stays.iter().find(is_reached) {
+        Some(stay) => (Some(stay.begins_seconds), String::new()),
+        None => (None, nearest_words(samples, &stays, event)),
     }
-    None
+}
+
+/// A signal within its limits from one sample to another, without a silence.
+struct Stay {
+    begins_seconds: f64,
+    lasts_seconds: f64,
+}
+
+/// All stays of a signal within the limits of an event, in order.
+fn stays(
+    samples: &[SignalSample],
+    silence_seconds_max: Option<f64>,
+    event: &Expected,
+) -> Vec<Stay> {
+    let Some(wanted) = event.reaches else {
+        return Vec::new();
+    };
+    let is_silence = |seconds: f64| {
+        silence_seconds_max.is_some_and(|longest| seconds > longest + TIME_TOLERANCE_SECONDS)
+    };
+    let is_one_stay = |one: &SignalSample, next: &SignalSample| {
+        wanted.admits(one.value) == wanted.admits(next.value)
+            && !is_silence(next.time_seconds - one.time_seconds)
+    };
+    let stretches = samples.chunk_by(is_one_stay);
+    stretches
+        .filter(|stretch| wanted.admits(stretch[0].value))
+        .map(|stay| Stay {
+            begins_seconds: stay[0].time_seconds,
+            lasts_seconds: stay[stay.len() - 1].time_seconds - stay[0].time_seconds,
+        })
+        .collect()
 }
 
 /// How near a signal came to its limits, and when; where it was within them, for how long.
-fn nearest_words(samples: &[SignalSample], event: &Expected) -> String {
+fn nearest_words(samples: &[SignalSample], stays: &[Stay], event: &Expected) -> String {
     let Some(wanted) = event.reaches else {
         return String::new();
     };
-    let mut longest: Option<(f64, f64)> = None;
-    for stay in samples.chunk_by(|one, next| wanted.admits(one.value) == wanted.admits(next.value))
-    {
-        let (from, until) = (stay[0].time_seconds, stay[stay.len() - 1].time_seconds);
-        let is_longer = longest.is_none_or(|(_, long)| until - from > long);
-        if wanted.admits(stay[0].value) && is_longer {
-            longest = Some((from, until - from));
-        }
-    }
+    // Of stays that last equally long the first is named.
+    let longest = stays
+        .iter()
+        .rev()
+        .max_by(|one, other| one.lasts_seconds.total_cmp(&other.lasts_seconds));
     match (longest, nearest(samples, wanted)) {
-        (Some((from, long)), _) => {
-            format!(
-                "; was so for at most {:.3} ms, from {from:.3} s",
-                1e3 * long
-            )
+        (Some(stay), _) => {
+            let (from, long) = (stay.begins_seconds, 1e3 * stay.lasts_seconds);
+            format!("; was so for at most {long:.3} ms, from {from:.3} s")
         }
         (None, Some(sample)) => {
             let value = rounded(sample.value);
@@ -200,14 +227,20 @@ mod tests {
     /// Each row as value or remark, then its result.
     #[track_caller]
     fn check(sequence: &str, expected: &[(Result<f64, &str>, bool)]) {
+        check_frames(&frames(), sequence, expected);
+    }
+
+    #[track_caller]
+    fn check_frames(frames: &[Stamped], sequence: &str, expected: &[(Result<f64, &str>, bool)]) {
         let text = format!(
             "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n\
              [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let setup = Setup::of(scenario, &Catalogue::shipped());
-        let timeline = decode(&frames(), &setup).unwrap();
-        let rows = metrics(&Evidence::new(&timeline, &setup));
+        let timeline = decode(frames, &setup).unwrap();
+        let circumstances = crate::Circumstances::default();
+        let rows = metrics(&Evidence::new(&timeline, &setup, &circumstances));
         let found: Vec<_> = rows
             .iter()
             .map(|row| {
@@ -233,6 +266,21 @@ mod tests {
             &format!("from_seconds = 0.4\nevent = [{EMCY}, {stays}]"),
             &[(Ok(100.05), true), (Ok(20.95), false)],
         );
+    }
+
+    /// The current is 0 from 0.521 s on; from 0.6 to 0.8 s nothing is heard.
+    #[test]
+    fn a_stay_does_not_last_through_a_silence() {
+        let stay = "event = [{ signal = \"current_amperes\", reaches = { max = 0 }, for_milliseconds = 150 }]";
+        let is_silent = |stamped: &Stamped| {
+            (Duration::from_millis(700)..Duration::from_millis(900)).contains(&stamped.time)
+        };
+        let heard: Vec<Stamped> = frames().into_iter().filter(|one| !is_silent(one)).collect();
+        check_frames(&frames(), stay, &[(Ok(521.0), true)]);
+        let longer = stay.replace("150", "250");
+        check_frames(&frames(), &longer, &[(Ok(521.0), true)]);
+        let short = Err("did not come after 0.000 s; was so for at most 199.000 ms, from 0.800 s");
+        check_frames(&heard, &longer, &[(short, false)]);
     }
 
     #[test]

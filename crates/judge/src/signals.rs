@@ -1,10 +1,11 @@
 //! What signals did, held against `[[expect.signal]]`. Where nothing was seen, nothing passes.
 
+use recording::timeline::TIME_TOLERANCE_SECONDS;
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
-use crate::evidence::{Evidence, Observation, TIME_TOLERANCE_SECONDS, samples_in};
+use crate::evidence::{Absence, Evidence, Observation, first_silence, margin, samples_in};
 use crate::metric::{Metric, rounded};
 
 /// A row for each demand.
@@ -30,7 +31,7 @@ fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> 
         Ok(trace) => observe(trace, window, demand, limit),
         Err(observation) => observation,
     };
-    observation.metric(check.row_name(demand), limit)
+    observation.metric(evidence, check.row_name(demand), Some(limit))
 }
 
 fn at_most(max: f64) -> Limit {
@@ -43,17 +44,20 @@ fn at_most(max: f64) -> Limit {
 fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limit) -> Observation {
     let samples = samples_in(&trace.samples, window);
     if samples.is_empty() {
-        return Observation::none(absence(trace, window));
+        return Observation::none(Absence::unseen(absence(trace, window), window));
     }
     if let Demand::Reaches(wanted) = demand {
-        return arrival(samples, window.from_seconds, *wanted);
+        return arrival(samples, window, *wanted);
     }
     if let Some(sample) = samples.iter().find(|sample| !sample.value.is_finite()) {
         let reason = format!("{} is no number", sample.value);
-        return Observation::at(Err(reason), sample.time_seconds);
+        return Observation::at(Err(reason.into()), sample.time_seconds);
     }
-    if let Some((from, until)) = silence(trace, samples, window) {
-        return Observation::none(format!("silent from {from:.3} to {until:.3} s"));
+    let times = samples.iter().map(|sample| sample.time_seconds);
+    let silence = (trace.silence_seconds_max)
+        .and_then(|seconds_max| first_silence(times, window, seconds_max));
+    if let Some(silence) = silence {
+        return Observation::none(Absence::silent(silence));
     }
     match demand {
         Demand::RatePerSecond(_) if samples.len() < 2 => {
@@ -80,26 +84,16 @@ fn absence(trace: &SignalTrace, window: Window) -> String {
     }
 }
 
-/// The first stretch of the window in which a cyclic signal was silent.
-fn silence(trace: &SignalTrace, samples: &[SignalSample], window: Window) -> Option<(f64, f64)> {
-    let limit = trace.silence_seconds_max?;
-    let times = samples.iter().map(|sample| sample.time_seconds);
-    let ends = [window.from_seconds]
-        .into_iter()
-        .chain(times.clone())
-        .zip(times.chain([window.until_seconds]));
-    ends.into_iter().find(|(from, until)| until - from > limit)
-}
-
 /// From the start of the window to the first sample within the limit.
-fn arrival(samples: &[SignalSample], from_seconds: f64, wanted: Limit) -> Observation {
+fn arrival(samples: &[SignalSample], window: Window, wanted: Limit) -> Observation {
     if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
-        return Observation::at(Ok(first.time_seconds - from_seconds), first.time_seconds);
+        let since = first.time_seconds - window.from_seconds;
+        return Observation::at(Ok(since), first.time_seconds);
     }
     match nearest(samples, wanted) {
         Some(nearest) => {
             let reason = format!("not reached, only {}", rounded(nearest.value));
-            Observation::at(Err(reason), nearest.time_seconds)
+            Observation::at(Err(Absence::unseen(reason, window)), nearest.time_seconds)
         }
         None => Observation::none("NaN is no number"),
     }
@@ -124,13 +118,6 @@ fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Observatio
         Some(sample) => Observation::at(Ok(sample.value), sample.time_seconds),
         None => Observation::none("no sample"),
     }
-}
-
-/// How far a value is within a limit; negative beyond it.
-fn margin(value: f64, limit: Limit) -> f64 {
-    let above_min = limit.min.map_or(f64::INFINITY, |min| value - min);
-    let below_max = limit.max.map_or(f64::INFINITY, |max| max - value);
-    above_min.min(below_max)
 }
 
 /// The change per second up to each sample.
@@ -201,6 +188,7 @@ mod tests {
     ) {
         let observation = observe(trace, window, demand, limit);
         let value = observation.value.map(rounded);
+        let value = value.map_err(|absence| absence.reason);
         assert_eq!(value, expected.map_err(str::to_owned));
         assert_eq!(observation.at_seconds.map(rounded), at_seconds);
     }

@@ -1,38 +1,92 @@
-//! Gain, phase and offset of the position against the set-point of a sine, over its judged periods.
+//! Gain, phase and offset of the position against the set-point of each sine, over its judged periods.
 
-use crate::evidence::{CycleSample, Evidence, MetricValue, checked, no_samples};
+use scenario::events::JudgedSine;
+use scenario::expect::{Expect, Limit};
+
+use crate::evidence::{
+    Absence, CycleSample, Evidence, Measurement, MetricValue, Observation, checked, margin,
+};
 use crate::harmonic::Harmonic;
 
-pub(crate) fn gain(evidence: &Evidence<'_>) -> MetricValue {
-    let (wanted, measured) = fits(evidence)?;
-    checked(measured.amplitude() / wanted.amplitude())
+/// What of a sine is measured.
+struct OfSine {
+    value: fn(&Harmonic, &Harmonic) -> f64,
+    /// What a position without error has.
+    ideal: f64,
+    limit: fn(&Expect) -> Option<Limit>,
+}
+
+pub(crate) fn gain(evidence: &Evidence<'_>) -> Measurement {
+    let gain = OfSine {
+        value: |wanted, measured| measured.amplitude() / wanted.amplitude(),
+        ideal: 1.0,
+        limit: |expect| expect.sine_gain,
+    };
+    gain.worst(evidence)
 }
 
 /// From -270 to 90: a position that follows late has a negative phase.
-pub(crate) fn phase_degrees(evidence: &Evidence<'_>) -> MetricValue {
-    let (wanted, measured) = fits(evidence)?;
-    let phase = measured.phase_degrees() - wanted.phase_degrees();
-    let turns = libm::floor((phase + 270.0) / 360.0);
-    checked(phase - 360.0 * turns)
-}
-
-pub(crate) fn offset_millimetres(evidence: &Evidence<'_>) -> MetricValue {
-    let (wanted, measured) = fits(evidence)?;
-    checked(measured.mean - wanted.mean)
-}
-
-/// Set-point and position.
-fn fits(evidence: &Evidence<'_>) -> Result<(Harmonic, Harmonic), String> {
-    let sine = evidence.scenario.reference.sine.last();
-    let (window, sine) = (evidence.scenario.judged_sine().zip(sine))
-        .ok_or("no sine of at least four periods in the scenario")?;
-    let fit = |value: fn(&CycleSample) -> f64| {
-        let samples = evidence.samples(window);
-        let samples = samples.map(|sample| (sample.time_seconds, value(&sample)));
-        Harmonic::fit(samples, sine.period_seconds).ok_or_else(no_samples)
+pub(crate) fn phase_degrees(evidence: &Evidence<'_>) -> Measurement {
+    let phase = OfSine {
+        value: |wanted, measured| {
+            let phase = measured.phase_degrees() - wanted.phase_degrees();
+            let turns = libm::floor((phase + 270.0) / 360.0);
+            phase - 360.0 * turns
+        },
+        ideal: 0.0,
+        limit: |expect| expect.sine_phase_degrees,
     };
-    Ok((
-        fit(|sample| sample.set_point_millimetres)?,
-        fit(|sample| sample.position_millimetres)?,
-    ))
+    phase.worst(evidence)
+}
+
+pub(crate) fn offset_millimetres(evidence: &Evidence<'_>) -> Measurement {
+    let offset = OfSine {
+        value: |wanted, measured| measured.mean - wanted.mean,
+        ideal: 0.0,
+        limit: |expect| expect.sine_offset_millimetres,
+    };
+    offset.worst(evidence)
+}
+
+impl OfSine {
+    /// Of several sines the one that is nearest to the limit or farthest beyond it, or without a limit farthest from the
+    /// ideal; the first of several. Its time says which it is.
+    fn worst(&self, evidence: &Evidence<'_>) -> Measurement {
+        let sines = evidence.scenario.judged_sines();
+        let limit = (self.limit)(&evidence.scenario.expect);
+        let goodness = |value: f64| match limit {
+            Some(limit) => margin(value, limit),
+            None => -(value - self.ideal).abs(),
+        };
+        let mut worst: Option<(f64, f64)> = None;
+        for sine in &sines {
+            let (value, from) = match self.of(evidence, sine) {
+                Ok(value) => (value, sine.window.from_seconds),
+                Err(absence) => return Err(absence).into(),
+            };
+            if worst.is_none_or(|(worst, _)| goodness(value) < goodness(worst)) {
+                worst = Some((value, from));
+            }
+        }
+        match worst {
+            None => {
+                let reason = "no sine of at least four periods in the scenario";
+                Measurement::Meaningless(reason.to_owned())
+            }
+            Some((value, _)) if sines.len() == 1 => Ok(value).into(),
+            Some((value, from)) => Measurement::Seen(Observation::at(Ok(value), from)),
+        }
+    }
+
+    fn of(&self, evidence: &Evidence<'_>, sine: &JudgedSine) -> MetricValue {
+        let fit = |value: fn(&CycleSample) -> f64| {
+            let samples = evidence.seen(sine.window)?;
+            let samples = samples.map(|sample| (sample.time_seconds, value(&sample)));
+            Harmonic::fit(samples, sine.period_seconds)
+                .ok_or_else(|| Absence::from("too few positions for a sine"))
+        };
+        let wanted = fit(|sample| sample.set_point_millimetres)?;
+        let position = fit(|sample| sample.position_millimetres)?;
+        checked((self.value)(&wanted, &position))
+    }
 }

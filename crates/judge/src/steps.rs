@@ -1,54 +1,79 @@
 //! How the position follows the steps of the set-point.
 
+use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::JudgedStep;
 
-use crate::evidence::{Evidence, MetricValue, worst};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, worst};
+use crate::metric::rounded;
 
 /// Half the width of the settling band, by the height of the step (PAPER, "Definitions").
 pub const SETTLING_BAND: f64 = 0.05;
+/// A position that is within the band for less than this may be passing through.
+const SETTLED_SECONDS: f64 = 0.1;
+/// What is less is none: set-points are computed in metres, and rounding makes a height of two that are the same.
+const HEIGHT_MILLIMETRES_MIN: f64 = 1e-6;
 
 /// The longest settling time.
-pub(crate) fn settling_time(evidence: &Evidence<'_>) -> MetricValue {
+pub(crate) fn settling_time(evidence: &Evidence<'_>) -> Measurement {
     worst_step(evidence, settling_time_of)
 }
 
 /// The largest overshoot.
-pub(crate) fn overshoot(evidence: &Evidence<'_>) -> MetricValue {
+pub(crate) fn overshoot(evidence: &Evidence<'_>) -> Measurement {
     worst_step(evidence, overshoot_of)
 }
 
 fn worst_step(
     evidence: &Evidence<'_>,
     metric: fn(&Evidence<'_>, &JudgedStep) -> MetricValue,
-) -> MetricValue {
+) -> Measurement {
     let steps = evidence.scenario.judged_steps();
     let values = steps.iter().map(|step| metric(evidence, step));
-    worst(values).unwrap_or_else(|| Err("no step in the scenario".to_owned()))
+    match worst(values) {
+        Some(value) => value.into(),
+        None => Measurement::Meaningless("no step in the scenario".to_owned()),
+    }
 }
 
-/// First sample of the uninterrupted stay within the band, less the time of the step.
+/// First sample of the uninterrupted stay within the band, less the time of the step. A silence interrupts a stay.
 fn settling_time_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     let band = SETTLING_BAND * (step.to_millimetres - step.from_millimetres).abs();
-    let mut settled_at = None;
+    let until_seconds = step.window.until_seconds;
+    let (mut settled_at, mut latest) = (None, None);
     for sample in evidence.samples(step.window) {
-        if (sample.position_millimetres - step.to_millimetres).abs() > band {
+        let time = sample.time_seconds;
+        let is_outside = (sample.position_millimetres - step.to_millimetres).abs() > band;
+        let was_silent = latest.is_some_and(|latest| evidence.is_silence(latest, time));
+        if is_outside || was_silent {
             settled_at = None;
-        } else if settled_at.is_none() {
-            settled_at = Some(sample.time_seconds);
         }
+        if !is_outside {
+            settled_at.get_or_insert(time);
+        }
+        latest = Some(time);
     }
-    settled_at
-        .map(|time| time - step.window.from_seconds)
-        .ok_or_else(|| "never settled".to_owned())
+    let latest = latest.ok_or_else(|| evidence.no_position(step.window))?;
+    if evidence.is_silence(latest, until_seconds) {
+        return Err(Absence::silent_between(latest, until_seconds));
+    }
+    let settled_at = settled_at.ok_or("never settled")?;
+    let stay_seconds = until_seconds - settled_at;
+    if stay_seconds < SETTLED_SECONDS - TIME_TOLERANCE_SECONDS {
+        let stay_seconds = rounded(stay_seconds);
+        return Err(Absence::from(format!(
+            "the window ends {stay_seconds} s after the position entered the band; {SETTLED_SECONDS} s are needed"
+        )));
+    }
+    Ok(settled_at - step.window.from_seconds)
 }
 
 /// How far the position goes beyond the set-point in the direction of the step, by its height.
 fn overshoot_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     let height = step.to_millimetres - step.from_millimetres;
-    if height == 0.0 {
-        return Err("a step without height".to_owned());
+    if height.abs() < HEIGHT_MILLIMETRES_MIN {
+        return Err("a step without height".into());
     }
-    let samples = evidence.samples(step.window);
+    let samples = evidence.seen(step.window)?;
     let beyond = samples.map(|sample| (sample.position_millimetres - step.to_millimetres) / height);
     Ok(100.0 * beyond.fold(0.0, f64::max))
 }

@@ -2,14 +2,17 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
+use recording::ending::{EarlyEnd, EndedBy};
 use recording::log::Stamped;
+use recording::stalls::{Stall, What, Who};
 use recording::timeline::decode;
+use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
 use rig::setup::Setup;
 use scenario::Scenario;
 
-use crate::judge;
-use crate::verdict::{Outcome, Verdict};
+use crate::verdict::{Metric, Outcome, Verdict};
+use crate::{Circumstances, judge};
 
 const OPERATION_ENABLED: f64 = 39.0;
 
@@ -52,12 +55,23 @@ fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
 fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
     let setup = Setup::of(scenario.clone(), &Catalogue::shipped());
     let timeline = decode(frames, &setup).unwrap();
-    judge(&timeline, &setup, lost)
+    let circumstances = Circumstances {
+        unrecorded: Unrecorded {
+            frames_lost: lost,
+            ..Unrecorded::default()
+        },
+        ..Circumstances::default()
+    };
+    judge(&timeline, &setup, &circumstances)
+}
+
+fn row<'a>(verdict: &'a Verdict, name: &str) -> &'a Metric {
+    let row = verdict.metrics.iter().find(|metric| metric.name == name);
+    row.unwrap_or_else(|| panic!("no {name}"))
 }
 
 fn value(verdict: &Verdict, name: &str) -> Option<f64> {
-    let metric = verdict.metrics.iter().find(|metric| metric.name == name);
-    metric.unwrap_or_else(|| panic!("no {name}")).value
+    row(verdict, name).value
 }
 
 fn check(added: &str, position: impl Fn(f64) -> f64, name: &str, expected: f64) {
@@ -97,13 +111,144 @@ fn settling_counts_from_the_step_to_the_first_sample_of_the_last_stay() {
         }
     };
     check("", stays_inside, "settling_time_seconds", 0.1);
+}
+
+/// Without a limit too, since a reader who misses a row takes its metric for met.
+#[test]
+fn a_step_that_never_settles_has_a_row() {
     let never = verdict_of(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
-    assert!(
-        never
-            .metrics
-            .iter()
-            .all(|metric| metric.name != "settling_time_seconds")
+    let reason = row(&never, "settling_time_seconds").remark.as_deref();
+    assert_eq!(reason, Some("never settled"));
+    assert_eq!(never.outcome, Outcome::Pass, "nothing is demanded");
+}
+
+#[test]
+fn a_stay_lasts_for_a_tenth_of_a_second_at_least() {
+    let limit = "[expect]\nsettling_time_seconds = { max = 3.0 }";
+    let judged = |settled: f64| {
+        let position = step_response(settled);
+        let frames = frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3)));
+        verdict_of(&scenario(limit), &frames, 0)
+    };
+    let late = judged(3.95);
+    let reason = "the window ends 0.05 s after the position entered the band; 0.1 s are needed";
+    assert_eq!(
+        row(&late, "settling_time_seconds").remark.as_deref(),
+        Some(reason)
     );
+    assert_eq!(late.outcome, Outcome::Fail);
+    assert_eq!(value(&judged(3.9), "settling_time_seconds"), Some(2.9));
+}
+
+/// Frames of 4 s in which the controller dies; the plant reports of itself to the end.
+fn dying_frames(cycles: u32) -> Vec<Stamped> {
+    let position = step_response(1.1);
+    let mut frames = frames(cycles, |cycle| Some(position(f64::from(cycle) / 1e3)));
+    let start = frames.last().unwrap().time;
+    let end = Duration::from_millis(4002);
+    let heartbeats = (1..).map(|number| start + number * Duration::from_millis(10));
+    let heartbeats = heartbeats.take_while(|time| *time < end);
+    let alive = CanFrame::new(0x710, &[5]);
+    frames.extend(heartbeats.map(|time| Stamped::new(time, alive)));
+    frames
+}
+
+const CRASH: &str = "[[fault.node.crash]]\nfrom_seconds = 0.99\nnode = \"controller\"\n";
+const LIMITS: &str = "[expect]\nsettling_time_seconds = { max = 0.2 }\novershoot_percent = { max = 5.0 }\n\
+    tracking_error_millimetres_rms = { max = 25.0 }\nposition_millimetres_max = { max = 36.0 }\n\
+    current_amperes_rms = { max = 1.0 }\nmissed_cycles_percent = { max = 1.0 }\n\
+    sync_interval_milliseconds_max = { max = 2.0 }\n";
+
+/// The names of the rows with a limit, by what came of it.
+fn names(verdict: &Verdict, passed: Option<bool>) -> Vec<&str> {
+    let rows = verdict.metrics.iter();
+    let rows = rows.filter(|row| row.limit.is_some() && row.passed == passed);
+    rows.map(|row| row.name.as_str()).collect()
+}
+
+#[test]
+fn what_a_silent_node_kept_from_being_seen_fails() {
+    let dead = verdict_of(
+        &scenario(&format!("{CRASH}{LIMITS}")),
+        &dying_frames(990),
+        0,
+    );
+    assert_eq!(dead.outcome, Outcome::Fail);
+    assert_eq!(names(&dead, Some(true)), [] as [&str; 0]);
+    assert_eq!(names(&dead, Some(false)).len(), 7);
+    let reason = |name| row(&dead, name).remark.clone().unwrap();
+    assert_eq!(
+        reason("overshoot_percent"),
+        "no position from 1.000 to 4.000 s"
+    );
+    let silent = "silent from 0.989 to 4.000 s";
+    assert_eq!(reason("tracking_error_millimetres_rms"), silent);
+    let no_sync = "no SYNC from 0.990 to 4.000 s";
+    // Cycles 990 to 3999.
+    assert_eq!(value(&dead, "missed_cycles_percent"), Some(75.25));
+    assert_eq!(reason("sync_interval_milliseconds_max"), no_sync);
+}
+
+#[test]
+fn what_is_judged_may_end_before_the_scenario_does() {
+    // 21 missed cycles of 1500 are 1.4 %, which the limit on them admits.
+    let limits = LIMITS.replace("percent = { max = 1.0 }", "percent = { max = 2.0 }");
+    let ends = format!("{CRASH}{limits}judged_until_seconds = 1.5\n");
+    let dead = verdict_of(&scenario(&ends), &dying_frames(1500), 0);
+    assert_eq!(dead.outcome, Outcome::Pass, "{:?}", dead.metrics);
+    assert_eq!(value(&dead, "settling_time_seconds"), Some(0.1));
+    assert_eq!(value(&dead, "missed_cycles_percent"), Some(0.0));
+    // 0.02 s without a position are no silence, 0.021 s are.
+    let passes = |cycles| verdict_of(&scenario(&ends), &dying_frames(cycles), 0).outcome;
+    assert_eq!(passes(1481), Outcome::Pass);
+    assert_eq!(passes(1479), Outcome::Fail);
+}
+
+#[test]
+fn what_the_bench_kept_from_being_seen_is_not_judged() {
+    let setup = Setup::of(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
+    let cut = dying_frames(990);
+    let cut = &cut[..cut.len() / 2];
+    let timeline = decode(cut, &setup).unwrap();
+    let verdict = judge(&timeline, &setup, &Circumstances::default());
+    assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
+    assert_eq!(names(&verdict, None).len(), 7);
+    assert_eq!(verdict.outcome, Outcome::Incomplete);
+    let circumstances = Circumstances {
+        ended_early: Some(EarlyEnd::without_node(EndedBy::Bench, "the bus went down")),
+        ..Circumstances::default()
+    };
+    let broken = judge(&timeline, &setup, &circumstances);
+    assert_eq!(names(&broken, Some(true)), [] as [&str; 0]);
+    assert!(value(&broken, "missed_cycles_percent").is_some());
+}
+
+#[test]
+fn a_limit_on_faults_is_not_met_by_a_recording_without_them() {
+    let mut setup = Setup::of(scenario(""), &Catalogue::shipped());
+    let frames = frames(4000, |_| Some(35.0));
+    let limits = "safe_state = true\ncurrent_zero_within_milliseconds = 60.0\n\
+                  recovers_within_seconds = 1.0\nemcy = [\"drive 0x8130\"]\n";
+    let with_fault = scenario(&format!("{CRASH}[expect]\n{limits}"));
+    setup.scenario.expect = with_fault.expect;
+    let timeline = decode(&frames, &setup).unwrap();
+    let verdict = judge(&timeline, &setup, &Circumstances::default());
+    assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
+    let unseen = ["current_zero_within_milliseconds", "safe_state"];
+    assert_eq!(names(&verdict, None), unseen);
+    let missed = ["recovers_within_seconds", "emcy"];
+    assert_eq!(names(&verdict, Some(false)), missed);
+}
+
+#[test]
+fn a_run_without_currents_says_so() {
+    let mut frames = frames(4000, |_| None);
+    frames.remove(0);
+    let feedback = CanFrame::new(0x190, &[0x37, 0x02]);
+    frames.insert(0, Stamped::new(Duration::ZERO, feedback));
+    let verdict = verdict_of(&scenario(""), &frames, 0);
+    let reason = row(&verdict, "current_amperes_rms").remark.as_deref();
+    assert_eq!(reason, Some("no current in the recording"));
 }
 
 #[test]
@@ -154,6 +299,43 @@ fn a_sine_is_followed_with_gain_phase_and_offset() {
             );
         }
     }
+}
+
+#[test]
+fn each_sine_is_judged_and_the_worst_reported() {
+    let sine = |from: f64| {
+        format!(
+            "[[reference.sine]]\nfrom_seconds = {from:?}\ncentre_millimetres = 25.0\n\
+             amplitude_millimetres = 10.0\nperiod_seconds = 0.4\n"
+        )
+    };
+    let text = |expect: &str| {
+        format!(
+            "schema = 1\nname = \"sines\"\nduration_seconds = 4.0\n[controller.pid]\n{}{}{expect}",
+            sine(0.0),
+            sine(2.0)
+        )
+    };
+    let omega = std::f64::consts::TAU / 0.4;
+    let amplitude = |cycle| if cycle < 2000 { 7.0 } else { 12.0 };
+    let position = |cycle| 25.0 + amplitude(cycle) * libm::sin(omega * f64::from(cycle) / 1e3);
+    let judged = |expect: &str| {
+        let sines = Scenario::parse(&text(expect), "s.toml", |_| unreachable!("no table"));
+        let verdict = verdict_of(
+            &sines.unwrap(),
+            &frames(4000, |cycle| Some(position(cycle))),
+            0,
+        );
+        let gain = row(&verdict, "sine_gain");
+        (
+            (1e3 * gain.value.unwrap()).round(),
+            gain.at_seconds,
+            gain.passed,
+        )
+    };
+    assert_eq!(judged(""), (700.0, Some(0.8), None));
+    let limit = "[expect]\nsine_gain = { min = 0.6, max = 1.1 }\n";
+    assert_eq!(judged(limit), (1200.0, Some(2.8), Some(false)));
 }
 
 #[test]
@@ -253,13 +435,215 @@ fn a_bad_recording_decides_nothing() {
     assert_eq!(outcome(&whole, 1), Outcome::Inconclusive);
     assert_eq!(outcome(&whole[..whole.len() / 2], 0), Outcome::Incomplete);
     assert_eq!(outcome(&[], 0), Outcome::Incomplete);
-    // Every 50th cycle without a position, then every 50th without its SYNC: 2 % missed, more than 1 %.
+}
+
+/// Every 50th cycle without a position, then every 50th without its SYNC: 2 % missed, more than 1 %.
+#[test]
+fn what_the_nodes_leave_out_fails_the_run_whoever_lost_frames() {
+    let whole = frames(4000, |_| Some(35.0));
     let silent = frames(4000, |cycle| (cycle % 50 != 7).then_some(35.0));
-    assert_eq!(outcome(&silent, 0), Outcome::Inconclusive);
+    let verdict = verdict_of(&scenario(""), &silent, 3);
+    assert_eq!(verdict.outcome, Outcome::Fail);
+    let reason = "drive: no position in 2.00 % of the cycles, first at 0.007 s (limit 1 %)";
+    assert_eq!(verdict.reason.as_deref(), Some(reason));
+    let outcome = |lost| verdict_of(&scenario(""), &silent, lost).outcome;
+    assert_eq!(outcome(50), Outcome::Inconclusive, "half may be lost ones");
     let is_kept = |stamped: &&Stamped| {
         let is_sync = stamped.frame.standard_id() == Some(0x080);
         !(is_sync && stamped.time.as_millis() % 50 == 7)
     };
     let skipped: Vec<Stamped> = whole.iter().filter(is_kept).copied().collect();
-    assert_eq!(outcome(&skipped, 0), Outcome::Inconclusive);
+    let verdict = verdict_of(&scenario(""), &skipped, 0);
+    assert_eq!(verdict.outcome, Outcome::Fail);
+    let reason = "controller: no SYNC in 2.00 % of the cycles, first at 0.006 s (limit 1 %)";
+    assert_eq!(verdict.reason.as_deref(), Some(reason));
+    // A scenario that permits as many has its own limit.
+    let permits = scenario("[expect]\nmissed_cycles_percent = { max = 3 }");
+    assert_eq!(verdict_of(&permits, &skipped, 0).outcome, Outcome::Pass);
+}
+
+/// A step to 36 mm, 4 % too far, at 1.2 s, and cycles without a position in a stall of the machine.
+fn beside_a_stall(
+    added: &str,
+    missed: std::ops::Range<u32>,
+    stall: (u64, u64),
+    position: impl Fn(f64) -> f64,
+) -> Verdict {
+    let is_missed = |cycle| missed.contains(&cycle);
+    let position = |cycle| (!is_missed(cycle)).then(|| position(f64::from(cycle) / 1e3));
+    let setup = Setup::of(scenario(added), &Catalogue::shipped());
+    let timeline = decode(&frames(4000, position), &setup).unwrap();
+    // The scenario begins at 1 ms.
+    let (from, until) = (
+        Duration::from_millis(1 + stall.0),
+        Duration::from_millis(1 + stall.1),
+    );
+    let circumstances = Circumstances {
+        stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+        ..Circumstances::default()
+    };
+    judge(&timeline, &setup, &circumstances)
+}
+
+const STEP_LIMIT: &str = "[expect]\novershoot_percent = { max = 1.0 }\n";
+
+fn overshooting(time: f64) -> f64 {
+    if (time - 1.2).abs() < 5e-4 {
+        36.0
+    } else {
+        step_response(1.1)(time)
+    }
+}
+
+#[test]
+fn a_limit_is_open_where_a_stall_in_its_window_explains_it() {
+    let verdict = beside_a_stall(STEP_LIMIT, 1150..1165, (1150, 1165), overshooting);
+    assert_eq!(verdict.outcome, Outcome::Inconclusive);
+    let reason = "not judged, since the machine stood still for 15.0 ms at 1.150 s: overshoot_percent; \
+        run it again or use --clock lockstep";
+    assert_eq!(verdict.reason.as_deref(), Some(reason));
+    // What is met is met all the same.
+    let met = beside_a_stall(STEP_LIMIT, 1150..1165, (1150, 1165), step_response(1.1));
+    assert_eq!((met.outcome, met.reason), (Outcome::Pass, None));
+    // A stall for which no cycle was missed explains nothing.
+    let verdict = beside_a_stall(STEP_LIMIT, 0..0, (1150, 1165), overshooting);
+    assert_eq!(verdict.outcome, Outcome::Fail);
+}
+
+#[test]
+fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
+    for (missed, stall) in [(1300..1315, (1300, 1315)), (3000..3200, (3000, 3200))] {
+        let verdict = beside_a_stall(STEP_LIMIT, missed, stall, overshooting);
+        assert_eq!(verdict.outcome, Outcome::Fail, "{:?}", verdict.reason);
+    }
+    // More than 1 % in stalls, and nothing missed before: nothing is known.
+    let verdict = beside_a_stall(STEP_LIMIT, 3000..3200, (3000, 3200), step_response(1.1));
+    assert_eq!(verdict.outcome, Outcome::Inconclusive);
+    let reason = verdict.reason.unwrap();
+    assert!(reason.contains("too busy for real time"), "{reason}");
+    assert!(reason.contains("200.0 ms at 3.000 s"), "{reason}");
+    let row = verdict
+        .metrics
+        .iter()
+        .find(|row| row.name == "overshoot_percent");
+    assert_eq!(row.unwrap().passed, None);
+}
+
+/// 5 % missed, half of them in a stall, against a limit of 3 %: without the stall it is met. Against 2 % it is not.
+#[test]
+fn missed_cycles_have_their_limit_without_those_of_the_bench() {
+    let judged = |max: f64| {
+        let limit = format!("[expect]\nmissed_cycles_percent = {{ max = {max:.1} }}\n");
+        let setup = Setup::of(scenario(&limit), &Catalogue::shipped());
+        let is_missed = |cycle| (2000..2100).contains(&cycle) || (3000..3100).contains(&cycle);
+        let frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
+        let timeline = decode(&frames, &setup).unwrap();
+        let (from, until) = (Duration::from_millis(2001), Duration::from_millis(2101));
+        let circumstances = Circumstances {
+            stalls: vec![Stall::new(from, until, Who::PlantEmulator, What::Waited)],
+            ..Circumstances::default()
+        };
+        let verdict = judge(&timeline, &setup, &circumstances);
+        assert_eq!(value(&verdict, "missed_cycles_percent"), Some(5.0));
+        verdict.outcome
+    };
+    assert_eq!(judged(2.0), Outcome::Fail);
+    assert_eq!(judged(3.0), Outcome::Inconclusive);
+}
+
+#[test]
+fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
+    let setup = Setup::of(scenario(""), &Catalogue::shipped());
+    let timeline = decode(&frames(2000, |_| Some(10.0)), &setup).unwrap();
+    let judged = |by| {
+        let circumstances = Circumstances {
+            ended_early: Some(EarlyEnd {
+                node: (by == EndedBy::Node).then(|| "controller".to_owned()),
+                ..EarlyEnd::without_node(by, "silent since 2.000 s")
+            }),
+            ..Circumstances::default()
+        };
+        let verdict = judge(&timeline, &setup, &circumstances);
+        assert_eq!(verdict.ended_early, circumstances.ended_early);
+        (verdict.outcome, verdict.reason.unwrap())
+    };
+    let reason = "controller: silent since 2.000 s";
+    assert_eq!(judged(EndedBy::Node), (Outcome::Fail, reason.to_owned()));
+    for by in [EndedBy::Bench, EndedBy::User] {
+        let reason = "silent since 2.000 s".to_owned();
+        assert_eq!(judged(by), (Outcome::Incomplete, reason));
+    }
+}
+
+/// The frames of a good run, and each SYNC a second time.
+fn with_foreign_syncs() -> Vec<Stamped> {
+    let frames = frames(4000, |_| Some(10.0));
+    let is_sync = |stamped: &&Stamped| stamped.frame.standard_id() == Some(0x080);
+    let half = Duration::from_micros(500);
+    let foreign = frames.iter().filter(is_sync);
+    let foreign = foreign.map(|stamped| Stamped::new(stamped.time + half, stamped.frame));
+    let mut all: Vec<Stamped> = frames.iter().copied().chain(foreign).collect();
+    all.sort_by_key(|stamped| stamped.time);
+    all
+}
+
+#[test]
+fn a_second_master_lets_nothing_pass_and_nothing_fail() {
+    let frames = with_foreign_syncs();
+    for limits in [
+        "[expect]\n",
+        "[expect]\nposition_millimetres_max = { max = 1.0 }\n",
+    ] {
+        let verdict = verdict_of(&scenario(limits), &frames, 0);
+        assert_eq!(verdict.outcome, Outcome::Inconclusive);
+        let reason = verdict.reason.unwrap();
+        let expected = "a second master: 0x080 (SYNC, one every 1 ms), ";
+        assert!(reason.starts_with(expected), "{reason}");
+    }
+}
+
+#[test]
+fn a_load_that_no_bus_carries_fails_without_a_limit() {
+    let filler = CanFrame::new(0x300, &[0x55; 8]);
+    let load = |frames_per_cycle: usize| {
+        let mut frames = frames(4000, |_| Some(10.0));
+        for cycle in 0..4000_u64 {
+            let time = Duration::from_micros(1000 * cycle + 1600);
+            frames.extend(vec![Stamped::new(time, filler); frames_per_cycle]);
+        }
+        frames.sort_by_key(|stamped| stamped.time);
+        verdict_of(&scenario(""), &frames, 0)
+    };
+    let full = load(7);
+    assert!(value(&full, "bus_load_percent").unwrap() > 90.0);
+    assert_eq!(full.outcome, Outcome::Pass);
+    let beyond = load(8);
+    assert_eq!(beyond.outcome, Outcome::Fail);
+    let reason = beyond.reason.unwrap();
+    assert!(reason.contains("no bus carries that"), "{reason}");
+}
+
+#[test]
+fn fd_frames_are_named_and_leave_a_limit_on_the_load_open() {
+    let frames = frames(4000, |_| Some(10.0));
+    let circumstances = Circumstances {
+        unrecorded: Unrecorded {
+            fd_frames: 7,
+            ..Unrecorded::default()
+        },
+        ..Circumstances::default()
+    };
+    for (limits, outcome) in [
+        ("", Outcome::Pass),
+        (
+            "[expect]\nbus_load_percent = { max = 90.0 }\n",
+            Outcome::Inconclusive,
+        ),
+    ] {
+        let setup = Setup::of(scenario(limits), &Catalogue::shipped());
+        let timeline = decode(&frames, &setup).unwrap();
+        let verdict = judge(&timeline, &setup, &circumstances);
+        assert_eq!((verdict.outcome, verdict.fd_frames), (outcome, 7));
+        assert!(verdict.losses[0].starts_with("7 CAN FD frames on the bus"));
+    }
 }

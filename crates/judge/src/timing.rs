@@ -6,6 +6,7 @@ use std::time::Duration;
 use dbc::SignalMissing;
 use recording::latency::{Host, Latencies, NodeReport, Quantiles};
 use recording::log::Stamped;
+use recording::stalls::Stall;
 use rig::setup::Setup;
 use scenario::expect::Limit;
 use scenario::timing::{QuantileLimits, TimingLimits};
@@ -16,6 +17,8 @@ use crate::metric::Metric;
 const NO_LOOP: &str = "not available: all nodes are external";
 /// A wall clock that was stepped by more makes the stamps worthless.
 const CLOCK_STEP_MAX: Duration = Duration::from_millis(1);
+/// In a run with more of its time in stalls, 99.9 % of the cycles do not say how the software is.
+const STALLS_PERCENT_MAX: f64 = 0.1;
 
 /// Timing of a run, as `verdict.json` holds it. Not part of a verdict in virtual time.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
@@ -44,8 +47,9 @@ impl Timing {
     pub fn of(frames: &[Stamped], setup: &Setup, host: Host) -> Result<Self, SignalMissing> {
         let latencies = Latencies::of(frames, setup)?;
         let quantiles = |histogram| Quantiles::of(histogram, 1);
+        let duration = Duration::from_secs_f64(setup.scenario.duration_seconds);
         Ok(Self {
-            distrust: distrust(&host),
+            distrust: distrust(&host, duration),
             sync_to_position_microseconds: quantiles(&latencies.sync_to_position),
             position_to_command_microseconds: quantiles(&latencies.position_to_command),
             round_trip_microseconds: quantiles(&latencies.round_trip),
@@ -191,8 +195,8 @@ fn metric(name: String, value: Option<f64>, limit: Option<Limit>) -> Option<Metr
     })
 }
 
-/// Why the timing of this host proves nothing.
-fn distrust(host: &Host) -> Vec<String> {
+/// Why the timing of a run of such a duration proves nothing.
+fn distrust(host: &Host, duration: Duration) -> Vec<String> {
     let mut reasons: Vec<String> = Vec::new();
     let reports = [&host.controller, &host.plant_emulator];
     for refusal in reports
@@ -209,16 +213,30 @@ fn distrust(host: &Host) -> Vec<String> {
         let step = format!("the wall clock was stepped by {milliseconds:.1} ms during the run");
         reasons.push(step);
     }
-    if let Some((load, processors)) = host.load {
-        #[expect(clippy::cast_precision_loss, reason = "a number of processors")]
-        let is_overloaded = load > processors as f64;
-        if is_overloaded {
-            reasons.push(format!(
-                "the machine is overloaded (load {load:.1} on {processors} processors)"
-            ));
-        }
-    }
+    reasons.extend(held_up(&host.stalls, duration));
     reasons
+}
+
+/// What to say of a run in which the nodes were held up for too long.
+fn held_up(stalls: &[Stall], duration: Duration) -> Option<String> {
+    let longest = stalls.iter().max_by_key(|stall| stall.length())?;
+    let percent = 100.0 * covered(stalls).as_secs_f64() / duration.as_secs_f64();
+    (percent > STALLS_PERCENT_MAX).then(|| {
+        format!(
+            "stalls cover {percent:.2} % of the run (limit {STALLS_PERCENT_MAX} %); in the longest {longest}"
+        )
+    })
+}
+
+/// The time that the stalls, sorted by their beginnings, cover together.
+fn covered(stalls: &[Stall]) -> Duration {
+    let mut reached = Duration::ZERO;
+    let lengths = stalls.iter().map(|stall| {
+        let new = stall.until.saturating_sub(stall.from.max(reached));
+        reached = reached.max(stall.until);
+        new
+    });
+    lengths.sum()
 }
 
 #[cfg(test)]
@@ -226,17 +244,26 @@ mod tests {
     use super::*;
     use std::collections::BTreeSet;
 
+    use recording::stalls::{What, Who};
+
     use serde_json::{Value, json};
 
     #[test]
-    fn a_stepped_clock_a_refusal_and_a_load_are_distrusted() {
+    fn a_stepped_clock_a_refusal_and_stalls_are_distrusted() {
+        let milliseconds = Duration::from_millis;
+        let stall = |from, until| {
+            let (from, until) = (milliseconds(from), milliseconds(until));
+            Stall::new(from, until, Who::Machine, What::StoodStill)
+        };
+        let run = Duration::from_secs(10);
+        // Two that overlap cover 10 ms.
         let mut host = Host {
-            load: Some((1.5, 2)),
+            stalls: vec![stall(100, 108), stall(103, 110)],
             ..Host::default()
         };
-        assert_eq!(distrust(&host), Vec::<String>::new());
+        assert_eq!(distrust(&host, run), Vec::<String>::new());
         host.wall_clock_step = Duration::from_millis(30);
-        host.load = Some((8.0, 2));
+        host.stalls.push(stall(200, 245));
         let refused = NodeReport {
             refused: vec!["no priority".to_owned()],
             ..NodeReport::default()
@@ -245,9 +272,9 @@ mod tests {
         let expected = [
             "no priority",
             "the wall clock was stepped by 30.0 ms during the run",
-            "the machine is overloaded (load 8.0 on 2 processors)",
+            "stalls cover 0.55 % of the run (limit 0.1 %); in the longest the machine stood still for 45.0 ms",
         ];
-        assert_eq!(distrust(&host), expected);
+        assert_eq!(distrust(&host, run), expected);
     }
 
     /// The limits of each key in the schema's `[expect.timing]` become metrics with the names that it has in `requirements`.

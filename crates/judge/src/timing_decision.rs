@@ -1,63 +1,57 @@
 //! Holds the timing of a run in real time against its limits, and decides the outcome again.
 
+use recording::stalls::Stall;
 use scenario::expect::Expect;
 
-use crate::metric::{Metric, not_judged};
+use crate::excuse::leave_open;
+use crate::metric::not_judged;
 use crate::timing::Timing;
 use crate::verdict::{Outcome, Verdict};
 
-/// Metrics that a busy host makes worse.
-const HOST_METRICS: [&str; 2] = ["missed_cycles_percent", "sync_interval_milliseconds_max"];
-
 /// Adds the timing of a run in real time and judges its limits. Where the timing is not trusted they are neither met nor
-/// missed, and the run cannot pass.
-pub fn judge_timing(verdict: &mut Verdict, timing: Timing, expect: &Expect) {
+/// missed, and the run cannot pass; where the machine stood still at all, none is missed.
+pub fn judge_timing(verdict: &mut Verdict, timing: Timing, expect: &Expect, stalls: &[Stall]) {
     let unavailable = not_judged(&verdict.metrics);
     let mut metrics = timing.metrics(&expect.timing);
     for metric in &mut metrics {
         let own = expect.requirements.get(&metric.name);
         metric.requirements = own.cloned().unwrap_or_default();
-    }
-    if !timing.distrust.is_empty() {
-        metrics.iter_mut().for_each(|metric| metric.passed = None);
-        excuse_host(&mut verdict.metrics);
+        let is_missed = metric.passed == Some(false);
+        if !timing.distrust.is_empty() || is_missed && !stalls.is_empty() {
+            leave_open(metric);
+        }
     }
     verdict.metrics.extend(metrics);
     if is_open(verdict, unavailable.as_ref()) {
-        decide(verdict, &timing, unavailable);
+        decide(verdict, &timing, stalls, unavailable);
     }
     verdict.timing = Some(timing);
-}
-
-/// These are met by luck at worst, but missed by the machine.
-fn excuse_host(metrics: &mut [Metric]) {
-    for metric in metrics {
-        if HOST_METRICS.contains(&metric.name.as_str()) && metric.passed == Some(false) {
-            metric.passed = None;
-        }
-    }
 }
 
 /// Whether the timing can change the outcome.
 fn is_open(verdict: &Verdict, unavailable: Option<&String>) -> bool {
     match verdict.outcome {
-        Outcome::Pass | Outcome::Fail => true,
+        Outcome::Pass => true,
         // Only for what nobody on the bus sends; what the timing adds may fail still.
         Outcome::Inconclusive => unavailable.is_some() && verdict.reason.as_ref() == unavailable,
-        Outcome::Incomplete => false,
+        Outcome::Fail | Outcome::Incomplete => false,
     }
 }
 
-fn decide(verdict: &mut Verdict, timing: &Timing, unavailable: Option<String>) {
+fn decide(verdict: &mut Verdict, timing: &Timing, stalls: &[Stall], unavailable: Option<String>) {
     let limited = verdict.metrics.iter();
     let limited = limited.filter(|metric| metric.limit.is_some());
     let results: Vec<Option<bool>> = limited.map(|metric| metric.passed).collect();
     if results.contains(&Some(false)) {
         (verdict.outcome, verdict.reason) = (Outcome::Fail, None);
     } else if results.contains(&None) {
-        let distrust = timing.distrust.join("; ");
-        let late = (not_judged(&verdict.metrics) != unavailable)
-            .then(|| format!("the timing cannot be judged: {distrust}"));
+        let late = (not_judged(&verdict.metrics) != unavailable).then(|| {
+            let longest = stalls.iter().max_by_key(|stall| stall.length());
+            let longest = longest.filter(|_| timing.distrust.is_empty());
+            let distrust = timing.distrust.iter().cloned();
+            let why: Vec<String> = distrust.chain(longest.map(ToString::to_string)).collect();
+            format!("the timing cannot be judged: {}", why.join("; "))
+        });
         let reasons: Vec<String> = unavailable.into_iter().chain(late).collect();
         verdict.outcome = Outcome::Inconclusive;
         verdict.reason = Some(reasons.join("; "));
@@ -66,10 +60,14 @@ fn decide(verdict: &mut Verdict, timing: &Timing, unavailable: Option<String>) {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use recording::latency::{NodeReport, Quantiles};
+    use recording::stalls::{What, Who};
     use scenario::expect::Limit;
 
     use super::*;
+    use crate::metric::Metric;
 
     #[test]
     fn limits_on_time_pass_only_where_the_timing_is_trusted() {
@@ -102,7 +100,7 @@ mod tests {
             verdict.metrics = vec![Metric::new("missed_cycles_percent", Ok(missed), max(0.1))];
             let passed = verdict.metrics[0].passed == Some(true);
             verdict.outcome = if passed { Outcome::Pass } else { Outcome::Fail };
-            judge_timing(&mut verdict, timing, limits);
+            judge_timing(&mut verdict, timing, limits, &[]);
             let row = verdict.metrics.iter().find(|metric| metric.name == name);
             assert!(row.is_none_or(|row| row.requirements == ["REQ-1"]));
             assert_eq!(row.is_some(), !limits.timing.is_empty());
@@ -127,7 +125,7 @@ mod tests {
             )];
             verdict.outcome = Outcome::Inconclusive;
             verdict.reason = Some(format!("not judged: {name}"));
-            judge_timing(&mut verdict, timing(p99, &[]), &limits);
+            judge_timing(&mut verdict, timing(p99, &[]), &limits, &[]);
             verdict.outcome
         };
         assert_eq!(unavailable(700.0), Outcome::Inconclusive);
@@ -135,9 +133,19 @@ mod tests {
         // Without limits on time the timing is only reported.
         let none = Expect::default();
         assert_eq!(outcome(0.0, timing(9e9, &refused), &none), Outcome::Pass);
-        assert_eq!(
-            outcome(0.5, timing(9e9, &refused), &none),
-            Outcome::Inconclusive
-        );
+        // What the machine refuses excuses no cycle.
+        assert_eq!(outcome(0.5, timing(9e9, &refused), &none), Outcome::Fail);
+        // A stall explains a late frame, and makes no punctual one late.
+        let from = Duration::from_millis(1234);
+        let until = from + Duration::from_millis(45);
+        let stall = Stall::new(from, until, Who::Machine, What::StoodStill);
+        for (p99, expected) in [(700.0, Outcome::Pass), (900.0, Outcome::Inconclusive)] {
+            let mut verdict = Verdict::incomplete("hold", 1, "");
+            (verdict.outcome, verdict.reason) = (Outcome::Pass, None);
+            judge_timing(&mut verdict, timing(p99, &[]), &limits, &[stall]);
+            assert_eq!(verdict.outcome, expected);
+            let is_named = |reason: String| reason.contains("the machine stood still for 45.0 ms");
+            assert_eq!(verdict.reason.map(is_named), (p99 > 800.0).then_some(true));
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! What a run came to: metrics beside their limits, and the outcome. `verdict.json` holds it.
 
+use recording::ending::EarlyEnd;
 use rig::external::External;
 use rig::setup::Setup;
 use scenario::expect::Requirements;
@@ -54,9 +55,15 @@ pub struct Verdict {
     /// Why, where the metrics do not show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Frames that the recorder lost: the one thing that the frames of a recording do not show.
-    #[serde(default, skip_serializing_if = "is_none_lost")]
+    /// Frames that the recorder lost, which the frames of a recording do not show.
+    #[serde(default, skip_serializing_if = "is_none")]
     pub frames_lost: u64,
+    /// CAN FD frames that were on the bus, of which nothing else is recorded.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub fd_frames: u64,
+    /// Who ended the run before its scenario's end, and why; none if it was played to its end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended_early: Option<EarlyEnd>,
     /// All metrics that the run has or the scenario limits.
     pub metrics: Vec<Metric>,
     /// Losses and emergencies of the run, the first of them.
@@ -81,6 +88,8 @@ impl Verdict {
             outcome: Outcome::Incomplete,
             reason: Some(reason.to_owned()),
             frames_lost: 0,
+            fd_frames: 0,
+            ended_early: None,
             metrics: Vec::new(),
             losses: Vec::new(),
             timing: None,
@@ -122,7 +131,7 @@ impl Verdict {
     clippy::trivially_copy_pass_by_ref,
     reason = "serde passes a reference"
 )]
-fn is_none_lost(frames: &u64) -> bool {
+fn is_none(frames: &u64) -> bool {
     *frames == 0
 }
 
@@ -136,7 +145,7 @@ mod tests {
     #[test]
     fn a_stored_verdict_reads_back_whole() {
         let mut verdict = Verdict::incomplete("step \"1\"", 7, "killed");
-        verdict.frames_lost = 3;
+        (verdict.frames_lost, verdict.fd_frames) = (3, 4);
         verdict.requirements = vec!["REQ-1".to_owned()];
         verdict.external = External::new(&[ExternalNode::Drive]).unwrap();
         let limit = Some(Limit {

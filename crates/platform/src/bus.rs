@@ -41,6 +41,14 @@ pub trait Bus: Send {
 
     /// Frames that had to wait for room in a full queue before they were sent.
     fn delayed(&self) -> u64;
+
+    /// Lets [`Bus::fd_frames`] count; a bus of canrig's own carries no CAN FD.
+    fn count_fd_frames(&mut self) {}
+
+    /// CAN FD frames that passed the filters and were not received, since the bench reads classic CAN.
+    fn fd_frames(&self) -> u64 {
+        0
+    }
 }
 
 /// Where a bus is: `can0`, `vcan0` (a SocketCAN interface), `embedded:/path/to/socket`, or `private:1234`.

@@ -59,6 +59,12 @@ impl Clock {
         wall().abs_diff(expected)
     }
 
+    /// A time of the system's monotonic clock on this clock; zero before its start.
+    #[must_use]
+    pub fn from_monotonic(&self, time: Duration) -> Duration {
+        time.saturating_sub(self.start)
+    }
+
     /// This clock's `time` on `CLOCK_MONOTONIC`, for absolute timers.
     pub(crate) fn on_monotonic(&self, time: Duration) -> Duration {
         self.start.saturating_add(time)

@@ -10,6 +10,7 @@
 //! It does not know: scenarios, what a frame means, what a node is for.
 
 pub mod bus;
+pub mod claim;
 pub mod clock;
 pub mod counting_allocator;
 mod embedded_bus;
@@ -26,6 +27,7 @@ pub mod real_time;
 pub mod recorder;
 pub mod scheduling;
 mod socketcan_bus;
+pub mod stall_watch;
 pub mod stop;
 
 pub use open::open;

@@ -106,6 +106,21 @@ pub fn suspend(number: u32, is_suspended: bool) -> io::Result<()> {
     kill_process(child.ok_or(Errno::SRCH)?, signal).map_err(io::Error::from)
 }
 
+/// Whether a process that this signal killed broke by itself: nobody else sends these.
+#[must_use]
+pub fn is_crash(signal: i32) -> bool {
+    [
+        libc::SIGSEGV,
+        libc::SIGABRT,
+        libc::SIGFPE,
+        libc::SIGILL,
+        libc::SIGBUS,
+        libc::SIGTRAP,
+        libc::SIGSYS,
+    ]
+    .contains(&signal)
+}
+
 /// Opens the side channel that the parent passed under `number`.
 ///
 /// # Errors

@@ -32,6 +32,12 @@ const TICKS_PER_DEADLINE_MAX: u32 = 1000;
 /// Latenesses above 10 s count as 10 s.
 const LATENESS_NANOSECONDS_MAX: u64 = 10_000_000_000;
 
+/// Waking up later than this is noted with its time.
+pub const LATE_MIN: Duration = Duration::from_micros(500);
+
+/// So often: a report with all of them fits a pipe, and a machine that is later more often says nothing new.
+const LATE_COUNT_MAX: usize = 1000;
+
 /// What a loop has done.
 #[derive(Clone, Debug)]
 pub struct RunReport {
@@ -49,6 +55,9 @@ pub struct RunReport {
     pub frames_dropped: u64,
     /// Frames that waited for room in a full queue before they were sent.
     pub frames_delayed: u64,
+    /// Where the loop waited before a deadline and woke up more than [`LATE_MIN`] after it: both on the monotonic clock of
+    /// the system. Nothing that the node did made it so.
+    pub late: Vec<[Duration; 2]>,
 }
 
 impl RunReport {
@@ -62,6 +71,7 @@ impl RunReport {
             frames_sent: 0,
             frames_dropped: 0,
             frames_delayed: 0,
+            late: Vec::with_capacity(LATE_COUNT_MAX),
         }
     }
 }
@@ -132,6 +142,7 @@ pub fn run(
         bus,
         clock: Clock::start(),
         report: RunReport::new(),
+        waits_since: Duration::ZERO,
         stop_asked_at: None,
         ticks_at_deadline: 0,
     };
@@ -155,6 +166,7 @@ pub fn run(
             Progress::Failed(text) => return Err(RunError::Node(text)),
         }
         cycle.check_stop_patience(now)?;
+        cycle.waits_since = cycle.clock.now();
         ready = wait(&mut timer, &cycle, stop)?;
     }
 }
@@ -201,6 +213,8 @@ struct Cycle<'a> {
     bus: &'a mut dyn Bus,
     clock: Clock,
     report: RunReport,
+    /// When the loop had nothing to do any more.
+    waits_since: Duration,
     stop_asked_at: Option<Duration>,
     ticks_at_deadline: u32,
 }
@@ -227,6 +241,7 @@ impl Cycle<'_> {
         else {
             return Ok(());
         };
+        self.note_late(deadline, woken_at);
         // Frames came first, so the tick is later than the waking up.
         let now = self.clock.now();
         let late = u64::try_from((now - deadline).as_nanos()).unwrap_or(u64::MAX);
@@ -239,6 +254,15 @@ impl Cycle<'_> {
             self.report.overruns += 1;
         }
         self.check_moved(deadline, next)
+    }
+
+    /// Who waited before the deadline and woke up late was held up by the machine; who did not, by the node.
+    fn note_late(&mut self, deadline: Duration, woken_at: Duration) {
+        let is_late = self.waits_since <= deadline && woken_at > deadline + LATE_MIN;
+        if is_late && self.report.late.len() < LATE_COUNT_MAX {
+            let times = [deadline, woken_at].map(|time| self.clock.on_monotonic(time));
+            self.report.late.push(times);
+        }
     }
 
     /// A node whose deadline stays is a fault that would keep the processor at real-time priority.

@@ -18,7 +18,7 @@ use socketcan::{CanSocket, Socket, SocketOptions};
 
 use crate::bus::{BusAddress, BusError};
 use crate::clock::Clock;
-use crate::socketcan_bus::{kernel_drops, open_socket};
+use crate::socketcan_bus::{hear_fd_frames, kernel_drops, open_socket};
 
 /// Frames that wait for the reader, at most: some 8 s of a full bus at 1 Mbit/s.
 pub const RING_FRAMES: usize = 65_536;
@@ -42,6 +42,7 @@ pub struct ReceivedFrame {
 pub struct Recorder {
     frames: Consumer<ReceivedFrame>,
     lost: Arc<AtomicU64>,
+    fd_frames: Arc<AtomicU64>,
     clock: Clock,
     interface: Option<InterfaceThread>,
 }
@@ -97,6 +98,12 @@ impl Recorder {
         self.clock.wall_epoch()
     }
 
+    /// A time of the system's monotonic clock as the recorder stamps its frames, see [`Recorder::wall_epoch`].
+    #[must_use]
+    pub fn from_monotonic(&self, time: Duration) -> Duration {
+        self.clock.from_monotonic(time)
+    }
+
     /// By how much the wall clock was stepped since the epoch. The kernel's stamps are wall-clock times, so on an
     /// interface more than a few milliseconds make them untrustworthy.
     #[must_use]
@@ -115,6 +122,12 @@ impl Recorder {
     pub fn lost(&self) -> u64 {
         self.lost.load(Ordering::Relaxed)
     }
+
+    /// CAN FD frames that were on the interface; they are counted and not recorded.
+    #[must_use]
+    pub fn fd_frames(&self) -> u64 {
+        self.fd_frames.load(Ordering::Relaxed)
+    }
 }
 
 impl fmt::Debug for Recorder {
@@ -131,6 +144,7 @@ impl fmt::Debug for Recorder {
 pub(crate) struct Ring {
     frames: Producer<ReceivedFrame>,
     lost: Arc<AtomicU64>,
+    fd_frames: Arc<AtomicU64>,
     clock: Clock,
 }
 
@@ -149,21 +163,28 @@ impl Ring {
     fn add_lost(&self, count: u64) {
         self.lost.fetch_add(count, Ordering::Relaxed);
     }
+
+    fn count_fd(&self) {
+        self.fd_frames.fetch_add(1, Ordering::Relaxed);
+    }
 }
 
 /// A recorder and the ring that feeds it; the epoch is now.
 pub(crate) fn ring() -> (Ring, Recorder) {
     let (producer, consumer) = RingBuffer::new(RING_FRAMES);
     let lost = Arc::new(AtomicU64::new(0));
+    let fd_frames = Arc::new(AtomicU64::new(0));
     let clock = Clock::start();
     let ring = Ring {
         frames: producer,
         lost: Arc::clone(&lost),
+        fd_frames: Arc::clone(&fd_frames),
         clock,
     };
     let recorder = Recorder {
         frames: consumer,
         lost,
+        fd_frames,
         clock,
         interface: None,
     };
@@ -190,6 +211,7 @@ impl Drop for InterfaceThread {
 /// All frames, stamps, and room for them.
 fn prepare(socket: &CanSocket) -> std::io::Result<()> {
     socket.set_error_filter_accept_all()?;
+    hear_fd_frames(socket);
     socket.set_recv_timestamp(true)?;
     socket.set_nonblocking(true)?;
     // Beyond `net.core.rmem_max` only with CAP_NET_ADMIN; else as much as is allowed.
@@ -254,6 +276,8 @@ fn read_all(socket: &CanSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool {
             Err(error) => match error.kind() {
                 std::io::ErrorKind::WouldBlock => return true,
                 std::io::ErrorKind::Interrupted => {}
+                // Longer than a classical frame: the socket gives nothing else of another length.
+                std::io::ErrorKind::InvalidData => ring.count_fd(),
                 _ => return false,
             },
         }

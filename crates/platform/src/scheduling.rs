@@ -139,16 +139,6 @@ impl Drop for OneProcessor {
     }
 }
 
-/// Processes that wanted to run, on average over the last minute, and the processors there are; none where the system
-/// does not say.
-#[must_use]
-pub fn machine_load() -> Option<(f64, usize)> {
-    let text = std::fs::read_to_string("/proc/loadavg").ok()?;
-    let load = text.split_whitespace().next()?.parse().ok()?;
-    let processors = std::thread::available_parallelism().ok()?;
-    Some((load, processors.get()))
-}
-
 /// Makes the kernel give us the stack that the loop will use, so that it is there to be locked.
 #[inline(never)]
 fn touch_stack() {

@@ -1,5 +1,6 @@
 //! A bus of the kernel (SocketCAN): a virtual one, or real hardware.
 
+use std::cell::Cell;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
@@ -13,7 +14,7 @@ use socketcan::{CanFilter, CanSocket, Socket, SocketOptions};
 
 use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within, wait_ready};
 use crate::clock::{self, Clock};
-use crate::kernel_format::{FRAME_BYTES, decode_frame, encode_frame};
+use crate::kernel_format::{decode_frame, encode_frame};
 use crate::probe::{self, Interface};
 
 /// Between two attempts to send into a full queue: about the time of one frame at 1 Mbit/s.
@@ -22,11 +23,15 @@ const SEND_RETRY: Duration = Duration::from_micros(100);
 /// Index of the drop counter in the answer to `SO_MEMINFO` (`SK_MEMINFO_DROPS`).
 const MEMINFO_DROPS: usize = 8;
 
+/// Bytes of the kernel's `struct canfd_frame`.
+const FD_FRAME_BYTES: usize = 72;
+
 /// One participant's socket on a CAN interface.
 pub(crate) struct SocketCanBus {
     name: String,
     socket: CanSocket,
     delayed: u64,
+    fd_frames: Cell<u64>,
 }
 
 impl SocketCanBus {
@@ -48,6 +53,7 @@ impl SocketCanBus {
             name: name.into(),
             socket,
             delayed: 0,
+            fd_frames: Cell::new(0),
         };
         set_filters(&bus.socket, filters).map_err(|error| bus.system("set its filters", error))?;
         bus.forget_unfiltered()?;
@@ -61,10 +67,11 @@ impl SocketCanBus {
     }
 
     fn try_receive(&self) -> Result<Option<CanFrame>, BusError> {
-        let mut bytes = [0; FRAME_BYTES];
+        let mut bytes = [0; FD_FRAME_BYTES];
         loop {
             match rustix::net::recv(&self.socket, &mut bytes, RecvFlags::DONTWAIT) {
-                // The socket takes classical frames only, so all that comes is one; the kernel checks the length.
+                Ok((_, FD_FRAME_BYTES)) => self.fd_frames.set(self.fd_frames.get() + 1),
+                // All else is a classical frame; the kernel checks the length.
                 Ok((_, length)) => {
                     if let Some(frame) = decode_frame(bytes.get(..length).unwrap_or_default()) {
                         return Ok(Some(frame));
@@ -151,6 +158,19 @@ impl Bus for SocketCanBus {
     fn delayed(&self) -> u64 {
         self.delayed
     }
+
+    fn count_fd_frames(&mut self) {
+        hear_fd_frames(&self.socket);
+    }
+
+    fn fd_frames(&self) -> u64 {
+        self.fd_frames.get()
+    }
+}
+
+/// Lets CAN FD frames reach the socket, so that they can be counted. An old kernel has none.
+pub(crate) fn hear_fd_frames(socket: &CanSocket) {
+    let _ = socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1);
 }
 
 /// Opens an unfiltered socket on an interface, after a look at what the system has.

@@ -11,6 +11,7 @@ use crate::frame_queue::FrameQueue;
 use crate::log::Stamped;
 use crate::progress::{ProgressReader, RunProgress};
 use crate::run_folder::{BusLog, WriteError};
+use crate::unrecorded::Unrecorded;
 
 /// What the threads of a run share: its progress, and the request to end.
 #[derive(Debug, Default)]
@@ -45,7 +46,7 @@ impl Watch {
 #[derive(Debug)]
 pub struct Capture<'a> {
     frames: Vec<Stamped>,
-    lost: u64,
+    unrecorded: Unrecorded,
     written: usize,
     log: Option<BusLog>,
     clock: ScenarioClock,
@@ -78,7 +79,7 @@ impl<'a> Capture<'a> {
     pub fn in_memory(clock: ScenarioClock, watch: &'a Watch) -> Self {
         Self {
             frames: Vec::new(),
-            lost: 0,
+            unrecorded: Unrecorded::default(),
             written: 0,
             log: None,
             progress: None,
@@ -154,15 +155,20 @@ impl<'a> Capture<'a> {
 
     /// Notes frames that were on the bus and could not be taken.
     pub fn lose(&mut self, frames: u64) {
-        self.lost += frames;
+        self.unrecorded.frames_lost += frames;
     }
 
-    /// The frames, with everything in `bus.log` if there is one, and how many were lost.
+    /// Notes CAN FD frames that were on the bus.
+    pub fn count_fd(&mut self, frames: u64) {
+        self.unrecorded.fd_frames += frames;
+    }
+
+    /// The frames, with everything in `bus.log` if there is one, and what is not among them.
     ///
     /// # Errors
     /// The disk does not take them.
-    pub fn finish(mut self) -> Result<(Vec<Stamped>, u64), WriteError> {
+    pub fn finish(mut self) -> Result<(Vec<Stamped>, Unrecorded), WriteError> {
         self.flush()?;
-        Ok((self.frames, self.lost))
+        Ok((self.frames, self.unrecorded))
     }
 }

@@ -11,6 +11,7 @@ use rig::setup::Setup;
 use serde::{Deserialize, Serialize};
 
 use crate::log::Stamped;
+use crate::stalls::Stall;
 
 /// Latencies above this count as this.
 const LATENCY_MICROSECONDS_MAX: u64 = 10_000_000;
@@ -70,6 +71,10 @@ pub struct NodeReport {
     pub frames_delayed: u64,
     /// What the system refused: priority, locked memory.
     pub refused: Vec<String>,
+    /// Where the loop waited before a deadline and was woken late: deadline and waking up, in nanoseconds of the monotonic
+    /// clock. The world takes them out into the run's stalls.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub late: Vec<[u64; 2]>,
 }
 
 /// What a world in real time knows besides the frames.
@@ -81,8 +86,8 @@ pub struct Host {
     pub plant_emulator: Option<NodeReport>,
     /// By how much the wall clock was stepped in the run.
     pub wall_clock_step: Duration,
-    /// Processes that wanted to run at the end, on average over a minute, and the processors there are.
-    pub load: Option<(f64, usize)>,
+    /// Where the machine held the nodes up, in the order of time.
+    pub stalls: Vec<Stall>,
 }
 
 /// The latencies of all cycles.

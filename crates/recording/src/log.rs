@@ -13,6 +13,10 @@ use canopen::frame_bits::occupied_bits;
 const LINE_LENGTH_MAX: u64 = 256;
 /// So much after the last good line is read in search of another one.
 const UNREADABLE_BYTES_MAX: usize = 1 << 20;
+/// A file with more strange lines is no log.
+const STRANGE_LINES_MAX: usize = 1000;
+/// What a line with a CAN FD frame is.
+const FD_FRAME: &str = "a CAN FD frame";
 
 /// A frame and when its last bit passed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,14 +107,16 @@ fn parse_frame(text: &str) -> Result<CanFrame, &'static str> {
         8 if raw_id <= 0x1FFF_FFFF => raw_id |= EXTENDED_FLAG,
         _ => return Err("identifier needs three or eight digits"),
     }
-    if data.starts_with('R') {
-        if raw_id & ERROR_FLAG != 0 {
-            return Err("an error frame asks for nothing");
-        }
-        return CanFrame::from_raw(raw_id | REMOTE_FLAG, 0, [0; 8]).ok_or("too long");
+    if let Some(length) = data.strip_prefix('R') {
+        let length = match length.as_bytes() {
+            [] => 0,
+            [digit @ b'0'..=b'8'] => digit - b'0',
+            _ => return Err("a remote frame's length is one digit, at most 8"),
+        };
+        return CanFrame::from_raw(raw_id | REMOTE_FLAG, length, [0; 8]).ok_or("too long");
     }
     if data.starts_with('#') {
-        return Err("a CAN FD frame");
+        return Err(FD_FRAME);
     }
     if data.len() > 16 || data.len() % 2 != 0 || !data.is_ascii() {
         return Err("data need up to eight pairs of digits");
@@ -167,62 +173,135 @@ pub fn read_log(mut input: impl BufRead) -> io::Result<Vec<Stamped>> {
 /// What a log holds, as far as it can be read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Log {
-    /// The frames before the break.
     pub frames: Vec<Stamped>,
+    /// CAN FD frames, of which only the number is kept.
+    pub fd_frames: u64,
+    /// Lines among the others that are no frames.
+    pub strange: Vec<StrangeLine>,
     /// Where and why the log breaks off, for people.
     pub broken: Option<String>,
 }
 
+/// A line of a log that is no frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StrangeLine {
+    number: u64,
+    reason: String,
+    /// Frames that were read before it.
+    frames_before: usize,
+}
+
+impl fmt::Display for StrangeLine {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "line {}: {}", self.number, self.reason)
+    }
+}
+
+impl Log {
+    /// What of the log cannot be read between the first frame and `end`, for people.
+    #[must_use]
+    pub fn strange_until(&self, end: Duration) -> Option<String> {
+        let is_within = |line: &&StrangeLine| {
+            let before = self.frames[..line.frames_before].last();
+            before.is_some_and(|before| before.time < end)
+        };
+        let mut lines = self.strange.iter().filter(is_within);
+        let first = lines.next()?;
+        Some(match lines.count() {
+            0 => format!("a line of the log is no frame, {first}"),
+            more => format!(
+                "{} lines of the log are no frames, the first {first}",
+                more + 1
+            ),
+        })
+    }
+
+    /// What of the log cannot be read, for people.
+    #[must_use]
+    pub fn remarks(&self) -> Vec<String> {
+        let strange = self.strange_until(Duration::MAX);
+        let broken = self.broken.as_ref();
+        let broken = broken.map(|broken| format!("the log breaks off ({broken})"));
+        strange.into_iter().chain(broken).collect()
+    }
+}
+
 /// Reads a log whose writer may have been killed: its end may be cut in the middle of a line. A last line without its
-/// end is not taken, since a shorter frame looks whole.
+/// end is not taken, since a shorter frame looks whole. Lines among the others that are no frames are passed over.
 ///
 /// # Errors
-/// The file cannot be read, holds frames of two interfaces, or good lines follow soon after a bad one: then it is
-/// damaged, or no log of `candump -L`.
+/// The file cannot be read, or is no log of `candump -L`: more than 1000 lines are no frames.
 pub fn read_cut_log(mut input: impl BufRead) -> io::Result<Log> {
     let mut log = Log::default();
     let mut interface = None;
-    let mut unreadable_bytes = 0;
+    // Strange if a good line follows, else the log breaks off there.
+    let mut open: Vec<StrangeLine> = Vec::new();
+    let mut open_bytes = 0;
     let mut line = Vec::new();
     for number in 1u64.. {
         line.clear();
         if io::Read::take(&mut input, LINE_LENGTH_MAX).read_until(b'\n', &mut line)? == 0 {
             break;
         }
-        if log.broken.is_some() {
-            unreadable_bytes += line.len();
-            if unreadable_bytes > UNREADABLE_BYTES_MAX {
-                break;
+        match whole_line(&line, &mut interface) {
+            Ok(Content::Nothing) => continue,
+            Ok(Content::FdFrame) => log.fd_frames += 1,
+            Ok(Content::Frame(stamped)) => log.frames.push(stamped),
+            Err(reason) => {
+                open_bytes += line.len();
+                if open_bytes > UNREADABLE_BYTES_MAX {
+                    break;
+                }
+                let frames_before = log.frames.len();
+                open.push(StrangeLine {
+                    number,
+                    reason,
+                    frames_before,
+                });
+                continue;
             }
         }
-        match (whole_line(&line, &mut interface), &log.broken) {
-            (Ok(None), _) => {}
-            (Ok(Some(stamped)), None) => log.frames.push(stamped),
-            (Ok(Some(_)), Some(broken)) => return Err(invalid(broken.clone())),
-            (Err(reason), _) => {
-                log.broken.get_or_insert(format!("line {number}: {reason}"));
-            }
+        log.strange.append(&mut open);
+        open_bytes = 0;
+        if let Some(first) = log.strange.first()
+            && log.strange.len() > STRANGE_LINES_MAX
+        {
+            return Err(invalid(format!(
+                "{first}; more than {STRANGE_LINES_MAX} lines are no frames"
+            )));
         }
     }
+    log.broken = open.first().map(ToString::to_string);
     Ok(log)
 }
 
-/// The frame of a line; none in an empty line. The first line decides on the interface.
-fn whole_line(line: &[u8], interface: &mut Option<String>) -> Result<Option<Stamped>, String> {
+/// What a line holds.
+enum Content {
+    Nothing,
+    Frame(Stamped),
+    FdFrame,
+}
+
+/// The content of a line. The first frame decides on the interface.
+fn whole_line(line: &[u8], interface: &mut Option<String>) -> Result<Content, String> {
     let text = str::from_utf8(line).map_err(|_| "not text".to_owned())?;
     let is_ended = text.ends_with('\n');
     let text = text.trim();
     if text.is_empty() {
-        return Ok(None);
+        return Ok(Content::Nothing);
     }
     if !is_ended {
         return Err("cut before its end".to_owned());
     }
-    let stamped = text.parse().map_err(|error: LineError| error.to_string())?;
+    let content = match text.parse() {
+        Ok(stamped) => Content::Frame(stamped),
+        Err(LineError { reason, .. }) if reason == FD_FRAME => Content::FdFrame,
+        Err(error) => return Err(error.to_string()),
+    };
     let name = text.split_whitespace().nth(1).unwrap_or_default();
     let first = interface.get_or_insert_with(|| name.to_owned());
     if first == name {
-        Ok(Some(stamped))
+        Ok(content)
     } else {
         Err(format!(
             "a frame of {name} among those of {first}; take one interface out of the log first"
@@ -267,13 +346,38 @@ mod tests {
             "123#+1",
             "-123#00",
             "E0000001#00",
-            "20000004#R",
+            "190#R9",
+            "190#R08",
+            "190#R-1",
         ] {
             let line = format!("(0.000001) can0 {frame}");
             assert!(line.parse::<Stamped>().is_err(), "{line}");
         }
         let error = "(0000000000.000001) can0 20000004#0001000000000000";
         assert_eq!(error.parse::<Stamped>().unwrap().to_string(), error);
+    }
+
+    #[test]
+    fn a_remote_frame_keeps_its_length() {
+        let line = "(0000000000.000001) can0 190#R8";
+        let read: Stamped = line.parse().unwrap();
+        assert_eq!(
+            (read.to_string().as_str(), read.frame.data().len()),
+            (line, 8)
+        );
+        let without = "(0000000000.000001) can0 190#R";
+        assert_eq!(without.parse::<Stamped>().unwrap().to_string(), without);
+    }
+
+    /// A socket may give both flags; candump shows the one in the identifier and the other in place of the data.
+    #[test]
+    fn an_error_message_that_is_also_a_remote_frame_is_readable() {
+        let flags = ERROR_FLAG | REMOTE_FLAG | 4;
+        let both = CanFrame::from_raw(flags, 8, [0, 1, 0, 0, 0, 0, 0, 0]).unwrap();
+        let written = Stamped::new(Duration::from_micros(1), both);
+        assert_eq!(written.to_string().parse(), Ok(written));
+        let of_candump: Stamped = "(0.000001) can0 20000004#R8".parse().unwrap();
+        assert!(of_candump.frame.is_error());
     }
 
     const LOG: &str = "(0.000001) can0 123#\n(0.000002) can0 190#0102\n";
@@ -301,10 +405,49 @@ mod tests {
     }
 
     #[test]
-    fn a_log_damaged_in_the_middle_or_of_two_interfaces_is_refused() {
-        let damaged = LOG.replace("123#", "1#");
-        let error = read_cut_log(damaged.as_bytes()).unwrap_err().to_string();
-        assert!(error.starts_with("line 1: "), "{error}");
+    fn strange_lines_among_the_others_are_passed_over_and_named() {
+        let odd = "(0.000003) can0 1#\n(0.000004) can0 190#0102\nodd\n(0.000005) can0 191#\n";
+        let log = read_cut_log(format!("{LOG}{odd}").as_bytes()).unwrap();
+        assert_eq!((log.frames.len(), log.strange.len()), (4, 2));
+        assert_eq!(log.broken, None);
+        let all = log.strange_until(Duration::MAX).unwrap();
+        let start = "2 lines of the log are no frames, the first line 3: not a line of candump -L";
+        assert!(all.starts_with(start), "{all}");
+        // Between 2 and 4 µs, and between 4 and 5.
+        let until = |micros| log.strange_until(Duration::from_micros(micros));
+        assert!(
+            until(4)
+                .unwrap()
+                .starts_with("a line of the log is no frame, line 3: ")
+        );
+        assert_eq!(until(2), None);
+        // What stands before all frames took none from among them.
+        let headed = read_cut_log(format!("# of Monday\n{LOG}").as_bytes()).unwrap();
+        assert_eq!((headed.frames.len(), headed.strange.len()), (2, 1));
+        assert_eq!(headed.strange_until(Duration::MAX), None);
+    }
+
+    #[test]
+    fn fd_frames_are_counted() {
+        let log = format!("{LOG}(0.000003) can0 123##1AABB\n(0.000004) can0 191#\n");
+        let log = read_cut_log(log.as_bytes()).unwrap();
+        assert_eq!((log.frames.len(), log.fd_frames), (3, 1));
+        assert!(log.strange.is_empty() && log.broken.is_none());
+    }
+
+    #[test]
+    fn a_log_of_two_interfaces_and_a_file_that_is_no_log_are_refused() {
+        let line = |number: usize, name| format!("(0.{number:06}) {name} 123#\n");
+        let other: String = (0..=STRANGE_LINES_MAX)
+            .map(|number| line(number, "can1"))
+            .collect();
+        let mixed = format!("{LOG}{other}{LOG}");
+        let error = read_cut_log(mixed.as_bytes()).unwrap_err().to_string();
+        assert!(error.starts_with("line 3: a frame of can1"), "{error}");
+        assert!(
+            error.ends_with("more than 1000 lines are no frames"),
+            "{error}"
+        );
         let two = format!("(0.0) can1 123#\n{LOG}").replace("0.0)", "0.000000)");
         let log = read_cut_log(two.as_bytes()).unwrap();
         assert!(

@@ -25,6 +25,8 @@ pub mod file {
     pub const JUNIT: &str = "junit.xml";
     /// The run on one page.
     pub const REPORT: &str = "report.html";
+    /// Where the machine was late; only of runs in real time.
+    pub const STALLS: &str = "stalls.csv";
     /// What the frames mean, as a DBC.
     pub const FRAMES: &str = "frames.dbc";
     /// The rig file as it was used; only in runs on a rig.

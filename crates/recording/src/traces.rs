@@ -109,17 +109,29 @@ impl TraceReader {
     }
 }
 
+/// Longest time between two messages of a kind; without a cycle time of their own they follow the SYNC.
+#[must_use]
+pub fn silence_seconds_max(message: &str, sync_period: Duration, database: &Database) -> f64 {
+    let cycle_time = cycle_time(message, database).unwrap_or_default();
+    (PERIODS_MAX * cycle_time.max(sync_period)).as_secs_f64()
+}
+
+fn cycle_time(message: &str, database: &Database) -> Option<Duration> {
+    let message = database.message(message)?;
+    Some(Duration::from_millis(message.cycle_time_milliseconds))
+}
+
 fn collect(path: &str, sync_period: Duration, database: &Database) -> Option<Collected> {
     let (message, _) = path.split_once('.')?;
-    let cycle_time = Duration::from_millis(database.message(message)?.cycle_time_milliseconds);
-    let silence = PERIODS_MAX * cycle_time.max(sync_period);
+    let is_cyclic = !cycle_time(message, database)?.is_zero();
+    let silence = || silence_seconds_max(message, sync_period, database);
     Some(Collected {
         handle: database.signal(path)?,
         follows_sync: COLUMN_MESSAGES.contains(&message),
         trace: SignalTrace {
             path: path.to_owned(),
             unit: database.definition(path)?.unit.clone(),
-            silence_seconds_max: (!cycle_time.is_zero()).then_some(silence.as_secs_f64()),
+            silence_seconds_max: is_cyclic.then(silence),
             samples: Vec::new(),
         },
     })

@@ -34,6 +34,8 @@ fn suite(verdict: &Verdict) -> TestSuite {
 fn run_case(class: &str, verdict: &Verdict) -> TestCase {
     let reason = verdict.reason.clone().unwrap_or_default();
     let status = match verdict.outcome {
+        // The rows say which limits were not met.
+        Outcome::Fail if !reason.is_empty() => problem(NonSuccessKind::Failure, &reason),
         Outcome::Pass | Outcome::Fail => TestCaseStatus::success(),
         Outcome::Inconclusive | Outcome::Incomplete => problem(NonSuccessKind::Error, &reason),
     };
@@ -130,6 +132,15 @@ mod tests {
         let property = |name: &str| format!("<property name=\"requirement\" value=\"{name}\"/>");
         assert!(suite.contains(&property("REQ-1")), "{xml}");
         assert!(case.contains(&property("REQ-2")), "{xml}");
+    }
+
+    #[test]
+    fn a_node_that_ended_the_run_is_a_failure_of_the_run() {
+        let mut verdict = Verdict::incomplete("step", 1, "controller: silent since 3.012 s");
+        verdict.outcome = Outcome::Fail;
+        let xml = to_xml(&[verdict]).unwrap();
+        let failure = "<failure message=\"controller: silent since 3.012 s\"";
+        assert!(xml.contains(failure), "{xml}");
     }
 
     #[test]

@@ -11,11 +11,11 @@ pub enum Exit {
     Pass,
     /// The timing was not trustworthy, or a limit is on a value that no node publishes.
     Inconclusive,
-    /// A limit was not met.
+    /// A limit was not met, or a node under test ended the run.
     VerdictFailed,
-    /// A scenario file is invalid.
-    ScenarioInvalid,
-    /// The bus or a process failed.
+    /// What was asked for cannot begin: a file is invalid, a program or a plant cannot be started, the pre-flight fails.
+    CannotStart,
+    /// A part of canrig failed, or the bus.
     BenchFailed,
     /// The program itself is at fault.
     Internal,
@@ -33,7 +33,7 @@ impl Exit {
             Self::Pass => 0,
             Self::VerdictFailed => 1,
             Self::Usage => 2,
-            Self::ScenarioInvalid => 3,
+            Self::CannotStart => 3,
             Self::BenchFailed => 4,
             Self::Inconclusive => 5,
             Self::Internal => 70,
@@ -70,7 +70,7 @@ mod tests {
         let order = [
             Exit::Internal,
             Exit::BenchFailed,
-            Exit::ScenarioInvalid,
+            Exit::CannotStart,
             Exit::VerdictFailed,
             Exit::Inconclusive,
         ];

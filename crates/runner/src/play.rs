@@ -113,7 +113,7 @@ pub(crate) fn prepared(
     let setup = load(path)?;
     testbed.prepare(setup).map_err(|reason| {
         listener.on_event(&RunEvent::Failed(format!("{}: {reason}", path.display())));
-        Exit::ScenarioInvalid
+        Exit::CannotStart
     })
 }
 

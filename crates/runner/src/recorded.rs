@@ -4,6 +4,7 @@ use dbc::SignalMissing;
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use scenario::ScenarioError;
 
@@ -11,11 +12,14 @@ use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
 use exports::parquet::ParquetError;
 use judge::verdict::{Outcome, Verdict};
-use judge::{judge, judge_timing};
+use judge::{Circumstances, judge, judge_timing};
+use recording::ending::EndedBy;
 use recording::log::{Log, read_cut_log};
 use recording::run_folder::file;
 use recording::session::{FramesError, ReadError, read_setup};
+use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline};
+use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
 use rig::rig_file::RigError;
 use rig::setup::Setup;
@@ -91,6 +95,8 @@ pub struct Recorded {
     pub log: Log,
     /// The verdict of the run; none for a log that canrig has not written.
     pub stored: Option<Verdict>,
+    /// Where the machine held the nodes up; only a folder of a run in real time says it.
+    pub stalls: Vec<Stall>,
     /// Whether it is a run folder.
     pub is_folder: bool,
 }
@@ -139,11 +145,19 @@ impl Recorded {
             }
             None => read_played(folder, catalogue)?,
         };
+        let stalls = match is_folder {
+            true => read_stalls(folder).map_err(|source| RecordedError::Read {
+                path: folder.join(file::STALLS),
+                source,
+            })?,
+            false => Vec::new(),
+        };
         Ok(Self {
             path: path.to_owned(),
             setup,
             log,
             stored,
+            stalls,
             is_folder,
         })
     }
@@ -162,11 +176,18 @@ impl Recorded {
     /// The database lacks a signal that the bench needs.
     pub fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
         let stored = self.stored.as_ref();
-        let lost = stored.map_or(0, |stored| stored.frames_lost);
-        let mut verdict = judge(timeline, &self.setup, lost);
+        let ended_early = stored.and_then(|stored| stored.ended_early.clone());
+        let by_node = ended_early.clone().filter(|end| end.by == EndedBy::Node);
+        let circumstances = Circumstances {
+            unrecorded: self.unrecorded(timeline),
+            ended_early: by_node,
+            stalls: self.stalls.clone(),
+        };
+        let mut verdict = judge(timeline, &self.setup, &circumstances);
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason.clone_from(&stored.reason);
+            verdict.ended_early = ended_early;
         }
         if self.is_folder && stored.is_none() {
             let reason = format!("the run broke off before there was a {}", file::VERDICT);
@@ -175,9 +196,27 @@ impl Recorded {
         }
         if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
             let timing = timing.again(&self.log.frames, &self.setup)?;
-            judge_timing(&mut verdict, timing, &self.setup.scenario.expect);
+            judge_timing(
+                &mut verdict,
+                timing,
+                &self.setup.scenario.expect,
+                &self.stalls,
+            );
         }
         Ok(verdict)
+    }
+
+    /// What was on the bus and is not among the frames: what the run noted, and what of its log cannot be read.
+    fn unrecorded(&self, timeline: &Timeline) -> Unrecorded {
+        let duration_seconds = self.setup.scenario.duration_seconds;
+        let end = timeline.zero_seconds.map(|zero| zero + duration_seconds);
+        let end = end.and_then(|end| Duration::try_from_secs_f64(end).ok());
+        let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
+        Unrecorded {
+            frames_lost: of_run(|stored| stored.frames_lost),
+            fd_frames: of_run(|stored| stored.fd_frames) + self.log.fd_frames,
+            strange_lines: self.log.strange_until(end.unwrap_or(Duration::MAX)),
+        }
     }
 
     /// The verdict of the run itself, or what it would have been.
@@ -219,7 +258,7 @@ pub(crate) fn refuse(error: RecordedError) -> Exit {
         RecordedError::Rig(error) => print_diagnostic(*error),
         error => print_error(&format!("canrig: {error}")),
     }
-    Exit::ScenarioInvalid
+    Exit::CannotStart
 }
 
 /// Refuses what is no run folder.

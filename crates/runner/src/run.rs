@@ -8,13 +8,16 @@ use scenario::Scenario;
 use crate::exit::Exit;
 use judge::timing::Timing;
 use judge::verdict::Verdict;
-use judge::{judge, judge_broken};
+use judge::{Circumstances, judge};
 use recording::capture::{Capture, Watch};
+use recording::ending::{EarlyEnd, EndedBy};
 use recording::frame_queue::FrameQueue;
 use recording::progress::ProgressReader;
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::write_setup;
+use recording::stalls;
 use recording::timeline::{self, Timeline};
+use recording::unrecorded::Unrecorded;
 use report::{ReportError, Run};
 use rig::setup::Setup;
 use worlds::{End, Played, WorldError};
@@ -32,8 +35,8 @@ pub struct Judged {
     pub exit: Exit,
 }
 
-/// Plays the scenario in a world, records and judges it, and hands the frames on to the queues meanwhile. What was
-/// recorded before a failure of the world is kept, with a verdict that says "incomplete" and why.
+/// Plays the scenario in a world, records and judges it, and hands the frames on to the queues meanwhile. A node that ended the
+/// run has failed; what was recorded before a failure of the bench is kept, with a verdict that says "incomplete" and why.
 ///
 /// # Errors
 /// The files of the run cannot be written.
@@ -49,15 +52,16 @@ pub fn run(
     let clock = ScenarioClock::new(&setup.database)?;
     let mut capture = Capture::new(folder.bus_log()?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
-    let (frames, frames_lost) = capture.finish()?;
+    let (frames, unrecorded) = capture.finish()?;
     let timeline = timeline::decode(&frames, setup)?;
-    let mut verdict = verdict(&ended, &timeline, setup, frames_lost);
+    let mut verdict = verdict(&ended, &timeline, setup, &unrecorded);
     if let Ok(Played {
         host: Some(host), ..
     }) = &ended
     {
+        folder.write(file::STALLS, stalls::to_csv(&host.stalls).as_bytes())?;
         let timing = Timing::of(&frames, setup, host.clone())?;
-        judge::judge_timing(&mut verdict, timing, &setup.scenario.expect);
+        judge::judge_timing(&mut verdict, timing, &setup.scenario.expect, &host.stalls);
     }
     let run = Run {
         setup,
@@ -66,11 +70,12 @@ pub fn run(
         verdict: &verdict,
     };
     report::write_all(&run, &folder)?;
-    let exit = match ended {
+    let exit = match &ended {
         Ok(Played {
             end: End::Interrupted,
             ..
         }) => Exit::Interrupted,
+        Err(error) if error.is_before_start() => Exit::CannotStart,
         _ => verdict.outcome.into(),
     };
     Ok(Judged {
@@ -98,25 +103,39 @@ pub fn verdict(
     ended: &Result<Played, WorldError>,
     timeline: &Timeline,
     setup: &Setup,
-    frames_lost: u64,
+    unrecorded: &Unrecorded,
 ) -> Verdict {
-    match ended {
-        Err(error) => {
-            let error = with_cause(error, timeline, frames_lost);
-            judge_broken(timeline, setup, &error)
-        }
-        Ok(Played {
-            end: End::Interrupted,
-            ..
-        }) => Verdict::incomplete_of(setup, "interrupted by the user"),
-        Ok(_) => judge(timeline, setup, frames_lost),
+    let ended_early = match ended {
+        Err(error) => Some(EarlyEnd::without_node(
+            EndedBy::Bench,
+            with_losses(error, unrecorded.frames_lost),
+        )),
+        Ok(played) => match &played.end {
+            End::Completed => None,
+            End::Interrupted => return interrupted(setup),
+            End::ByNode(end) => Some(end.clone()),
+        },
+    };
+    let host = ended.as_ref().ok().and_then(|played| played.host.as_ref());
+    let circumstances = Circumstances {
+        unrecorded: unrecorded.clone(),
+        ended_early,
+        stalls: host.map(|host| host.stalls.clone()).unwrap_or_default(),
+    };
+    judge(timeline, setup, &circumstances)
+}
+
+fn interrupted(setup: &Setup) -> Verdict {
+    let reason = "interrupted by the user";
+    Verdict {
+        ended_early: Some(EarlyEnd::without_node(EndedBy::User, reason)),
+        ..Verdict::incomplete_of(setup, reason)
     }
 }
 
-/// A busy machine looks like a broken node; where it was busy, that is said too.
-fn with_cause(error: &WorldError, timeline: &Timeline, frames_lost: u64) -> String {
-    let busy = judge::too_many_missed(timeline);
-    let lost = (frames_lost > 0).then(|| judge::lost_frames(frames_lost));
-    let causes = busy.into_iter().chain(lost);
-    causes.fold(error.to_string(), |text, cause| format!("{text}\n{cause}"))
+fn with_losses(error: &WorldError, frames_lost: u64) -> String {
+    match frames_lost {
+        0 => error.to_string(),
+        lost => format!("{error}\n{}", judge::lost_frames(lost)),
+    }
 }

@@ -20,7 +20,7 @@ const FOLDER_DEPTH_MAX: u32 = 8;
 pub fn load(path: &Path) -> Result<Setup, Exit> {
     Setup::load(path, catalogue()).map_err(|error| {
         print_diagnostic(error);
-        Exit::ScenarioInvalid
+        Exit::CannotStart
     })
 }
 

@@ -7,12 +7,21 @@ pub use crate::window::Window;
 /// A step of the set-point that the metrics judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JudgedStep {
-    /// From the step to the next event, or to the end of the run.
+    /// From the step to the next event, or to the end of what is judged.
     pub window: Window,
     /// The set-point just before.
     pub from_millimetres: f64,
     /// The set-point from the step on.
     pub to_millimetres: f64,
+}
+
+/// A sine of the set-point that the metrics judge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JudgedSine {
+    /// The last three whole periods.
+    pub window: Window,
+    /// The length of one.
+    pub period_seconds: f64,
 }
 
 /// A disturbance that the metrics judge.
@@ -47,12 +56,22 @@ pub struct DisturbanceCommand {
 }
 
 impl Scenario {
+    /// The end of what the metrics of the loop are judged on.
+    #[must_use]
+    pub fn judged_end_seconds(&self) -> f64 {
+        let earlier = self.expect.judged_until_seconds;
+        earlier.unwrap_or(self.duration_seconds)
+    }
+
     /// The steps that the metrics judge, in the order of time.
     #[must_use]
     pub fn judged_steps(&self) -> Vec<JudgedStep> {
         let trajectory = self.reference.trajectory();
         let starts = self.starts_in_order();
-        let judged = self.reference.step.iter().map(|step| {
+        let end_seconds = self.judged_end_seconds();
+        let steps = self.reference.step.iter();
+        let judged = steps.filter(|step| step.at_seconds < end_seconds);
+        let judged = judged.map(|step| {
             let before = starts.partition_point(|&start| start < step.at_seconds);
             let next = starts.partition_point(|&start| start <= step.at_seconds);
             // Just before the step the piece before it is still in force.
@@ -61,10 +80,11 @@ impl Scenario {
                 0 => 0.0,
                 _ => trajectory.at(last_moment).position_metres,
             };
+            let next = starts.get(next).copied().unwrap_or(end_seconds);
             JudgedStep {
                 window: Window {
                     from_seconds: step.at_seconds,
-                    until_seconds: starts.get(next).copied().unwrap_or(self.duration_seconds),
+                    until_seconds: next.min(end_seconds),
                 },
                 from_millimetres: from_metres * 1e3,
                 to_millimetres: step.position_millimetres,
@@ -73,23 +93,30 @@ impl Scenario {
         judged.collect()
     }
 
-    /// The last three whole periods of the last sine, before the next piece or the end; `None` when fewer than four fit.
+    /// Of each sine the last three whole periods, before the next piece or the end of what is judged; those of which fewer
+    /// than four fit are left out.
     #[must_use]
-    pub fn judged_sine(&self) -> Option<Window> {
-        let sine = self.reference.sine.last()?;
+    pub fn judged_sines(&self) -> Vec<JudgedSine> {
         let mut starts: Vec<f64> = self.reference.starts_seconds().collect();
         starts.sort_by(f64::total_cmp);
-        let next = starts.partition_point(|&start| start <= sine.from_seconds);
-        let end = starts.get(next).copied().unwrap_or(self.duration_seconds);
-        // A period that ends with the run counts in spite of rounding.
-        let periods = libm::floor((end - sine.from_seconds) / sine.period_seconds + 1e-9);
-        (periods >= 4.0).then(|| {
-            let until_seconds = sine.from_seconds + periods * sine.period_seconds;
-            Window {
-                from_seconds: until_seconds - 3.0 * sine.period_seconds,
-                until_seconds,
-            }
-        })
+        let end_seconds = self.judged_end_seconds();
+        let judged = self.reference.sine.iter().filter_map(|sine| {
+            let period_seconds = sine.period_seconds;
+            let next = starts.partition_point(|&start| start <= sine.from_seconds);
+            let next = starts.get(next).copied().unwrap_or(end_seconds);
+            let length_seconds = next.min(end_seconds) - sine.from_seconds;
+            // A period that ends with the run counts in spite of rounding.
+            let periods = libm::floor(length_seconds / period_seconds + 1e-9);
+            let until_seconds = sine.from_seconds + periods * period_seconds;
+            (periods >= 4.0).then_some(JudgedSine {
+                window: Window {
+                    from_seconds: until_seconds - 3.0 * period_seconds,
+                    until_seconds,
+                },
+                period_seconds,
+            })
+        });
+        judged.collect()
     }
 
     /// The disturbances, in the order of time.
@@ -276,19 +303,47 @@ mod tests {
         assert_eq!(steps[0].window.until_seconds, 30.0);
     }
 
+    /// The windows of the judged sines, from and until.
+    fn windows_of_sines(tables: &str) -> Vec<(f64, f64)> {
+        let sines = scenario(tables).judged_sines().into_iter();
+        sines
+            .map(|sine| (sine.window.from_seconds, sine.window.until_seconds))
+            .collect()
+    }
+
+    fn sine(from_seconds: f64, period_seconds: f64) -> String {
+        format!(
+            "[[reference.sine]]\nfrom_seconds = {from_seconds:?}\ncentre_millimetres = 25.0\n\
+             amplitude_millimetres = 10.0\nperiod_seconds = {period_seconds:?}\n"
+        )
+    }
+
     #[test]
     fn the_last_three_of_at_least_four_whole_periods_count() {
-        let sine = |period: &str| {
-            let table = "[[reference.sine]]\nfrom_seconds = 5.0\ncentre_millimetres = 25.0\namplitude_millimetres = 10.0\nperiod_seconds = ";
-            scenario(&format!("{table}{period}\n")).judged_sine()
-        };
-        let window = |from_seconds, until_seconds| Window {
-            from_seconds,
-            until_seconds,
-        };
-        assert_eq!(sine("5.0"), Some(window(15.0, 30.0)));
-        assert_eq!(sine("6.0"), Some(window(11.0, 29.0)));
-        assert_eq!(sine("7.0"), None);
+        assert_eq!(windows_of_sines(&sine(5.0, 5.0)), [(15.0, 30.0)]);
+        assert_eq!(windows_of_sines(&sine(5.0, 6.0)), [(11.0, 29.0)]);
+        assert_eq!(windows_of_sines(&sine(5.0, 7.0)), []);
+    }
+
+    #[test]
+    fn each_sine_that_is_long_enough_is_judged() {
+        let two = sine(0.0, 2.0) + &sine(9.0, 5.0);
+        assert_eq!(windows_of_sines(&two), [(2.0, 8.0), (14.0, 29.0)]);
+        let last_is_short = sine(0.0, 2.0) + &sine(9.0, 6.0);
+        assert_eq!(windows_of_sines(&last_is_short), [(2.0, 8.0)]);
+    }
+
+    #[test]
+    fn nothing_is_judged_behind_the_end_of_the_judgement() {
+        let until = "[expect]\njudged_until_seconds = 11.0\n";
+        let steps = scenario(&format!("{STEPS}{until}")).judged_steps();
+        let windows = steps.iter().map(|step| step.window);
+        assert!(windows.eq([Window {
+            from_seconds: 10.0,
+            until_seconds: 11.0
+        }]));
+        let sines = sine(0.0, 2.0) + &sine(9.0, 1.0) + until;
+        assert_eq!(windows_of_sines(&sines), [(2.0, 8.0)]);
     }
 
     #[test]

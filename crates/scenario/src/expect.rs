@@ -90,6 +90,11 @@ pub struct Expect {
     /// `[expect.timing]` by key and quantile, `round_trip_microseconds_p99 = ["REQ-13"]`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub requirements: BTreeMap<String, Requirements>,
+    /// The metrics of position, current and traffic are judged on what comes before this; later the loop is meant to be open,
+    /// because a node dies on purpose. Reactions to faults, signals and sequences are judged to the end of the scenario.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 86_400.0))]
+    pub judged_until_seconds: Option<f64>,
     /// What signals must do, each in its window of time.
     #[schemars(length(max = 1000))]
     #[serde(skip_serializing_if = "Vec::is_empty")]

@@ -217,14 +217,20 @@ mod tests {
         }
     }
 
-    /// The keys of `[expect]` are the metrics and the tables of checks.
+    /// The keys of `[expect]` are the metrics, the end of the judgement, and the tables of checks.
     #[test]
     fn the_schema_has_the_same_names() {
         let schema = crate::schema::schema_of::<Expect>();
         let keys = schema["properties"].as_object().unwrap().keys();
-        let tables = ["requirements", "sequence", "signal", "timing"];
+        let others = [
+            "judged_until_seconds",
+            "requirements",
+            "sequence",
+            "signal",
+            "timing",
+        ];
         let mut names = METRICS.map(|metric| metric.name).to_vec();
-        names.extend(tables);
+        names.extend(others);
         names.sort_unstable();
         assert!(names.iter().eq(keys));
     }

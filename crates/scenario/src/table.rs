@@ -60,7 +60,11 @@ pub(crate) fn parse_column(name: &str, text: &str, column: &str) -> Result<Rows,
             let what = format!("has no column `{name}`");
             let listed = &known[..known.len().min(COLUMNS_LISTED_MAX)];
             let problem = reader.problem(reader.header, 1, &what, label);
-            return Err(problem.with_help(format!("columns of the table: {}", listed.join(", "))));
+            let help = format!(
+                "columns of the table: {}; `column = \"…\"` beside `file` names the one of this signal",
+                listed.join(", ")
+            );
+            return Err(problem.with_help(help));
         };
         *place = found;
     }

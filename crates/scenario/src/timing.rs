@@ -24,7 +24,7 @@ pub struct QuantileLimits {
 }
 
 /// Limits on the timing of a run in real time; virtual time has none. Where real-time priority was refused or the
-/// machine was overloaded the run is inconclusive.
+/// machine held the nodes up the run is inconclusive.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TimingLimits {

@@ -86,6 +86,11 @@ impl BusConnection {
         }
     }
 
+    /// A time of the system's monotonic clock on that of the recording.
+    pub(super) fn recorded_time(&self, time: Duration) -> Duration {
+        self.recorder.wall_epoch() + self.recorder.from_monotonic(time)
+    }
+
     /// By how much the clock of the stamps was stepped; the hub's is monotonic.
     pub(super) fn wall_clock_step(&self) -> Duration {
         if self.hub.is_some() {
@@ -136,7 +141,7 @@ impl BusConnection {
         })
     }
 
-    /// Ends the bus and gives the capture the last frames, and how many were lost.
+    /// Ends the bus and gives the capture the last frames, and how many others there were.
     ///
     /// # Errors
     /// The recording cannot be written.
@@ -144,6 +149,7 @@ impl BusConnection {
         self.recorder.stop();
         self.hub = None;
         capture.lose(self.recorder.lost());
+        capture.count_fd(self.recorder.fd_frames());
         self.collect(capture).map(|_| ())
     }
 }

@@ -13,7 +13,7 @@ use tokio::io::AsyncReadExt;
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::time::timeout;
 
-use crate::error::WorldError;
+use crate::error::{Doing, WorldError};
 use recording::run_folder::RunFolder;
 
 /// Lines of a log that a message shows.
@@ -22,6 +22,10 @@ const LOG_TAIL_LINES: usize = 12;
 const LOG_TAIL_BYTES: usize = 4096;
 /// How long a process may take to its orderly end, in wall time.
 const END_PATIENCE: Duration = Duration::from_secs(3);
+/// Exit codes of a node's process that say whose doing its end is; any other is its own.
+const NOT_SET_UP: i32 = 3;
+const BUS_FAILED: i32 = 4;
+const INTERNAL: i32 = 70;
 
 /// A node's process.
 pub(super) struct NodeProcess {
@@ -76,6 +80,11 @@ impl NodeProcess {
         })
     }
 
+    /// The number of its process; none once it has ended.
+    pub(super) fn number(&self) -> Option<u32> {
+        self.child.id()
+    }
+
     /// Kills the process as a fault of the scenario.
     pub(super) async fn kill_by_fault(&mut self) -> Result<(), WorldError> {
         self.is_killed_by_fault = true;
@@ -102,7 +111,7 @@ impl NodeProcess {
             return std::future::pending().await;
         }
         match self.child.wait().await {
-            Ok(status) => self.failure(status),
+            Ok(status) => self.failure(status, " in the middle of the run"),
             Err(source) => WorldError::Spawn {
                 name: self.name,
                 source,
@@ -126,7 +135,7 @@ impl NodeProcess {
                 self.remove_empty_log();
                 Ok(self.report().await)
             }
-            Ok(Ok(status)) => Err(self.failure(status)),
+            Ok(Ok(status)) => Err(self.failure(status, " when it was to stop")),
             Ok(Err(source)) => Err(WorldError::Spawn {
                 name: self.name,
                 source,
@@ -134,7 +143,10 @@ impl NodeProcess {
             Err(_) => {
                 // Already late, so how the kill goes does not matter any more.
                 let _ = self.child.kill().await;
-                Err(WorldError::NoStop { name: self.name })
+                Err(WorldError::NoStop {
+                    name: self.name,
+                    patience: END_PATIENCE,
+                })
             }
         }
     }
@@ -149,14 +161,20 @@ impl NodeProcess {
         text
     }
 
-    fn failure(&self, status: ExitStatus) -> WorldError {
+    fn failure(&self, status: ExitStatus, when: &str) -> WorldError {
         let log = self
             .log_tail()
             .map(|tail| format!("; the end of its log:\n{tail}"));
+        let doing = doing(status);
+        let how = match doing {
+            Doing::NotSetUp => "cannot be set up".to_owned(),
+            _ => how(status) + when,
+        };
         WorldError::Process {
             name: self.name,
-            how: how(status),
+            how,
             log: log.unwrap_or_default(),
+            doing,
         }
     }
 
@@ -184,6 +202,19 @@ impl NodeProcess {
         };
         // An empty file more does no harm.
         let _: io::Result<()> = removed;
+    }
+}
+
+/// Whose doing an end is, by the exit codes of `canrig node`.
+fn doing(status: ExitStatus) -> Doing {
+    use std::os::unix::process::ExitStatusExt;
+    match (status.code(), status.signal()) {
+        (Some(NOT_SET_UP), _) => Doing::NotSetUp,
+        (Some(BUS_FAILED), _) => Doing::FromOutside,
+        (Some(INTERNAL), _) => Doing::Crashed,
+        (None, Some(signal)) if process::is_crash(signal) => Doing::Crashed,
+        (None, _) => Doing::FromOutside,
+        (Some(_), _) => Doing::GaveUp,
     }
 }
 

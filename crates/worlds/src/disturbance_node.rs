@@ -1,12 +1,14 @@
 //! The bench's own node on the bus: it commands the disturbance module 0x11 as the scenario says, and gives the orders
-//! that are faults.
+//! that are faults. Beside a real drive it watches the limits of the rig, and whether anybody else leads.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
 use dbc::{Database, SignalMissing, signals};
+use recording::masters::MasterWatch;
 use scenario::Scenario;
+use scenario::fault::node::Node as FaultyNode;
 
 use crate::supervisor::Supervisor;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
@@ -19,6 +21,8 @@ pub struct DisturbanceProducer {
     frames: VecDeque<(f64, CanFrame)>,
     frame: Option<CanFrame>,
     supervisor: Option<Supervisor>,
+    masters: Option<MasterWatch>,
+    second_master: Option<String>,
     is_stopped: bool,
 }
 
@@ -45,6 +49,8 @@ impl DisturbanceProducer {
             frames: frames.into(),
             frame: None,
             supervisor: None,
+            masters: None,
+            second_master: None,
             is_stopped: false,
         })
     }
@@ -54,6 +60,45 @@ impl DisturbanceProducer {
     pub fn with_supervisor(mut self, supervisor: Option<Supervisor>) -> Self {
         self.supervisor = supervisor;
         self
+    }
+
+    /// The same with a watch for a second master, at the first frame of which the drive is stopped.
+    #[must_use]
+    pub fn with_master_watch(mut self, masters: Option<MasterWatch>) -> Self {
+        self.masters = masters;
+        self
+    }
+
+    /// What showed a second master, for people.
+    #[must_use]
+    pub fn second_master(&self) -> Option<&str> {
+        self.second_master.as_deref()
+    }
+
+    fn stop_drive(&mut self) {
+        match &mut self.supervisor {
+            Some(supervisor) => supervisor.stop_drive(),
+            None => {
+                let drive = NodeId::new(FaultyNode::Drive.number());
+                self.frame = Some(NmtCommand::Stop.frame(drive));
+            }
+        }
+    }
+
+    fn watch_masters(&mut self, now: Duration, frame: &CanFrame) {
+        let Some(masters) = self
+            .masters
+            .as_mut()
+            .filter(|_| self.second_master.is_none())
+        else {
+            return;
+        };
+        masters.take(now, frame);
+        if let Some(found) = masters.found().first() {
+            self.second_master = Some(found.to_string());
+            self.frames.clear();
+            self.stop_drive();
+        }
     }
 
     fn is_due(&self, now: Duration) -> bool {
@@ -85,6 +130,7 @@ impl Node for DisturbanceProducer {
     fn filters(&self) -> Vec<Filter> {
         let supervisor = self.supervisor.iter().flat_map(Supervisor::filters);
         let mut filters: Vec<Filter> = supervisor.collect();
+        filters.extend(self.masters.iter().flat_map(MasterWatch::filters));
         if !self.frames.is_empty() {
             filters.extend([Filter::exact(SYNC_COB_ID), self.drive]);
         }
@@ -96,6 +142,7 @@ impl Node for DisturbanceProducer {
         if let Some(supervisor) = &mut self.supervisor {
             supervisor.on_frame(now, frame);
         }
+        self.watch_masters(now, frame);
     }
 
     fn on_tick(&mut self, now: Duration) {
@@ -131,6 +178,8 @@ impl Node for DisturbanceProducer {
         let supervisor = self.supervisor.as_ref();
         if let Some(violation) = supervisor.and_then(Supervisor::violation) {
             Progress::Failed(violation.to_string())
+        } else if let Some(second_master) = &self.second_master {
+            Progress::Failed(second_master.clone())
         } else if self.is_stopped {
             Progress::Stopped
         } else {

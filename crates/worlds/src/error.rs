@@ -4,6 +4,7 @@ use std::io;
 use std::time::Duration;
 
 use dbc::SignalMissing;
+use recording::ending::EarlyEnd;
 use recording::run_folder::WriteError;
 
 use crate::coordinator::CoordinatorError;
@@ -12,6 +13,19 @@ use crate::coordinator::CoordinatorError;
 pub(crate) const START_PATIENCE: Duration = Duration::from_secs(15);
 /// How long a node may take to its safe state, on the run's clock.
 pub(crate) const STOP_PATIENCE: Duration = Duration::from_millis(500);
+
+/// Whose doing the end of a process was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doing {
+    /// The node could not be set up, so nothing began.
+    NotSetUp,
+    /// The node ended itself, with its reason.
+    GaveUp,
+    /// The node's code broke: a panic, a violation of memory.
+    Crashed,
+    /// Somebody killed the process, or the bus failed under it.
+    FromOutside,
+}
 
 /// Why a run failed.
 #[derive(Debug, thiserror::Error)]
@@ -26,10 +40,12 @@ pub enum WorldError {
         patience: Duration,
     },
     /// A node has no safe state in time.
-    #[error("{name} did not reach its safe state within {} ms", STOP_PATIENCE.as_millis())]
+    #[error("the {name} did not reach its safe state within {} ms", patience.as_millis())]
     NoStop {
         /// Which node.
         name: &'static str,
+        /// How long was waited.
+        patience: Duration,
     },
     /// A node cannot be built from the scenario.
     #[error("the {name} cannot be set up: {reason}")]
@@ -39,8 +55,8 @@ pub enum WorldError {
         /// Why.
         reason: String,
     },
-    /// A process ended before its time.
-    #[error("the {name} {how} in the middle of the run{log}")]
+    /// A process ended before its time, or badly.
+    #[error("the {name} {how}{log}")]
     Process {
         /// Which process.
         name: &'static str,
@@ -48,6 +64,8 @@ pub enum WorldError {
         how: String,
         /// The end of its log, ready to print.
         log: String,
+        /// Whose doing that was.
+        doing: Doing,
     },
     /// A process could not be started.
     #[error("the {name} cannot be started: {source}")]
@@ -63,12 +81,17 @@ pub enum WorldError {
     /// No kernel CAN where it is demanded.
     #[error("--require-vcan: {0}")]
     NoKernelCan(String),
-    /// No frame for some time in the middle of a run.
-    #[error("the bus has been silent for {} s in the middle of the run: the controller sends no SYNC", silence.as_secs())]
+    /// A node was not heard for some time in the middle of a run.
+    #[error("the {node} has been silent for {} s in the middle of the run", silence.as_secs_f64())]
     Silent {
+        /// Which node.
+        node: &'static str,
         /// For how long.
         silence: Duration,
     },
+    /// A node under test ended what is no run of its own, such as the pre-flight.
+    #[error("{0}")]
+    ByNode(EarlyEnd),
     /// The private bus cannot be made.
     #[error("no private bus: {0}")]
     Private(#[from] platform::private_bus::PrivateBusError),
@@ -81,6 +104,12 @@ pub enum WorldError {
     /// A limit of the rig was violated.
     #[error("canrig stopped the drive: {0}")]
     Violation(String),
+    /// Somebody else leads on this bus.
+    #[error("a second master: {0}")]
+    SecondMaster(String),
+    /// The bench cannot have the interface for itself.
+    #[error(transparent)]
+    Claim(platform::claim::ClaimError),
     /// A check before current may flow.
     #[error("the pre-flight fails: {name}: {found}")]
     Preflight {
@@ -95,4 +124,21 @@ pub enum WorldError {
     /// The recording cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
+}
+
+impl WorldError {
+    /// Whether a process was killed, or the bus failed under it.
+    pub(crate) fn is_from_outside(&self) -> bool {
+        matches!(self, Self::Process { doing, .. } if *doing == Doing::FromOutside)
+    }
+
+    /// Whether nothing began: a program or a plant cannot be started, or a check before the run failed.
+    #[must_use]
+    pub fn is_before_start(&self) -> bool {
+        match self {
+            Self::Node { .. } | Self::Spawn { .. } | Self::Preflight { .. } => true,
+            Self::Process { doing, .. } => *doing == Doing::NotSetUp,
+            _ => false,
+        }
+    }
 }

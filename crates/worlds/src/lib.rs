@@ -9,9 +9,11 @@
 //! What it does not know: what is judged, what a run folder holds besides the recording, and who reads it. It prints nothing:
 //! what happens meanwhile is reported to the caller.
 
+mod blame;
 mod bus_choice;
 pub mod bus_connection;
 mod bus_model;
+mod bus_place;
 pub mod catalogue;
 mod child;
 mod coordinator;
@@ -24,8 +26,11 @@ pub mod preflight;
 mod process_faults;
 pub mod processes;
 pub mod real_time;
+mod silence;
+mod stalls;
 mod supervisor;
 
 pub use bus_choice::{BusChoice, RunBus, choose_bus};
+pub use bus_place::{BusPlace, Vigil};
 pub use error::WorldError;
 pub use played::{End, Played};

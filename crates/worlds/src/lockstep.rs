@@ -9,6 +9,7 @@ use platform::lockstep::{Local, Participant};
 use scenario::Scenario;
 use scenario::fault::bus::Station;
 
+use crate::blame::end_by_node;
 use crate::bus_model::faults::BusFaults;
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
@@ -43,8 +44,13 @@ pub struct Roles<'a> {
 /// Runs the scenario in this process.
 ///
 /// # Errors
-/// A node failed, or the recording cannot be written.
+/// The bench failed, or the recording cannot be written.
 pub fn simulate(setup: &Setup, capture: &mut Capture<'_>) -> Result<End, WorldError> {
+    let played = play_here(setup, capture);
+    played.or_else(|error| end_by_node(error, setup, capture).map(End::ByNode))
+}
+
+fn play_here(setup: &Setup, capture: &mut Capture<'_>) -> Result<End, WorldError> {
     let scenario = &setup.scenario;
     let mut plant_emulator = nodes::plant_emulator(scenario)?;
     let mut bench = DisturbanceProducer::new(scenario, &setup.database)?;
@@ -96,7 +102,10 @@ pub fn play(
                 break;
             }
             if is_late {
-                return Err(WorldError::NoStop { name });
+                return Err(WorldError::NoStop {
+                    name,
+                    patience: STOP_PATIENCE,
+                });
             }
         }
     }

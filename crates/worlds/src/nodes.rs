@@ -15,6 +15,8 @@ use rig::rig_file::LoadedRig;
 pub(crate) const CONTROLLER: &str = "controller";
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
 pub(crate) const BENCH: &str = "bench";
+/// What the plant emulator plays, and a real one is.
+pub(crate) const DRIVE: &str = "drive";
 
 /// The rig with its drive and its disturbance module.
 ///

@@ -1,14 +1,17 @@
 //! How a world ended that did not fail.
 
+use recording::ending::EarlyEnd;
 use recording::latency::Host;
 
-/// How a run ended that did not fail.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How a run ended in which neither the bench nor the bus failed.
+#[derive(Clone, Debug, PartialEq)]
 pub enum End {
     /// The scenario was played to its end.
     Completed,
     /// The user stopped it.
     Interrupted,
+    /// A node under test ended it: it was silent, gave up or crashed, or violated a limit of the rig.
+    ByNode(EarlyEnd),
 }
 
 /// What a world came to that did not fail.

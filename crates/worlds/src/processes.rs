@@ -8,6 +8,7 @@ use platform::scheduling::OneProcessor;
 use scenario::Scenario;
 use tokio::runtime::Runtime;
 
+use crate::blame::end_by_node;
 use crate::bus_choice::RunBus;
 use crate::child::NodeProcess;
 use crate::coordinator::CoordinatorError;
@@ -18,6 +19,7 @@ use crate::nodes::{BENCH, CONTROLLER, PLANT_EMULATOR};
 use crate::played::{End, Played};
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
+use rig::setup::Setup;
 
 /// The nodes that are processes of their own; none where somebody else's is on the bus.
 pub(super) struct Processes {
@@ -43,11 +45,11 @@ impl Processes {
         early_end(process).await
     }
 
-    /// Stops both, the manager first; the reports of controller and emulator, or the first error of the two.
-    pub(super) async fn stop(&mut self) -> Result<[Option<String>; 2], WorldError> {
+    /// Stops both, the manager first; the reports of controller and emulator.
+    pub(super) async fn stop(&mut self) -> [Result<Option<String>, WorldError>; 2] {
         let controller = stop(&mut self.controller).await;
         let plant_emulator = stop(&mut self.plant_emulator).await;
-        Ok([controller?, plant_emulator?])
+        [controller, plant_emulator]
     }
 }
 
@@ -81,11 +83,22 @@ pub(super) fn runtime() -> Result<Runtime, WorldError> {
 /// # Errors
 /// A process or the bus failed, or the recording cannot be written.
 pub fn in_lockstep(
-    scenario: &Scenario,
+    setup: &Setup,
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
 ) -> Result<Played, WorldError> {
+    let played = play(&setup.scenario, folder, capture, bus);
+    let end = played.or_else(|error| end_by_node(error, setup, capture).map(End::ByNode))?;
+    Ok(Played::in_virtual_time(end))
+}
+
+fn play(
+    scenario: &Scenario,
+    folder: &RunFolder,
+    capture: &mut Capture<'_>,
+    bus: &RunBus,
+) -> Result<End, WorldError> {
     // The coordinator only sends; without filters nothing comes in.
     let (mut wire, address, _private) = match bus {
         RunBus::Embedded { .. } => (None, None, None),
@@ -135,7 +148,13 @@ pub fn in_lockstep(
     })();
     runtime.block_on(async {
         let error = match played {
-            Ok(end) => return processes.stop().await.map(|_| Played::in_virtual_time(end)),
+            Ok(end) => {
+                let stopped = processes.stop().await;
+                return stopped
+                    .into_iter()
+                    .collect::<Result<Vec<_>, _>>()
+                    .map(|_| end);
+            }
             // How a process ended says more than that it does not answer.
             Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
                 name,

@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use platform::clock::Clock;
 use platform::real_time::RunError;
-use platform::scheduling;
 use scenario::disturbance::Disturbance;
 
+use crate::blame::end_by_node;
 use crate::bus_connection::{BusConnection, COLLECT_PERIOD, stop_signal};
 use crate::child::NodeProcess;
 use crate::disturbance_node::DisturbanceProducer;
@@ -16,23 +16,25 @@ use crate::nodes::{CONTROLLER, PLANT_EMULATOR};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
 use crate::processes::{Processes, runtime};
+use crate::silence::SilenceWatch;
+use crate::stalls::StallRecorder;
 use crate::supervisor::Supervisor;
 use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
+use recording::masters::MasterWatch;
 use recording::run_folder::RunFolder;
+use recording::stalls::Who;
 use rig::external::ExternalNode;
 use rig::setup::Setup;
 
 /// What the controller needs beyond the bring-up until current flows, with some to spare.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
-/// A bus without a frame for so long has lost its manager.
-const SILENCE_MAX: Duration = Duration::from_secs(2);
 
 /// Plays the scenario in real time on a bus that is there, with controller and plant as processes unless they are external:
-/// to its end, or until what was recorded is enough.
+/// to its end, until a node under test ends it, or until what was recorded is enough.
 ///
 /// # Errors
-/// A process or the bus failed, or the recording cannot be written.
+/// The bench or the bus failed, or the recording cannot be written.
 pub fn play(
     setup: &Setup,
     folder: &RunFolder,
@@ -43,48 +45,64 @@ pub fn play(
     let runtime = runtime()?;
     let _entered = runtime.enter();
     let mut processes = start_nodes(setup, folder, connection)?;
+    let stalls = StallRecorder::start(setup, &processes)?;
     let mut bench = bench_node(setup)?;
     let mut bus = connection.join(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = stop_signal()?;
-    let ended = std::thread::scope(|scope| {
+    let mut run = Run {
+        setup,
+        folder,
+        connection,
+        capture,
+        processes: &mut processes,
+        stalls: &stalls,
+        is_enough,
+    };
+    let (end, stopped) = std::thread::scope(|scope| {
         let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *bus, &stop));
-        let end = runtime.block_on(async {
-            let run = follow(
-                setup,
-                folder,
-                connection,
-                capture,
-                &mut processes,
-                is_enough,
-            );
+        let (end, stopped) = runtime.block_on(async {
             let end = tokio::select! {
                 // Its error is reported below.
                 () = ended(&bench) => Ok(End::Interrupted),
-                end = run => end,
+                end = run.follow() => end,
             };
             // However the run went, nothing may stay heated or running.
-            let stopped = processes.stop().await;
-            match end {
-                Ok(end) => stopped.map(|reports| (end, reports)),
-                Err(error) => Err(error),
-            }
+            (end, run.processes.stop().await)
         });
         drop(stopper);
         let bench = bench
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        match bench {
+        let end = match bench {
             Err(RunError::Node(violation)) => Err(WorldError::Violation(violation)),
             bench => end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench)),
-        }
+        };
+        (end, stopped)
     });
-    ended.map(|(end, [controller, plant_emulator])| Played {
+    connection.collect(capture)?;
+    if let Some(second_master) = bench.second_master() {
+        return Err(WorldError::SecondMaster(second_master.to_owned()));
+    }
+    let (end, [mut controller, mut plant_emulator]) = with_reports(end, stopped);
+    if !setup.scenario.fault.node.hang.is_empty() {
+        // Suspended on purpose, a loop wakes up late.
+        controller.iter_mut().for_each(|report| report.late.clear());
+    }
+    let stalls = stalls.finish(
+        connection,
+        [
+            (Who::Controller, &mut controller),
+            (Who::PlantEmulator, &mut plant_emulator),
+        ],
+    );
+    let end = end.or_else(|error| end_by_node(error, setup, capture).map(End::ByNode))?;
+    Ok(Played {
         end,
         host: Some(Host {
-            controller: controller.map(|text| report(CONTROLLER, &text)),
-            plant_emulator: plant_emulator.map(|text| report(PLANT_EMULATOR, &text)),
+            controller,
+            plant_emulator,
             wall_clock_step: connection.wall_clock_step(),
-            load: scheduling::machine_load(),
+            stalls,
         }),
     })
 }
@@ -107,7 +125,7 @@ fn start_nodes(
     })
 }
 
-/// The bench's own node, with a supervisor where there is a rig.
+/// The bench's own node, with a supervisor where there is a rig, and a watch for a second master of a drive that is real.
 fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
     let mut orders = setup.scenario.clone();
     if !setup.external.has_fan() {
@@ -116,8 +134,11 @@ fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
     }
     let supervisor = setup.rig.as_ref();
     let supervisor = supervisor.map(|rig| Supervisor::new(&rig.file, &rig.drive));
+    let watch = |setup: &Setup| MasterWatch::new(&setup.scenario, &setup.database, &setup.external);
+    let has_drive = setup.external.has(ExternalNode::Drive);
+    let masters = has_drive.then(|| watch(setup)).transpose()?;
     let bench = DisturbanceProducer::new(&orders, &setup.database)?;
-    Ok(bench.with_supervisor(supervisor))
+    Ok(bench.with_supervisor(supervisor).with_master_watch(masters))
 }
 
 /// Waits until the bench's own node has ended: it has stopped the drive, or failed.
@@ -128,6 +149,26 @@ async fn ended<T>(bench: &ScopedJoinHandle<'_, T>) {
     }
 }
 
+/// How the run ended, and the reports of controller and emulator. The first error is why the others stopped.
+fn with_reports(
+    mut end: Result<End, WorldError>,
+    stopped: [Result<Option<String>, WorldError>; 2],
+) -> (Result<End, WorldError>, [Option<NodeReport>; 2]) {
+    let [controller, plant_emulator] = stopped;
+    let named = [(CONTROLLER, controller), (PLANT_EMULATOR, plant_emulator)];
+    let reports = named.map(|(name, stopped)| match stopped {
+        Ok(text) => text.map(|text| report(name, &text)),
+        Err(error) => {
+            // One that was killed takes the other with it, which may be noticed first.
+            if end.is_ok() || error.is_from_outside() {
+                end = Err(error);
+            }
+            None
+        }
+    });
+    (end, reports)
+}
+
 /// What a node reported of itself at its end.
 fn report(name: &str, text: &str) -> NodeReport {
     serde_json::from_str(text).unwrap_or_else(|_| NodeReport {
@@ -136,97 +177,85 @@ fn report(name: &str, text: &str) -> NodeReport {
     })
 }
 
-/// Collects frames until the scenario is over, the user stops it, or something fails.
-async fn follow(
-    setup: &Setup,
-    folder: &RunFolder,
-    connection: &mut BusConnection,
-    capture: &mut Capture<'_>,
-    processes: &mut Processes,
-    is_enough: &mut dyn FnMut(&Capture<'_>) -> bool,
-) -> Result<End, WorldError> {
-    let clock = Clock::start();
-    let mut last_frame = Duration::ZERO;
-    let mut faults = ProcessFaults::new(&setup.scenario);
-    let mut ticks = tokio::time::interval(COLLECT_PERIOD);
-    loop {
-        tokio::select! {
-            error = processes.early_end() => return Err(error),
-            _ = ticks.tick() => {}
-        }
-        let now = clock.now();
-        if connection.collect(capture)? {
-            last_frame = now;
-        }
-        if capture.is_interrupted() {
-            return Ok(End::Interrupted);
-        }
-        if is_enough(capture) {
-            return Ok(End::Completed);
-        }
-        let controller = processes.controller.as_mut();
-        play_faults(
-            &mut faults,
-            controller,
-            capture.scenario_time(),
-            folder,
-            connection,
-        )
-        .await?;
-        let silence = now - last_frame;
-        if is_over(setup, capture.scenario_time(), now, silence)? {
-            return Ok(End::Completed);
-        }
-    }
+/// A run while it goes on.
+struct Run<'a, 'b> {
+    setup: &'a Setup,
+    folder: &'a RunFolder,
+    connection: &'a mut BusConnection,
+    capture: &'a mut Capture<'b>,
+    processes: &'a mut Processes,
+    stalls: &'a StallRecorder,
+    is_enough: &'a mut dyn FnMut(&Capture<'_>) -> bool,
 }
 
-/// Does to the controller's process what the scenario's faults say by now. Faults of an external controller were refused
-/// before the run.
-async fn play_faults(
-    faults: &mut ProcessFaults,
-    controller: Option<&mut NodeProcess>,
-    scenario_time: Option<Duration>,
-    folder: &RunFolder,
-    connection: &BusConnection,
-) -> Result<(), WorldError> {
-    let (Some(controller), Some(time)) = (controller, scenario_time) else {
-        return Ok(());
-    };
-    while let Some(action) = faults.due(time) {
-        match action {
-            ProcessAction::Kill => controller.kill_by_fault().await?,
-            ProcessAction::Suspend => controller.suspend(true)?,
-            ProcessAction::Resume => controller.suspend(false)?,
-            ProcessAction::Start => {
-                *controller =
-                    NodeProcess::spawn(CONTROLLER, folder, Some(connection.address()), None)?;
+impl Run<'_, '_> {
+    /// Collects frames until the scenario is over, the user stops it, or something fails.
+    async fn follow(&mut self) -> Result<End, WorldError> {
+        let clock = Clock::start();
+        let mut silence = SilenceWatch::new(self.setup)?;
+        let mut faults = ProcessFaults::new(&self.setup.scenario);
+        let mut ticks = tokio::time::interval(COLLECT_PERIOD);
+        loop {
+            tokio::select! {
+                error = self.processes.early_end() => return Err(error),
+                _ = ticks.tick() => {}
             }
+            let now = clock.now();
+            self.connection.collect(self.capture)?;
+            if self.capture.is_interrupted() {
+                return Ok(End::Interrupted);
+            }
+            if (self.is_enough)(self.capture) {
+                return Ok(End::Completed);
+            }
+            self.play_faults(&mut faults).await?;
+            if is_over(self.setup, self.capture.scenario_time(), now)? {
+                return Ok(End::Completed);
+            }
+            silence.check(now, self.capture)?;
         }
     }
-    Ok(())
+
+    /// Does to the controller's process what the scenario's faults say by now. Faults of an external controller were refused
+    /// before the run.
+    async fn play_faults(&mut self, faults: &mut ProcessFaults) -> Result<(), WorldError> {
+        let controller = self.processes.controller.as_mut();
+        let (Some(controller), Some(time)) = (controller, self.capture.scenario_time()) else {
+            return Ok(());
+        };
+        while let Some(action) = faults.due(time) {
+            match action {
+                ProcessAction::Kill => controller.kill_by_fault().await?,
+                ProcessAction::Suspend => controller.suspend(true)?,
+                ProcessAction::Resume => controller.suspend(false)?,
+                ProcessAction::Start => {
+                    let address = self.connection.address();
+                    *controller = NodeProcess::spawn(CONTROLLER, self.folder, Some(address), None)?;
+                    self.stalls.watch(Who::Controller, controller);
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Whether the scenario has come to its end.
 ///
 /// # Errors
-/// It never will: it did not begin, or its manager is gone.
+/// It never will, since it did not begin.
 fn is_over(
     setup: &Setup,
     scenario_time: Option<Duration>,
     now: Duration,
-    silence: Duration,
 ) -> Result<bool, WorldError> {
     let scenario = &setup.scenario;
     let patience = start_patience(setup);
     match scenario_time {
-        Some(time) if time >= Duration::from_secs_f64(scenario.duration_seconds) => Ok(true),
-        Some(_) if silence > SILENCE_MAX => Err(WorldError::Silent {
-            silence: SILENCE_MAX,
-        }),
+        Some(time) => Ok(time >= Duration::from_secs_f64(scenario.duration_seconds)),
         // A fault that keeps the scenario from beginning is seen to its end.
         None if now > patience && !scenario.fault.is_empty() => Ok(true),
         None if now > patience => Err(WorldError::NoStart { patience }),
-        _ => Ok(false),
+        None => Ok(false),
     }
 }
 

@@ -37,7 +37,7 @@ enum SweepError {
 impl SweepError {
     fn exit(&self) -> Exit {
         match self {
-            Self::SweepPlan(_) => Exit::ScenarioInvalid,
+            Self::SweepPlan(_) => Exit::CannotStart,
             Self::Interrupted { .. } => Exit::Interrupted,
             Self::Store(_) | Self::Write(_) | Self::Finish(_) => Exit::BenchFailed,
         }

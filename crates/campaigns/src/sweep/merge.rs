@@ -58,7 +58,7 @@ impl MergeError {
             Self::Write(_)
             | Self::Finish(_)
             | Self::Store(StoreError::Write { .. } | StoreError::Busy { .. }) => Exit::BenchFailed,
-            _ => Exit::ScenarioInvalid,
+            _ => Exit::CannotStart,
         }
     }
 }
@@ -95,7 +95,7 @@ pub fn merge(args: &MergeArgs) -> Exit {
         print_error(&format!(
             "canrig: {path} is no folder of a sweep: there is no {name} in it"
         ));
-        return Exit::ScenarioInvalid;
+        return Exit::CannotStart;
     }
     let setup = match scenarios::load(&first.join(file::SCENARIO)) {
         Ok(setup) => setup,

@@ -35,9 +35,7 @@ pub(crate) fn to_text(summary: &Summary) -> String {
         } else {
             missed
         };
-        let numbers = spread
-            .quantiles
-            .map(|value| right(terminal::value(&spread.name, value)));
+        let numbers = spread.quantiles.map(|value| right(number(spread, value)));
         let name = [Cell::new(&spread.name), right(spread.count.to_string())];
         let limit = Cell::new(terminal::limit(&spread.name, spread.limit));
         table.add_row(name.into_iter().chain(numbers).chain([limit, missed]));
@@ -82,11 +80,19 @@ fn metrics(spreads: &[MetricSpread]) -> Markup {
             tbody { @for spread in spreads { tr {
                 td { (page::name(&spread.name)) }
                 td.number { (spread.count) }
-                @for value in spread.quantiles { td.number { (terminal::value(&spread.name, value)) } }
+                @for value in spread.quantiles { td.number { (number(spread, value)) } }
                 td { (terminal::limit(&spread.name, spread.limit)) }
                 td.fail[spread.missed > 0] { (missed(spread)) }
             } } }
         } }
+    }
+}
+
+/// A value of the distribution; no case may have one.
+fn number(spread: &MetricSpread, value: f64) -> String {
+    match spread.count {
+        0 => "never".to_owned(),
+        _ => terminal::value(&spread.name, value),
     }
 }
 

@@ -54,7 +54,7 @@ impl Ended {
             Self::Pass => Exit::Pass,
             Self::Inconclusive => Exit::Inconclusive,
             Self::Fail => Exit::VerdictFailed,
-            Self::Invalid => Exit::ScenarioInvalid,
+            Self::Invalid => Exit::CannotStart,
             Self::Incomplete => Exit::BenchFailed,
             Self::InternalError => Exit::Internal,
         }

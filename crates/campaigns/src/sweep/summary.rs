@@ -60,7 +60,7 @@ pub struct MetricSpread {
     pub missed: usize,
     /// The cases that have a value.
     pub count: usize,
-    /// The least, the median, the p95 and the greatest of them.
+    /// The least, the median, the p95 and the greatest of them; NaN where no case has a value.
     pub quantiles: [f64; 4],
     /// From the p1 to the p99.
     pub bulk: (f64, f64),
@@ -73,12 +73,13 @@ struct Survey {
     runs: usize,
     ended: BTreeMap<Ended, usize>,
     missed: BTreeMap<String, usize>,
+    /// Those that any case has, or that have a limit.
     metrics: Vec<String>,
     failing: Vec<Failing>,
 }
 
 impl Survey {
-    fn read(plan: &SweepPlan, folder: &Path) -> Result<Self, StoreError> {
+    fn read(plan: &SweepPlan, scenario: &Scenario, folder: &Path) -> Result<Self, StoreError> {
         let mut survey = Self {
             runs: 0,
             ended: BTreeMap::new(),
@@ -89,7 +90,19 @@ impl Survey {
         for row in store::read(folder)?.1 {
             survey.add(plan, row?);
         }
+        survey.add_limited(scenario);
         Ok(survey)
+    }
+
+    /// The rows with a limit that never had a value in any case.
+    fn add_limited(&mut self, scenario: &Scenario) {
+        let limited = scenario.expect.keys().map(str::to_owned);
+        let missed = self.missed.keys().cloned();
+        for name in limited.chain(missed).collect::<Vec<_>>() {
+            if !self.metrics.contains(&name) {
+                self.metrics.push(name);
+            }
+        }
     }
 
     fn add(&mut self, plan: &SweepPlan, row: SweepRow) {
@@ -122,7 +135,7 @@ impl Summary {
         scenario: &Scenario,
         folder: &Path,
     ) -> Result<Self, StoreError> {
-        let survey = Survey::read(plan, folder)?;
+        let survey = Survey::read(plan, scenario, folder)?;
         let keys = plan.ways().map(|(key, way)| (key.to_owned(), way));
         Ok(Self {
             name: plan.name().to_owned(),
@@ -135,7 +148,7 @@ impl Summary {
         })
     }
 
-    /// The metrics that any case has.
+    /// The metrics that any case has, or that have a limit.
     pub(super) fn metrics(&self) -> Vec<String> {
         self.spreads
             .iter()
@@ -232,5 +245,8 @@ mod tests {
         assert_eq!(decimated(&[]), [] as [f64; 0]);
         let spread = MetricSpread::new("m", None, 0, &many);
         assert_eq!(spread.quantiles, [0.0, 49_999.0, 94_999.0, 99_999.0]);
+        let never = MetricSpread::new("m", None, 3, &[]);
+        assert!(never.count == 0 && never.quantiles.iter().all(|one| one.is_nan()));
+        assert!(!never.varies());
     }
 }

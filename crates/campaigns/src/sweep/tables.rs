@@ -19,7 +19,7 @@ const GROUP_ROWS: usize = 10_000;
 /// What the tables are made of.
 pub(super) struct Tables<'a> {
     pub(super) plan: &'a SweepPlan,
-    /// The metrics that any row has.
+    /// The metrics that any row has, or that have a limit.
     pub(super) metrics: &'a [String],
     /// The folder with the rows.
     pub(super) folder: &'a Path,

@@ -63,7 +63,7 @@ pub fn torture(args: &TortureArgs) -> Exit {
     // The first one shows whether the scenario is fit for this at all.
     if let Err(reason) = case(0).and_then(|case| case.scenario()) {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
-        return Exit::ScenarioInvalid;
+        return Exit::CannotStart;
     }
     let scenarios = (0..args.runs).map_while(|index| case(index).ok()?.scenario().ok());
     let results = Campaign::on_all_cores(!args.quiet).play(scenarios, violation);

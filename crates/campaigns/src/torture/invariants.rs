@@ -59,6 +59,9 @@ pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 
 fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let verdict = played.verdict;
+    if let Some(end) = &verdict.ended_early {
+        return violated("verdict", end.to_string());
+    }
     if matches!(verdict.outcome, Outcome::Pass | Outcome::Fail) {
         return None;
     }

@@ -165,7 +165,7 @@ fn load(args: &IdentifyArgs) -> Result<Vec<IdentificationData>, IdentifyFailure>
             exit: Exit::Usage,
         });
     }
-    let invalid = IdentifyFailure::new(Exit::ScenarioInvalid);
+    let invalid = IdentifyFailure::new(Exit::CannotStart);
     let measurements = args
         .recordings
         .iter()

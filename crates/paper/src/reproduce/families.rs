@@ -104,7 +104,7 @@ mod tests {
     fn the_frequency_changes_period_and_length() {
         let scenario = at_frequency(&bases::bandwidth(), 0.1);
         assert_eq!(scenario.duration_seconds, 105.0);
-        let window = scenario.judged_sine().unwrap();
+        let window = scenario.judged_sines()[0].window;
         assert!(
             (window.from_seconds - 75.0).abs() < 1e-9
                 && (window.until_seconds - 105.0).abs() < 1e-9

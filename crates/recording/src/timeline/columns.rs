@@ -31,10 +31,11 @@ impl Columns {
         }
     }
 
-    /// Takes a frame of the latest of so many cycles.
-    pub(super) fn take(&mut self, frame: &CanFrame, rows: usize) {
+    /// Takes a frame of the latest of so many cycles. What is measured when that cycle is over belongs to no cycle.
+    pub(super) fn take(&mut self, frame: &CanFrame, rows: usize, is_late: bool) {
         let mut messages = self.0.iter_mut();
-        if let Some(message) = messages.find(|message| message.raw_id == frame.raw_id()) {
+        let message = messages.find(|message| message.raw_id == frame.raw_id());
+        if let Some(message) = message.filter(|message| !(is_late && message.is_measured)) {
             message.take(frame, rows);
         }
     }

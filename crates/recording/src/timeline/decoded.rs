@@ -1,8 +1,12 @@
 //! The decoded recording: one row for each cycle.
 
 use crate::events::{TimedEmergency, TimelineEvent};
+use crate::masters::SecondMaster;
 use crate::traces::SignalTrace;
 use crate::truth::PlantTruth;
+
+/// Sample times are multiples of the period; this absorbs their rounding.
+pub const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
 
 /// One signal over all cycles.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +34,8 @@ pub struct Timeline {
     /// The raw set-point of the scenario per row; NaN where the scenario has none.
     pub set_point_millimetres: Vec<f64>,
     pub columns: Vec<Column>,
+    /// What shows that somebody else led the drive too, the first first.
+    pub second_masters: Vec<SecondMaster>,
     /// Time in which frames occupied the bus by all time, from the first SYNC on; NaN without two SYNCs.
     pub bus_load_percent: f64,
     /// The longest time between two SYNCs; NaN without two SYNCs.
@@ -83,6 +89,28 @@ impl Timeline {
     #[must_use]
     pub fn due_seconds(&self) -> f64 {
         cycle_start_seconds(self.cycles_due, self.period_seconds)
+    }
+
+    /// What was known before a scenario time. How busy the bus was is that of the whole recording.
+    #[must_use]
+    pub fn before(&self, seconds: f64) -> Self {
+        let mut before = self.clone();
+        let rows = self.time_seconds.partition_point(|time| *time < seconds);
+        before.cycle.truncate(rows);
+        before.time_seconds.truncate(rows);
+        before.set_point_millimetres.truncate(rows);
+        for column in &mut before.columns {
+            column.values.truncate(rows);
+        }
+        before.events.retain(|event| event.time_seconds < seconds);
+        let emergencies = &mut before.emergencies;
+        emergencies.retain(|emergency| emergency.time_seconds < seconds);
+        before.truth.retain(|truth| truth.time_seconds < seconds);
+        for trace in &mut before.traces {
+            trace.samples.retain(|sample| sample.time_seconds < seconds);
+        }
+        before.last_frame_seconds = before.last_frame_seconds.min(seconds);
+        before
     }
 
     /// Cycles that never began or in which the drive was silent, by all that were due.

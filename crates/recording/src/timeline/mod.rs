@@ -5,5 +5,5 @@ mod decoded;
 mod reader;
 mod traffic;
 
-pub use decoded::{Column, Timeline};
+pub use decoded::{Column, TIME_TOLERANCE_SECONDS, Timeline};
 pub use reader::{TimelineReader, decode};

@@ -15,6 +15,7 @@ use crate::events::EventReader;
 use crate::fan::FanReader;
 use crate::log::Stamped;
 use crate::losses::LossReader;
+use crate::masters::MasterWatch;
 use crate::traces::TraceReader;
 use crate::truth::TruthReader;
 
@@ -36,6 +37,10 @@ pub struct TimelineReader {
     clock: ScenarioClock,
     period: Duration,
     end: Duration,
+    /// What the traffic is judged on ends here.
+    judged_end: Duration,
+    /// Scenario time of the latest SYNC.
+    latest_sync: Duration,
     end_cycle: u64,
     events: EventReader,
     losses: LossReader,
@@ -46,6 +51,7 @@ pub struct TimelineReader {
     traces: TraceReader,
     last_frame: Duration,
     traffic: Traffic,
+    masters: MasterWatch,
     columns: Columns,
     cycle: Vec<u64>,
     cycles_due: u64,
@@ -68,6 +74,8 @@ impl TimelineReader {
             clock: ScenarioClock::new(database)?,
             period,
             end,
+            judged_end: Duration::from_secs_f64(scenario.judged_end_seconds()),
+            latest_sync: Duration::ZERO,
             end_cycle: cycles(end, period),
             rare,
             events,
@@ -77,6 +85,7 @@ impl TimelineReader {
             traces: TraceReader::new(setup),
             last_frame: Duration::ZERO,
             traffic: Traffic::new(scenario),
+            masters: MasterWatch::new(scenario, database, &setup.external)?,
             columns: Columns::new(database)?,
             cycle: Vec::new(),
             cycles_due: 0,
@@ -97,24 +106,35 @@ impl TimelineReader {
         let is_sync = self.clock.on_frame(stamped.time, frame);
         let time = self.clock.scenario_time(stamped.time);
         self.last_frame = stamped.time;
+        self.masters.take_at(stamped.time, time, frame);
         if let Some(time) = time {
             self.losses.pass(time);
         }
         if frame.is_error() || self.rare.contains(&frame.raw_id()) {
             self.take_rare(stamped, time);
         }
-        // How the nodes stop after the scenario's end is no part of its last cycle.
-        if time.is_none_or(|time| time < self.end) {
+        if time.is_none_or(|time| time < self.judged_end) {
             let bits = stamped.occupied_bits;
             self.traffic.take(frame, stamped.time, bits);
-            self.columns.take(frame, self.cycle.len());
+        }
+        let is_late = time.is_some_and(|time| self.is_late(time));
+        // How the nodes stop after the scenario's end is no part of its last cycle.
+        if time.is_none_or(|time| time < self.end) {
+            self.columns.take(frame, self.cycle.len(), is_late);
         }
         if let Some(time) = time.filter(|_| is_sync) {
+            self.latest_sync = time;
             self.begin_cycle(cycles(time, self.period));
         }
         if !self.traces.is_empty() {
-            self.traces.take(frame, time, self.cycle_seconds());
+            let cycle_seconds = self.cycle_seconds().filter(|_| is_sync || !is_late);
+            self.traces.take(frame, time, cycle_seconds);
         }
+    }
+
+    /// Whether a frame comes when the latest cycle is over and no SYNC has begun another.
+    fn is_late(&self, time: Duration) -> bool {
+        time.saturating_sub(self.latest_sync) > self.period + self.period / 2
     }
 
     /// Takes a frame for those that read few: most frames are cyclic and none of theirs.
@@ -200,6 +220,7 @@ impl TimelineReader {
             traces: Vec::new(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             last_frame_seconds: since_zero.as_secs_f64(),
+            second_masters: self.masters.found(),
             bus_load_percent: self.traffic.load_percent(),
             sync_interval_milliseconds_max: self.traffic.sync_interval_milliseconds_max(),
         })
@@ -271,6 +292,38 @@ mod tests {
                     .for_each(|last| *last = value);
             }
         }
+    }
+
+    /// A drive that goes on sending when the SYNC has stopped.
+    #[test]
+    fn a_position_after_the_last_cycle_is_in_no_row() {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
+                    [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::of(scenario, &Catalogue::shipped());
+        let database = &*setup.database;
+        let position = |millimetres: f64| {
+            let mut message = database.builder("drive_tpdo1").unwrap();
+            message.set(&database.require(STATUSWORD).unwrap(), 39.0);
+            message.set(&database.require(signals::POSITION).unwrap(), millimetres);
+            message.frame()
+        };
+        let sync = CanFrame::new(SYNC_COB_ID, &[]);
+        let frames = [
+            (0, position(0.0)),
+            (1000, sync),
+            (1130, position(1.0)),
+            (2000, sync),
+            (2130, position(2.0)),
+            (3700, position(9.0)),
+        ];
+        let frames =
+            frames.map(|(micros, frame)| Stamped::new(Duration::from_micros(micros), frame));
+        let timeline = decode(&frames, &setup).unwrap();
+        assert_eq!(timeline.position(), [1.0, 2.0]);
+        let samples = timeline.traces[0].samples.iter();
+        let samples: Vec<_> = samples.map(|one| (one.time_seconds, one.value)).collect();
+        assert_eq!(samples, [(0.0, 1.0), (0.001, 2.0), (0.0027, 9.0)]);
     }
 
     proptest! {

@@ -1,4 +1,4 @@
-//! How busy the bus is, from the first SYNC to the end of the scenario.
+//! How busy the bus is, from the first SYNC to the end of what is judged.
 
 use std::time::Duration;
 

@@ -53,9 +53,7 @@ pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
 
 fn head(run: &Run<'_>) -> Markup {
     let scenario = &run.setup.scenario;
-    let Run {
-        verdict, timeline, ..
-    } = run;
+    let verdict = run.verdict;
     let law = scenario.controller.law_name();
     html! {
         h1 { (scenario.name) }
@@ -64,7 +62,7 @@ fn head(run: &Run<'_>) -> Markup {
         @if let Some(description) = &scenario.description { p.soft { (description) } }
         dl.facts {
             div { dt { "control law" } dd { (law) } }
-            div { dt { "recorded" } dd { (format!("{:.3} s of {} s", timeline.end_seconds(), scenario.duration_seconds)) } }
+            div { dt { "recorded" } dd { (recorded(run)) } }
             div { dt { "cycle" } dd { (scenario.bus.sync_period_milliseconds) " ms" } }
             div { dt { "bus" } dd { (scenario.bus.bitrate_kilobits_per_second) " kbit/s" } }
             div { dt { "frames" } dd { (run.frames.len()) } }
@@ -77,6 +75,19 @@ fn head(run: &Run<'_>) -> Markup {
             p.soft { "Wire temperature, martensite fraction and true position are not available: the drive is external, and only the emulator knows them." }
         }
     }
+}
+
+/// How much was recorded, and why no more.
+fn recorded(run: &Run<'_>) -> String {
+    let (reached, planned) = (
+        run.timeline.end_seconds(),
+        run.setup.scenario.duration_seconds,
+    );
+    let end = run.verdict.ended_early.as_ref().map(ToString::to_string);
+    // The end of a node's log stands in the reason.
+    let why = end.as_deref().and_then(|end| end.lines().next());
+    let why = why.map_or_else(String::new, |why| format!(": {why}"));
+    format!("{reached:.3} s of {planned} s{why}")
 }
 
 fn events(events: &[TimelineEvent]) -> Markup {

@@ -10,7 +10,16 @@ use crate::plot::{Colour, Extent, Patch, Plot, Shape};
 use crate::run::Run;
 use crate::unit::shown_unit;
 use judge::SETTLING_BAND;
-use recording::timeline::Timeline;
+use recording::timeline::{Column, Timeline};
+
+/// What not every controller computes: nodes send 0 for what they do not have.
+const IF_USED: [&str; 5] = [
+    "reference_position_",
+    "estimated_",
+    "sliding_variable_",
+    "equivalent_part_",
+    "switching_part_",
+];
 
 /// Steps and disturbances that get a plot of their own.
 const CLOSE_UPS_MAX: usize = 4;
@@ -190,7 +199,7 @@ fn position<'a>(run: &Run<'a>) -> Plot<'a> {
         time,
         timeline.position(),
     );
-    if let Some(column) = timeline.column("reference_position_millimetres") {
+    if let Some(column) = used(timeline, "reference_position_millimetres") {
         plot.draw(
             "filtered reference",
             Colour::Estimated,
@@ -270,6 +279,16 @@ fn disturbances(scenario: &Scenario) -> Vec<Patch> {
     patches.collect()
 }
 
+/// A column that the run has.
+fn used<'a>(timeline: &'a Timeline, name: &str) -> Option<&'a Column> {
+    let is_optional = IF_USED.iter().any(|beginning| name.starts_with(beginning));
+    let column = timeline.column(name);
+    column.filter(|column| {
+        let mut values = column.values.iter();
+        !is_optional || values.any(|value| !value.is_nan() && *value != 0.0)
+    })
+}
+
 fn of_signals<'a>(
     timeline: &'a Timeline,
     title: &str,
@@ -278,7 +297,7 @@ fn of_signals<'a>(
 ) -> Plot<'a> {
     let mut plot = Plot::over_time(title, unit);
     for (name, label, colour) in signals {
-        if let Some(column) = timeline.column(name) {
+        if let Some(column) = used(timeline, name) {
             plot.draw(
                 *label,
                 *colour,
@@ -311,7 +330,7 @@ fn hysteresis(timeline: &Timeline) -> Plot<'_> {
     ];
     for (temperature, fraction, label, colour) in pairs {
         if let (Some(temperature), Some(fraction)) =
-            (timeline.column(temperature), timeline.column(fraction))
+            (used(timeline, temperature), used(timeline, fraction))
         {
             plot.draw(
                 label,

@@ -16,7 +16,7 @@ use super::groups::Style;
 use super::run_log::Rows;
 use super::times::{CYCLE, RUN_TIME};
 use super::*;
-use judge::judge;
+use judge::{Circumstances, judge};
 use recording::log::Stamped;
 use recording::timeline;
 use rig::catalogue::Catalogue;
@@ -75,7 +75,7 @@ fn made_up_run() -> (Vec<Stamped>, Timeline, Verdict) {
     let stamped = |(micros, frame)| Stamped::new(Duration::from_micros(micros), frame);
     let frames: Vec<Stamped> = frames.into_iter().map(stamped).collect();
     let timeline = timeline::decode(&frames, &setup()).unwrap();
-    let verdict = judge(&timeline, &setup(), 0);
+    let verdict = judge(&timeline, &setup(), &Circumstances::default());
     (frames, timeline, verdict)
 }
 

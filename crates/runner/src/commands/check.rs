@@ -34,7 +34,7 @@ pub fn check(args: &CheckArgs) -> Exit {
             Ok(name) => print(&format!("{}: valid ({name})", path.display())),
             Err(error) => {
                 print_error(&format!("{error:?}"));
-                worst = worst.max(Exit::ScenarioInvalid);
+                worst = worst.max(Exit::CannotStart);
             }
         }
     }

@@ -49,10 +49,8 @@ pub fn export(args: &ExportArgs) -> Exit {
         Ok(converted) => converted,
         Err(error) => return refuse(error),
     };
-    if let Some(broken) = &recorded.log.broken {
-        print_error(&format!(
-            "canrig: the log breaks off ({broken}); what is before that is written"
-        ));
+    for remark in recorded.log.remarks() {
+        print_error(&format!("canrig: {remark}; the other frames are written"));
     }
     match &args.output {
         Some(place) => write(place, &bytes).err().unwrap_or(Exit::Pass),

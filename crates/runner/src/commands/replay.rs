@@ -107,10 +107,10 @@ fn report_all(reasons: &[String]) {
 }
 
 fn report(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
-    if let Some(broken) = &recorded.log.broken {
+    for remark in recorded.log.remarks() {
         let read = recorded.log.frames.len();
         print_error(&format!(
-            "canrig: the log breaks off ({broken}); {read} frames before that are judged"
+            "canrig: {remark}; the other {read} frames are judged"
         ));
     }
     if args.json {

@@ -1,5 +1,6 @@
 //! `canrig run`: scenarios with controller and plant as processes on a CAN bus.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -23,7 +24,9 @@ use rig::rig_file::{LoadedRig, RigError};
 use rig::setup::Setup;
 use worlds::bus_connection::BusConnection;
 use worlds::preflight::{Preflight, PreflightEvent};
-use worlds::{BusChoice, End, Played, RunBus, WorldError, choose_bus, processes, real_time};
+use worlds::{
+    BusChoice, BusPlace, End, Played, RunBus, Vigil, WorldError, choose_bus, processes, real_time,
+};
 
 /// Arguments of `run`.
 #[derive(Args, Debug)]
@@ -83,6 +86,10 @@ pub fn run(args: &RunArgs) -> Exit {
 /// What the arguments come to: on which bus, by which clock, with whose nodes.
 struct RunPlan<'a> {
     bus: RunBus,
+    /// Held until the command ends.
+    _place: BusPlace,
+    /// Between two scenarios.
+    vigil: Cell<Option<Vigil>>,
     clock: ClockChoice,
     external: External,
     rig: Option<Arc<LoadedRig>>,
@@ -96,7 +103,7 @@ impl<'a> RunPlan<'a> {
         let external = External::new(&args.external).map_err(usage_error)?;
         let rig = rig_of(args, &external).map_err(|error| {
             print_diagnostic(error);
-            Exit::ScenarioInvalid
+            Exit::CannotStart
         })?;
         let external = match rig {
             Some(_) => external.with_drive(),
@@ -108,12 +115,16 @@ impl<'a> RunPlan<'a> {
             _ => None,
         };
         let choice = choice.map_or_else(|| args.bus.clone(), BusChoice::Interface);
-        let bus = choose_bus(&choice, args.require_vcan).map_err(|error| {
+        let bus = choose_bus(&choice, args.require_vcan);
+        let placed = bus.and_then(|bus| BusPlace::take(&bus).map(|place| (bus, place)));
+        let (bus, place) = placed.map_err(|error| {
             print_error(&format!("canrig: {error}"));
             Exit::BenchFailed
         })?;
         Ok(Self {
             bus,
+            _place: place,
+            vigil: Cell::new(None),
             clock: args.clock,
             external,
             rig: rig.map(Arc::new),
@@ -166,6 +177,7 @@ impl<'a> RunPlan<'a> {
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
+        self.vigil.take().map_or(Ok(()), Vigil::end)?;
         let mut line = BusConnection::open(&self.bus)?;
         self.announce_address(line.address());
         let ended = match self.run_preflight(setup, folder.path(), &mut line, capture.watch()) {
@@ -176,8 +188,24 @@ impl<'a> RunPlan<'a> {
             Ok(end) => Ok(Played { end, host: None }),
             Err(error) => Err(error),
         };
+        let address = line.address().clone();
         line.close(capture)?;
+        // Where a controller may have been lost, its silence is what takes the current away.
+        let is_orderly = matches!(&ended, Ok(played) if played.end == End::Completed)
+            && setup.scenario.fault.is_empty();
+        if is_orderly {
+            self.keep_place(&address);
+        }
         ended
+    }
+
+    /// Until the next scenario, on a bus that outlives this one. What is wrong with that bus is for the next scenario to say.
+    fn keep_place(&self, address: &BusAddress) {
+        let is_manager = !self.external.has(ExternalNode::Controller);
+        let is_lasting = matches!(self.bus, RunBus::Interface(_));
+        if is_manager && is_lasting {
+            self.vigil.set(Vigil::begin(address).ok());
+        }
     }
 
     fn run_preflight(
@@ -213,9 +241,16 @@ impl<'a> RunPlan<'a> {
         match observed(|| watch.interrupt(), || (), made) {
             Ok(End::Completed) => Exit::Pass,
             Ok(End::Interrupted) => Exit::Interrupted,
+            Ok(End::ByNode(end)) => {
+                print_error(&format!("canrig: {end}"));
+                Exit::VerdictFailed
+            }
             Err(error) => {
                 print_error(&format!("canrig: {error}"));
-                Exit::BenchFailed
+                match error.is_before_start() {
+                    true => Exit::CannotStart,
+                    false => Exit::BenchFailed,
+                }
             }
         }
     }
@@ -249,9 +284,7 @@ impl Testbed for RunPlan<'_> {
     ) -> Result<Played, WorldError> {
         match self.clock {
             ClockChoice::RealTime => self.in_real_time(setup, folder, capture),
-            ClockChoice::Lockstep => {
-                processes::in_lockstep(&setup.scenario, folder, capture, &self.bus)
-            }
+            ClockChoice::Lockstep => processes::in_lockstep(setup, folder, capture, &self.bus),
         }
     }
 }

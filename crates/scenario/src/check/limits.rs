@@ -7,7 +7,7 @@ use crate::scenario::Scenario;
 
 /// Limits that can be met, on metrics that the scenario has.
 pub(super) fn limits(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let mut problems = Vec::new();
+    let mut problems = Vec::from_iter(end_problem(document, scenario));
     let timing = scenario.expect.timing.limits();
     let limits = scenario
         .expect
@@ -46,11 +46,28 @@ pub(super) fn limit_problem(
     Some(document.problem(path, message, label))
 }
 
-/// What the scenario lacks for a metric.
-fn missing_for(metric: &str, scenario: &Scenario) -> Option<&'static str> {
-    let disturbance = &scenario.disturbance;
+/// A judgement that ends after the run.
+fn end_problem(document: &Document<'_>, scenario: &Scenario) -> Option<Problem> {
+    let end_seconds = scenario.judged_end_seconds();
+    (end_seconds > scenario.duration_seconds).then(|| {
+        let label = format!("the run ends at {} s", scenario.duration_seconds);
+        let path = "expect.judged_until_seconds";
+        document.problem(path, "the judgement ends after the run", label)
+    })
+}
+
+/// What the scenario lacks for a metric, up to the end of what is judged.
+fn missing_for(metric: &str, scenario: &Scenario) -> Option<String> {
+    let missing = missing_piece(metric, scenario)?;
+    let end_seconds = scenario.expect.judged_until_seconds;
+    let before = end_seconds.map(|end| format!(" before judged_until_seconds = {end}"));
+    Some(format!("{missing}{}", before.unwrap_or_default()))
+}
+
+fn missing_piece(metric: &str, scenario: &Scenario) -> Option<&'static str> {
+    let end_seconds = scenario.judged_end_seconds();
     match metric {
-        "settling_time_seconds" | "overshoot_percent" if scenario.reference.step.is_empty() => {
+        "settling_time_seconds" | "overshoot_percent" if scenario.judged_steps().is_empty() => {
             Some("a [[reference.step]]")
         }
         "steady_state_error_millimetres" | "tracking_error_millimetres_rms"
@@ -59,12 +76,13 @@ fn missing_for(metric: &str, scenario: &Scenario) -> Option<&'static str> {
             Some("a [[reference.…]]")
         }
         "sine_gain" | "sine_phase_degrees" | "sine_offset_millimetres"
-            if scenario.judged_sine().is_none() =>
+            if scenario.judged_sines().is_empty() =>
         {
             Some("a [[reference.sine]] of at least four periods")
         }
         "maximum_deviation_millimetres" | "recovery_time_seconds"
-            if disturbance.fan.is_empty() && disturbance.load.is_empty() =>
+            if !(scenario.disturbance_windows().iter())
+                .any(|disturbance| disturbance.window.from_seconds < end_seconds) =>
         {
             Some("a [[disturbance.…]]")
         }

@@ -121,6 +121,28 @@ fn a_check_demands_something_that_can_be_met() {
 }
 
 #[test]
+fn the_judgement_ends_within_the_run_and_behind_what_it_judges() {
+    check(
+        "[expect]\njudged_until_seconds = 4.5\n",
+        9,
+        24,
+        "the judgement ends after the run",
+        "the run ends at 4 s",
+    );
+    let step = "[[reference.step]]\nat_seconds = 2.0\nposition_millimetres = 20.0\n";
+    let limit = "[expect]\njudged_until_seconds = 2.0\novershoot_percent = { max = 1.0 }\n";
+    check(
+        &format!("{step}{limit}"),
+        13,
+        21,
+        "`overshoot_percent` cannot be judged",
+        "needs a [[reference.step]] before judged_until_seconds = 2",
+    );
+    let later = limit.replace("2.0", "2.1");
+    parse(&format!("{step}{later}")).unwrap();
+}
+
+#[test]
 fn a_window_lies_within_the_run() {
     check(
         &signal("from_seconds = 4\nstays = { max = 1 }"),

@@ -325,6 +325,7 @@ impl Found {
 fn reason(error: &WorldError) -> String {
     match error {
         WorldError::Process { log, .. } => log.lines().last().map(|line| line.trim().to_owned()),
+        WorldError::ByNode(end) => end.what.lines().last().map(|line| line.trim().to_owned()),
         _ => None,
     }
     .filter(|said| !said.is_empty())

@@ -1,18 +1,22 @@
 //! The drive and what else is expected on the bus: are they there, who are they, and do they have the objects?
 //!
-//! A node without node-ID. It listens whether somebody else leads, resets the drive's communication, and then asks by SDO,
-//! one object after the other. No current can flow: a drive that was reset is not enabled.
+//! A node without node-ID. It listens whether somebody else leads, sends the manager's heartbeat from then on, resets the
+//! drive's communication, and asks by SDO, one object after the other. No current can flow: a drive that was reset is not
+//! enabled.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use canopen::object_dictionary::{AbortCode, Entry};
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
-use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, ObjectDictionary, Progress, cia402};
+use canopen::{
+    CanFrame, Filter, NmtCommand, Node, NodeId, ObjectDictionary, Progress, cia402, earlier,
+};
 use scenario::rig::ObjectAddress;
 
 use super::checklist::Check;
-use rig::data_sheet::rig_data_sheets;
+use crate::bus_place::ManagerHeartbeat;
+use rig::data_sheet::{DataSheet, rig_data_sheets};
 use rig::presence::Presence;
 use rig::rig_file::LoadedRig;
 
@@ -77,7 +81,9 @@ pub(super) struct Interview {
     objects: VecDeque<Question>,
     answers: Vec<Answer>,
     presence: Presence,
+    sheets: Vec<DataSheet>,
     manager: Option<String>,
+    heartbeat: ManagerHeartbeat,
     output: VecDeque<CanFrame>,
 }
 
@@ -117,10 +123,17 @@ impl Interview {
             objects: objects.collect(),
             answers: Vec::new(),
             presence: Presence::default(),
+            sheets: rig_data_sheets(),
             manager: None,
+            heartbeat: ManagerHeartbeat::default(),
             output: VecDeque::new(),
             dictionary,
         }
+    }
+
+    /// How another manager showed, if one did.
+    pub(super) fn manager(&self) -> Option<&str> {
+        self.manager.as_deref()
     }
 
     /// What came of it.
@@ -367,6 +380,12 @@ impl Node for Interview {
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         self.presence.on_frame(frame);
+        // Its own frames do not come back, so the heartbeat that it hears is somebody else's.
+        self.manager = self.presence.manager(&self.sheets);
+        if self.manager.is_some() {
+            self.phase = Phase::Done;
+            return;
+        }
         self.client.on_frame(now, frame);
         self.advance(now);
     }
@@ -378,11 +397,7 @@ impl Node for Interview {
                 self.phase = Phase::Listening { until };
             }
             Phase::Listening { until } if now >= until => {
-                self.manager = self.presence.manager(&rig_data_sheets());
-                if self.manager.is_some() {
-                    self.phase = Phase::Done;
-                    return;
-                }
+                self.heartbeat.start(now);
                 let drive = self.to_call.front().map(|(node, _)| *node);
                 self.output
                     .push_back(NmtCommand::ResetCommunication.frame(drive));
@@ -396,6 +411,7 @@ impl Node for Interview {
             }
             _ => {}
         }
+        self.output.extend(self.heartbeat.due(now));
     }
 
     fn on_stop(&mut self, _now: Duration) {
@@ -407,13 +423,14 @@ impl Node for Interview {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        match self.phase {
+        let deadline = match self.phase {
             Phase::Start => Some(Duration::ZERO),
             Phase::Listening { until } => Some(until),
             Phase::Calling { until, again } => Some(until.min(again)),
             Phase::Asking => self.client.next_deadline(),
-            Phase::Done => None,
-        }
+            Phase::Done => return None,
+        };
+        earlier(deadline, self.heartbeat.next_deadline())
     }
 
     fn progress(&self) -> Progress {

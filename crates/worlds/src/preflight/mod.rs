@@ -25,6 +25,7 @@ pub use checklist::{Check, CheckOutcome};
 
 use crate::bus_choice::RunBus;
 use crate::bus_connection::BusConnection;
+use crate::bus_place::Vigil;
 use crate::catalogue::catalogue;
 use crate::error::WorldError;
 use crate::played::End;
@@ -103,7 +104,14 @@ impl Preflight {
         if watch.is_interrupted() {
             return Ok(End::Interrupted);
         }
-        pass(interview.checks(), report)?;
+        let passed = pass(interview.checks(), report);
+        if let Some(manager) = interview.manager() {
+            let found = format!(
+                "the pre-flight hears {manager}: end the other controller, or name it with --external controller"
+            );
+            return Err(WorldError::SecondMaster(found));
+        }
+        passed?;
         let session = Session {
             parent,
             connection,
@@ -115,7 +123,7 @@ impl Preflight {
         }
         let cooling = Duration::from_secs_f64(rig.file.preflight.cooling_seconds);
         report(&PreflightEvent::Cooling(cooling));
-        Ok(wait(cooling, watch))
+        cool(cooling, connection, watch)
     }
 
     /// The rig, or that of the emulated drive where there is no rig file, with the user's wish.
@@ -178,10 +186,14 @@ fn heat(
     let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
     await_stopped(connection, &mut capture, &mut heating)?;
     capture.finish()?;
-    if matches!(&ended, Ok(played) if played.end == End::Interrupted) {
-        return Ok(End::Interrupted);
-    }
-    pass(heating.checks(ended.as_ref().map(|_| ())), report)?;
+    let ended = match ended.map(|played| played.end) {
+        Err(second_master @ WorldError::SecondMaster(_)) => return Err(second_master),
+        Ok(End::Interrupted) => return Ok(End::Interrupted),
+        Ok(End::ByNode(end)) => Err(WorldError::ByNode(end)),
+        Ok(End::Completed) => Ok(()),
+        Err(error) => Err(error),
+    };
+    pass(heating.checks(ended.as_ref().copied()), report)?;
     Ok(End::Completed)
 }
 
@@ -258,14 +270,16 @@ fn await_stopped(
     }
 }
 
-/// Waits, unless the user does not want to.
-fn wait(time: Duration, watch: &Watch) -> End {
+/// Waits, unless the user does not want to, and keeps the bench's place on the bus meanwhile.
+fn cool(time: Duration, connection: &BusConnection, watch: &Watch) -> Result<End, WorldError> {
+    let vigil = Vigil::begin(connection.address())?;
     let clock = clock::Clock::start();
-    while clock.now() < time {
-        if watch.is_interrupted() {
-            return End::Interrupted;
-        }
+    while clock.now() < time && !watch.is_interrupted() && !vigil.is_broken() {
         clock::sleep(POLL_PERIOD);
     }
-    End::Completed
+    vigil.end()?;
+    Ok(match watch.is_interrupted() {
+        true => End::Interrupted,
+        false => End::Completed,
+    })
 }

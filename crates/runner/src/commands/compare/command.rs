@@ -125,11 +125,10 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> 
         (&b_timeline, &b_verdict),
     );
     for recorded in [&a, &b] {
-        if let Some(broken) = &recorded.log.broken {
-            comparison
-                .remarks
-                .push(format!("{} breaks off: {broken}", recorded.path.display()));
-        }
+        let path = recorded.path.display();
+        let remarks = recorded.log.remarks().into_iter();
+        let remarks = remarks.map(|remark| format!("{path}: {remark}"));
+        comparison.remarks.extend(remarks);
     }
     let page = args.output.as_deref().map(|place| {
         let names = [&a, &b].map(|recorded| recorded.path.display().to_string());

@@ -53,7 +53,7 @@ pub fn coverage(args: &CoverageArgs) -> Exit {
         Err(CoverageError::Run(error)) => return refuse(error),
         Err(error) => {
             print_error(&format!("canrig: {error}"));
-            return Exit::ScenarioInvalid;
+            return Exit::CannotStart;
         }
     };
     if args.json {

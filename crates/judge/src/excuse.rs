@@ -1,0 +1,141 @@
+//! What a limit says in a run in which the machine stood still: nothing, where that explains the miss.
+
+use crate::evidence::Evidence;
+use crate::metric::{Metric, meets};
+use crate::metrics::metrics;
+use crate::misses::Stretch;
+
+pub(crate) const MISSED_CYCLES: &str = "missed_cycles_percent";
+/// Its row has no value but the event.
+const NO_EVENT: &str = "no_event";
+const SYNC_INTERVAL: &str = "sync_interval_milliseconds_max";
+
+/// Metrics that only grow as a run goes on: what is beyond a limit once stays beyond it.
+const GROWING: [&str; 7] = [
+    "settling_time_seconds",
+    "overshoot_percent",
+    "maximum_deviation_millimetres",
+    "recovery_time_seconds",
+    "position_millimetres_max",
+    "temperature_celsius",
+    "recovers_within_seconds",
+];
+
+/// The bench's own misses.
+pub(crate) struct Excuse {
+    /// When the first of them was, or the stall that it was missed for.
+    first_seconds: f64,
+    longest: Stretch,
+    /// So many that no control metric says anything any more: what to say of it.
+    busy: Option<String>,
+}
+
+impl Excuse {
+    /// None where no cycle was missed because of the bench.
+    pub(crate) fn of(evidence: &Evidence<'_>, percent_max: f64) -> Option<Self> {
+        let misses = evidence.misses();
+        let longest = misses.longest_stall()?;
+        let begins = misses
+            .by_bench()
+            .map(|(miss, stretch)| miss.at_seconds.min(stretch.from_seconds));
+        let percent = misses.percent_by_bench();
+        let busy = (percent > percent_max).then(|| {
+            format!(
+                "{percent:.1} % of the cycles were missed because of stalls (limit {percent_max} %), the longest when {}: the machine was too busy for real time; try --clock lockstep",
+                longest.words()
+            )
+        });
+        Some(Self {
+            first_seconds: begins.fold(f64::INFINITY, f64::min),
+            longest,
+            busy,
+        })
+    }
+
+    /// Opens the limits that the bench's misses explain; what to say of them, if there are some.
+    pub(crate) fn open_limits(
+        &self,
+        evidence: &Evidence<'_>,
+        rows: &mut [Metric],
+    ) -> Option<String> {
+        let before = metrics_before(evidence, self.first_seconds);
+        let mut opened = Vec::new();
+        for row in rows.iter_mut() {
+            let old = before.iter().find(|old| old.name == row.name);
+            if let (None, Some(old)) = (row.passed, old)
+                && is_proven(row, Some(old))
+            {
+                // A stall kept its window from being seen to the end, but it was beyond the limit before.
+                row.clone_from(old);
+                continue;
+            }
+            let is_open = match row.passed {
+                Some(false) if row.name == MISSED_CYCLES => Self::explains_missed(evidence, row),
+                Some(false) if row.name == SYNC_INTERVAL => self.explains_interval(evidence, row),
+                Some(false) => !is_proven(row, old),
+                Some(true) => self.busy.is_some() && !is_of_traffic(row),
+                None => false,
+            };
+            if is_open {
+                leave_open(row);
+                opened.push(row.name.as_str());
+            }
+        }
+        if self.busy.is_some() {
+            return self.busy.clone();
+        }
+        (!opened.is_empty()).then(|| {
+            let (names, stall) = (opened.join(", "), self.longest.words());
+            format!("not judged, since {stall}: {names}; run it again or use --clock lockstep")
+        })
+    }
+
+    /// Without the bench's own misses the limit is met.
+    fn explains_missed(evidence: &Evidence<'_>, row: &Metric) -> bool {
+        let unexplained = evidence.misses().percent_unexplained();
+        row.limit.is_some_and(|limit| meets(unexplained, limit))
+    }
+
+    /// A SYNC that is due in a stall comes after it, by a period at most.
+    fn explains_interval(&self, evidence: &Evidence<'_>, row: &Metric) -> bool {
+        let periods = 2.0 * evidence.timeline.period_seconds;
+        let longest = self.longest.until_seconds - self.longest.from_seconds;
+        row.value
+            .is_some_and(|value| value <= 1e3 * (longest + periods))
+    }
+}
+
+/// What was measured until a time, as if the scenario ended there.
+fn metrics_before(evidence: &Evidence<'_>, seconds: f64) -> Vec<Metric> {
+    let timeline = evidence.timeline.before(seconds);
+    let mut setup = evidence.setup.clone();
+    let until_seconds = seconds.min(setup.scenario.judged_end_seconds());
+    setup.scenario.expect.judged_until_seconds = Some(until_seconds);
+    metrics(&Evidence::new(&timeline, &setup, evidence.circumstances))
+}
+
+/// Whether a limit was missed by what was on the bus before the first stall: by what is the same without all that came later,
+/// or can only have grown.
+fn is_proven(row: &Metric, before: Option<&Metric>) -> bool {
+    let Some(before) = before else {
+        return false;
+    };
+    if row.name == NO_EVENT {
+        return before.passed == Some(false) && before.remark == row.remark;
+    }
+    let (Some(value), Some(limit)) = (before.value, before.limit) else {
+        return false;
+    };
+    let is_same = before.value == row.value && before.at_seconds == row.at_seconds;
+    let is_beyond = limit.max.is_some_and(|max| value > max);
+    before.passed == Some(false) && (is_same || is_beyond && GROWING.contains(&row.name.as_str()))
+}
+
+fn is_of_traffic(row: &Metric) -> bool {
+    [MISSED_CYCLES, SYNC_INTERVAL, "bus_load_percent"].contains(&row.name.as_str())
+}
+
+/// A limit that is neither met nor missed.
+pub(crate) fn leave_open(row: &mut Metric) {
+    row.passed = None;
+}

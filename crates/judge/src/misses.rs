@@ -1,0 +1,348 @@
+//! Whose doing it was that a cycle was missed: the bench's, a fault's of the scenario, or a node's. By evidence only: without
+//! a stall in the recording's evidence nothing is the bench's.
+
+use std::time::Duration;
+
+use recording::ending::{EarlyEnd, EndedBy};
+use recording::stalls::{Stall, Who};
+use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
+use rig::external::{External, ExternalNode};
+use rig::setup::Setup;
+use scenario::Scenario;
+use scenario::events::Window;
+
+use crate::circumstances::Circumstances;
+
+/// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
+const REACTION_SECONDS: f64 = 0.2;
+/// Nodes wait at least for so long for each other's heartbeat.
+const HEARD_SECONDS: f64 = 0.1;
+/// With faults the plant sends its truth every 10 ms at least.
+pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
+/// Without faults the last SYNC comes a period before the end, or late.
+const END_PERIODS: f64 = 1.5;
+
+/// What was missing in a cycle, and so by whom.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Missing {
+    /// No SYNC: the controller's.
+    Sync,
+    /// A SYNC but no position: the drive's.
+    Position,
+}
+
+impl Missing {
+    /// `controller: no SYNC`
+    fn words(self) -> &'static str {
+        match self {
+            Self::Sync => "controller: no SYNC",
+            Self::Position => "drive: no position",
+        }
+    }
+}
+
+/// Whose doing it was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Doing {
+    /// The bench's: of all stalls of that time, this one.
+    Bench(Stretch),
+    Fault,
+    Node,
+}
+
+/// A stall in scenario time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stretch {
+    pub(crate) from_seconds: f64,
+    pub(crate) until_seconds: f64,
+    pub(crate) stall: Stall,
+}
+
+impl Stretch {
+    fn length(&self) -> f64 {
+        self.until_seconds - self.from_seconds
+    }
+
+    /// `the machine stood still for 45.0 ms at 1.234 s`
+    pub(crate) fn words(&self) -> String {
+        format!("{} at {:.3} s", self.stall, self.from_seconds)
+    }
+}
+
+/// A cycle that was missed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Miss {
+    pub(crate) at_seconds: f64,
+    pub(crate) missing: Missing,
+    pub(crate) doing: Doing,
+}
+
+/// All cycles that were missed, of those that were due.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Misses {
+    pub(crate) due: u64,
+    pub(crate) all: Vec<Miss>,
+}
+
+impl Misses {
+    pub(crate) fn of(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) -> Self {
+        let due = due(
+            timeline,
+            &setup.scenario,
+            circumstances.ended_early.as_ref(),
+        );
+        let stretches = stretches(timeline, &circumstances.stalls);
+        let [sync, position] = [Missing::Sync, Missing::Position]
+            .map(|missing| excusing(&stretches, missing, &setup.external));
+        let windows = setup.scenario.fault.windows();
+        let is_faulty = |from: f64, until: f64| {
+            windows.iter().any(|fault| {
+                let begins = fault.from_seconds.unwrap_or(f64::NEG_INFINITY);
+                let booted = fault
+                    .from_seconds
+                    .map_or(Some(0.0), |_| fault.until_seconds);
+                let reaction = REACTION_SECONDS + TIME_TOLERANCE_SECONDS;
+                until + TIME_TOLERANCE_SECONDS >= begins
+                    && booted.is_none_or(|ends| from <= ends + reaction)
+            })
+        };
+        let mut all = Vec::new();
+        // The cycles without interruption that follow from a fault.
+        let mut follows_until = None;
+        for (cycle, missing) in missed(timeline, due) {
+            let (from, until) = stretch_of(cycle, timeline.period_seconds);
+            let stretches = match missing {
+                Missing::Sync => &sync,
+                Missing::Position => &position,
+            };
+            let is_fault = is_faulty(from, until) || follows_until == Some(cycle);
+            follows_until = is_fault.then_some(cycle + 1);
+            let doing = match overlapping(stretches, from, until) {
+                Some(stretch) => Doing::Bench(stretch),
+                None if is_fault => Doing::Fault,
+                None => Doing::Node,
+            };
+            all.push(Miss {
+                at_seconds: from,
+                missing,
+                doing,
+            });
+        }
+        Self { due, all }
+    }
+
+    /// All of them, by all that were due.
+    pub(crate) fn percent(&self) -> f64 {
+        self.percent_of(self.all.len())
+    }
+
+    /// Those that the bench does not explain.
+    pub(crate) fn percent_unexplained(&self) -> f64 {
+        self.percent_of(self.all.len() - self.by_bench().count())
+    }
+
+    fn percent_of(&self, count: usize) -> f64 {
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "cycle counts stay far below 2^52"
+        )]
+        let (due, count) = (self.due as f64, count as f64);
+        if self.due == 0 {
+            0.0
+        } else {
+            100.0 * count / due
+        }
+    }
+
+    /// The stalls with their misses.
+    pub(crate) fn by_bench(&self) -> impl Iterator<Item = (&Miss, Stretch)> {
+        self.all.iter().filter_map(|miss| match miss.doing {
+            Doing::Bench(stretch) => Some((miss, stretch)),
+            _ => None,
+        })
+    }
+
+    /// Whether cycles were missed in a window, and none of them by a node or a fault.
+    pub(crate) fn are_of_the_bench_in(&self, window: Window) -> bool {
+        let inside = |miss: &&Miss| {
+            miss.at_seconds >= window.from_seconds - TIME_TOLERANCE_SECONDS
+                && miss.at_seconds < window.until_seconds - TIME_TOLERANCE_SECONDS
+        };
+        let mut missed = self.all.iter().filter(inside).peekable();
+        missed.peek().is_some() && missed.all(|miss| matches!(miss.doing, Doing::Bench(_)))
+    }
+
+    pub(crate) fn percent_by_bench(&self) -> f64 {
+        self.percent_of(self.by_bench().count())
+    }
+
+    /// The longest stall that a cycle was missed for.
+    pub(crate) fn longest_stall(&self) -> Option<Stretch> {
+        let stretches = self.by_bench().map(|(_, stretch)| stretch);
+        stretches.max_by(|left, right| left.length().total_cmp(&right.length()))
+    }
+
+    /// Why a run fails whose nodes left out more than so many percent of the cycles: who, how many and since when. Of the
+    /// frames that the recorder lost, each may have been one of theirs.
+    pub(crate) fn too_many_by_nodes(&self, percent_max: f64, frames_lost: u64) -> Option<String> {
+        let by_nodes = self.all.iter().filter(|miss| miss.doing == Doing::Node);
+        let lost = usize::try_from(frames_lost).unwrap_or(usize::MAX);
+        let sure = by_nodes.clone().count().saturating_sub(lost);
+        if sure == 0 || self.percent_of(sure) <= percent_max {
+            return None;
+        }
+        let parts = [Missing::Sync, Missing::Position].map(|missing| {
+            let mut of_node = by_nodes.clone().filter(|miss| miss.missing == missing);
+            let first = of_node.next()?.at_seconds;
+            let percent = self.percent_of(of_node.count() + 1);
+            let words = missing.words();
+            Some(format!(
+                "{words} in {percent:.2} % of the cycles, first at {first:.3} s"
+            ))
+        });
+        let parts: Vec<String> = parts.into_iter().flatten().collect();
+        Some(format!("{} (limit {percent_max} %)", parts.join("; ")))
+    }
+}
+
+/// When a cycle begins and ends.
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "cycle numbers stay far below 2^52"
+)]
+fn stretch_of(cycle: u64, period_seconds: f64) -> (f64, f64) {
+    let from = cycle as f64 * period_seconds;
+    (from, from + period_seconds)
+}
+
+/// The numbers of the cycles that were missed.
+fn missed(timeline: &Timeline, due: u64) -> impl Iterator<Item = (u64, Missing)> {
+    let mut rows = timeline.cycle.iter().zip(timeline.position()).peekable();
+    (0..due).filter_map(
+        move |cycle| match rows.next_if(|(number, _)| **number <= cycle) {
+            None => Some((cycle, Missing::Sync)),
+            Some((_, position)) => position.is_nan().then_some((cycle, Missing::Position)),
+        },
+    )
+}
+
+/// The cycles that should have been played: all of them where the run was to go on, even if nobody sent a SYNC any more.
+fn due(timeline: &Timeline, scenario: &Scenario, ended_early: Option<&EarlyEnd>) -> u64 {
+    if timeline.zero_seconds.is_none() {
+        return 0;
+    }
+    let was_to_go_on = match ended_early {
+        None => is_recorded_to_its_end(timeline, scenario),
+        Some(end) => end.by == EndedBy::Node,
+    };
+    let cycles = scenario.judged_end_seconds() / timeline.period_seconds;
+    // A cycle that begins before an earlier end is judged.
+    let judged = match scenario.expect.judged_until_seconds {
+        None => libm::round(cycles),
+        Some(_) => libm::ceil(cycles - TIME_TOLERANCE_SECONDS),
+    };
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a positive number of cycles"
+    )]
+    let judged = judged as u64;
+    match (was_to_go_on, scenario.expect.judged_until_seconds) {
+        (true, None) => timeline.cycles_due.max(judged),
+        (true, Some(_)) => judged,
+        (false, _) => timeline.cycles_due.min(judged),
+    }
+}
+
+/// Whether frames came until the scenario's end.
+pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, scenario: &Scenario) -> bool {
+    let tolerance = match scenario.fault.is_empty() {
+        true => END_PERIODS * timeline.period_seconds,
+        false => FAULTY_END_SECONDS,
+    };
+    timeline.zero_seconds.is_some()
+        && timeline.last_frame_seconds + tolerance >= scenario.duration_seconds
+}
+
+/// The stalls in the time of the timeline.
+fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
+    // Where the scenario never began, times are those of the recording.
+    let zero = timeline.zero_seconds.unwrap_or_default();
+    // Both are whole microseconds since 1970, which seconds in an f64 do not hold.
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "microseconds since 1970 stay below 2^52"
+    )]
+    let since_zero = |time: Duration| (time.as_micros() as f64 - (1e6 * zero).round()) / 1e6;
+    let stretch = |stall: &Stall| Stretch {
+        from_seconds: since_zero(stall.from),
+        until_seconds: since_zero(stall.until),
+        stall: *stall,
+    };
+    stalls.iter().map(stretch).collect()
+}
+
+/// Those that explain why something was missing, in the order of their ends. Only processes that canrig started are watched,
+/// and what happened to them explains nothing of somebody else's node.
+fn excusing(stretches: &[Stretch], missing: Missing, external: &External) -> Vec<Stretch> {
+    let excuses = |stretch: &&Stretch| match (stretch.stall.who, missing) {
+        (Who::Machine | Who::Bus, _) | (Who::Controller, Missing::Sync) => true,
+        (Who::PlantEmulator, Missing::Sync) => false,
+        (Who::Controller | Who::PlantEmulator, Missing::Position) => {
+            !external.has(ExternalNode::Drive)
+        }
+    };
+    let mut excusing: Vec<Stretch> = stretches.iter().filter(excuses).copied().collect();
+    excusing.sort_by(|left, right| left.until_seconds.total_cmp(&right.until_seconds));
+    excusing
+}
+
+/// The longest of the stalls, sorted by their ends, that overlap a stretch.
+fn overlapping(stretches: &[Stretch], from: f64, until: f64) -> Option<Stretch> {
+    let ends_before = |stretch: &Stretch| stretch.until_seconds <= from + TIME_TOLERANCE_SECONDS;
+    let first = stretches.partition_point(ends_before);
+    let candidates = stretches[first..].iter();
+    candidates
+        .filter(|stretch| stretch.from_seconds < until - TIME_TOLERANCE_SECONDS)
+        .max_by(|left, right| left.length().total_cmp(&right.length()))
+        .copied()
+}
+
+/// The longest stall of those that fill at least half of the time in which a node was amiss, or in which it was to be heard
+/// again: then the end of the run says nothing of the node.
+pub(crate) fn excuse_of_end(
+    timeline: &Timeline,
+    stalls: &[Stall],
+    end: &EarlyEnd,
+) -> Option<Stretch> {
+    let until = end.at_seconds?;
+    let since = end.since_seconds.unwrap_or(until);
+    let mut stretches = stretches(timeline, stalls);
+    stretches.sort_by(|left, right| left.from_seconds.total_cmp(&right.from_seconds));
+    [since, until - HEARD_SECONDS]
+        .into_iter()
+        .find_map(|from| longest_of_half(&stretches, from, until))
+}
+
+/// The longest of the stalls, sorted by their begins, that overlap a stretch, if together they fill at least half of it.
+fn longest_of_half(stretches: &[Stretch], from: f64, until: f64) -> Option<Stretch> {
+    let overlaps =
+        |stretch: &&Stretch| stretch.until_seconds > from && stretch.from_seconds < until;
+    let mut reached = from;
+    let mut covered = 0.0;
+    for stretch in stretches.iter().filter(overlaps) {
+        let begins = stretch.from_seconds.max(reached);
+        let ends = stretch.until_seconds.min(until);
+        covered += f64::max(ends - begins, 0.0);
+        reached = reached.max(ends);
+    }
+    let is_filled = covered > 0.0 && covered >= (until - from) / 2.0;
+    let longest = stretches.iter().filter(overlaps);
+    longest
+        .max_by(|left, right| left.length().total_cmp(&right.length()))
+        .filter(|_| is_filled)
+        .copied()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,253 @@
+use std::time::Duration;
+
+use canopen::CanFrame;
+use dbc::Database;
+use proptest::prelude::*;
+use recording::log::Stamped;
+use recording::stalls::What;
+use recording::timeline::decode;
+use rig::catalogue::Catalogue;
+
+use super::*;
+
+const PERIOD_MICROS: u64 = 10_000;
+/// Scenario time 0 on the recording's clock.
+const ZERO_MICROS: u64 = 1_700_000_000_000_000;
+const OPERATION_ENABLED: f64 = 39.0;
+
+/// What happens in a cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Cycle {
+    Served,
+    WithoutPosition,
+    WithoutSync,
+}
+
+/// A stall in milliseconds of scenario time, which may begin before it.
+#[derive(Clone, Copy, Debug)]
+struct Held {
+    from: i64,
+    length: u32,
+    who: Who,
+}
+
+fn micros(micros: u64) -> Duration {
+    Duration::from_micros(micros)
+}
+
+impl Held {
+    fn stall(self) -> Stall {
+        let from = micros(ZERO_MICROS.checked_add_signed(1000 * self.from).unwrap());
+        let until = from + micros(1000 * u64::from(self.length));
+        Stall::new(from, until, self.who, What::Waited)
+    }
+}
+
+fn setup(cycles: usize, faults: &[(u32, u32)], external: &External) -> Setup {
+    let seconds = 0.01 * f64::from(u32::try_from(cycles).unwrap());
+    let mut text = format!(
+        "schema = 1\nname = \"m\"\nduration_seconds = {seconds:.2}\n[bus]\nsync_period_milliseconds = 10.0\n[controller.open_loop]\n"
+    );
+    for (from, until) in faults {
+        let [from, until] = [from, until].map(|centis| f64::from(*centis) / 100.0);
+        text += &format!(
+            "[[fault.node.crash]]\nnode = \"controller\"\nfrom_seconds = {from:.2}\nuntil_seconds = {until:.2}\n"
+        );
+    }
+    let scenario = Scenario::parse(&text, "m.toml", |_| unreachable!("no table")).unwrap();
+    let mut setup = Setup::of(scenario, &Catalogue::shipped());
+    setup.external = external.clone();
+    setup
+}
+
+/// The recording of these cycles, of which the first has its SYNC, and of a frame at the end.
+fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
+    let database = Database::shipped();
+    let signal = |path| database.signal(path).unwrap();
+    let mut message = database.builder("drive_tpdo1").unwrap();
+    message.set(&signal("drive_tpdo1.statusword_state"), OPERATION_ENABLED);
+    message.set(&signal("drive_tpdo1.position_millimetres"), 10.0);
+    let position = message.frame();
+    let mut frames = vec![Stamped::new(micros(ZERO_MICROS - 100), position)];
+    for (place, cycle) in (0..).zip(cycles) {
+        let begins = ZERO_MICROS + place * PERIOD_MICROS;
+        if *cycle != Cycle::WithoutSync {
+            frames.push(Stamped::new(micros(begins), CanFrame::new(0x080, &[])));
+        }
+        if *cycle == Cycle::Served {
+            frames.push(Stamped::new(micros(begins + 130), position));
+        }
+    }
+    let end = ZERO_MICROS + cycles.len() as u64 * PERIOD_MICROS + 50;
+    frames.push(Stamped::new(micros(end), CanFrame::new(0x710, &[5])));
+    frames
+}
+
+/// The same by going through everything for each cycle, in whole milliseconds: whose doing each cycle was that was missed.
+fn slow(
+    cycles: &[Cycle],
+    held: &[Held],
+    faults: &[(u32, u32)],
+    external: &External,
+) -> Vec<(f64, &'static str)> {
+    let mut by_fault = vec![false; cycles.len()];
+    let mut whose = Vec::new();
+    for (number, cycle) in (0_u32..).zip(cycles) {
+        if *cycle == Cycle::Served {
+            continue;
+        }
+        let place = usize::try_from(number).unwrap();
+        let (from, until) = (10 * i64::from(number), 10 * i64::from(number) + 10);
+        let is_during = faults.iter().any(|(begins, ends)| {
+            until >= 10 * i64::from(*begins) && from <= 10 * i64::from(*ends) + 200
+        });
+        by_fault[place] = is_during || place > 0 && by_fault[place - 1];
+        let explains = |held: &&Held| {
+            let overlaps = held.from < until && held.from + i64::from(held.length) > from;
+            let is_of_it = match (held.who, cycle) {
+                (Who::Machine | Who::Bus, _) => true,
+                (Who::Controller, Cycle::WithoutSync) => true,
+                (Who::PlantEmulator, Cycle::WithoutSync) => false,
+                _ => !external.has(ExternalNode::Drive),
+            };
+            overlaps && is_of_it
+        };
+        let doing = match (held.iter().find(explains), by_fault[place]) {
+            (Some(_), _) => "bench",
+            (None, true) => "fault",
+            (None, false) => "node",
+        };
+        whose.push((f64::from(number) * 0.01, doing));
+    }
+    whose
+}
+
+fn word(doing: Doing) -> &'static str {
+    match doing {
+        Doing::Bench(_) => "bench",
+        Doing::Fault => "fault",
+        Doing::Node => "node",
+    }
+}
+
+fn cycles() -> impl Strategy<Value = Vec<Cycle>> {
+    let cycle = prop_oneof![
+        4 => Just(Cycle::Served),
+        1 => Just(Cycle::WithoutPosition),
+        1 => Just(Cycle::WithoutSync),
+    ];
+    let served = Just(Cycle::Served);
+    (served, prop::collection::vec(cycle, 1..90)).prop_map(|(first, mut others)| {
+        others.insert(0, first);
+        others
+    })
+}
+
+fn held() -> impl Strategy<Value = Held> {
+    let who = prop_oneof![
+        Just(Who::Machine),
+        Just(Who::Bus),
+        Just(Who::Controller),
+        Just(Who::PlantEmulator)
+    ];
+    (-30..900_i64, 1..60_u32, who).prop_map(|(from, length, who)| Held { from, length, who })
+}
+
+proptest! {
+    #[test]
+    fn each_miss_is_whose_doing_a_slow_look_finds(
+        cycles in cycles(),
+        held in prop::collection::vec(held(), 0..6),
+        fault in prop::option::of((5..40_u32, 1..20_u32)),
+        nodes in prop::sample::subsequence(vec![ExternalNode::Drive, ExternalNode::Controller], 0..=2),
+    ) {
+        let external = External::new(&nodes).unwrap();
+        let faults: Vec<(u32, u32)> = fault.into_iter().map(|(from, length)| (from, from + length)).collect();
+        // A fault may not begin after the scenario's end.
+        let last = u32::try_from(cycles.len()).unwrap();
+        prop_assume!(faults.iter().all(|(_, until)| *until < last));
+        let setup = setup(cycles.len(), &faults, &external);
+        let timeline = decode(&frames(&cycles), &setup).unwrap();
+        let circumstances = Circumstances {
+            stalls: held.iter().map(|held| held.stall()).collect(),
+            ..Circumstances::default()
+        };
+        let misses = Misses::of(&timeline, &setup, &circumstances);
+        prop_assert_eq!(misses.due, cycles.len() as u64);
+        let found: Vec<_> = misses.all.iter().map(|miss| {
+            (miss.at_seconds, word(miss.doing))
+        }).collect();
+        prop_assert_eq!(found, slow(&cycles, &held, &faults, &external));
+    }
+}
+
+#[test]
+fn who_left_out_what_is_named_with_its_share_and_its_first_time() {
+    let mut cycles = vec![Cycle::Served; 100];
+    (cycles[7], cycles[9], cycles[50]) = (
+        Cycle::WithoutPosition,
+        Cycle::WithoutPosition,
+        Cycle::WithoutSync,
+    );
+    let setup = setup(100, &[], &External::default());
+    let timeline = decode(&frames(&cycles), &setup).unwrap();
+    let misses = Misses::of(&timeline, &setup, &Circumstances::default());
+    let reason = "controller: no SYNC in 1.00 % of the cycles, first at 0.500 s; \
+        drive: no position in 2.00 % of the cycles, first at 0.070 s (limit 1 %)";
+    assert_eq!(misses.too_many_by_nodes(1.0, 0).as_deref(), Some(reason));
+    assert_eq!(misses.too_many_by_nodes(3.0, 0), None);
+    // Two of the three may be frames that the recorder lost.
+    assert_eq!(misses.too_many_by_nodes(1.0, 2), None);
+    assert!(misses.too_many_by_nodes(1.0, 1).is_some());
+}
+
+#[test]
+fn the_end_of_a_run_is_the_machines_only_if_it_stood_still_for_half_of_the_silence() {
+    let setup = setup(100, &[], &External::default());
+    let timeline = decode(&frames(&[Cycle::Served; 40]), &setup).unwrap();
+    let excused = |silence_seconds: f64, held: &[(i64, u32)]| {
+        let end = EarlyEnd {
+            by: EndedBy::Node,
+            node: Some("drive".to_owned()),
+            since_seconds: Some(0.39),
+            at_seconds: Some(0.39 + silence_seconds),
+            what: "silent".to_owned(),
+        };
+        let held = held.iter().map(|(from, length)| Held {
+            from: *from,
+            length: *length,
+            who: Who::Machine,
+        });
+        let stalls: Vec<Stall> = held.map(Held::stall).collect();
+        excuse_of_end(&timeline, &stalls, &end).map(|stretch| stretch.stall.length())
+    };
+    let milliseconds = |count| Some(Duration::from_millis(count));
+    assert_eq!(excused(0.06, &[(395, 45)]), milliseconds(45));
+    assert_eq!(excused(2.0, &[(395, 45)]), None, "a device that is gone");
+    assert_eq!(excused(0.06, &[(300, 80)]), None, "before");
+    // What overlaps counts once.
+    assert_eq!(excused(0.06, &[(395, 20), (396, 20)]), None);
+    assert_eq!(excused(0.06, &[(395, 20), (416, 15)]), milliseconds(20));
+}
+
+/// A SYNC that is not sent any more is missed to the scenario's end, unless nobody knows how the run went on.
+#[test]
+fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
+    let setup = setup(100, &[], &External::default());
+    let mut silent = vec![Cycle::Served; 40];
+    silent.resize(100, Cycle::WithoutSync);
+    let percent = |frames: &[Stamped], ended_early| {
+        let timeline = decode(frames, &setup).unwrap();
+        let circumstances = Circumstances {
+            ended_early,
+            ..Circumstances::default()
+        };
+        Misses::of(&timeline, &setup, &circumstances).percent()
+    };
+    assert_eq!(percent(&frames(&silent), None), 60.0);
+    let cut = frames(&silent[..40]);
+    assert_eq!(percent(&cut, None), 0.0);
+    let end = |by| Some(EarlyEnd::without_node(by, "it ended"));
+    assert_eq!(percent(&cut, end(EndedBy::Node)), 60.0);
+    assert_eq!(percent(&cut, end(EndedBy::User)), 0.0);
+}

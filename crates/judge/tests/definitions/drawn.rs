@@ -1,0 +1,447 @@
+//! Runs drawn at random: what the scenario plans, and what its nodes sent, with stretches in which they did not.
+
+use std::fmt::Write;
+use std::time::Duration;
+
+use canopen::CanFrame;
+use dbc::Database;
+use proptest::prelude::*;
+use recording::log::Stamped;
+
+pub(crate) const DURATION_SECONDS: f64 = 2.0;
+pub(crate) const PERIOD_SECONDS: f64 = 0.01;
+pub(crate) const CYCLES: u32 = 200;
+/// What is longer than this is a silence: 20 SYNC periods, and 20 cycle times of `plant_truth`.
+pub(crate) const SILENCE_SECONDS: f64 = 0.2;
+/// When the scenario begins, in the log.
+const ZERO_MICROS: u64 = 10_000;
+
+const ENABLED: u8 = 39;
+const FAULT: u8 = 8;
+
+#[derive(Clone, Debug)]
+pub(crate) enum Piece {
+    Hold(f64),
+    Step(f64),
+    Sine {
+        centre: f64,
+        amplitude: f64,
+        period_seconds: f64,
+    },
+}
+
+/// What the drive sends in a cycle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sent {
+    pub(crate) position: f64,
+    pub(crate) true_position: f64,
+    pub(crate) current: f64,
+    pub(crate) temperature: f64,
+    pub(crate) is_enabled: bool,
+}
+
+/// A cycle whose SYNC was sent.
+#[derive(Clone, Debug)]
+pub(crate) struct Cycle {
+    pub(crate) number: u32,
+    /// Of the SYNC, from the start of the scenario on.
+    pub(crate) micros: u64,
+    pub(crate) sent: Option<Sent>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Truth {
+    pub(crate) time_seconds: f64,
+    pub(crate) current: f64,
+    pub(crate) peak_temperature: f64,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Drawn {
+    /// With their starts; the first one starts at 0.
+    pub(crate) pieces: Vec<(f64, Piece)>,
+    pub(crate) loads: Vec<f64>,
+    /// From when to when the sensor stands still.
+    pub(crate) stuck: Option<(f64, f64)>,
+    pub(crate) judged_until: Option<f64>,
+    pub(crate) gain_limit: Option<(f64, f64)>,
+    pub(crate) cycles: Vec<Cycle>,
+    pub(crate) truth: Vec<Truth>,
+    /// Scenario times of the drive's emergencies 0x8130.
+    pub(crate) emergencies: Vec<f64>,
+}
+
+impl Drawn {
+    pub(crate) fn judged_end(&self) -> f64 {
+        self.judged_until.unwrap_or(DURATION_SECONDS)
+    }
+
+    /// The scenario file.
+    pub(crate) fn text(&self) -> String {
+        let mut text = format!(
+            "schema = 1\nname = \"drawn\"\nduration_seconds = {DURATION_SECONDS:?}\n\
+             [bus]\nsync_period_milliseconds = 10.0\n[controller.pid]\n"
+        );
+        for (start, piece) in &self.pieces {
+            let piece = match piece {
+                Piece::Hold(to) => {
+                    format!(
+                        "[[reference.hold]]\nat_seconds = {start:?}\nposition_millimetres = {to:?}"
+                    )
+                }
+                Piece::Step(to) => {
+                    format!(
+                        "[[reference.step]]\nat_seconds = {start:?}\nposition_millimetres = {to:?}"
+                    )
+                }
+                Piece::Sine {
+                    centre,
+                    amplitude,
+                    period_seconds,
+                } => format!(
+                    "[[reference.sine]]\nfrom_seconds = {start:?}\ncentre_millimetres = {centre:?}\n\
+                     amplitude_millimetres = {amplitude:?}\nperiod_seconds = {period_seconds:?}"
+                ),
+            };
+            writeln!(text, "{piece}").unwrap();
+        }
+        for at in &self.loads {
+            writeln!(
+                text,
+                "[[disturbance.load]]\nat_seconds = {at:?}\nadded_grams = 10.0"
+            )
+            .unwrap();
+        }
+        if let Some((from, until)) = self.stuck {
+            let keys = format!("from_seconds = {from:?}\nuntil_seconds = {until:?}");
+            writeln!(text, "[[fault.sensor.stuck]]\n{keys}").unwrap();
+        }
+        text + &self.expectations()
+    }
+
+    fn expectations(&self) -> String {
+        let mut text =
+            "[expect]\nno_event = [\"emergency\"]\ntemperature_celsius = { max = 60.0 }\n"
+                .to_owned();
+        if let Some(until) = self.judged_until {
+            writeln!(text, "judged_until_seconds = {until:?}").unwrap();
+        }
+        if self.stuck.is_some() {
+            text += "emcy = [\"drive 0x8130\"]\nsafe_state = true\n";
+        }
+        let has_judged_sine = !crate::plain::judged_sines(self).is_empty();
+        if let Some((min, max)) = self.gain_limit.filter(|_| has_judged_sine) {
+            writeln!(text, "sine_gain = {{ min = {min:?}, max = {max:?} }}").unwrap();
+        }
+        text + "[[expect.signal]]\nname = \"position_millimetres\"\nfrom_seconds = 0.5\nuntil_seconds = 1.5\n\
+                stays = { min = 5.0, max = 30.0 }\nreaches = { min = 20.0, max = 30.0 }\n\
+                rate_per_second = { min = -100.0, max = 100.0 }\n\
+                [[expect.sequence]]\nname = \"there\"\nevent = [\n\
+                { signal = \"position_millimetres\", reaches = { min = 5.0, max = 30.0 }, for_milliseconds = 300.0 },\n]\n"
+    }
+
+    /// The frames with their times in the log, in the order of time.
+    pub(crate) fn frames(&self) -> Vec<(u64, CanFrame)> {
+        let database = Database::shipped();
+        let message = |name: &str, values: &[(&str, f64)]| {
+            let mut message = database.builder(name).unwrap();
+            for (signal, value) in values {
+                let signal = database.signal(&format!("{name}.{signal}")).unwrap();
+                message.set(&signal, *value);
+            }
+            message.frame()
+        };
+        let feedback = |sent: &Sent| {
+            let state = if sent.is_enabled { ENABLED } else { FAULT };
+            message(
+                "drive_tpdo1",
+                &[
+                    ("statusword_state", f64::from(state)),
+                    ("position_millimetres", sent.position),
+                    ("current_amperes", sent.current),
+                ],
+            )
+        };
+        let first = Sent {
+            position: 0.0,
+            true_position: 0.0,
+            current: 0.0,
+            temperature: 15.0,
+            is_enabled: true,
+        };
+        let mut frames = vec![
+            (0, feedback(&first)),
+            (0, CanFrame::new(0x711, &[0])),
+            (0, CanFrame::new(0x211, &[0; 8])),
+        ];
+        for cycle in &self.cycles {
+            let micros = ZERO_MICROS + cycle.micros;
+            frames.push((micros, CanFrame::new(0x080, &[])));
+            if let Some(sent) = &cycle.sent {
+                frames.push((micros + 130, feedback(sent)));
+                let own = [
+                    ("wire_temperature_celsius", sent.temperature),
+                    ("true_position_millimetres", sent.true_position),
+                ];
+                frames.push((micros + 260, message("drive_tpdo2", &own)));
+            }
+        }
+        let micros = |seconds: f64| {
+            let since_zero = Duration::from_secs_f64(seconds).as_micros();
+            let micros = ZERO_MICROS + u64::try_from(since_zero).unwrap();
+            micros.next_multiple_of(100)
+        };
+        for truth in &self.truth {
+            let micros = micros(truth.time_seconds);
+            let values = [
+                ("plant_current_amperes", truth.current),
+                ("plant_peak_temperature_celsius", truth.peak_temperature),
+                ("plant_time_seconds", micros as f64 / 1e6),
+            ];
+            frames.push((micros, message("plant_truth", &values)));
+        }
+        let emergency = CanFrame::new(0x090, &[0x30, 0x81, 0x11, 0, 0, 0, 0, 0]);
+        frames.extend(self.emergencies.iter().map(|at| (micros(*at), emergency)));
+        // The recording goes on behind the end, whatever is sent.
+        frames.push((micros(DURATION_SECONDS + 0.01), CanFrame::new(0x701, &[5])));
+        frames.sort_by_key(|(micros, _)| *micros);
+        frames
+    }
+
+    pub(crate) fn stamped(&self) -> Vec<Stamped> {
+        let frames = self.frames().into_iter();
+        frames
+            .map(|(micros, frame)| Stamped::new(Duration::from_micros(micros), frame))
+            .collect()
+    }
+}
+
+/// Scenario time of a frame.
+pub(crate) fn scenario_seconds(micros: u64) -> f64 {
+    (micros as f64 - ZERO_MICROS as f64) / 1e6
+}
+
+/// Distances from the set-point; none is at the edge of a band.
+const ERRORS: [f64; 8] = [0.0, 0.003, 0.013, 0.217, 0.313, 0.717, 3.113, 15.017];
+
+fn piece() -> impl Strategy<Value = Piece> {
+    let position = || (1..50_u8).prop_map(f64::from);
+    prop_oneof![
+        1 => position().prop_map(Piece::Hold),
+        3 => position().prop_map(Piece::Step),
+        1 => (15..35_u8, 1..10_u8, 5..20_u8).prop_map(|(centre, amplitude, period)| Piece::Sine {
+            centre: f64::from(centre),
+            amplitude: f64::from(amplitude),
+            period_seconds: f64::from(period) / 100.0,
+        }),
+    ]
+}
+
+/// Times in milliseconds, on cycles and between them, each once.
+fn times(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<f64>> {
+    let times = prop::collection::btree_set((1..CYCLES, prop_oneof![Just(0), Just(3)]), count);
+    times.prop_map(|times| {
+        let times = times.into_iter();
+        times
+            .map(|(cycle, more)| f64::from(10 * cycle + more) / 1e3)
+            .collect()
+    })
+}
+
+fn pieces() -> impl Strategy<Value = Vec<(f64, Piece)>> {
+    let later = times(0..4).prop_flat_map(|times| {
+        let pieces = prop::collection::vec(piece(), times.len());
+        (Just(times), pieces)
+    });
+    (piece(), later).prop_map(|(first, (times, pieces))| {
+        let mut all = vec![(0.0, first)];
+        all.extend(times.into_iter().zip(pieces));
+        all
+    })
+}
+
+/// Which of so many things came: most, but for some that are missing alone and stretches in which all are.
+fn came(count: u32) -> impl Strategy<Value = Vec<bool>> {
+    let alone = prop::collection::vec(0..count, 0..6);
+    let gap = || (0..count, prop_oneof![1..15_u32, 15..30_u32, 30..80_u32]);
+    let gaps = prop_oneof![
+        2 => Just(Vec::new()),
+        2 => prop::collection::vec(gap(), 1..3),
+    ];
+    let stop = prop_oneof![
+        4 => Just(count),
+        1 => 1..count,
+    ];
+    (alone, gaps, stop).prop_map(move |(alone, gaps, stop)| {
+        let is_in =
+            |number: u32, (from, length): &(u32, u32)| number >= *from && number - from < *length;
+        let came = |number| {
+            number < stop && !alone.contains(&number) && !gaps.iter().any(|gap| is_in(number, gap))
+        };
+        (0..count).map(came).collect()
+    })
+}
+
+/// One value for each of so many things, the same for some in a row.
+fn segments<T: Clone + std::fmt::Debug>(
+    value: impl Strategy<Value = T>,
+    count: u32,
+) -> impl Strategy<Value = Vec<T>> {
+    let segment = (value, 1..60_usize);
+    prop::collection::vec(segment, 1..12).prop_map(move |segments| {
+        let values = segments.into_iter().cycle();
+        let values = values.flat_map(|(value, length)| std::iter::repeat_n(value, length));
+        values.take(count as usize).collect()
+    })
+}
+
+/// What a drive measures round the set-points: whole micrometres, as the bus carries them.
+fn measured(set_point: f64, error: f64) -> f64 {
+    ((set_point + error) * 1e3).round() / 1e3
+}
+
+fn error() -> impl Strategy<Value = f64> {
+    (0..ERRORS.len(), any::<bool>()).prop_map(|(place, is_below)| match is_below {
+        true => -ERRORS[place],
+        false => ERRORS[place],
+    })
+}
+
+/// What happened, before it is put onto the pieces of a scenario.
+#[derive(Clone, Debug)]
+struct Course {
+    syncs: Vec<bool>,
+    late_micros: Vec<u64>,
+    positions: Vec<bool>,
+    errors: Vec<f64>,
+    true_errors: Vec<f64>,
+    currents: Vec<f64>,
+    temperatures: Vec<f64>,
+    enabled: Vec<bool>,
+}
+
+fn course() -> impl Strategy<Value = Course> {
+    let cycles = CYCLES as usize;
+    let current = (0..1000_u16).prop_map(|milliamperes| f64::from(milliamperes) / 1e3);
+    let temperature = (15..70_u8).prop_map(f64::from);
+    let late = prop_oneof![5 => Just(0), 1 => 0..4000_u64];
+    (
+        came(CYCLES),
+        prop::collection::vec(late, cycles),
+        came(CYCLES),
+        segments(error(), CYCLES),
+        segments(error(), CYCLES),
+        segments(current, CYCLES),
+        segments(temperature, CYCLES),
+        segments(any::<bool>(), CYCLES),
+    )
+        .prop_map(
+            |(
+                syncs,
+                late_micros,
+                positions,
+                errors,
+                true_errors,
+                currents,
+                temperatures,
+                enabled,
+            )| {
+                Course {
+                    syncs,
+                    late_micros,
+                    positions,
+                    errors,
+                    true_errors,
+                    currents,
+                    temperatures,
+                    enabled,
+                }
+            },
+        )
+}
+
+/// Every cycle of which the SYNC came; the first one always does.
+fn cycles(course: &Course, pieces: &[(f64, Piece)]) -> Vec<Cycle> {
+    let mut cycles = Vec::new();
+    for number in 0..CYCLES {
+        let place = number as usize;
+        if number > 0 && !course.syncs[place] {
+            continue;
+        }
+        let late = if number == 0 {
+            0
+        } else {
+            course.late_micros[place]
+        };
+        let set_point = crate::plain::set_point(pieces, f64::from(number) * PERIOD_SECONDS);
+        let sent = course.positions[place].then(|| Sent {
+            position: measured(set_point, course.errors[place]),
+            true_position: measured(set_point, course.true_errors[place]),
+            current: course.currents[place],
+            temperature: course.temperatures[place],
+            is_enabled: course.enabled[place],
+        });
+        cycles.push(Cycle {
+            number,
+            micros: u64::from(number) * 10_000 + late,
+            sent,
+        });
+    }
+    cycles
+}
+
+fn truth() -> impl Strategy<Value = Vec<Truth>> {
+    let current = prop_oneof![Just(0.0), Just(0.0), Just(0.5)];
+    let peak = (15..70_u8).prop_map(f64::from);
+    (
+        came(CYCLES),
+        segments(current, CYCLES),
+        segments(peak, CYCLES),
+    )
+        .prop_map(|(came, currents, peaks)| {
+            let sent = (0..CYCLES).filter(|number| came[*number as usize]);
+            let truth = sent.map(|number| Truth {
+                time_seconds: f64::from(10 * number + 5) / 1e3,
+                current: currents[number as usize],
+                peak_temperature: peaks[number as usize],
+            });
+            truth.collect()
+        })
+}
+
+/// Any run.
+pub(crate) fn drawn() -> impl Strategy<Value = Drawn> {
+    let stuck = prop::option::of((0.1..1.0_f64, 0.1..1.2_f64)).prop_map(|stuck| {
+        let rounded = |seconds: f64| (seconds * 1e3).round() / 1e3;
+        stuck.map(|(from, length)| (rounded(from), rounded(from + length).min(DURATION_SECONDS)))
+    });
+    let judged_until = prop::option::weighted(
+        0.3,
+        (50..=CYCLES).prop_map(|cycles| f64::from(cycles) / 100.0),
+    );
+    let gain_limit = prop::option::of((0.0..1.0_f64, 1.0..2.0_f64));
+    let emergencies =
+        prop::collection::vec((1..2300_u16).prop_map(|time| f64::from(time) / 1e3), 0..2);
+    (
+        pieces(),
+        times(0..3),
+        stuck,
+        judged_until,
+        gain_limit,
+        course(),
+        truth(),
+        emergencies,
+    )
+        .prop_map(
+            |(pieces, loads, stuck, judged_until, gain_limit, course, truth, emergencies)| Drawn {
+                cycles: cycles(&course, &pieces),
+                truth: if stuck.is_some() { truth } else { Vec::new() },
+                pieces,
+                loads,
+                stuck,
+                judged_until,
+                gain_limit,
+                emergencies,
+            },
+        )
+}

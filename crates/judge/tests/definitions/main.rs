@@ -1,0 +1,70 @@
+//! Each metric of random runs, with cycles that are missing and stretches of silence, is what a second, plain implementation
+//! makes of the words of docs/reference/metrics.md.
+#![expect(clippy::unwrap_used, reason = "tests fail by panicking")]
+
+mod drawn;
+mod plain;
+
+use judge::verdict::Verdict;
+use judge::{Circumstances, judge};
+use proptest::prelude::*;
+use recording::timeline::decode;
+use rig::catalogue::Catalogue;
+use rig::setup::Setup;
+use scenario::Scenario;
+
+use crate::drawn::{Drawn, drawn};
+use crate::plain::{Rows, rows};
+
+/// Rows whose names end with what the check says.
+const CHECKS: [&str; 4] = [
+    "position_millimetres stays",
+    "position_millimetres reaches",
+    "position_millimetres rate_per_second",
+    "there",
+];
+
+fn verdict(drawn: &Drawn) -> Verdict {
+    let scenario = Scenario::parse(&drawn.text(), "drawn.toml", |_| unreachable!("no table"));
+    let scenario =
+        scenario.unwrap_or_else(|error| panic!("{:?}\n{}", error.problems(), drawn.text()));
+    let setup = Setup::of(scenario, &Catalogue::shipped());
+    let timeline = decode(&drawn.stamped(), &setup).unwrap();
+    judge(&timeline, &setup, &Circumstances::default())
+}
+
+fn judged(verdict: &Verdict) -> Rows {
+    let rows = verdict.metrics.iter().map(|metric| {
+        let name = metric.name.as_str();
+        let check = CHECKS.iter().find(|check| name.starts_with(**check));
+        (check.map_or(name, |check| check).to_owned(), metric.value)
+    });
+    rows.collect()
+}
+
+/// The verdict has six decimals.
+fn is_same(judged: Option<f64>, plain: Option<f64>) -> bool {
+    match (judged, plain) {
+        (Some(judged), Some(plain)) => (judged - plain).abs() <= 1e-6 + 1e-9 * plain.abs(),
+        (judged, plain) => judged == plain,
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    #[test]
+    fn a_metric_is_what_its_definition_says(drawn in drawn()) {
+        let verdict = verdict(&drawn);
+        let (judged, plain) = (judged(&verdict), rows(&drawn));
+        let names = |rows: &Rows| rows.keys().cloned().collect::<Vec<_>>();
+        prop_assert_eq!(names(&judged), names(&plain));
+        for (name, value) in &judged {
+            prop_assert!(is_same(*value, plain[name]), "{}: {:?}, by its definition {:?}", name, value, plain[name]);
+        }
+        // What has no value never passes.
+        for metric in &verdict.metrics {
+            prop_assert!(metric.passed != Some(true) || metric.value.is_some(), "{} passes", metric.name);
+        }
+    }
+}

@@ -1,0 +1,601 @@
+//! Each metric computed again, slowly and from the words of docs/reference/metrics.md. Nothing of the judge is used.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use canopen::CanFrame;
+
+use crate::drawn::{
+    CYCLES, DURATION_SECONDS, Drawn, PERIOD_SECONDS, Piece, SILENCE_SECONDS, scenario_seconds,
+};
+
+/// A value for each row; none where the row has no value.
+pub(crate) type Rows = BTreeMap<String, Option<f64>>;
+
+const TOLERANCE: f64 = 1e-9;
+
+/// A sample of a cycle.
+#[derive(Clone, Copy)]
+struct Sample {
+    time: f64,
+    set_point: f64,
+    position: f64,
+}
+
+impl Sample {
+    fn deviation(&self) -> f64 {
+        (self.set_point - self.position).abs()
+    }
+}
+
+type Span = (f64, f64);
+
+/// What is judged, with the measured position or the true one.
+struct Plain<'a> {
+    drawn: &'a Drawn,
+    samples: Vec<Sample>,
+    end: f64,
+}
+
+pub(crate) fn rows(drawn: &Drawn) -> Rows {
+    let plain = |is_true: bool| Plain {
+        drawn,
+        samples: samples(drawn, is_true),
+        end: drawn.judged_end(),
+    };
+    let measured = plain(false);
+    let mut rows = Rows::new();
+    measured.position_rows("", &mut rows);
+    if drawn.stuck.is_some() && !measured.samples.is_empty() {
+        plain(true).position_rows("true_", &mut rows);
+    }
+    measured.other_rows(&mut rows);
+    measured.reaction_rows(&mut rows);
+    measured.check_rows(&mut rows);
+    rows
+}
+
+fn samples(drawn: &Drawn, is_true: bool) -> Vec<Sample> {
+    let cycles = drawn.cycles.iter();
+    let samples = cycles.filter_map(|cycle| {
+        let sent = cycle.sent?;
+        let time = f64::from(cycle.number) * PERIOD_SECONDS;
+        Some(Sample {
+            time,
+            set_point: set_point(&drawn.pieces, time),
+            position: if is_true {
+                sent.true_position
+            } else {
+                sent.position
+            },
+        })
+    });
+    samples.collect()
+}
+
+/// The set-point at a time, 0 before the first piece.
+pub(crate) fn set_point(pieces: &[(f64, Piece)], time: f64) -> f64 {
+    let current = pieces
+        .iter()
+        .rev()
+        .find(|(start, _)| *start <= time + TOLERANCE);
+    current.map_or(0.0, |(start, piece)| match piece {
+        Piece::Hold(to) | Piece::Step(to) => *to,
+        Piece::Sine {
+            centre,
+            amplitude,
+            period_seconds,
+        } => centre + amplitude * libm::sin(TAU * (time - start) / period_seconds),
+    })
+}
+
+/// The window of the last three whole periods of each sine of at least four, with the period.
+pub(crate) fn judged_sines(drawn: &Drawn) -> Vec<(Span, f64)> {
+    let mut judged = Vec::new();
+    for (place, (start, piece)) in drawn.pieces.iter().enumerate() {
+        let Piece::Sine { period_seconds, .. } = piece else {
+            continue;
+        };
+        let next = drawn
+            .pieces
+            .get(place + 1)
+            .map_or(f64::INFINITY, |(start, _)| *start);
+        let length = next.min(drawn.judged_end()) - start;
+        let mut periods = 0.0;
+        while (periods + 1.0) * period_seconds <= length + TOLERANCE {
+            periods += 1.0;
+        }
+        if periods >= 4.0 {
+            let until = start + periods * period_seconds;
+            judged.push(((until - 3.0 * period_seconds, until), *period_seconds));
+        }
+    }
+    judged
+}
+
+/// Whether times leave a silence in a span, its ends among them.
+fn has_silence(times: impl Iterator<Item = f64>, (from, until): Span) -> bool {
+    let mut all = vec![from];
+    all.extend(times);
+    all.push(until);
+    all.windows(2)
+        .any(|pair| pair[1] - pair[0] > SILENCE_SECONDS + TOLERANCE)
+}
+
+fn is_in(time: f64, (from, until): Span) -> bool {
+    time >= from - TOLERANCE && time < until - TOLERANCE
+}
+
+/// The largest of all; none if one is missing.
+fn worst(values: Vec<Option<f64>>) -> Option<f64> {
+    let values: Option<Vec<f64>> = values.into_iter().collect();
+    values?.into_iter().reduce(f64::max)
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+impl Plain<'_> {
+    fn within(&self, span: Span) -> Vec<Sample> {
+        let samples = self.samples.iter().copied();
+        samples.filter(|sample| is_in(sample.time, span)).collect()
+    }
+
+    /// The samples of a span without a silence; none where it has one, or no sample.
+    fn seen(&self, span: Span) -> Option<Vec<Sample>> {
+        let samples = self.within(span);
+        let times = samples.iter().map(|sample| sample.time);
+        let is_seen = !samples.is_empty() && !has_silence(times, span);
+        is_seen.then_some(samples)
+    }
+
+    fn whole(&self) -> Span {
+        (0.0, self.end)
+    }
+
+    fn position_rows(&self, before: &str, rows: &mut Rows) {
+        let mut add = |name: &str, value: Option<f64>| {
+            rows.insert(format!("{before}{name}"), value);
+        };
+        let steps = self.steps();
+        if !steps.is_empty() {
+            let of_steps = |metric: fn(&Self, &Step) -> Option<f64>| {
+                worst(steps.iter().map(|step| metric(self, step)).collect())
+            };
+            add("settling_time_seconds", of_steps(Self::settling_time));
+            add("overshoot_percent", of_steps(Self::overshoot));
+        }
+        let last = ((self.end - 0.5).max(0.0), self.end);
+        let set_points: Vec<f64> = self.within(last).iter().map(|one| one.set_point).collect();
+        if set_points
+            .windows(2)
+            .all(|pair| (pair[0] - pair[1]).abs() < TOLERANCE)
+        {
+            let error = self.seen(last).map(|samples| deviation_mean(&samples));
+            add("steady_state_error_millimetres", error);
+        }
+        let sines = judged_sines(self.drawn);
+        let spans: Vec<Span> = match sines.as_slice() {
+            [] => vec![self.whole()],
+            sines => sines.iter().map(|(span, _)| *span).collect(),
+        };
+        let errors = spans
+            .into_iter()
+            .map(|span| self.seen(span).map(|samples| deviation_rms(&samples)));
+        add("tracking_error_millimetres_rms", worst(errors.collect()));
+        for (name, value) in self.sines(&sines) {
+            add(name, value);
+        }
+        let loads = self.drawn.loads.iter().filter(|at| **at < self.end);
+        let spans: Vec<Span> = loads.map(|at| (*at, (at + 3.0).min(self.end))).collect();
+        if !spans.is_empty() {
+            let deviations = spans.iter().map(|span| self.deviation_max(*span));
+            add("maximum_deviation_millimetres", worst(deviations.collect()));
+            let recoveries = spans.iter().map(|span| self.recovery(*span));
+            add("recovery_time_seconds", worst(recoveries.collect()));
+        }
+        let highest = self.seen(self.whole()).map(|samples| {
+            let positions = samples.iter().map(|sample| sample.position);
+            positions.fold(f64::NEG_INFINITY, f64::max)
+        });
+        add("position_millimetres_max", highest);
+        if let Some((_, until)) = self.drawn.stuck {
+            let recovery = match until < DURATION_SECONDS {
+                true => self.recovery((until, DURATION_SECONDS)),
+                false => None,
+            };
+            add("recovers_within_seconds", recovery);
+        }
+    }
+
+    fn steps(&self) -> Vec<Step> {
+        let starts = self.drawn.pieces.iter().map(|(start, _)| *start);
+        let events: Vec<f64> = starts.chain(self.drawn.loads.iter().copied()).collect();
+        let mut steps = Vec::new();
+        for (place, (start, piece)) in self.drawn.pieces.iter().enumerate() {
+            let Piece::Step(to) = piece else { continue };
+            if *start >= self.end {
+                continue;
+            }
+            let later = events.iter().copied().filter(|event| event > start);
+            let next = later.fold(self.end, f64::min);
+            let before = match (place, self.drawn.pieces[..place].last()) {
+                (0, _) | (_, None) => 0.0,
+                (_, Some((from, piece))) => match piece {
+                    Piece::Hold(to) | Piece::Step(to) => *to,
+                    Piece::Sine { .. } => set_point(&[(*from, piece.clone())], *start),
+                },
+            };
+            steps.push(Step {
+                span: (*start, next),
+                from: before,
+                to: *to,
+            });
+        }
+        steps
+    }
+
+    /// The first sample from which on every sample is within the band, no silence follows up to the window's end, and that
+    /// is 0.1 s before it at least.
+    fn settling_time(&self, step: &Step) -> Option<f64> {
+        let band = 0.05 * (step.to - step.from).abs();
+        let samples = self.within(step.span);
+        let stays = |first: usize| {
+            let rest = &samples[first..];
+            let is_inside = rest
+                .iter()
+                .all(|one| (one.position - step.to).abs() <= band);
+            let times = rest.iter().map(|sample| sample.time);
+            is_inside && !has_silence(times, (rest[0].time, step.span.1))
+        };
+        let first = (0..samples.len()).find(|first| stays(*first))?;
+        let time = samples[first].time;
+        (step.span.1 - time >= 0.1 - TOLERANCE).then_some(time - step.span.0)
+    }
+
+    fn overshoot(&self, step: &Step) -> Option<f64> {
+        let samples = self.seen(step.span)?;
+        let height = step.to - step.from;
+        let beyond = samples
+            .iter()
+            .map(|one| 100.0 * (one.position - step.to) / height);
+        (height != 0.0).then(|| beyond.fold(0.0, f64::max))
+    }
+
+    fn sines(&self, sines: &[(Span, f64)]) -> Vec<(&'static str, Option<f64>)> {
+        if sines.is_empty() {
+            return Vec::new();
+        }
+        let fits: Option<Vec<[f64; 3]>> = sines.iter().map(|sine| self.sine(*sine)).collect();
+        let of = |place: usize, goodness: &dyn Fn(f64) -> f64| {
+            let values = fits.as_ref()?.iter().map(|fit| fit[place]);
+            values.reduce(|worst, value| match goodness(value) < goodness(worst) {
+                true => value,
+                false => worst,
+            })
+        };
+        let gain_goodness = |gain: f64| match self.drawn.gain_limit {
+            Some((min, max)) => (gain - min).min(max - gain),
+            None => -(gain - 1.0).abs(),
+        };
+        let nearness = |value: f64| -value.abs();
+        vec![
+            ("sine_gain", of(0, &gain_goodness)),
+            ("sine_phase_degrees", of(1, &nearness)),
+            ("sine_offset_millimetres", of(2, &nearness)),
+        ]
+    }
+
+    /// Gain, phase and offset.
+    fn sine(&self, (span, period): (Span, f64)) -> Option<[f64; 3]> {
+        let samples = self.seen(span)?;
+        let wanted = fit(&samples, period, |sample| sample.set_point)?;
+        let measured = fit(&samples, period, |sample| sample.position)?;
+        let amplitude = |[_, a, b]: [f64; 3]| a.hypot(b);
+        let mut degrees =
+            (measured[2].atan2(measured[1]) - wanted[2].atan2(wanted[1])).to_degrees();
+        while degrees >= 90.0 {
+            degrees -= 360.0;
+        }
+        while degrees < -270.0 {
+            degrees += 360.0;
+        }
+        let gain = amplitude(measured) / amplitude(wanted);
+        Some([gain, degrees, measured[0] - wanted[0]])
+    }
+
+    fn deviation_max(&self, span: Span) -> Option<f64> {
+        let samples = self.seen(span)?;
+        samples.iter().map(Sample::deviation).reduce(f64::max)
+    }
+
+    /// The end of the last cycle outside 0.25 mm, or the first sample behind the last silence, whichever is later.
+    fn recovery(&self, span: Span) -> Option<f64> {
+        let samples = self.within(span);
+        let last = samples.last()?;
+        if last.deviation() > 0.25 || has_silence([].into_iter(), (last.time, span.1)) {
+            return None;
+        }
+        let outside = samples.iter().filter(|sample| sample.deviation() > 0.25);
+        let outside = outside.map(|sample| sample.time + PERIOD_SECONDS);
+        let before = [span.0]
+            .into_iter()
+            .chain(samples.iter().map(|one| one.time));
+        let silences = before
+            .zip(&samples)
+            .filter(|(before, sample)| has_silence([].into_iter(), (*before, sample.time)));
+        let back = silences.map(|(_, sample)| sample.time);
+        let recovered = outside.chain(back).fold(span.0, f64::max);
+        (recovered + 0.5 * PERIOD_SECONDS < span.1).then_some(recovered - span.0)
+    }
+
+    fn other_rows(&self, rows: &mut Rows) {
+        let currents: Vec<f64> = self
+            .drawn
+            .cycles
+            .iter()
+            .filter(|cycle| is_in(f64::from(cycle.number) * PERIOD_SECONDS, self.whole()))
+            .filter_map(|cycle| Some(cycle.sent?.current.powi(2)))
+            .collect();
+        let rms = self.seen(self.whole()).map(|_| mean(&currents).sqrt());
+        rows.insert("current_amperes_rms".to_owned(), rms);
+        let due = self.drawn.cycles.last().map_or(0, |cycle| cycle.number + 1);
+        let due_seconds = f64::from(due) * PERIOD_SECONDS;
+        let has_sync = self.end - due_seconds <= SILENCE_SECONDS + TOLERANCE;
+        let due = (0..CYCLES)
+            .filter(|number| is_in(f64::from(*number) * PERIOD_SECONDS, self.whole()))
+            .count();
+        let served = self.within(self.whole()).len();
+        let missed = 100.0 * (due - served) as f64 / due as f64;
+        rows.insert("missed_cycles_percent".to_owned(), Some(missed));
+        let before_end = |micros: &u64| *micros as f64 / 1e6 < self.end;
+        let syncs = self.drawn.cycles.iter().map(|cycle| cycle.micros);
+        let syncs: Vec<u64> = syncs.filter(before_end).collect();
+        let longest = syncs
+            .windows(2)
+            .map(|pair| (pair[1] - pair[0]) as f64 / 1e3)
+            .reduce(f64::max);
+        rows.insert(
+            "sync_interval_milliseconds_max".to_owned(),
+            longest.filter(|_| has_sync),
+        );
+        rows.insert("bus_load_percent".to_owned(), self.bus_load());
+    }
+
+    /// Bits behind the first SYNC by the time to the last frame before the end; at 1 Mbit/s a bit takes 1 µs.
+    fn bus_load(&self) -> Option<f64> {
+        let frames = self.drawn.frames();
+        let frames: Vec<_> = frames
+            .into_iter()
+            .filter(|(micros, _)| scenario_seconds(*micros) < self.end)
+            .collect();
+        let first = frames
+            .iter()
+            .position(|(_, frame)| frame.standard_id() == Some(0x080))?;
+        let (last, start) = (frames.last()?.0, frames[first].0);
+        let bits: usize = frames[first + 1..]
+            .iter()
+            .map(|(_, frame)| bits(frame))
+            .sum();
+        (last > start).then(|| 100.0 * bits as f64 / (last - start) as f64)
+    }
+
+    fn reaction_rows(&self, rows: &mut Rows) {
+        let drawn = self.drawn;
+        let came = drawn.emergencies.iter().any(|at| *at <= DURATION_SECONDS);
+        rows.insert("no_event".to_owned(), (!came).then_some(0.0));
+        rows.insert("temperature_celsius".to_owned(), self.temperature());
+        if let Some((fault, _)) = drawn.stuck {
+            rows.insert(
+                "current_zero_within_milliseconds".to_owned(),
+                self.current_zero(fault),
+            );
+            rows.insert("safe_state".to_owned(), self.safe_state());
+            rows.insert("emcy".to_owned(), came.then_some(0.0));
+        }
+    }
+
+    fn temperature(&self) -> Option<f64> {
+        let run = (0.0, DURATION_SECONDS);
+        let is_seen = match self.drawn.truth.as_slice() {
+            [] => self.seen(run).is_some(),
+            truth => !has_silence(truth.iter().map(|one| one.time_seconds), run),
+        };
+        let peaks = self.drawn.truth.iter().map(|truth| truth.peak_temperature);
+        let sent = self
+            .drawn
+            .cycles
+            .iter()
+            .filter_map(|cycle| Some(cycle.sent?.temperature));
+        peaks.chain(sent).reduce(f64::max).filter(|_| is_seen)
+    }
+
+    /// The first instant from which on no current flows for 0.1 s, and in which nobody was silent.
+    fn current_zero(&self, fault: f64) -> Option<f64> {
+        let truth = &self.drawn.truth;
+        let fault = fault.max(truth.first()?.time_seconds);
+        let later = truth
+            .iter()
+            .map(|one| one.time_seconds)
+            .filter(|time| *time > fault);
+        let starts = [fault].into_iter().chain(later);
+        let is_zero_for = |start: f64, seconds: f64| {
+            let end = start + seconds;
+            let overlapping = truth.windows(2).filter(|pair| {
+                pair[1].time_seconds > start + TOLERANCE && pair[0].time_seconds < end - TOLERANCE
+            });
+            let mut overlapping = overlapping.peekable();
+            let is_known = truth
+                .last()
+                .is_some_and(|last| last.time_seconds >= end - TOLERANCE);
+            is_known
+                && overlapping.peek().is_some()
+                && overlapping.all(|pair| {
+                    pair[0].current == 0.0
+                        && pair[1].time_seconds - pair[0].time_seconds
+                            <= SILENCE_SECONDS + TOLERANCE
+                })
+        };
+        let mut starts = starts.filter(|start| is_zero_for(*start, 0.1));
+        starts.next().map(|start| 1e3 * (start - fault))
+    }
+
+    fn safe_state(&self) -> Option<f64> {
+        let last = self.drawn.truth.last()?.time_seconds;
+        if DURATION_SECONDS - last > SILENCE_SECONDS + TOLERANCE {
+            return None;
+        }
+        let from = last - 0.1;
+        let mut lately = self
+            .drawn
+            .truth
+            .iter()
+            .filter(|truth| truth.time_seconds >= from - 1e-6);
+        let flows = lately.any(|truth| truth.current != 0.0);
+        let cycles = self.drawn.cycles.iter().rev();
+        let mut states = cycles.filter_map(|cycle| {
+            Some((
+                f64::from(cycle.number) * PERIOD_SECONDS,
+                cycle.sent?.is_enabled,
+            ))
+        });
+        let is_enabled = states
+            .next()
+            .is_some_and(|(time, is_enabled)| time >= from && is_enabled);
+        Some(if flows || is_enabled { 0.0 } else { 1.0 })
+    }
+
+    fn check_rows(&self, rows: &mut Rows) {
+        let span = (0.5, 1.5);
+        let samples = self.within(span);
+        let (min, max) = (5.0, 30.0);
+        let margin = |value: f64, min: f64, max: f64| (value - min).min(max - value);
+        let worst = |values: Vec<f64>, min: f64, max: f64| {
+            values.into_iter().reduce(|worst, value| {
+                match margin(value, min, max) < margin(worst, min, max) {
+                    true => value,
+                    false => worst,
+                }
+            })
+        };
+        let seen = self.seen(span);
+        let positions = seen
+            .as_ref()
+            .map(|samples| samples.iter().map(|one| one.position).collect());
+        let stays = positions.and_then(|positions| worst(positions, min, max));
+        rows.insert("position_millimetres stays".to_owned(), stays);
+        let rates = seen.map(|samples| {
+            let rates = samples.windows(2);
+            rates
+                .map(|pair| (pair[1].position - pair[0].position) / (pair[1].time - pair[0].time))
+                .collect()
+        });
+        let rate = rates.and_then(|rates| worst(rates, -100.0, 100.0));
+        rows.insert("position_millimetres rate_per_second".to_owned(), rate);
+        let reached = samples
+            .iter()
+            .find(|one| (20.0..=30.0).contains(&one.position));
+        rows.insert(
+            "position_millimetres reaches".to_owned(),
+            reached.map(|one| one.time - span.0),
+        );
+        rows.insert("there".to_owned(), self.stay(min, max));
+    }
+
+    /// The first sample from which on all are within limits for 300 ms, without a silence.
+    fn stay(&self, min: f64, max: f64) -> Option<f64> {
+        let samples = self.within((0.0, DURATION_SECONDS));
+        for (first, start) in samples.iter().enumerate() {
+            let mut before = start.time;
+            for sample in &samples[first..] {
+                if !(min..=max).contains(&sample.position)
+                    || has_silence([].into_iter(), (before, sample.time))
+                {
+                    break;
+                }
+                if sample.time - start.time >= 0.3 {
+                    return Some(1e3 * start.time);
+                }
+                before = sample.time;
+            }
+        }
+        None
+    }
+}
+
+struct Step {
+    span: Span,
+    from: f64,
+    to: f64,
+}
+
+fn deviation_mean(samples: &[Sample]) -> f64 {
+    mean(&samples.iter().map(Sample::deviation).collect::<Vec<_>>())
+}
+
+fn deviation_rms(samples: &[Sample]) -> f64 {
+    let squares: Vec<f64> = samples.iter().map(|one| one.deviation().powi(2)).collect();
+    mean(&squares).sqrt()
+}
+
+/// `mean + a sin ωt + b cos ωt` by least squares: the normal equations by Cramer's rule.
+fn fit(samples: &[Sample], period: f64, value: impl Fn(&Sample) -> f64) -> Option<[f64; 3]> {
+    let (mut matrix, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
+    for sample in samples {
+        let angle = TAU * sample.time / period;
+        let row = [1.0, libm::sin(angle), libm::cos(angle)];
+        for line in 0..3 {
+            for column in 0..3 {
+                matrix[line][column] += row[line] * row[column];
+            }
+            right[line] += row[line] * value(sample);
+        }
+    }
+    let whole = determinant(matrix);
+    let solve = |column: usize| {
+        let mut replaced = matrix;
+        for line in 0..3 {
+            replaced[line][column] = right[line];
+        }
+        determinant(replaced) / whole
+    };
+    (samples.len() >= 3).then(|| [solve(0), solve(1), solve(2)])
+}
+
+fn determinant(m: [[f64; 3]; 3]) -> f64 {
+    m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1])
+        - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0])
+        + m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0])
+}
+
+/// Bits on the wire: from start of frame to the CRC with its stuff bits, ten more to the end of the frame, three between.
+fn bits(frame: &CanFrame) -> usize {
+    let identifier = frame.standard_id().unwrap();
+    let mut stream = vec![false];
+    let mut push =
+        |value: u16, count: u16| stream.extend((0..count).rev().map(|bit| value >> bit & 1 == 1));
+    push(identifier, 11);
+    push(0, 3);
+    push(u16::try_from(frame.data().len()).unwrap(), 4);
+    for byte in frame.data() {
+        push(u16::from(*byte), 8);
+    }
+    let mut crc = 0_u16;
+    for bit in &stream {
+        let is_carried = *bit != (crc >> 14 & 1 == 1);
+        crc = (crc << 1) & 0x7FFF;
+        crc ^= if is_carried { 0x4599 } else { 0 };
+    }
+    stream.extend((0..15).rev().map(|bit| crc >> bit & 1 == 1));
+    let (mut stuffed, mut run, mut last) = (0, 0, None);
+    for bit in stream.iter().copied() {
+        run = if last == Some(bit) { run + 1 } else { 1 };
+        last = Some(bit);
+        if run == 5 {
+            stuffed += 1;
+            (run, last) = (1, Some(!bit));
+        }
+    }
+    stream.len() + stuffed + 13
+}

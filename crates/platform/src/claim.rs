@@ -1,0 +1,152 @@
+//! A CAN interface that one process of this machine has for itself.
+//!
+//! The claim is a socket with an abstract name. The kernel keeps such names for each network namespace, as it does
+//! interfaces, whoever the users are, and forgets them with the process, however that ends. No file is left.
+#![expect(
+    unsafe_code,
+    reason = "a process of another container has no number here, for which rustix has no type"
+)]
+
+use std::io;
+use std::os::fd::{AsRawFd, OwnedFd};
+
+use rustix::io::Errno;
+use rustix::net::{
+    AddressFamily, SocketAddrUnix, SocketFlags, SocketType, bind, connect, listen, netdevice,
+    socket_with,
+};
+
+/// Questions who has it, of which each stays in the kernel: none is answered.
+const BACKLOG: i32 = 4096;
+
+/// Why an interface cannot be claimed.
+#[derive(Debug, thiserror::Error)]
+pub enum ClaimError {
+    /// Another process has it.
+    #[error("{}", words(.0))]
+    Taken(Holder),
+    /// The system refuses.
+    #[error("{name} cannot be claimed: {source}")]
+    System {
+        /// The interface.
+        name: String,
+        /// The system's error.
+        source: io::Error,
+    },
+}
+
+/// Who has an interface.
+#[derive(Debug)]
+pub struct Holder {
+    /// The interface.
+    pub name: String,
+    /// The process, where it can be seen from here.
+    pub process: Option<i32>,
+}
+
+fn words(Holder { name, process }: &Holder) -> String {
+    match process {
+        Some(process) => format!(
+            "process {process} of this machine plays on {name} already; wait until it ends, or take another bus"
+        ),
+        None => format!(
+            "another canrig of this machine plays on {name} already; wait until it ends, or take another bus"
+        ),
+    }
+}
+
+/// An interface while nobody else can claim it; given back when dropped.
+#[derive(Debug)]
+pub struct Claim {
+    _socket: OwnedFd,
+}
+
+impl Claim {
+    /// Claims an interface of this network namespace.
+    ///
+    /// # Errors
+    /// Another process has it, or the system refuses.
+    pub fn on(interface: &str) -> Result<Self, ClaimError> {
+        let system = |errno: Errno| ClaimError::System {
+            name: interface.to_owned(),
+            source: errno.into(),
+        };
+        // An interface may have several names, and get another one.
+        let index = netdevice::name_to_index(socket().map_err(system)?, interface);
+        let index = index.map_err(system)?;
+        Self::named(&format!("canrig/interface/{index}"), interface)
+    }
+
+    fn named(name: &str, interface: &str) -> Result<Self, ClaimError> {
+        let system = |errno: Errno| ClaimError::System {
+            name: interface.to_owned(),
+            source: errno.into(),
+        };
+        let address = SocketAddrUnix::new_abstract_name(name.as_bytes()).map_err(system)?;
+        let socket = socket().map_err(system)?;
+        match bind(&socket, &address) {
+            Err(Errno::ADDRINUSE) => {
+                return Err(ClaimError::Taken(Holder {
+                    name: interface.to_owned(),
+                    process: holder(&address),
+                }));
+            }
+            bound => bound.map_err(system)?,
+        }
+        listen(&socket, BACKLOG).map_err(system)?;
+        Ok(Self { _socket: socket })
+    }
+}
+
+fn socket() -> rustix::io::Result<OwnedFd> {
+    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+    socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)
+}
+
+/// The process that listens at an address, where it can be seen from here.
+fn holder(address: &SocketAddrUnix) -> Option<i32> {
+    let socket = socket().ok()?;
+    connect(&socket, address).ok()?;
+    let mut peer = libc::ucred {
+        pid: 0,
+        uid: 0,
+        gid: 0,
+    };
+    let mut length = libc::socklen_t::try_from(size_of::<libc::ucred>()).ok()?;
+    // SAFETY: the kernel writes three numbers into a structure of three numbers, whose size it is given.
+    let result = unsafe {
+        libc::getsockopt(
+            socket.as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_PEERCRED,
+            (&raw mut peer).cast(),
+            &raw mut length,
+        )
+    };
+    (result == 0 && peer.pid != 0).then_some(peer.pid)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_claim_holds_until_it_is_dropped_and_names_its_process() {
+        let name = format!("canrig/test/{}", std::process::id());
+        let claim = Claim::named(&name, "can9").unwrap();
+        let told = Claim::named(&name, "can9").unwrap_err().to_string();
+        let expected = format!(
+            "process {} of this machine plays on can9",
+            std::process::id()
+        );
+        assert!(told.starts_with(&expected), "{told}");
+        drop(claim);
+        Claim::named(&name, "can9").unwrap();
+    }
+
+    #[test]
+    fn an_interface_that_is_not_there_cannot_be_claimed() {
+        let told = Claim::on("no-such-one").unwrap_err().to_string();
+        assert!(told.starts_with("no-such-one cannot be claimed"), "{told}");
+    }
+}

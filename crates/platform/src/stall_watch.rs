@@ -1,0 +1,258 @@
+//! Watches whether the machine lets its threads run: one that only sleeps shows when everything stands still, as in a virtual
+//! machine that is paused; the kernel's count of the time for which a thread waited for a processor shows the rest.
+
+use std::ffi::OsStr;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use rustix::io::pread;
+
+use crate::clock::{monotonic, sleep};
+use crate::scheduling::{NODE_PRIORITY, request_fifo};
+
+/// How often the watch looks, within these bounds: often enough for its half period, seldom enough for the processor.
+const TICKS: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(10)];
+/// How often it looks for new threads.
+const SEARCH_PERIOD: Duration = Duration::from_millis(100);
+/// Stalls that are kept; more of them say nothing new.
+const STALLS_MAX: usize = 100_000;
+
+/// A stretch in which somebody was held up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SeenStall<T> {
+    /// Who; none if everybody was.
+    pub who: Option<T>,
+    /// On the monotonic clock of the system: when it was seen to run last.
+    pub from: Duration,
+    /// When it was seen to run again.
+    pub until: Duration,
+}
+
+/// Whose threads are watched.
+enum Order<T> {
+    /// All of a process.
+    Process(T, u32),
+    /// One of this process, by its name.
+    OwnThread(T, &'static str),
+}
+
+/// A watch over this machine, until it is stopped.
+#[derive(Debug)]
+pub struct StallWatch<T> {
+    orders: Sender<Order<T>>,
+    thread: JoinHandle<Vec<SeenStall<T>>>,
+}
+
+impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
+    /// Notes whoever is held up for longer than this.
+    ///
+    /// # Errors
+    /// No thread can be started.
+    pub fn start(longer_than: Duration) -> std::io::Result<Self> {
+        let (orders, received) = channel();
+        let thread = std::thread::Builder::new()
+            .name("stall-watch".into())
+            .spawn(move || watch(longer_than, &received))?;
+        Ok(Self { orders, thread })
+    }
+
+    /// Watches all threads of a process from now on.
+    pub fn process(&self, who: T, process: u32) {
+        // A watch that has ended watches nobody.
+        let _ = self.orders.send(Order::Process(who, process));
+    }
+
+    /// Watches the thread of this process that has this name.
+    pub fn own_thread(&self, who: T, name: &'static str) {
+        let _ = self.orders.send(Order::OwnThread(who, name));
+    }
+
+    /// What was seen, in the order of the ends.
+    #[must_use]
+    pub fn stop(self) -> Vec<SeenStall<T>> {
+        drop(self.orders);
+        self.thread
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}
+
+fn watch<T: Copy + PartialEq>(
+    longer_than: Duration,
+    orders: &Receiver<Order<T>>,
+) -> Vec<SeenStall<T>> {
+    // As the nodes: what holds them up holds this thread up, and what does not, does not. Refused, they were refused too.
+    let _ = request_fifo(NODE_PRIORITY);
+    let [shortest, longest] = TICKS;
+    let tick = longer_than.clamp(shortest, longest);
+    let mut watched = Vec::new();
+    let mut threads: Vec<Thread<T>> = Vec::new();
+    let mut seen = Vec::new();
+    let mut last = monotonic();
+    let mut searched_at = None;
+    loop {
+        match orders.try_recv() {
+            Ok(order) => {
+                watched.push(order);
+                searched_at = None;
+                continue;
+            }
+            Err(TryRecvError::Empty) => {}
+            Err(TryRecvError::Disconnected) => return seen,
+        }
+        if searched_at.is_none_or(|at| last >= at + SEARCH_PERIOD) {
+            searched_at = Some(last);
+            search(&watched, &mut threads);
+        }
+        let asleep = monotonic();
+        sleep(tick);
+        let now = monotonic();
+        let is_held_up = |from: Duration, until: Duration| until > from + longer_than;
+        if is_held_up(last, asleep) || is_held_up(asleep + tick, now) {
+            note(&mut seen, None, last, now);
+        }
+        threads.retain_mut(|thread| match thread.waited() {
+            Some(waited) => {
+                if waited > longer_than {
+                    note(&mut seen, Some(thread.who), last, now);
+                }
+                true
+            }
+            None => false,
+        });
+        last = now;
+    }
+}
+
+/// Adds a stall, or makes the last one of the same kind longer.
+fn note<T: Copy + PartialEq>(
+    seen: &mut Vec<SeenStall<T>>,
+    who: Option<T>,
+    from: Duration,
+    until: Duration,
+) {
+    let last = seen.iter().rposition(|stall| stall.who == who);
+    match last {
+        Some(last) if seen[last].until >= from => seen[last].until = until,
+        _ if seen.len() < STALLS_MAX => seen.push(SeenStall { who, from, until }),
+        _ => {}
+    }
+}
+
+/// A thread and how long it has waited for a processor.
+struct Thread<T> {
+    who: T,
+    place: PathBuf,
+    count: File,
+    waited: Duration,
+}
+
+impl<T> Thread<T> {
+    /// None where the system does not count, or the thread has ended.
+    fn open(who: T, place: &Path) -> Option<Self> {
+        let count = File::open(place.join("schedstat")).ok()?;
+        let waited = waited_in_all(&count)?;
+        Some(Self {
+            who,
+            place: place.to_owned(),
+            count,
+            waited,
+        })
+    }
+
+    /// For how long since the last time; none once it has ended.
+    fn waited(&mut self) -> Option<Duration> {
+        let waited = waited_in_all(&self.count)?;
+        let before = std::mem::replace(&mut self.waited, waited);
+        Some(waited.saturating_sub(before))
+    }
+}
+
+/// The second number of `schedstat`: nanoseconds spent waiting on a run queue.
+fn waited_in_all(count: &File) -> Option<Duration> {
+    let mut bytes = [0; 96];
+    let length = pread(count, &mut bytes, 0).ok()?;
+    let text = std::str::from_utf8(&bytes[..length]).ok()?;
+    let nanoseconds = text.split_whitespace().nth(1)?.parse().ok()?;
+    Some(Duration::from_nanos(nanoseconds))
+}
+
+/// Finds the threads that are not watched yet.
+fn search<T: Copy>(watched: &[Order<T>], threads: &mut Vec<Thread<T>>) {
+    for order in watched {
+        let (who, process, name) = match order {
+            Order::Process(who, process) => (*who, process.to_string(), None),
+            Order::OwnThread(who, name) => (*who, "self".to_owned(), Some(*name)),
+        };
+        let tasks = fs::read_dir(format!("/proc/{process}/task"));
+        for task in tasks.into_iter().flatten().flatten() {
+            let place = task.path();
+            let is_new = threads.iter().all(|known| known.place != place);
+            if is_new && name.is_none_or(|name| is_called(&place, name)) {
+                threads.extend(Thread::open(who, &place));
+            }
+        }
+    }
+}
+
+fn is_called(task: &Path, name: &str) -> bool {
+    let said = fs::read_to_string(task.join("comm")).unwrap_or_default();
+    OsStr::new(said.trim_end()) == OsStr::new(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn stalls_that_touch_are_one_and_kinds_are_kept_apart() {
+        let mut seen = Vec::new();
+        for (who, from, until) in [(None, 1, 3), (Some('a'), 1, 3), (None, 3, 5), (None, 7, 9)] {
+            note(&mut seen, who, from * MS, until * MS);
+        }
+        let stall = |who, from, until| SeenStall {
+            who,
+            from: from * MS,
+            until: until * MS,
+        };
+        let expected = [stall(None, 1, 5), stall(Some('a'), 1, 3), stall(None, 7, 9)];
+        assert_eq!(seen, expected);
+    }
+
+    #[test]
+    fn a_thread_that_shares_its_processor_is_seen_to_wait() {
+        use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+        use std::sync::atomic::{AtomicBool, Ordering};
+        if waited_in_all(&File::open("/proc/self/schedstat").unwrap()).is_none() {
+            return;
+        }
+        let processors = sched_getaffinity(None).unwrap();
+        let first = (0..CpuSet::MAX_CPU).find(|number| processors.is_set(*number));
+        let mut here = CpuSet::new();
+        here.set(first.unwrap());
+        let is_over = AtomicBool::new(false);
+        let seen = std::thread::scope(|scope| {
+            for name in ["rival", "victim"] {
+                let busy = || {
+                    sched_setaffinity(None, &here).unwrap();
+                    while !is_over.load(Ordering::Relaxed) {
+                        std::hint::spin_loop();
+                    }
+                };
+                let thread = std::thread::Builder::new().name(name.into());
+                thread.spawn_scoped(scope, busy).unwrap();
+            }
+            let watch = StallWatch::start(MS / 2).unwrap();
+            watch.own_thread('v', "victim");
+            sleep(300 * MS);
+            is_over.store(true, Ordering::Relaxed);
+            watch.stop()
+        });
+        assert!(seen.iter().any(|stall| stall.who == Some('v')), "{seen:?}");
+    }
+}

@@ -1,0 +1,561 @@
+//! A second master: frames that are sent once in a cycle and came more often, and NMT commands that nobody of the run gives.
+//!
+//! On a bus all frames look alike; what tells two senders from one is how often they send. A busy machine only delays
+//! frames, so what comes in a burst after a pause is one sender's, and what comes too often without one is two senders'.
+
+use std::fmt;
+use std::time::Duration;
+
+use canopen::{CanFrame, Filter, NmtCommand, NmtState};
+use dbc::scenario_clock::{STATUSWORD, SYNC_COB_ID, ScenarioClock};
+use dbc::{Database, SignalHandle, SignalMissing};
+use rig::external::{External, ExternalNode};
+use scenario::Scenario;
+
+/// So much of a frame too early is no jitter.
+const AHEAD_MAX: f64 = 0.75;
+/// Frames may have been held up for so long, and then come in a burst.
+const BACKLOG_MAX: Duration = Duration::from_millis(500);
+/// The first frame of all may have come so late.
+const FIRST_LATENESS: Duration = Duration::from_millis(3);
+/// In so many periods a lead or a backlog is forgotten, since no clock is exact.
+const MEMORY_PERIODS: f64 = 64.0;
+
+/// So long after NMT Stop the run of whoever gave it is over.
+const STOP_TIME: Duration = Duration::from_secs(1);
+
+const COMMAND: &str = "drive_rpdo1.controlword_command";
+/// The only command that lets a current flow.
+const ENABLE: &str = "enable operation";
+const NMT_COB_ID: u16 = 0x000;
+const HEARTBEATS: u16 = 0x700;
+
+/// What shows a second master.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SecondMaster {
+    /// What it sends, for people.
+    pub what: String,
+    /// Scenario time of the first frame of it.
+    pub first_seconds: f64,
+    pub frames: u64,
+}
+
+/// `0x080 (SYNC), 512 frames too many from 1.234 s on`
+impl fmt::Display for SecondMaster {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            what,
+            first_seconds,
+            frames,
+        } = self;
+        let noun = if *frames == 1 { "frame" } else { "frames" };
+        write!(
+            formatter,
+            "{what}, {frames} {noun} too many from {first_seconds:.3} s on"
+        )
+    }
+}
+
+/// Watches the frames of a run for those that another master sends.
+#[derive(Debug)]
+pub struct MasterWatch {
+    clock: ScenarioClock,
+    /// What the clock reads besides SYNC.
+    statusword: u32,
+    end: Duration,
+    rates: Vec<Rate>,
+    nmt: Option<Nmt>,
+}
+
+impl MasterWatch {
+    /// A watch that has seen nothing. Frames that the scenario puts on the bus by its faults are not watched, nor what is
+    /// sent by a controller that is somebody else's, but for its SYNC.
+    ///
+    /// # Errors
+    /// The database has no statusword of the drive.
+    pub fn new(
+        scenario: &Scenario,
+        database: &Database,
+        external: &External,
+    ) -> Result<Self, SignalMissing> {
+        let fault = &scenario.fault;
+        let is_watched = fault.bus.is_empty() && fault.node.clock_drift.is_empty();
+        let is_ours = !external.has(ExternalNode::Controller);
+        let cycle = scenario.bus.sync_period();
+        let rate = |name, what, period: Option<Duration>| {
+            let message = database.message(name)?;
+            let of_message = Duration::from_millis(message.cycle_time_milliseconds);
+            Some(Rate::new(
+                message.raw_id,
+                what,
+                period.unwrap_or(of_message),
+            ))
+        };
+        let command = || {
+            let rate = rate("drive_rpdo1", "commands to the drive", Some(cycle))?;
+            Some(rate.only(database.signal(COMMAND)?, enabling(database)))
+        };
+        // When a node is no longer slow, its next frame comes sooner by so much.
+        let delays = fault.node.slow_cycle.iter();
+        let delays = delays.map(|fault| fault.delay_milliseconds / 1e3);
+        let slow_seconds = delays.fold(0.0, f64::max);
+        let sync = rate("sync", "SYNC", Some(cycle));
+        let of_ours = [
+            rate("drive_tpdo1", "positions of the drive", Some(cycle)),
+            command(),
+            rate("controller_heartbeat", "heartbeats of the controller", None)
+                .map(Rate::of_heartbeats),
+        ];
+        let of_ours = of_ours.into_iter().flatten().filter(|_| is_ours);
+        let rates = sync.into_iter().chain(of_ours);
+        Ok(Self {
+            clock: ScenarioClock::new(database)?,
+            statusword: database.require(STATUSWORD)?.raw_id(),
+            end: Duration::from_secs_f64(scenario.duration_seconds),
+            rates: rates
+                .filter(|_| is_watched)
+                .map(|rate| rate.of_slow_nodes(slow_seconds))
+                .collect(),
+            nmt: (is_watched && is_ours).then(|| Nmt::new(scenario)),
+        })
+    }
+
+    /// The frames that it must receive.
+    #[must_use]
+    pub fn filters(&self) -> Vec<Filter> {
+        let mask = Filter::exact(0).mask;
+        let rates = self.rates.iter().map(|rate| rate.raw_id);
+        let rates = rates.chain([self.statusword, SYNC_COB_ID.into()]);
+        let rates = rates.map(|id| Filter { id, mask });
+        let heartbeats = Filter {
+            id: HEARTBEATS.into(),
+            mask: mask & !0x7F,
+        };
+        let nmt = [Filter::exact(NMT_COB_ID), heartbeats];
+        let nmt = nmt.into_iter().filter(|_| self.nmt.is_some());
+        rates.chain(nmt).collect()
+    }
+
+    /// Takes every frame of the bus in order.
+    pub fn take(&mut self, time: Duration, frame: &CanFrame) {
+        self.clock.on_frame(time, frame);
+        let scenario_time = self.clock.scenario_time(time);
+        self.take_at(time, scenario_time, frame);
+    }
+
+    /// As [`MasterWatch::take`], where the scenario time of the frame is known.
+    #[inline]
+    pub(crate) fn take_at(
+        &mut self,
+        time: Duration,
+        scenario_time: Option<Duration>,
+        frame: &CanFrame,
+    ) {
+        let scenario_time = scenario_time.filter(|time| *time < self.end);
+        let id = frame.raw_id();
+        if let Some(rate) = self.rates.iter_mut().find(|rate| rate.raw_id == id) {
+            rate.take(time, scenario_time, frame);
+        }
+        if let (Some(nmt), Some(time)) = (&mut self.nmt, scenario_time) {
+            nmt.take(time, frame);
+        }
+    }
+
+    /// What was seen of a second master, the first of it first.
+    #[must_use]
+    pub fn found(&self) -> Vec<SecondMaster> {
+        let rates = self.rates.iter();
+        let rates = rates.filter(|rate| rate.surplus.first.is_some());
+        let rates = rates.filter_map(|rate| {
+            let period_milliseconds = 1e3 * rate.period.as_secs_f64();
+            let what = format!(
+                "0x{:03X} ({}, one every {period_milliseconds} ms)",
+                rate.raw_id, rate.what
+            );
+            rate.surplus.found(what)
+        });
+        let nmt = self.nmt.iter().filter_map(|nmt| {
+            let what = format!("0x{NMT_COB_ID:03X} (NMT {})", nmt.first);
+            nmt.surplus.found(what)
+        });
+        let mut found: Vec<SecondMaster> = rates.chain(nmt).collect();
+        found.sort_by(|left, right| left.first_seconds.total_cmp(&right.first_seconds));
+        found
+    }
+}
+
+/// The values of the command that lets a current flow.
+fn enabling(database: &Database) -> Vec<i64> {
+    let labels = database.definition(COMMAND).into_iter();
+    let labels = labels.flat_map(|signal| &signal.labels);
+    let enabling = labels.filter(|(_, label)| label == ENABLE);
+    enabling.map(|(value, _)| *value).collect()
+}
+
+/// Frames beyond those of one sender, while the scenario is played.
+#[derive(Clone, Copy, Debug, Default)]
+struct Surplus {
+    first: Option<Duration>,
+    frames: u64,
+}
+
+impl Surplus {
+    fn add(&mut self, scenario_time: Duration) {
+        self.first.get_or_insert(scenario_time);
+        self.frames += 1;
+    }
+
+    fn found(&self, what: String) -> Option<SecondMaster> {
+        Some(SecondMaster {
+            what,
+            first_seconds: self.first?.as_secs_f64(),
+            frames: self.frames,
+        })
+    }
+}
+
+/// How often a message comes.
+#[derive(Debug)]
+struct Rate {
+    raw_id: u32,
+    what: &'static str,
+    period: Duration,
+    /// Only frames with one of these values count.
+    only: Option<(SignalHandle, Vec<i64>)>,
+    /// Of heartbeats, the states since the latest boot-up.
+    states: Option<Vec<u8>>,
+    latest: Option<Duration>,
+    /// Frames that came before their time; a backlog, if negative.
+    ahead: f64,
+    /// More of them are another sender's.
+    ahead_max: f64,
+    surplus: Surplus,
+}
+
+impl Rate {
+    fn new(raw_id: u32, what: &'static str, period: Duration) -> Self {
+        Self {
+            raw_id,
+            what,
+            period,
+            only: None,
+            states: None,
+            latest: None,
+            ahead: -periods(FIRST_LATENESS, period),
+            ahead_max: AHEAD_MAX,
+            surplus: Surplus::default(),
+        }
+    }
+
+    fn only(self, signal: SignalHandle, values: Vec<i64>) -> Self {
+        Self {
+            only: Some((signal, values)),
+            ..self
+        }
+    }
+
+    fn of_slow_nodes(self, delay_seconds: f64) -> Self {
+        Self {
+            ahead_max: AHEAD_MAX + delay_seconds / self.period.as_secs_f64(),
+            ..self
+        }
+    }
+
+    fn of_heartbeats(self) -> Self {
+        Self {
+            states: Some(Vec::new()),
+            ..self
+        }
+    }
+
+    /// Whether a frame is a heartbeat with a state that the node has not had since its boot-up: that one comes at once. Of two
+    /// senders in two states, each sends its state again.
+    fn has_new_state(&mut self, frame: &CanFrame) -> bool {
+        let (Some(states), Some(byte)) = (&mut self.states, frame.data().first()) else {
+            return false;
+        };
+        let state = byte & 0x7F;
+        if state == NmtState::Initialising.number() {
+            states.clear();
+        }
+        let is_new = !states.contains(&state);
+        if is_new {
+            states.push(state);
+        }
+        is_new
+    }
+
+    fn counts(&self, frame: &CanFrame) -> bool {
+        self.only.as_ref().is_none_or(|(signal, values)| {
+            let value = signal.decode(frame);
+            #[expect(clippy::cast_possible_truncation, reason = "a signal of a few bits")]
+            value.is_some_and(|value| values.contains(&(value as i64)))
+        })
+    }
+
+    /// Takes a frame of the message; outside the scenario's time none is too many.
+    fn take(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
+        if !self.counts(frame) || self.has_new_state(frame) {
+            return;
+        }
+        if let Some(latest) = self.latest.replace(time) {
+            let since = periods(time.saturating_sub(latest), self.period);
+            let remembered = self.ahead * (1.0 - since / MEMORY_PERIODS).max(0.0);
+            self.ahead = (remembered + 1.0 - since).max(-periods(BACKLOG_MAX, self.period));
+        }
+        if self.ahead > self.ahead_max {
+            self.ahead -= 1.0;
+            if let Some(time) = scenario_time {
+                self.surplus.add(time);
+            }
+        }
+    }
+}
+
+fn periods(time: Duration, period: Duration) -> f64 {
+    time.as_secs_f64() / period.as_secs_f64()
+}
+
+/// NMT commands. Our controller starts and resets nodes before the scenario begins, or one that comes up later; with Stop it
+/// ends a run, as canrig does.
+#[derive(Debug)]
+struct Nmt {
+    is_stop_scripted: bool,
+    has_newcomer: bool,
+    /// When Stop was given, and to whom.
+    stop: Option<(Duration, String)>,
+    /// The first command that nobody of the run gave.
+    first: String,
+    surplus: Surplus,
+}
+
+impl Nmt {
+    fn new(scenario: &Scenario) -> Self {
+        Self {
+            is_stop_scripted: !scenario.fault.node.nmt_stop.is_empty(),
+            has_newcomer: false,
+            stop: None,
+            first: String::new(),
+            surplus: Surplus::default(),
+        }
+    }
+
+    fn take(&mut self, scenario_time: Duration, frame: &CanFrame) {
+        match (frame.standard_id(), frame.data()) {
+            (Some(SYNC_COB_ID), _) => self.on_sync(scenario_time),
+            (Some(NMT_COB_ID), &[specifier, node, ..]) => {
+                if let Some(command) = NmtCommand::from_specifier(specifier) {
+                    self.on_command(scenario_time, command, node);
+                }
+            }
+            (Some(id), &[state, ..]) if id & !0x7F == HEARTBEATS => {
+                let state = NmtState::from_number(state & 0x7F);
+                let is_new = [NmtState::Initialising, NmtState::PreOperational].map(Some);
+                self.has_newcomer |= is_new.contains(&state);
+            }
+            _ => {}
+        }
+    }
+
+    fn on_command(&mut self, scenario_time: Duration, command: NmtCommand, node: u8) {
+        let what = format!("{command:?} to node {node}");
+        match command {
+            NmtCommand::Stop if self.is_stop_scripted => {}
+            NmtCommand::Stop => {
+                self.stop.get_or_insert((scenario_time, what));
+            }
+            _ if self.has_newcomer => {}
+            _ => self.add(scenario_time, what),
+        }
+    }
+
+    /// Whoever of the run had given Stop would have ended it by now.
+    fn on_sync(&mut self, scenario_time: Duration) {
+        let is_over = |stop: &mut (Duration, String)| scenario_time > stop.0 + STOP_TIME;
+        if let Some((time, what)) = self.stop.take_if(is_over) {
+            self.add(time, what);
+        }
+    }
+
+    fn add(&mut self, scenario_time: Duration, what: String) {
+        if self.surplus.first.is_none() {
+            self.first = what;
+        }
+        self.surplus.add(scenario_time);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD: Duration = Duration::from_millis(1);
+    const MICRO: Duration = Duration::from_micros(1);
+
+    fn scenario(added: &str) -> Scenario {
+        let text = format!(
+            "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n{added}"
+        );
+        Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
+    }
+
+    fn sync() -> CanFrame {
+        CanFrame::new(SYNC_COB_ID, &[1])
+    }
+
+    fn position() -> CanFrame {
+        CanFrame::new(0x190, &[0x37, 0x12, 0, 0, 0, 0, 0, 0])
+    }
+
+    fn command(word: u8) -> CanFrame {
+        CanFrame::new(0x210, &[word, 0, 0, 0])
+    }
+
+    /// One controller and one drive for so many cycles, delayed as a machine may delay them.
+    fn run(cycles: u32, delay: impl Fn(u32) -> Duration) -> Vec<(Duration, CanFrame)> {
+        let mut frames = vec![(Duration::ZERO, position())];
+        let mut latest = Duration::ZERO;
+        for cycle in 0..cycles {
+            latest = latest.max((cycle + 1) * PERIOD + delay(cycle));
+            frames.push((latest, sync()));
+            frames.push((latest + 130 * MICRO, position()));
+            frames.push((latest + 260 * MICRO, command(15)));
+            if cycle % 20 == 0 {
+                frames.push((latest + 300 * MICRO, CanFrame::new(0x701, &[5])));
+            }
+        }
+        frames
+    }
+
+    fn found_in(
+        mut frames: Vec<(Duration, CanFrame)>,
+        added: &str,
+        external: &External,
+    ) -> Vec<SecondMaster> {
+        let scenario = scenario(added);
+        let mut watch = MasterWatch::new(&scenario, Database::shipped(), external).unwrap();
+        frames.sort_by_key(|(time, _)| *time);
+        // A bench hears what its filters accept, a recording has all frames: both find the same.
+        let filters = watch.filters();
+        let mut filtered = MasterWatch::new(&scenario, Database::shipped(), external).unwrap();
+        for (time, frame) in &frames {
+            watch.take(*time, frame);
+            if filters.iter().any(|filter| filter.accepts(frame)) {
+                filtered.take(*time, frame);
+            }
+        }
+        assert_eq!(filtered.found(), watch.found());
+        watch.found()
+    }
+
+    fn found(frames: Vec<(Duration, CanFrame)>) -> Vec<SecondMaster> {
+        found_in(frames, "", &External::default())
+    }
+
+    #[test]
+    fn one_master_is_no_second_one_however_late_the_machine_is() {
+        assert_eq!(found(run(1500, |_| Duration::ZERO)), []);
+        // A cycle late, a stall of 90 ms, and one of which nothing comes before its end.
+        let late = |cycle| {
+            if cycle % 7 == 3 {
+                990 * MICRO
+            } else {
+                Duration::ZERO
+            }
+        };
+        assert_eq!(found(run(1500, late)), []);
+        let stalled = |cycle: u32| match cycle {
+            500..590 => (590 - cycle) * PERIOD,
+            _ => Duration::ZERO,
+        };
+        assert_eq!(found(run(1500, stalled)), []);
+    }
+
+    /// The boot-up, the heartbeat of a new state, and one when its time has come.
+    #[test]
+    fn a_controller_that_boots_is_no_second_master() {
+        let begins = 12 * PERIOD;
+        let heartbeat = |at: Duration, state| (at, CanFrame::new(0x701, &[state]));
+        let mut frames = run(1500, |_| Duration::ZERO);
+        frames.retain(|(_, frame)| frame.standard_id() != Some(0x701));
+        for (time, _) in &mut frames {
+            *time += begins;
+        }
+        let boot = [heartbeat(Duration::ZERO, 0), heartbeat(5 * PERIOD, 5)];
+        frames.extend(boot);
+        frames.extend((1..40).map(|number| heartbeat(20 * number * PERIOD, 5)));
+        // Stopped between two of them, and started anew.
+        frames.extend([heartbeat(790 * PERIOD, 4)]);
+        frames.extend((40..50).map(|number| heartbeat(20 * number * PERIOD, 4)));
+        frames.extend([heartbeat(986 * PERIOD, 0), heartbeat(987 * PERIOD, 0x7F)]);
+        frames.extend([heartbeat(991 * PERIOD, 5)]);
+        frames.extend((0..20).map(|number| heartbeat((1006 + 20 * number) * PERIOD, 5)));
+        assert_eq!(found(frames), []);
+    }
+
+    #[test]
+    fn each_frame_of_a_second_master_is_noticed_within_two_cycles() {
+        let heartbeat = CanFrame::new(0x701, &[0x7F]);
+        let from = 600 * PERIOD + 400 * MICRO;
+        for (frame, period, name) in [
+            (sync(), PERIOD, "0x080 (SYNC, one every 1 ms)"),
+            (position(), PERIOD, "0x190 (positions of the drive"),
+            (command(15), PERIOD, "0x210 (commands to the drive"),
+            (
+                heartbeat,
+                20 * PERIOD,
+                "0x701 (heartbeats of the controller",
+            ),
+        ] {
+            let foreign = (0..10).map(|number| (from + number * period, frame));
+            let mut frames = run(1500, |_| Duration::ZERO);
+            frames.extend(foreign);
+            let found = found(frames);
+            let [master] = &found[..] else {
+                panic!("{found:?}")
+            };
+            assert!(master.to_string().starts_with(name), "{master}");
+            let noticed = master.first_seconds + 1e-3 - from.as_secs_f64();
+            let limit = 2.0 * period.as_secs_f64();
+            assert!(noticed <= limit, "{noticed} s after the first frame");
+            assert!((9..=11).contains(&master.frames), "{master}");
+        }
+    }
+
+    #[test]
+    fn a_reset_that_nobody_gave_is_found_and_the_end_of_a_run_is_not() {
+        let at = 700 * PERIOD;
+        let with = |added: &[(Duration, CanFrame)]| {
+            found([run(1500, |_| Duration::ZERO), added.to_vec()].concat())
+        };
+        let reset = NmtCommand::ResetNode.frame(canopen::NodeId::new(0x10));
+        let told = with(&[(at, reset)])[0].to_string();
+        assert_eq!(
+            told,
+            "0x000 (NMT ResetNode to node 16), 1 frame too many from 0.699 s on"
+        );
+        // As our controller does with a node that comes up late, and canrig with a drive beyond its limits.
+        let boot_up = (at - PERIOD, CanFrame::new(0x711, &[0]));
+        assert_eq!(with(&[boot_up, (at, reset)]), []);
+        let stop = NmtCommand::Stop.frame(canopen::NodeId::new(0x10));
+        assert_eq!(with(&[(at, command(2)), (at + MICRO, stop)]), []);
+        // After which the cycles go on, so nobody of the run gave it.
+        let told = with(&[(at / 2, stop)])[0].to_string();
+        assert!(
+            told.starts_with("0x000 (NMT Stop to node 16), 1 frame"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn what_the_scenario_or_a_foreign_controller_does_is_expected() {
+        let doubled = || [run(1500, |_| Duration::ZERO), run(1500, |_| 400 * MICRO)].concat();
+        assert_eq!(found(doubled()).len(), 4);
+        let babble = "[[fault.bus.babble]]\nfrom_seconds = 1.0\nidentifier = 128\n";
+        assert_eq!(found_in(doubled(), babble, &External::default()), []);
+        let external = External::new(&[ExternalNode::Controller]).unwrap();
+        let found = found_in(doubled(), "", &external);
+        assert_eq!(found.len(), 1);
+        assert!(found[0].what.starts_with("0x080"), "{found:?}");
+    }
+}

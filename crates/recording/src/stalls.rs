@@ -1,0 +1,226 @@
+//! Where the bench or the machine itself was late in a run in real time: the evidence by which a missed cycle is the bench's.
+//! `stalls.csv` of the run folder holds it, so that a replay decides as the run did.
+
+use std::fmt;
+use std::io;
+use std::path::Path;
+use std::str::FromStr;
+use std::time::Duration;
+
+use crate::run_folder::file;
+
+const HEADER: &str = "from_seconds,until_seconds,who,what";
+/// Largest file that is read: a million rows.
+const BYTES_MAX: u64 = 64 << 20;
+
+/// Who was held up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Who {
+    /// Everybody: a thread that only sleeps woke up late.
+    Machine,
+    /// The thread that carries the frames of an embedded bus.
+    Bus,
+    /// The controller's process that canrig started.
+    Controller,
+    /// The emulator's process that canrig started.
+    PlantEmulator,
+}
+
+impl Who {
+    const ALL: [Self; 4] = [
+        Self::Machine,
+        Self::Bus,
+        Self::Controller,
+        Self::PlantEmulator,
+    ];
+
+    /// Its name in the file.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Machine => "machine",
+            Self::Bus => "bus",
+            Self::Controller => "controller",
+            Self::PlantEmulator => "plant-emulator",
+        }
+    }
+}
+
+/// How it was held up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum What {
+    /// Nothing ran.
+    StoodStill,
+    /// It was ready to run, and others ran.
+    Waited,
+    /// It slept before its deadline, and was woken after it.
+    WokeLate,
+}
+
+impl What {
+    const ALL: [Self; 3] = [Self::StoodStill, Self::Waited, Self::WokeLate];
+
+    /// The words in the file.
+    fn words(self) -> &'static str {
+        match self {
+            Self::StoodStill => "stood still",
+            Self::Waited => "waited for a processor",
+            Self::WokeLate => "woke up late",
+        }
+    }
+}
+
+/// A stretch in which somebody was held up, on the clock of the recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stall {
+    pub from: Duration,
+    pub until: Duration,
+    pub who: Who,
+    pub what: What,
+}
+
+impl Stall {
+    /// Cut to the microseconds of the file, so that a replay sees the same.
+    #[must_use]
+    pub fn new(from: Duration, until: Duration, who: Who, what: What) -> Self {
+        let cut = |time: Duration| Duration::new(time.as_secs(), time.subsec_micros() * 1000);
+        Self {
+            from: cut(from),
+            until: cut(until),
+            who,
+            what,
+        }
+    }
+
+    /// For how long.
+    #[must_use]
+    pub fn length(&self) -> Duration {
+        self.until.saturating_sub(self.from)
+    }
+}
+
+/// `the machine stood still for 45.0 ms`
+impl fmt::Display for Stall {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (who, what) = (self.who.name(), self.what.words());
+        let milliseconds = 1e3 * self.length().as_secs_f64();
+        let verb = match self.what {
+            What::StoodStill | What::Waited => format!("{what} for {milliseconds:.1} ms"),
+            What::WokeLate => format!("{what} by {milliseconds:.1} ms"),
+        };
+        write!(formatter, "the {who} {verb}")
+    }
+}
+
+/// The text of `stalls.csv`.
+#[must_use]
+pub fn to_csv(stalls: &[Stall]) -> String {
+    let row = |stall: &Stall| {
+        let seconds = |time: Duration| format!("{}.{:06}", time.as_secs(), time.subsec_micros());
+        let (from, until) = (seconds(stall.from), seconds(stall.until));
+        format!(
+            "{from},{until},{},{}\n",
+            stall.who.name(),
+            stall.what.words()
+        )
+    };
+    let rows: String = stalls.iter().map(row).collect();
+    format!("{HEADER}\n{rows}")
+}
+
+/// Reads `stalls.csv` of a run folder. Without the file nobody was held up: in virtual time, or in a recording of somebody
+/// else's.
+///
+/// # Errors
+/// The file cannot be read, or is not of that form.
+pub fn read_stalls(folder: &Path) -> io::Result<Vec<Stall>> {
+    match scenario::read_text(&folder.join(file::STALLS), BYTES_MAX) {
+        Ok(text) => {
+            of_csv(&text).map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason))
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(error) => Err(error),
+    }
+}
+
+fn of_csv(text: &str) -> Result<Vec<Stall>, String> {
+    let mut lines = (1..).zip(text.lines());
+    match lines.next() {
+        Some((_, HEADER)) => {}
+        _ => return Err(format!("line 1: {HEADER} is expected")),
+    }
+    let stall = |(number, line): (u32, &str)| {
+        line.parse()
+            .map_err(|reason| format!("line {number}: {reason}: \"{line}\""))
+    };
+    lines.map(stall).collect()
+}
+
+impl FromStr for Stall {
+    type Err = &'static str;
+
+    fn from_str(line: &str) -> Result<Self, Self::Err> {
+        let cells: Vec<&str> = line.split(',').collect();
+        let [from, until, who, what] = cells[..] else {
+            return Err("four columns are expected");
+        };
+        let who = Who::ALL.into_iter().find(|known| known.name() == who);
+        let what = What::ALL.into_iter().find(|known| known.words() == what);
+        let (from, until) = (seconds(from), seconds(until));
+        let (Some(from), Some(until)) = (from, until) else {
+            return Err("seconds with six decimals are expected");
+        };
+        Ok(Self {
+            from,
+            until,
+            who: who.ok_or("nobody of that name is watched")?,
+            what: what.ok_or("nobody is held up like that")?,
+        })
+    }
+}
+
+fn seconds(text: &str) -> Option<Duration> {
+    let (seconds, micros) = text
+        .split_once('.')
+        .filter(|(_, micros)| micros.len() == 6)?;
+    let micros: u32 = micros.parse().ok()?;
+    Some(Duration::new(seconds.parse().ok()?, micros * 1000))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read(rows in prop::collection::vec((0..u64::from(u32::MAX), 0..2_000_000_u64, 0..4_usize, 0..3_usize), 0..9)) {
+            let stall = |(from, length, who, what): &(u64, u64, usize, usize)| {
+                let from = Duration::from_nanos(1_001 * from);
+                Stall::new(from, from + Duration::from_micros(*length), Who::ALL[*who], What::ALL[*what])
+            };
+            let stalls: Vec<Stall> = rows.iter().map(stall).collect();
+            prop_assert_eq!(of_csv(&to_csv(&stalls)), Ok(stalls));
+        }
+    }
+
+    #[test]
+    fn a_damaged_line_is_named() {
+        let good = "1.000000,1.045000,machine,stood still";
+        let stalls = of_csv(&format!("{HEADER}\n{good}\n")).unwrap();
+        assert_eq!(stalls[0].to_string(), "the machine stood still for 45.0 ms");
+        for bad in [
+            "1.0,1.045000,machine,stood still",
+            "1.000000,1.045000,moon,stood still",
+            "1.000000",
+        ] {
+            let error = of_csv(&format!("{HEADER}\n{good}\n{bad}\n")).unwrap_err();
+            assert!(
+                error.starts_with("line 3: ") && error.contains(bad),
+                "{error}"
+            );
+        }
+        assert!(of_csv("").is_err());
+    }
+}

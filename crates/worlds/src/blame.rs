@@ -1,0 +1,229 @@
+//! Whose doing it was that a run broke off: a node under test fails the run, the bench's own failures and those of the bus
+//! leave it undecided.
+
+use std::time::Duration;
+
+use canopen::emcy::{EmergencyMessage, ErrorCode};
+use dbc::scenario_clock::SYNC_COB_ID;
+use dbc::signals;
+use platform::lockstep::LockstepError;
+use recording::capture::Capture;
+use recording::ending::{EarlyEnd, EndedBy};
+use recording::log::Stamped;
+use rig::error_frames;
+use rig::setup::Setup;
+
+use crate::coordinator::CoordinatorError;
+use crate::error::{Doing, WorldError};
+use crate::nodes::{CONTROLLER, DRIVE};
+
+/// A bus that was in such a state so shortly before the end is why a node gave up.
+const BUS_TROUBLE: Duration = Duration::from_secs(1);
+const BUS_TROUBLES: [&str; 2] = ["bus-off", "error passive"];
+/// Periods without a position after which the drive counts as silent.
+const SILENT_PERIODS: u32 = 5;
+
+const NMT_COB_ID: u16 = 0x000;
+/// NMT stop, which the bench gives at the end of a run.
+const NMT_STOP: u8 = 2;
+const CONTROLLER_EMCY: u16 = 0x081;
+const CONTROLLER_HEARTBEAT: u16 = 0x701;
+/// The causes in the controller's EMCY that are the drive's: no position, not enabled, an emergency, not operational, no
+/// bring-up.
+const CAUSES_OF_DRIVE: [u8; 5] = [1, 5, 6, 7, 9];
+
+/// The end of a run that broke off with an error, if a node under test is why.
+///
+/// # Errors
+/// It was not; the error as it came.
+pub(crate) fn end_by_node(
+    error: WorldError,
+    setup: &Setup,
+    capture: &Capture<'_>,
+) -> Result<EarlyEnd, WorldError> {
+    let seen = Seen {
+        setup,
+        frames: capture.frames(),
+        zero: capture.zero(),
+    };
+    match error {
+        WorldError::Silent { node, silence } => Ok(seen.silent(node, silence)),
+        WorldError::NoStart { patience } => Ok(seen.never_began(patience)),
+        WorldError::Violation(text) => {
+            let when = seen.when();
+            let what = format!("canrig stopped the drive: {text}{when}");
+            Ok(seen.end(DRIVE, None, what))
+        }
+        WorldError::NoStop { name, .. } => Ok(seen.end(name, None, error.to_string())),
+        WorldError::Process {
+            name,
+            how,
+            log,
+            doing: Doing::GaveUp,
+        } if !seen.is_bus_in_trouble() => Ok(seen.gave_up(name, &how, &log)),
+        WorldError::Process {
+            name,
+            how,
+            log,
+            doing: Doing::Crashed,
+        } => Ok(seen.end(name, None, format!("{how}{}{log}", seen.when()))),
+        WorldError::Coordinator(CoordinatorError::Failed { name, reason }) => {
+            Ok(seen.gave_up(&name, "gave up", &format!(": {reason}")))
+        }
+        WorldError::Coordinator(CoordinatorError::Participant(LockstepError::NoAnswer {
+            ref name,
+            patience,
+        })) => {
+            let what = format!("no answer within {} s{}", patience.as_secs(), seen.when());
+            Ok(seen.end(name, None, what))
+        }
+        error => Err(error),
+    }
+}
+
+/// What the recording shows of the end.
+struct Seen<'a> {
+    setup: &'a Setup,
+    frames: &'a [Stamped],
+    zero: Option<Duration>,
+}
+
+impl Seen<'_> {
+    /// Scenario time, to the microsecond of the recording; none before the scenario began.
+    fn seconds(&self, time: Duration) -> Option<f64> {
+        let since = time.checked_sub(self.zero?)?;
+        #[expect(clippy::cast_precision_loss, reason = "microseconds of one run")]
+        let micros = since.as_micros() as f64;
+        Some(micros / 1e6)
+    }
+
+    /// Scenario time; the recording's where the scenario never began.
+    fn stamp(&self, time: Duration) -> f64 {
+        self.seconds(time).unwrap_or(time.as_secs_f64())
+    }
+
+    fn end_of_recording(&self) -> Option<Duration> {
+        self.frames.last().map(|last| last.time)
+    }
+
+    /// ` at 3.012 s`
+    fn when(&self) -> String {
+        let end = self.end_of_recording().and_then(|end| self.seconds(end));
+        end.map_or_else(
+            || " before the scenario began".to_owned(),
+            |seconds| format!(" at {seconds:.3} s"),
+        )
+    }
+
+    /// The end of a run at the end of its recording.
+    fn end(&self, node: &str, since: Option<Duration>, what: String) -> EarlyEnd {
+        EarlyEnd {
+            by: EndedBy::Node,
+            node: Some(node.to_owned()),
+            since_seconds: since.map(|since| self.stamp(since)),
+            at_seconds: self.end_of_recording().map(|end| self.stamp(end)),
+            what,
+        }
+    }
+
+    fn last(&self, raw_id: u32) -> Option<&Stamped> {
+        let mut latest_first = self.frames.iter().rev();
+        latest_first.find(|stamped| stamped.frame.raw_id() == raw_id)
+    }
+
+    fn last_sync(&self) -> Option<Duration> {
+        self.last(SYNC_COB_ID.into()).map(|sync| sync.time)
+    }
+
+    fn last_position(&self) -> Option<Duration> {
+        let position = self.setup.database.signal(signals::POSITION)?;
+        self.last(position.raw_id()).map(|position| position.time)
+    }
+
+    fn silent(&self, node: &str, silence: Duration) -> EarlyEnd {
+        let last = match node {
+            CONTROLLER => self.last_sync(),
+            _ => self.last_position(),
+        };
+        let since = last.and_then(|last| self.seconds(last)).unwrap_or_default();
+        EarlyEnd {
+            at_seconds: last.map(|last| self.stamp(last + silence)),
+            ..self.end(node, last, format!("silent since {since:.3} s"))
+        }
+    }
+
+    /// Nobody led the drive to where current may flow.
+    fn never_began(&self, patience: Duration) -> EarlyEnd {
+        let is_of_controller = |stamped: &&Stamped| {
+            let frame = &stamped.frame;
+            match frame.standard_id() {
+                Some(NMT_COB_ID) => frame.data().first() != Some(&NMT_STOP),
+                Some(id) => [SYNC_COB_ID, CONTROLLER_HEARTBEAT].contains(&id),
+                None => false,
+            }
+        };
+        let is_heard = self.frames.iter().find(is_of_controller).is_some();
+        let seconds = patience.as_secs();
+        let what = match is_heard {
+            true => format!(
+                "the scenario did not begin within {seconds} s: the drive never reported Operation enabled"
+            ),
+            false => format!(
+                "not heard at all within {seconds} s: no SYNC, no NMT, no heartbeat 0x{CONTROLLER_HEARTBEAT:03X}; is it running, and on this bus?"
+            ),
+        };
+        self.end(CONTROLLER, None, what)
+    }
+
+    /// A node that gave up by itself; of a controller that gave its drive up, the drive.
+    fn gave_up(&self, name: &str, how: &str, log: &str) -> EarlyEnd {
+        let when = self.when();
+        let given_up = self.drive_given_up().filter(|_| name == CONTROLLER);
+        let Some(given_up) = given_up else {
+            return self.end(name, self.last_position(), format!("{how}{when}{log}"));
+        };
+        let position = self.last_position();
+        let patience = SILENT_PERIODS * self.setup.scenario.bus.sync_period();
+        let silent = position.filter(|position| given_up > *position + patience);
+        let silent = silent.and_then(|position| self.seconds(position));
+        let silent =
+            silent.map_or_else(String::new, |since| format!("silent since {since:.3} s; "));
+        let what = format!("{silent}the controller gave it up{when} and {how}{log}");
+        EarlyEnd {
+            at_seconds: Some(self.stamp(given_up)),
+            ..self.end(DRIVE, position, what)
+        }
+    }
+
+    /// When the controller gave its drive up, if its last error says that the drive was amiss: its heartbeat, or a cause of the
+    /// controller's own.
+    fn drive_given_up(&self) -> Option<Duration> {
+        let of_controller =
+            |stamped: &&Stamped| stamped.frame.standard_id() == Some(CONTROLLER_EMCY);
+        let latest_first = self.frames.iter().rev().filter(of_controller);
+        let mut errors = latest_first
+            .filter_map(|stamped| {
+                let emergency = EmergencyMessage::decode(stamped.frame.data())?;
+                Some((stamped.time, emergency))
+            })
+            .filter(|(_, emergency)| emergency.code != ErrorCode::NO_ERROR);
+        let (time, emergency) = errors.next()?;
+        let [_, cause, ..] = emergency.manufacturer;
+        let is_of_drive =
+            emergency.code == ErrorCode::HEARTBEAT || CAUSES_OF_DRIVE.contains(&cause);
+        is_of_drive.then_some(time)
+    }
+
+    fn is_bus_in_trouble(&self) -> bool {
+        let Some(end) = self.end_of_recording() else {
+            return false;
+        };
+        let lately = self.frames.iter().rev();
+        let mut lately = lately.take_while(|stamped| stamped.time + BUS_TROUBLE >= end);
+        lately.any(|stamped| {
+            error_frames::read(&stamped.frame).is_some_and(|message| {
+                !message.is_good && BUS_TROUBLES.iter().any(|text| message.text.contains(text))
+            })
+        })
+    }
+}

@@ -1,0 +1,227 @@
+//! The bench's place on its bus, so that no other bench leads there too.
+//!
+//! On one machine the interface is claimed. Benches of other machines hear the manager's heartbeat in their pre-flight: our
+//! controller sends it while it runs, the interview and a [`Vigil`] send it before and between.
+
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use canopen::{CanFrame, Filter, NmtState, Node, Progress};
+use dbc::scenario_clock::SYNC_COB_ID;
+use platform::bus::BusAddress;
+use platform::claim::{Claim, ClaimError};
+use platform::real_time::{RunError, RunReport};
+use platform::stop::Stopper;
+use rig::data_sheet::{DataSheet, rig_data_sheets};
+use rig::presence::Presence;
+use scenario::fault::node::Node as FaultyNode;
+
+use crate::bus_choice::RunBus;
+use crate::bus_connection::stop_signal;
+use crate::error::WorldError;
+use crate::nodes::BENCH;
+
+/// Often enough for whoever listens as long as our pre-flight, and for a drive that watches its manager for 100 ms.
+const HEARTBEAT_PERIOD: Duration = Duration::from_millis(50);
+const HEARTBEAT_COB_ID: u16 = 0x700;
+
+/// An interface that no other bench of this machine uses meanwhile. What canrig makes for a run nobody else sees.
+#[derive(Debug)]
+pub struct BusPlace {
+    _claim: Option<Claim>,
+}
+
+impl BusPlace {
+    /// Takes the place.
+    ///
+    /// # Errors
+    /// Another bench has it; the text names its process.
+    pub fn take(bus: &RunBus) -> Result<Self, WorldError> {
+        let claim = match bus {
+            RunBus::Interface(name) => Some(Claim::on(name).map_err(refused)?),
+            RunBus::Embedded { .. } | RunBus::Private => None,
+        };
+        Ok(Self { _claim: claim })
+    }
+}
+
+fn refused(error: ClaimError) -> WorldError {
+    match error {
+        ClaimError::Taken(_) => WorldError::SecondMaster(error.to_string()),
+        ClaimError::System { .. } => WorldError::Claim(error),
+    }
+}
+
+fn heartbeat_cob_id() -> u16 {
+    HEARTBEAT_COB_ID + u16::from(FaultyNode::Controller.number())
+}
+
+/// The heartbeat of a manager that does not lead yet.
+#[derive(Debug, Default)]
+pub(crate) struct ManagerHeartbeat {
+    next: Option<Duration>,
+}
+
+impl ManagerHeartbeat {
+    /// From now on it is sent.
+    pub(crate) fn start(&mut self, now: Duration) {
+        self.next.get_or_insert(now);
+    }
+
+    /// The frame, when its time has come.
+    pub(crate) fn due(&mut self, now: Duration) -> Option<CanFrame> {
+        self.next.filter(|next| *next <= now)?;
+        self.next = Some(now + HEARTBEAT_PERIOD);
+        let state = NmtState::PreOperational.number();
+        Some(CanFrame::new(heartbeat_cob_id(), &[state]))
+    }
+
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        self.next
+    }
+}
+
+/// Sends the manager's heartbeat, and listens whether another manager is there.
+#[derive(Debug)]
+struct Watchman {
+    heartbeat: ManagerHeartbeat,
+    presence: Presence,
+    sheets: Vec<DataSheet>,
+    frame: Option<CanFrame>,
+    is_stopped: bool,
+}
+
+impl Watchman {
+    fn new() -> Self {
+        Self {
+            heartbeat: ManagerHeartbeat::default(),
+            presence: Presence::default(),
+            sheets: rig_data_sheets(),
+            frame: None,
+            is_stopped: false,
+        }
+    }
+}
+
+impl Node for Watchman {
+    fn filters(&self) -> Vec<Filter> {
+        vec![
+            Filter::exact(SYNC_COB_ID),
+            Filter::exact(heartbeat_cob_id()),
+        ]
+    }
+
+    fn on_frame(&mut self, _now: Duration, frame: &CanFrame) {
+        self.presence.on_frame(frame);
+    }
+
+    fn on_tick(&mut self, now: Duration) {
+        self.heartbeat.start(now);
+        self.frame = self.heartbeat.due(now);
+    }
+
+    fn on_stop(&mut self, _now: Duration) {
+        self.is_stopped = true;
+    }
+
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        self.frame.take()
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        self.heartbeat.next_deadline().or(Some(Duration::ZERO))
+    }
+
+    fn progress(&self) -> Progress {
+        match self.presence.manager(&self.sheets) {
+            Some(manager) => Progress::Failed(format!("{manager} is heard; end the other bench")),
+            None if self.is_stopped => Progress::Stopped,
+            None => Progress::Running,
+        }
+    }
+}
+
+/// Keeps the place while no controller of ours runs. Only after an orderly stop: where a controller was lost, its silence is
+/// what takes the current away.
+#[derive(Debug)]
+pub struct Vigil {
+    /// None on a private bus, where nobody else can be.
+    kept: Option<(Stopper, JoinHandle<Result<RunReport, RunError>>)>,
+}
+
+impl Vigil {
+    /// Begins on a bus that is there.
+    ///
+    /// # Errors
+    /// The bus cannot be joined.
+    pub fn begin(address: &BusAddress) -> Result<Self, WorldError> {
+        if let BusAddress::Private(_) = address {
+            return Ok(Self { kept: None });
+        }
+        let mut watchman = Watchman::new();
+        let mut bus = platform::open(address, &watchman.filters())?;
+        let (stopper, stop) = stop_signal()?;
+        let thread = std::thread::Builder::new().name("vigil".into());
+        let thread =
+            thread.spawn(move || platform::real_time::run(&mut watchman, &mut *bus, &stop));
+        let thread = thread.map_err(|source| WorldError::Spawn {
+            name: BENCH,
+            source,
+        })?;
+        Ok(Self {
+            kept: Some((stopper, thread)),
+        })
+    }
+
+    /// Whether it ended by itself; [`Vigil::end`] says why.
+    #[must_use]
+    pub fn is_broken(&self) -> bool {
+        let kept = self.kept.as_ref();
+        kept.is_some_and(|(_, thread)| thread.is_finished())
+    }
+
+    /// Ends it.
+    ///
+    /// # Errors
+    /// Another manager was heard, or the bus failed.
+    pub fn end(self) -> Result<(), WorldError> {
+        let Some((stopper, thread)) = self.kept else {
+            return Ok(());
+        };
+        drop(stopper);
+        let ended = thread.join();
+        match ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic)) {
+            Ok(_) => Ok(()),
+            Err(RunError::Node(manager)) => Err(WorldError::SecondMaster(manager)),
+            Err(error) => Err(WorldError::Bench(error)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_watchman_is_heard_twice_while_a_pre_flight_listens_and_hears_another() {
+        let mut watchman = Watchman::new();
+        let mut now = Duration::ZERO;
+        let mut heard = Presence::default();
+        while now <= Duration::from_millis(100) {
+            watchman.on_tick(now);
+            let frame = watchman.next_frame().unwrap();
+            heard.on_frame(&frame);
+            now = watchman.next_deadline().unwrap();
+        }
+        assert!(
+            heard
+                .manager(&rig_data_sheets())
+                .unwrap()
+                .contains("node 1")
+        );
+        assert_eq!(watchman.progress(), Progress::Running);
+        watchman.on_frame(now, &CanFrame::new(SYNC_COB_ID, &[]));
+        let expected = "SYNC is heard; end the other bench";
+        assert_eq!(watchman.progress(), Progress::Failed(expected.to_owned()));
+    }
+}

@@ -1,0 +1,87 @@
+//! Gathers where the machine held up what canrig started, while a run in real time goes on.
+
+use std::time::Duration;
+
+use platform::stall_watch::{SeenStall, StallWatch};
+use recording::latency::NodeReport;
+use recording::stalls::{Stall, What, Who};
+use rig::setup::Setup;
+
+use crate::bus_connection::BusConnection;
+use crate::child::NodeProcess;
+use crate::error::WorldError;
+use crate::nodes::BENCH;
+use crate::processes::Processes;
+
+/// The thread that carries the frames of an embedded bus.
+const HUB_THREAD: &str = "hub";
+
+/// The watch over the machine during one run.
+pub(super) struct StallRecorder {
+    watch: StallWatch<Who>,
+    /// Half a SYNC period: what takes less makes no cycle miss.
+    longer_than: Duration,
+}
+
+impl StallRecorder {
+    /// # Errors
+    /// No thread can be started.
+    pub(super) fn start(setup: &Setup, processes: &Processes) -> Result<Self, WorldError> {
+        let longer_than = setup.scenario.bus.sync_period() / 2;
+        let watch = StallWatch::start(longer_than).map_err(|source| WorldError::Spawn {
+            name: BENCH,
+            source,
+        })?;
+        watch.own_thread(Who::Bus, HUB_THREAD);
+        let recorder = Self { watch, longer_than };
+        for (who, process) in [
+            (Who::Controller, &processes.controller),
+            (Who::PlantEmulator, &processes.plant_emulator),
+        ] {
+            if let Some(process) = process {
+                recorder.watch(who, process);
+            }
+        }
+        Ok(recorder)
+    }
+
+    /// Watches a node's process, too.
+    pub(super) fn watch(&self, who: Who, process: &NodeProcess) {
+        if let Some(number) = process.number() {
+            self.watch.process(who, number);
+        }
+    }
+
+    /// All that was seen, and what the nodes' own loops report, on the clock of the recording.
+    pub(super) fn finish(
+        self,
+        connection: &BusConnection,
+        reports: [(Who, &mut Option<NodeReport>); 2],
+    ) -> Vec<Stall> {
+        let longer_than = self.longer_than;
+        let late = reports.into_iter().flat_map(|(who, report)| {
+            let late = report
+                .as_mut()
+                .map(|report| std::mem::take(&mut report.late));
+            let times = late.into_iter().flatten();
+            let times = times.map(|times| times.map(Duration::from_nanos));
+            times
+                .filter(move |[from, until]| *until > *from + longer_than)
+                .map(move |[from, until]| (who, What::WokeLate, from, until))
+        });
+        let seen = self.watch.stop().into_iter();
+        let seen = seen.map(|SeenStall { who, from, until }| match who {
+            None => (Who::Machine, What::StoodStill, from, until),
+            Some(who) => (who, What::Waited, from, until),
+        });
+        let mut stalls: Vec<Stall> = seen
+            .chain(late)
+            .map(|(who, what, from, until)| {
+                let [from, until] = [from, until].map(|time| connection.recorded_time(time));
+                Stall::new(from, until, who, what)
+            })
+            .collect();
+        stalls.sort_by_key(|stall| (stall.from, stall.until));
+        stalls
+    }
+}

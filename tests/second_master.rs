@@ -1,0 +1,155 @@
+//! Somebody else who leads on the bus of a run: noticed, named, and no reason to pass.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use canopen::{CanFrame, Filter};
+use platform::bus::{Bus, BusAddress};
+
+use crate::external::{Run, stop};
+use crate::real_time::{in_real_time, wait_for};
+use crate::support::{only_run, output};
+
+const PERIOD: Duration = Duration::from_millis(100);
+
+fn scenario_text(expect: &str) -> String {
+    format!(
+        "schema = 1\nname = \"shared\"\nduration_seconds = 3.0\n[bus]\nsync_period_milliseconds = 100.0\n\
+         [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+         [expect]\nposition_millimetres_max = {{ max = 59.0 }}\n{expect}"
+    )
+}
+
+fn join(address: &str) -> Box<dyn Bus> {
+    let address: BusAddress = address.parse().unwrap();
+    platform::open(&address, &[Filter::ALL]).unwrap()
+}
+
+/// Does something beside a producer of SYNC that knows nothing of the run.
+fn beside_a_producer<T>(address: &str, work: impl FnOnce() -> T) -> T {
+    let is_over = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut bus = join(address);
+            let sync = CanFrame::new(0x080, &[]);
+            while !is_over.load(Ordering::Relaxed) && bus.send(&sync).is_ok() {
+                thread::sleep(PERIOD);
+            }
+        });
+        let result = work();
+        is_over.store(true, Ordering::Relaxed);
+        result
+    })
+}
+
+fn log(runs: &Path) -> String {
+    fs::read_to_string(only_run(runs).join("bus.log")).unwrap_or_default()
+}
+
+#[test]
+fn a_foreign_producer_of_sync_is_named_and_no_run_beside_it_passes() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let run = Run::of(&scenario_text(""), folder.path(), &[]);
+        let runs = run.runs.clone();
+        wait_for("the first command", || log(&runs).contains(" 210#0F00"));
+        let address = run.address.clone();
+        let (code, text, run) = beside_a_producer(&address, || run.end());
+        assert_eq!(code, Some(5), "{text}");
+        let reason = "inconclusive: a second master: 0x080 (SYNC, one every 100 ms), ";
+        assert!(text.contains(reason), "{text}");
+        let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        let (code, text, stderr) = output(replay.arg("replay").arg(run));
+        assert_eq!(code, Some(5), "{text}{stderr}");
+        let same = "the same verdict as that of the run";
+        assert!(text.contains(reason) && text.contains(same), "{text}");
+    });
+}
+
+#[test]
+fn beside_a_real_drive_a_second_master_ends_the_run_without_current() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let arguments = ["--external", "drive", "--no-heating"];
+        let run = Run::of(&scenario_text(""), folder.path(), &arguments);
+        let drive = run.start("plant-emulator");
+        let runs = run.runs.clone();
+        wait_for("the first command", || log(&runs).contains(" 210#0F00"));
+        let address = run.address.clone();
+        let (code, text, run) = beside_a_producer(&address, || run.end());
+        stop(drive);
+        assert_eq!(code, Some(4), "{text}");
+        let place = run.parent().unwrap().parent().unwrap().join("swapped.toml");
+        let reason = format!("canrig: {}: a second master: 0x080 (SYNC", place.display());
+        assert!(text.contains(&reason), "{text}");
+        let log = fs::read_to_string(run.join("bus.log")).unwrap();
+        // The foreign SYNC has no counter.
+        let (_, foreign) = log.split_once(" 080#\n").expect("a foreign SYNC");
+        let (until_stop, after) = foreign.split_once(" 000#0210\n").expect("NMT stop");
+        let syncs = until_stop.matches(" 080#").count();
+        assert!(syncs <= 4, "{syncs} SYNCs until the stop:\n{until_stop}");
+        let is_heated = |line: &str| line.contains(" 190#37") && !line.ends_with("0000");
+        assert!(
+            !after.lines().any(is_heated),
+            "the current flows on:\n{after}"
+        );
+    });
+}
+
+#[test]
+fn a_bench_is_heard_during_its_pre_flight_and_its_pause() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = folder.path().join("rig.toml");
+        let text = "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = 20.0\n\
+             [limits]\ncurrent_amperes = 1.0\nposition_millimetres = { min = -1.5, max = 59.5 }\n\
+             speed_millimetres_per_second = 1e4\n\
+             [timeouts]\ndrive_lost_milliseconds = 1000\ncontroller_lost_milliseconds = 1000\n\
+             [preflight]\nramp_amperes_per_second = 1.0\nheating_seconds_max = 3.0\ncooling_seconds = 1.0\n";
+        fs::write(&rig, text).unwrap();
+        let arguments = ["--rig", rig.to_str().unwrap(), "--dry-run"];
+        let run = Run::of(&scenario_text(""), folder.path(), &arguments);
+        let mut bus = join(&run.address);
+        let drive = run.start("plant-emulator");
+        let (code, text) = thread::scope(|scope| {
+            let ended = scope.spawn(|| run.printed());
+            let mut waiting = 0;
+            while !ended.is_finished() {
+                let heard = bus.receive(Duration::from_millis(100));
+                let Ok(heard) = heard else { break };
+                waiting += usize::from(heard == Some(CanFrame::new(0x701, &[0x7F])));
+            }
+            // 1 s of cooling, and the interview before.
+            assert!(waiting >= 15, "{waiting} heartbeats of a waiting manager");
+            ended.join().unwrap()
+        });
+        stop(drive);
+        assert_eq!(code, Some(0), "{text}");
+    });
+}
+
+#[test]
+fn a_pre_flight_that_hears_another_bench_wait_ends() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let arguments = ["--external", "drive", "--dry-run"];
+        let run = Run::of(&scenario_text(""), folder.path(), &arguments);
+        let mut bus = join(&run.address);
+        let (code, text) = thread::scope(|scope| {
+            let ended = scope.spawn(|| run.printed());
+            let heartbeat = CanFrame::new(0x701, &[0x7F]);
+            while !ended.is_finished() && bus.send(&heartbeat).is_ok() {
+                thread::sleep(Duration::from_millis(50));
+            }
+            ended.join().unwrap()
+        });
+        assert_eq!(code, Some(4), "{text}");
+        let reason =
+            "canrig: a second master: the pre-flight hears the heartbeat of the manager, node 1";
+        assert!(text.contains(reason), "{text}");
+    });
+}
