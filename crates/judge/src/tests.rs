@@ -113,6 +113,93 @@ fn settling_counts_from_the_step_to_the_first_sample_of_the_last_stay() {
     check("", stays_inside, "settling_time_seconds", 0.1);
 }
 
+const HUNTING: &str = "[expect]\nhunting_millimetres = { max = 0.25 }\n";
+
+#[test]
+fn hunting_is_how_far_the_position_goes_in_the_last_second() {
+    let swinging = |time: f64| match (time * 1e3).round() {
+        1500.0 => 40.0,
+        3200.0 => 35.3,
+        3900.0 => 34.9,
+        _ => 35.0,
+    };
+    check(HUNTING, swinging, "hunting_millimetres", 0.4);
+    // Nobody asked.
+    let verdict = verdict_of(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
+    assert!(
+        verdict
+            .metrics
+            .iter()
+            .all(|row| row.name != "hunting_millimetres")
+    );
+}
+
+#[test]
+fn a_set_point_that_moves_in_the_last_second_is_no_hunting() {
+    let late = format!(
+        "{HUNTING}[[reference.ramp]]\nfrom_seconds = 3.0\nuntil_seconds = 3.5\nposition_millimetres = 20.0\n"
+    );
+    let verdict = verdict_of(&scenario(&late), &frames(4000, |_| Some(10.0)), 0);
+    let reason = row(&verdict, "hunting_millimetres").remark.as_deref();
+    assert_eq!(
+        reason,
+        Some("the set-point stands for 0.500 s; 1 s are needed")
+    );
+}
+
+/// As [`frames`], with a command in each cycle.
+fn commanded(position: impl Fn(f64) -> f64, current: impl Fn(u32) -> f64) -> Vec<Stamped> {
+    let database = Database::shipped();
+    let target = database
+        .signal("drive_rpdo1.target_current_amperes")
+        .unwrap();
+    let mut all = frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3)));
+    for cycle in 0..4000 {
+        let mut message = database.builder("drive_rpdo1").unwrap();
+        message.set(&target, current(cycle));
+        let time = Duration::from_millis(u64::from(cycle) + 1) + Duration::from_micros(400);
+        all.push(Stamped::new(time, message.frame()));
+    }
+    all.sort_by_key(|stamped| stamped.time);
+    all
+}
+
+const RIPPLE: &str = "[expect]\ncurrent_ripple_amperes_rms = { max = 0.02 }\n";
+
+#[test]
+fn ripple_is_the_standard_deviation_of_the_command_in_the_last_hold() {
+    let current = |cycle| match cycle {
+        ..2000 => 1.0,
+        cycle if cycle % 2 == 0 => 0.57,
+        _ => 0.59,
+    };
+    let verdict = verdict_of(
+        &scenario(RIPPLE),
+        &commanded(step_response(1.0), current),
+        0,
+    );
+    let ripple = value(&verdict, "current_ripple_amperes_rms").unwrap();
+    assert!((ripple - 0.01).abs() < 1e-4, "{ripple}");
+    let late = verdict_of(
+        &scenario(RIPPLE),
+        &commanded(step_response(1.3), current),
+        0,
+    );
+    let reason = row(&late, "current_ripple_amperes_rms").remark.as_deref();
+    assert_eq!(reason, Some("the hold lasts 1.700 s; 2 s are needed"));
+}
+
+#[test]
+fn a_disturbance_ends_the_hold_before_it() {
+    let load = format!("{RIPPLE}[[disturbance.load]]\nat_seconds = 2.0\nadded_grams = 1.0\n");
+    let frames = commanded(step_response(1.0), |_| 0.5);
+    let verdict = verdict_of(&scenario(&load), &frames, 0);
+    let reason = row(&verdict, "current_ripple_amperes_rms")
+        .remark
+        .as_deref();
+    assert_eq!(reason, Some("the hold lasts 1.000 s; 2 s are needed"));
+}
+
 /// Without a limit too, since a reader who misses a row takes its metric for met.
 #[test]
 fn a_step_that_never_settles_has_a_row() {

@@ -121,7 +121,7 @@ impl Drawn {
 
     fn expectations(&self) -> String {
         let mut text =
-            "[expect]\nno_event = [\"emergency\"]\ntemperature_celsius = { max = 60.0 }\n"
+            "[expect]\nno_event = [\"emergency\"]\ntemperature_celsius = { max = 60.0 }\nhunting_millimetres = { max = 0.25 }\n"
                 .to_owned();
         if let Some(until) = self.judged_until {
             writeln!(text, "judged_until_seconds = {until:?}").unwrap();

@@ -200,6 +200,7 @@ impl Plain<'_> {
             positions.fold(f64::NEG_INFINITY, f64::max)
         });
         add("position_millimetres_max", highest);
+        add("hunting_millimetres", self.hunting());
         if let Some((_, until)) = self.drawn.stuck {
             let recovery = match until < DURATION_SECONDS {
                 true => self.recovery((until, DURATION_SECONDS)),
@@ -207,6 +208,26 @@ impl Plain<'_> {
             };
             add("recovers_within_seconds", recovery);
         }
+    }
+
+    /// Highest less lowest position in the last second, unless something changes in it.
+    fn hunting(&self) -> Option<f64> {
+        let last = (self.end - 1.0, self.end);
+        let samples = self.within(self.whole());
+        let changes = samples.windows(2);
+        let changes = changes.filter(|pair| pair[0].set_point != pair[1].set_point);
+        let changes = changes.map(|pair| pair[1].time);
+        let (from, until) = self.drawn.stuck.unzip();
+        let edges = changes.chain(self.drawn.loads.iter().copied());
+        let edges = edges.chain(from).chain(until);
+        let is_inside = |edge: f64| edge > last.0 + TOLERANCE && edge < last.1;
+        if last.0 < -TOLERANCE || edges.into_iter().any(is_inside) {
+            return None;
+        }
+        let samples = self.seen(last)?;
+        let positions = || samples.iter().map(|sample| sample.position);
+        let highest = positions().fold(f64::NEG_INFINITY, f64::max);
+        Some(highest - positions().fold(f64::INFINITY, f64::min))
     }
 
     fn steps(&self) -> Vec<Step> {
