@@ -55,7 +55,7 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
 #[test]
 fn a_reaction_that_does_not_come_fails() {
     let is_safe_wanted = |scenario: &Scenario| scenario.expect.safe_state == Some(true);
-    let scenarios = catalogue().into_iter().filter_map(|path| {
+    let scenarios: Vec<Scenario> = catalogue().into_iter().filter_map(|path| {
         let mut scenario = Scenario::load(&path).unwrap();
         let harmless = "[[fault.sensor.offset]]\nfrom_seconds = 2.0\noffset_millimetres = 0.0\n";
         let text = format!(
@@ -65,8 +65,7 @@ fn a_reaction_that_does_not_come_fails() {
         let without = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
         scenario.fault = without.fault;
         is_safe_wanted(&scenario).then_some(scenario)
-    });
-    let scenarios: Vec<Scenario> = scenarios.collect();
+    }).collect();
     assert!(scenarios.len() >= 10);
     let outcomes = campaign().play(scenarios.into_iter(), |played| {
         (played.scenario.name.clone(), played.verdict.outcome)

@@ -5,8 +5,10 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-use platform::lockstep::Local;
+use platform::lockstep::{Local, Participant};
+use scenario::fault::bus::Station;
 use sha2::{Digest, Sha256};
+use worlds::lockstep::Role;
 
 use crate::support::{canrig, only_run, output, root, runs, scenario};
 
@@ -269,14 +271,27 @@ impl platform::lockstep::Participant for Asked<'_> {
     }
 }
 
-/// The proof of docs/design/lock-step.md, held to a run: late delivery and looking ahead change nothing.
+/// Plant emulator, canrig's own node and controller in their places.
+fn roles<P: Participant>([plant_emulator, bench, controller]: &mut [P; 3]) -> Vec<Role<'_>> {
+    let participants: [(_, &mut dyn Participant); 3] = [
+        (Station::Drive, plant_emulator),
+        (Station::Bench, bench),
+        (Station::Controller, controller),
+    ];
+    let role = |(station, participant)| Role {
+        station,
+        participant,
+    };
+    participants.map(role).into()
+}
+
 #[test]
 fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use recording::capture::Watch;
     use runner::run::run;
     use worlds::Played;
     use worlds::disturbance_node::DisturbanceProducer;
-    use worlds::lockstep::{Roles, play, simulate};
+    use worlds::lockstep::{play, simulate};
     let database = dbc::Database::shipped();
     for name in ["fan.toml", "step.toml"] {
         let source = setup(&scenario(name));
@@ -301,12 +316,12 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
                 let mut bench = DisturbanceProducer::new(scenario, database).unwrap();
                 let mut controller =
                     worlds::nodes::controller(&scenario.controller_view(), None).unwrap();
-                let roles = Roles {
-                    plant_emulator: &mut Asked(Local::new("plant-emulator", &mut *plant_emulator)),
-                    bench: &mut Asked(Local::new("bench", &mut bench)),
-                    controller: &mut Asked(Local::new("controller", &mut controller)),
-                };
-                play(scenario, roles, capture, None).map(Played::in_virtual_time)
+                let mut participants = [
+                    Asked(Local::new("plant-emulator", &mut *plant_emulator)),
+                    Asked(Local::new("bench", &mut bench)),
+                    Asked(Local::new("controller", &mut controller)),
+                ];
+                play(scenario, roles(&mut participants), capture, None).map(Played::in_virtual_time)
             },
         )
         .unwrap();
@@ -405,11 +420,12 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
                     worlds::disturbance_node::DisturbanceProducer::new(&source.scenario, database)
                         .unwrap();
                 let mut sleeper = Sleeper { sleeps, calls: 0 };
-                let roles = worlds::lockstep::Roles {
-                    plant_emulator: &mut Local::new("plant-emulator", &mut *plant_emulator),
-                    bench: &mut Local::new("bench", &mut bench),
-                    controller: &mut Local::new("controller", &mut controller),
-                };
+                let mut participants = [
+                    Local::new("plant-emulator", &mut *plant_emulator),
+                    Local::new("bench", &mut bench),
+                    Local::new("controller", &mut controller),
+                ];
+                let roles = roles(&mut participants);
                 worlds::lockstep::play(&source.scenario, roles, capture, Some(&mut sleeper))
                     .map(Played::in_virtual_time)
             },

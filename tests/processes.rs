@@ -142,8 +142,11 @@ fn a_machine_that_stands_still_leaves_the_run_open_and_a_replay_agrees() {
     let hold = unhurried_scenario(folder.path(), 4.0);
     let runs = folder.path().join("runs");
     let mut canrig = canrig(&runs, "run");
-    let canrig = canrig.args(["--bus", "embedded"]).arg(hold);
-    let canrig = canrig.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let canrig = canrig
+        .args(["--bus", "embedded"])
+        .arg(hold)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
     let run = Run {
         canrig: Started::new(canrig.spawn().unwrap()),
         folder,

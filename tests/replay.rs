@@ -247,11 +247,14 @@ fn a_drive_that_leaves_positions_out_fails() {
     let run = simulated(folder.path(), &scenario("step.toml"));
     let log = fs::read_to_string(run.join("bus.log")).unwrap();
     let mut positions = 0;
-    let kept = log.lines().filter(|line| {
-        positions += usize::from(line.contains(" 190#"));
-        !(line.contains(" 190#") && positions % 20 == 0)
-    });
-    let kept: String = kept.flat_map(|line| [line, "\n"]).collect();
+    let kept: String = log
+        .lines()
+        .filter(|line| {
+            positions += usize::from(line.contains(" 190#"));
+            !(line.contains(" 190#") && positions % 20 == 0)
+        })
+        .flat_map(|line| [line, "\n"])
+        .collect();
     fs::write(run.join("bus.log"), kept).unwrap();
     let (code, stdout, stderr) = tool(&["replay", text(&run)]);
     assert_eq!(code, Some(1), "{stdout}{stderr}");
@@ -294,8 +297,9 @@ fn remote_frames_error_messages_and_fd_frames_leave_a_log_readable() {
     let log = fs::read_to_string(run.join("bus.log")).unwrap();
     let (first, rest) = log.split_once('\n').unwrap();
     let time = first.split_once(' ').unwrap().0;
-    let added = ["7DF#R8", "20000004#R8", "123##1AABB"];
-    let added = added.map(|frame| format!("{time} can0 {frame}\n")).concat();
+    let added = ["7DF#R8", "20000004#R8", "123##1AABB"]
+        .map(|frame| format!("{time} can0 {frame}\n"))
+        .concat();
     fs::write(&path, format!("{first}\n{added}{rest}")).unwrap();
     let played = scenario("step.toml");
     let arguments = ["replay", text(&path), "--scenario", text(&played)];

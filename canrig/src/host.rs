@@ -137,7 +137,7 @@ fn node_report(report: &RunReport, scheduling: &Scheduling) -> NodeReport {
     NodeReport {
         ticks: report.ticks,
         overruns: report.overruns,
-        wake_up_lateness_microseconds: Quantiles::of(&report.lateness_nanoseconds, 1000),
+        wake_up_lateness_microseconds: Quantiles::new(&report.lateness_nanoseconds, 1000),
         frames_dropped: report.frames_dropped,
         frames_delayed: report.frames_delayed,
         refused: scheduling.refusals().map(ToString::to_string).collect(),

@@ -17,6 +17,7 @@ mod error;
 mod explanation;
 pub mod law;
 mod manager;
+pub mod mode;
 pub mod node;
 mod node_ids;
 pub mod nominal_model;

@@ -8,6 +8,7 @@ use core::ops::{Add, Mul};
 use nalgebra::{SMatrix, SVector};
 use scenario::controller::Observer as Config;
 
+use crate::mode::Settings;
 use crate::nominal_model::{Branch, NominalModel, State as ModelState, Warming};
 
 const STATES: usize = 5;
@@ -45,7 +46,7 @@ pub struct Observer {
     pub model: NominalModel,
     sensor_step_metres: f64,
     temperature_uncertainty: f64,
-    drift: Vector,
+    velocity_drift: f64,
 }
 
 /// The observer's memory: the model's state and its covariance.
@@ -65,13 +66,7 @@ impl Observer {
             model,
             sensor_step_metres: config.sensor_step_millimetres * 1e-3,
             temperature_uncertainty: config.temperature_uncertainty_kelvins,
-            drift: Vector::from([
-                0.0,
-                config.velocity_drift_metres_per_second,
-                config.fraction_drift,
-                0.0,
-                config.heating_drift_kelvins_per_second,
-            ]),
+            velocity_drift: config.velocity_drift_metres_per_second,
         }
     }
 
@@ -98,6 +93,7 @@ impl Observer {
     pub fn step(
         &self,
         state: &mut State,
+        settings: &Settings,
         position_metres: f64,
         squared_current: f64,
         seconds: f64,
@@ -108,7 +104,7 @@ impl Observer {
                 position_metres.clamp(0.0, self.model.position_metres_max()),
             );
         }
-        self.predict(state, squared_current, seconds);
+        self.predict(state, settings, squared_current, seconds);
     }
 
     fn correct(&self, state: &mut State, position_metres: f64) {
@@ -150,7 +146,7 @@ impl Observer {
             VELOCITY_DEVIATION_AT_LIFT_OFF * VELOCITY_DEVIATION_AT_LIFT_OFF;
     }
 
-    fn predict(&self, state: &mut State, squared_current: f64, seconds: f64) {
+    fn predict(&self, state: &mut State, settings: &Settings, squared_current: f64, seconds: f64) {
         let warming = self.model.warming(&state.model, squared_current);
         let transition = self.transition(&state.model, &warming, seconds);
         state.model = self
@@ -159,8 +155,12 @@ impl Observer {
         state.covariance = transition.carry(&state.covariance);
         // On the stop nothing is learnt, so the doubt does not grow either.
         if !self.model.rests_on_stop(&state.model) {
-            for component in 0..STATES {
-                let drift = self.drift[component];
+            let drifts = [
+                (VELOCITY, self.velocity_drift),
+                (FRACTION, settings.fraction_drift),
+                (HEATING, settings.heating_drift),
+            ];
+            for (component, drift) in drifts {
                 state.covariance[(component, component)] += drift * drift * seconds;
             }
         }
@@ -273,6 +273,15 @@ mod tests {
     use crate::test_rig::{PERIOD_SECONDS, sampled};
     use scenario::controller::NominalModel as ModelConfig;
 
+    fn in_move() -> Settings {
+        let config = Config::default();
+        Settings {
+            bandwidth: 40.0,
+            fraction_drift: config.fraction_drift,
+            heating_drift: config.heating_drift_kelvins_per_second,
+        }
+    }
+
     /// Runs plant and observer side by side under a current over time; gives plant and estimate at the end.
     fn side_by_side(
         plant: &NominalModel,
@@ -287,7 +296,13 @@ mod tests {
         while time < seconds {
             let squared_current = current(time) * current(time);
             let position = sampled(truth.position_metres);
-            observer.step(&mut state, position, squared_current, PERIOD_SECONDS);
+            observer.step(
+                &mut state,
+                &in_move(),
+                position,
+                squared_current,
+                PERIOD_SECONDS,
+            );
             truth = plant.advance(&truth, squared_current, PERIOD_SECONDS);
             time += PERIOD_SECONDS;
         }
@@ -425,7 +440,7 @@ mod tests {
         let mut state = observer.start();
         let positions = [f64::NAN, f64::INFINITY, -1e300, 1e300, 0.06, 0.0];
         for position in positions.into_iter().cycle().take(3000) {
-            observer.step(&mut state, position, 1.0, PERIOD_SECONDS);
+            observer.step(&mut state, &in_move(), position, 1.0, PERIOD_SECONDS);
             assert!(state.model.temperature_celsius.is_finite());
             assert!(state.model.position_metres.is_finite());
             assert!((0.0..=1.0).contains(&state.model.martensite_fraction));
@@ -438,7 +453,7 @@ mod tests {
         let mut state = observer.start();
         for cycle in 0..1000 {
             let position = if cycle % 5 == 4 { 0.0 } else { 2e-4 };
-            observer.step(&mut state, position, 0.0, PERIOD_SECONDS);
+            observer.step(&mut state, &in_move(), position, 0.0, PERIOD_SECONDS);
         }
         assert!((state.model.temperature_celsius - 15.0847).abs() < 1e-3);
         assert!(nominal().rests_on_stop(&state.model));
@@ -459,6 +474,7 @@ mod tests {
         for _ in 0..500 {
             observer.step(
                 &mut state,
+                &in_move(),
                 sampled(truth.position_metres),
                 squared_current,
                 PERIOD_SECONDS,
@@ -477,7 +493,7 @@ mod tests {
         state.model.martensite_fraction = 0.97;
         state.covariance = Matrix::zeros();
         for _ in 0..100 {
-            observer.step(&mut state, 0.03, 0.3, PERIOD_SECONDS);
+            observer.step(&mut state, &in_move(), 0.03, 0.3, PERIOD_SECONDS);
         }
         assert!(!nominal().rests_on_stop(&state.model));
         assert!((state.model.position_metres - 0.03).abs() < 1e-3);
@@ -488,7 +504,7 @@ mod tests {
         let observer = Observer::new(&Config::default(), nominal());
         let mut state = observer.start();
         for _ in 0..100_000 {
-            observer.step(&mut state, 0.0, 0.0, PERIOD_SECONDS);
+            observer.step(&mut state, &in_move(), 0.0, 0.0, PERIOD_SECONDS);
         }
         let doubt = state.covariance[(TEMPERATURE, TEMPERATURE)];
         assert!(doubt <= 9.0, "{doubt}");

@@ -1,12 +1,16 @@
 //! Critically damped third-order filter that gives a bare set-point its derivatives (PAPER E5).
 //!
 //! Its poles follow the move: slow enough at the start that the plant can follow, faster towards the end, where less is
-//! left to brake. The launch never asks for more than the plant can do at full or at no current.
+//! left to brake. The launch never asks for more than the model can do at full or at no current, nor for as much where the
+//! plant lags behind.
 
 use scenario::reference::SetPoint;
 
-/// Time in which the memory of a move's length fades.
+/// Time in which the memory of a move fades.
 const MEMORY_SECONDS: f64 = 0.5;
+
+/// Lags count as their mean over this time.
+const LAG_SECONDS: f64 = 0.005;
 
 /// Shortest move that counts, in metres.
 const MOVE_METRES_MIN: f64 = 1e-6;
@@ -104,6 +108,8 @@ pub struct ReferenceFilter {
     pub poles_radians_per_second_max: f64,
     /// Jerk wanted at the start of a move; infinite for poles that never change.
     pub launch_jerk_metres_per_second_cubed: f64,
+    /// Lag in m/s² beyond which less jerk is wanted.
+    pub lag_max: f64,
     /// Poles at the end of a move, by those at its start.
     pub landing_ratio: f64,
     /// Set-points are limited to 0 and this position.
@@ -116,6 +122,9 @@ pub struct State {
     /// The reference for this cycle.
     pub point: Point,
     move_metres: f64,
+    /// How far the plant lags behind, in m/s²: now, and at most in this move.
+    lag: f64,
+    greatest_lag: f64,
 }
 
 /// The reference for a cycle: a point and the jerk that leads on from it.
@@ -127,6 +136,17 @@ pub struct Reference {
     pub jerk_metres_per_second_cubed: f64,
 }
 
+impl Reference {
+    /// A point that no jerk leads on from.
+    #[must_use]
+    pub fn without_jerk(point: Point) -> Self {
+        Self {
+            point,
+            jerk_metres_per_second_cubed: 0.0,
+        }
+    }
+}
+
 impl State {
     /// A filter at rest at a position.
     #[must_use]
@@ -136,8 +156,14 @@ impl State {
                 position_metres,
                 ..Point::default()
             },
-            move_metres: 0.0,
+            ..Self::default()
         }
+    }
+
+    /// Takes notice of how far the plant lags behind in the direction of the move, as its sliding variable in m/s².
+    pub fn notice_lag(&mut self, lag: f64, seconds: f64) {
+        self.lag += (lag - self.lag) * (seconds / LAG_SECONDS).min(1.0);
+        self.greatest_lag = faded(self.greatest_lag, seconds).max(self.lag);
     }
 }
 
@@ -148,6 +174,7 @@ impl ReferenceFilter {
         Self {
             poles_radians_per_second_max: poles_radians_per_second,
             launch_jerk_metres_per_second_cubed: f64::INFINITY,
+            lag_max: f64::INFINITY,
             landing_ratio: 1.0,
             position_metres_max,
         }
@@ -197,15 +224,18 @@ impl ReferenceFilter {
     }
 
     /// The filter for this cycle. At the start of a move of length `l` its poles are `p₀ = (J / l)^⅓`, so that any move asks
-    /// for the jerk `J` first; over the distance `d` left they rise to `ρ p₀ / √(1 + (ρ² − 1) (d / l)²)`.
+    /// for the jerk `J` first; over the distance `d` left they rise to `ρ p₀ / √(1 + (ρ² − 1) (d / l)²)`. A plant that lags
+    /// behind by more than `φ` is another than the model, and perhaps as slow to brake: from there on `J` is the less, by `φ`
+    /// and the greatest lag.
     fn filter(&self, state: &mut State, target: f64, seconds: f64) -> CriticallyDamped {
         let left = (target - state.point.position_metres).abs();
-        let faded = state.move_metres * (1.0 - (seconds / MEMORY_SECONDS).min(1.0));
-        state.move_metres = faded.max(left).max(MOVE_METRES_MIN);
+        let move_metres = faded(state.move_metres, seconds);
+        state.move_metres = move_metres.max(left).max(MOVE_METRES_MIN);
         let share = left / state.move_metres;
         let rise = self.landing_ratio * self.landing_ratio - 1.0;
         let slowing = libm::sqrt(1.0 + rise * share * share);
-        let launch_cubed = self.launch_jerk_metres_per_second_cubed / state.move_metres;
+        let excess = (state.greatest_lag / self.lag_max).max(1.0);
+        let launch_cubed = self.launch_jerk_metres_per_second_cubed / (excess * state.move_metres);
         CriticallyDamped {
             poles_radians_per_second: self.poles(launch_cubed, slowing),
         }
@@ -221,6 +251,11 @@ impl ReferenceFilter {
         }
         (self.landing_ratio * libm::cbrt(launch_cubed) / slowing).min(max)
     }
+}
+
+/// What is left of a value that the filter remembers.
+fn faded(value: f64, seconds: f64) -> f64 {
+    value * (1.0 - (seconds / MEMORY_SECONDS).min(1.0))
 }
 
 fn is_exact(set_point: &SetPoint) -> bool {
@@ -293,6 +328,7 @@ mod tests {
         ReferenceFilter {
             poles_radians_per_second_max: 60.0,
             launch_jerk_metres_per_second_cubed: 450.0,
+            lag_max: 1.6,
             landing_ratio: 2.5,
             position_metres_max: 0.05,
         }
@@ -331,6 +367,24 @@ mod tests {
         let reference = filter.step(&mut state, &hold(0.025), &followable, PERIOD);
         assert_eq!(reference.jerk_metres_per_second_cubed, 100.0);
         assert!((state.point.acceleration_metres_per_second_squared - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_jerk_is_less_where_the_plant_lags_behind() {
+        let filter = moving_filter();
+        let jerk_after = |lag: f64| {
+            let mut state = State::default();
+            for _ in 0..100 {
+                state.notice_lag(lag, PERIOD);
+            }
+            let reference = filter.step(&mut state, &hold(0.025), &JerkRange::UNLIMITED, PERIOD);
+            reference.jerk_metres_per_second_cubed
+        };
+        let unhindered = jerk_after(0.0);
+        assert!((unhindered - 450.0).abs() < 1e-6);
+        assert_eq!(jerk_after(1.5), unhindered);
+        assert_eq!(jerk_after(-10.0), unhindered);
+        assert!((jerk_after(3.2) - 225.0).abs() < 1e-3);
     }
 
     #[test]

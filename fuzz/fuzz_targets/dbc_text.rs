@@ -14,8 +14,7 @@ fuzz_target!(|text: &str| {
             .builder(&message.name)
             .expect("it has this message");
         for payload in [[0; 8], [0xFF; 8], *b"\x01\x23\x45\x67\x89\xAB\xCD\xEF"] {
-            let frame = CanFrame::from_raw(message.raw_id, message.length_bytes, payload);
-            let frame = frame.expect("longer messages are refused");
+            let frame = CanFrame::from_raw(message.raw_id, message.length_bytes, payload).expect("longer messages are refused");
             let decoded = database.decode(&frame).expect("it has this identifier");
             for value in decoded.signals() {
                 let path = format!("{}.{}", message.name, value.signal.name);

@@ -18,7 +18,7 @@ static SETUP: LazyLock<Setup> = LazyLock::new(|| {
     let text = include_str!("../../scenarios/fan.toml");
     let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
     let scenario = Scenario::parse(text, "fan.toml", no_table).expect("the scenario is valid");
-    Setup::of(scenario, catalogue())
+    Setup::new(scenario, catalogue())
 });
 
 fuzz_target!(|bytes: &[u8]| {

@@ -41,8 +41,7 @@ pub fn steps(bytes: &[u8]) -> impl Iterator<Item = Step> {
             (0x0800, REMOTE_FLAG),
             (0x1000, EXTENDED_FLAG),
             (0x2000, ERROR_FLAG),
-        ];
-        let flags = flags.iter().filter(|(bit, _)| id & bit != 0);
+        ].iter().filter(|(bit, _)| id & bit != 0);
         let raw_id = flags.fold(u32::from(id & 0x7FF), |raw_id, (_, flag)| raw_id | flag);
         let data = chunk[5..].try_into().expect("8 bytes are left");
         Step {

@@ -101,7 +101,7 @@ fn foreign_frame() -> Result<(), Failed> {
         .args(arguments)
         .arg(scenario("step.toml"))
         .stderr(std::process::Stdio::piped())
-        .stdout(std::process::Stdio::null())
+        .stdout(std::process::Stdio::piped())
         .spawn()?;
     let mut bus = platform::open(
         &platform::bus::BusAddress::Interface(INTERFACE.to_owned()),
@@ -112,8 +112,9 @@ fn foreign_frame() -> Result<(), Failed> {
         bus.send(&canopen::CanFrame::new(0x190, &[0; 8]))?;
     }
     let ended = run.wait_with_output()?;
-    let stderr = String::from_utf8(ended.stderr)?;
-    assert_eq!(ended.status.code(), Some(4), "{stderr}");
+    let [stdout, stderr] = [ended.stdout, ended.stderr].map(String::from_utf8);
+    let (stdout, stderr) = (stdout?, stderr?);
+    assert_eq!(ended.status.code(), Some(4), "{stdout}{stderr}");
     assert!(
         stderr.contains("is another program sending on this bus?"),
         "{stderr}"
@@ -188,18 +189,28 @@ fn second_bench() -> Result<(), Failed> {
 
 fn fd_frames() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
-    let scenario = support::unhurried_scenario(folder.path(), 2.0);
+    let scenario = support::unhurried_scenario(folder.path(), 4.0);
     let runs = folder.path().join("runs");
     let mut canrig = canrig(&runs, "run");
-    let run = canrig.args(["--bus", INTERFACE]).arg(&scenario);
-    let run = run.stdout(std::process::Stdio::piped()).spawn()?;
+    let run = canrig
+        .args(["--bus", INTERFACE])
+        .arg(&scenario)
+        .stdout(std::process::Stdio::piped())
+        .spawn()?;
+    let log = || match fs::read_dir(&runs).ok().and_then(|mut runs| runs.next()) {
+        Some(Ok(run)) => fs::read_to_string(run.path().join("bus.log")).unwrap_or_default(),
+        _ => String::new(),
+    };
+    while !log().contains(" 080#") {
+        std::thread::sleep(std::time::Duration::from_millis(100));
+    }
     let mut monitor = Command::new(env!("CARGO_BIN_EXE_canrig"));
-    let monitor = monitor.args(["monitor", "--bus", INTERFACE, "--duration", "3"]);
     let monitor = monitor
+        .args(["monitor", "--bus", INTERFACE, "--duration", "3"])
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::piped())
         .spawn()?;
-    std::thread::sleep(std::time::Duration::from_millis(1500));
+    std::thread::sleep(std::time::Duration::from_millis(1000));
     let socket = CanFdSocket::open(INTERFACE)?;
     let id = StandardId::new(0x123).ok_or("an identifier")?;
     let frame = CanFdFrame::new(id, &[7; 12]).ok_or("a frame")?;

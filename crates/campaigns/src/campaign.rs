@@ -170,7 +170,7 @@ pub fn play_one<T>(
     watch: &Watch,
     reduce: impl Fn(&CampaignRun<'_>) -> T,
 ) -> Result<T, Box<dyn std::error::Error>> {
-    let setup = Setup::of(scenario, catalogue());
+    let setup = Setup::new(scenario, catalogue());
     let mut capture = Capture::in_memory(ScenarioClock::new(&setup.database)?, watch);
     let ended = lockstep::simulate(&setup, &mut capture).map(Played::in_virtual_time);
     let (frames, unrecorded) = capture.finish()?;

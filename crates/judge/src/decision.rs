@@ -107,7 +107,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
     if let Some(reason) = incomplete_recording(unrecorded) {
         return (Outcome::Inconclusive, Some(reason));
     }
-    let excuse = Excuse::of(evidence, MISSED_CYCLES_PERCENT_MAX);
+    let excuse = Excuse::find(evidence, MISSED_CYCLES_PERCENT_MAX);
     let excused = match &excuse {
         Some(excuse) => excuse.open_limits(evidence, metrics),
         None => None,
@@ -130,8 +130,9 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
 /// Why a run fails whose nodes left out too many cycles: more than its limit says, or than can be where it has none.
 fn missed_by_nodes(evidence: &Evidence<'_>) -> Option<String> {
     let limit = evidence.scenario.expect.missed_cycles_percent;
-    let limit = limit.and_then(|limit| limit.max);
-    let limit = limit.unwrap_or(MISSED_CYCLES_PERCENT_MAX);
+    let limit = limit
+        .and_then(|limit| limit.max)
+        .unwrap_or(MISSED_CYCLES_PERCENT_MAX);
     let misses = evidence.misses();
     let lost = evidence.circumstances.unrecorded.frames_lost;
     let reason = misses.too_many_by_nodes(limit, lost)?;

@@ -59,8 +59,10 @@ pub(crate) fn recovery(evidence: &Evidence<'_>, window: Window) -> MetricValue {
     let mut latest = window.from_seconds;
     let (mut recovered_at, mut is_outside) = (None, false);
     let mut samples = evidence.samples(window).peekable();
-    let first = samples.peek().copied();
-    let first = first.ok_or_else(|| evidence.no_position(window))?;
+    let first = samples
+        .peek()
+        .copied()
+        .ok_or_else(|| evidence.no_position(window))?;
     checked(first.deviation_millimetres())?;
     for sample in samples {
         let time = sample.time_seconds;

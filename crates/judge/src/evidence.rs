@@ -197,7 +197,7 @@ impl<'a> Evidence<'a> {
             setup,
             scenario,
             circumstances,
-            misses: Rc::new(Misses::of(timeline, setup, circumstances)),
+            misses: Rc::new(Misses::new(timeline, setup, circumstances)),
             position: timeline.position(),
             silence_seconds_max: silence,
         }
@@ -332,8 +332,11 @@ impl<'a> Evidence<'a> {
 
     /// The trace of a signal that was on the bus.
     pub(crate) fn trace(&self, name: &str) -> Result<&'a SignalTrace, Observation> {
-        let path = self.setup.names().find(name);
-        let path = path.map_err(|error| Observation::none(error.to_string()))?;
+        let path = self
+            .setup
+            .names()
+            .find(name)
+            .map_err(|error| Observation::none(error.to_string()))?;
         if self.timeline.zero_seconds.is_none() {
             return Err(Observation::none("the scenario never began"));
         }

@@ -32,7 +32,7 @@ pub(crate) struct Excuse {
 
 impl Excuse {
     /// None where no cycle was missed because of the bench.
-    pub(crate) fn of(evidence: &Evidence<'_>, percent_max: f64) -> Option<Self> {
+    pub(crate) fn find(evidence: &Evidence<'_>, percent_max: f64) -> Option<Self> {
         let misses = evidence.misses();
         let longest = misses.longest_stall()?;
         let begins = misses

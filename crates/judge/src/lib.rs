@@ -15,6 +15,7 @@ mod disturbances;
 mod evidence;
 mod excuse;
 mod harmonic;
+mod holds;
 mod metric;
 mod metrics;
 mod misses;

@@ -8,7 +8,7 @@ use crate::evidence::{
     Absence, Evidence, Measurement, MetricValue, first_silence, largest, mean, worst,
 };
 use crate::metric::Metric;
-use crate::{disturbances, reactions, sequences, signals, sine, steps};
+use crate::{disturbances, holds, reactions, sequences, signals, sine, steps};
 
 /// The steady state is the mean over this time before the end.
 const STEADY_STATE_SECONDS: f64 = 0.5;
@@ -36,6 +36,8 @@ const MEASURES: [(&str, Measure); METRICS.len()] = [
     ("current_amperes_rms", |evidence| {
         current_rms(evidence).into()
     }),
+    ("current_ripple_amperes_rms", holds::current_ripple),
+    ("hunting_millimetres", holds::hunting),
     ("missed_cycles_percent", |evidence| {
         missed_cycles(evidence).into()
     }),
@@ -54,7 +56,7 @@ const MEASURES: [(&str, Measure); METRICS.len()] = [
 ];
 
 /// The metrics of the position, which have a second value where measured and true position differ.
-const OF_POSITION: [&str; 11] = [
+const OF_POSITION: [&str; 12] = [
     "settling_time_seconds",
     "overshoot_percent",
     "steady_state_error_millimetres",
@@ -65,6 +67,7 @@ const OF_POSITION: [&str; 11] = [
     "maximum_deviation_millimetres",
     "recovery_time_seconds",
     "position_millimetres_max",
+    "hunting_millimetres",
     "recovers_within_seconds",
 ];
 

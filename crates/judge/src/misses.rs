@@ -85,7 +85,7 @@ pub(crate) struct Misses {
 }
 
 impl Misses {
-    pub(crate) fn of(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) -> Self {
+    pub(crate) fn new(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) -> Self {
         let due = due(
             timeline,
             &setup.scenario,

@@ -42,8 +42,12 @@ pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
 
 /// Why nothing can be decided, when somebody else led the drive too.
 pub(crate) fn second_master(timeline: &Timeline) -> Option<String> {
-    let found = timeline.second_masters.iter().map(ToString::to_string);
-    let found = found.collect::<Vec<_>>().join("; ");
+    let found = timeline
+        .second_masters
+        .iter()
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+        .join("; ");
     (!found.is_empty()).then(|| format!("a second master: {found}"))
 }
 

@@ -54,8 +54,10 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
             until_seconds: timeline.last_frame_seconds.max(first_seconds),
         },
     };
-    let times = truth.iter().map(|truth| truth.time_seconds);
-    let times = times.filter(|time| *time < window.until_seconds);
+    let times = truth
+        .iter()
+        .map(|truth| truth.time_seconds)
+        .filter(|time| *time < window.until_seconds);
     first_silence(times, window, silence_of_truth_seconds_max(evidence))
 }
 
@@ -74,8 +76,10 @@ fn silence_of(silence: Window) -> Absence {
 
 /// The plant's own peaks, and the drive's view of the truth where the plant is silent.
 fn temperatures(timeline: &Timeline) -> impl Iterator<Item = f64> {
-    let peaks = timeline.truth.iter();
-    let peaks = peaks.map(|truth| truth.peak_temperature_celsius);
+    let peaks = timeline
+        .truth
+        .iter()
+        .map(|truth| truth.peak_temperature_celsius);
     let is_true = |column: &&Column| {
         column.name.ends_with(TEMPERATURE) && !column.name.starts_with(ESTIMATED)
     };
@@ -187,12 +191,14 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
 /// None where a fault lasts to the end.
 fn last_fault_end_seconds(scenario: &Scenario) -> Option<f64> {
     let windows = scenario.fault.windows();
-    let ends = windows.iter().map(|fault| match fault.from_seconds {
-        // Booting is over when the scenario begins.
-        None => Some(0.0),
-        Some(_) => fault.until_seconds,
-    });
-    let ends = ends.collect::<Option<Vec<f64>>>()?;
+    let ends = windows
+        .iter()
+        .map(|fault| match fault.from_seconds {
+            // Booting is over when the scenario begins.
+            None => Some(0.0),
+            Some(_) => fault.until_seconds,
+        })
+        .collect::<Option<Vec<f64>>>()?;
     Some(ends.into_iter().fold(0.0, f64::max))
 }
 
@@ -250,8 +256,10 @@ fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
 /// No current in the wire at the end, and a drive that is not enabled, or silent.
 fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
     let (timeline, end) = (evidence.timeline, evidence.end_seconds());
-    let before_end = timeline.truth.iter();
-    let before_end = before_end.filter(|truth| truth.time_seconds <= end);
+    let before_end = timeline
+        .truth
+        .iter()
+        .filter(|truth| truth.time_seconds <= end);
     let Some(last) = before_end.clone().next_back() else {
         return false;
     };

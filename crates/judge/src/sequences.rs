@@ -237,7 +237,7 @@ mod tests {
              [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::of(scenario, &Catalogue::shipped());
+        let setup = Setup::new(scenario, &Catalogue::shipped());
         let timeline = decode(frames, &setup).unwrap();
         let circumstances = crate::Circumstances::default();
         let rows = metrics(&Evidence::new(&timeline, &setup, &circumstances));

@@ -187,8 +187,10 @@ mod tests {
         at_seconds: Option<f64>,
     ) {
         let observation = observe(trace, window, demand, limit);
-        let value = observation.value.map(rounded);
-        let value = value.map_err(|absence| absence.reason);
+        let value = observation
+            .value
+            .map(rounded)
+            .map_err(|absence| absence.reason);
         assert_eq!(value, expected.map_err(str::to_owned));
         assert_eq!(observation.at_seconds.map(rounded), at_seconds);
     }

@@ -80,8 +80,9 @@ impl OfSine {
 
     fn of(&self, evidence: &Evidence<'_>, sine: &JudgedSine) -> MetricValue {
         let fit = |value: fn(&CycleSample) -> f64| {
-            let samples = evidence.seen(sine.window)?;
-            let samples = samples.map(|sample| (sample.time_seconds, value(&sample)));
+            let samples = evidence
+                .seen(sine.window)?
+                .map(|sample| (sample.time_seconds, value(&sample)));
             Harmonic::fit(samples, sine.period_seconds)
                 .ok_or_else(|| Absence::from("too few positions for a sine"))
         };

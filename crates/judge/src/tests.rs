@@ -53,7 +53,7 @@ fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
 }
 
 fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
-    let setup = Setup::of(scenario.clone(), &Catalogue::shipped());
+    let setup = Setup::new(scenario.clone(), &Catalogue::shipped());
     let timeline = decode(frames, &setup).unwrap();
     let circumstances = Circumstances {
         unrecorded: Unrecorded {
@@ -113,6 +113,93 @@ fn settling_counts_from_the_step_to_the_first_sample_of_the_last_stay() {
     check("", stays_inside, "settling_time_seconds", 0.1);
 }
 
+const HUNTING: &str = "[expect]\nhunting_millimetres = { max = 0.25 }\n";
+
+#[test]
+fn hunting_is_how_far_the_position_goes_in_the_last_second() {
+    let swinging = |time: f64| match (time * 1e3).round() {
+        1500.0 => 40.0,
+        3200.0 => 35.3,
+        3900.0 => 34.9,
+        _ => 35.0,
+    };
+    check(HUNTING, swinging, "hunting_millimetres", 0.4);
+    // Nobody asked.
+    let verdict = verdict_of(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
+    assert!(
+        verdict
+            .metrics
+            .iter()
+            .all(|row| row.name != "hunting_millimetres")
+    );
+}
+
+#[test]
+fn a_set_point_that_moves_in_the_last_second_is_no_hunting() {
+    let late = format!(
+        "{HUNTING}[[reference.ramp]]\nfrom_seconds = 3.0\nuntil_seconds = 3.5\nposition_millimetres = 20.0\n"
+    );
+    let verdict = verdict_of(&scenario(&late), &frames(4000, |_| Some(10.0)), 0);
+    let reason = row(&verdict, "hunting_millimetres").remark.as_deref();
+    assert_eq!(
+        reason,
+        Some("the set-point stands for 0.500 s; 1 s are needed")
+    );
+}
+
+/// As [`frames`], with a command in each cycle.
+fn commanded(position: impl Fn(f64) -> f64, current: impl Fn(u32) -> f64) -> Vec<Stamped> {
+    let database = Database::shipped();
+    let target = database
+        .signal("drive_rpdo1.target_current_amperes")
+        .unwrap();
+    let mut all = frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3)));
+    for cycle in 0..4000 {
+        let mut message = database.builder("drive_rpdo1").unwrap();
+        message.set(&target, current(cycle));
+        let time = Duration::from_millis(u64::from(cycle) + 1) + Duration::from_micros(400);
+        all.push(Stamped::new(time, message.frame()));
+    }
+    all.sort_by_key(|stamped| stamped.time);
+    all
+}
+
+const RIPPLE: &str = "[expect]\ncurrent_ripple_amperes_rms = { max = 0.02 }\n";
+
+#[test]
+fn ripple_is_the_standard_deviation_of_the_command_in_the_last_hold() {
+    let current = |cycle| match cycle {
+        ..2000 => 1.0,
+        cycle if cycle % 2 == 0 => 0.57,
+        _ => 0.59,
+    };
+    let verdict = verdict_of(
+        &scenario(RIPPLE),
+        &commanded(step_response(1.0), current),
+        0,
+    );
+    let ripple = value(&verdict, "current_ripple_amperes_rms").unwrap();
+    assert!((ripple - 0.01).abs() < 1e-4, "{ripple}");
+    let late = verdict_of(
+        &scenario(RIPPLE),
+        &commanded(step_response(1.3), current),
+        0,
+    );
+    let reason = row(&late, "current_ripple_amperes_rms").remark.as_deref();
+    assert_eq!(reason, Some("the hold lasts 1.700 s; 2 s are needed"));
+}
+
+#[test]
+fn a_disturbance_ends_the_hold_before_it() {
+    let load = format!("{RIPPLE}[[disturbance.load]]\nat_seconds = 2.0\nadded_grams = 1.0\n");
+    let frames = commanded(step_response(1.0), |_| 0.5);
+    let verdict = verdict_of(&scenario(&load), &frames, 0);
+    let reason = row(&verdict, "current_ripple_amperes_rms")
+        .remark
+        .as_deref();
+    assert_eq!(reason, Some("the hold lasts 1.000 s; 2 s are needed"));
+}
+
 /// Without a limit too, since a reader who misses a row takes its metric for met.
 #[test]
 fn a_step_that_never_settles_has_a_row() {
@@ -161,8 +248,10 @@ const LIMITS: &str = "[expect]\nsettling_time_seconds = { max = 0.2 }\novershoot
 
 /// The names of the rows with a limit, by what came of it.
 fn names(verdict: &Verdict, passed: Option<bool>) -> Vec<&str> {
-    let rows = verdict.metrics.iter();
-    let rows = rows.filter(|row| row.limit.is_some() && row.passed == passed);
+    let rows = verdict
+        .metrics
+        .iter()
+        .filter(|row| row.limit.is_some() && row.passed == passed);
     rows.map(|row| row.name.as_str()).collect()
 }
 
@@ -206,7 +295,7 @@ fn what_is_judged_may_end_before_the_scenario_does() {
 
 #[test]
 fn what_the_bench_kept_from_being_seen_is_not_judged() {
-    let setup = Setup::of(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
+    let setup = Setup::new(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
     let cut = dying_frames(990);
     let cut = &cut[..cut.len() / 2];
     let timeline = decode(cut, &setup).unwrap();
@@ -225,7 +314,7 @@ fn what_the_bench_kept_from_being_seen_is_not_judged() {
 
 #[test]
 fn a_limit_on_faults_is_not_met_by_a_recording_without_them() {
-    let mut setup = Setup::of(scenario(""), &Catalogue::shipped());
+    let mut setup = Setup::new(scenario(""), &Catalogue::shipped());
     let frames = frames(4000, |_| Some(35.0));
     let limits = "safe_state = true\ncurrent_zero_within_milliseconds = 60.0\n\
                   recovers_within_seconds = 1.0\nemcy = [\"drive 0x8130\"]\n";
@@ -471,7 +560,7 @@ fn beside_a_stall(
 ) -> Verdict {
     let is_missed = |cycle| missed.contains(&cycle);
     let position = |cycle| (!is_missed(cycle)).then(|| position(f64::from(cycle) / 1e3));
-    let setup = Setup::of(scenario(added), &Catalogue::shipped());
+    let setup = Setup::new(scenario(added), &Catalogue::shipped());
     let timeline = decode(&frames(4000, position), &setup).unwrap();
     // The scenario begins at 1 ms.
     let (from, until) = (
@@ -534,7 +623,7 @@ fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
 fn missed_cycles_have_their_limit_without_those_of_the_bench() {
     let judged = |max: f64| {
         let limit = format!("[expect]\nmissed_cycles_percent = {{ max = {max:.1} }}\n");
-        let setup = Setup::of(scenario(&limit), &Catalogue::shipped());
+        let setup = Setup::new(scenario(&limit), &Catalogue::shipped());
         let is_missed = |cycle| (2000..2100).contains(&cycle) || (3000..3100).contains(&cycle);
         let frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
         let timeline = decode(&frames, &setup).unwrap();
@@ -553,7 +642,7 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
 
 #[test]
 fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
-    let setup = Setup::of(scenario(""), &Catalogue::shipped());
+    let setup = Setup::new(scenario(""), &Catalogue::shipped());
     let timeline = decode(&frames(2000, |_| Some(10.0)), &setup).unwrap();
     let judged = |by| {
         let circumstances = Circumstances {
@@ -580,8 +669,10 @@ fn with_foreign_syncs() -> Vec<Stamped> {
     let frames = frames(4000, |_| Some(10.0));
     let is_sync = |stamped: &&Stamped| stamped.frame.standard_id() == Some(0x080);
     let half = Duration::from_micros(500);
-    let foreign = frames.iter().filter(is_sync);
-    let foreign = foreign.map(|stamped| Stamped::new(stamped.time + half, stamped.frame));
+    let foreign = frames
+        .iter()
+        .filter(is_sync)
+        .map(|stamped| Stamped::new(stamped.time + half, stamped.frame));
     let mut all: Vec<Stamped> = frames.iter().copied().chain(foreign).collect();
     all.sort_by_key(|stamped| stamped.time);
     all
@@ -640,7 +731,7 @@ fn fd_frames_are_named_and_leave_a_limit_on_the_load_open() {
             Outcome::Inconclusive,
         ),
     ] {
-        let setup = Setup::of(scenario(limits), &Catalogue::shipped());
+        let setup = Setup::new(scenario(limits), &Catalogue::shipped());
         let timeline = decode(&frames, &setup).unwrap();
         let verdict = judge(&timeline, &setup, &circumstances);
         assert_eq!((verdict.outcome, verdict.fd_frames), (outcome, 7));

@@ -44,9 +44,9 @@ impl Timing {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn of(frames: &[Stamped], setup: &Setup, host: Host) -> Result<Self, SignalMissing> {
-        let latencies = Latencies::of(frames, setup)?;
-        let quantiles = |histogram| Quantiles::of(histogram, 1);
+    pub fn new(frames: &[Stamped], setup: &Setup, host: Host) -> Result<Self, SignalMissing> {
+        let latencies = Latencies::new(frames, setup)?;
+        let quantiles = |histogram| Quantiles::new(histogram, 1);
         let duration = Duration::from_secs_f64(setup.scenario.duration_seconds);
         Ok(Self {
             distrust: distrust(&host, duration),
@@ -63,7 +63,7 @@ impl Timing {
     /// # Errors
     /// The database lacks a signal.
     pub fn again(self, frames: &[Stamped], setup: &Setup) -> Result<Self, SignalMissing> {
-        let measured = Self::of(frames, setup, Host::default())?;
+        let measured = Self::new(frames, setup, Host::default())?;
         Ok(Self {
             controller: self.controller,
             plant_emulator: self.plant_emulator,
@@ -108,8 +108,8 @@ impl Timing {
             ("SYNC to position", self.sync_to_position_microseconds),
             ("position to command", self.position_to_command_microseconds),
             ("round trip", self.round_trip_microseconds),
-        ];
-        let latencies = latencies.map(|(name, quantiles)| (name.to_owned(), quantiles));
+        ]
+        .map(|(name, quantiles)| (name.to_owned(), quantiles));
         lateness.chain(latencies).collect()
     }
 
@@ -335,14 +335,14 @@ mod tests {
             p99_9: limit,
             max: limit,
         };
-        let rows = quantile_metrics("latency", Some(quantiles), limits);
-        let rows = rows.map(|metric| (metric.name, metric.value.unwrap(), metric.passed.unwrap()));
+        let rows = quantile_metrics("latency", Some(quantiles), limits)
+            .map(|metric| (metric.name, metric.value.unwrap(), metric.passed.unwrap()));
         let expected = [
             ("latency_median", 1.0, true),
             ("latency_p99_9", 3.0, false),
             ("latency_max", 4.0, false),
-        ];
-        let expected = expected.map(|(name, value, passed)| (name.to_owned(), value, passed));
+        ]
+        .map(|(name, value, passed)| (name.to_owned(), value, passed));
         assert_eq!(rows.collect::<Vec<_>>(), expected);
     }
 }

@@ -39,15 +39,19 @@ fn is_open(verdict: &Verdict, unavailable: Option<&String>) -> bool {
 }
 
 fn decide(verdict: &mut Verdict, timing: &Timing, stalls: &[Stall], unavailable: Option<String>) {
-    let limited = verdict.metrics.iter();
-    let limited = limited.filter(|metric| metric.limit.is_some());
+    let limited = verdict
+        .metrics
+        .iter()
+        .filter(|metric| metric.limit.is_some());
     let results: Vec<Option<bool>> = limited.map(|metric| metric.passed).collect();
     if results.contains(&Some(false)) {
         (verdict.outcome, verdict.reason) = (Outcome::Fail, None);
     } else if results.contains(&None) {
         let late = (not_judged(&verdict.metrics) != unavailable).then(|| {
-            let longest = stalls.iter().max_by_key(|stall| stall.length());
-            let longest = longest.filter(|_| timing.distrust.is_empty());
+            let longest = stalls
+                .iter()
+                .max_by_key(|stall| stall.length())
+                .filter(|_| timing.distrust.is_empty());
             let distrust = timing.distrust.iter().cloned();
             let why: Vec<String> = distrust.chain(longest.map(ToString::to_string)).collect();
             format!("the timing cannot be judged: {}", why.join("; "))

@@ -72,8 +72,8 @@ impl Claim {
             source: errno.into(),
         };
         // An interface may have several names, and get another one.
-        let index = netdevice::name_to_index(socket().map_err(system)?, interface);
-        let index = index.map_err(system)?;
+        let index =
+            netdevice::name_to_index(socket().map_err(system)?, interface).map_err(system)?;
         Self::named(&format!("canrig/interface/{index}"), interface)
     }
 

@@ -96,7 +96,7 @@ impl<'a> Capture<'a> {
 
     /// Takes the next frame of the bus.
     #[inline]
-    pub fn take(&mut self, stamped: Stamped) {
+    pub fn record(&mut self, stamped: Stamped) {
         self.clock.on_frame(stamped.time, &stamped.frame);
         self.frames.push(stamped);
         for observer in &mut self.observers {

@@ -76,8 +76,10 @@ impl EventSignal {
         }
         let value = self.signal.decode(&stamped.frame)?;
         self.last_bits = bits;
-        let before = self.last.replace(value);
-        let before = before.and_then(|value| self.definition.label(value));
+        let before = self
+            .last
+            .replace(value)
+            .and_then(|value| self.definition.label(value));
         let label = self.definition.label(value);
         if is_state && before.is_some() && before == label {
             return None;
@@ -124,9 +126,9 @@ impl EventReader {
         self.signals.keys().copied()
     }
 
-    pub(crate) fn take(&mut self, stamped: &Stamped) {
+    pub(crate) fn on_frame(&mut self, stamped: &Stamped) {
         if let Some(message) = error_frames::read(&stamped.frame) {
-            self.take_error(stamped.time, message);
+            self.on_error_frame(stamped.time, message);
             return;
         }
         let Some(signal) = self.signals.get_mut(&stamped.frame.raw_id()) else {
@@ -147,7 +149,7 @@ impl EventReader {
     }
 
     /// What a CAN driver reports. What it may report with each frame is an event when it begins.
-    fn take_error(&mut self, time: Duration, message: ErrorMessage) {
+    fn on_error_frame(&mut self, time: Duration, message: ErrorMessage) {
         let ErrorMessage {
             node,
             text,
@@ -167,11 +169,13 @@ impl EventReader {
     /// The emergencies in the order of time; the scenario began at `zero`, on the recording's clock.
     pub(crate) fn emergencies(&self, zero: Option<Duration>) -> Vec<TimedEmergency> {
         let zero = zero.unwrap_or_default().as_secs_f64();
-        let emergencies = self.emergencies.iter();
-        let emergencies = emergencies.map(|(time, emergency)| TimedEmergency {
-            time_seconds: time.as_secs_f64() - zero,
-            emergency: emergency.clone(),
-        });
+        let emergencies = self
+            .emergencies
+            .iter()
+            .map(|(time, emergency)| TimedEmergency {
+                time_seconds: time.as_secs_f64() - zero,
+                emergency: emergency.clone(),
+            });
         emergencies.collect()
     }
 
@@ -188,14 +192,17 @@ impl EventReader {
         }
         let zero_seconds = zero.unwrap_or_default().as_secs_f64();
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
-        let on_bus = self.events.drain(..);
-        let on_bus = on_bus.map(|(time, level, text)| TimelineEvent {
-            time_seconds: time.as_secs_f64() - zero_seconds,
-            level,
-            text,
-        });
-        let planned = scenario.events().into_iter();
-        let planned = planned
+        let on_bus = self
+            .events
+            .drain(..)
+            .map(|(time, level, text)| TimelineEvent {
+                time_seconds: time.as_secs_f64() - zero_seconds,
+                level,
+                text,
+            });
+        let planned = scenario
+            .events()
+            .into_iter()
             .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
             .map(|event| TimelineEvent {
                 time_seconds: event.at_seconds,

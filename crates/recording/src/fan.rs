@@ -26,7 +26,7 @@ impl FanReader {
         [self.heartbeat_id, self.command_id]
     }
 
-    pub(crate) fn take(&mut self, frame: &CanFrame) {
+    pub(crate) fn on_frame(&mut self, frame: &CanFrame) {
         self.has_heartbeat |= frame.raw_id() == self.heartbeat_id;
         self.has_command |= frame.raw_id() == self.command_id;
     }

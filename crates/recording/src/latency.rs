@@ -32,7 +32,7 @@ pub struct Quantiles {
 impl Quantiles {
     /// The quantiles of a histogram whose unit is so many in a microsecond.
     #[must_use]
-    pub fn of(histogram: &Histogram<u64>, per_microsecond: u32) -> Self {
+    pub fn new(histogram: &Histogram<u64>, per_microsecond: u32) -> Self {
         #[expect(clippy::cast_precision_loss, reason = "values stay far below 2^52")]
         let at =
             |quantile| histogram.value_at_quantile(quantile) as f64 / f64::from(per_microsecond);
@@ -106,16 +106,16 @@ impl Latencies {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn of(frames: &[Stamped], setup: &Setup) -> Result<Self, SignalMissing> {
-        let mut latencies = Self::new(&setup.database)?;
+    pub fn new(frames: &[Stamped], setup: &Setup) -> Result<Self, SignalMissing> {
+        let mut latencies = Self::empty(&setup.database)?;
         let end = Duration::from_secs_f64(setup.scenario.duration_seconds);
         for stamped in frames {
-            latencies.take(stamped, end);
+            latencies.on_frame(stamped, end);
         }
         Ok(latencies)
     }
 
-    fn new(database: &Database) -> Result<Self, SignalMissing> {
+    fn empty(database: &Database) -> Result<Self, SignalMissing> {
         let histogram = || {
             Histogram::new_with_max(LATENCY_MICROSECONDS_MAX, 3)
                 .expect("constant bounds that the histogram takes")
@@ -128,8 +128,8 @@ impl Latencies {
         })
     }
 
-    fn take(&mut self, stamped: &Stamped, end: Duration) {
-        match self.cycle.take(stamped, end) {
+    fn on_frame(&mut self, stamped: &Stamped, end: Duration) {
+        match self.cycle.stage_until(stamped, end) {
             Some(CycleStage::Position { after_sync }) => {
                 record(&mut self.sync_to_position, after_sync)
             }
@@ -190,7 +190,7 @@ impl CycleReader {
     }
 
     /// Takes every frame of the bus in order; what it is to its cycle, from scenario time 0 to `end`.
-    pub(crate) fn take(&mut self, stamped: &Stamped, end: Duration) -> Option<CycleStage> {
+    fn stage_until(&mut self, stamped: &Stamped, end: Duration) -> Option<CycleStage> {
         let time = self.on_frame(stamped).filter(|time| *time < end)?;
         self.stage(stamped, time)
     }
@@ -246,7 +246,7 @@ mod tests {
 
     #[test]
     fn latencies_are_differences_of_stamps_within_a_cycle() {
-        let mut latencies = Latencies::new(Database::shipped()).unwrap();
+        let mut latencies = Latencies::empty(Database::shipped()).unwrap();
         let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
         let end = Duration::from_secs(1);
         for (micros, id) in [
@@ -260,9 +260,9 @@ mod tests {
             (3000, 0x080),
             (3100, 0x210),
         ] {
-            latencies.take(&stamped(micros, id, &enabled), end);
+            latencies.on_frame(&stamped(micros, id, &enabled), end);
         }
-        let quantiles = |histogram| Quantiles::of(histogram, 1);
+        let quantiles = |histogram| Quantiles::new(histogram, 1);
         assert_eq!(latencies.sync_to_position.len(), 2);
         assert_eq!(quantiles(&latencies.sync_to_position).max, 250.0);
         assert_eq!(quantiles(&latencies.position_to_command).median, 250.0);

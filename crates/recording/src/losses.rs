@@ -82,7 +82,7 @@ impl LossReader {
     }
 
     /// Takes a frame of a message that is watched.
-    pub(crate) fn take(&mut self, frame: &CanFrame, time: Duration) {
+    pub(crate) fn on_frame(&mut self, frame: &CanFrame, time: Duration) {
         if time > self.end {
             return;
         }

@@ -96,8 +96,11 @@ impl MasterWatch {
             Some(rate.only(database.signal(COMMAND)?, enabling(database)))
         };
         // When a node is no longer slow, its next frame comes sooner by so much.
-        let delays = fault.node.slow_cycle.iter();
-        let delays = delays.map(|fault| fault.delay_milliseconds / 1e3);
+        let delays = fault
+            .node
+            .slow_cycle
+            .iter()
+            .map(|fault| fault.delay_milliseconds / 1e3);
         let slow_seconds = delays.fold(0.0, f64::max);
         let sync = rate("sync", "SYNC", Some(cycle));
         let of_ours = [
@@ -105,8 +108,10 @@ impl MasterWatch {
             command(),
             rate("controller_heartbeat", "heartbeats of the controller", None)
                 .map(Rate::of_heartbeats),
-        ];
-        let of_ours = of_ours.into_iter().flatten().filter(|_| is_ours);
+        ]
+        .into_iter()
+        .flatten()
+        .filter(|_| is_ours);
         let rates = sync.into_iter().chain(of_ours);
         Ok(Self {
             clock: ScenarioClock::new(database)?,
@@ -124,9 +129,12 @@ impl MasterWatch {
     #[must_use]
     pub fn filters(&self) -> Vec<Filter> {
         let mask = Filter::exact(0).mask;
-        let rates = self.rates.iter().map(|rate| rate.raw_id);
-        let rates = rates.chain([self.statusword, SYNC_COB_ID.into()]);
-        let rates = rates.map(|id| Filter { id, mask });
+        let rates = self
+            .rates
+            .iter()
+            .map(|rate| rate.raw_id)
+            .chain([self.statusword, SYNC_COB_ID.into()])
+            .map(|id| Filter { id, mask });
         let heartbeats = Filter {
             id: HEARTBEATS.into(),
             mask: mask & !0x7F,
@@ -137,15 +145,15 @@ impl MasterWatch {
     }
 
     /// Takes every frame of the bus in order.
-    pub fn take(&mut self, time: Duration, frame: &CanFrame) {
+    pub fn on_frame(&mut self, time: Duration, frame: &CanFrame) {
         self.clock.on_frame(time, frame);
         let scenario_time = self.clock.scenario_time(time);
-        self.take_at(time, scenario_time, frame);
+        self.on_frame_at(time, scenario_time, frame);
     }
 
-    /// As [`MasterWatch::take`], where the scenario time of the frame is known.
+    /// As [`MasterWatch::on_frame`], where the scenario time of the frame is known.
     #[inline]
-    pub(crate) fn take_at(
+    pub(crate) fn on_frame_at(
         &mut self,
         time: Duration,
         scenario_time: Option<Duration>,
@@ -154,26 +162,28 @@ impl MasterWatch {
         let scenario_time = scenario_time.filter(|time| *time < self.end);
         let id = frame.raw_id();
         if let Some(rate) = self.rates.iter_mut().find(|rate| rate.raw_id == id) {
-            rate.take(time, scenario_time, frame);
+            rate.on_frame(time, scenario_time, frame);
         }
         if let (Some(nmt), Some(time)) = (&mut self.nmt, scenario_time) {
-            nmt.take(time, frame);
+            nmt.on_frame(time, frame);
         }
     }
 
     /// What was seen of a second master, the first of it first.
     #[must_use]
     pub fn found(&self) -> Vec<SecondMaster> {
-        let rates = self.rates.iter();
-        let rates = rates.filter(|rate| rate.surplus.first.is_some());
-        let rates = rates.filter_map(|rate| {
-            let period_milliseconds = 1e3 * rate.period.as_secs_f64();
-            let what = format!(
-                "0x{:03X} ({}, one every {period_milliseconds} ms)",
-                rate.raw_id, rate.what
-            );
-            rate.surplus.found(what)
-        });
+        let rates = self
+            .rates
+            .iter()
+            .filter(|rate| rate.surplus.first.is_some())
+            .filter_map(|rate| {
+                let period_milliseconds = 1e3 * rate.period.as_secs_f64();
+                let what = format!(
+                    "0x{:03X} ({}, one every {period_milliseconds} ms)",
+                    rate.raw_id, rate.what
+                );
+                rate.surplus.found(what)
+            });
         let nmt = self.nmt.iter().filter_map(|nmt| {
             let what = format!("0x{NMT_COB_ID:03X} (NMT {})", nmt.first);
             nmt.surplus.found(what)
@@ -294,7 +304,7 @@ impl Rate {
     }
 
     /// Takes a frame of the message; outside the scenario's time none is too many.
-    fn take(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
+    fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
         if !self.counts(frame) || self.has_new_state(frame) {
             return;
         }
@@ -340,7 +350,7 @@ impl Nmt {
         }
     }
 
-    fn take(&mut self, scenario_time: Duration, frame: &CanFrame) {
+    fn on_frame(&mut self, scenario_time: Duration, frame: &CanFrame) {
         match (frame.standard_id(), frame.data()) {
             (Some(SYNC_COB_ID), _) => self.on_sync(scenario_time),
             (Some(NMT_COB_ID), &[specifier, node, ..]) => {
@@ -439,9 +449,9 @@ mod tests {
         let filters = watch.filters();
         let mut filtered = MasterWatch::new(&scenario, Database::shipped(), external).unwrap();
         for (time, frame) in &frames {
-            watch.take(*time, frame);
+            watch.on_frame(*time, frame);
             if filters.iter().any(|filter| filter.accepts(frame)) {
-                filtered.take(*time, frame);
+                filtered.on_frame(*time, frame);
             }
         }
         assert_eq!(filtered.found(), watch.found());

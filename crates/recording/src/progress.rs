@@ -49,8 +49,10 @@ impl ProgressReader {
             .iter()
             .rev()
             .find_map(|stamped| self.position.decode(&stamped.frame));
-        let set_point = self.set_point.as_ref();
-        let set_point = set_point.map(|curve| 1e3 * curve.at(time.as_secs_f64()).position_metres);
+        let set_point = self
+            .set_point
+            .as_ref()
+            .map(|curve| 1e3 * curve.at(time.as_secs_f64()).position_metres);
         let syncs = frames
             .iter()
             .filter(|stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID));

@@ -166,8 +166,11 @@ fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FramesError> {
 /// The files that a scenario names: tables of set-points and recorded courses.
 pub fn tables_of(scenario: &Scenario) -> impl Iterator<Item = &str> {
     let tables = scenario.reference.table.iter().map(|table| &table.file);
-    let courses = scenario.expect.signal.iter();
-    let courses = courses.filter_map(|check| check.follows.as_ref());
+    let courses = scenario
+        .expect
+        .signal
+        .iter()
+        .filter_map(|check| check.follows.as_ref());
     let files = tables.chain(courses.map(|course| &course.file));
     files.map(String::as_str)
 }

@@ -80,7 +80,7 @@ impl TraceReader {
     }
 
     /// Takes a frame with its scenario time and the start of its cycle.
-    pub(crate) fn take(
+    pub(crate) fn on_frame(
         &mut self,
         frame: &CanFrame,
         scenario_time: Option<Duration>,

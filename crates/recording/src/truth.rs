@@ -43,7 +43,7 @@ impl TruthReader {
         self.time.raw_id()
     }
 
-    pub(crate) fn take(&mut self, stamped: &Stamped) {
+    pub(crate) fn on_frame(&mut self, stamped: &Stamped) {
         let decode = |signal: &SignalHandle| signal.decode(&stamped.frame);
         let Some(time_seconds) = decode(&self.time) else {
             return;

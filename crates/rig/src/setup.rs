@@ -37,7 +37,7 @@ impl Setup {
     pub fn load(path: &Path, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
         let objections = |scenario: &Scenario| catalogue.objections(scenario);
         let (scenario, text) = Scenario::load_with_text(path, objections)?;
-        Ok(Self::of(scenario, catalogue).from_file(path, text))
+        Ok(Self::new(scenario, catalogue).from_file(path, text))
     }
 
     /// Reads the scenario of a recording whose frames mean what the database says. Plant and law need not be known here.
@@ -53,7 +53,7 @@ impl Setup {
 
     /// A scenario that lies in no file.
     #[must_use]
-    pub fn of(scenario: Scenario, catalogue: &Catalogue) -> Self {
+    pub fn new(scenario: Scenario, catalogue: &Catalogue) -> Self {
         let frames = Arc::clone(catalogue.frames(&scenario));
         Self::with_frames(scenario, frames)
     }

@@ -60,7 +60,7 @@ pub fn run(
     }) = &ended
     {
         folder.write(file::STALLS, stalls::to_csv(&host.stalls).as_bytes())?;
-        let timing = Timing::of(&frames, setup, host.clone())?;
+        let timing = Timing::new(&frames, setup, host.clone())?;
         judge::judge_timing(&mut verdict, timing, &setup.scenario.expect, &host.stalls);
     }
     let run = Run {

@@ -48,13 +48,13 @@ impl Controller {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SlidingMode {
-    /// `λ` (paper: 40).
+    /// `λ` in a move (paper: 40).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub bandwidth_radians_per_second: f64,
-    /// `φ` (paper: 1.6).
+    /// `φ` (paper: 1.6); a reference whose load lags behind it by more, as `s`, wants less jerk.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub boundary_layer_metres_per_second_squared: f64,
-    /// `KSM` (paper: 64 = λφ).
+    /// `KSM` in a move (paper: 64 = λφ); in a hold it is less by as much as `λ`.
     #[schemars(range(min = 0.0, max = 100_000.0))]
     pub switching_gain_metres_per_second_cubed: f64,
     /// Fastest poles of the reference filter (assumed).
@@ -66,6 +66,8 @@ pub struct SlidingMode {
     /// Poles of the reference filter at the end of a move, by those at its start (assumed).
     #[schemars(range(min = 1.0, max = 100.0))]
     pub reference_landing_ratio: f64,
+    /// What is otherwise in a hold.
+    pub hold: Hold,
     /// What the observer trusts.
     pub observer: Observer,
     /// What the law takes the plant to be.
@@ -75,14 +77,48 @@ pub struct SlidingMode {
 impl Default for SlidingMode {
     fn default() -> Self {
         Self {
-            bandwidth_radians_per_second: 40.0,
+            bandwidth_radians_per_second: 53.0,
             boundary_layer_metres_per_second_squared: 1.6,
-            switching_gain_metres_per_second_cubed: 64.0,
+            switching_gain_metres_per_second_cubed: 84.8,
             reference_filter_radians_per_second_max: 60.0,
-            reference_launch_jerk_metres_per_second_cubed: 250.0,
+            reference_launch_jerk_metres_per_second_cubed: 430.0,
             reference_landing_ratio: 3.0,
+            hold: Hold::default(),
             observer: Observer::default(),
             nominal_model: NominalModel::default(),
+        }
+    }
+}
+
+/// What is otherwise in a hold, where the reference rests and the law grows calm.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Hold {
+    /// `λ` in a hold (assumed).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    pub bandwidth_radians_per_second: f64,
+    /// Standard deviation that the martensite fraction gains in one second beyond the model.
+    #[schemars(range(min = 0.0, max = 1_000.0))]
+    pub fraction_drift: f64,
+    /// Standard deviation that the unknown heating gains in one second.
+    #[schemars(range(min = 0.0, max = 1_000.0))]
+    pub heating_drift_kelvins_per_second: f64,
+    /// How long the law takes to grow calm.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    pub calming_seconds: f64,
+    /// Distance from the reference at which a calm law is roused, in steps of the position sensor.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
+    pub error_sensor_steps_max: f64,
+}
+
+impl Default for Hold {
+    fn default() -> Self {
+        Self {
+            bandwidth_radians_per_second: 16.0,
+            fraction_drift: 0.000_2,
+            heating_drift_kelvins_per_second: 7.0,
+            calming_seconds: 0.8,
+            error_sensor_steps_max: 1.15,
         }
     }
 }
@@ -212,10 +248,10 @@ pub struct Observer {
     /// Standard deviation that the velocity gains in one second beyond the model.
     #[schemars(range(min = 0.0, max = 1_000.0))]
     pub velocity_drift_metres_per_second: f64,
-    /// Standard deviation that the martensite fraction gains in one second beyond the model.
+    /// Standard deviation that the martensite fraction gains in one second beyond the model, in a move.
     #[schemars(range(min = 0.0, max = 1_000.0))]
     pub fraction_drift: f64,
-    /// Standard deviation that the unknown heating gains in one second.
+    /// Standard deviation that the unknown heating gains in one second, in a move.
     #[schemars(range(min = 0.0, max = 1_000.0))]
     pub heating_drift_kelvins_per_second: f64,
     /// Standard deviation of the transformation temperatures about the nominal ones.
@@ -228,8 +264,8 @@ impl Default for Observer {
         Self {
             sensor_step_millimetres: 60.0 / 1024.0,
             velocity_drift_metres_per_second: 0.005,
-            fraction_drift: 0.003,
-            heating_drift_kelvins_per_second: 10.0,
+            fraction_drift: 0.016,
+            heating_drift_kelvins_per_second: 5.5,
             temperature_uncertainty_kelvins: 3.0,
         }
     }

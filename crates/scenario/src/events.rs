@@ -70,26 +70,27 @@ impl Scenario {
         let starts = self.starts_in_order();
         let end_seconds = self.judged_end_seconds();
         let steps = self.reference.step.iter();
-        let judged = steps.filter(|step| step.at_seconds < end_seconds);
-        let judged = judged.map(|step| {
-            let before = starts.partition_point(|&start| start < step.at_seconds);
-            let next = starts.partition_point(|&start| start <= step.at_seconds);
-            // Just before the step the piece before it is still in force.
-            let last_moment = step.at_seconds.next_down();
-            let from_metres = match before {
-                0 => 0.0,
-                _ => trajectory.at(last_moment).position_metres,
-            };
-            let next = starts.get(next).copied().unwrap_or(end_seconds);
-            JudgedStep {
-                window: Window {
-                    from_seconds: step.at_seconds,
-                    until_seconds: next.min(end_seconds),
-                },
-                from_millimetres: from_metres * 1e3,
-                to_millimetres: step.position_millimetres,
-            }
-        });
+        let judged = steps
+            .filter(|step| step.at_seconds < end_seconds)
+            .map(|step| {
+                let before = starts.partition_point(|&start| start < step.at_seconds);
+                let next = starts.partition_point(|&start| start <= step.at_seconds);
+                // Just before the step the piece before it is still in force.
+                let last_moment = step.at_seconds.next_down();
+                let from_metres = match before {
+                    0 => 0.0,
+                    _ => trajectory.at(last_moment).position_metres,
+                };
+                let next = starts.get(next).copied().unwrap_or(end_seconds);
+                JudgedStep {
+                    window: Window {
+                        from_seconds: step.at_seconds,
+                        until_seconds: next.min(end_seconds),
+                    },
+                    from_millimetres: from_metres * 1e3,
+                    to_millimetres: step.position_millimetres,
+                }
+            });
         judged.collect()
     }
 

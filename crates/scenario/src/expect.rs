@@ -52,6 +52,13 @@ pub struct Expect {
     /// RMS of the current over the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub current_amperes_rms: Option<Limit>,
+    /// Standard deviation of the commanded current in the last hold, from 1 s after the position has come to stay within 0.25 mm,
+    /// for 2 s at least.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub current_ripple_amperes_rms: Option<Limit>,
+    /// Highest less lowest position in the last second, in which the set-point must stand: above 0.25 the loop hunts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hunting_millimetres: Option<Limit>,
     /// Largest position over the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_millimetres_max: Option<Limit>,

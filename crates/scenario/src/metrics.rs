@@ -62,7 +62,7 @@ impl ExpectedMetric {
 }
 
 /// All metrics.
-pub static METRICS: [ExpectedMetric; 20] = {
+pub static METRICS: [ExpectedMetric; 22] = {
     use ExpectedMetric as Metric;
     [
         Metric::limited("settling_time_seconds", "seconds", |expect| {
@@ -95,6 +95,12 @@ pub static METRICS: [ExpectedMetric; 20] = {
         }),
         Metric::limited("current_amperes_rms", "amperes", |expect| {
             expect.current_amperes_rms
+        }),
+        Metric::limited("current_ripple_amperes_rms", "amperes", |expect| {
+            expect.current_ripple_amperes_rms
+        }),
+        Metric::limited("hunting_millimetres", "millimetres", |expect| {
+            expect.hunting_millimetres
         }),
         Metric::limited("missed_cycles_percent", "percent", |expect| {
             expect.missed_cycles_percent

@@ -54,19 +54,19 @@ pub(crate) fn end_by_node(
             let what = format!("canrig stopped the drive: {text}{when}");
             Ok(seen.end(DRIVE, None, what))
         }
-        WorldError::NoStop { name, .. } => Ok(seen.end(name, None, error.to_string())),
+        WorldError::NoStop { ref name, .. } => Ok(seen.end(name, None, error.to_string())),
         WorldError::Process {
             name,
             how,
             log,
             doing: Doing::GaveUp,
-        } if !seen.is_bus_in_trouble() => Ok(seen.gave_up(name, &how, &log)),
+        } if !seen.is_bus_in_trouble() => Ok(seen.gave_up(&name, &how, &log)),
         WorldError::Process {
             name,
             how,
             log,
             doing: Doing::Crashed,
-        } => Ok(seen.end(name, None, format!("{how}{}{log}", seen.when()))),
+        } => Ok(seen.end(&name, None, format!("{how}{}{log}", seen.when()))),
         WorldError::Coordinator(CoordinatorError::Failed { name, reason }) => {
             Ok(seen.gave_up(&name, "gave up", &format!(": {reason}")))
         }
@@ -184,8 +184,9 @@ impl Seen<'_> {
         };
         let position = self.last_position();
         let patience = SILENT_PERIODS * self.setup.scenario.bus.sync_period();
-        let silent = position.filter(|position| given_up > *position + patience);
-        let silent = silent.and_then(|position| self.seconds(position));
+        let silent = position
+            .filter(|position| given_up > *position + patience)
+            .and_then(|position| self.seconds(position));
         let silent =
             silent.map_or_else(String::new, |since| format!("silent since {since:.3} s; "));
         let what = format!("{silent}the controller gave it up{when} and {how}{log}");
@@ -218,8 +219,11 @@ impl Seen<'_> {
         let Some(end) = self.end_of_recording() else {
             return false;
         };
-        let lately = self.frames.iter().rev();
-        let mut lately = lately.take_while(|stamped| stamped.time + BUS_TROUBLE >= end);
+        let mut lately = self
+            .frames
+            .iter()
+            .rev()
+            .take_while(|stamped| stamped.time + BUS_TROUBLE >= end);
         lately.any(|stamped| {
             error_frames::read(&stamped.frame).is_some_and(|message| {
                 !message.is_good && BUS_TROUBLES.iter().any(|text| message.text.contains(text))

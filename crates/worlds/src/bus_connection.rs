@@ -22,7 +22,7 @@ pub(super) const COLLECT_PERIOD: Duration = Duration::from_millis(20);
 /// A stop signal for a thread of the bench.
 pub(super) fn stop_signal() -> Result<(Stopper, StopSignal), WorldError> {
     StopSignal::manual().map_err(|source| WorldError::Spawn {
-        name: BENCH,
+        name: BENCH.to_owned(),
         source,
     })
 }
@@ -105,7 +105,7 @@ impl BusConnection {
         let epoch = self.recorder.wall_epoch();
         let mut has_frames = false;
         while let Some(stamped) = self.recorder.next() {
-            capture.take(Stamped::new(epoch + stamped.time, stamped.frame));
+            capture.record(Stamped::new(epoch + stamped.time, stamped.frame));
             has_frames = true;
         }
         capture.flush()?;
@@ -135,8 +135,9 @@ impl BusConnection {
                 clock::sleep(COLLECT_PERIOD);
             }
             drop(stopper);
-            let ended = running.join();
-            let ended = ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            let ended = running
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             ended.map(|_| ()).map_err(WorldError::Bench)
         })
     }

@@ -165,7 +165,7 @@ impl Vigil {
         let thread =
             thread.spawn(move || platform::real_time::run(&mut watchman, &mut *bus, &stop));
         let thread = thread.map_err(|source| WorldError::Spawn {
-            name: BENCH,
+            name: BENCH.to_owned(),
             source,
         })?;
         Ok(Self {

@@ -29,7 +29,7 @@ const INTERNAL: i32 = 70;
 
 /// A node's process.
 pub(super) struct NodeProcess {
-    name: &'static str,
+    name: String,
     child: Child,
     /// The node stops when this pipe ends, so it stops too when this process is killed.
     lifeline: Option<ChildStdin>,
@@ -42,12 +42,15 @@ impl NodeProcess {
     /// Starts this program again as the node `name`. Its standard error goes into a log in the run's folder; its
     /// standard output is its report; `side_channel` is handed on.
     pub(super) fn spawn(
-        name: &'static str,
+        name: &str,
         folder: &RunFolder,
         bus: Option<&BusAddress>,
         side_channel: Option<OwnedFd>,
     ) -> Result<Self, WorldError> {
-        let fault = |source| WorldError::Spawn { name, source };
+        let fault = |source| WorldError::Spawn {
+            name: name.to_owned(),
+            source,
+        };
         let log = folder.path().join(format!("{name}.log"));
         let output = File::create(&log).map_err(fault)?;
         let mut command = process::myself().map_err(fault)?;
@@ -72,12 +75,17 @@ impl NodeProcess {
             .map_err(fault)?;
         let lifeline = child.stdin.take();
         Ok(Self {
-            name,
+            name: name.to_owned(),
             child,
             lifeline,
             log,
             is_killed_by_fault: false,
         })
+    }
+
+    /// Which node it is.
+    pub(super) fn name(&self) -> &str {
+        &self.name
     }
 
     /// The number of its process; none once it has ended.
@@ -90,7 +98,7 @@ impl NodeProcess {
         self.is_killed_by_fault = true;
         let killed = self.child.kill().await;
         killed.map_err(|source| WorldError::Spawn {
-            name: self.name,
+            name: self.name.clone(),
             source,
         })
     }
@@ -99,7 +107,7 @@ impl NodeProcess {
     pub(super) fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
         let number = self.child.id().unwrap_or_default();
         process::suspend(number, is_suspended).map_err(|source| WorldError::Spawn {
-            name: self.name,
+            name: self.name.clone(),
             source,
         })
     }
@@ -113,7 +121,7 @@ impl NodeProcess {
         match self.child.wait().await {
             Ok(status) => self.failure(status, " in the middle of the run"),
             Err(source) => WorldError::Spawn {
-                name: self.name,
+                name: self.name.clone(),
                 source,
             },
         }
@@ -137,14 +145,14 @@ impl NodeProcess {
             }
             Ok(Ok(status)) => Err(self.failure(status, " when it was to stop")),
             Ok(Err(source)) => Err(WorldError::Spawn {
-                name: self.name,
+                name: self.name.clone(),
                 source,
             }),
             Err(_) => {
                 // Already late, so how the kill goes does not matter any more.
                 let _ = self.child.kill().await;
                 Err(WorldError::NoStop {
-                    name: self.name,
+                    name: self.name.clone(),
                     patience: END_PATIENCE,
                 })
             }
@@ -171,7 +179,7 @@ impl NodeProcess {
             _ => how(status) + when,
         };
         WorldError::Process {
-            name: self.name,
+            name: self.name.clone(),
             how,
             log: log.unwrap_or_default(),
             doing,

@@ -93,7 +93,7 @@ impl DisturbanceProducer {
         else {
             return;
         };
-        masters.take(now, frame);
+        masters.on_frame(now, frame);
         if let Some(found) = masters.found().first() {
             self.second_master = Some(found.to_string());
             self.frames.clear();

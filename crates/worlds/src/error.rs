@@ -43,7 +43,7 @@ pub enum WorldError {
     #[error("the {name} did not reach its safe state within {} ms", patience.as_millis())]
     NoStop {
         /// Which node.
-        name: &'static str,
+        name: String,
         /// How long was waited.
         patience: Duration,
     },
@@ -51,7 +51,7 @@ pub enum WorldError {
     #[error("the {name} cannot be set up: {reason}")]
     Node {
         /// Which node.
-        name: &'static str,
+        name: String,
         /// Why.
         reason: String,
     },
@@ -59,7 +59,7 @@ pub enum WorldError {
     #[error("the {name} {how}{log}")]
     Process {
         /// Which process.
-        name: &'static str,
+        name: String,
         /// How it ended.
         how: String,
         /// The end of its log, ready to print.
@@ -71,7 +71,7 @@ pub enum WorldError {
     #[error("the {name} cannot be started: {source}")]
     Spawn {
         /// Which process.
-        name: &'static str,
+        name: String,
         /// Why.
         source: io::Error,
     },

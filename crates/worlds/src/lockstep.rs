@@ -31,14 +31,11 @@ const NO_START: WorldError = WorldError::NoStart {
     patience: START_PATIENCE,
 };
 
-/// The three participants of every run.
-pub struct Roles<'a> {
-    /// The rig.
-    pub plant_emulator: &'a mut dyn Participant,
-    /// The bench's own node, which commands the disturbances.
-    pub bench: &'a mut dyn Participant,
-    /// The manager; the last to join and the first to stop.
-    pub controller: &'a mut dyn Participant,
+/// One who takes part in a run: a plant emulator, canrig's own node, the manager.
+pub struct Role<'a> {
+    /// Its CAN controller, which the faults of the bus name.
+    pub station: Station,
+    pub participant: &'a mut dyn Participant,
 }
 
 /// Runs the scenario in this process.
@@ -57,27 +54,43 @@ fn play_here(setup: &Setup, capture: &mut Capture<'_>) -> Result<End, WorldError
     let view = scenario.controller_view();
     let make = move || nodes::controller(&view, None);
     let mut controller = nodes::faulty_controller(make, &scenario.fault, |_| false)?;
-    let roles = Roles {
-        plant_emulator: &mut Local::new(PLANT_EMULATOR, &mut *plant_emulator),
-        bench: &mut Local::new(BENCH, &mut bench),
-        controller: &mut Local::new(CONTROLLER, &mut *controller),
-    };
+    let mut plant_emulator = Local::new(PLANT_EMULATOR, &mut *plant_emulator);
+    let mut bench = Local::new(BENCH, &mut bench);
+    let mut controller = Local::new(CONTROLLER, &mut *controller);
+    let roles = vec![
+        Role {
+            station: Station::Drive,
+            participant: &mut plant_emulator,
+        },
+        Role {
+            station: Station::Bench,
+            participant: &mut bench,
+        },
+        Role {
+            station: Station::Controller,
+            participant: &mut controller,
+        },
+    ];
     play(scenario, roles, capture, None)
 }
 
-/// Plays the scenario with these participants. With a `wire` the winner of each arbitration goes on it.
+/// Plays the scenario with these participants, the manager last: it is the first to stop, since it takes the current away and
+/// stops the others while they still listen. With a `wire` the winner of each arbitration goes on it.
 ///
 /// # Errors
 /// A participant or the wire failed, or the recording cannot be written.
 pub fn play(
     scenario: &Scenario,
-    roles: Roles<'_>,
+    roles: Vec<Role<'_>>,
     capture: &mut Capture<'_>,
     wire: Option<&mut dyn Bus>,
 ) -> Result<End, WorldError> {
-    let participants = [roles.plant_emulator, roles.bench, roles.controller];
-    let [plant_emulator, bench, controller] = [0, 1, 2];
-    let stations = vec![Station::Drive, Station::Bench, Station::Controller];
+    let stations = roles.iter().map(|role| role.station).collect();
+    let names: Vec<String> = roles
+        .iter()
+        .map(|role| role.participant.name().to_owned())
+        .collect();
+    let participants = roles.into_iter().map(|role| role.participant);
     let faults = BusFaults::new(scenario, Database::shipped(), stations)?;
     let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants)
         .with_faults(faults);
@@ -87,12 +100,7 @@ pub fn play(
     let is_faulty = !scenario.fault.is_empty();
     let end = run_until(&mut coordinator, &mut taps, end, is_faulty)?;
     coordinator.settle(&mut taps)?;
-    // The manager goes first: it takes the current away and stops the others while they still listen.
-    for (index, name) in [
-        (controller, CONTROLLER),
-        (bench, BENCH),
-        (plant_emulator, PLANT_EMULATOR),
-    ] {
+    for (index, name) in names.into_iter().enumerate().rev() {
         coordinator.stop(index)?;
         let give_up = coordinator.now() + STOP_PATIENCE;
         while !coordinator.is_stopped(index) {
@@ -171,7 +179,7 @@ impl Wire for Taps<'_, '_, '_> {
         occupied_bits: u32,
     ) -> Result<(), CoordinatorError> {
         self.capture
-            .take(Stamped::counted(time, *frame, occupied_bits));
+            .record(Stamped::counted(time, *frame, occupied_bits));
         match &mut self.wire {
             Some(wire) => wire.send(frame).map_err(|source| CoordinatorError::Wire {
                 frame: *frame,

@@ -24,7 +24,7 @@ pub(crate) const DRIVE: &str = "drive";
 /// The scenario's plant cannot be emulated.
 pub fn plant_emulator(scenario: &Scenario) -> Result<Box<dyn Node>, WorldError> {
     catalogue::emulator(scenario).map_err(|error| WorldError::Node {
-        name: PLANT_EMULATOR,
+        name: PLANT_EMULATOR.to_owned(),
         reason: error.to_string(),
     })
 }
@@ -42,7 +42,7 @@ pub fn controller(
         None => ControllerNode::new(view),
     };
     made.map_err(|error| WorldError::Node {
-        name: CONTROLLER,
+        name: CONTROLLER.to_owned(),
         reason: error.to_string(),
     })
 }

@@ -26,15 +26,18 @@ pub(super) struct ProcessFaults(VecDeque<(Duration, ProcessAction)>);
 impl ProcessFaults {
     pub(super) fn new(scenario: &Scenario) -> Self {
         let plan = FaultPlan::new(&scenario.fault, Node::Controller);
-        let actions = plan.faults.iter().flat_map(|fault| {
-            let (begin, end) = match fault.kind {
-                FaultKind::Crash(_) => (ProcessAction::Kill, ProcessAction::Start),
-                FaultKind::Hang => (ProcessAction::Suspend, ProcessAction::Resume),
-                _ => return Vec::new(),
-            };
-            vec![(fault.from, begin), (fault.until, end)]
-        });
-        let mut actions: Vec<_> = actions.collect();
+        let mut actions: Vec<_> = plan
+            .faults
+            .iter()
+            .flat_map(|fault| {
+                let (begin, end) = match fault.kind {
+                    FaultKind::Crash(_) => (ProcessAction::Kill, ProcessAction::Start),
+                    FaultKind::Hang => (ProcessAction::Suspend, ProcessAction::Resume),
+                    _ => return Vec::new(),
+                };
+                vec![(fault.from, begin), (fault.until, end)]
+            })
+            .collect();
         actions.sort_by_key(|(time, _)| *time);
         Self(actions.into())
     }

@@ -1,11 +1,15 @@
 //! Controller and plant as processes, in lock-step or in real time.
 
+use std::future::{Future, pending, poll_fn};
+use std::task::Poll;
+
 use dbc::Database;
 use platform::bus::{Bus, BusAddress};
 use platform::lockstep::{Local, LockstepError, Remote, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
 use scenario::Scenario;
+use scenario::fault::bus::Station;
 use tokio::runtime::Runtime;
 
 use crate::blame::end_by_node;
@@ -14,56 +18,62 @@ use crate::child::NodeProcess;
 use crate::coordinator::CoordinatorError;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::WorldError;
-use crate::lockstep::{self, Roles};
+use crate::lockstep::{self, Role};
 use crate::nodes::{BENCH, CONTROLLER, PLANT_EMULATOR};
 use crate::played::{End, Played};
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
 use rig::setup::Setup;
 
-/// The nodes that are processes of their own; none where somebody else's is on the bus.
-pub(super) struct Processes {
-    pub(super) plant_emulator: Option<NodeProcess>,
-    pub(super) controller: Option<NodeProcess>,
-}
+/// The nodes that are processes of their own, the manager last; without those that are somebody else's.
+pub(super) struct Processes(Vec<NodeProcess>);
 
 impl Processes {
+    pub(super) fn new(processes: Vec<NodeProcess>) -> Self {
+        Self(processes)
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = &NodeProcess> {
+        self.0.iter()
+    }
+
+    /// The process of a node, unless the node is somebody else's.
+    pub(super) fn get_mut(&mut self, name: &str) -> Option<&mut NodeProcess> {
+        let mut processes = self.0.iter_mut();
+        processes.find(|process| process.name() == name)
+    }
+
     /// Waits until one of them ends before its time; the error that says so.
     pub(super) async fn early_end(&mut self) -> WorldError {
-        tokio::select! {
-            error = early_end(&mut self.controller) => error,
-            error = early_end(&mut self.plant_emulator) => error,
-        }
+        let mut ends: Vec<_> = self
+            .0
+            .iter_mut()
+            .rev()
+            .map(|process| Box::pin(process.early_end()))
+            .collect();
+        poll_fn(|context| {
+            let mut polls = ends.iter_mut().map(|end| end.as_mut().poll(context));
+            polls.find(Poll::is_ready).unwrap_or(Poll::Pending)
+        })
+        .await
     }
 
     /// Waits for the end of a participant's process.
     async fn early_end_of(&mut self, name: &str) -> WorldError {
-        let process = match name {
-            CONTROLLER => &mut self.controller,
-            _ => &mut self.plant_emulator,
-        };
-        early_end(process).await
+        match self.get_mut(name) {
+            Some(process) => process.early_end().await,
+            None => pending().await,
+        }
     }
 
-    /// Stops both, the manager first; the reports of controller and emulator.
-    pub(super) async fn stop(&mut self) -> [Result<Option<String>, WorldError>; 2] {
-        let controller = stop(&mut self.controller).await;
-        let plant_emulator = stop(&mut self.plant_emulator).await;
-        [controller, plant_emulator]
-    }
-}
-
-async fn early_end(process: &mut Option<NodeProcess>) -> WorldError {
-    match process {
-        Some(process) => process.early_end().await,
-        None => std::future::pending().await,
-    }
-}
-
-async fn stop(process: &mut Option<NodeProcess>) -> Result<Option<String>, WorldError> {
-    match process {
-        Some(process) => process.stop().await.map(Some),
-        None => Ok(None),
+    /// Stops all, the manager first; what each reports of itself.
+    pub(super) async fn stop(&mut self) -> Vec<(String, Result<String, WorldError>)> {
+        let mut stopped = Vec::new();
+        for process in self.0.iter_mut().rev() {
+            let report = process.stop().await;
+            stopped.push((process.name().to_owned(), report));
+        }
+        stopped
     }
 }
 
@@ -73,7 +83,7 @@ pub(super) fn runtime() -> Result<Runtime, WorldError> {
         .enable_all()
         .build();
     built.map_err(|source| WorldError::Spawn {
-        name: BENCH,
+        name: BENCH.to_owned(),
         source,
     })
 }
@@ -115,30 +125,41 @@ fn play(
     let _here = OneProcessor::stay();
     let runtime = runtime()?;
     let _entered = runtime.enter();
-    let start = |name| {
-        let (ours, theirs) = channel().map_err(|source| WorldError::Spawn { name, source })?;
-        Ok::<_, WorldError>((
-            NodeProcess::spawn(name, folder, address.as_ref(), Some(theirs))?,
-            ours,
-        ))
-    };
-    let (plant_emulator, plant_channel) = start(PLANT_EMULATOR)?;
-    let (controller, controller_channel) = start(CONTROLLER)?;
-    let mut processes = Processes {
-        plant_emulator: Some(plant_emulator),
-        controller: Some(controller),
-    };
+    let mut processes = Vec::new();
+    let mut channels = Vec::new();
+    for (name, station) in [
+        (PLANT_EMULATOR, Station::Drive),
+        (CONTROLLER, Station::Controller),
+    ] {
+        let (ours, theirs) = channel().map_err(|source| WorldError::Spawn {
+            name: name.to_owned(),
+            source,
+        })?;
+        let process = NodeProcess::spawn(name, folder, address.as_ref(), Some(theirs))?;
+        processes.push(process);
+        channels.push((name, station, ours));
+    }
+    let mut processes = Processes::new(processes);
     let played = (|| -> Result<End, WorldError> {
-        let mut plant_emulator =
-            Remote::accept(PLANT_EMULATOR, plant_channel).map_err(CoordinatorError::from)?;
-        let mut controller =
-            Remote::accept(CONTROLLER, controller_channel).map_err(CoordinatorError::from)?;
+        let mut remotes = Vec::new();
+        for (name, station, channel) in channels {
+            let remote = Remote::accept(name, channel).map_err(CoordinatorError::from)?;
+            remotes.push((station, remote));
+        }
         let mut bench = DisturbanceProducer::new(scenario, Database::shipped())?;
-        let roles = Roles {
-            plant_emulator: &mut plant_emulator,
-            bench: &mut Local::new(BENCH, &mut bench),
-            controller: &mut controller,
+        let mut bench = Local::new(BENCH, &mut bench);
+        let mut roles: Vec<Role<'_>> = remotes
+            .iter_mut()
+            .map(|(station, remote)| Role {
+                station: *station,
+                participant: remote,
+            })
+            .collect();
+        let bench = Role {
+            station: Station::Bench,
+            participant: &mut bench,
         };
+        roles.insert(roles.len() - 1, bench);
         lockstep::play(
             scenario,
             roles,
@@ -150,10 +171,10 @@ fn play(
         let error = match played {
             Ok(end) => {
                 let stopped = processes.stop().await;
+                let mut stopped = stopped.into_iter().map(|(_, stopped)| stopped);
                 return stopped
-                    .into_iter()
-                    .collect::<Result<Vec<_>, _>>()
-                    .map(|_| end);
+                    .try_for_each(|stopped| stopped.map(drop))
+                    .map(|()| end);
             }
             // How a process ended says more than that it does not answer.
             Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {

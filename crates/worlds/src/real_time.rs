@@ -1,5 +1,6 @@
 //! Real time: the processes keep their own time on a bus, and the bench listens.
 
+use std::collections::BTreeMap;
 use std::thread::ScopedJoinHandle;
 use std::time::Duration;
 
@@ -23,7 +24,6 @@ use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
 use recording::masters::MasterWatch;
 use recording::run_folder::RunFolder;
-use recording::stalls::Who;
 use rig::external::ExternalNode;
 use rig::setup::Setup;
 
@@ -83,24 +83,20 @@ pub fn play(
     if let Some(second_master) = bench.second_master() {
         return Err(WorldError::SecondMaster(second_master.to_owned()));
     }
-    let (end, [mut controller, mut plant_emulator]) = with_reports(end, stopped);
-    if !setup.scenario.fault.node.hang.is_empty() {
+    let (end, mut reports) = with_reports(end, stopped);
+    if let Some(controller) = reports.get_mut(CONTROLLER)
+        && !setup.scenario.fault.node.hang.is_empty()
+    {
         // Suspended on purpose, a loop wakes up late.
-        controller.iter_mut().for_each(|report| report.late.clear());
+        controller.late.clear();
     }
-    let stalls = stalls.finish(
-        connection,
-        [
-            (Who::Controller, &mut controller),
-            (Who::PlantEmulator, &mut plant_emulator),
-        ],
-    );
+    let stalls = stalls.finish(connection, &mut reports);
     let end = end.or_else(|error| end_by_node(error, setup, capture).map(End::ByNode))?;
     Ok(Played {
         end,
         host: Some(Host {
-            controller,
-            plant_emulator,
+            controller: reports.remove(CONTROLLER),
+            plant_emulator: reports.remove(PLANT_EMULATOR),
             wall_clock_step: connection.wall_clock_step(),
             stalls,
         }),
@@ -113,16 +109,17 @@ fn start_nodes(
     folder: &RunFolder,
     connection: &BusConnection,
 ) -> Result<Processes, WorldError> {
-    let start = |name, node| {
-        let is_ours = !setup.external.has(node);
-        is_ours
-            .then(|| NodeProcess::spawn(name, folder, Some(connection.address()), None))
-            .transpose()
-    };
-    Ok(Processes {
-        plant_emulator: start(PLANT_EMULATOR, ExternalNode::Drive)?,
-        controller: start(CONTROLLER, ExternalNode::Controller)?,
-    })
+    let mut processes = Vec::new();
+    for (name, node) in [
+        (PLANT_EMULATOR, ExternalNode::Drive),
+        (CONTROLLER, ExternalNode::Controller),
+    ] {
+        if !setup.external.has(node) {
+            let address = Some(connection.address());
+            processes.push(NodeProcess::spawn(name, folder, address, None)?);
+        }
+    }
+    Ok(Processes::new(processes))
 }
 
 /// The bench's own node, with a supervisor where there is a rig, and a watch for a second master of a drive that is real.
@@ -132,8 +129,10 @@ fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
         // On a bus without the module its identifier may be somebody else's.
         orders.disturbance = Disturbance::default();
     }
-    let supervisor = setup.rig.as_ref();
-    let supervisor = supervisor.map(|rig| Supervisor::new(&rig.file, &rig.drive));
+    let supervisor = setup
+        .rig
+        .as_ref()
+        .map(|rig| Supervisor::new(&rig.file, &rig.drive));
     let watch = |setup: &Setup| MasterWatch::new(&setup.scenario, &setup.database, &setup.external);
     let has_drive = setup.external.has(ExternalNode::Drive);
     let masters = has_drive.then(|| watch(setup)).transpose()?;
@@ -149,23 +148,23 @@ async fn ended<T>(bench: &ScopedJoinHandle<'_, T>) {
     }
 }
 
-/// How the run ended, and the reports of controller and emulator. The first error is why the others stopped.
+/// How the run ended, and the reports of the nodes. The first error is why the others stopped.
 fn with_reports(
     mut end: Result<End, WorldError>,
-    stopped: [Result<Option<String>, WorldError>; 2],
-) -> (Result<End, WorldError>, [Option<NodeReport>; 2]) {
-    let [controller, plant_emulator] = stopped;
-    let named = [(CONTROLLER, controller), (PLANT_EMULATOR, plant_emulator)];
-    let reports = named.map(|(name, stopped)| match stopped {
-        Ok(text) => text.map(|text| report(name, &text)),
-        Err(error) => {
-            // One that was killed takes the other with it, which may be noticed first.
-            if end.is_ok() || error.is_from_outside() {
-                end = Err(error);
+    stopped: Vec<(String, Result<String, WorldError>)>,
+) -> (Result<End, WorldError>, BTreeMap<String, NodeReport>) {
+    let mut reports = BTreeMap::new();
+    for (name, stopped) in stopped {
+        match stopped {
+            Ok(text) => {
+                let report = report(&name, &text);
+                reports.insert(name, report);
             }
-            None
+            // One that was killed takes the other with it, which may be noticed first.
+            Err(error) if end.is_ok() || error.is_from_outside() => end = Err(error),
+            Err(_) => {}
         }
-    });
+    }
     (end, reports)
 }
 
@@ -219,7 +218,7 @@ impl Run<'_, '_> {
     /// Does to the controller's process what the scenario's faults say by now. Faults of an external controller were refused
     /// before the run.
     async fn play_faults(&mut self, faults: &mut ProcessFaults) -> Result<(), WorldError> {
-        let controller = self.processes.controller.as_mut();
+        let controller = self.processes.get_mut(CONTROLLER);
         let (Some(controller), Some(time)) = (controller, self.capture.scenario_time()) else {
             return Ok(());
         };
@@ -231,7 +230,7 @@ impl Run<'_, '_> {
                 ProcessAction::Start => {
                     let address = self.connection.address();
                     *controller = NodeProcess::spawn(CONTROLLER, self.folder, Some(address), None)?;
-                    self.stalls.watch(Who::Controller, controller);
+                    self.stalls.watch(controller);
                 }
             }
         }

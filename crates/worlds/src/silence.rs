@@ -47,7 +47,7 @@ impl SilenceWatch {
     /// # Errors
     /// A node has been silent for too long since the scenario began.
     pub(super) fn check(&mut self, now: Duration, capture: &Capture<'_>) -> Result<(), WorldError> {
-        self.take(now, &capture.frames()[self.taken..]);
+        self.hear(now, &capture.frames()[self.taken..]);
         self.taken = capture.frames().len();
         let is_silent = |last: Duration| now.saturating_sub(last) > self.limit;
         let silent = match (capture.zero(), self.is_sound) {
@@ -66,7 +66,7 @@ impl SilenceWatch {
         }
     }
 
-    fn take(&mut self, now: Duration, frames: &[Stamped]) {
+    fn hear(&mut self, now: Duration, frames: &[Stamped]) {
         for stamped in frames {
             self.any = now;
             match stamped.frame.raw_id() {

@@ -1,5 +1,6 @@
 //! Gathers where the machine held up what canrig started, while a run in real time goes on.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use platform::stall_watch::{SeenStall, StallWatch};
@@ -10,7 +11,7 @@ use rig::setup::Setup;
 use crate::bus_connection::BusConnection;
 use crate::child::NodeProcess;
 use crate::error::WorldError;
-use crate::nodes::BENCH;
+use crate::nodes::{BENCH, CONTROLLER, PLANT_EMULATOR};
 use crate::processes::Processes;
 
 /// The thread that carries the frames of an embedded bus.
@@ -29,25 +30,20 @@ impl StallRecorder {
     pub(super) fn start(setup: &Setup, processes: &Processes) -> Result<Self, WorldError> {
         let longer_than = setup.scenario.bus.sync_period() / 2;
         let watch = StallWatch::start(longer_than).map_err(|source| WorldError::Spawn {
-            name: BENCH,
+            name: BENCH.to_owned(),
             source,
         })?;
         watch.own_thread(Who::Bus, HUB_THREAD);
         let recorder = Self { watch, longer_than };
-        for (who, process) in [
-            (Who::Controller, &processes.controller),
-            (Who::PlantEmulator, &processes.plant_emulator),
-        ] {
-            if let Some(process) = process {
-                recorder.watch(who, process);
-            }
+        for process in processes.iter() {
+            recorder.watch(process);
         }
         Ok(recorder)
     }
 
     /// Watches a node's process, too.
-    pub(super) fn watch(&self, who: Who, process: &NodeProcess) {
-        if let Some(number) = process.number() {
+    pub(super) fn watch(&self, process: &NodeProcess) {
+        if let (Some(who), Some(number)) = (who(process.name()), process.number()) {
             self.watch.process(who, number);
         }
     }
@@ -56,24 +52,25 @@ impl StallRecorder {
     pub(super) fn finish(
         self,
         connection: &BusConnection,
-        reports: [(Who, &mut Option<NodeReport>); 2],
+        reports: &mut BTreeMap<String, NodeReport>,
     ) -> Vec<Stall> {
         let longer_than = self.longer_than;
-        let late = reports.into_iter().flat_map(|(who, report)| {
-            let late = report
-                .as_mut()
-                .map(|report| std::mem::take(&mut report.late));
-            let times = late.into_iter().flatten();
+        let late = reports.iter_mut().flat_map(|(name, report)| {
+            let times = std::mem::take(&mut report.late).into_iter();
             let times = times.map(|times| times.map(Duration::from_nanos));
+            let who = who(name);
             times
                 .filter(move |[from, until]| *until > *from + longer_than)
-                .map(move |[from, until]| (who, What::WokeLate, from, until))
+                .filter_map(move |[from, until]| Some((who?, What::WokeLate, from, until)))
         });
-        let seen = self.watch.stop().into_iter();
-        let seen = seen.map(|SeenStall { who, from, until }| match who {
-            None => (Who::Machine, What::StoodStill, from, until),
-            Some(who) => (who, What::Waited, from, until),
-        });
+        let seen = self
+            .watch
+            .stop()
+            .into_iter()
+            .map(|SeenStall { who, from, until }| match who {
+                None => (Who::Machine, What::StoodStill, from, until),
+                Some(who) => (who, What::Waited, from, until),
+            });
         let mut stalls: Vec<Stall> = seen
             .chain(late)
             .map(|(who, what, from, until)| {
@@ -83,5 +80,14 @@ impl StallRecorder {
             .collect();
         stalls.sort_by_key(|stall| (stall.from, stall.until));
         stalls
+    }
+}
+
+/// A process that canrig started, by its node's name.
+fn who(name: &str) -> Option<Who> {
+    match name {
+        CONTROLLER => Some(Who::Controller),
+        PLANT_EMULATOR => Some(Who::PlantEmulator),
+        _ => None,
     }
 }

@@ -306,7 +306,7 @@ mod tests {
              at_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n{sweep}"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::of(scenario, catalogue()).from_file("s.toml", text);
+        let setup = Setup::new(scenario, catalogue()).from_file("s.toml", text);
         SweepPlan::new(&setup).unwrap()
     }
 

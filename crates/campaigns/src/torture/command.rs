@@ -122,7 +122,7 @@ fn shrink_all(
 
 /// Plays the case once more into a run folder, whose scenario reproduces its log.
 fn keep(case: &TortureCase, output: &Path) -> Result<std::path::PathBuf, String> {
-    let setup = Setup::of(case.scenario()?, catalogue()).from_file("torture.toml", case.text());
+    let setup = Setup::new(case.scenario()?, catalogue()).from_file("torture.toml", case.text());
     let (watch, taps) = (Watch::default(), Vec::new());
     let judged = run(&setup, output, &watch, taps, |_, capture| {
         lockstep::simulate(&setup, capture).map(Played::in_virtual_time)

@@ -55,7 +55,7 @@ fn setup(cycles: usize, faults: &[(u32, u32)], external: &External) -> Setup {
         );
     }
     let scenario = Scenario::parse(&text, "m.toml", |_| unreachable!("no table")).unwrap();
-    let mut setup = Setup::of(scenario, &Catalogue::shipped());
+    let mut setup = Setup::new(scenario, &Catalogue::shipped());
     setup.external = external.clone();
     setup
 }
@@ -172,7 +172,7 @@ proptest! {
             stalls: held.iter().map(|held| held.stall()).collect(),
             ..Circumstances::default()
         };
-        let misses = Misses::of(&timeline, &setup, &circumstances);
+        let misses = Misses::new(&timeline, &setup, &circumstances);
         prop_assert_eq!(misses.due, cycles.len() as u64);
         let found: Vec<_> = misses.all.iter().map(|miss| {
             (miss.at_seconds, word(miss.doing))
@@ -191,7 +191,7 @@ fn who_left_out_what_is_named_with_its_share_and_its_first_time() {
     );
     let setup = setup(100, &[], &External::default());
     let timeline = decode(&frames(&cycles), &setup).unwrap();
-    let misses = Misses::of(&timeline, &setup, &Circumstances::default());
+    let misses = Misses::new(&timeline, &setup, &Circumstances::default());
     let reason = "controller: no SYNC in 1.00 % of the cycles, first at 0.500 s; \
         drive: no position in 2.00 % of the cycles, first at 0.070 s (limit 1 %)";
     assert_eq!(misses.too_many_by_nodes(1.0, 0).as_deref(), Some(reason));
@@ -242,7 +242,7 @@ fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
             ended_early,
             ..Circumstances::default()
         };
-        Misses::of(&timeline, &setup, &circumstances).percent()
+        Misses::new(&timeline, &setup, &circumstances).percent()
     };
     assert_eq!(percent(&frames(&silent), None), 60.0);
     let cut = frames(&silent[..40]);

@@ -121,7 +121,7 @@ impl Drawn {
 
     fn expectations(&self) -> String {
         let mut text =
-            "[expect]\nno_event = [\"emergency\"]\ntemperature_celsius = { max = 60.0 }\n"
+            "[expect]\nno_event = [\"emergency\"]\ntemperature_celsius = { max = 60.0 }\nhunting_millimetres = { max = 0.25 }\n"
                 .to_owned();
         if let Some(until) = self.judged_until {
             writeln!(text, "judged_until_seconds = {until:?}").unwrap();
@@ -289,8 +289,10 @@ fn segments<T: Clone + std::fmt::Debug>(
 ) -> impl Strategy<Value = Vec<T>> {
     let segment = (value, 1..60_usize);
     prop::collection::vec(segment, 1..12).prop_map(move |segments| {
-        let values = segments.into_iter().cycle();
-        let values = values.flat_map(|(value, length)| std::iter::repeat_n(value, length));
+        let values = segments
+            .into_iter()
+            .cycle()
+            .flat_map(|(value, length)| std::iter::repeat_n(value, length));
         values.take(count as usize).collect()
     })
 }

@@ -28,7 +28,7 @@ fn verdict(drawn: &Drawn) -> Verdict {
     let scenario = Scenario::parse(&drawn.text(), "drawn.toml", |_| unreachable!("no table"));
     let scenario =
         scenario.unwrap_or_else(|error| panic!("{:?}\n{}", error.problems(), drawn.text()));
-    let setup = Setup::of(scenario, &Catalogue::shipped());
+    let setup = Setup::new(scenario, &Catalogue::shipped());
     let timeline = decode(&drawn.stamped(), &setup).unwrap();
     judge(&timeline, &setup, &Circumstances::default())
 }

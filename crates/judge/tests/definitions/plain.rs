@@ -200,6 +200,7 @@ impl Plain<'_> {
             positions.fold(f64::NEG_INFINITY, f64::max)
         });
         add("position_millimetres_max", highest);
+        add("hunting_millimetres", self.hunting());
         if let Some((_, until)) = self.drawn.stuck {
             let recovery = match until < DURATION_SECONDS {
                 true => self.recovery((until, DURATION_SECONDS)),
@@ -207,6 +208,26 @@ impl Plain<'_> {
             };
             add("recovers_within_seconds", recovery);
         }
+    }
+
+    /// Highest less lowest position in the last second, unless something changes in it.
+    fn hunting(&self) -> Option<f64> {
+        let last = (self.end - 1.0, self.end);
+        let samples = self.within(self.whole());
+        let changes = samples.windows(2);
+        let changes = changes.filter(|pair| pair[0].set_point != pair[1].set_point);
+        let changes = changes.map(|pair| pair[1].time);
+        let (from, until) = self.drawn.stuck.unzip();
+        let edges = changes.chain(self.drawn.loads.iter().copied());
+        let edges = edges.chain(from).chain(until);
+        let is_inside = |edge: f64| edge > last.0 + TOLERANCE && edge < last.1;
+        if last.0 < -TOLERANCE || edges.into_iter().any(is_inside) {
+            return None;
+        }
+        let samples = self.seen(last)?;
+        let positions = || samples.iter().map(|sample| sample.position);
+        let highest = positions().fold(f64::NEG_INFINITY, f64::max);
+        Some(highest - positions().fold(f64::INFINITY, f64::min))
     }
 
     fn steps(&self) -> Vec<Step> {
@@ -317,8 +338,10 @@ impl Plain<'_> {
         if last.deviation() > 0.25 || has_silence([].into_iter(), (last.time, span.1)) {
             return None;
         }
-        let outside = samples.iter().filter(|sample| sample.deviation() > 0.25);
-        let outside = outside.map(|sample| sample.time + PERIOD_SECONDS);
+        let outside = samples
+            .iter()
+            .filter(|sample| sample.deviation() > 0.25)
+            .map(|sample| sample.time + PERIOD_SECONDS);
         let before = [span.0]
             .into_iter()
             .chain(samples.iter().map(|one| one.time));
@@ -350,8 +373,13 @@ impl Plain<'_> {
         let missed = 100.0 * (due - served) as f64 / due as f64;
         rows.insert("missed_cycles_percent".to_owned(), Some(missed));
         let before_end = |micros: &u64| *micros as f64 / 1e6 < self.end;
-        let syncs = self.drawn.cycles.iter().map(|cycle| cycle.micros);
-        let syncs: Vec<u64> = syncs.filter(before_end).collect();
+        let syncs: Vec<u64> = self
+            .drawn
+            .cycles
+            .iter()
+            .map(|cycle| cycle.micros)
+            .filter(before_end)
+            .collect();
         let longest = syncs
             .windows(2)
             .map(|pair| (pair[1] - pair[0]) as f64 / 1e3)
@@ -365,8 +393,9 @@ impl Plain<'_> {
 
     /// Bits behind the first SYNC by the time to the last frame before the end; at 1 Mbit/s a bit takes 1 µs.
     fn bus_load(&self) -> Option<f64> {
-        let frames = self.drawn.frames();
-        let frames: Vec<_> = frames
+        let frames: Vec<_> = self
+            .drawn
+            .frames()
             .into_iter()
             .filter(|(micros, _)| scenario_seconds(*micros) < self.end)
             .collect();
@@ -422,10 +451,13 @@ impl Plain<'_> {
         let starts = [fault].into_iter().chain(later);
         let is_zero_for = |start: f64, seconds: f64| {
             let end = start + seconds;
-            let overlapping = truth.windows(2).filter(|pair| {
-                pair[1].time_seconds > start + TOLERANCE && pair[0].time_seconds < end - TOLERANCE
-            });
-            let mut overlapping = overlapping.peekable();
+            let mut overlapping = truth
+                .windows(2)
+                .filter(|pair| {
+                    pair[1].time_seconds > start + TOLERANCE
+                        && pair[0].time_seconds < end - TOLERANCE
+                })
+                .peekable();
             let is_known = truth
                 .last()
                 .is_some_and(|last| last.time_seconds >= end - TOLERANCE);

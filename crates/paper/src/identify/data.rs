@@ -230,7 +230,7 @@ impl IdentificationData {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
             let scenario = Scenario::load(scenario)
                 .map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
-            let setup = Setup::of(scenario, catalogue());
+            let setup = Setup::new(scenario, catalogue());
             (path.to_owned(), setup.with_database(shipped()))
         };
         if let Some(loaded) = &setup.rig {
@@ -252,7 +252,7 @@ impl IdentificationData {
         frames: &[Stamped],
         scenario: Scenario,
     ) -> Result<Self, RecordingFault> {
-        let setup = Setup::of(scenario, catalogue()).with_database(shipped());
+        let setup = Setup::new(scenario, catalogue()).with_database(shipped());
         Self::from_setup(path, frames, setup)
     }
 

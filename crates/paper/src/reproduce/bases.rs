@@ -45,7 +45,7 @@ bases!(
 /// `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
 pub(super) fn plants() -> SweepPlan {
     let text = include_str!("../../../../scenarios/sweeps/plants.toml");
-    let setup = Setup::of(parse("plants.toml", text), catalogue())
+    let setup = Setup::new(parse("plants.toml", text), catalogue())
         .from_file("plants.toml", text.to_owned());
     SweepPlan::new(&setup).expect("a test plays every plant")
 }

@@ -67,7 +67,7 @@ pub enum FollowError {
 ///
 /// # Errors
 /// When the coordinator is gone or breaks the protocol, when the wire does not carry what was announced, when the node
-/// fails. All but the first two are reported to the coordinator too, as the node's failure.
+/// fails or cannot be stepped. The coordinator receives the last two; of the others it sees that the channel closes.
 pub fn follow(
     node: &mut dyn Node,
     channel: OwnedFd,
@@ -107,18 +107,18 @@ impl Follower<'_> {
         self.send()?;
         loop {
             self.receive()?;
-            let outcome = match self.serve(node) {
+            match self.serve(node) {
                 Ok(Served::NothingToAnswer) => continue,
-                Ok(Served::Step) => Ok(()),
-                Err(error) => Err(error),
-            };
-            if let Err(error) = &outcome {
-                self.answer.frames.clear();
-                self.answer.progress = Progress::Failed(error.to_string());
+                Ok(Served::Step) => {}
+                // What the node cannot do is its failure; what the wire does not carry is not.
+                Err(error @ FollowError::Step(_)) => {
+                    self.answer.frames.clear();
+                    self.answer.progress = Progress::Failed(error.to_string());
+                }
+                Err(error) => return Err(error),
             }
             protocol::encode_done(&mut self.packet, &self.answer)?;
             self.send()?;
-            outcome?;
             match &self.answer.progress {
                 Progress::Running => {}
                 Progress::Stopped => return Ok(()),

@@ -329,7 +329,9 @@ impl Bus for TestWire {
 }
 
 /// Announces one ping to an echo whose own 0x100 frames come back, with these frames on the wire.
-fn announced_with(on_wire: &[CanFrame]) -> (Answer, Result<(), FollowError>) {
+fn announced_with(
+    on_wire: &[CanFrame],
+) -> (Result<Answer, LockstepError>, Result<(), FollowError>) {
     let (sender, incoming) = mpsc::channel();
     on_wire
         .iter()
@@ -344,7 +346,7 @@ fn announced_with(on_wire: &[CanFrame]) -> (Answer, Result<(), FollowError>) {
         follow(&mut node, theirs, Some(&mut wire))
     });
     let mut remote = Remote::accept("echo", ours).unwrap();
-    let answer = step(&mut remote, MS / 2, &[(MS / 2, ping(1))]).unwrap();
+    let answer = step(&mut remote, MS / 2, &[(MS / 2, ping(1))]);
     drop(remote);
     (answer, echo.join().unwrap())
 }
@@ -352,7 +354,10 @@ fn announced_with(on_wire: &[CanFrame]) -> (Answer, Result<(), FollowError>) {
 #[test]
 fn the_wires_copy_reaches_the_node() {
     let (answer, _) = announced_with(&[ping(1)]);
-    assert_eq!(answer.frames[1], (MS / 2, CanFrame::new(0x101, &[1])));
+    assert_eq!(
+        answer.unwrap().frames[1],
+        (MS / 2, CanFrame::new(0x101, &[1]))
+    );
 }
 
 #[test]
@@ -360,17 +365,16 @@ fn a_different_frame_on_the_wire_is_an_error() {
     let (answer, outcome) = announced_with(&[ping(2)]);
     let text =
         "frame 100#01 was announced but 100#02 arrived: is another program sending on this bus?";
-    assert_eq!(answer.progress, Progress::Failed(text.into()));
+    assert!(matches!(answer, Err(LockstepError::Ended { .. })));
     assert_eq!(outcome.unwrap_err().to_string(), text);
 }
 
 #[test]
 fn a_frame_missing_on_the_wire_is_an_error() {
-    let (answer, _) = announced_with(&[]);
-    assert_eq!(
-        answer.progress,
-        Progress::Failed("frame 100#01 was announced but nothing arrived within 10 s".into())
-    );
+    let (answer, outcome) = announced_with(&[]);
+    let text = "frame 100#01 was announced but nothing arrived within 10 s";
+    assert!(matches!(answer, Err(LockstepError::Ended { .. })));
+    assert_eq!(outcome.unwrap_err().to_string(), text);
 }
 
 fn hello_packet() -> Vec<u8> {

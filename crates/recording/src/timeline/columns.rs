@@ -32,11 +32,11 @@ impl Columns {
     }
 
     /// Takes a frame of the latest of so many cycles. What is measured when that cycle is over belongs to no cycle.
-    pub(super) fn take(&mut self, frame: &CanFrame, rows: usize, is_late: bool) {
+    pub(super) fn on_frame(&mut self, frame: &CanFrame, rows: usize, is_late: bool) {
         let mut messages = self.0.iter_mut();
         let message = messages.find(|message| message.raw_id == frame.raw_id());
         if let Some(message) = message.filter(|message| !(is_late && message.is_measured)) {
-            message.take(frame, rows);
+            message.on_frame(frame, rows);
         }
     }
 
@@ -124,7 +124,7 @@ impl MessageColumns {
         })
     }
 
-    fn take(&mut self, frame: &CanFrame, rows: usize) {
+    fn on_frame(&mut self, frame: &CanFrame, rows: usize) {
         // The latest row is not over, and there is none before the first cycle.
         let row = rows.saturating_sub(1);
         self.end_before(row);

@@ -27,7 +27,7 @@ pub fn decode(frames: &[Stamped], setup: &Setup) -> Result<Timeline, SignalMissi
     let mut reader = TimelineReader::new(setup)?;
     reader.reserve(frames.len());
     for stamped in frames {
-        reader.take(stamped);
+        reader.on_frame(stamped);
     }
     reader.take_rest(&setup.scenario)
 }
@@ -68,8 +68,12 @@ impl TimelineReader {
         let losses = LossReader::new(scenario, database);
         let truth = TruthReader::new(database)?;
         let fan = FanReader::new(database)?;
-        let rare = events.raw_ids().chain(losses.raw_ids());
-        let rare = rare.chain([truth.raw_id()]).chain(fan.raw_ids()).collect();
+        let rare = events
+            .raw_ids()
+            .chain(losses.raw_ids())
+            .chain([truth.raw_id()])
+            .chain(fan.raw_ids())
+            .collect();
         Ok(Self {
             clock: ScenarioClock::new(database)?,
             period,
@@ -101,26 +105,26 @@ impl TimelineReader {
     }
 
     /// Takes every frame of the bus in order.
-    pub fn take(&mut self, stamped: &Stamped) {
+    pub fn on_frame(&mut self, stamped: &Stamped) {
         let frame = &stamped.frame;
         let is_sync = self.clock.on_frame(stamped.time, frame);
         let time = self.clock.scenario_time(stamped.time);
         self.last_frame = stamped.time;
-        self.masters.take_at(stamped.time, time, frame);
+        self.masters.on_frame_at(stamped.time, time, frame);
         if let Some(time) = time {
             self.losses.pass(time);
         }
         if frame.is_error() || self.rare.contains(&frame.raw_id()) {
-            self.take_rare(stamped, time);
+            self.on_rare_frame(stamped, time);
         }
         if time.is_none_or(|time| time < self.judged_end) {
             let bits = stamped.occupied_bits;
-            self.traffic.take(frame, stamped.time, bits);
+            self.traffic.on_frame(frame, stamped.time, bits);
         }
         let is_late = time.is_some_and(|time| self.is_late(time));
         // How the nodes stop after the scenario's end is no part of its last cycle.
         if time.is_none_or(|time| time < self.end) {
-            self.columns.take(frame, self.cycle.len(), is_late);
+            self.columns.on_frame(frame, self.cycle.len(), is_late);
         }
         if let Some(time) = time.filter(|_| is_sync) {
             self.latest_sync = time;
@@ -128,7 +132,7 @@ impl TimelineReader {
         }
         if !self.traces.is_empty() {
             let cycle_seconds = self.cycle_seconds().filter(|_| is_sync || !is_late);
-            self.traces.take(frame, time, cycle_seconds);
+            self.traces.on_frame(frame, time, cycle_seconds);
         }
     }
 
@@ -138,15 +142,15 @@ impl TimelineReader {
     }
 
     /// Takes a frame for those that read few: most frames are cyclic and none of theirs.
-    fn take_rare(&mut self, stamped: &Stamped, time: Option<Duration>) {
-        self.events.take(stamped);
+    fn on_rare_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
+        self.events.on_frame(stamped);
         if let Some(time) = time {
-            self.losses.take(&stamped.frame, time);
+            self.losses.on_frame(&stamped.frame, time);
         }
         if stamped.frame.raw_id() == self.truth.raw_id() {
-            self.truth.take(stamped);
+            self.truth.on_frame(stamped);
         }
-        self.fan.take(&stamped.frame);
+        self.fan.on_frame(&stamped.frame);
     }
 
     /// When the latest cycle began.
@@ -283,7 +287,7 @@ mod tests {
             self.rows.push(self.latest);
         }
 
-        fn take(&mut self, frame: &CanFrame) {
+        fn on_frame(&mut self, frame: &CanFrame) {
             if let Some(value) = self.handle.decode(frame) {
                 self.latest = value;
                 self.rows
@@ -300,7 +304,7 @@ mod tests {
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
                     [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::of(scenario, &Catalogue::shipped());
+        let setup = Setup::new(scenario, &Catalogue::shipped());
         let database = &*setup.database;
         let position = |millimetres: f64| {
             let mut message = database.builder("drive_tpdo1").unwrap();
@@ -321,8 +325,11 @@ mod tests {
             frames.map(|(micros, frame)| Stamped::new(Duration::from_micros(micros), frame));
         let timeline = decode(&frames, &setup).unwrap();
         assert_eq!(timeline.position(), [1.0, 2.0]);
-        let samples = timeline.traces[0].samples.iter();
-        let samples: Vec<_> = samples.map(|one| (one.time_seconds, one.value)).collect();
+        let samples: Vec<_> = timeline.traces[0]
+            .samples
+            .iter()
+            .map(|one| (one.time_seconds, one.value))
+            .collect();
         assert_eq!(samples, [(0.0, 1.0), (0.001, 2.0), (0.0027, 9.0)]);
     }
 
@@ -331,7 +338,7 @@ mod tests {
         fn rows_hold_what_was_sent_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
             let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
             let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-            let setup = Setup::of(scenario, &Catalogue::shipped());
+            let setup = Setup::new(scenario, &Catalogue::shipped());
             let (scenario, database) = (&setup.scenario, &*setup.database);
             let paths = [signals::POSITION, signals::CURRENT, STATUSWORD, signals::TARGET_CURRENT];
             let mut expected = paths.map(|path| Simple {
@@ -363,8 +370,8 @@ mod tests {
                     micros += 1000 * (1 + u64::from(byte % 3));
                     expected.iter_mut().for_each(Simple::begin_cycle);
                 }
-                expected.iter_mut().for_each(|signal| signal.take(&frame));
-                reader.take(&Stamped::new(Duration::from_micros(micros), frame));
+                expected.iter_mut().for_each(|signal| signal.on_frame(&frame));
+                reader.on_frame(&Stamped::new(Duration::from_micros(micros), frame));
             }
             pieces.push(reader.take_rest(scenario).unwrap());
             for (path, signal) in paths.iter().zip(&expected) {

@@ -28,7 +28,7 @@ impl Traffic {
         }
     }
 
-    pub(super) fn take(&mut self, frame: &CanFrame, now: Duration, occupied_bits: u32) {
+    pub(super) fn on_frame(&mut self, frame: &CanFrame, now: Duration, occupied_bits: u32) {
         if self.first_sync.is_some() {
             self.bits += u64::from(occupied_bits);
         }

@@ -34,7 +34,7 @@ fn setup() -> Setup {
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
         [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 35.0\n";
     let scenario = Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap();
-    Setup::of(scenario, &Catalogue::shipped())
+    Setup::new(scenario, &Catalogue::shipped())
 }
 
 /// 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.

@@ -106,7 +106,7 @@ fn follow(
         let is_behind = frames.slots() > PIECE_FRAMES_MAX;
         let new = frames.slots().min(PIECE_FRAMES_MAX);
         for stamped in frames.read_chunk(new).into_iter().flatten() {
-            reader.take(&stamped);
+            reader.on_frame(&stamped);
             bus.observe(&stamped);
         }
         let piece = if is_last {

@@ -72,8 +72,9 @@ impl<'a> ListedSignal<'a> {
     /// From the smallest value to the largest, or the few values that it has, with their names.
     fn range(&self) -> String {
         if (1..=LABELS_SHOWN_MAX).contains(&self.values.len()) {
-            let values = self.values.iter();
-            let values: Vec<String> = values
+            let values: Vec<String> = self
+                .values
+                .iter()
                 .map(|(value, label)| format!("{value} {label}"))
                 .collect();
             return values.join(", ");
@@ -112,15 +113,17 @@ fn database_of(source: &Path) -> Result<Arc<Database>, RecordedError> {
         require_run(source)?;
         return Ok(read_played(source, catalogue())?.0.database);
     }
-    let scenario = Scenario::load(source);
-    let scenario = scenario.map_err(|error| RecordedError::Scenario(Box::new(error)))?;
-    Ok(Setup::of(scenario, catalogue()).database)
+    let scenario =
+        Scenario::load(source).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
+    Ok(Setup::new(scenario, catalogue()).database)
 }
 
 /// Every signal that a frame carries, in the order of the identifiers.
 fn listed(database: &Database) -> Vec<ListedSignal<'_>> {
-    let audible = database.messages().iter();
-    let audible = audible.filter(|message| !message.is_silent());
+    let audible = database
+        .messages()
+        .iter()
+        .filter(|message| !message.is_silent());
     let signals = audible.flat_map(|message| {
         let signals = message.signals.iter();
         signals.map(move |signal| ListedSignal::of(message, signal))

@@ -70,7 +70,10 @@ fn missing_piece(metric: &str, scenario: &Scenario) -> Option<&'static str> {
         "settling_time_seconds" | "overshoot_percent" if scenario.judged_steps().is_empty() => {
             Some("a [[reference.step]]")
         }
-        "steady_state_error_millimetres" | "tracking_error_millimetres_rms"
+        "steady_state_error_millimetres"
+        | "tracking_error_millimetres_rms"
+        | "current_ripple_amperes_rms"
+        | "hunting_millimetres"
             if scenario.reference.is_empty() =>
         {
             Some("a [[reference.…]]")

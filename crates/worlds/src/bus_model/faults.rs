@@ -130,8 +130,10 @@ impl BusFaults {
         if faults.is_empty() {
             return Ok(None);
         }
-        let babble = faults.babble.iter();
-        let babble = babble.map(|fault| Foreign::new(fault, fault.identifier, 0.0));
+        let babble = faults
+            .babble
+            .iter()
+            .map(|fault| Foreign::new(fault, fault.identifier, 0.0));
         let load = faults.load.iter();
         let load =
             load.map(|fault| Foreign::new(fault, fault.identifier, fault.period_milliseconds));

@@ -294,8 +294,10 @@ fn objects_of(rig: &LoadedRig) -> Vec<(u16, u8)> {
         &drive.position.object,
         &drive.current.object,
     ];
-    let addresses = named.into_iter().filter_map(|text| text.parse().ok());
-    let addresses = addresses.map(|address: ObjectAddress| (address.index, address.sub_index));
+    let addresses = named
+        .into_iter()
+        .filter_map(|text| text.parse().ok())
+        .map(|address: ObjectAddress| (address.index, address.sub_index));
     addresses.chain(USED).chain([HEARTBEAT_TIME]).collect()
 }
 

@@ -239,9 +239,9 @@ fn ramp(rig: &Arc<LoadedRig>, setup: &Setup) -> Result<Setup, WorldError> {
             "[[controller.open_loop.ramp]]\nfrom_seconds = {rest:?}\nuntil_seconds = {until:?}\ncurrent_amperes = {limit:?}\n"
         );
     }
-    let scenario = Scenario::parse(&text, NAME, |_| Err(std::io::ErrorKind::NotFound.into()));
-    let scenario = scenario.map_err(|error| cannot_be_made(&error))?;
-    let ramp = Setup::of(scenario, catalogue()).from_file(NAME, text);
+    let scenario = Scenario::parse(&text, NAME, |_| Err(std::io::ErrorKind::NotFound.into()))
+        .map_err(|error| cannot_be_made(&error))?;
+    let ramp = Setup::new(scenario, catalogue()).from_file(NAME, text);
     Ok(ramp.on(Some(Arc::clone(rig)), setup.external.clone()))
 }
 

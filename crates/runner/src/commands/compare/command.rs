@@ -126,8 +126,11 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> 
     );
     for recorded in [&a, &b] {
         let path = recorded.path.display();
-        let remarks = recorded.log.remarks().into_iter();
-        let remarks = remarks.map(|remark| format!("{path}: {remark}"));
+        let remarks = recorded
+            .log
+            .remarks()
+            .into_iter()
+            .map(|remark| format!("{path}: {remark}"));
         comparison.remarks.extend(remarks);
     }
     let page = args.output.as_deref().map(|place| {

@@ -67,11 +67,14 @@ fn severity(outcome: Outcome) -> u8 {
 impl Requirement {
     /// Adds what the rows of one run say.
     pub(super) fn add(&mut self, scenario: &str, rows: &[(Option<String>, Outcome)], run: &Path) {
-        let place = self.tests.iter().position(|test| test.scenario == scenario);
-        let place = place.unwrap_or_else(|| {
-            self.tests.push(RequirementTest::none(scenario, run));
-            self.tests.len() - 1
-        });
+        let place = self
+            .tests
+            .iter()
+            .position(|test| test.scenario == scenario)
+            .unwrap_or_else(|| {
+                self.tests.push(RequirementTest::none(scenario, run));
+                self.tests.len() - 1
+            });
         let test = &mut self.tests[place];
         test.runs += 1;
         for (row, outcome) in rows {

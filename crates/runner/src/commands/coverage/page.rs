@@ -138,8 +138,8 @@ fn summary(requirements: &[Requirement]) -> String {
         (Some(Outcome::Inconclusive), "inconclusive"),
         (None, NEVER_TESTED),
     ];
-    let counts = kinds.map(|(outcome, words)| (count(outcome), words));
-    let counts: Vec<String> = counts
+    let counts: Vec<String> = kinds
+        .map(|(outcome, words)| (count(outcome), words))
         .iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, words)| format!("{count} {words}"))

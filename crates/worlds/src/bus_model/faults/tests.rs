@@ -9,8 +9,9 @@ fn faults(tables: &str) -> BusFaults {
     );
     let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
     let database = Database::shipped();
-    let faults = BusFaults::new(&scenario, database, vec![Station::Drive]).unwrap();
-    let mut faults = faults.unwrap();
+    let mut faults = BusFaults::new(&scenario, database, vec![Station::Drive])
+        .unwrap()
+        .unwrap();
     faults.observe(
         Duration::ZERO,
         &CanFrame::new(0x190, &[0x37, 2, 0, 0, 0, 0, 0, 0]),

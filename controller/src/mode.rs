@@ -1,0 +1,302 @@
+//! Move and hold: the two modes of the sliding-mode law, and the switch between them.
+//!
+//! In a move the law is fast, and its observer trusts the position more than the model, since a plant that differs from the
+//! model does so in motion. In a hold both would only answer the steps of the position sensor: a limit cycle that makes the
+//! current busy. There the observer trusts the model, and the law grows calm.
+//!
+//! The reference rests while its velocity is `|v| ≤ q / 0.1 s`, with a step `q` of the sensor. With `ρ′ = 1 / 0.2 s` and
+//! `κ′ = 1 / T` two shares rise then from 0 to 1: the rest `ρ` takes the observer's drifts to their values for a hold, the
+//! calmness `κ` takes `λ` there. Both are 0 while the reference moves. With the measured distance from the reference, as the
+//! mean over 4 ms, `e`, the calmness also falls back to 0
+//!
+//! - while the load is far away, `|e| > 10 q`, and
+//! - when it leaves a calm law: `κ = 1`, and `|e| > n q`.
+//!
+//! Between these a law on its way to calmness is not roused again: what rings under a fast law comes to rest under a calm one.
+//!
+//! A law that rings backs off: the sliding variable `s` swings when it passes from beyond `3/4 φ` on one side to beyond it on the
+//! other. Each swing adds 1/5 to the ringing, which fades within a second, and `λ` is that of the calmness or of the ringing,
+//! whichever is more, in a move too. A setting lies at `p = pm^(1 − κ) ph^κ` between its value `pm` in a move and `ph` in a hold, with `ρ` in place of `κ` for the
+//! observer's.
+
+use scenario::controller::SlidingMode as Config;
+
+/// Distances from the reference count as their mean over this time.
+const WINDOW_SECONDS: f64 = 0.004;
+
+/// A reference that takes longer for a step of the sensor rests.
+const REST_SECONDS: f64 = 0.1;
+
+/// How long the observer takes to trust the model.
+const TRUSTING_SECONDS: f64 = 0.2;
+
+/// A load that is more steps of the sensor away than this keeps the law awake.
+const FAR_SENSOR_STEPS: f64 = 10.0;
+
+/// The sliding variable swings between values beyond this, by the boundary layer.
+const SWING_SHARE: f64 = 0.75;
+
+/// What a swing adds to the ringing, and how long it takes to fade from 1.
+const RINGING_PER_SWING: f64 = 0.2;
+const RINGING_SECONDS: f64 = 1.0;
+
+/// What differs between the modes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// `λ` in 1/s.
+    pub bandwidth: f64,
+    /// Standard deviation that the martensite fraction gains in one second beyond the model.
+    pub fraction_drift: f64,
+    /// Standard deviation that the unknown heating gains in one second, in K/s.
+    pub heating_drift: f64,
+}
+
+/// Between a value in a move and one in a hold.
+fn between(in_move: f64, in_hold: f64, share: f64) -> f64 {
+    // Most cycles are at one end, and need no powers.
+    if share <= 0.0 {
+        in_move
+    } else if share >= 1.0 {
+        in_hold
+    } else {
+        libm::pow(in_move, 1.0 - share) * libm::pow(in_hold, share)
+    }
+}
+
+/// The modes and what switches between them.
+#[derive(Clone, Copy, Debug)]
+pub struct Modes {
+    in_move: Settings,
+    in_hold: Settings,
+    calming_seconds: f64,
+    calm_error_metres_max: f64,
+    error_metres_max: f64,
+    velocity_at_rest_max: f64,
+    swing_min: f64,
+}
+
+/// What the modes go by.
+#[derive(Clone, Copy, Debug)]
+pub struct Course {
+    /// From the reference to the measured position; not finite where none came.
+    pub error_metres: f64,
+    /// Of the reference.
+    pub velocity_metres_per_second: f64,
+    /// `s` in m/s², of the cycle before.
+    pub sliding_variable: f64,
+}
+
+/// Which mode it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// `ρ`.
+    rest: f64,
+    /// `κ`.
+    calmness: f64,
+    /// 0 to 1.
+    ringing: f64,
+    /// The side on which `s` was last beyond a swing: 1, -1, or 0 for neither.
+    side: f64,
+    /// `e`.
+    error_metres: f64,
+}
+
+impl Modes {
+    /// Works out the constants.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let sensor_step_metres = config.observer.sensor_step_millimetres * 1e-3;
+        Self {
+            in_move: Settings {
+                bandwidth: config.bandwidth_radians_per_second,
+                fraction_drift: config.observer.fraction_drift,
+                heating_drift: config.observer.heating_drift_kelvins_per_second,
+            },
+            in_hold: Settings {
+                bandwidth: config.hold.bandwidth_radians_per_second,
+                fraction_drift: config.hold.fraction_drift,
+                heating_drift: config.hold.heating_drift_kelvins_per_second,
+            },
+            calming_seconds: config.hold.calming_seconds,
+            calm_error_metres_max: config.hold.error_sensor_steps_max * sensor_step_metres,
+            error_metres_max: FAR_SENSOR_STEPS * sensor_step_metres,
+            velocity_at_rest_max: sensor_step_metres / REST_SECONDS,
+            swing_min: SWING_SHARE * config.boundary_layer_metres_per_second_squared,
+        }
+    }
+
+    /// The settings for this cycle.
+    pub fn step(&self, state: &mut State, course: &Course, seconds: f64) -> Settings {
+        if course.error_metres.is_finite() {
+            let share = (seconds / WINDOW_SECONDS).min(1.0);
+            state.error_metres += (course.error_metres - state.error_metres) * share;
+        }
+        self.listen(state, course.sliding_variable, seconds);
+        let is_moving = course.velocity_metres_per_second.abs() > self.velocity_at_rest_max;
+        let risen = |share: f64, rise_seconds: f64| (share + seconds / rise_seconds).min(1.0);
+        state.rest = if is_moving {
+            0.0
+        } else {
+            risen(state.rest, TRUSTING_SECONDS)
+        };
+        state.calmness = if is_moving || self.rouses(state) {
+            0.0
+        } else {
+            risen(state.calmness, self.calming_seconds)
+        };
+        self.settings(state)
+    }
+
+    /// Finds swings of the sliding variable.
+    fn listen(&self, state: &mut State, sliding_variable: f64, seconds: f64) {
+        state.ringing = (state.ringing - seconds / RINGING_SECONDS).max(0.0);
+        if sliding_variable.abs() <= self.swing_min {
+            return;
+        }
+        let side = sliding_variable.signum();
+        if side * state.side < 0.0 {
+            state.ringing = (state.ringing + RINGING_PER_SWING).min(1.0);
+        }
+        state.side = side;
+    }
+
+    /// Whether the load is where it wakes the law.
+    fn rouses(&self, state: &State) -> bool {
+        let error_metres_max = if state.calmness >= 1.0 {
+            self.calm_error_metres_max
+        } else {
+            self.error_metres_max
+        };
+        state.error_metres.abs() > error_metres_max
+    }
+
+    fn settings(&self, state: &State) -> Settings {
+        let (in_move, in_hold) = (&self.in_move, &self.in_hold);
+        let drift = |in_move, in_hold| between(in_move, in_hold, state.rest);
+        let calmness = state.calmness.max(state.ringing);
+        Settings {
+            bandwidth: between(in_move.bandwidth, in_hold.bandwidth, calmness),
+            fraction_drift: drift(in_move.fraction_drift, in_hold.fraction_drift),
+            heating_drift: drift(in_move.heating_drift, in_hold.heating_drift),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD: f64 = 1e-3;
+    const STEP_METRES: f64 = 0.06 / 1024.0;
+
+    fn modes() -> Modes {
+        Modes::new(&Config::default())
+    }
+
+    fn at_rest(error_metres: f64) -> Course {
+        Course {
+            error_metres,
+            velocity_metres_per_second: 0.0,
+            sliding_variable: 0.0,
+        }
+    }
+
+    fn moving(sliding_variable: f64) -> Course {
+        Course {
+            error_metres: 0.0,
+            velocity_metres_per_second: 0.1,
+            sliding_variable,
+        }
+    }
+
+    /// The state after some cycles at an error, with the reference at rest.
+    fn after(modes: &Modes, mut state: State, cycles: usize, error_metres: f64) -> State {
+        for _ in 0..cycles {
+            modes.step(&mut state, &at_rest(error_metres), PERIOD);
+        }
+        state
+    }
+
+    fn calm(modes: &Modes) -> State {
+        after(modes, State::default(), 900, 0.0)
+    }
+
+    #[test]
+    fn a_hold_grows_calm_and_a_move_ends_it_at_once() {
+        let modes = modes();
+        let mut state = calm(&modes);
+        assert_eq!(modes.settings(&state), modes.in_hold);
+        let settings = modes.step(&mut state, &moving(0.0), PERIOD);
+        assert_eq!(settings, modes.in_move);
+    }
+
+    #[test]
+    fn settings_go_from_one_mode_to_the_other_the_observers_first() {
+        let modes = modes();
+        let mut state = State::default();
+        let mut last = modes.in_move.bandwidth;
+        for _ in 0..799 {
+            let settings = modes.step(&mut state, &at_rest(0.0), PERIOD);
+            assert!((modes.in_hold.bandwidth..last).contains(&settings.bandwidth));
+            last = settings.bandwidth;
+        }
+        let early = after(&modes, State::default(), 300, 0.0);
+        let settings = modes.settings(&early);
+        assert_eq!(settings.fraction_drift, modes.in_hold.fraction_drift);
+        assert!(settings.bandwidth > 2.0 * modes.in_hold.bandwidth);
+        assert!((between(9.0, 4.0, 0.5) - 6.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn settings_of_zero_stay_numbers() {
+        assert_eq!(between(0.0, 5.0, 0.5), 0.0);
+        assert_eq!(between(5.0, 0.0, 0.5), 0.0);
+    }
+
+    #[test]
+    fn a_load_that_leaves_a_calm_law_rouses_it_and_steps_of_the_sensor_do_not() {
+        let modes = modes();
+        assert_eq!(after(&modes, calm(&modes), 100, STEP_METRES).calmness, 1.0);
+        // Three steps are found within some milliseconds, and leave the observer as it is.
+        let roused = after(&modes, calm(&modes), 5, 3.0 * STEP_METRES);
+        assert!(roused.calmness < 0.01);
+        assert_eq!(roused.rest, 1.0);
+    }
+
+    #[test]
+    fn only_a_load_far_away_rouses_a_law_that_is_not_calm_yet() {
+        let modes = modes();
+        let state = after(&modes, State::default(), 400, 0.0);
+        let later = after(&modes, state, 100, 4.0 * STEP_METRES);
+        assert!((later.calmness - 500.0 / 800.0).abs() < 1e-9, "{later:?}");
+        assert_eq!(after(&modes, state, 100, 12.0 * STEP_METRES).calmness, 0.0);
+    }
+
+    #[test]
+    fn a_law_that_rings_backs_off_and_one_that_goes_astray_once_does_not() {
+        let modes = modes();
+        let mut state = State::default();
+        for _ in 0..100 {
+            assert_eq!(modes.step(&mut state, &moving(-2.0), PERIOD), modes.in_move);
+        }
+        for swing in 0..6 {
+            let side = if swing % 2 == 0 { 1.0 } else { -1.0 };
+            modes.step(&mut state, &moving(2.0 * side), PERIOD);
+        }
+        let settings = modes.step(&mut state, &moving(0.0), PERIOD);
+        assert!(settings.bandwidth < 1.1 * modes.in_hold.bandwidth);
+        assert_eq!(settings.fraction_drift, modes.in_move.fraction_drift);
+        for _ in 0..1001 {
+            modes.step(&mut state, &moving(0.0), PERIOD);
+        }
+        assert_eq!(modes.settings(&state), modes.in_move);
+    }
+
+    #[test]
+    fn a_position_that_did_not_come_changes_no_error() {
+        let modes = modes();
+        let state = after(&modes, State::default(), 10, 0.001);
+        let later = after(&modes, state, 10, f64::NAN);
+        assert_eq!(later.error_metres, state.error_metres);
+    }
+}

@@ -1,0 +1,126 @@
+//! How quiet the loop is at the end, where the set-point stands: the ripple of its current, and hunting.
+
+use dbc::signals::TARGET_CURRENT;
+use recording::timeline::TIME_TOLERANCE_SECONDS;
+use scenario::events::Window;
+
+use crate::disturbances::recovery;
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, largest, mean};
+
+/// The hold begins so long after the position has come to stay.
+const AFTER_SETTLING_SECONDS: f64 = 1.0;
+/// A shorter hold has no ripple.
+const HOLD_SECONDS_MIN: f64 = 2.0;
+/// Hunting is measured over this time before the end.
+const HUNTING_SECONDS: f64 = 1.0;
+
+/// Standard deviation of the commanded current in the last hold.
+pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
+    if (evidence.scenario.expect.current_ripple_amperes_rms).is_none() {
+        return Measurement::NotAsked;
+    }
+    ripple(evidence).into()
+}
+
+/// How far apart the highest and the lowest position are in the last second.
+pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
+    if evidence.scenario.expect.hunting_millimetres.is_none() {
+        return Measurement::NotAsked;
+    }
+    position_range(evidence).into()
+}
+
+fn ripple(evidence: &Evidence<'_>) -> MetricValue {
+    let calm = calm(evidence)?;
+    let hold = Window {
+        from_seconds: calm.from_seconds + recovery(evidence, calm)? + AFTER_SETTLING_SECONDS,
+        ..calm
+    };
+    let seconds = (hold.until_seconds - hold.from_seconds).max(0.0);
+    if seconds < HOLD_SECONDS_MIN - TIME_TOLERANCE_SECONDS {
+        return Err(
+            format!("the hold lasts {seconds:.3} s; {HOLD_SECONDS_MIN} s are needed").into(),
+        );
+    }
+    evidence.seen(hold).map(drop)?;
+    let currents = || currents_in(evidence, hold);
+    if currents().next().is_none() {
+        return Err("no commanded current in the hold".into());
+    }
+    let middle = mean(currents())?;
+    mean(currents().map(|current| (current - middle).powi(2))).map(f64::sqrt)
+}
+
+fn position_range(evidence: &Evidence<'_>) -> MetricValue {
+    let calm = calm(evidence)?;
+    let last = Window {
+        from_seconds: calm.until_seconds - HUNTING_SECONDS,
+        ..calm
+    };
+    if last.from_seconds < calm.from_seconds - TIME_TOLERANCE_SECONDS {
+        let seconds = calm.until_seconds - calm.from_seconds;
+        let reason =
+            format!("the set-point stands for {seconds:.3} s; {HUNTING_SECONDS} s are needed");
+        return Err(reason.into());
+    }
+    let positions = || {
+        Ok::<_, Absence>(
+            evidence
+                .seen(last)?
+                .map(|sample| sample.position_millimetres),
+        )
+    };
+    let highest = largest(positions()?)?;
+    let lowest = -largest(positions()?.map(|position| -position))?;
+    Ok(highest - lowest)
+}
+
+/// The window at the end in which nothing is asked of the loop but to stand still: after the last change of the set-point, and
+/// after the last start or end of a disturbance or a fault.
+fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
+    let scenario = evidence.scenario;
+    if scenario.reference.is_empty() {
+        return Err("no set-point".into());
+    }
+    let until_seconds = scenario.judged_end_seconds();
+    let disturbances = scenario.disturbance_windows();
+    let disturbances = disturbances.iter().map(|disturbance| disturbance.window);
+    let of_disturbances =
+        disturbances.flat_map(|window| [window.from_seconds, window.until_seconds]);
+    let faults = scenario.fault.windows();
+    let of_faults = faults
+        .iter()
+        .flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
+    let edges = of_disturbances
+        .chain(of_faults.flatten())
+        .filter(|time| *time < until_seconds);
+    let from_seconds = edges.fold(last_change(evidence), f64::max);
+    Ok(Window {
+        from_seconds,
+        until_seconds,
+    })
+}
+
+/// When the set-point changed last; 0 if it never did.
+fn last_change(evidence: &Evidence<'_>) -> f64 {
+    let samples = || evidence.samples(evidence.whole());
+    let pairs = samples().zip(samples().skip(1));
+    let changed =
+        pairs.filter(|(before, after)| before.set_point_millimetres != after.set_point_millimetres);
+    changed.last().map_or(0.0, |(_, after)| after.time_seconds)
+}
+
+/// What was commanded in the cycles of a window.
+fn currents_in<'a>(evidence: &Evidence<'a>, window: Window) -> impl Iterator<Item = f64> + use<'a> {
+    let timeline = evidence.timeline;
+    let name = TARGET_CURRENT.rsplit('.').next();
+    let column = name.and_then(|name| timeline.column(name));
+    let values = column.map_or(&[][..], |column| &column.values);
+    let rows = timeline.time_seconds.iter().zip(values);
+    rows.filter(move |(time, current)| {
+        let is_inside = **time >= window.from_seconds - TIME_TOLERANCE_SECONDS
+            && **time < window.until_seconds - TIME_TOLERANCE_SECONDS;
+        is_inside && !current.is_nan()
+    })
+    .map(|(_, current)| *current)
+}
