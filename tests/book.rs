@@ -89,10 +89,15 @@ impl Page {
     /// The targets of the links and pictures.
     fn links(&self) -> Vec<&str> {
         let (_, prose) = self.parts();
-        let links = prose.into_iter().flat_map(|line| line.split("](").skip(1));
-        links
-            .filter_map(|rest| Some(rest.split_once(')')?.0))
-            .collect()
+        // In Markdown, and of pictures in HTML, which has one for narrow screens besides.
+        let starts = [("](", ')'), ("src=\"", '"'), ("srcset=\"", '"')];
+        let links = prose.into_iter().flat_map(|line| {
+            starts.into_iter().flat_map(move |(start, end)| {
+                let rests = line.split(start).skip(1);
+                rests.filter_map(move |rest| Some(rest.split_once(end)?.0))
+            })
+        });
+        links.collect()
     }
 
     /// The names by which links find headings, as mdBook and GitHub make them.

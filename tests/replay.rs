@@ -366,6 +366,26 @@ fn two_runs_of_one_scenario_agree_and_of_two_do_not() {
 }
 
 #[test]
+fn what_one_of_two_laws_does_not_compute_is_not_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = short_scenario(folder.path(), 1.0);
+    let sliding_mode = simulated(&folder.path().join("sliding_mode"), &path);
+    let text_of = fs::read_to_string(&path).unwrap();
+    let other = text_of.replace("[controller.sliding_mode]", "[controller.pid]");
+    assert_ne!(text_of, other);
+    fs::write(&path, other).unwrap();
+    let pid = simulated(&folder.path().join("pid"), &path);
+    let (_, stdout, stderr) = tool(&["compare", "--json", text(&sliding_mode), text(&pid)]);
+    let compared: serde_json::Value = serde_json::from_str(&stdout).expect(&stderr);
+    let largest = |name: &str| {
+        let mut signals = compared["signals"].as_array().unwrap().iter();
+        signals.find(|one| one["name"] == name).unwrap()["largest"].clone()
+    };
+    assert!(largest("estimated_temperature_celsius").is_null());
+    assert!(largest("wire_temperature_celsius").is_number());
+}
+
+#[test]
 fn a_tolerance_for_nothing_is_wrong_usage() {
     let folder = tempfile::tempdir().unwrap();
     let run = simulated(

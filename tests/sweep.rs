@@ -44,6 +44,10 @@ fn whole(folder: &Path, path: &Path) -> PathBuf {
     let (code, stdout, stderr) = output(canrig(&runs, "sweep").arg(path));
     assert_eq!(code, Some(1), "{stdout}{stderr}");
     assert!(stdout.contains("60 runs: "), "{stdout}");
+    let is_of_check = |line: &&str| line.contains(FOLLOWS);
+    let check = stdout.lines().find(is_of_check).unwrap();
+    let cells: Vec<&str> = check.split('┆').map(str::trim).collect();
+    assert_eq!(cells[6..], ["≤ 60", "0 │"], "{check}");
     only_run(&runs)
 }
 

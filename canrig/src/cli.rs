@@ -74,9 +74,15 @@ Exit codes:
 const SWEEP_EXITS: &str = "\
 Exit codes, of the worst run:
   0 pass · 1 a limit was not met
-  3 the file, or the scenario with a combination of values, is invalid; merge: a run is missing
+  3 the file, or the scenario with a combination of values, is invalid
   4 a run broke off, or a file cannot be written · 5 inconclusive · 70 internal error
   130 interrupted";
+
+const MERGE_EXITS: &str = "\
+Exit codes, of the worst run:
+  0 pass · 1 a limit was not met
+  3 a run is missing or invalid, or a part is that of another sweep
+  4 a run broke off, or a file cannot be written · 5 inconclusive · 70 internal error";
 
 /// Tests a controller against a plant over a CAN bus: simulated, in real time, and with real hardware.
 #[derive(Debug, Parser)]
@@ -115,7 +121,7 @@ pub(crate) enum Command {
     #[command(after_help = SWEEP_EXITS)]
     Sweep(SweepArgs),
     /// Merge the parts of a sweep that `sweep --shard` played
-    #[command(after_help = SWEEP_EXITS)]
+    #[command(after_help = MERGE_EXITS)]
     Merge(MergeArgs),
     /// Check scenario and rig files without playing them
     Check(CheckArgs),
@@ -123,7 +129,7 @@ pub(crate) enum Command {
     Signals(SignalsArgs),
     /// Write a crate for a plant or a control law of your own, with a test bench that has it
     New(NewArgs),
-    /// Check whether this machine has what a test bench needs, and print the commands that fix the rest
+    /// Check whether this machine has what a test bench needs, and print the commands that install what is missing
     Doctor(DoctorArgs),
     /// Print the JSON Schema of scenario or rig files, for editors
     Schema(SchemaArgs),

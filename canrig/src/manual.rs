@@ -19,7 +19,7 @@ pub(crate) struct CompletionsArgs {
 /// Arguments of `man`.
 #[derive(Args, Debug)]
 pub(crate) struct ManArgs {
-    /// The folder for the pages, such as ~/.local/share/man/man1
+    /// Folder in which the pages are written, such as ~/.local/share/man/man1
     #[arg(value_name = "FOLDER")]
     pub folder: PathBuf,
 }

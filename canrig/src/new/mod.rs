@@ -46,12 +46,19 @@ pub(crate) enum What {
 pub(crate) struct CrateArgs {
     /// Name of the plant or law, of its table in scenarios and of the crate: small letters, digits and underscores
     pub name: String,
-    /// Folder of the crate, which must not be there yet; the name if absent
+    /// Folder of the crate, which must not be there yet [default: NAME]
     #[arg(long, value_name = "FOLDER")]
     pub path: Option<PathBuf>,
     /// Checkout of canrig that the crate depends on; the one that this program was built from if absent
     #[arg(long, value_name = "FOLDER")]
     pub canrig: Option<PathBuf>,
+}
+
+/// A crate that was written, and what it depends on.
+#[derive(Debug)]
+struct Crate {
+    folder: PathBuf,
+    checkout: PathBuf,
 }
 
 /// The files of a crate, with a name in place of that of the thing.
@@ -121,10 +128,10 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
         What::Law(args) => (&LAW, args),
     };
     match written(skeleton, args) {
-        Ok(folder) => {
-            let (folder, name) = (folder.display(), &args.name);
+        Ok(Crate { folder, checkout }) => {
+            let (folder, name, checkout) = (folder.display(), &args.name, checkout.display());
             print(&format!(
-                "{folder} has a bench of its own now:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
+                "{folder} has a bench of its own now, which depends on canrig in {checkout}:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
                  The first build takes as long as canrig's own; with canrig's target folder in CARGO_TARGET_DIR it is shared."
             ));
             Exit::Pass
@@ -136,7 +143,7 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
     }
 }
 
-fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<PathBuf, NewError> {
+fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
     let name = Name::new(&args.name, skeleton.section)?;
     let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name.snake()));
     let checkout = checkout(args.canrig.as_deref())?;
@@ -168,7 +175,7 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<PathBuf, NewError> {
             fs::copy(&lock, path).map(drop)
         })?;
     }
-    Ok(folder)
+    Ok(Crate { folder, checkout })
 }
 
 fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), NewError> {
@@ -235,7 +242,7 @@ mod tests {
         for skeleton in [&PLANT, &LAW] {
             let folder = tempfile::tempdir().unwrap();
             let args = args(folder.path(), "swing_arm");
-            let written_to = written(skeleton, &args).unwrap();
+            let written_to = written(skeleton, &args).unwrap().folder;
             let scenario = written_to.join("scenarios/swing_arm.toml");
             let text = fs::read_to_string(&scenario).unwrap();
             assert!(text.contains(".swing_arm]"), "{text}");

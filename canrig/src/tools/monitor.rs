@@ -285,7 +285,7 @@ pub(crate) struct MonitorArgs {
     /// End after this time
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub duration: Option<f64>,
-    /// The DBC file to decode by, if it is not the one that ships
+    /// The DBC file to decode by, if it is not that of canrig's built-in drive and controller
     #[arg(long, value_name = "FILE")]
     pub dbc: Option<PathBuf>,
 }

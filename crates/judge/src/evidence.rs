@@ -59,6 +59,14 @@ impl Absence {
             until_seconds,
         })
     }
+
+    /// The same, with the one of several that has no value.
+    pub(crate) fn of(self, what: &str) -> Self {
+        Self {
+            reason: format!("{what}: {}", self.reason),
+            ..self
+        }
+    }
 }
 
 impl From<String> for Absence {

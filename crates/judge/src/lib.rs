@@ -33,6 +33,7 @@ pub mod verdict;
 
 pub use circumstances::Circumstances;
 pub use decision::judge;
+pub use metrics::limits;
 pub use quality::lost_frames;
 pub use steps::SETTLING_BAND;
 pub use timing_decision::judge_timing;

@@ -1,7 +1,9 @@
 //! What a run came to, in numbers, each with its limit.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
+use scenario::Scenario;
 use scenario::events::Window;
+use scenario::expect::Limit;
 use scenario::metrics::METRICS;
 
 use crate::evidence::{
@@ -90,6 +92,19 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
         row.requirements = own.cloned().unwrap_or_default();
     }
     rows
+}
+
+/// The rows of a scenario's verdict that have a limit, in their order; those of `[expect.timing]` are not among them.
+#[must_use]
+pub fn limits(scenario: &Scenario) -> Vec<(String, Limit)> {
+    let limited = METRICS.iter().filter_map(|metric| {
+        let limit = metric.limit(&scenario.expect)?;
+        Some((metric.name.to_owned(), limit))
+    });
+    limited
+        .chain(signals::limits(scenario))
+        .chain(sequences::limits(scenario))
+        .collect()
 }
 
 fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {

@@ -2,6 +2,7 @@
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use recording::traces::{SignalSample, SignalTrace};
+use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
@@ -37,13 +38,7 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
                 Observation::none(Absence::unseen(reason, window))
             }
         };
-        let longest = event
-            .within_milliseconds
-            .unwrap_or_else(|| rounded(1e3 * (window.until_seconds - window.from_seconds)));
-        let limit = Limit {
-            min: None,
-            max: Some(longest),
-        };
+        let limit = limit_of(event, window);
         before = match (observation.at_seconds, before) {
             (Some(at), Ok(_)) => Ok(at),
             (None, Ok(_)) => Err(event.to_string()),
@@ -52,6 +47,26 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
         metrics.push(observation.metric(evidence, sequence.row_name(place), Some(limit)));
     }
     metrics
+}
+
+/// What the row of an event is held against.
+fn limit_of(event: &Expected, window: Window) -> Limit {
+    let longest = event
+        .within_milliseconds
+        .unwrap_or_else(|| rounded(1e3 * (window.until_seconds - window.from_seconds)));
+    Limit {
+        min: None,
+        max: Some(longest),
+    }
+}
+
+/// The rows of all events with their limits.
+pub(crate) fn limits(scenario: &Scenario) -> impl Iterator<Item = (String, Limit)> {
+    scenario.expect.sequence.iter().flat_map(|sequence| {
+        let window = sequence.window(scenario.duration_seconds);
+        let events = sequence.event.iter().enumerate();
+        events.map(move |(place, event)| (sequence.row_name(place), limit_of(event, window)))
+    })
 }
 
 /// The next coming of an event in a stretch of time, in milliseconds from its start.

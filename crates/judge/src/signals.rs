@@ -2,6 +2,7 @@
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use recording::traces::{SignalSample, SignalTrace};
+use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
@@ -22,16 +23,31 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 
 fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Metric {
     let window = check.window(demand, evidence.scenario.duration_seconds);
-    let limit = match demand {
-        Demand::Stays(limit) | Demand::RatePerSecond(limit) => *limit,
-        Demand::Reaches(_) => at_most(rounded(window.until_seconds - window.from_seconds)),
-        Demand::Follows(course) => at_most(course.tolerance),
-    };
+    let limit = limit_of(demand, window);
     let observation = match evidence.trace(&check.name) {
         Ok(trace) => observe(trace, window, demand, limit),
         Err(observation) => observation,
     };
     observation.metric(evidence, check.row_name(demand), Some(limit))
+}
+
+/// What the row of a demand is held against.
+fn limit_of(demand: &Demand<'_>, window: Window) -> Limit {
+    match demand {
+        Demand::Stays(limit) | Demand::RatePerSecond(limit) => *limit,
+        Demand::Reaches(_) => at_most(rounded(window.until_seconds - window.from_seconds)),
+        Demand::Follows(course) => at_most(course.tolerance),
+    }
+}
+
+/// The rows of all demands with their limits.
+pub(crate) fn limits(scenario: &Scenario) -> impl Iterator<Item = (String, Limit)> {
+    scenario.expect.signal.iter().flat_map(|check| {
+        check.demands().map(|demand| {
+            let window = check.window(&demand, scenario.duration_seconds);
+            (check.row_name(&demand), limit_of(&demand, window))
+        })
+    })
 }
 
 fn at_most(max: f64) -> Limit {

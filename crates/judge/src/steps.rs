@@ -28,7 +28,12 @@ fn worst_step(
     metric: fn(&Evidence<'_>, &JudgedStep) -> MetricValue,
 ) -> Measurement {
     let steps = evidence.scenario.judged_steps();
-    let values = steps.iter().map(|step| metric(evidence, step));
+    let values = steps.iter().map(|step| {
+        metric(evidence, step).map_err(|absence| match steps.len() {
+            1 => absence,
+            _ => absence.of(&format!("step at {} s", step.window.from_seconds)),
+        })
+    });
     match worst(values) {
         Some(value) => value.into(),
         None => Measurement::Meaningless("no step in the scenario".to_owned()),

@@ -12,18 +12,24 @@ use rig::setup::Setup;
 use scenario::Scenario;
 
 use crate::verdict::{Metric, Outcome, Verdict};
-use crate::{Circumstances, judge};
+use crate::{Circumstances, judge, limits};
 
 const OPERATION_ENABLED: f64 = 39.0;
 
 /// A scenario of 4 s with a step from 10 mm to 35 mm at 1 s, and whatever is added.
 fn scenario(added: &str) -> Scenario {
-    let text = format!(
+    Scenario::parse(&scenario_text(added), "judged.toml", |_| {
+        unreachable!("no table")
+    })
+    .unwrap()
+}
+
+fn scenario_text(added: &str) -> String {
+    format!(
         "schema = 1\nname = \"judged\"\nduration_seconds = 4.0\n[controller.sliding_mode]\n{added}\n\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
          [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n"
-    );
-    Scenario::parse(&text, "judged.toml", |_| unreachable!("no table")).unwrap()
+    )
 }
 
 /// What a drive with this position by cycle would leave; a cycle without a position has no TPDO1.
@@ -388,6 +394,36 @@ fn a_sine_is_followed_with_gain_phase_and_offset() {
             );
         }
     }
+}
+
+#[test]
+fn of_several_steps_the_one_without_a_value_is_named() {
+    let second = "[[reference.step]]\nat_seconds = 2.5\nposition_millimetres = 15.0\n";
+    let text = format!("{}{second}", scenario_text(""));
+    let steps = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+    let settles_once = frames(4000, |cycle| Some(if cycle < 1100 { 10.0 } else { 35.0 }));
+    let verdict = verdict_of(&steps, &settles_once, 0);
+    let reason = row(&verdict, "settling_time_seconds").remark.as_deref();
+    assert_eq!(reason, Some("step at 2.5 s: never settled"));
+}
+
+#[test]
+fn the_limits_of_a_scenario_are_those_of_its_verdict() {
+    let limited = scenario(
+        "[expect]\novershoot_percent = { max = 5.0 }\nno_event = [\"bus-off\"]\n\
+         [[expect.signal]]\nname = \"position_millimetres\"\nfrom_seconds = 2\n\
+         stays = { min = 34.0, max = 36.0 }\nreaches = { min = 35.0 }\n\
+         [[expect.sequence]]\nname = \"rise\"\n\
+         event = [{ signal = \"position_millimetres\", reaches = { min = 34.0 } }]\n",
+    );
+    let position = step_response(1.1);
+    let cycles = frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3)));
+    let rows = verdict_of(&limited, &cycles, 0).metrics.into_iter();
+    let judged: Vec<_> = rows
+        .filter_map(|row| Some((row.name, row.limit?)))
+        .collect();
+    assert_eq!(limits(&limited), judged);
+    assert_eq!(judged.len(), 5);
 }
 
 #[test]

@@ -23,7 +23,7 @@ pub struct PlayArgs {
     /// Scenario files, or folders of them
     #[arg(required = true, value_name = "SCENARIO")]
     pub scenarios: Vec<PathBuf>,
-    /// The folder for the run folders
+    /// Folder in which the run folders are made
     #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print the verdicts as JSON instead of tables
@@ -39,7 +39,7 @@ pub struct PlayArgs {
 /// Where to show what happens.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ViewerArgs {
-    /// Open the Rerun viewer and show the run while it is played
+    /// Open the Rerun viewer and show the run in it
     #[arg(long)]
     pub viewer: bool,
     /// Show the run in a viewer that is open already: PORT on this machine, HOST:PORT, or the address that the viewer

@@ -48,13 +48,13 @@ pub struct Scenario {
     /// What disturbs the plant.
     #[serde(default)]
     pub disturbance: Disturbance,
-    /// What goes wrong on purpose; no node sees it, each only suffers it.
+    /// Injected faults; the nodes do not know of them.
     #[serde(default, skip_serializing_if = "Faults::is_empty")]
     pub fault: Faults,
     /// The emulated plant; the controller never sees its parameters.
     #[serde(default)]
     pub plant: Plant,
-    /// What passes.
+    /// Limits: what a run must keep to pass.
     #[serde(default)]
     pub expect: Expect,
     /// What `canrig sweep` varies, to make many scenarios of this one; all other commands play it as it stands.

@@ -402,7 +402,7 @@ fn a_piece_of_the_set_point_that_is_wrong_has_its_place_and_its_words() {
             more("[[reference.table]]\nfrom_seconds = 3\nfile = \"x.csv\"\n"),
             10,
             8,
-            "the table cannot be read",
+            "the CSV file x.csv cannot be read",
             "no such file",
         ),
         (

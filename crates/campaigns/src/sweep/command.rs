@@ -49,7 +49,7 @@ impl SweepError {
 pub struct SweepArgs {
     /// A scenario file with a [sweep] table
     pub scenario: PathBuf,
-    /// The folder for the sweep's folder; an interrupted sweep that is there is continued
+    /// Folder in which the sweep's folder is made; an interrupted sweep that is there is continued
     #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Play one part of the sweep, such as 2/4, the second of four, for several machines; `canrig merge` merges the parts

@@ -75,7 +75,7 @@ pub struct MergeArgs {
     /// The folders that `canrig sweep --shard` made
     #[arg(required = true, value_name = "SHARD")]
     pub shards: Vec<PathBuf>,
-    /// The folder for the folder of the whole sweep
+    /// Folder in which the whole sweep's folder is made
     #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print failures only

@@ -96,9 +96,7 @@ impl Survey {
 
     /// The rows with a limit that never had a value in any case.
     fn add_limited(&mut self, scenario: &Scenario) {
-        let limited = scenario.expect.keys().map(str::to_owned);
-        let missed = self.missed.keys().cloned();
-        for name in limited.chain(missed).collect::<Vec<_>>() {
+        for (name, _) in judge::limits(scenario) {
             if !self.metrics.contains(&name) {
                 self.metrics.push(name);
             }
@@ -176,7 +174,7 @@ fn spreads(
     scenario: &Scenario,
     folder: &Path,
 ) -> Result<Vec<MetricSpread>, StoreError> {
-    let limits: BTreeMap<&str, Limit> = scenario.expect.limits().collect();
+    let limits: BTreeMap<String, Limit> = judge::limits(scenario).into_iter().collect();
     let group = (VALUES_MAX / survey.runs.max(1)).max(1);
     let mut spreads = Vec::new();
     for names in survey.metrics.chunks(group) {
@@ -190,7 +188,7 @@ fn spreads(
         for (name, mut values) in names.iter().zip(columns) {
             values.sort_unstable_by(f64::total_cmp);
             let missed = survey.missed.get(name).copied().unwrap_or_default();
-            let limit = limits.get(name.as_str()).copied();
+            let limit = limits.get(name).copied();
             spreads.push(MetricSpread::new(name, limit, missed, &values));
         }
     }

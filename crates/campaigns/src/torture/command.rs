@@ -35,7 +35,7 @@ pub struct TortureArgs {
     /// Seed of the random combinations
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub seed: u64,
-    /// The folder for the folders of failing cases
+    /// Folder in which the folders of failing cases are made
     #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Show no progress

@@ -69,10 +69,10 @@ pub struct IdentifyArgs {
     /// The scenario that was played, for logs; it gives cycle time and sensor
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
-    /// The DBC of the recordings, if it is not the one that ships
+    /// The DBC of the recordings, if it is not that of canrig's built-in drive and controller
     #[arg(long, value_name = "FILE")]
     pub dbc: Option<PathBuf>,
-    /// The folder for the folder with the result
+    /// Folder in which the result's folder is made
     #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print failures only

@@ -37,7 +37,7 @@ pub fn experiments(effort: Effort) -> Vec<Experiment> {
 /// Arguments of `reproduce`.
 #[derive(Args, Debug)]
 pub struct ReproduceArgs {
-    /// The folder for the folder with the page
+    /// Folder in which the page's folder is made
     #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Play fewer plants, frequencies and settings, to see that everything works

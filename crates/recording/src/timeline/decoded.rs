@@ -20,6 +20,27 @@ pub struct Column {
     pub values: Vec<f64>,
 }
 
+/// The beginnings of the names of what not every law computes: the controller sends 0 for what its law does not have.
+const OF_SOME_LAWS: [&str; 5] = [
+    "reference_position_",
+    "estimated_",
+    "sliding_variable_",
+    "equivalent_part_",
+    "switching_part_",
+];
+
+impl Column {
+    /// Whether a node computes it.
+    #[must_use]
+    pub fn is_used(&self) -> bool {
+        let is_of_some_laws = OF_SOME_LAWS
+            .iter()
+            .any(|start| self.name.starts_with(start));
+        let mut values = self.values.iter();
+        !is_of_some_laws || values.any(|value| !value.is_nan() && *value != 0.0)
+    }
+}
+
 /// A recording, decoded.
 #[derive(Clone, Debug)]
 pub struct Timeline {

@@ -12,15 +12,6 @@ use crate::unit::shown_unit;
 use judge::SETTLING_BAND;
 use recording::timeline::{Column, Timeline};
 
-/// What not every controller computes: nodes send 0 for what they do not have.
-const IF_USED: [&str; 5] = [
-    "reference_position_",
-    "estimated_",
-    "sliding_variable_",
-    "equivalent_part_",
-    "switching_part_",
-];
-
 /// Steps and disturbances that get a plot of their own.
 const CLOSE_UPS_MAX: usize = 4;
 /// What is seen of a step: before it, and at most after it.
@@ -281,12 +272,7 @@ fn disturbances(scenario: &Scenario) -> Vec<Patch> {
 
 /// A column that the run has.
 fn used<'a>(timeline: &'a Timeline, name: &str) -> Option<&'a Column> {
-    let is_optional = IF_USED.iter().any(|beginning| name.starts_with(beginning));
-    let column = timeline.column(name);
-    column.filter(|column| {
-        let mut values = column.values.iter();
-        !is_optional || values.any(|value| !value.is_nan() && *value != 0.0)
-    })
+    timeline.column(name).filter(|column| column.is_used())
 }
 
 fn of_signals<'a>(

@@ -1,4 +1,4 @@
-//! `canrig signals`: what a scenario, a recording or the shipped bus puts on the bus, by the names that `[expect]` takes.
+//! `canrig signals`: what a scenario, a recording or canrig's built-in drive and controller put on the bus, by the names that `[expect]` takes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ const LABELS_SHOWN_MAX: usize = 4;
 #[derive(Args, Debug)]
 pub struct SignalsArgs {
     /// A run folder (the signals in its frames.dbc) or a scenario (those of its plant and control law); without it the
-    /// signals of the bus that ships
+    /// signals of canrig's built-in drive and controller
     #[arg(value_name = "RUN|SCENARIO")]
     pub source: Option<PathBuf>,
     /// Print the signals as JSON, with all named values

@@ -1,5 +1,7 @@
 //! Reads the tables that a scenario names.
 
+use std::io;
+
 use crate::document::Document;
 use crate::error::Problem;
 use crate::reference::Table;
@@ -36,7 +38,16 @@ pub(super) fn read_beside(
         return Err(document.problem(path, message, "no absolute path, no `..`"));
     }
     read_table(file).map_err(|error| {
-        let message = "the table cannot be read";
-        document.problem(path, message, error.to_string())
+        let (message, label) = match error.kind() {
+            io::ErrorKind::NotFound => (
+                format!("the CSV file {file} does not exist"),
+                "looked for beside the scenario".to_owned(),
+            ),
+            _ => (
+                format!("the CSV file {file} cannot be read"),
+                error.to_string(),
+            ),
+        };
+        document.problem(path, message, label)
     })
 }

@@ -16,7 +16,8 @@ pub(super) fn parse(more: &str) -> Result<Scenario, ScenarioError> {
     );
     Scenario::parse(&text, "t.toml", |name| match name {
         "golden.csv" => Ok(GOLDEN.to_owned()),
-        _ => Err(io::Error::other("no such file")),
+        "locked.csv" => Err(io::Error::other("permission denied")),
+        _ => Err(io::ErrorKind::NotFound.into()),
     })
 }
 
@@ -205,8 +206,15 @@ fn a_course_is_read_and_covers_its_window() {
         &signal("follows = { file = \"other.csv\", tolerance = 0.1 }"),
         10,
         20,
-        "the table cannot be read",
-        "no such file",
+        "the CSV file other.csv does not exist",
+        "looked for beside the scenario",
+    );
+    check(
+        &signal("follows = { file = \"locked.csv\", tolerance = 0.1 }"),
+        10,
+        20,
+        "the CSV file locked.csv cannot be read",
+        "permission denied",
     );
     check(
         &signal("follows = { file = \"../golden.csv\", tolerance = 0.1 }"),

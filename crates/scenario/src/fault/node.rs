@@ -88,7 +88,7 @@ faults! {
         }
     }
     plus {
-        /// The node starts anew at once, without memory, as its watchdog makes it. The drive's current is 0 from then on.
+        /// The node starts anew at once, without memory, as after a watchdog reset. The drive's current is 0 from then on.
         restart: Restart,
         /// Somebody on the bus orders the node to stop; `bus.log` shows the order.
         nmt_stop: NmtStop,
@@ -101,7 +101,7 @@ faults! {
     }
 }
 
-/// The node starts anew at once, without memory, as its watchdog makes it.
+/// The node starts anew at once, without memory, as after a watchdog reset.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Restart {

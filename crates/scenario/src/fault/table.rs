@@ -9,7 +9,7 @@ use super::node::NodeFaults;
 use super::plant::PlantFaults;
 use super::sensor::SensorFaults;
 
-/// What goes wrong on purpose, by where it happens. Each kind says where it acts and whether `bus.log` shows it.
+/// Injected faults, by where they act. Each kind says where it acts and whether `bus.log` shows it.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Faults {

@@ -23,7 +23,7 @@ pub struct CompareArgs {
     pub b: PathBuf,
     /// How far a signal, a metric, or all signals of a unit may differ: `position_millimetres=0.5`, `degC=2`, `A=0.1`;
     /// with `inf` it is not judged. Without this option: 0.25 mm, 1 degC, 0.02 for fractions and states; currents,
-    /// velocities and the terms of the control law are shown but not judged, since they swing
+    /// velocities and the terms of the control law are shown but not judged, since they oscillate
     #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
     pub tolerance: Vec<GivenTolerance>,
     /// How much earlier or later a value of B may come

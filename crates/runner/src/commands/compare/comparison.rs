@@ -59,7 +59,11 @@ fn signals(
     for column in &a.columns {
         if let Some(other) = b.column(&column.name) {
             let what = (column.name.as_str(), column.unit.as_str());
-            let (a, b) = (&column.values, &other.values);
+            let (a, b) = match column.is_used() == other.is_used() {
+                true => (&column.values, &other.values),
+                // Zeros that stand for no value are not compared with values.
+                false => (&column.values, &vec![f64::NAN; other.values.len()]),
+            };
             signals.push(signal(tolerances, what, shared, a, b));
         }
     }
