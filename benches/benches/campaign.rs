@@ -20,7 +20,7 @@ const CASES: [usize; 2] = [1, 201];
 /// Cycles of these cases; the benchmark's name says it again, for `benches/run`.
 const CYCLES: u64 = 24_000;
 /// Three per cent more than were counted when the limit was set.
-const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 20_440;
+const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 21_240;
 
 /// What is played: the sweep's cases follow from it.
 fn plan() -> SweepPlan {

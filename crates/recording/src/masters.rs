@@ -159,12 +159,14 @@ impl MasterWatch {
         scenario_time: Option<Duration>,
         frame: &CanFrame,
     ) {
-        let scenario_time = scenario_time.filter(|time| *time < self.end);
         let id = frame.raw_id();
+        let scenario_time = scenario_time.filter(|time| *time < self.end);
         if let Some(rate) = self.rates.iter_mut().find(|rate| rate.raw_id == id) {
             rate.on_frame(time, scenario_time, frame);
         }
-        if let (Some(nmt), Some(time)) = (&mut self.nmt, scenario_time) {
+        if let (Some(nmt), Some(time)) = (&mut self.nmt, scenario_time)
+            && nmt.reads(id)
+        {
             nmt.on_frame(time, frame);
         }
     }
@@ -235,8 +237,11 @@ struct Rate {
     /// Of heartbeats, the states since the latest boot-up.
     states: Option<Vec<u8>>,
     latest: Option<Duration>,
+    frames_per_second: f64,
     /// Frames that came before their time; a backlog, if negative.
     ahead: f64,
+    /// The longest backlog.
+    ahead_min: f64,
     /// More of them are another sender's.
     ahead_max: f64,
     surplus: Surplus,
@@ -251,7 +256,9 @@ impl Rate {
             only: None,
             states: None,
             latest: None,
+            frames_per_second: 1.0 / period.as_secs_f64(),
             ahead: -periods(FIRST_LATENESS, period),
+            ahead_min: -periods(BACKLOG_MAX, period),
             ahead_max: AHEAD_MAX,
             surplus: Surplus::default(),
         }
@@ -309,9 +316,9 @@ impl Rate {
             return;
         }
         if let Some(latest) = self.latest.replace(time) {
-            let since = periods(time.saturating_sub(latest), self.period);
+            let since = time.saturating_sub(latest).as_secs_f64() * self.frames_per_second;
             let remembered = self.ahead * (1.0 - since / MEMORY_PERIODS).max(0.0);
-            self.ahead = (remembered + 1.0 - since).max(-periods(BACKLOG_MAX, self.period));
+            self.ahead = (remembered + 1.0 - since).max(self.ahead_min);
         }
         if self.ahead > self.ahead_max {
             self.ahead -= 1.0;
@@ -348,6 +355,13 @@ impl Nmt {
             first: String::new(),
             surplus: Surplus::default(),
         }
+    }
+
+    /// Whether a frame of this identifier changes anything.
+    fn reads(&self, raw_id: u32) -> bool {
+        raw_id == u32::from(NMT_COB_ID)
+            || raw_id & !0x7F == u32::from(HEARTBEATS)
+            || self.stop.is_some() && raw_id == u32::from(SYNC_COB_ID)
     }
 
     fn on_frame(&mut self, scenario_time: Duration, frame: &CanFrame) {
