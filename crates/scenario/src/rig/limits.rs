@@ -199,7 +199,7 @@ mod tests {
             words(watch().check_command(-0.901)).unwrap(),
             "limit of the rig: -0.901 A are commanded (limit 0.9 A)"
         );
-        for allowed in [0.9, -0.9] {
+        for allowed in [0.9, -0.9, 0.9 + COMMAND_TOLERANCE_AMPERES] {
             assert_eq!(words(watch().check_command(allowed)), None);
         }
     }
