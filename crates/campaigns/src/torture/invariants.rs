@@ -265,9 +265,11 @@ mod tests {
             "{hot}"
         );
         let early = found(&truth_at(f64::NEG_INFINITY, |truth| {
-            truth.current_amperes = 0.1
+            (truth.time_seconds, truth.current_amperes) = (-0.001, 0.1);
         }));
-        assert!(early.starts_with("start: 0.100 A flow at -"), "{early}");
+        assert_eq!(early, "start: 0.100 A flow at -0.0010 s, before the start");
+        let never_begun = found(&|_, timeline| timeline.zero_seconds = None);
+        assert!(never_begun.starts_with("start: "), "{never_begun}");
         let silent = found(&|_, timeline| {
             let is_left = |truth: &PlantTruth| !(0.2..0.23).contains(&truth.time_seconds);
             timeline.truth.retain(is_left);
