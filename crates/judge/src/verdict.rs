@@ -137,7 +137,9 @@ fn is_none(frames: &u64) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use rig::catalogue::Catalogue;
     use rig::external::ExternalNode;
+    use scenario::Scenario;
     use scenario::expect::Limit;
 
     use super::*;
@@ -160,6 +162,21 @@ mod tests {
         verdict.metrics[0].requirements = vec!["REQ-2".to_owned()];
         assert_eq!(Verdict::from_json(&verdict.to_json()).unwrap(), verdict);
         assert!(Verdict::from_json("{}").is_err());
+    }
+
+    #[test]
+    fn a_verdict_names_scenario_seed_requirements_and_foreign_nodes() {
+        let text = "schema = 1\nname = \"step\"\nseed = 7\nduration_seconds = 1.0\nrequirements = [\"REQ-1\"]\n\
+            [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+        let scenario = Scenario::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
+        let external = External::new(&[ExternalNode::Drive]).unwrap();
+        let setup = Setup::of(scenario, &Catalogue::shipped()).on(None, external.clone());
+        let expected = Verdict {
+            requirements: vec!["REQ-1".to_owned()],
+            external,
+            ..Verdict::incomplete("step", 7, "killed")
+        };
+        assert_eq!(Verdict::incomplete_of(&setup, "killed"), expected);
     }
 
     /// What a version wrote before there were requirements, losses and external nodes.

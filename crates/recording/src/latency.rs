@@ -269,4 +269,33 @@ mod tests {
         assert_eq!(latencies.round_trip.len(), 1);
         assert_eq!(quantiles(&latencies.round_trip).max, 400.0);
     }
+
+    #[test]
+    fn quantiles_are_ranks_and_the_worst_of_two_is_that_of_each() {
+        let mut histogram = Histogram::new_with_max(10_000, 5).unwrap();
+        (1..=1000).for_each(|value| histogram.saturating_record(2 * value));
+        let quantiles = Quantiles::of(&histogram, 2);
+        let expected = Quantiles {
+            median: 500.0,
+            p99: 990.0,
+            p99_9: 999.0,
+            max: 1000.0,
+        };
+        assert_eq!(quantiles, expected);
+        let other = Quantiles {
+            median: 501.0,
+            p99: 989.0,
+            p99_9: 1001.0,
+            max: 999.0,
+        };
+        let worst = Quantiles {
+            median: 501.0,
+            p99_9: 1001.0,
+            ..expected
+        };
+        assert_eq!(
+            (expected.worst(other), other.worst(expected)),
+            (worst, worst)
+        );
+    }
 }

@@ -569,6 +569,12 @@ mod tests {
             told.starts_with("0x000 (NMT Stop to node 16), 1 frame"),
             "{told}"
         );
+        // Within a second, and not in that of its end.
+        for (cycles, count) in [(1400, 0), (1401, 1)] {
+            let stopped = (400 * PERIOD, stop);
+            let frames = [run(cycles, |_| Duration::ZERO), vec![stopped]].concat();
+            assert_eq!(found(frames).len(), count, "{cycles} cycles");
+        }
     }
 
     #[test]

@@ -248,6 +248,29 @@ mod tests {
     }
 
     #[test]
+    fn a_file_is_the_old_one_until_the_new_one_is_whole() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = RunFolder::lasting(parent.path(), "run", "1").unwrap();
+        let read = || fs::read_to_string(folder.path().join("file")).unwrap();
+        folder.write("file", b"the old one").unwrap();
+        let failed = folder.write_with("file", |output| {
+            output.write_all(b"half of the new one")?;
+            output.flush()?;
+            assert_eq!(read(), "the old one");
+            Err(io::Error::other("the disk is full"))
+        });
+        let error = failed.unwrap_err().to_string();
+        assert!(
+            error.ends_with("file cannot be written: the disk is full"),
+            "{error}"
+        );
+        assert_eq!(read(), "the old one");
+        folder.write("file", b"the new one").unwrap();
+        assert_eq!(read(), "the new one");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
     fn the_hash_keeps_seeds_and_texts_apart() {
         assert_ne!(hash(1, "a"), hash(2, "a"));
         assert_ne!(hash(1, "a"), hash(1, "b"));

@@ -152,4 +152,31 @@ mod tests {
         let metric = Metric::new("safe_state", Ok(0.0), limit);
         assert_eq!(message(&metric), "safe_state: measured no, limit yes");
     }
+
+    /// Whatever the run came to, a limit that nobody judged is not met.
+    #[test]
+    fn what_was_not_judged_is_an_error() {
+        let limit = Some(Limit {
+            min: None,
+            max: Some(1.0),
+        });
+        let met = Metric::new("met", Ok(0.5), limit);
+        let unknown = Metric::not_judged("unknown", "nobody publishes it".to_owned(), limit);
+        let xml = |outcome, reason| {
+            let mut verdict = Verdict::incomplete("step", 1, reason);
+            verdict.outcome = outcome;
+            verdict.metrics = vec![met.clone(), unknown.clone()];
+            to_xml(&[verdict]).unwrap()
+        };
+        let counts = |failures, errors| {
+            format!("tests=\"3\" skipped=\"0\" errors=\"{errors}\" failures=\"{failures}\"")
+        };
+        let (failed, open) = (
+            xml(Outcome::Fail, "too hot"),
+            xml(Outcome::Inconclusive, "busy"),
+        );
+        assert!(failed.contains(&counts(1, 1)), "{failed}");
+        assert!(failed.contains("<error message=\"not judged\""), "{failed}");
+        assert!(open.contains(&counts(0, 3)), "{open}");
+    }
 }

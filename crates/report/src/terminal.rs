@@ -200,6 +200,26 @@ pub fn result(metric: &Metric, outcome: Outcome) -> Cell {
     }
 }
 
+/// A timing whose quantiles of the round trip are 11, 22, 33 and 44 µs, of nodes that are all external.
+#[cfg(test)]
+pub(crate) fn made_up_timing() -> Timing {
+    use recording::latency::Quantiles;
+
+    Timing {
+        controller: None,
+        plant_emulator: None,
+        sync_to_position_microseconds: Quantiles::default(),
+        position_to_command_microseconds: Quantiles::default(),
+        round_trip_microseconds: Quantiles {
+            median: 11.0,
+            p99: 22.0,
+            p99_9: 33.0,
+            max: 44.0,
+        },
+        distrust: Vec::new(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use scenario::expect::Limit;
@@ -246,5 +266,20 @@ mod tests {
             ["drive 0x8130 is missing", "yes"]
         );
         assert_eq!(cells("sine_gain", Ok(1.0), 1.0), ["1.000", "1 … 1"]);
+    }
+
+    #[test]
+    fn each_quantile_stands_under_its_name() {
+        let text = timing_table(&made_up_timing());
+        let cells = |start: &str| {
+            let line = text.lines().find(|line| line.contains(start)).unwrap();
+            let cells = line.split(['│', '┆']).map(str::trim);
+            cells
+                .filter(|cell| !cell.is_empty())
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
+        assert_eq!(cells("microseconds"), "microseconds median p99 p99.9 max");
+        assert_eq!(cells("round trip"), "round trip 11 22 33 44");
     }
 }

@@ -116,7 +116,9 @@ mod tests {
             feedback(46_000, 0),
             feedback(-1_100, 0),
             feedback(10_000, 950),
+            feedback(10_000, -950),
             command(901),
+            command(-901),
         ] {
             let (sent, violation) = after(&[still, violating, violating]);
             assert_eq!(sent, stop);
@@ -128,6 +130,9 @@ mod tests {
             violation.unwrap(),
             "limit of the rig: the load moves at 500 mm/s (limit 400 mm/s)"
         );
-        assert_eq!(after(&[still, command(900), still]), (vec![], None));
+        let (sent, violation) = after(&[feedback(10_000, 0), feedback(5_000, 0), feedback(0, 0)]);
+        assert_eq!((sent.as_slice(), violation.is_some()), (&stop[..], true));
+        let allowed = [still, command(900), command(-900), feedback(10_000, -940)];
+        assert_eq!(after(&allowed), (vec![], None));
     }
 }

@@ -194,3 +194,52 @@ fn words(missing: &[usize]) -> String {
     };
     named.join(", ") + more
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::row::Ended;
+    use scenario::Scenario;
+    use worlds::catalogue::catalogue;
+
+    const TEXT: &str = "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n\
+        [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15, 25, 35]\n";
+
+    /// A folder with the rows of a part, which ended for these reasons.
+    fn part(plan: &SweepPlan, shard: Shard, reasons: [&str; 2]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut store, _) = Store::open(folder.path(), &Header::new(plan, shard)).unwrap();
+        for (case, reason) in shard.cases(plan.runs()).zip(reasons) {
+            let id = &plan.case(case).id;
+            let row = SweepRow::without_verdict(case, id, Ended::Invalid, reason.to_owned());
+            store.append(&row).unwrap();
+        }
+        folder
+    }
+
+    #[test]
+    fn parts_that_contradict_each_other_are_refused() {
+        let scenario = Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::of(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
+        let plan = SweepPlan::new(&setup).unwrap();
+        let half = |number| Shard { number, of: 2 };
+        let folders = [
+            part(&plan, half(1), ["a", "c"]),
+            part(&plan, half(2), ["b", "d"]),
+            part(&plan, half(1), ["a", "x"]),
+        ];
+        let paths = folders.each_ref().map(|folder| folder.path().to_owned());
+        let mut parts = open(&paths, &plan).unwrap();
+        // Twice the same, then of one part alone.
+        for (case, reason) in [(1, "a"), (2, "b")] {
+            let row = row_of_case(&mut parts, case).unwrap().unwrap();
+            assert_eq!((row.case, row.reason.as_deref()), (case, Some(reason)));
+        }
+        let error = row_of_case(&mut parts, 3).unwrap_err();
+        let [first, _, other] = paths.each_ref().map(|path| path.display());
+        let text = format!("case 3 has different results in two parts: {first} and {other}");
+        assert_eq!(error.to_string(), text);
+        assert_eq!(error.exit(), Exit::CannotStart);
+    }
+}

@@ -367,6 +367,15 @@ mod tests {
     }
 
     #[test]
+    fn the_seed_decides_what_is_drawn_and_nothing_else() {
+        let values = |seed: u64| plan(&format!("seed = {seed}\n{GRID}")).values(4);
+        let (one, other) = (values(1), values(2));
+        assert_eq!(one, values(1));
+        assert_eq!(one[..2], other[..2]);
+        assert_ne!(one[2], other[2]);
+    }
+
+    #[test]
     fn draws_have_their_distributions() {
         let plan = plan(
             "draws = 4000\n[[sweep.uniform]]\nkey = \"seed\"\nfrom = 1\nto = 4\n\

@@ -129,3 +129,69 @@ fn missed(row: &SweepRow) -> Option<String> {
 fn is_no_seed(key: &&str) -> bool {
     *key != "seed"
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::Shard;
+    use crate::sweep::row::Ended;
+    use crate::sweep::store::{Header, Store};
+    use rig::setup::Setup;
+    use scenario::Scenario;
+    use worlds::catalogue::catalogue;
+
+    const TEXT: &str = "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\ndraws = 2\n\
+        [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15]\n\
+        [[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
+
+    /// What the scenario of a case has where the keys point.
+    fn keys(plan: &SweepPlan, case: usize) -> [f64; 2] {
+        let scenario = plan.case(case).scenario().unwrap();
+        let hold = &scenario.reference.hold[0];
+        let load = scenario.plant.mechanics.load_kilograms;
+        [hold.position_millimetres, load]
+    }
+
+    #[test]
+    fn a_row_of_either_table_has_the_keys_of_its_own_case() {
+        let scenario = Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::of(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
+        let plan = SweepPlan::new(&setup).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let header = Header::new(&plan, Shard::WHOLE);
+        let (mut store, _) = Store::open(folder.path(), &header).unwrap();
+        let row = |case| {
+            let id = &plan.case(case).id;
+            SweepRow::without_verdict(case, id, Ended::Invalid, "no".to_owned())
+        };
+        let rows: Vec<SweepRow> = (1..=4).map(row).collect();
+        rows.iter().for_each(|row| store.append(row).unwrap());
+        let tables = Tables {
+            plan: &plan,
+            metrics: &[],
+            folder: folder.path(),
+        };
+
+        let path = folder.path().join(CSV);
+        let mut output = BufWriter::new(File::create(&path).unwrap());
+        tables.write_csv(&mut output).unwrap();
+        drop(output);
+        let mut table = csv::Reader::from_path(path).unwrap();
+        let records: Vec<csv::StringRecord> = table.records().map(Result::unwrap).collect();
+        assert_eq!(records.len(), 4);
+        for (case, record) in (1..).zip(&records) {
+            let cells: [f64; 2] = [&record[2], &record[3]].map(|cell| cell.parse().unwrap());
+            assert_eq!(cells, keys(&plan, case), "case {case}");
+            assert_eq!(record[1], plan.case(case).id);
+        }
+
+        let columns = tables.group(&rows);
+        let [Cells::Number(holds), Cells::Number(loads)] = &columns[2..4] else {
+            panic!("the third and the fourth column are keys")
+        };
+        for (case, cells) in (1..).zip(holds.iter().zip(loads)) {
+            assert_eq!([*cells.0, *cells.1], keys(&plan, case), "case {case}");
+        }
+    }
+}

@@ -50,16 +50,7 @@ pub fn torture(args: &TortureArgs) -> Exit {
         Ok(setup) => setup,
         Err(exit) => return exit,
     };
-    let Scenario {
-        plant,
-        duration_seconds,
-        ..
-    } = &setup.scenario;
-    let case = |index: usize| {
-        let mut stream = Stream::named(args.seed, &format!("torture.{index}"));
-        let faults = draw::mix(&mut stream, plant, *duration_seconds);
-        TortureCase::new(&setup.text, faults, stream.bits())
-    };
+    let case = |index: usize| draw_case(args, &setup, index);
     // The first one shows whether the scenario is fit for this at all.
     if let Err(reason) = case(0).and_then(|case| case.scenario()) {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
@@ -95,6 +86,18 @@ pub fn torture(args: &TortureArgs) -> Exit {
         Ok(()) if broken.is_empty() => Exit::Pass,
         Ok(()) => Exit::VerdictFailed,
     }
+}
+
+/// The scenario with a mix that follows from the seed and the number of the run alone.
+fn draw_case(args: &TortureArgs, setup: &Setup, index: usize) -> Result<TortureCase, String> {
+    let Scenario {
+        plant,
+        duration_seconds,
+        ..
+    } = &setup.scenario;
+    let mut stream = Stream::named(args.seed, &format!("torture.{index}"));
+    let faults = draw::mix(&mut stream, plant, *duration_seconds);
+    TortureCase::new(&setup.text, faults, stream.bits())
 }
 
 /// Shrinks the first failing case of each invariant, then further ones.
@@ -150,4 +153,33 @@ fn summary(args: &TortureArgs, played: usize, broken: &[(usize, BrokenInvariant)
         counts.collect::<Vec<_>>().join(", ")
     );
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seed_and_number_decide_what_is_drawn() {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
+            [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::of(scenario, catalogue()).from_file("t.toml", text.to_owned());
+        let drawn = |seed, index| {
+            let args = TortureArgs {
+                scenario: "t.toml".into(),
+                runs: 2,
+                seed,
+                output: RUNS.into(),
+                quiet: true,
+            };
+            let case = draw_case(&args, &setup, index).unwrap().scenario().unwrap();
+            (case.seed, format!("{:?}", case.fault))
+        };
+        let first = drawn(1, 0);
+        assert_eq!(first, drawn(1, 0));
+        for other in [drawn(2, 0), drawn(1, 1)] {
+            assert!(first.0 != other.0 && first.1 != other.1, "{other:?}");
+        }
+    }
 }

@@ -184,3 +184,129 @@ fn is_excused(scenario: &Scenario, time_seconds: f64, seconds_max: f64) -> bool 
     });
     is_dead || is_hanging || is_stuck
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::campaign::play_one;
+    use recording::capture::Watch;
+    use recording::timeline::Timeline;
+
+    const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 0.6\n[controller.pid]\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+
+    /// A fault that harms nothing: without one the plant publishes no truth.
+    const HARMLESS: &str =
+        "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnoise_millimetres_rms = 0.001\n";
+
+    /// The invariant that a run breaks whose recording was changed.
+    fn broken(change: impl Fn(&mut Vec<Stamped>, &mut Timeline)) -> Option<String> {
+        let text = format!("{BASE}{HARMLESS}");
+        let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let found = play_one(0, scenario, &Watch::default(), |played| {
+            let (mut frames, mut timeline) = (played.frames.to_vec(), played.timeline.clone());
+            assert!(timeline.truth.len() > 50);
+            change(&mut frames, &mut timeline);
+            violation(&CampaignRun {
+                frames: &frames,
+                timeline: &timeline,
+                ..*played
+            })
+        });
+        let found = found.unwrap();
+        found.map(|broken| format!("{}: {}", broken.invariant, broken.text))
+    }
+
+    /// Takes the frames out that come in the second half of the scenario.
+    fn without(is_it: impl Fn(&CanFrame) -> bool) -> impl Fn(&mut Vec<Stamped>, &mut Timeline) {
+        move |frames, timeline| {
+            let from = Duration::from_secs_f64(timeline.zero_seconds.unwrap() + 0.3);
+            frames.retain(|stamped| stamped.time < from || !is_it(&stamped.frame));
+        }
+    }
+
+    /// Changes the truth at a scenario time.
+    fn truth_at(
+        seconds: f64,
+        change: impl Fn(&mut PlantTruth),
+    ) -> impl Fn(&mut Vec<Stamped>, &mut Timeline) {
+        move |_, timeline| {
+            let mut truth = timeline.truth.iter_mut();
+            change(truth.find(|truth| truth.time_seconds >= seconds).unwrap());
+        }
+    }
+
+    fn is_sync(frame: &CanFrame) -> bool {
+        frame.standard_id() == Some(SYNC_COB_ID)
+    }
+
+    #[test]
+    fn each_invariant_can_be_broken() {
+        assert_eq!(broken(|_, _| ()), None);
+        let found =
+            |change: &dyn Fn(&mut Vec<Stamped>, &mut Timeline)| broken(change).unwrap_or_default();
+        let sync = found(&without(is_sync));
+        assert!(sync.starts_with("sync: "), "{sync}");
+        assert!(
+            sync.ends_with(" ms after the last SYNC (limit 55 ms)"),
+            "{sync}"
+        );
+        let manager = found(&without(is_of_manager));
+        assert!(manager.starts_with("manager: "), "{manager}");
+        assert!(
+            manager.ends_with("heartbeat of the manager (limit 105 ms)"),
+            "{manager}"
+        );
+        let hot = found(&truth_at(0.2, |truth| {
+            truth.peak_temperature_celsius = 138.6
+        }));
+        assert!(
+            hot.starts_with("temperature: the wire has 138.6 °C at 0.2"),
+            "{hot}"
+        );
+        let early = found(&truth_at(f64::NEG_INFINITY, |truth| {
+            (truth.time_seconds, truth.current_amperes) = (-0.001, 0.1);
+        }));
+        assert_eq!(early, "start: 0.100 A flow at -0.0010 s, before the start");
+        let never_begun = found(&|_, timeline| timeline.zero_seconds = None);
+        assert!(never_begun.starts_with("start: "), "{never_begun}");
+        let silent = found(&|_, timeline| {
+            let is_left = |truth: &PlantTruth| !(0.2..0.23).contains(&truth.time_seconds);
+            timeline.truth.retain(is_left);
+        });
+        assert!(
+            silent.starts_with("truth: the plant is silent from 0.1"),
+            "{silent}"
+        );
+    }
+
+    /// A current that the fault itself keeps up breaks nothing, until the drive had time to act again.
+    #[test]
+    fn a_drive_that_cannot_act_is_excused() {
+        let window = "from_seconds = 0.3\nuntil_seconds = 0.4\n";
+        let is_excused_at = |fault: &str, seconds: [f64; 3]| {
+            let text = format!("{BASE}[[fault.{fault}\n{window}");
+            let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+            seconds.map(|seconds| is_excused(&scenario, seconds, 0.05))
+        };
+        for (fault, over) in [
+            ("node.crash]]\nnode = \"drive\"\noutput = \"hold\"", 0.402),
+            ("node.hang]]\nnode = \"drive\"", 0.451),
+            ("amplifier.stuck_on]]\ncurrent_amperes = 0.2", 0.402),
+        ] {
+            let found = is_excused_at(fault, [0.299, over - 0.0015, over]);
+            assert_eq!(found, [false, true, false], "{fault}");
+        }
+        for fault in [
+            "node.crash]]\nnode = \"drive\"",
+            "node.crash]]\nnode = \"controller\"\noutput = \"hold\"",
+            "node.hang]]\nnode = \"controller\"",
+        ] {
+            assert_eq!(
+                is_excused_at(fault, [0.3, 0.35, 0.4]),
+                [false; 3],
+                "{fault}"
+            );
+        }
+    }
+}

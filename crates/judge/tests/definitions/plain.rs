@@ -281,7 +281,8 @@ impl Plain<'_> {
         let beyond = samples
             .iter()
             .map(|one| 100.0 * (one.position - step.to) / height);
-        (height != 0.0).then(|| beyond.fold(0.0, f64::max))
+        // Rounding makes a height of two set-points that are the same.
+        (height.abs() >= 1e-6).then(|| beyond.fold(0.0, f64::max))
     }
 
     fn sines(&self, sines: &[(Span, f64)]) -> Vec<(&'static str, Option<f64>)> {

@@ -65,3 +65,22 @@ fn host(timing: &Timing) -> Markup {
         @for reason in &timing.distrust { p.unsure { "The timing is not trusted: " (reason) } }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::terminal::made_up_timing;
+
+    #[test]
+    fn each_quantile_stands_under_its_name() {
+        let page = host(&made_up_timing()).into_string();
+        let row = |tag: &str, first: &str, rest: [&str; 4]| {
+            let rest = rest.map(|cell| format!("<{tag} class=\"number\">{cell}</{tag}>"));
+            format!("<tr><{tag}>{first}</{tag}>{}</tr>", rest.concat())
+        };
+        let header = row("th", "in µs", ["median", "99 %", "99.9 %", "most"]);
+        assert!(page.contains(&header), "{page}");
+        let values = row("td", "round trip", ["11", "22", "33", "44"]);
+        assert!(page.contains(&values), "{page}");
+    }
+}

@@ -275,4 +275,8 @@ fn the_file_is_complete_or_not_there() {
     let nowhere = folder.path().join("missing").join("run.rrd");
     let written = write(&nowhere, &run(&setup(), &frames, &timeline, &verdict));
     assert!(written.is_err());
+    // Where the new one cannot grow beside it, the old one stays.
+    fs::create_dir(folder.path().join("run.rrd.partial")).unwrap();
+    let written = write(&path, &run(&setup(), &frames, &timeline, &verdict));
+    assert!(written.is_err() && fs::read(&path).unwrap() == bytes);
 }

@@ -49,3 +49,46 @@ impl Testbed for OneProcess {
         lockstep::simulate(setup, capture).map(Played::in_virtual_time)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use crate::play::ViewerArgs;
+
+    struct Nobody;
+
+    impl Listener for Nobody {
+        fn on_event(&self, _event: &RunEvent<'_>) {}
+    }
+
+    #[test]
+    fn the_worst_of_several_scenarios_decides_in_any_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let scenario = |name: &str, limit: &str| {
+            let path = folder.path().join(name);
+            let text = format!(
+                "schema = 1\nname = \"{name}\"\nduration_seconds = 0.2\n[controller.pid]\n\
+                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[expect]\n{limit}"
+            );
+            fs::write(&path, text).unwrap();
+            path
+        };
+        let met = scenario("met.toml", "");
+        let missed = scenario("missed.toml", "current_amperes_rms = { max = 0.0 }\n");
+        let exit = |scenarios: [&std::path::PathBuf; 2]| {
+            let args = PlayArgs {
+                scenarios: scenarios.map(Clone::clone).into(),
+                output: folder.path().join("runs"),
+                json: false,
+                quiet: true,
+                viewer: ViewerArgs::default(),
+            };
+            play_all(&args, &OneProcess, &Nobody)
+        };
+        assert_eq!(exit([&met, &met]), Exit::Pass);
+        assert_eq!(exit([&missed, &met]), Exit::VerdictFailed);
+        assert_eq!(exit([&met, &missed]), Exit::VerdictFailed);
+    }
+}

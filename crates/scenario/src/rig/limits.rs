@@ -180,6 +180,12 @@ mod tests {
             check(10.0, 0.96).unwrap(),
             "limit of the rig: 0.960 A flow (limit 0.9 A)"
         );
+        assert_eq!(check(10.0, -0.94), None);
+        assert_eq!(check(10.0, 0.9 * 1.05), None, "the limit itself");
+        assert_eq!(
+            check(10.0, -0.96).unwrap(),
+            "limit of the rig: -0.960 A flow (limit 0.9 A)"
+        );
         assert_eq!(
             check(-1.5, 0.0).unwrap(),
             "limit of the rig: the position is -1.50 mm (limits -1 to 45 mm)"
@@ -189,7 +195,13 @@ mod tests {
             words(watch().check_command(0.901)).unwrap(),
             "limit of the rig: 0.901 A are commanded (limit 0.9 A)"
         );
-        assert_eq!(words(watch().check_command(0.9)), None);
+        assert_eq!(
+            words(watch().check_command(-0.901)).unwrap(),
+            "limit of the rig: -0.901 A are commanded (limit 0.9 A)"
+        );
+        for allowed in [0.9, -0.9, 0.9 + COMMAND_TOLERANCE_AMPERES] {
+            assert_eq!(words(watch().check_command(allowed)), None);
+        }
     }
 
     #[test]
@@ -201,10 +213,23 @@ mod tests {
                 watch.check(now, &sample(millimetres_per_cycle * f64::from(cycle), 0.0))
             })
         };
-        assert_eq!(run(1.9), None, "380 mm/s");
+        for slow in [1.9, 2.0, -0.04] {
+            assert_eq!(run(slow), None, "380 and 400 mm/s up, 8 mm/s down");
+        }
         assert!(
             matches!(run(2.1), Some(Violation::Speed { .. })),
             "420 mm/s"
+        );
+        // Downwards, from a place from which it does not leave its range.
+        let mut falling = watch();
+        let down = (0..5_u32).find_map(|cycle| {
+            let now = Duration::from_millis(5) * cycle;
+            falling.check(now, &sample(40.0 - 2.1 * f64::from(cycle), 0.0))
+        });
+        let expected = "limit of the rig: the load moves at 420 mm/s (limit 400 mm/s)";
+        assert_eq!(
+            down.map(|found| found.to_string()).as_deref(),
+            Some(expected)
         );
         // One step of a coarse converter.
         let mut watch = watch();

@@ -142,3 +142,52 @@ fn value(metrics: &[Metric], name: &str) -> Option<f64> {
         .find(|metric| metric.name == name)
         .and_then(|metric| metric.value)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dbc::scenario_clock::ScenarioClock;
+    use recording::capture::{Capture, Watch};
+    use recording::timeline::decode;
+    use rig::setup::Setup;
+    use scenario::Scenario;
+    use worlds::catalogue::catalogue;
+    use worlds::lockstep;
+
+    fn simulated() -> Timeline {
+        let text = "schema = 1\nname = \"compared\"\nduration_seconds = 0.5\n[controller.pid]\n\
+            [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+        let scenario = Scenario::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::of(scenario, catalogue());
+        let (watch, clock) = (Watch::default(), ScenarioClock::new(&setup.database));
+        let mut capture = Capture::in_memory(clock.unwrap(), &watch);
+        lockstep::simulate(&setup, &mut capture).unwrap();
+        decode(&capture.finish().unwrap().0, &setup).unwrap()
+    }
+
+    #[test]
+    fn runs_of_different_length_do_not_agree() {
+        let whole = simulated();
+        let verdict = Verdict::incomplete("compared", 1, "");
+        let tolerances = Tolerances {
+            given: &[],
+            time_seconds: 0.0,
+        };
+        let compared = |a, b| compare_runs(&tolerances, (a, &verdict), (b, &verdict));
+        let same = compared(&whole, &whole);
+        assert_eq!((same.agrees, same.remarks.len()), (true, 0));
+        // One cycle more or less is no difference, half of the run is.
+        let (shorter, half) = (whole.before(0.498), whole.before(0.25));
+        assert!(compared(&whole, &shorter).agrees);
+        for (a, b) in [(&whole, &half), (&half, &whole)] {
+            let different = compared(a, b);
+            assert!(!different.agrees);
+            let remark = &different.remarks[0];
+            assert!(
+                remark.starts_with("the runs share 249 cycles only"),
+                "{remark}"
+            );
+            assert!(different.signals.iter().all(SignalDifference::agrees));
+        }
+    }
+}

@@ -221,6 +221,10 @@ mod tests {
         };
         assert_eq!((test.runs, test.run.as_path()), (3, Path::new("run-1")));
         assert_eq!(test.rows, ["overshoot"]);
+        assert_eq!(requirement(&[Fail, Pass]).outcome(), Some(Fail));
+        let mut two = requirement(&[Fail]);
+        two.add("sine", &[(None, Pass)], Path::new("run-1"));
+        assert_eq!((two.tests.len(), two.outcome()), (2, Some(Fail)));
         let exits = [
             (requirement(&[Pass, Pass]), Exit::Pass),
             (requirement(&[Pass, Inconclusive]), Exit::Inconclusive),
