@@ -170,7 +170,7 @@ mod tests {
             [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
         let external = External::new(&[ExternalNode::Drive]).unwrap();
-        let setup = Setup::of(scenario, &Catalogue::shipped()).on(None, external.clone());
+        let setup = Setup::new(scenario, &Catalogue::shipped()).on(None, external.clone());
         let expected = Verdict {
             requirements: vec!["REQ-1".to_owned()],
             external,

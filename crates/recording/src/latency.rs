@@ -274,7 +274,7 @@ mod tests {
     fn quantiles_are_ranks_and_the_worst_of_two_is_that_of_each() {
         let mut histogram = Histogram::new_with_max(10_000, 5).unwrap();
         (1..=1000).for_each(|value| histogram.saturating_record(2 * value));
-        let quantiles = Quantiles::of(&histogram, 2);
+        let quantiles = Quantiles::new(&histogram, 2);
         let expected = Quantiles {
             median: 500.0,
             p99: 990.0,

@@ -221,7 +221,7 @@ mod tests {
     #[test]
     fn parts_that_contradict_each_other_are_refused() {
         let scenario = Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::of(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
+        let setup = Setup::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
         let plan = SweepPlan::new(&setup).unwrap();
         let half = |number| Shard { number, of: 2 };
         let folders = [

@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn a_row_of_either_table_has_the_keys_of_its_own_case() {
         let scenario = Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::of(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
+        let setup = Setup::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
         let plan = SweepPlan::new(&setup).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let header = Header::new(&plan, Shard::WHOLE);

@@ -164,7 +164,7 @@ mod tests {
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::of(scenario, catalogue()).from_file("t.toml", text.to_owned());
+        let setup = Setup::new(scenario, catalogue()).from_file("t.toml", text.to_owned());
         let drawn = |seed, index| {
             let args = TortureArgs {
                 scenario: "t.toml".into(),

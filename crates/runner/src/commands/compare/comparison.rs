@@ -158,7 +158,7 @@ mod tests {
         let text = "schema = 1\nname = \"compared\"\nduration_seconds = 0.5\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::of(scenario, catalogue());
+        let setup = Setup::new(scenario, catalogue());
         let (watch, clock) = (Watch::default(), ScenarioClock::new(&setup.database));
         let mut capture = Capture::in_memory(clock.unwrap(), &watch);
         lockstep::simulate(&setup, &mut capture).unwrap();
