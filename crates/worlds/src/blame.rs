@@ -197,22 +197,30 @@ impl Seen<'_> {
     }
 
     /// When the controller gave its drive up, if its last error says that the drive was amiss: its heartbeat, or a cause of the
-    /// controller's own.
+    /// controller's own. What goes wrong in a bring-up is noticed at once, and given up when the time for it is over.
     fn drive_given_up(&self) -> Option<Duration> {
         let of_controller =
             |stamped: &&Stamped| stamped.frame.standard_id() == Some(CONTROLLER_EMCY);
-        let latest_first = self.frames.iter().rev().filter(of_controller);
-        let mut errors = latest_first
+        let mut errors = self
+            .frames
+            .iter()
+            .filter(of_controller)
             .filter_map(|stamped| {
                 let emergency = EmergencyMessage::decode(stamped.frame.data())?;
                 Some((stamped.time, emergency))
             })
             .filter(|(_, emergency)| emergency.code != ErrorCode::NO_ERROR);
-        let (time, emergency) = errors.next()?;
+        let first = errors.next()?;
+        let last = errors.last().unwrap_or(first);
+        let (_, emergency) = last;
         let [_, cause, ..] = emergency.manufacturer;
         let is_of_drive =
             emergency.code == ErrorCode::HEARTBEAT || CAUSES_OF_DRIVE.contains(&cause);
-        is_of_drive.then_some(time)
+        let (noticed, _) = match self.zero {
+            None => first,
+            Some(_) => last,
+        };
+        is_of_drive.then_some(noticed)
     }
 
     fn is_bus_in_trouble(&self) -> bool {
