@@ -179,8 +179,8 @@ fn second_bench() -> Result<(), Failed> {
     std::thread::sleep(std::time::Duration::from_millis(1500));
     let (code, _, stderr) = output(&mut run("second"));
     assert_eq!(code, Some(4), "{stderr}");
-    let told = format!("a second master: process {process} of this machine plays on {INTERFACE}");
-    assert!(stderr.contains(&told), "{stderr}");
+    let said = format!("a second master: process {process} of this machine plays on {INTERFACE}");
+    assert!(stderr.contains(&said), "{stderr}");
     first.wait_with_output()?;
     let (code, _, stderr) = output(&mut run("third"));
     assert!(matches!(code, Some(0 | 5)), "{stderr}");

@@ -134,19 +134,19 @@ mod tests {
     fn a_claim_holds_until_it_is_dropped_and_names_its_process() {
         let name = format!("canrig/test/{}", std::process::id());
         let claim = Claim::named(&name, "can9").unwrap();
-        let told = Claim::named(&name, "can9").unwrap_err().to_string();
+        let said = Claim::named(&name, "can9").unwrap_err().to_string();
         let expected = format!(
             "process {} of this machine plays on can9",
             std::process::id()
         );
-        assert!(told.starts_with(&expected), "{told}");
+        assert!(said.starts_with(&expected), "{said}");
         drop(claim);
         Claim::named(&name, "can9").unwrap();
     }
 
     #[test]
     fn an_interface_that_is_not_there_cannot_be_claimed() {
-        let told = Claim::on("no-such-one").unwrap_err().to_string();
-        assert!(told.starts_with("no-such-one cannot be claimed"), "{told}");
+        let said = Claim::on("no-such-one").unwrap_err().to_string();
+        assert!(said.starts_with("no-such-one cannot be claimed"), "{said}");
     }
 }

@@ -1,6 +1,6 @@
 //! A second master: frames that are sent once in a cycle and came more often, and NMT commands that nobody of the run gives.
 //!
-//! On a bus all frames look alike; what tells two senders from one is how often they send. A busy machine only delays
+//! On a bus all frames look alike; what distinguishes two senders from one is how often they send. A busy machine only delays
 //! frames, so what comes in a burst after a pause is one sender's, and what comes too often without one is two senders'.
 
 use std::fmt;
@@ -553,9 +553,9 @@ mod tests {
             found([run(1500, |_| Duration::ZERO), added.to_vec()].concat())
         };
         let reset = NmtCommand::ResetNode.frame(canopen::NodeId::new(0x10));
-        let told = with(&[(at, reset)])[0].to_string();
+        let said = with(&[(at, reset)])[0].to_string();
         assert_eq!(
-            told,
+            said,
             "0x000 (NMT ResetNode to node 16), 1 frame too many from 0.699 s on"
         );
         // As our controller does with a node that comes up late, and canrig with a drive beyond its limits.
@@ -564,10 +564,10 @@ mod tests {
         let stop = NmtCommand::Stop.frame(canopen::NodeId::new(0x10));
         assert_eq!(with(&[(at, command(2)), (at + MICRO, stop)]), []);
         // After which the cycles go on, so nobody of the run gave it.
-        let told = with(&[(at / 2, stop)])[0].to_string();
+        let said = with(&[(at / 2, stop)])[0].to_string();
         assert!(
-            told.starts_with("0x000 (NMT Stop to node 16), 1 frame"),
-            "{told}"
+            said.starts_with("0x000 (NMT Stop to node 16), 1 frame"),
+            "{said}"
         );
         // Within a second, and not in that of its end.
         for (cycles, count) in [(1400, 0), (1401, 1)] {

@@ -211,7 +211,7 @@ impl Seen<'_> {
             })
             .filter(|(_, emergency)| emergency.code != ErrorCode::NO_ERROR);
         let first = errors.next()?;
-        let last = errors.last().unwrap_or(first);
+        let last = errors.next_back().unwrap_or(first);
         let (_, emergency) = last;
         let [_, cause, ..] = emergency.manufacturer;
         let is_of_drive =
