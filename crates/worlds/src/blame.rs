@@ -1,6 +1,7 @@
 //! Whose doing it was that a run broke off: a node under test fails the run, the bench's own failures and those of the bus
 //! leave it undecided.
 
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use canopen::emcy::{EmergencyMessage, ErrorCode};
@@ -27,6 +28,8 @@ const NMT_COB_ID: u16 = 0x000;
 /// NMT stop, which the bench gives at the end of a run.
 const NMT_STOP: u8 = 2;
 const CONTROLLER_EMCY: u16 = 0x081;
+/// The identifiers of all nodes' emergencies.
+const EMCYS: RangeInclusive<u16> = 0x081..=0x0FF;
 const CONTROLLER_HEARTBEAT: u16 = 0x701;
 /// The causes in the controller's EMCY that are the drive's: no position, not enabled, an emergency, not operational, no
 /// bring-up.
@@ -197,30 +200,29 @@ impl Seen<'_> {
     }
 
     /// When the controller gave its drive up, if its last error says that the drive was amiss: its heartbeat, or a cause of the
-    /// controller's own. What goes wrong in a bring-up is noticed at once, and given up when the time for it is over.
+    /// controller's own. What goes wrong in a bring-up some node reports at once; it is given up when the time for it is over.
     fn drive_given_up(&self) -> Option<Duration> {
-        let of_controller =
-            |stamped: &&Stamped| stamped.frame.standard_id() == Some(CONTROLLER_EMCY);
-        let mut errors = self
-            .frames
-            .iter()
-            .filter(of_controller)
-            .filter_map(|stamped| {
-                let emergency = EmergencyMessage::decode(stamped.frame.data())?;
-                Some((stamped.time, emergency))
-            })
-            .filter(|(_, emergency)| emergency.code != ErrorCode::NO_ERROR);
-        let first = errors.next()?;
-        let last = errors.next_back().unwrap_or(first);
-        let (_, emergency) = last;
+        let (given_up, emergency) = self
+            .errors()
+            .rfind(|(stamped, _)| stamped.frame.standard_id() == Some(CONTROLLER_EMCY))?;
         let [_, cause, ..] = emergency.manufacturer;
         let is_of_drive =
             emergency.code == ErrorCode::HEARTBEAT || CAUSES_OF_DRIVE.contains(&cause);
-        let (noticed, _) = match self.zero {
-            None => first,
-            Some(_) => last,
+        let noticed = match self.zero {
+            None => self.errors().next().map(|(first, _)| first.time),
+            Some(_) => Some(given_up.time),
         };
-        is_of_drive.then_some(noticed)
+        noticed.filter(|_| is_of_drive)
+    }
+
+    /// The errors that nodes reported.
+    fn errors(&self) -> impl DoubleEndedIterator<Item = (&Stamped, EmergencyMessage)> {
+        self.frames.iter().filter_map(|stamped| {
+            let id = stamped.frame.standard_id()?;
+            let emergency = EmergencyMessage::decode(stamped.frame.data())?;
+            let is_error = EMCYS.contains(&id) && emergency.code != ErrorCode::NO_ERROR;
+            is_error.then_some((stamped, emergency))
+        })
     }
 
     fn is_bus_in_trouble(&self) -> bool {
