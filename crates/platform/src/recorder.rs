@@ -269,8 +269,10 @@ fn read_all(socket: &CanSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool {
         match socket.read_frame_with_timestamp() {
             Ok((frame, stamp)) => {
                 let time = stamps.time_of(stamp);
-                if let Some(frame) = from_socketcan(&frame) {
-                    ring.push(time, frame);
+                match from_socketcan(&frame) {
+                    Some(frame) => ring.push(time, frame),
+                    // Kernels before 6.2 cut a longer frame to the length of a classical one.
+                    None => ring.count_fd(),
                 }
             }
             Err(error) => match error.kind() {
