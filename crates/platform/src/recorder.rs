@@ -18,7 +18,7 @@ use socketcan::{CanSocket, Socket, SocketOptions};
 
 use crate::bus::{BusAddress, BusError};
 use crate::clock::Clock;
-use crate::socketcan_bus::{hear_fd_frames, kernel_drops, open_socket};
+use crate::socketcan_bus::{kernel_drops, open_socket};
 
 /// Frames that wait for the reader, at most: some 8 s of a full bus at 1 Mbit/s.
 pub const RING_FRAMES: usize = 65_536;
@@ -211,7 +211,7 @@ impl Drop for InterfaceThread {
 /// All frames, stamps, and room for them.
 fn prepare(socket: &CanSocket) -> std::io::Result<()> {
     socket.set_error_filter_accept_all()?;
-    hear_fd_frames(socket);
+    // CAN FD frames are not let in: some kernels cut them, and then they look like classical ones.
     socket.set_recv_timestamp(true)?;
     socket.set_nonblocking(true)?;
     // Beyond `net.core.rmem_max` only with CAP_NET_ADMIN; else as much as is allowed.
@@ -271,7 +271,7 @@ fn read_all(socket: &CanSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool {
                 let time = stamps.time_of(stamp);
                 match from_socketcan(&frame) {
                     Some(frame) => ring.push(time, frame),
-                    // Kernels before 6.2 cut a longer frame to the length of a classical one.
+                    // Longer than a classical frame.
                     None => ring.count_fd(),
                 }
             }

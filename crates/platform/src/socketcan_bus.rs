@@ -169,7 +169,7 @@ impl Bus for SocketCanBus {
 }
 
 /// Lets CAN FD frames reach the socket, so that they can be counted. An old kernel has none.
-pub(crate) fn hear_fd_frames(socket: &CanSocket) {
+fn hear_fd_frames(socket: &CanSocket) {
     let _ = socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1);
 }
 
