@@ -176,6 +176,9 @@ impl Observation {
     }
 }
 
+/// Set-points that differ by less are the same: they are computed in metres and from sines, and rounding parts two of them.
+pub(crate) const SAME_MILLIMETRES_MAX: f64 = 1e-6;
+
 /// Set-point and position of one cycle.
 #[derive(Clone, Copy)]
 pub(crate) struct CycleSample {
@@ -187,6 +190,10 @@ pub(crate) struct CycleSample {
 impl CycleSample {
     pub(crate) fn deviation_millimetres(&self) -> f64 {
         (self.position_millimetres - self.set_point_millimetres).abs()
+    }
+
+    pub(crate) fn has_set_point_of(&self, other: &Self) -> bool {
+        (self.set_point_millimetres - other.set_point_millimetres).abs() < SAME_MILLIMETRES_MAX
     }
 }
 

@@ -105,8 +105,7 @@ fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
 fn last_change(evidence: &Evidence<'_>) -> f64 {
     let samples = || evidence.samples(evidence.whole());
     let pairs = samples().zip(samples().skip(1));
-    let changed =
-        pairs.filter(|(before, after)| before.set_point_millimetres != after.set_point_millimetres);
+    let changed = pairs.filter(|(before, after)| !after.has_set_point_of(before));
     changed.last().map_or(0.0, |(_, after)| after.time_seconds)
 }
 

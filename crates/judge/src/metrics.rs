@@ -143,9 +143,8 @@ fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
         return Measurement::Meaningless("no set-point".to_owned());
     }
     let samples = || evidence.samples(window);
-    let set_points = || samples().map(|sample| sample.set_point_millimetres);
-    let mut pairs = set_points().zip(set_points().skip(1));
-    if pairs.any(|(before, after)| before != after) {
+    let mut pairs = samples().zip(samples().skip(1));
+    if pairs.any(|(before, after)| !after.has_set_point_of(&before)) {
         return Measurement::Meaningless("the set-point moves at the end".to_owned());
     }
     let samples = evidence.seen(window);

@@ -3,15 +3,13 @@
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::JudgedStep;
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, worst};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, SAME_MILLIMETRES_MAX, worst};
 use crate::metric::rounded;
 
 /// Half the width of the settling band, by the height of the step (PAPER, "Definitions").
 pub const SETTLING_BAND: f64 = 0.05;
 /// A position that is within the band for less than this may be passing through.
 const SETTLED_SECONDS: f64 = 0.1;
-/// What is less is none: set-points are computed in metres, and rounding makes a height of two that are the same.
-const HEIGHT_MILLIMETRES_MIN: f64 = 1e-6;
 
 /// The longest settling time.
 pub(crate) fn settling_time(evidence: &Evidence<'_>) -> Measurement {
@@ -75,7 +73,7 @@ fn settling_time_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
 /// How far the position goes beyond the set-point in the direction of the step, by its height.
 fn overshoot_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     let height = step.to_millimetres - step.from_millimetres;
-    if height.abs() < HEIGHT_MILLIMETRES_MIN {
+    if height.abs() < SAME_MILLIMETRES_MAX {
         return Err("a step without height".into());
     }
     let samples = evidence.seen(step.window)?;

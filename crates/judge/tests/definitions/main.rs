@@ -51,7 +51,7 @@ fn is_same(judged: Option<f64>, plain: Option<f64>) -> bool {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
+    #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases.max(1000), ..ProptestConfig::default() })]
 
     #[test]
     fn a_metric_is_what_its_definition_says(drawn in drawn()) {

@@ -215,7 +215,8 @@ impl Plain<'_> {
         let last = (self.end - 1.0, self.end);
         let samples = self.within(self.whole());
         let changes = samples.windows(2);
-        let changes = changes.filter(|pair| pair[0].set_point != pair[1].set_point);
+        let changes =
+            changes.filter(|pair| (pair[0].set_point - pair[1].set_point).abs() >= TOLERANCE);
         let changes = changes.map(|pair| pair[1].time);
         let (from, until) = self.drawn.stuck.unzip();
         let edges = changes.chain(self.drawn.loads.iter().copied());
