@@ -222,9 +222,11 @@ fn fd_frames() -> Result<(), Failed> {
         stderr.contains("3 CAN FD frames were on the bus"),
         "{stderr}"
     );
-    run.wait_with_output()?;
+    let stdout = String::from_utf8(run.wait_with_output()?.stdout)?;
+    assert!(stdout.contains("3 CAN FD frames on the bus"), "{stdout}");
     let run = only_run(&runs);
     let stored = fs::read_to_string(run.join("verdict.json"))?;
+    assert!(stored.contains("\"fd_frames\": 3"), "{stored}");
     let log = fs::read_to_string(run.join("bus.log"))?;
     assert!(!log.contains(" 123#"), "an FD frame is no classical one");
     let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));

@@ -14,7 +14,7 @@ use canopen::CanFrame;
 use rtrb::{Consumer, Producer, RingBuffer};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 use rustix::net::sockopt::{set_socket_recv_buffer_size, set_socket_recv_buffer_size_force};
-use socketcan::{CanSocket, Socket, SocketOptions};
+use socketcan::{CanAnyFrame, CanFdSocket, CanSocket, Socket, SocketOptions};
 
 use crate::bus::{BusAddress, BusError};
 use crate::clock::Clock;
@@ -66,6 +66,8 @@ impl Recorder {
             }
         };
         let (mut ring, recorder) = ring();
+        // Only a socket for both kinds of frames has room for those of CAN FD, which a smaller one cuts.
+        let socket = CanFdSocket::try_from(socket).map_err(failed("record"))?;
         prepare(&socket).map_err(failed("record"))?;
         let stop = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)
             .map_err(|errno| failed("record")(errno.into()))?;
@@ -209,9 +211,8 @@ impl Drop for InterfaceThread {
 }
 
 /// All frames, stamps, and room for them.
-fn prepare(socket: &CanSocket) -> std::io::Result<()> {
+fn prepare(socket: &CanFdSocket) -> std::io::Result<()> {
     socket.set_error_filter_accept_all()?;
-    // CAN FD frames are not let in: some kernels cut them, and then they look like classical ones.
     socket.set_recv_timestamp(true)?;
     socket.set_nonblocking(true)?;
     // Beyond `net.core.rmem_max` only with CAP_NET_ADMIN; else as much as is allowed.
@@ -221,7 +222,7 @@ fn prepare(socket: &CanSocket) -> std::io::Result<()> {
 }
 
 /// Reads frames into the ring until it is to stop, or the interface is gone.
-fn listen(socket: &CanSocket, stop: &OwnedFd, ring: &mut Ring) {
+fn listen(socket: &CanFdSocket, stop: &OwnedFd, ring: &mut Ring) {
     let mut stamps = Stamps {
         clock: ring.clock,
         latest: ring.clock.wall_epoch(),
@@ -264,29 +265,32 @@ impl Stamps {
 }
 
 /// Reads what the kernel holds; false when the interface is gone.
-fn read_all(socket: &CanSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool {
+fn read_all(socket: &CanFdSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool {
     loop {
         match socket.read_frame_with_timestamp() {
             Ok((frame, stamp)) => {
                 let time = stamps.time_of(stamp);
                 match from_socketcan(&frame) {
                     Some(frame) => ring.push(time, frame),
-                    // Longer than a classical frame.
                     None => ring.count_fd(),
                 }
             }
             Err(error) => match error.kind() {
                 std::io::ErrorKind::WouldBlock => return true,
                 std::io::ErrorKind::Interrupted => {}
-                // Longer than a classical frame: the socket gives nothing else of another length.
-                std::io::ErrorKind::InvalidData => ring.count_fd(),
                 _ => return false,
             },
         }
     }
 }
 
-fn from_socketcan(frame: &socketcan::CanFrame) -> Option<CanFrame> {
-    let raw: &libc::can_frame = frame.as_ref();
+/// A classical frame; none for one of CAN FD.
+fn from_socketcan(frame: &CanAnyFrame) -> Option<CanFrame> {
+    let raw: &libc::can_frame = match frame {
+        CanAnyFrame::Normal(frame) => frame.as_ref(),
+        CanAnyFrame::Remote(frame) => frame.as_ref(),
+        CanAnyFrame::Error(frame) => frame.as_ref(),
+        CanAnyFrame::Fd(_) => return None,
+    };
     CanFrame::from_raw(raw.can_id, raw.can_dlc, raw.data)
 }

@@ -209,7 +209,7 @@ fn set_filters(socket: &CanSocket, filters: &[Filter]) -> io::Result<()> {
 }
 
 /// Frames that the kernel threw away because the socket's buffer was full; 0 where the kernel does not say.
-pub(crate) fn kernel_drops(socket: &CanSocket) -> u64 {
+pub(crate) fn kernel_drops(socket: &impl SocketOptions) -> u64 {
     let mut bytes = [0; 64];
     let length = socket
         .get_socket_option_bytes(libc::SOL_SOCKET, libc::SO_MEMINFO, &mut bytes)
