@@ -62,8 +62,8 @@ impl Excuse {
         let mut opened = Vec::new();
         for row in rows.iter_mut() {
             let old = before.iter().find(|old| old.name == row.name);
-            if let (None, Some(old)) = (row.passed, old)
-                && is_proven(row, Some(old))
+            if row.passed.is_none()
+                && let Some(old) = old.filter(|old| is_proven(row, old))
             {
                 // A stall kept its window from being seen to the end, but it was beyond the limit before.
                 row.clone_from(old);
@@ -72,7 +72,7 @@ impl Excuse {
             let is_open = match row.passed {
                 Some(false) if row.name == MISSED_CYCLES => Self::explains_missed(evidence, row),
                 Some(false) if row.name == SYNC_INTERVAL => self.explains_interval(evidence, row),
-                Some(false) => !is_proven(row, old),
+                Some(false) => !old.is_some_and(|old| is_proven(row, old)),
                 Some(true) => self.busy.is_some() && !is_of_traffic(row),
                 None => false,
             };
@@ -116,10 +116,7 @@ fn metrics_before(evidence: &Evidence<'_>, seconds: f64) -> Vec<Metric> {
 
 /// Whether a limit was missed by what was on the bus before the first stall: by what is the same without all that came later,
 /// or can only have grown.
-fn is_proven(row: &Metric, before: Option<&Metric>) -> bool {
-    let Some(before) = before else {
-        return false;
-    };
+fn is_proven(row: &Metric, before: &Metric) -> bool {
     if row.name == NO_EVENT {
         return before.passed == Some(false) && before.remark == row.remark;
     }

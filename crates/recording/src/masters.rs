@@ -65,6 +65,9 @@ pub struct MasterWatch {
     end: Duration,
     rates: Vec<Rate>,
     nmt: Option<Nmt>,
+    latest: Duration,
+    /// Time ran backwards by more than a clock is ever stepped in a run: how often somebody sends is not known.
+    is_out_of_order: bool,
 }
 
 impl MasterWatch {
@@ -122,6 +125,8 @@ impl MasterWatch {
                 .map(|rate| rate.of_slow_nodes(slow_seconds))
                 .collect(),
             nmt: (is_watched && is_ours).then(|| Nmt::new(scenario)),
+            latest: Duration::ZERO,
+            is_out_of_order: false,
         })
     }
 
@@ -159,6 +164,8 @@ impl MasterWatch {
         scenario_time: Option<Duration>,
         frame: &CanFrame,
     ) {
+        self.is_out_of_order |= time + BACKLOG_MAX < self.latest;
+        self.latest = self.latest.max(time);
         let id = frame.raw_id();
         let scenario_time = scenario_time.filter(|time| *time < self.end);
         if let Some(rate) = self.rates.iter_mut().find(|rate| rate.raw_id == id) {
@@ -174,6 +181,9 @@ impl MasterWatch {
     /// What was seen of a second master, the first of it first.
     #[must_use]
     pub fn found(&self) -> Vec<SecondMaster> {
+        if self.is_out_of_order {
+            return Vec::new();
+        }
         let rates = self
             .rates
             .iter()
@@ -234,8 +244,8 @@ struct Rate {
     period: Duration,
     /// Only frames with one of these values count.
     only: Option<(SignalHandle, Vec<i64>)>,
-    /// Of heartbeats, the states since the latest boot-up.
-    states: Option<Vec<u8>>,
+    /// Of heartbeats, the states since the latest boot-up, a bit for each.
+    states: Option<u128>,
     latest: Option<Duration>,
     frames_per_second: f64,
     /// Frames that came before their time; a backlog, if negative.
@@ -273,14 +283,14 @@ impl Rate {
 
     fn of_slow_nodes(self, delay_seconds: f64) -> Self {
         Self {
-            ahead_max: AHEAD_MAX + delay_seconds / self.period.as_secs_f64(),
+            ahead_max: AHEAD_MAX + delay_seconds * self.frames_per_second,
             ..self
         }
     }
 
     fn of_heartbeats(self) -> Self {
         Self {
-            states: Some(Vec::new()),
+            states: Some(0),
             ..self
         }
     }
@@ -293,12 +303,11 @@ impl Rate {
         };
         let state = byte & 0x7F;
         if state == NmtState::Initialising.number() {
-            states.clear();
+            *states = 0;
         }
-        let is_new = !states.contains(&state);
-        if is_new {
-            states.push(state);
-        }
+        let bit = 1 << state;
+        let is_new = *states & bit == 0;
+        *states |= bit;
         is_new
     }
 
@@ -515,6 +524,18 @@ mod tests {
         frames.extend([heartbeat(991 * PERIOD, 5)]);
         frames.extend((0..20).map(|number| heartbeat((1006 + 20 * number) * PERIOD, 5)));
         assert_eq!(found(frames), []);
+    }
+
+    #[test]
+    fn of_a_recording_whose_time_runs_backwards_nothing_is_said() {
+        let frames = run(1500, |_| Duration::ZERO);
+        let scenario = scenario("");
+        let external = External::default();
+        let mut watch = MasterWatch::new(&scenario, Database::shipped(), &external).unwrap();
+        for (time, frame) in frames.iter().rev() {
+            watch.on_frame(*time, frame);
+        }
+        assert_eq!(watch.found(), []);
     }
 
     #[test]
