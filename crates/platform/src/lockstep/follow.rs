@@ -107,18 +107,22 @@ impl Follower<'_> {
         self.send()?;
         loop {
             self.receive()?;
-            match self.serve(node) {
+            let impossible = match self.serve(node) {
                 Ok(Served::NothingToAnswer) => continue,
-                Ok(Served::Step) => {}
+                Ok(Served::Step) => None,
                 // What the node cannot do is its failure; what the wire does not carry is not.
-                Err(error @ FollowError::Step(_)) => {
+                Err(FollowError::Step(error)) => {
                     self.answer.frames.clear();
                     self.answer.progress = Progress::Failed(error.to_string());
+                    Some(error)
                 }
                 Err(error) => return Err(error),
-            }
+            };
             protocol::encode_done(&mut self.packet, &self.answer)?;
             self.send()?;
+            if let Some(error) = impossible {
+                return Err(error.into());
+            }
             match &self.answer.progress {
                 Progress::Running => {}
                 Progress::Stopped => return Ok(()),
