@@ -1,6 +1,8 @@
 //! The law's terms as objects, from where the controller's TPDOs take them: 0x2200 to 0x2208, and from 0x2210 on those of
 //! a law that has terms of its own.
 
+use std::ops::RangeInclusive;
+
 use canopen::ObjectDictionary;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use dbc::{LAW_TERMS_OBJECT, LawTerm};
@@ -27,9 +29,71 @@ pub(crate) struct ExplanationObjects {
     own: Vec<Handle>,
 }
 
-/// Puts a law's own terms into the dictionary of the shipped data sheet, and into TPDO2 to TPDO4 in place of the others. A
-/// law without own terms changes nothing.
-pub(crate) fn declare(dictionary: &mut ObjectDictionary, terms: &[LawTerm]) {
+/// What explains a loop: its terms, and the TPDOs that take them. Those of the next loop stand so far behind.
+const OBJECTS: [RangeInclusive<u16>; 3] = [0x1800..=0x1803, 0x1A00..=0x1A03, 0x2200..=0x223F];
+const OBJECT_DISTANCES: [u16; 3] = [4, 4, 0x40];
+/// COB-IDs of nodes from 0x20 on, which no node of the bench has.
+const COB_ID_DISTANCE: u32 = 0x20;
+const LOOPS_TO_NEXT_FUNCTION: u32 = 4;
+const FUNCTION_DISTANCE: u32 = 0x80;
+
+/// Puts a loop's terms, and the TPDOs that take them, into the controller's dictionary: those of its data sheet, or behind
+/// them for a loop that is not the first. A law's own terms are in TPDO2 to TPDO4 in place of the others.
+pub(crate) fn declare(
+    dictionary: &mut ObjectDictionary,
+    shipped: &ObjectDictionary,
+    terms: &[LawTerm],
+    place: usize,
+) {
+    let mut own = shipped.clone();
+    declare_terms(&mut own, terms);
+    for entry in own.entries() {
+        let ranges = OBJECTS.iter().zip(OBJECT_DISTANCES);
+        let range = ranges
+            .clone()
+            .find(|(range, _)| range.contains(&entry.index));
+        if let Some((_, distance)) = range {
+            dictionary.insert(of_loop(entry, distance, place));
+        }
+    }
+}
+
+/// The entry of the first loop as that of another one.
+fn of_loop(entry: &Entry, distance: u16, place: usize) -> Entry {
+    let places = u16::try_from(place).unwrap_or(u16::MAX);
+    let value = entry.decode_integer(&entry.default);
+    let number = u32::try_from(value).unwrap_or_default();
+    let default = match (entry.index, entry.sub_index) {
+        (0x1800..=0x1803, 1) => {
+            let (functions, rest) = (
+                u32::from(places) / LOOPS_TO_NEXT_FUNCTION,
+                u32::from(places) % LOOPS_TO_NEXT_FUNCTION,
+            );
+            let behind = functions * FUNCTION_DISTANCE + rest * COB_ID_DISTANCE;
+            (number + behind).to_le_bytes().to_vec()
+        }
+        (0x1A00..=0x1A03, 1..) if number != 0 => {
+            let behind = u32::from(OBJECT_DISTANCES[2] * places) << 16;
+            (number + behind).to_le_bytes().to_vec()
+        }
+        _ => entry.default.clone(),
+    };
+    let index = entry.index + distance * places;
+    let (data_type, access) = (entry.data_type, entry.access);
+    let mut twin = Entry::new(
+        index,
+        entry.sub_index,
+        &entry.name,
+        data_type,
+        access,
+        default,
+    );
+    twin.is_pdo_mappable = entry.is_pdo_mappable;
+    (twin.low_limit, twin.high_limit) = (entry.low_limit, entry.high_limit);
+    twin
+}
+
+fn declare_terms(dictionary: &mut ObjectDictionary, terms: &[LawTerm]) {
     if terms.is_empty() {
         return;
     }
@@ -74,7 +138,12 @@ fn own_objects() -> impl Iterator<Item = u16> {
 }
 
 /// Gives an object another default, and makes it its value.
-fn set_default(dictionary: &mut ObjectDictionary, index: u16, sub_index: u8, bytes: &[u8]) {
+pub(crate) fn set_default(
+    dictionary: &mut ObjectDictionary,
+    index: u16,
+    sub_index: u8,
+    bytes: &[u8],
+) {
     if let Ok(handle) = dictionary.find(index, sub_index) {
         let entry = dictionary.entry(handle);
         let (name, data_type, access) = (entry.name.clone(), entry.data_type, entry.access);
@@ -84,11 +153,16 @@ fn set_default(dictionary: &mut ObjectDictionary, index: u16, sub_index: u8, byt
 }
 
 impl ExplanationObjects {
-    pub(crate) fn find(dictionary: &ObjectDictionary, law: &Law) -> Result<Self, ControllerError> {
-        let find = |index| {
-            dictionary
-                .find(index, 0)
-                .map_err(|_| ControllerError::NoObject(index))
+    pub(crate) fn find(
+        dictionary: &ObjectDictionary,
+        law: &Law,
+        place: usize,
+    ) -> Result<Self, ControllerError> {
+        let behind = OBJECT_DISTANCES[2] * u16::try_from(place).unwrap_or(u16::MAX);
+        let find = |first: u16| {
+            let index = first + behind;
+            let found = dictionary.find(index, 0);
+            found.map_err(|_| ControllerError::NoObject(index))
         };
         let own = own_objects().take(law.terms().len()).map(find);
         Ok(Self {
@@ -151,8 +225,9 @@ mod tests {
             comment: String::new(),
         };
         let terms: Vec<LawTerm> = names.iter().map(term).collect();
-        let mut dictionary = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap().dictionary;
-        declare(&mut dictionary, &terms);
+        let shipped = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap().dictionary;
+        let mut dictionary = shipped.clone();
+        declare(&mut dictionary, &shipped, &terms, 0);
         dictionary
     }
 

@@ -1,13 +1,15 @@
-//! The controller as a node of the bus: NMT manager, SYNC producer, and the law's cycle.
+//! The controller as a node of the bus: NMT manager, SYNC producer, and the cycle of the laws.
 //!
-//! A SYNC makes the drive sample; its TPDO1 brings the sample; the law's command leaves in RPDO1 and acts with the next
-//! SYNC: one cycle of delay. Scenario time 0 is the first SYNC after Operation enabled was seen.
+//! A SYNC makes the drives sample; the TPDO1 of each brings its sample; the law's command leaves in RPDO1 and acts with the
+//! next SYNC: one cycle of delay. Scenario time 0 is the first SYNC after every drive's latest statusword said Operation
+//! enabled.
 //!
-//! [`sequence`] leads from the search for the drive to its stop, [`cycle`] runs the law in between, [`application`] is
-//! what calls both.
+//! [`sequence`] leads from the search for the drives to their stop, [`control_loop`] is what runs in between, [`drive`] is
+//! what each loop moves, and [`application`] is what calls them.
 
 mod application;
-mod cycle;
+mod control_loop;
+mod drive;
 mod phase;
 mod sequence;
 mod statistics;
@@ -16,22 +18,22 @@ mod tests;
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Device, Filter, Node, Progress, nmt::NodeId};
+use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::NodeId};
 use scenario::ControllerView;
 use scenario::plant::SMA_ACTUATOR;
 use scenario::rig::drive::DriveLayout;
-use scenario::rig::limits::LimitWatch;
-use scenario::rig::{RigDrive, RigFile, Timeouts};
+use scenario::rig::{Limits, RigDrive, RigFile, Timeouts};
 
 use crate::catalogue;
 use crate::error::ControllerError;
 use crate::explanation::{self, ExplanationObjects};
-use crate::manager::BringUp;
+use crate::law::Law;
 use crate::node_ids::{CONTROLLER, DISTURBANCE};
-use crate::plausibility::Plausibility;
+use control_loop::ControlLoop;
+pub use drive::ENABLE_TIME;
+use drive::LedDrive;
 use phase::Phase;
-pub use sequence::ENABLE_TIME;
-use sequence::{CONSUMER_HEARTBEAT_TIME, Controller};
+use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, watch_entry};
 pub use statistics::Statistics;
 
 /// The controller.
@@ -48,15 +50,12 @@ impl ControllerNode {
     pub fn new(view: &ControllerView) -> Result<Self, ControllerError> {
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, RigDrive::default().node_id)?;
         let drive = DriveLayout::emulated(dictionary)?;
-        let timeouts = Timeouts::default();
-        Self::leading(
+        let plan = LoopPlan {
             view,
-            dbc::CONTROLLER_EDS,
             drive,
-            DISTURBANCE,
-            &timeouts,
-            None,
-        )
+            limits: None,
+        };
+        Self::leading(vec![plan], DISTURBANCE, Timeouts::default())
     }
 
     /// As [`ControllerNode::new`], for the drive of a rig file, whose limits it obeys.
@@ -76,54 +75,46 @@ impl ControllerNode {
         let drive = DriveLayout::new(dictionary, &rig.drive, rig.limits.current_amperes)?;
         let fan = rig.fan.node_id;
         let fan = NodeId::new(fan).ok_or(ControllerError::NodeId(fan))?;
-        let limits = LimitWatch::new(&rig.limits, view.bus.sync_period());
-        Self::leading(
-            &view,
-            dbc::CONTROLLER_EDS,
+        let plan = LoopPlan {
+            view: &view,
             drive,
-            fan,
-            &rig.timeouts,
-            Some(limits),
-        )
+            limits: Some(&rig.limits),
+        };
+        Self::leading(vec![plan], fan, rig.timeouts)
     }
 
     fn leading(
-        view: &ControllerView,
-        controller_eds: &str,
-        drive: DriveLayout,
+        plans: Vec<LoopPlan<'_>>,
         fan: NodeId,
-        timeouts: &Timeouts,
-        limits: Option<LimitWatch>,
+        timeouts: Timeouts,
     ) -> Result<Self, ControllerError> {
-        let law = catalogue::law(&view.controller)?;
-        let mut dictionary = dbc::dictionary(controller_eds, CONTROLLER.get())?;
-        explanation::declare(&mut dictionary, &law.terms());
-        // Checked here, since it is written only when the drive is configured.
-        let watch = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, 1);
-        watch.ok_or(ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
-        let watch =
-            u32::from(drive.node_id().get()) << 16 | u32::from(timeouts.drive_lost_milliseconds);
-        let sync_period = view.bus.sync_period();
+        let sync_period = plans[0].view.bus.sync_period();
+        let laws = plans
+            .iter()
+            .map(|plan| catalogue::law(&plan.view.controller));
+        let laws = laws.collect::<Result<Vec<_>, _>>()?;
+        let dictionary = dictionary(&laws)?;
+        let loops = plans.into_iter().zip(laws).enumerate();
+        let loops = loops.map(|(place, (plan, law))| {
+            let view = plan.view;
+            let is_wire = view.plant == SMA_ACTUATOR;
+            Ok(ControlLoop {
+                drive: LedDrive::new(plan.drive, sync_period, &timeouts, plan.limits, is_wire),
+                trajectory: view.reference.trajectory(),
+                has_set_point: !view.reference.is_empty(),
+                explanation: ExplanationObjects::find(&dictionary, &law, place)?,
+                law,
+                sync_period,
+                has_position: false,
+                missing: 0,
+            })
+        });
         let controller = Controller {
-            trajectory: view.reference.trajectory(),
-            has_set_point: !view.reference.is_empty(),
-            explanation: ExplanationObjects::find(&dictionary, &law)?,
-            law,
-            bring_up: BringUp::new(&drive, sync_period, timeouts),
-            drive,
+            loops: loops.collect::<Result<_, ControllerError>>()?,
             fan,
             sync_period,
-            timeouts: *timeouts,
-            watch,
+            timeouts,
             phase: Phase::Off,
-            controlword: 0,
-            last_heard: Duration::ZERO,
-            last_statusword: None,
-            last_emergency: None,
-            plausibility: Plausibility::new(view.plant == SMA_ACTUATOR),
-            implausible: None,
-            limits,
-            current_amperes: 0.0,
             failure: None,
             statistics: Statistics::default(),
         };
@@ -138,23 +129,52 @@ impl ControllerNode {
     }
 }
 
+/// A loop that is to be closed.
+struct LoopPlan<'a> {
+    view: &'a ControllerView,
+    drive: DriveLayout,
+    /// The rig's.
+    limits: Option<&'a Limits>,
+}
+
+/// The controller's objects, with those that explain each law.
+fn dictionary(laws: &[Law]) -> Result<ObjectDictionary, ControllerError> {
+    let shipped = dbc::dictionary(dbc::CONTROLLER_EDS, CONTROLLER.get())?;
+    let mut dictionary = shipped.clone();
+    // Checked here, since it is written only when the drives are configured.
+    let watch = dictionary.find(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
+    let watch = watch.map_err(|_| ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
+    let watch = dictionary.entry(watch).clone();
+    for (place, law) in laws.iter().enumerate() {
+        explanation::declare(&mut dictionary, &shipped, &law.terms(), place);
+        let mut entry = watch.clone();
+        entry.sub_index = watch_entry(place);
+        dictionary.insert(entry);
+    }
+    if laws.len() > 1 {
+        let count = watch_entry(laws.len() - 1);
+        explanation::set_default(&mut dictionary, CONSUMER_HEARTBEAT_TIME, 0, &[count]);
+    }
+    Ok(dictionary)
+}
+
 impl Node for ControllerNode {
-    /// NMT, SYNC and EMCY, the drive's TPDO1, SDO, and heartbeats. The emulator's truth (TPDO2) is not among them.
+    /// NMT, SYNC and EMCY, the TPDO1 of each drive, SDO, and heartbeats. The emulator's truth (TPDO2) is not among them.
     fn filters(&self) -> Vec<Filter> {
         let function = |id| Filter {
             mask: Filter::exact(0).mask & !0x7F,
             ..Filter::exact(id)
         };
-        let feedback = self.device.application().drive.feedback_id();
-        vec![
-            Filter::exact(0x000),
-            function(0x080),
-            Filter::exact(feedback),
+        let drives = self.device.application().drives();
+        let feedback = drives.map(|drive| Filter::exact(drive.layout.feedback_id()));
+        let before = [Filter::exact(0x000), function(0x080)];
+        let behind = [
             function(0x580),
             function(0x600),
             function(0x700),
             Filter::ERRORS,
-        ]
+        ];
+        before.into_iter().chain(feedback).chain(behind).collect()
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {

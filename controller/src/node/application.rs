@@ -2,28 +2,20 @@
 
 use std::time::Duration;
 
-use canopen::cia402::Command as DriveCommand;
 use canopen::emcy::{EmergencyMessage, ErrorCode};
 use canopen::nmt::{NmtCommand, NmtState, NodeId};
 use canopen::sync::Sync;
 use canopen::{Application, CanFrame, CommunicationLoss, Progress, Services};
 
-use super::phase::{Cycle, Phase};
+use super::drive::LedDrive;
+use super::phase::{Cycle, DrivePhase, Phase};
 use super::sequence::Controller;
 use crate::cause::Cause;
-
-/// Time between two questions to a drive that has not shown up.
-const SEARCH_PERIOD: Duration = Duration::from_millis(100);
 
 impl Application for Controller {
     fn on_reset(&mut self, services: &mut Services, _: NmtCommand) {
         if self.phase == Phase::Off {
-            let now = services.now();
-            let until = now + self.timeouts.bring_up();
-            self.phase = Phase::Searching {
-                until,
-                next_question: now,
-            };
+            self.search(services);
         } else {
             let text = "the controller was reset over the bus".to_owned();
             self.fail(services, Cause::OrderedAbout, text);
@@ -43,12 +35,11 @@ impl Application for Controller {
 
     fn on_sync(&mut self, services: &mut Services, _: &Sync) {
         match self.phase {
-            Phase::Ready => {
-                let overruns = services.sync_overruns();
+            Phase::BringUp if self.is_ready() => {
                 self.statistics.cycles = 1;
                 self.phase = Phase::Running(Cycle {
-                    overruns,
-                    ..Cycle::default()
+                    number: 0,
+                    overruns: services.sync_overruns(),
                 });
             }
             Phase::Running(cycle) => self.begin_cycle(services, cycle),
@@ -58,31 +49,31 @@ impl Application for Controller {
                     until,
                     syncs_left: syncs_left - 1,
                 };
-                self.command(services, DriveCommand::QuickStop.controlword(), 0.0);
+                self.quick_stop(services);
             }
             _ => {}
         }
     }
 
     fn on_frame(&mut self, services: &mut Services, frame: &CanFrame) {
-        if let Some(feedback) = self.drive.decode(frame) {
-            match self.phase {
-                Phase::Enabling { .. } => self.enable(services, &feedback),
-                Phase::Running(cycle) => self.on_sample(services, cycle, &feedback),
-                _ => {}
+        let mut loops = self.loops.iter_mut();
+        let sample = loops.find_map(|one| Some((one.drive.layout.decode(frame)?, one)));
+        if let Some((feedback, one)) = sample {
+            let outcome = match self.phase {
+                Phase::BringUp => {
+                    one.drive.enable(services, &feedback);
+                    Ok(())
+                }
+                Phase::Running(cycle) => one.on_sample(services, cycle.number, &feedback),
+                _ => Ok(()),
+            };
+            if let Err((cause, text)) = outcome {
+                self.fail(services, cause, text);
             }
             return;
         }
-        self.bring_up.on_frame(services, frame);
-        match self.phase {
-            Phase::Searching { until, .. } if self.bring_up.is_answered() => {
-                self.reset_drive(services, until);
-            }
-            Phase::Configuring { .. } => {
-                let outcome = self.bring_up.advance(services);
-                self.on_outcome(services, outcome);
-            }
-            _ => {}
+        for place in 0..self.loops.len() {
+            self.on_answer(services, place, frame);
         }
     }
 
@@ -92,24 +83,18 @@ impl Application for Controller {
         if node_id == self.fan && waits && !is_ending {
             services.send_nmt(NmtCommand::Start, Some(self.fan));
         }
-        if node_id != self.drive.node_id() {
+        let Some(place) = self.drives().position(|drive| drive.node_id() == node_id) else {
             return;
-        }
-        self.last_heard = services.now();
-        let has_booted = state == NmtState::Initialising;
-        match (self.phase, self.bring_up_deadline()) {
-            (_, Some(until)) if has_booted => self.configure(services, until),
-            (Phase::Searching { until, .. }, _) => self.reset_drive(services, until),
-            (Phase::Ready | Phase::Running(_), _) if state != NmtState::Operational => {
-                self.fail(
-                    services,
-                    Cause::DriveNotOperational,
-                    format!(
-                        "the drive (node {node_id}) left NMT state Operational: it is {state:?}"
-                    ),
-                );
-            }
-            _ => {}
+        };
+        let must_be_operational = self.is_ready() || matches!(self.phase, Phase::Running(_));
+        let drive = &mut self.loops[place].drive;
+        drive.last_heard = services.now();
+        if must_be_operational && state != NmtState::Operational {
+            let text =
+                format!("the drive (node {node_id}) left NMT state Operational: it is {state:?}");
+            self.fail(services, Cause::DriveNotOperational, text);
+        } else if self.phase == Phase::BringUp {
+            self.on_sign_of_life(services, place, state == NmtState::Initialising);
         }
     }
 
@@ -119,11 +104,12 @@ impl Application for Controller {
         node_id: NodeId,
         message: &EmergencyMessage,
     ) {
-        if node_id != self.drive.node_id() || message.code == ErrorCode::NO_ERROR {
+        let drive = self.drives_mut().find(|drive| drive.node_id() == node_id);
+        let Some(drive) = drive.filter(|_| message.code != ErrorCode::NO_ERROR) else {
             return;
-        }
-        self.last_emergency = Some(*message);
-        if matches!(self.phase, Phase::Ready | Phase::Running(_)) {
+        };
+        drive.last_emergency = Some(*message);
+        if self.is_ready() || matches!(self.phase, Phase::Running(_)) {
             let EmergencyMessage { code, register, .. } = message;
             let text = format!(
                 "the drive (node {node_id}) reports emergency 0x{:04X}, error register 0x{register:02X}",
@@ -135,17 +121,12 @@ impl Application for Controller {
 
     fn on_communication_loss(&mut self, services: &mut Services, loss: CommunicationLoss) {
         match loss {
-            CommunicationLoss::Heartbeat(node) if node == self.drive.node_id() && self.leads() => {
-                let silent = services.now().saturating_sub(self.last_heard).as_millis();
-                let limit = u128::from(self.watch & 0xFFFF);
-                let text = if silent < limit {
-                    format!("the drive (node {node}) restarted while it was led")
-                } else {
-                    format!(
-                        "heartbeat from the drive (node {node}) missing for {silent} ms (limit {limit} ms)"
-                    )
-                };
-                self.fail(services, Cause::DriveNotOperational, text);
+            CommunicationLoss::Heartbeat(node) if self.leads() => {
+                let drive = self.drives().find(|drive| drive.node_id() == node);
+                let text = drive.map(|drive| lost_words(drive, services.now()));
+                if let Some(text) = text {
+                    self.fail(services, Cause::DriveNotOperational, text);
+                }
             }
             CommunicationLoss::BusOff => {
                 let text = "the CAN controller went bus-off".to_owned();
@@ -156,52 +137,22 @@ impl Application for Controller {
     }
 
     fn on_tick(&mut self, services: &mut Services) {
-        let now = services.now();
+        for place in 0..self.loops.len() {
+            if self.phase == Phase::BringUp {
+                self.bring_up(services, place);
+            }
+        }
         match self.phase {
-            Phase::Searching { until, .. }
-            | Phase::Resetting { until }
-            | Phase::Configuring { until }
-            | Phase::Enabling { until }
-                if now >= until =>
-            {
-                self.fail(services, Cause::NoBringUp, self.overdue());
-            }
-            Phase::Searching {
-                until,
-                next_question,
-            } if now >= next_question => {
-                let next_question = now + SEARCH_PERIOD;
-                self.phase = Phase::Searching {
-                    until,
-                    next_question,
-                };
-                self.bring_up.ask(services);
-            }
-            Phase::Configuring { .. } => {
-                self.bring_up.on_tick(services);
-                let outcome = self.bring_up.advance(services);
-                self.on_outcome(services, outcome);
-            }
-            Phase::Stopping { until, .. } if now >= until => self.end(services),
+            Phase::Stopping { until, .. } if services.now() >= until => self.end(services),
             _ => {}
         }
     }
 
     fn next_deadline(&self) -> Option<Duration> {
         match self.phase {
-            Phase::Searching {
-                until,
-                next_question,
-            } => Some(until.min(next_question)),
-            Phase::Configuring { until } => Some(
-                self.bring_up
-                    .next_deadline()
-                    .map_or(until, |answer| answer.min(until)),
-            ),
-            Phase::Resetting { until }
-            | Phase::Enabling { until }
-            | Phase::Stopping { until, .. } => Some(until),
-            Phase::Off | Phase::Ready | Phase::Running(_) | Phase::Ended => None,
+            Phase::BringUp => self.drives().filter_map(LedDrive::next_deadline).min(),
+            Phase::Stopping { until, .. } => Some(until),
+            Phase::Off | Phase::Running(_) | Phase::Ended => None,
         }
     }
 
@@ -215,5 +166,79 @@ impl Application for Controller {
             (Phase::Ended, None) => Progress::Stopped,
             _ => Progress::Running,
         }
+    }
+}
+
+impl Controller {
+    /// Ends the previous cycle of all loops and begins the next, at its SYNC.
+    fn begin_cycle(&mut self, services: &mut Services, cycle: Cycle) {
+        let overruns = services.sync_overruns();
+        let skipped = overruns - cycle.overruns;
+        self.statistics.sync_overruns += skipped;
+        self.statistics.cycles += 1;
+        let missing_max = u64::from(self.timeouts.missing_positions_cycles);
+        for one in &mut self.loops {
+            let had_position = one.end_cycle(services, cycle.number, skipped, missing_max);
+            self.statistics.missing_positions += u64::from(!had_position);
+        }
+        self.phase = Phase::Running(Cycle {
+            number: cycle.number + 1 + skipped,
+            overruns,
+        });
+        let failure = self
+            .loops
+            .iter()
+            .find_map(|one| one.check_missing(missing_max).err());
+        if let Some((cause, text)) = failure {
+            self.fail(services, cause, text);
+        }
+    }
+
+    /// What may be an answer of a drive to what its bring-up asked.
+    fn on_answer(&mut self, services: &mut Services, place: usize, frame: &CanFrame) {
+        let drive = &mut self.loops[place].drive;
+        drive.bring_up.on_frame(services, frame);
+        if self.phase != Phase::BringUp {
+            return;
+        }
+        match drive.phase {
+            DrivePhase::Searching { until, .. } if drive.bring_up.is_answered() => {
+                drive.reset(services, until);
+            }
+            DrivePhase::Configuring { .. } => {
+                let outcome = drive.bring_up.advance(services);
+                self.on_outcome(services, place, outcome);
+            }
+            _ => {}
+        }
+    }
+
+    /// A heartbeat of a drive in the bring-up.
+    fn on_sign_of_life(&mut self, services: &mut Services, place: usize, has_booted: bool) {
+        let drive = &mut self.loops[place].drive;
+        match drive.phase {
+            DrivePhase::Searching { until, .. }
+            | DrivePhase::Resetting { until }
+            | DrivePhase::Configuring { until }
+            | DrivePhase::Configured { until }
+                if has_booted =>
+            {
+                self.configure(services, place, until);
+            }
+            DrivePhase::Searching { until, .. } => drive.reset(services, until),
+            _ => {}
+        }
+    }
+}
+
+/// What to say when the heartbeat of a drive is missing.
+fn lost_words(drive: &LedDrive, now: Duration) -> String {
+    let node = drive.node_id();
+    let silent = now.saturating_sub(drive.last_heard).as_millis();
+    let limit = u128::from(drive.watch & 0xFFFF);
+    if silent < limit {
+        format!("the drive (node {node}) restarted while it was led")
+    } else {
+        format!("heartbeat from the drive (node {node}) missing for {silent} ms (limit {limit} ms)")
     }
 }

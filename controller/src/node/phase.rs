@@ -1,4 +1,4 @@
-//! Where the controller is on its way from the search for the drive to its stop.
+//! Where the controller is on its way from the search for its drives to its stop.
 
 use std::time::Duration;
 
@@ -7,36 +7,39 @@ use std::time::Duration;
 pub(super) enum Phase {
     /// Not booted.
     Off,
-    /// Looks for the drive.
+    /// Leads its drives to Operation enabled, each at its own pace; the first SYNC at which all are there is scenario time 0.
+    BringUp,
+    /// Runs the laws.
+    Running(Cycle),
+    /// Sends the command 0 and quick stop until the drives have surely taken it.
+    Stopping { until: Duration, syncs_left: u8 },
+    /// The drives are stopped; nothing more to say.
+    Ended,
+}
+
+/// How far a drive is in the bring-up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum DrivePhase {
+    /// Looked for.
     Searching {
         until: Duration,
         next_question: Duration,
     },
-    /// The drive was up already and has been ordered to reset its communication; its boot-up is awaited.
+    /// It was up already and has been ordered to reset its communication; its boot-up is awaited.
     Resetting { until: Duration },
-    /// Configures the drive by SDO.
+    /// Configured by SDO.
     Configuring { until: Duration },
-    /// Leads the drive to Operation enabled.
-    Enabling { until: Duration },
-    /// Operation enabled was seen; the next SYNC is scenario time 0.
-    Ready,
-    /// Runs the law.
-    Running(Cycle),
-    /// Sends the command 0 and quick stop until the drive has surely taken it.
-    Stopping { until: Duration, syncs_left: u8 },
-    /// The drive is stopped; nothing more to say.
-    Ended,
+    /// Waits until the others are configured too.
+    Configured { until: Duration },
+    /// Led to Operation enabled, and there according to its latest statusword or not.
+    Enabling { until: Duration, is_enabled: bool },
 }
 
-/// The present cycle of the law.
+/// The present cycle of the laws.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Cycle {
     /// Periods since scenario time 0.
     pub(super) number: u64,
-    /// The drive's position has come.
-    pub(super) has_position: bool,
-    /// Cycles without a position in a row.
-    pub(super) missing: u64,
     /// SYNC overruns up to here.
     pub(super) overruns: u64,
 }

@@ -1,29 +1,23 @@
-//! The way of the controller: it looks for the drive, configures and enables it, and takes it to its stop.
+//! The way of the controller: it finds, configures and enables its drives, and takes them to their stop.
 
 use std::time::Duration;
 
 use canopen::Services;
-use canopen::cia402::{Command as DriveCommand, State};
-use canopen::emcy::EmergencyMessage;
+use canopen::cia402::Command as DriveCommand;
 use canopen::nmt::{NmtCommand, NodeId};
-use scenario::reference::Trajectory;
 use scenario::rig::Timeouts;
-use scenario::rig::drive::{DriveLayout, Feedback};
-use scenario::rig::limits::LimitWatch;
 
-use super::phase::Phase;
+use super::control_loop::ControlLoop;
+use super::drive::LedDrive;
+use super::phase::{DrivePhase, Phase};
 use super::statistics::Statistics;
 use crate::cause::Cause;
-use crate::explanation::ExplanationObjects;
-use crate::law::Law;
-use crate::manager::{BringUp, Outcome};
-use crate::plausibility::Plausibility;
+use crate::manager::Outcome;
 
-/// The drive must reach Operation enabled within this time after its start.
-pub const ENABLE_TIME: Duration = Duration::from_secs(2);
-
-/// SYNCs that carry the command 0 to the drive before NMT stop.
+/// SYNCs that carry the command 0 to the drives before NMT stop.
 const SYNCS_TO_STOP: u8 = 2;
+/// Time between two questions to a drive that has not shown up.
+const SEARCH_PERIOD: Duration = Duration::from_millis(100);
 
 const SYNC_PERIOD_OBJECT: u16 = 0x1006;
 pub(super) const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
@@ -33,102 +27,135 @@ const WATCH_TIME: u32 = 0xFFFF;
 /// The application of the controller's device.
 #[derive(Debug)]
 pub(super) struct Controller {
-    pub(super) law: Law,
-    pub(super) trajectory: Trajectory,
-    /// False in open loop, where the trajectory is 0 throughout.
-    pub(super) has_set_point: bool,
-    pub(super) explanation: ExplanationObjects,
-    pub(super) bring_up: BringUp,
-    pub(super) drive: DriveLayout,
+    pub(super) loops: Vec<ControlLoop>,
     /// The fan and load module.
     pub(super) fan: NodeId,
     pub(super) sync_period: Duration,
     pub(super) timeouts: Timeouts,
-    /// How the drive's heartbeat is watched: 0x1016:01 once the drive is configured.
-    pub(super) watch: u32,
     pub(super) phase: Phase,
-    /// The last controlword sent.
-    pub(super) controlword: u16,
-    /// When the drive's last heartbeat came.
-    pub(super) last_heard: Duration,
-    pub(super) last_statusword: Option<u16>,
-    pub(super) last_emergency: Option<EmergencyMessage>,
-    pub(super) plausibility: Plausibility,
-    /// Why the latest sample was no position.
-    pub(super) implausible: Option<Cause>,
-    /// The rig's limits.
-    pub(super) limits: Option<LimitWatch>,
-    /// The last command.
-    pub(super) current_amperes: f64,
     pub(super) failure: Option<String>,
     pub(super) statistics: Statistics,
 }
 
 impl Controller {
-    /// Sends RPDO1.
-    pub(super) fn command(
-        &mut self,
-        services: &mut Services,
-        controlword: u16,
-        current_amperes: f64,
-    ) {
-        self.controlword = controlword;
-        self.current_amperes = current_amperes;
-        services.send(self.drive.encode(controlword, current_amperes));
+    pub(super) fn drives(&self) -> impl Iterator<Item = &LedDrive> {
+        self.loops.iter().map(|one| &one.drive)
     }
 
-    /// The drive is there, but who knows in which state: it begins anew.
-    pub(super) fn reset_drive(&mut self, services: &mut Services, until: Duration) {
-        services.send_nmt(NmtCommand::ResetCommunication, Some(self.drive.node_id()));
-        self.phase = Phase::Resetting { until };
+    pub(super) fn drives_mut(&mut self) -> impl Iterator<Item = &mut LedDrive> {
+        self.loops.iter_mut().map(|one| &mut one.drive)
     }
 
-    pub(super) fn configure(&mut self, services: &mut Services, until: Duration) {
-        self.phase = Phase::Configuring { until };
-        let outcome = self.bring_up.begin(services);
-        self.on_outcome(services, outcome);
-    }
-
-    pub(super) fn on_outcome(&mut self, services: &mut Services, outcome: Outcome) {
-        match outcome {
-            Outcome::Busy => {}
-            Outcome::Done => self.start(services),
-            Outcome::Failed(text) => self.fail(services, Cause::NoBringUp, text),
+    /// True while the drives are led by this controller.
+    pub(super) fn leads(&self) -> bool {
+        match self.phase {
+            Phase::BringUp => self.drives().all(LedDrive::is_enabling),
+            Phase::Running(_) => true,
+            _ => false,
         }
     }
 
-    /// Starts drive, itself and SYNC, and watches the drive from now on.
-    pub(super) fn start(&mut self, services: &mut Services) {
+    /// True from the statusword on that was the last to say Operation enabled; the next SYNC is scenario time 0.
+    pub(super) fn is_ready(&self) -> bool {
+        self.phase == Phase::BringUp && self.drives().all(LedDrive::is_enabled)
+    }
+
+    /// Looks for all drives.
+    pub(super) fn search(&mut self, services: &mut Services) {
         let now = services.now();
-        self.phase = Phase::Enabling {
-            until: now + ENABLE_TIME,
-        };
-        self.last_heard = now;
-        services.send_nmt(NmtCommand::Start, Some(self.drive.node_id()));
+        let until = now + self.timeouts.bring_up();
+        self.phase = Phase::BringUp;
+        for drive in self.drives_mut() {
+            drive.phase = DrivePhase::Searching {
+                until,
+                next_question: now,
+            };
+        }
+    }
+
+    /// Does what is due in the bring-up of a drive.
+    pub(super) fn bring_up(&mut self, services: &mut Services, place: usize) {
+        let now = services.now();
+        let drive = &mut self.loops[place].drive;
+        match drive.phase {
+            DrivePhase::Searching { until, .. }
+            | DrivePhase::Resetting { until }
+            | DrivePhase::Configuring { until }
+            | DrivePhase::Enabling {
+                until,
+                is_enabled: false,
+            } if now >= until => {
+                let text = drive.overdue(&self.timeouts);
+                self.fail(services, Cause::NoBringUp, text);
+            }
+            DrivePhase::Searching {
+                until,
+                next_question,
+            } if now >= next_question => {
+                drive.phase = DrivePhase::Searching {
+                    until,
+                    next_question: now + SEARCH_PERIOD,
+                };
+                drive.bring_up.ask(services);
+            }
+            DrivePhase::Configuring { .. } => {
+                drive.bring_up.on_tick(services);
+                let outcome = drive.bring_up.advance(services);
+                self.on_outcome(services, place, outcome);
+            }
+            _ => {}
+        }
+    }
+
+    pub(super) fn configure(&mut self, services: &mut Services, place: usize, until: Duration) {
+        let drive = &mut self.loops[place].drive;
+        drive.phase = DrivePhase::Configuring { until };
+        let outcome = drive.bring_up.begin(services);
+        self.on_outcome(services, place, outcome);
+    }
+
+    pub(super) fn on_outcome(&mut self, services: &mut Services, place: usize, outcome: Outcome) {
+        let drive = &mut self.loops[place].drive;
+        match (outcome, drive.phase) {
+            (Outcome::Done, DrivePhase::Configuring { until }) => {
+                drive.phase = DrivePhase::Configured { until };
+                if self.drives().all(LedDrive::is_configured) {
+                    self.start(services);
+                }
+            }
+            (Outcome::Failed(text), _) => self.fail(services, Cause::NoBringUp, text),
+            _ => {}
+        }
+    }
+
+    /// Starts the drives, itself and SYNC, and watches the drives from now on.
+    fn start(&mut self, services: &mut Services) {
+        self.drives_mut().for_each(|drive| drive.start(services));
         services.request_nmt(NmtCommand::Start);
-        self.configure_self(services, self.watch, self.sync_period);
+        self.configure_self(services, u32::MAX, self.sync_period);
     }
 
     /// Writes the own objects that change with the phase.
-    pub(super) fn configure_self(
-        &mut self,
-        services: &mut Services,
-        watch: u32,
-        sync_period: Duration,
-    ) {
+    fn configure_self(&mut self, services: &mut Services, watch_mask: u32, sync_period: Duration) {
         let microseconds = u32::try_from(sync_period.as_micros()).unwrap_or(u32::MAX);
-        let writes = [
-            (CONSUMER_HEARTBEAT_TIME, 1, watch),
-            (SYNC_PERIOD_OBJECT, 0, microseconds),
-        ];
-        for (index, sub_index, value) in writes {
-            if let Err(code) = services.write(index, sub_index, &value.to_le_bytes()) {
-                let text = format!(
-                    "the controller's own object 0x{index:04X}:{sub_index:02X} refuses {value}: {code}"
-                );
-                self.failure.get_or_insert(text);
-                self.phase = Phase::Ended;
-            }
+        for place in 0..self.loops.len() {
+            let watch = self.loops[place].drive.watch & watch_mask;
+            self.write_own(
+                services,
+                (CONSUMER_HEARTBEAT_TIME, watch_entry(place)),
+                watch,
+            );
+        }
+        self.write_own(services, (SYNC_PERIOD_OBJECT, 0), microseconds);
+    }
+
+    fn write_own(&mut self, services: &mut Services, (index, sub_index): (u16, u8), value: u32) {
+        if let Err(code) = services.write(index, sub_index, &value.to_le_bytes()) {
+            let text = format!(
+                "the controller's own object 0x{index:04X}:{sub_index:02X} refuses {value}: {code}"
+            );
+            self.failure.get_or_insert(text);
+            self.phase = Phase::Ended;
         }
     }
 
@@ -146,99 +173,37 @@ impl Controller {
     pub(super) fn stop(&mut self, services: &mut Services) {
         match self.phase {
             Phase::Stopping { .. } | Phase::Ended => {}
-            Phase::Enabling { .. } | Phase::Ready | Phase::Running(_) => {
+            _ if self.leads() => {
                 let patience = u32::from(SYNCS_TO_STOP) + 2;
                 let until = services.now() + patience * self.sync_period;
                 let syncs_left = SYNCS_TO_STOP;
                 self.phase = Phase::Stopping { until, syncs_left };
-                self.command(services, DriveCommand::QuickStop.controlword(), 0.0);
+                self.quick_stop(services);
             }
             _ => self.end(services),
         }
     }
 
+    /// Takes the current from every drive, whichever is the cause: what one moves may hang on another.
+    pub(super) fn quick_stop(&mut self, services: &mut Services) {
+        let quick_stop = DriveCommand::QuickStop.controlword();
+        self.drives_mut()
+            .for_each(|drive| drive.command(services, quick_stop, 0.0));
+    }
+
     /// NMT stop; the last thing that the controller does.
     pub(super) fn end(&mut self, services: &mut Services) {
         self.phase = Phase::Ended;
-        for node in [self.drive.node_id(), self.fan] {
+        let drives = self.drives().map(LedDrive::node_id);
+        for node in drives.chain([self.fan]) {
             services.send_nmt(NmtCommand::Stop, Some(node));
         }
-        self.configure_self(services, self.watch & !WATCH_TIME, Duration::ZERO);
-    }
-
-    /// Leads the drive one step nearer to Operation enabled.
-    pub(super) fn enable(&mut self, services: &mut Services, feedback: &Feedback) {
-        let state = State::from_statusword(feedback.statusword);
-        self.last_statusword = Some(feedback.statusword);
-        if state == Some(State::OperationEnabled) {
-            self.phase = Phase::Ready;
-        }
-        let wanted = state.map_or(0, State::controlword_towards_operation);
-        // A fault is reset by an edge, so the bit must fall before it can rise again.
-        let reset = DriveCommand::FaultReset.controlword();
-        let controlword = if wanted == reset && self.controlword == reset {
-            0
-        } else {
-            wanted
-        };
-        self.command(services, controlword, 0.0);
-    }
-
-    /// True while the drive is led by this controller.
-    pub(super) fn leads(&self) -> bool {
-        matches!(
-            self.phase,
-            Phase::Enabling { .. } | Phase::Ready | Phase::Running(_)
-        )
-    }
-
-    /// Until when the bring-up must be over, while it goes on.
-    pub(super) fn bring_up_deadline(&self) -> Option<Duration> {
-        match self.phase {
-            Phase::Searching { until, .. }
-            | Phase::Resetting { until }
-            | Phase::Configuring { until } => Some(until),
-            _ => None,
-        }
-    }
-
-    /// What to say when a phase has lasted too long.
-    pub(super) fn overdue(&self) -> String {
-        let seconds = self.timeouts.bring_up_seconds;
-        let drive = self.drive.node_id();
-        match self.phase {
-            Phase::Resetting { .. } => {
-                format!(
-                    "the drive (node {drive}) did not boot within {seconds} s after NMT reset communication"
-                )
-            }
-            Phase::Configuring { .. } => {
-                format!("the drive (node {drive}) was not configured within {seconds} s")
-            }
-            Phase::Enabling { .. } => {
-                let seconds = ENABLE_TIME.as_secs();
-                let last = self.last_statusword.map_or_else(
-                    || format!("it sent no TPDO1 (0x{:03X})", self.drive.feedback_id()),
-                    |statusword| format!("its last statusword was {}", state_words(statusword)),
-                );
-                let emergency = self.last_emergency.map_or_else(String::new, |message| {
-                    format!(", its last emergency 0x{:04X}", message.code.0)
-                });
-                format!(
-                    "the drive (node {drive}) did not reach Operation enabled within {seconds} s; {last}{emergency}"
-                )
-            }
-            _ => format!(
-                "no drive: node {drive} sent no boot-up message or heartbeat and answered no SDO for {seconds} s"
-            ),
-        }
+        self.configure_self(services, !WATCH_TIME, Duration::ZERO);
     }
 }
 
-/// A statusword with its state, for people.
-pub(super) fn state_words(statusword: u16) -> String {
-    match State::from_statusword(statusword) {
-        Some(state) => format!("0x{statusword:04X} ({state:?})"),
-        None => format!("0x{statusword:04X} (no state of CiA 402)"),
-    }
+/// The entry of 0x1016 that watches a drive; the second one is the fan and load module's.
+pub(super) fn watch_entry(place: usize) -> u8 {
+    let entry = if place == 0 { 1 } else { place + 2 };
+    u8::try_from(entry).unwrap_or(u8::MAX)
 }

@@ -1,5 +1,7 @@
 //! The controller against a drive of the test's own, in virtual time on a bus without delays.
 
+mod several;
+
 use canopen::cia402::{OptionCodes, State, StateMachine, Status};
 use canopen::emcy::ErrorCode;
 use canopen::nmt::{NmtCommand, NmtState};
@@ -114,6 +116,7 @@ struct Bus {
     now: Duration,
     controller: ControllerNode,
     drive: Option<Device<TestDrive>>,
+    second: Option<Device<TestDrive>>,
     module: Option<Device<Module>>,
     log: Vec<(Duration, CanFrame)>,
     /// Frames with this identifier are lost.
@@ -139,9 +142,11 @@ fn view(tables: &str) -> ControllerView {
     view.unwrap()
 }
 
-fn drive() -> Device<TestDrive> {
-    let dictionary = eds::parse(dbc::DRIVE_EDS, DRIVE.get()).unwrap().dictionary;
-    Device::new(DRIVE, dictionary, TestDrive::default()).unwrap()
+fn drive(node_id: NodeId) -> Device<TestDrive> {
+    let dictionary = eds::parse(dbc::DRIVE_EDS, node_id.get())
+        .unwrap()
+        .dictionary;
+    Device::new(node_id, dictionary, TestDrive::default()).unwrap()
 }
 
 fn module() -> Device<Module> {
@@ -156,7 +161,8 @@ impl Bus {
         Self {
             now: Duration::ZERO,
             controller: controller(tables),
-            drive: Some(drive()),
+            drive: Some(drive(DRIVE)),
+            second: None,
             module: Some(module()),
             log: Vec::new(),
             lost: None,
@@ -166,6 +172,7 @@ impl Bus {
     fn nodes(&mut self) -> Vec<&mut dyn Node> {
         let mut nodes: Vec<&mut dyn Node> = vec![&mut self.controller];
         nodes.extend(self.drive.as_mut().map(|node| node as &mut dyn Node));
+        nodes.extend(self.second.as_mut().map(|node| node as &mut dyn Node));
         nodes.extend(self.module.as_mut().map(|node| node as &mut dyn Node));
         nodes
     }
@@ -456,7 +463,7 @@ fn a_drive_that_appears_late_is_found() {
     let mut bus = Bus::new(OPEN_LOOP);
     bus.drive = None;
     bus.run_until(Duration::from_secs(9));
-    bus.drive = Some(drive());
+    bus.drive = Some(drive(DRIVE));
     bus.run_until_running();
 }
 

@@ -1,0 +1,204 @@
+//! A drive that the controller leads: its bring-up, and what it said last.
+
+use std::time::Duration;
+
+use canopen::Services;
+use canopen::cia402::{Command as DriveCommand, State};
+use canopen::emcy::EmergencyMessage;
+use canopen::nmt::{NmtCommand, NodeId};
+use scenario::rig::drive::{DriveLayout, Feedback};
+use scenario::rig::limits::LimitWatch;
+use scenario::rig::{Limits, Timeouts};
+
+use super::phase::DrivePhase;
+use crate::cause::Cause;
+use crate::manager::BringUp;
+use crate::plausibility::Plausibility;
+
+/// The drive must reach Operation enabled within this time after its start.
+pub const ENABLE_TIME: Duration = Duration::from_secs(2);
+
+/// One of the drives.
+#[derive(Debug)]
+pub(super) struct LedDrive {
+    pub(super) layout: DriveLayout,
+    pub(super) bring_up: BringUp,
+    pub(super) phase: DrivePhase,
+    /// How its heartbeat is watched: an entry of 0x1016, written once it is configured.
+    pub(super) watch: u32,
+    /// The last controlword sent.
+    controlword: u16,
+    /// The last command.
+    pub(super) current_amperes: f64,
+    /// When its last heartbeat came.
+    pub(super) last_heard: Duration,
+    last_statusword: Option<u16>,
+    pub(super) last_emergency: Option<EmergencyMessage>,
+    pub(super) plausibility: Plausibility,
+    /// Why the latest sample was no position.
+    pub(super) implausible: Option<Cause>,
+    /// The rig's limits.
+    pub(super) limits: Option<LimitWatch>,
+}
+
+impl LedDrive {
+    pub(super) fn new(
+        layout: DriveLayout,
+        sync_period: Duration,
+        timeouts: &Timeouts,
+        limits: Option<&Limits>,
+        is_wire: bool,
+    ) -> Self {
+        let node_id = u32::from(layout.node_id().get());
+        Self {
+            bring_up: BringUp::new(&layout, sync_period, timeouts),
+            layout,
+            phase: DrivePhase::Searching {
+                until: Duration::ZERO,
+                next_question: Duration::ZERO,
+            },
+            watch: node_id << 16 | u32::from(timeouts.drive_lost_milliseconds),
+            controlword: 0,
+            current_amperes: 0.0,
+            last_heard: Duration::ZERO,
+            last_statusword: None,
+            last_emergency: None,
+            plausibility: Plausibility::new(is_wire),
+            implausible: None,
+            limits: limits.map(|limits| LimitWatch::new(limits, sync_period)),
+        }
+    }
+
+    pub(super) fn node_id(&self) -> NodeId {
+        self.layout.node_id()
+    }
+
+    pub(super) fn is_configured(&self) -> bool {
+        matches!(self.phase, DrivePhase::Configured { .. })
+    }
+
+    pub(super) fn is_enabling(&self) -> bool {
+        matches!(self.phase, DrivePhase::Enabling { .. })
+    }
+
+    pub(super) fn is_enabled(&self) -> bool {
+        matches!(
+            self.phase,
+            DrivePhase::Enabling {
+                is_enabled: true,
+                ..
+            }
+        )
+    }
+
+    /// Sends RPDO1.
+    pub(super) fn command(
+        &mut self,
+        services: &mut Services,
+        controlword: u16,
+        current_amperes: f64,
+    ) {
+        self.controlword = controlword;
+        self.current_amperes = current_amperes;
+        services.send(self.layout.encode(controlword, current_amperes));
+    }
+
+    /// The drive is there, but who knows in which state: it begins anew.
+    pub(super) fn reset(&mut self, services: &mut Services, until: Duration) {
+        services.send_nmt(NmtCommand::ResetCommunication, Some(self.node_id()));
+        self.phase = DrivePhase::Resetting { until };
+    }
+
+    /// Starts it; from now on it is watched.
+    pub(super) fn start(&mut self, services: &mut Services) {
+        let now = services.now();
+        self.phase = DrivePhase::Enabling {
+            until: now + ENABLE_TIME,
+            is_enabled: false,
+        };
+        self.last_heard = now;
+        services.send_nmt(NmtCommand::Start, Some(self.node_id()));
+    }
+
+    /// Leads the drive one step nearer to Operation enabled.
+    pub(super) fn enable(&mut self, services: &mut Services, feedback: &Feedback) {
+        let DrivePhase::Enabling { until, .. } = self.phase else {
+            return;
+        };
+        let state = State::from_statusword(feedback.statusword);
+        self.last_statusword = Some(feedback.statusword);
+        self.phase = DrivePhase::Enabling {
+            until,
+            is_enabled: state == Some(State::OperationEnabled),
+        };
+        let wanted = state.map_or(0, State::controlword_towards_operation);
+        // A fault is reset by an edge, so the bit must fall before it can rise again.
+        let reset = DriveCommand::FaultReset.controlword();
+        let controlword = if wanted == reset && self.controlword == reset {
+            0
+        } else {
+            wanted
+        };
+        self.command(services, controlword, 0.0);
+    }
+
+    /// When something is due while it is brought up.
+    pub(super) fn next_deadline(&self) -> Option<Duration> {
+        match self.phase {
+            DrivePhase::Searching {
+                until,
+                next_question,
+            } => Some(until.min(next_question)),
+            DrivePhase::Configuring { until } => {
+                let answer = self.bring_up.next_deadline();
+                Some(answer.map_or(until, |answer| answer.min(until)))
+            }
+            DrivePhase::Resetting { until }
+            | DrivePhase::Enabling {
+                until,
+                is_enabled: false,
+            } => Some(until),
+            DrivePhase::Configured { .. } | DrivePhase::Enabling { .. } => None,
+        }
+    }
+
+    /// What to say when a phase has lasted too long.
+    pub(super) fn overdue(&self, timeouts: &Timeouts) -> String {
+        let seconds = timeouts.bring_up_seconds;
+        let drive = self.node_id();
+        match self.phase {
+            DrivePhase::Resetting { .. } => {
+                format!(
+                    "the drive (node {drive}) did not boot within {seconds} s after NMT reset communication"
+                )
+            }
+            DrivePhase::Configuring { .. } => {
+                format!("the drive (node {drive}) was not configured within {seconds} s")
+            }
+            DrivePhase::Enabling { .. } => {
+                let seconds = ENABLE_TIME.as_secs();
+                let last = self.last_statusword.map_or_else(
+                    || format!("it sent no TPDO1 (0x{:03X})", self.layout.feedback_id()),
+                    |statusword| format!("its last statusword was {}", state_words(statusword)),
+                );
+                let emergency = self.last_emergency.map_or_else(String::new, |message| {
+                    format!(", its last emergency 0x{:04X}", message.code.0)
+                });
+                format!(
+                    "the drive (node {drive}) did not reach Operation enabled within {seconds} s; {last}{emergency}"
+                )
+            }
+            DrivePhase::Searching { .. } | DrivePhase::Configured { .. } => format!(
+                "no drive: node {drive} sent no boot-up message or heartbeat and answered no SDO for {seconds} s"
+            ),
+        }
+    }
+}
+
+/// A statusword with its state, for people.
+pub(super) fn state_words(statusword: u16) -> String {
+    match State::from_statusword(statusword) {
+        Some(state) => format!("0x{statusword:04X} ({state:?})"),
+        None => format!("0x{statusword:04X} (no state of CiA 402)"),
+    }
+}
