@@ -13,6 +13,7 @@ mod data_sheets;
 mod external;
 mod faults;
 mod identify;
+mod knowledge;
 mod lockstep;
 mod preflight;
 mod processes;
