@@ -105,6 +105,8 @@ fn parse_frame(text: &str) -> Result<CanFrame, &'static str> {
         // Of the flags, candump shows this one only.
         8 if raw_id & ERROR_FLAG != 0 && raw_id <= ERROR_FLAG | 0x1FFF_FFFF => {}
         8 if raw_id <= 0x1FFF_FFFF => raw_id |= EXTENDED_FLAG,
+        3 => return Err("identifier is beyond 7FF"),
+        8 => return Err("identifier is beyond 1FFFFFFF, or 3FFFFFFF of an error frame"),
         _ => return Err("identifier needs three or eight digits"),
     }
     if let Some(length) = data.strip_prefix('R') {
