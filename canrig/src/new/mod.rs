@@ -35,9 +35,9 @@ pub(crate) struct NewArgs {
 /// What a crate brings.
 #[derive(Debug, Subcommand)]
 pub(crate) enum What {
-    /// A plant: something that a current moves, behind the emulated drive
+    /// Write a crate for a plant: something that a current moves, behind the emulated drive
     Plant(CrateArgs),
-    /// A control law: from a measurement and a set-point to a current
+    /// Write a crate for a control law: from a position and a set-point to a current
     Law(CrateArgs),
 }
 

@@ -174,7 +174,7 @@ pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -
     };
     let kind = section.kind();
     format!(
-        "known here: {names}{without}; a {kind} of your own is known to the bench that is built with it ({page})"
+        "known here: {names}{without}; a {kind} of your own is known to the program of its crate only ({page})"
     )
 }
 

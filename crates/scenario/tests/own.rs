@@ -257,15 +257,15 @@ fn two_plants_two_laws_a_wire_and_a_strange_fault_are_refused() {
     refused(
         RELAY,
         &format!("{pendulum}[plant.heat]\nambient_celsius = 21.0\n"),
-        &["`plant.heat` is about a wire, and the plant is `pendulum`"],
+        &["`plant.heat` is a key of the wire, and the plant is `pendulum`"],
     );
     let fault = |kind| format!("{pendulum}[[fault.plant.{kind}]]\nfrom_seconds = 1.0\n");
     refused(
         RELAY,
         &fault("dropped_load"),
         &[
-            "means nothing to the plant `pendulum`",
-            "what does: jammed_pulley",
+            "cannot happen to the plant `pendulum`",
+            "what can: jammed_pulley",
         ],
     );
     assert!(parsed(RELAY, &fault("jammed_pulley")).is_ok());

@@ -305,9 +305,7 @@ fn rig_of(args: &RunArgs, external: &External) -> Result<Option<LoadedRig>, RigE
 /// Refuses arguments that do not go together.
 fn refuse(args: &RunArgs, external: &External) -> Result<(), &'static str> {
     if args.clock == ClockChoice::Lockstep && !external.is_empty() {
-        return Err(
-            "--external needs --clock real-time: a node of somebody else's keeps its own time",
-        );
+        return Err("--external needs --clock real-time: an external node keeps its own time");
     }
     if args.dry_run && !external.has(ExternalNode::Drive) {
         return Err(
