@@ -102,7 +102,7 @@ pub(crate) enum Command {
     Run(RunArgs),
     /// Play scenarios in one process, in virtual time, and judge them
     Simulate(SimulateArgs),
-    /// Write the pages of run folders again, or one page that compares several runs
+    /// Write the pages of run folders again, and a page that compares several runs
     Report(ReportArgs),
     /// Judge a recording again, from its frames (bus.log)
     Replay(ReplayArgs),
