@@ -131,8 +131,8 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
         Ok(Crate { folder, checkout }) => {
             let (folder, name, checkout) = (folder.display(), &args.name, checkout.display());
             print(&format!(
-                "{folder} has a bench of its own now, which depends on canrig in {checkout}:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
-                 The first build takes as long as canrig's own; with canrig's target folder in CARGO_TARGET_DIR it is shared."
+                "{folder} is a crate now, which depends on canrig in {checkout}. Test and play it:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
+                 The first build takes as long as canrig's own, unless CARGO_TARGET_DIR names canrig's target folder."
             ));
             Exit::Pass
         }

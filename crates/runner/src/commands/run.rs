@@ -40,8 +40,8 @@ pub struct RunArgs {
     /// The clock of the processes
     #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
     pub clock: ClockChoice,
-    /// Nodes that canrig does not start but expects on the bus, such as a real drive. A limit on a value that no node then
-    /// sends is not judged; a run that fails no other limit ends with exit code 5
+    /// Nodes that canrig does not start but expects on the bus, such as a real drive; several with commas. A limit on a
+    /// value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
     #[arg(long, value_enum, value_name = "NODE", value_delimiter = ',')]
     pub external: Vec<ExternalNode>,
     /// The rig file of a real drive: its bus, objects, scaling, time-outs and hard limits. It makes the drive external.
