@@ -48,7 +48,8 @@ fn without_wire(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     ];
     let problem = |path: &str| {
         let message = format!("`{path}` is a key of the wire, and the plant is `{name}`");
-        let help = format!("leave it out, or leave [plant.{name}] out for the shape-memory-alloy wire");
+        let help =
+            format!("leave it out, or leave [plant.{name}] out for the shape-memory-alloy wire");
         misplaced(document, path, message, help)
     };
     let tables = WIRE_TABLES.into_iter().zip(is_given);
