@@ -38,9 +38,9 @@ Examples:
                                              only the checks before current flows
   canrig run scenarios/step.toml --viewer    and watch it while it runs
   canrig simulate scenarios/step.toml        in one process, at once
-  canrig identify RUN                        the plant's parameters from a recording
-  canrig reproduce                           every experiment of the paper, on one page
-  canrig torture scenarios/torture.toml      which faults break the bench?
+  canrig identify RUN                        the wire's parameters from a recording
+  canrig reproduce                           the paper's experiments, on one page
+  canrig torture scenarios/torture.toml      which mixes of faults break an invariant?
   canrig sweep scenarios/sweeps/plants.toml  one run for each combination of values
   canrig check scenarios/                    are the files valid?
   canrig signals my.toml                     which signals can [expect] name?
@@ -60,9 +60,11 @@ Examples:
   canrig monitor --only drive --changes      live traffic, decoded
 
 Exit codes:
-  0 pass · 1 a limit was not met, or runs diverge · 2 usage
-  3 scenario or recording invalid · 4 bus or process failed
-  5 inconclusive (timing not trustworthy, or a limit on a value that no node sends)
+  0 pass · 1 a limit was not met, a node under test failed, or runs diverge
+  2 the command line is wrong
+  3 a file is invalid, a program cannot be started, or the pre-flight failed
+  4 canrig or the bus failed, or another bench has the bus
+  5 inconclusive: the computer stalled, or a limit is on a value that no node sends
   70 internal error · 130 interrupted";
 
 const COVERAGE_EXITS: &str = "\
@@ -100,7 +102,7 @@ pub(crate) enum Command {
     Run(RunArgs),
     /// Play scenarios in one process, in virtual time, and judge them
     Simulate(SimulateArgs),
-    /// Write the pages of run folders again, or one page that compares several runs
+    /// Write the pages of run folders again, and a page that compares several runs
     Report(ReportArgs),
     /// Judge a recording again, from its frames (bus.log)
     Replay(ReplayArgs),
@@ -111,9 +113,9 @@ pub(crate) enum Command {
     Coverage(CoverageArgs),
     /// Write a recording in the format of another program
     Export(ExportArgs),
-    /// Identify the plant's parameters from recordings
+    /// Identify the parameters of the shape-memory-alloy wire from recordings
     Identify(IdentifyArgs),
-    /// Play every experiment of the paper and write one page with its figures and numbers
+    /// Play every experiment of the paper on the shape-memory-alloy wire, and write one page with its figures and numbers
     Reproduce(ReproduceArgs),
     /// Play random combinations of faults in virtual time, and reduce each one that breaks an invariant to a minimal scenario
     Torture(TortureArgs),
@@ -127,7 +129,7 @@ pub(crate) enum Command {
     Check(CheckArgs),
     /// List the signals of the bus, of a scenario or of a run: name, unit, sender, message, range
     Signals(SignalsArgs),
-    /// Write a crate for a plant or a control law of your own, with a test bench that has it
+    /// Write a crate for a plant or a control law of your own, with a program that knows it
     New(NewArgs),
     /// Check whether this machine has what a test bench needs, and print the commands that install what is missing
     Doctor(DoctorArgs),

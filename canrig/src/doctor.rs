@@ -193,7 +193,7 @@ fn embedded_bus() -> MachineCheck {
         let joined = platform::open(&hub.address(), &[]);
         joined.map(|_| ()).map_err(|error| error.to_string())
     };
-    let found = joined().map(|()| "serves and is joined".to_owned());
+    let found = joined().map(|()| "programs can join it".to_owned());
     let fix = "set TMPDIR to a folder that you can write to and that admits sockets";
     MachineCheck::new("embedded bus", found.map_err(|error| (error, fix)))
 }
@@ -227,7 +227,7 @@ fn kernel_can() -> MachineCheck {
 
 fn private_bus() -> MachineCheck {
     let found =
-        PrivateBus::start().map(|_| "a vcan in a namespace of one's own carries frames".to_owned());
+        PrivateBus::start().map(|_| "a vcan in a private namespace carries frames".to_owned());
     let fix = "sudo modprobe -a can-raw vcan && sudo sysctl user.max_user_namespaces=10000 kernel.unprivileged_userns_clone=1";
     MachineCheck::new(
         "private bus",
@@ -288,7 +288,7 @@ fn clock_source() -> MachineCheck {
 
 fn governor() -> MachineCheck {
     let found = match setting("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor") {
-        None => Ok("none: the clock rate is not this system's to choose".to_owned()),
+        None => Ok("none: this system cannot choose the clock rate".to_owned()),
         Some(governor) if governor == "performance" => Ok(governor),
         Some(governor) => Err((governor, "sudo cpupower frequency-set -g performance")),
     };

@@ -41,7 +41,10 @@ pub(crate) fn man(args: &ManArgs, command_line: Command) -> Exit {
         .and_then(|()| clap_mangen::generate_to(command_line, folder));
     match written {
         Ok(()) => {
-            print(&format!("man -l {}", folder.join("canrig.1").display()));
+            print(&format!(
+                "read them with: man -l {}",
+                folder.join("canrig.1").display()
+            ));
             Exit::Pass
         }
         Err(error) => {

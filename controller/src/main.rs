@@ -25,7 +25,7 @@ struct Arguments {
     /// CAN interface such as can0, or embedded:/path/to/socket.
     #[arg(long)]
     bus: BusAddress,
-    /// Scenario file; its plant, disturbances and limits are not looked at.
+    /// Scenario file; its plant, disturbances and limits are ignored.
     #[arg(long)]
     scenario: PathBuf,
     /// Rig file of the drive, with its EDS beside it; without it, the drive that canrig emulates.

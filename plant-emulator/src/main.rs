@@ -15,7 +15,7 @@ use platform::stop::StopSignal;
 use platform::{real_time, scheduling};
 use scenario::Scenario;
 
-/// Plays drive, disturbance module and plant on a CAN bus until it is stopped (Ctrl-C).
+/// Plays the drive with its plant, and the fan and load module, on a CAN bus until it is stopped (Ctrl-C).
 ///
 /// Exit codes: 0 stopped, 2 usage, 3 scenario invalid, 4 bus or emulator failed.
 #[derive(Parser)]

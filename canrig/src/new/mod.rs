@@ -35,9 +35,9 @@ pub(crate) struct NewArgs {
 /// What a crate brings.
 #[derive(Debug, Subcommand)]
 pub(crate) enum What {
-    /// A plant: something that a current moves, behind the emulated drive
+    /// Write a crate for a plant: something that a current moves, behind the emulated drive
     Plant(CrateArgs),
-    /// A control law: from a measurement and a set-point to a current
+    /// Write a crate for a control law: from a position and a set-point to a current
     Law(CrateArgs),
 }
 
@@ -131,8 +131,8 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
         Ok(Crate { folder, checkout }) => {
             let (folder, name, checkout) = (folder.display(), &args.name, checkout.display());
             print(&format!(
-                "{folder} has a bench of its own now, which depends on canrig in {checkout}:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
-                 The first build takes as long as canrig's own; with canrig's target folder in CARGO_TARGET_DIR it is shared."
+                "{folder} is a crate now, which depends on canrig in {checkout}. Test and play it:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
+                 The first build takes as long as canrig's own, unless CARGO_TARGET_DIR names canrig's target folder."
             ));
             Exit::Pass
         }

@@ -159,7 +159,7 @@ fn make() -> Result<Vec<CanSocket>, String> {
         "a user and network namespace was refused (permit it with: sudo sysctl kernel.unprivileged_userns_clone=1 user.max_user_namespaces=10000)",
     ))?;
     make_interface().map_err(said(
-        "a vcan cannot be made in a namespace of one's own (load it with: sudo modprobe -a can-raw vcan)",
+        "a vcan cannot be made in a private namespace (load it with: sudo modprobe -a can-raw vcan)",
     ))?;
     let fault = |error: BusError| error.to_string();
     let open = || crate::socketcan_bus::open_socket(INTERFACE).map_err(fault);

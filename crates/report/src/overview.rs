@@ -63,7 +63,7 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     let body = html! {
         h1 { (title) }
         (table(runs, first, true))
-        p.soft { "Below a value its limit. Red: the limit is not met." }
+        p.soft { "Below each value stands its limit; red where the limit is not met." }
         @if !others.is_empty() {
             h2 { "More metrics" }
             @for few in others.chunks(COLUMNS_MAX) { (table(runs, few, false)) }

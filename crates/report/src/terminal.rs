@@ -127,7 +127,7 @@ fn timing_table(timing: &Timing) -> String {
     }
     let mut text = format!("{table}\n{}", timing.losses());
     for reason in &timing.distrust {
-        text += &format!("\nnot trusted: {reason}");
+        text += &format!("\nthe timing is not trusted: {reason}");
     }
     text
 }

@@ -43,7 +43,7 @@ pub enum RigError {
     #[diagnostic(transparent)]
     Invalid(#[from] ScenarioError),
     /// The EDS cannot be read.
-    #[error("{}: the EDS {} cannot be read: {source}", rig.display(), eds.display())]
+    #[error("{}: the EDS {} cannot be read", rig.display(), eds.display())]
     Eds {
         /// The rig file.
         rig: PathBuf,

@@ -48,29 +48,29 @@ impl Controller {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SlidingMode {
-    /// `λ` in a move (paper: 40).
+    /// `λ`, bandwidth in a move (paper: 40).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub bandwidth_radians_per_second: f64,
-    /// `φ` (paper: 1.6); a reference whose load lags behind it by more, as `s`, wants less jerk.
+    /// `φ`, boundary layer (paper: 1.6). If the sliding variable exceeds it in a move, the reference takes less jerk.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub boundary_layer_metres_per_second_squared: f64,
-    /// `KSM` in a move (paper: 64 = λφ); in a hold it is less by as much as `λ`.
+    /// `KSM`, switching gain in a move (paper: 64 = λφ); in a hold it is smaller in proportion to `λ`.
     #[schemars(range(min = 0.0, max = 100_000.0))]
     pub switching_gain_metres_per_second_cubed: f64,
     /// Fastest poles of the reference filter (assumed).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub reference_filter_radians_per_second_max: f64,
-    /// Jerk that the reference filter wants at the start of a move: its poles are the slower the longer the move (assumed).
+    /// Jerk of the reference at the start of a move: the longer the move, the slower the poles of its filter (assumed).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
     pub reference_launch_jerk_metres_per_second_cubed: f64,
-    /// Poles of the reference filter at the end of a move, by those at its start (assumed).
+    /// Poles of the reference filter at the end of a move, divided by those at its start (assumed).
     #[schemars(range(min = 1.0, max = 100.0))]
     pub reference_landing_ratio: f64,
-    /// What is otherwise in a hold.
+    /// Values that differ in a hold.
     pub hold: Hold,
-    /// What the observer trusts.
+    /// How far the observer trusts sensor and nominal model.
     pub observer: Observer,
-    /// What the law takes the plant to be.
+    /// The plant as the law assumes it.
     pub nominal_model: NominalModel,
 }
 
@@ -94,7 +94,7 @@ impl Default for SlidingMode {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Hold {
-    /// `λ` in a hold (assumed).
+    /// `λ`, bandwidth in a hold (assumed).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub bandwidth_radians_per_second: f64,
     /// Standard deviation that the martensite fraction gains in one second beyond the model.
@@ -103,10 +103,10 @@ pub struct Hold {
     /// Standard deviation that the unknown heating gains in one second.
     #[schemars(range(min = 0.0, max = 1_000.0))]
     pub heating_drift_kelvins_per_second: f64,
-    /// How long the law takes to grow calm.
+    /// How long the change from move to hold takes.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub calming_seconds: f64,
-    /// Distance from the reference at which a calm law is roused, in steps of the position sensor.
+    /// Distance from the reference at which the law leaves the hold, in steps of the position sensor.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
     pub error_sensor_steps_max: f64,
 }
@@ -127,13 +127,13 @@ impl Default for Hold {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SlidingModePaper {
-    /// `λ` (paper: 40).
+    /// `λ`, bandwidth (paper: 40).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub bandwidth_radians_per_second: f64,
-    /// `φ` (paper: 1.6).
+    /// `φ`, boundary layer (paper: 1.6).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub boundary_layer_metres_per_second_squared: f64,
-    /// `KSM` (paper: 64).
+    /// `KSM`, switching gain (paper: 64).
     #[schemars(range(min = 0.0, max = 100_000.0))]
     pub switching_gain_metres_per_second_cubed: f64,
     /// Poles of the filter that differentiates the position (assumed).
@@ -142,7 +142,7 @@ pub struct SlidingModePaper {
     /// Poles of the reference filter (assumed).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub reference_filter_radians_per_second: f64,
-    /// What the law takes the plant to be.
+    /// The plant as the law assumes it.
     pub nominal_model: NominalModel,
 }
 
@@ -215,10 +215,10 @@ pub struct OpenLoop {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentStep {
-    /// When.
+    /// When the current jumps.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
-    /// To which value.
+    /// Current after the jump.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub current_amperes: f64,
 }
@@ -227,13 +227,13 @@ pub struct CurrentStep {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentRamp {
-    /// Start.
+    /// Start of the ramp.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub from_seconds: f64,
-    /// End.
+    /// End of the ramp.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub until_seconds: f64,
-    /// Value at the end.
+    /// Current at the end.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub current_amperes: f64,
 }
@@ -254,7 +254,7 @@ pub struct Observer {
     /// Standard deviation that the unknown heating gains in one second, in a move.
     #[schemars(range(min = 0.0, max = 1_000.0))]
     pub heating_drift_kelvins_per_second: f64,
-    /// Standard deviation of the transformation temperatures about the nominal ones.
+    /// Standard deviation of the transformation temperatures from the nominal ones.
     #[schemars(range(min = 0.0, max = 1_000.0))]
     pub temperature_uncertainty_kelvins: f64,
 }

@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Disturbance {
-    /// A fan blows at the wire.
+    /// A fan blows at the plant and multiplies its cooling by air.
     #[schemars(length(max = 10_000))]
     pub fan: Vec<Fan>,
-    /// Another load hangs on the pulley.
+    /// The load changes, and stays so.
     #[schemars(length(max = 10_000))]
     pub load: Vec<Load>,
 }
@@ -19,13 +19,13 @@ pub struct Disturbance {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fan {
-    /// On.
+    /// When the fan starts.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub from_seconds: f64,
-    /// Off.
+    /// When the fan stops.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub until_seconds: f64,
-    /// Multiplies the convection coefficient while on, 1 to 30.
+    /// Factor on the cooling by air while the fan is on.
     #[schemars(range(min = 1.0, max = 30.0))]
     pub convection_factor: f64,
 }
@@ -34,7 +34,7 @@ pub struct Fan {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Load {
-    /// When.
+    /// When the load changes.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
     /// Added to the plant's load; may be negative.

@@ -22,31 +22,31 @@ pub type Requirements = Vec<String>;
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Expect {
-    /// First sample of the uninterrupted stay within ± 5 % of the step's height, less the time of the step.
+    /// Time from a step to the first sample from which on the position stays within ± 5 % of the step's height.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settling_time_seconds: Option<Limit>,
-    /// How far the position goes beyond the final set-point, by the step's height.
+    /// How far the position goes beyond the final set-point, in percent of the step's height.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub overshoot_percent: Option<Limit>,
     /// Mean absolute error over the last 0.5 s of the scenario, in which the set-point must not move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steady_state_error_millimetres: Option<Limit>,
-    /// RMS of set-point less position: over the last three periods of a sine, else over the whole run.
+    /// RMS of set-point minus position: over the last three periods of a sine, else over the whole run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking_error_millimetres_rms: Option<Limit>,
-    /// Amplitude of the position by that of the set-point, at the frequency of a sine, over its last three periods.
+    /// Amplitude of the position divided by that of the set-point, at the frequency of a sine, over its last three periods.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sine_gain: Option<Limit>,
-    /// Phase of the position less that of the set-point, from -270 to 90, measured as `sine_gain`.
+    /// Phase of the position minus that of the set-point, from -270 to 90, measured as `sine_gain`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sine_phase_degrees: Option<Limit>,
-    /// Mean of the position less that of the set-point, measured as `sine_gain`.
+    /// Mean of the position minus that of the set-point, measured as `sine_gain`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sine_offset_millimetres: Option<Limit>,
     /// Largest deviation from the set-point from the start of a disturbance to 3 s after its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub maximum_deviation_millimetres: Option<Limit>,
-    /// From the start of a disturbance until the deviation stays within 0.25 mm.
+    /// Time from the start of a disturbance until the deviation stays within 0.25 mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recovery_time_seconds: Option<Limit>,
     /// RMS of the current over the run.
@@ -56,40 +56,40 @@ pub struct Expect {
     /// for 2 s at least.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub current_ripple_amperes_rms: Option<Limit>,
-    /// Highest less lowest position in the last second, in which the set-point must stand: above 0.25 the loop hunts.
+    /// Highest minus lowest position in the last second, in which the set-point must not move. Above 0.25 the loop hunts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hunting_millimetres: Option<Limit>,
     /// Largest position over the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_millimetres_max: Option<Limit>,
-    /// Cycles without a position from the drive, by all cycles.
+    /// Share of the cycles in which the drive sent no position.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub missed_cycles_percent: Option<Limit>,
-    /// Time in which frames occupy the bus, computed from their bits, by all time from the first SYNC on.
+    /// Share of the time from the first SYNC on in which frames occupy the bus, computed from their bits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bus_load_percent: Option<Limit>,
     /// Longest time between two SYNCs: more than the period when the bus or the machine was late.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sync_interval_milliseconds_max: Option<Limit>,
-    /// Temperature of what the current heats, wire or winding, highest over the run: the emulator's truth, which a real drive does not know.
+    /// Highest temperature of what the current heats, wire or winding. Only the emulator knows it; a real drive does not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub temperature_celsius: Option<Limit>,
-    /// From the start of the first fault until no current flows through the wire for 0.1 s at least.
+    /// Longest time from the start of the first fault until no current flows through the plant for 0.1 s at least.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub current_zero_within_milliseconds: Option<f64>,
-    /// From the end of the last fault until the deviation from the set-point stays within 0.25 mm.
+    /// Longest time from the end of the last fault until the deviation from the set-point stays within 0.25 mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub recovers_within_seconds: Option<f64>,
-    /// `true`: at the end no current flows, and the drive is not enabled or silent. `false`: current flows, or the drive is enabled still.
+    /// `true`: at the end no current flows, and the drive is disabled or silent. `false`: a current flows, or the drive is enabled.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub safe_state: Option<bool>,
     /// Emergencies that must be sent, each as node and code: "drive 0x8130".
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub emcy: Vec<String>,
-    /// Parts of texts that no event of the run may have, such as "emergency".
+    /// Texts that no event of the run may contain, such as "emergency".
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub no_event: Vec<String>,
@@ -102,15 +102,15 @@ pub struct Expect {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 86_400.0))]
     pub judged_until_seconds: Option<f64>,
-    /// What signals must do, each in its window of time.
+    /// Demands on signals, each in its window of time.
     #[schemars(length(max = 1000))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub signal: Vec<SignalCheck>,
-    /// Events that must follow each other.
+    /// Lists of events that must come one after the other.
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sequence: Vec<Sequence>,
-    /// Limits on real time. Scenarios that have them are kept apart from the others.
+    /// Limits on latencies in real time; virtual time ignores them.
     #[serde(skip_serializing_if = "TimingLimits::is_empty")]
     pub timing: TimingLimits,
 }

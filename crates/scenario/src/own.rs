@@ -167,14 +167,14 @@ pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -
     let names = Vec::from_iter(keys.filter(|key| !RIG_PARTS.contains(key))).join(", ");
     let (without, page) = match section {
         Section::Plant => (
-            ", and without a plant's table the SMA actuator",
+            ", and without a plant's table the shape-memory-alloy wire",
             "docs/your-plant.md",
         ),
         Section::Controller => ("", "docs/your-law.md"),
     };
     let kind = section.kind();
     format!(
-        "known here: {names}{without}; a {kind} of your own is known to the bench that is built with it ({page})"
+        "known here: {names}{without}; a {kind} of your own is known to the program of its crate only ({page})"
     )
 }
 

@@ -11,7 +11,7 @@ const METRES_PER_MILLIMETRE: f64 = 1e-3;
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Reference {
-    /// From a time on, a position. The set-point jumps there, but no metric judges it as a step.
+    /// A position from a time on. The set-point jumps there, but no metric judges it as a step.
     #[schemars(length(max = 10_000))]
     pub hold: Vec<Hold>,
     /// A jump that the metrics judge.
@@ -20,7 +20,7 @@ pub struct Reference {
     /// A linear move from the present value.
     #[schemars(length(max = 10_000))]
     pub ramp: Vec<Ramp>,
-    /// A harmonic.
+    /// A sine about a centre.
     #[schemars(length(max = 10_000))]
     pub sine: Vec<Sine>,
     /// A table from a CSV file.
@@ -32,10 +32,10 @@ pub struct Reference {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Hold {
-    /// From this time on.
+    /// When the hold begins.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
-    /// The position.
+    /// Position that is held.
     #[schemars(range(min = 0.0, max = 60.0))]
     pub position_millimetres: f64,
 }
@@ -44,10 +44,10 @@ pub struct Hold {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Step {
-    /// When.
+    /// When the set-point jumps.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
-    /// To which position.
+    /// Position after the jump.
     #[schemars(range(min = 0.0, max = 60.0))]
     pub position_millimetres: f64,
 }
@@ -56,10 +56,10 @@ pub struct Step {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ramp {
-    /// Start.
+    /// Start of the ramp.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub from_seconds: f64,
-    /// End.
+    /// End of the ramp.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub until_seconds: f64,
     /// Position at the end.
@@ -71,16 +71,16 @@ pub struct Ramp {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sine {
-    /// Start.
+    /// Start of the sine.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub from_seconds: f64,
-    /// Centre.
+    /// Mean of the sine.
     #[schemars(range(min = 0.0, max = 60.0))]
     pub centre_millimetres: f64,
-    /// Amplitude.
+    /// Amplitude of the sine.
     #[schemars(range(min = 0.0, max = 30.0))]
     pub amplitude_millimetres: f64,
-    /// Period.
+    /// Period of the sine.
     #[schemars(range(min = 0.01, max = 3_600.0))]
     pub period_seconds: f64,
 }

@@ -19,7 +19,7 @@ pub struct Scenario {
     /// Version of the format; 1.
     #[schemars(range(min = 1, max = 1))]
     pub schema: u32,
-    /// What is tried, in a few words.
+    /// What the scenario tries, in a few words.
     #[schemars(length(min = 1, max = 200))]
     pub name: String,
     /// What the scenario shows and where its limits come from.
@@ -36,10 +36,10 @@ pub struct Scenario {
     /// Length of the run from the first SYNC after Operation Enabled.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 86_400.0))]
     pub duration_seconds: f64,
-    /// The bus.
+    /// Bit rate and cycle of the bus.
     #[serde(default)]
     pub bus: Bus,
-    /// The control law; exactly one table.
+    /// The control law: one table, such as `[controller.pid]`.
     #[schemars(extend("minProperties" = 1, "maxProperties" = 1))]
     pub controller: Controller,
     /// The position set-point; may be absent with `open_loop` only.
@@ -57,7 +57,7 @@ pub struct Scenario {
     /// Limits: what a run must keep to pass.
     #[serde(default)]
     pub expect: Expect,
-    /// What `canrig sweep` varies, to make many scenarios of this one; all other commands play it as it stands.
+    /// What `canrig sweep` varies, to make many scenarios of this one; all other commands ignore it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sweep: Option<Sweep>,
 }

@@ -21,11 +21,11 @@ pub struct Sweep {
     /// Seed of what is drawn. Each key has its own stream, so one more key changes no other's numbers.
     #[schemars(range(min = 0, max = 9_007_199_254_740_991_u64))]
     pub seed: u64,
-    /// How many sets of numbers are drawn at each point of the grid.
+    /// How many sets of numbers are drawn; each is played at each point of the grid.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1, max = 1_000_000))]
     pub draws: Option<u32>,
-    /// Keys that take each of some values. Lists and ranges span a grid, in this order; the last varies fastest.
+    /// Keys that take each value of a list. Lists and ranges span a grid, in this order; the last varies fastest.
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub list: Vec<List>,
@@ -41,8 +41,8 @@ pub struct Sweep {
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub log_uniform: Vec<LogUniform>,
-    /// Keys that are drawn from a normal distribution. It has no ends: a draw that the key does not admit is a run that
-    /// is not played, and said so.
+    /// Keys that are drawn from a normal distribution. It has no ends: a draw that the key does not admit is not played,
+    /// but reported as `invalid`.
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub normal: Vec<Normal>,
@@ -55,10 +55,10 @@ pub struct Sweep {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct List {
-    /// The key.
+    /// The key that varies.
     #[schemars(length(min = 1, max = 200))]
     pub key: String,
-    /// The values, each once.
+    /// Its values, each once.
     #[schemars(length(min = 1, max = 100_000))]
     pub values: Vec<f64>,
 }
@@ -67,18 +67,18 @@ pub struct List {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Range {
-    /// The key.
+    /// The key that varies.
     #[schemars(length(min = 1, max = 200))]
     pub key: String,
     /// The first value.
     pub from: f64,
     /// The last value, above the first.
     pub to: f64,
-    /// How many values; either this or `step`.
+    /// Number of values; give either this or `step`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 2, max = 100_000))]
     pub count: Option<u32>,
-    /// From one value to the next; either this or `count`.
+    /// Distance of two values; give either this or `count`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub step: Option<f64>,
@@ -102,12 +102,12 @@ pub enum Spacing {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Uniform {
-    /// The key.
+    /// The key that varies.
     #[schemars(length(min = 1, max = 200))]
     pub key: String,
-    /// No draw is below.
+    /// Smallest value that is drawn.
     pub from: f64,
-    /// No draw is above.
+    /// Largest value that is drawn.
     pub to: f64,
 }
 
@@ -115,13 +115,13 @@ pub struct Uniform {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct LogUniform {
-    /// The key.
+    /// The key that varies.
     #[schemars(length(min = 1, max = 200))]
     pub key: String,
-    /// No draw is below.
+    /// Smallest value that is drawn.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub from: f64,
-    /// No draw is above.
+    /// Largest value that is drawn.
     pub to: f64,
 }
 
@@ -129,12 +129,12 @@ pub struct LogUniform {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Normal {
-    /// The key.
+    /// The key that varies.
     #[schemars(length(min = 1, max = 200))]
     pub key: String,
-    /// Its mean.
+    /// Mean of the distribution.
     pub mean: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the distribution.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub standard_deviation: f64,
 }
@@ -142,7 +142,7 @@ pub struct Normal {
 /// A key of the grid with its values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// The key.
+    /// The key that varies.
     pub key: String,
     /// Its values in their order.
     pub values: Vec<f64>,

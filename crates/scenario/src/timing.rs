@@ -28,13 +28,13 @@ pub struct QuantileLimits {
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TimingLimits {
-    /// How late the nodes' loops woke up; the worse of the two.
+    /// How late the nodes' loops woke up, of controller and plant emulator the worse.
     pub wake_up_lateness_microseconds: QuantileLimits,
-    /// From the SYNC to the drive's position.
+    /// Time from the SYNC to the drive's position.
     pub sync_to_position_microseconds: QuantileLimits,
-    /// From the drive's position to the command that follows from it.
+    /// Time from the drive's position to the command that follows from it.
     pub position_to_command_microseconds: QuantileLimits,
-    /// From the SYNC to the command.
+    /// Time from the SYNC to the command.
     pub round_trip_microseconds: QuantileLimits,
     /// Frames of canrig's nodes that waited for room in the full queue of the bus (ENOBUFS); one that waits for 50 ms ends
     /// the run.

@@ -177,7 +177,7 @@ fn what_the_bench_does_not_have_is_named() {
             "unknown control law `fuzzy`",
             "known here: open_loop, pid, relay, sliding_mode, sliding_mode_paper;",
             "unknown plant `rocket`",
-            "known here: dc_motor, pendulum, and without a plant's table the SMA actuator;",
+            "known here: dc_motor, pendulum, and without a plant's table the shape-memory-alloy wire;",
         ],
     );
 }
@@ -257,15 +257,15 @@ fn two_plants_two_laws_a_wire_and_a_strange_fault_are_refused() {
     refused(
         RELAY,
         &format!("{pendulum}[plant.heat]\nambient_celsius = 21.0\n"),
-        &["`plant.heat` is about a wire, and the plant is `pendulum`"],
+        &["`plant.heat` is a key of the wire, and the plant is `pendulum`"],
     );
     let fault = |kind| format!("{pendulum}[[fault.plant.{kind}]]\nfrom_seconds = 1.0\n");
     refused(
         RELAY,
         &fault("dropped_load"),
         &[
-            "means nothing to the plant `pendulum`",
-            "what does: jammed_pulley",
+            "cannot happen to the plant `pendulum`",
+            "what can: jammed_pulley",
         ],
     );
     assert!(parsed(RELAY, &fault("jammed_pulley")).is_ok());

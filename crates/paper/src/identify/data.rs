@@ -69,7 +69,9 @@ pub enum RecordingFault {
     #[error(transparent)]
     Frames(#[from] FramesError),
     /// The plant has other parameters.
-    #[error("its plant is `{0}`; identification knows the equations of the SMA actuator only")]
+    #[error(
+        "its plant is `{0}`; identification knows the equations of the shape-memory-alloy wire only"
+    )]
     OtherPlant(String),
     /// A log without its scenario.
     #[error(

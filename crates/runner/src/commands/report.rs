@@ -20,7 +20,7 @@ pub struct ReportArgs {
     /// Run folders
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
-    /// The file to write: the page of a single run, or the page that compares several
+    /// The file to write: the page of a single run, or one more page that compares several runs
     #[arg(long, short, value_name = "FILE")]
     pub output: Option<PathBuf>,
 }

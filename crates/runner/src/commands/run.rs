@@ -40,8 +40,8 @@ pub struct RunArgs {
     /// The clock of the processes
     #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
     pub clock: ClockChoice,
-    /// Nodes that canrig does not start but expects on the bus, such as a real drive. A limit on a value that no node then
-    /// sends is not judged; a run that fails no other limit ends with exit code 5
+    /// Nodes that canrig does not start but expects on the bus, such as a real drive; several with commas. A limit on a
+    /// value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
     #[arg(long, value_enum, value_name = "NODE", value_delimiter = ',')]
     pub external: Vec<ExternalNode>,
     /// The rig file of a real drive: its bus, objects, scaling, time-outs and hard limits. It makes the drive external.
@@ -305,9 +305,7 @@ fn rig_of(args: &RunArgs, external: &External) -> Result<Option<LoadedRig>, RigE
 /// Refuses arguments that do not go together.
 fn refuse(args: &RunArgs, external: &External) -> Result<(), &'static str> {
     if args.clock == ClockChoice::Lockstep && !external.is_empty() {
-        return Err(
-            "--external needs --clock real-time: a node of somebody else's keeps its own time",
-        );
+        return Err("--external needs --clock real-time: an external node keeps its own time");
     }
     if args.dry_run && !external.has(ExternalNode::Drive) {
         return Err(

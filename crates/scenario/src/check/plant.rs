@@ -47,8 +47,9 @@ fn without_wire(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
         plant.mechanics != Mechanics::default(),
     ];
     let problem = |path: &str| {
-        let message = format!("`{path}` is about a wire, and the plant is `{name}`");
-        let help = format!("leave it out, or leave [plant.{name}] out for the SMA actuator");
+        let message = format!("`{path}` is a key of the wire, and the plant is `{name}`");
+        let help =
+            format!("leave it out, or leave [plant.{name}] out for the shape-memory-alloy wire");
         misplaced(document, path, message, help)
     };
     let tables = WIRE_TABLES.into_iter().zip(is_given);
@@ -79,10 +80,10 @@ fn strange_faults(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> 
     let strange = document.keys("fault.plant").into_iter();
     let problems = strange.filter(|key| !faults.contains(key)).map(|fault| {
         let path = format!("fault.plant.{fault}");
-        let message = format!("`{path}` means nothing to the plant `{name}`");
+        let message = format!("`{path}` cannot happen to the plant `{name}`");
         let help = match faults {
-            [] => "no fault of a plant does".to_owned(),
-            known => format!("what does: {}", known.join(", ")),
+            [] => "no fault of a plant can".to_owned(),
+            known => format!("what can: {}", known.join(", ")),
         };
         misplaced(document, &path, message, help)
     });

@@ -49,14 +49,14 @@ fn undemanded(
     }
     let label = match nearest(key, given.iter().map(String::as_str)) {
         Some(meant) => format!("did you mean `{meant}`?"),
-        None => "not demanded in [expect]".to_owned(),
+        None => "has no limit in [expect]".to_owned(),
     };
-    let message = format!("`{key}` tests no requirement, since nothing is demanded of it");
+    let message = format!("`{key}` tests no requirement, since it has no limit");
     let span = document.key_span(path);
     let problem = document.source.problem(span, message, label);
     Some(match given.as_slice() {
         [] => problem.with_help("[expect] has no limit"),
-        given => problem.with_help(format!("demanded are: {}", given.join(", "))),
+        given => problem.with_help(format!("limits are on: {}", given.join(", "))),
     })
 }
 

@@ -110,7 +110,7 @@ fn events(document: &Document<'_>, path: &str, sequence: &Sequence) -> Vec<Probl
         let path = format!("{path}.event.{place}");
         problems.extend(event_problem(document, &path, event));
         if place > 0 && event.within_milliseconds.is_none() {
-            let message = format!("event {} of a sequence has no time", place + 1);
+            let message = format!("event {} of a sequence has no time limit", place + 1);
             let label = "`within_milliseconds` is missing";
             problems.push(document.problem(&path, message, label));
         }

@@ -255,7 +255,10 @@ impl<'a> Checker<'a, '_> {
             };
             let span = self.within(&format!("{path}.key"), key);
             let message = match is_about_a_wire(key) && self.plant != SMA_ACTUATOR {
-                true => format!("`{key}` is about a wire, and the plant is `{}`", self.plant),
+                true => format!(
+                    "`{key}` is a key of the wire, and the plant is `{}`",
+                    self.plant
+                ),
                 false => format!("`{key}` is no number of this scenario"),
             };
             let problem = self.document.source.problem(span, message, label);
@@ -264,8 +267,8 @@ impl<'a> Checker<'a, '_> {
                 _ => "plant.sensor.resolution_bits",
             };
             let help = format!(
-                "keys are dotted paths, such as {example} or reference.step[0].position_millimetres; \
-                 an entry, and a table that is a choice (the law, the plant), must be in the file"
+                "a key is the dotted path of a number, such as {example} or reference.step[0].position_millimetres; \
+                 the entry of a list, and the table of the law or plant, must be in the file"
             );
             self.problems.push(problem.with_help(help));
             return None;
@@ -329,7 +332,7 @@ impl<'a> Checker<'a, '_> {
         } else if sweep.draws.is_none() && is_drawn {
             report(
                 "[sweep] lacks the key `draws`".to_owned(),
-                "the number of runs is missing",
+                "it says how many sets of values are drawn",
             );
         } else if sweep.draws.is_some() && !is_drawn {
             report("nothing is drawn".to_owned(), "leave `draws` out");

@@ -298,7 +298,7 @@ fn an_event_of_a_sequence_is_one_thing_and_has_a_time() {
         &sequence("{ text = \"loss\" }, { text = \"back\" }"),
         10,
         29,
-        "event 2 of a sequence has no time",
+        "event 2 of a sequence has no time limit",
         "`within_milliseconds` is missing",
     );
     let twice = sequence("{ text = \"loss\" }");
@@ -363,15 +363,15 @@ fn requirements_are_of_demands_that_are_made() {
         &of_limit("curent_amperes_rms", "[\"REQ-1\"]"),
         11,
         1,
-        "`curent_amperes_rms` tests no requirement, since nothing is demanded of it",
+        "`curent_amperes_rms` tests no requirement, since it has no limit",
         "did you mean `current_amperes_rms`?",
     );
     check(
         &of_limit("safe_state", "[\"REQ-1\"]"),
         11,
         1,
-        "`safe_state` tests no requirement, since nothing is demanded of it",
-        "not demanded in [expect]",
+        "`safe_state` tests no requirement, since it has no limit",
+        "has no limit in [expect]",
     );
     check(
         &of_limit("current_amperes_rms", "\"REQ-1\""),

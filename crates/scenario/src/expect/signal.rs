@@ -37,7 +37,7 @@ pub struct SignalCheck {
     /// Some sample of the window is within these limits; judged by the time from the start of the window to the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reaches: Option<Limit>,
-    /// Difference of each two successive samples by their distance in time, in the signal's unit per second.
+    /// Difference of each two successive samples, divided by the time between them, in the signal's unit per second.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate_per_second: Option<Limit>,
     /// Every sample of the window is near a recorded course.

@@ -28,13 +28,13 @@ faults! {
     BusFaults {
         /// One receiver overruns: it misses frames that all others get. `bus.log` shows them.
         lose: Lose {
-            /// Who misses them.
+            /// Station that misses them.
             receiver: Station,
-            /// Only these.
+            /// Only frames with this identifier.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             #[schemars(range(min = 0, max = 2047))]
             identifier: Option<u16>,
-            /// Of each frame.
+            /// Probability for each frame.
             #[serde(default = "one")]
             #[schemars(range(min = 0.0, max = 1.0))]
             probability: f64,
@@ -45,13 +45,13 @@ faults! {
         }
         /// The sender's frames wait before they may take part in the arbitration. `bus.log` shows them when they come.
         delay: Delay {
-            /// Whose frames.
+            /// Station whose frames are hit.
             sender: Station,
-            /// Only these.
+            /// Only frames with this identifier.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             #[schemars(range(min = 0, max = 2047))]
             identifier: Option<u16>,
-            /// Of each frame.
+            /// Probability for each frame.
             #[serde(default = "one")]
             #[schemars(range(min = 0.0, max = 1.0))]
             probability: f64,
@@ -59,19 +59,19 @@ faults! {
             #[serde(default = "one_frame")]
             #[schemars(range(min = 1, max = 100_000))]
             burst_frames: u32,
-            /// How long they wait.
+            /// How long the frames wait.
             #[schemars(range(min = 0.0, max = 10_000.0))]
             delay_milliseconds: f64,
         }
         /// A gateway between the sender and the bus sends frames twice. `bus.log` shows both.
         duplicate: Duplicate {
-            /// Whose frames.
+            /// Station whose frames are hit.
             sender: Station,
-            /// Only these.
+            /// Only frames with this identifier.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             #[schemars(range(min = 0, max = 2047))]
             identifier: Option<u16>,
-            /// Of each frame.
+            /// Probability for each frame.
             #[serde(default = "one")]
             #[schemars(range(min = 0.0, max = 1.0))]
             probability: f64,
@@ -83,13 +83,13 @@ faults! {
         /// A gateway between the sender and the bus lets the sender's next frame overtake. `bus.log` shows them in the
         /// new order.
         reorder: Reorder {
-            /// Whose frames.
+            /// Station whose frames are hit.
             sender: Station,
-            /// Only these.
+            /// Only frames with this identifier.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             #[schemars(range(min = 0, max = 2047))]
             identifier: Option<u16>,
-            /// Of each frame.
+            /// Probability for each frame.
             #[serde(default = "one")]
             #[schemars(range(min = 0.0, max = 1.0))]
             probability: f64,
@@ -101,13 +101,13 @@ faults! {
         /// A gateway between the sender and the bus changes payloads; the CRC on the bus is right. `bus.log` shows the
         /// changed frames.
         corrupt: Corrupt {
-            /// Whose frames.
+            /// Station whose frames are hit.
             sender: Station,
-            /// Only these.
+            /// Only frames with this identifier.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             #[schemars(range(min = 0, max = 2047))]
             identifier: Option<u16>,
-            /// Of each frame.
+            /// Probability for each frame.
             #[serde(default = "one")]
             #[schemars(range(min = 0.0, max = 1.0))]
             probability: f64,
@@ -128,11 +128,11 @@ faults! {
             /// Only while this station sends.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             sender: Option<Station>,
-            /// Only these.
+            /// Only frames with this identifier.
             #[serde(default, skip_serializing_if = "Option::is_none")]
             #[schemars(range(min = 0, max = 2047))]
             identifier: Option<u16>,
-            /// Of each transmission.
+            /// Probability for each transmission.
             #[serde(default = "one")]
             #[schemars(range(min = 0.0, max = 1.0))]
             probability: f64,
@@ -143,13 +143,13 @@ faults! {
         }
         /// A foreign node sends without a pause. `bus.log` shows its frames.
         babble: Babble {
-            /// Its identifier; the lowest wins each arbitration.
+            /// Identifier of its frames; the lowest wins each arbitration.
             #[schemars(range(min = 1, max = 2047))]
             identifier: u16,
         }
         /// A foreign node sends at an even rate. `bus.log` shows its frames.
         load: Load {
-            /// Its identifier.
+            /// Identifier of its frames.
             #[schemars(range(min = 1, max = 2047))]
             identifier: u16,
             /// Time between two frames.

@@ -63,10 +63,10 @@ macro_rules! faults {
             #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
             #[serde(deny_unknown_fields)]
             pub struct $fault {
-                /// Begins.
+                /// When the fault begins.
                 #[schemars(range(min = 0.0, max = 86_400.0))]
                 pub from_seconds: f64,
-                /// Ends; with the run if absent.
+                /// When the fault ends; with the run if absent.
                 #[schemars(range(min = 0.0, max = 86_400.0))]
                 #[serde(default, skip_serializing_if = "Option::is_none")]
                 pub until_seconds: Option<f64>,

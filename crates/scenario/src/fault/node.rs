@@ -53,7 +53,7 @@ faults! {
     NodeFaults {
         /// The node is dead, as without power; where the fault ends it boots anew, without memory.
         crash: Crash {
-            /// Which node.
+            /// The node that fails.
             node: Node,
             /// What the drive's amplifier does meanwhile.
             #[serde(default)]
@@ -62,28 +62,28 @@ faults! {
         /// The node does nothing; then it goes on as if no time had passed, with the first 32 of the frames that came
         /// meanwhile. The drive's amplifier keeps its current.
         hang: Hang {
-            /// Which node.
+            /// The node that fails.
             node: Node,
         }
-        /// The node is late: what it says leaves it later.
+        /// The node is slow: its frames leave it later.
         slow_cycle: SlowCycle {
-            /// Which node.
+            /// The node that fails.
             node: Node,
-            /// By how much.
+            /// How much later.
             #[schemars(range(min = 0.0, max = 1_000.0))]
             delay_milliseconds: f64,
         }
         /// The node's clock is fast (or slow, if negative).
         clock_drift: ClockDrift {
-            /// Which node.
+            /// The node that fails.
             node: Node,
-            /// By how much.
+            /// Drift of the clock.
             #[schemars(range(min = -500_000.0, max = 500_000.0))]
             parts_per_million: f64,
         }
         /// The node's heartbeats do not leave it.
         lost_heartbeat: LostHeartbeat {
-            /// Which node.
+            /// The node that fails.
             node: Node,
         }
     }
@@ -105,10 +105,10 @@ faults! {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Restart {
-    /// When.
+    /// When the node starts anew.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
-    /// Which node.
+    /// The node that fails.
     pub node: Node,
 }
 
@@ -116,10 +116,10 @@ pub struct Restart {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct NmtStop {
-    /// When.
+    /// When the order is sent.
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub at_seconds: f64,
-    /// Which node.
+    /// The node that fails.
     pub node: Node,
 }
 
@@ -127,9 +127,9 @@ pub struct NmtStop {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct LateBoot {
-    /// Which node.
+    /// The node that fails.
     pub node: Node,
-    /// After the others.
+    /// How much later than the others it boots.
     #[schemars(range(min = 0.0, max = 60.0))]
     pub delay_seconds: f64,
 }

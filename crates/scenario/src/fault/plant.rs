@@ -10,11 +10,11 @@ faults! {
     PlantFaults {
         /// The wire ages: its parameters move evenly from 1 to their factors while the fault lasts, and stay.
         ageing: Ageing {
-            /// On the electrical resistance.
+            /// Factor on the electrical resistance.
             #[serde(default = "one")]
             #[schemars(range(min = 0.1, max = 10.0))]
             resistance_factor: f64,
-            /// On the recoverable strain.
+            /// Factor on the recoverable strain.
             #[serde(default = "one")]
             #[schemars(range(min = 0.0, max = 1.0))]
             recoverable_strain_factor: f64,

@@ -17,19 +17,19 @@ faults! {
         }
         /// The sensor's zero wanders away while the fault lasts, and is back after it.
         drift: Drift {
-            /// How fast.
+            /// How fast the zero wanders.
             #[schemars(range(min = -1_000.0, max = 1_000.0))]
             rate_millimetres_per_second: f64,
         }
         /// Normal noise on top of the plant's own.
         noise: Noise {
-            /// Its standard deviation.
+            /// Standard deviation of the noise.
             #[schemars(range(min = 0.0, max = 100.0))]
             noise_millimetres_rms: f64,
         }
         /// Single samples are off by a fixed height, upwards or downwards.
         spikes: Spikes {
-            /// The height.
+            /// Height of a spike.
             #[schemars(range(min = 0.0, max = 1_000.0))]
             height_millimetres: f64,
             /// Probability of a spike in a sample.

@@ -21,7 +21,7 @@ pub(crate) const DC_MOTOR: &str = "dc_motor";
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Plant {
-    /// A DC motor in place of the SMA actuator.
+    /// A DC motor in place of the shape-memory-alloy wire.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dc_motor: Option<DcMotor>,
     /// Heat balance of the wire, Eq. (1).

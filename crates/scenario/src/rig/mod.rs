@@ -23,27 +23,27 @@ pub struct RigFile {
     /// Version of the format; 1.
     #[schemars(range(min = 1, max = 1))]
     pub schema: u32,
-    /// Which rig this is, in a few words.
+    /// What the rig is, in a few words.
     #[schemars(length(min = 1, max = 200))]
     pub name: String,
-    /// What one should know of it.
+    /// Notes on the rig.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
-    /// The interface to the bus and its cycle; it takes the place of the scenario's `[bus]`.
+    /// The interface to the bus and its cycle, in place of the scenario's `[bus]`.
     #[serde(default)]
     pub bus: RigBus,
-    /// The drive; what is left out is as with the drive that canrig emulates.
+    /// The drive; a key that is left out is as for the emulated drive.
     #[serde(default)]
     pub drive: RigDrive,
     /// The fan and load module, where there is one.
     #[serde(default)]
     pub fan: RigFan,
-    /// Hard limits, which hold whatever a scenario says.
+    /// Hard limits, which apply whatever a scenario says.
     pub limits: Limits,
     /// How long nodes wait for each other.
     #[serde(default)]
     pub timeouts: Timeouts,
-    /// What is tried before the first scenario.
+    /// Checks of the drive before the first scenario.
     #[serde(default)]
     pub preflight: Preflight,
 }
@@ -90,7 +90,7 @@ pub struct RigDrive {
     #[schemars(length(min = 1, max = 200))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub eds: Option<String>,
-    /// Written to 0x6060 before the drive is enabled: 10 is cyclic synchronous torque, negative ones are the maker's.
+    /// Written to 0x6060 before the drive is enabled: 10 is cyclic synchronous torque, negative modes are the maker's own.
     #[schemars(range(min = -128, max = 127))]
     pub mode_of_operation: i8,
     /// Where the current command goes.
@@ -136,7 +136,7 @@ impl Default for RigFan {
 pub struct CommandObject {
     /// Index and, if it is not 0, sub-index: "0x6071", "0x2345:01". An integer of 8, 16 or 32 bits.
     pub object: String,
-    /// What an ampere is in the object's units.
+    /// Units of the object for one ampere.
     #[schemars(range(min = 1e-6, max = 1e9))]
     pub units_per_ampere: f64,
 }
@@ -156,7 +156,7 @@ impl Default for CommandObject {
 pub struct PositionObject {
     /// Index and, if it is not 0, sub-index: "0x6064", "0x2345:01". An integer of 8, 16 or 32 bits.
     pub object: String,
-    /// What a millimetre is in the object's units; negative where the count falls as the load rises.
+    /// Units of the object for one millimetre; negative where the count falls as the load rises.
     #[schemars(range(min = -1e9, max = 1e9))]
     pub units_per_millimetre: f64,
     /// The object's value while the load rests on its stop.
@@ -184,7 +184,7 @@ impl Default for PositionObject {
 pub struct CurrentObject {
     /// Index and, if it is not 0, sub-index: "0x6078", "0x2345:01". An integer of 8, 16 or 32 bits.
     pub object: String,
-    /// What an ampere is in the object's units.
+    /// Units of the object for one ampere.
     #[schemars(range(min = 1e-6, max = 1e9))]
     pub units_per_ampere: f64,
 }
@@ -237,10 +237,10 @@ pub struct Timeouts {
     /// Heartbeat period that the drive is given (0x1017).
     #[schemars(range(min = 5, max = 10_000))]
     pub drive_heartbeat_milliseconds: u16,
-    /// The drive is lost without a heartbeat for this time.
+    /// The drive counts as lost when it has sent no heartbeat for this time.
     #[schemars(range(min = 10, max = 60_000))]
     pub drive_lost_milliseconds: u16,
-    /// The drive must stop by itself without the controller's heartbeat for this time (0x1016).
+    /// The drive stops by itself when it has not heard the controller's heartbeat for this time (0x1016).
     #[schemars(range(min = 50, max = 60_000))]
     pub controller_lost_milliseconds: u16,
     /// Cycles without a position after which the controller stops the drive.
@@ -265,7 +265,7 @@ impl Default for Timeouts {
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Preflight {
-    /// Heat slowly until the load moves; `false` tries everything but that.
+    /// Raise the current slowly until the load moves; `false` leaves this check out.
     pub heating: bool,
     /// How fast the current rises, from 0 to the limit of the rig at most.
     #[schemars(range(min = 0.001, max = 10.0))]

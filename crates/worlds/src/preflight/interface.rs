@@ -18,8 +18,8 @@ pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
         RunBus::Interface(name) => checks_of(name, platform::link::link(name), kilobits_per_second),
         RunBus::Embedded { .. } | RunBus::Private => vec![
             Check::passed(INTERFACE, "canrig's own bus"),
-            Check::open(BIT_RATE, "a bus without one"),
-            Check::open(BUS_ERRORS, "a bus without errors"),
+            Check::open(BIT_RATE, "this bus has none"),
+            Check::open(BUS_ERRORS, "this bus reports none"),
         ],
     }
 }

@@ -145,7 +145,7 @@ fn summary(requirements: &[Requirement]) -> String {
         .map(|(count, words)| format!("{count} {words}"))
         .collect();
     match requirements.len() {
-        0 => "no requirement is named".to_owned(),
+        0 => "no scenario names a requirement".to_owned(),
         1 => format!("1 requirement: {}", counts.join(", ")),
         total => format!("{total} requirements: {}", counts.join(", ")),
     }

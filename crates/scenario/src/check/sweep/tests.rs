@@ -55,7 +55,7 @@ fn a_key_of_another_plant_is_refused_with_the_nearest_of_this_one() {
         &swept("plant.mechanics.load_kilograms"),
         11,
         14,
-        "`plant.mechanics.load_kilograms` is about a wire, and the plant is `dc_motor`",
+        "`plant.mechanics.load_kilograms` is a key of the wire, and the plant is `dc_motor`",
         "did you mean `plant.dc_motor.load_kilograms`?",
     );
     assert!(parse(&swept("plant.dc_motor.load_kilograms")).is_ok());
