@@ -85,6 +85,7 @@ pub(crate) fn end_by_node(
 }
 
 /// What the recording shows of the end.
+#[derive(Clone, Copy)]
 struct Seen<'a> {
     setup: &'a Setup,
     frames: &'a [Stamped],
@@ -111,8 +112,12 @@ impl Seen<'_> {
 
     /// ` at 3.012 s`
     fn when(&self) -> String {
-        let end = self.end_of_recording().and_then(|end| self.seconds(end));
-        end.map_or_else(
+        self.when_at(self.end_of_recording())
+    }
+
+    fn when_at(&self, time: Option<Duration>) -> String {
+        let seconds = time.and_then(|time| self.seconds(time));
+        seconds.map_or_else(
             || " before the scenario began".to_owned(),
             |seconds| format!(" at {seconds:.3} s"),
         )
@@ -141,6 +146,16 @@ impl Seen<'_> {
     fn last_position(&self) -> Option<Duration> {
         let position = self.setup.database.signal(signals::POSITION)?;
         self.last(position.raw_id()).map(|position| position.time)
+    }
+
+    /// What was on the bus before a time.
+    fn before(&self, time: Duration) -> Self {
+        let is_before = |stamped: &Stamped| stamped.time < time;
+        let count = self.frames.iter().take_while(|one| is_before(one)).count();
+        Self {
+            frames: &self.frames[..count],
+            ..*self
+        }
     }
 
     fn silent(&self, node: &str, silence: Duration) -> EarlyEnd {
@@ -180,12 +195,14 @@ impl Seen<'_> {
 
     /// A node that gave up by itself; of a controller that gave its drive up, the drive.
     fn gave_up(&self, name: &str, how: &str, log: &str) -> EarlyEnd {
-        let when = self.when();
         let given_up = self.drive_given_up().filter(|_| name == CONTROLLER);
         let Some(given_up) = given_up else {
-            return self.end(name, self.last_position(), format!("{how}{when}{log}"));
+            let what = format!("{how}{}{log}", self.when());
+            return self.end(name, self.last_position(), what);
         };
-        let position = self.last_position();
+        // A drive that was only late may have been heard again since.
+        let position = self.before(given_up).last_position();
+        let when = self.when_at(Some(given_up));
         let patience = SILENT_PERIODS * self.setup.scenario.bus.sync_period();
         let silent = position
             .filter(|position| given_up > *position + patience)
@@ -239,5 +256,48 @@ impl Seen<'_> {
                 !message.is_good && BUS_TROUBLES.iter().any(|text| message.text.contains(text))
             })
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::CanFrame;
+    use rig::catalogue::Catalogue;
+    use scenario::Scenario;
+
+    const POSITION: u16 = 0x190;
+    const SYNC: u16 = 0x080;
+
+    #[test]
+    fn a_drive_that_is_given_up_is_amiss_since_its_last_position_before() {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::new(scenario, &Catalogue::shipped());
+        let frame = |milliseconds, id, data: &[u8]| {
+            Stamped::new(Duration::from_millis(milliseconds), CanFrame::new(id, data))
+        };
+        let no_position = [0x50, 0x82, 0x11, 0, 1, 0, 0, 0];
+        let frames = [
+            frame(10, SYNC, &[1]),
+            frame(11, POSITION, &[0; 8]),
+            frame(34, SYNC, &[2]),
+            frame(34, CONTROLLER_EMCY, &no_position),
+            frame(35, POSITION, &[0; 8]),
+            frame(36, POSITION, &[0; 8]),
+        ];
+        let seen = Seen {
+            setup: &setup,
+            frames: &frames,
+            zero: Some(Duration::from_millis(10)),
+        };
+        let end = seen.gave_up(CONTROLLER, "ended", "");
+        assert_eq!(end.node.as_deref(), Some(DRIVE));
+        assert_eq!(
+            (end.since_seconds, end.at_seconds),
+            (Some(0.001), Some(0.024))
+        );
+        let what = "silent since 0.001 s; the controller gave it up at 0.024 s and ended";
+        assert_eq!(end.what, what);
     }
 }

@@ -42,11 +42,14 @@ impl RigFile {
         none_of(problems, rig).map_err(fail)
     }
 
-    /// Whether a text is meant as a rig file: only these have `[limits]`.
+    /// Whether a text is meant as a rig file: no scenario has one of these tables.
     #[must_use]
     pub fn is_meant(text: &str) -> bool {
+        let tables = ["limits", "drive", "timeouts", "preflight"];
         let document = Document::parse(Source::new("", text), text);
-        document.is_ok_and(|document| document.has("limits") && !document.has("controller"))
+        document.is_ok_and(|document| {
+            tables.iter().any(|table| document.has(table)) && !document.has("controller")
+        })
     }
 
     /// The drive's EDS; none for that of the emulated drive. `rig_file` is where this was read from.
