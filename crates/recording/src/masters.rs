@@ -574,6 +574,23 @@ mod tests {
         assert_eq!(said, [boot_up]);
     }
 
+    /// Its clock has forgotten when it was not late.
+    #[test]
+    fn a_node_that_is_no_longer_slow_is_no_second_master() {
+        let slow = |cycle| match cycle {
+            500..700 => 2500 * MICRO,
+            _ => Duration::ZERO,
+        };
+        let scripted = "[[fault.node.slow_cycle]]\nfrom_seconds = 0.5\nuntil_seconds = 0.7\n\
+            node = \"controller\"\ndelay_milliseconds = 2.5\n";
+        let external = External::default();
+        assert_eq!(found_in(run(1500, slow), scripted, &external), []);
+        assert!(
+            !found(run(1500, slow)).is_empty(),
+            "more often than one sends"
+        );
+    }
+
     #[test]
     fn each_boot_up_of_a_second_master_is_noticed() {
         let boot_up = CanFrame::new(0x701, &[0]);
