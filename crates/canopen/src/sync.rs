@@ -189,9 +189,10 @@ impl SyncConsumer {
     /// SYNCs since the one before; 1 where the counters do not show it.
     fn elapsed_until(&self, counter: Option<u8>) -> u8 {
         let overflow = self.parameters.overflow;
+        let is_sound = |counter| (1..=overflow).contains(&counter);
         match (self.last_counter, counter) {
             (Some(last), Some(counter))
-                if last != counter && (1..=overflow).contains(&counter) && last <= overflow =>
+                if last != counter && is_sound(last) && is_sound(counter) =>
             {
                 if counter > last {
                     counter - last

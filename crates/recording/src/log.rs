@@ -467,7 +467,9 @@ mod tests {
             let id = if extended { id << 10 | EXTENDED_FLAG } else { id };
             let frame = CanFrame::from_raw(id, u8::try_from(data.len()).unwrap(), bytes).unwrap();
             let stamped = Stamped::new(Duration::from_micros(micros), frame);
-            prop_assert_eq!(stamped.to_string().parse(), Ok(stamped));
+            let mut text = Vec::new();
+            write_log(&mut text, &[stamped, stamped]).unwrap();
+            prop_assert_eq!(read_log(&text[..]).unwrap(), [stamped, stamped]);
         }
 
         #[test]

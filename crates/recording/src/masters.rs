@@ -11,6 +11,7 @@ use dbc::scenario_clock::{STATUSWORD, SYNC_COB_ID, ScenarioClock};
 use dbc::{Database, SignalHandle, SignalMissing};
 use rig::external::{External, ExternalNode};
 use scenario::Scenario;
+use scenario::fault::node::{Node, NodeFaults};
 
 /// So much of a frame too early is no jitter.
 const AHEAD_MAX: f64 = 0.75;
@@ -110,7 +111,7 @@ impl MasterWatch {
             rate("drive_tpdo1", "positions of the drive", Some(cycle)),
             command(),
             rate("controller_heartbeat", "heartbeats of the controller", None)
-                .map(Rate::of_heartbeats),
+                .map(|rate| rate.of_heartbeats(Heartbeats::new(&fault.node))),
         ]
         .into_iter()
         .flatten()
@@ -244,8 +245,7 @@ struct Rate {
     period: Duration,
     /// Only frames with one of these values count.
     only: Option<(SignalHandle, Vec<i64>)>,
-    /// Of heartbeats, the states since the latest boot-up, a bit for each.
-    states: Option<u128>,
+    heartbeats: Option<Heartbeats>,
     latest: Option<Duration>,
     frames_per_second: f64,
     /// Frames that came before their time; a backlog, if negative.
@@ -264,7 +264,7 @@ impl Rate {
             what,
             period,
             only: None,
-            states: None,
+            heartbeats: None,
             latest: None,
             frames_per_second: 1.0 / period.as_secs_f64(),
             ahead: -periods(FIRST_LATENESS, period),
@@ -288,27 +288,11 @@ impl Rate {
         }
     }
 
-    fn of_heartbeats(self) -> Self {
+    fn of_heartbeats(self, heartbeats: Heartbeats) -> Self {
         Self {
-            states: Some(0),
+            heartbeats: Some(heartbeats),
             ..self
         }
-    }
-
-    /// Whether a frame is a heartbeat with a state that the node has not had since its boot-up: that one comes at once. Of two
-    /// senders in two states, each sends its state again.
-    fn has_new_state(&mut self, frame: &CanFrame) -> bool {
-        let (Some(states), Some(byte)) = (&mut self.states, frame.data().first()) else {
-            return false;
-        };
-        let state = byte & 0x7F;
-        if state == NmtState::Initialising.number() {
-            *states = 0;
-        }
-        let bit = 1 << state;
-        let is_new = *states & bit == 0;
-        *states |= bit;
-        is_new
     }
 
     fn counts(&self, frame: &CanFrame) -> bool {
@@ -321,8 +305,14 @@ impl Rate {
 
     /// Takes a frame of the message; outside the scenario's time none is too many.
     fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
-        if !self.counts(frame) || self.has_new_state(frame) {
+        if !self.counts(frame) {
             return;
+        }
+        let heartbeats = self.heartbeats.as_mut();
+        match heartbeats.map_or(Beat::Periodic, |beats| beats.on_frame(scenario_time, frame)) {
+            Beat::Periodic => {}
+            Beat::Extra => return,
+            Beat::Foreign(time) => return self.surplus.add(time),
         }
         if let Some(latest) = self.latest.replace(time) {
             let since = time.saturating_sub(latest).as_secs_f64() * self.frames_per_second;
@@ -335,6 +325,56 @@ impl Rate {
                 self.surplus.add(time);
             }
         }
+    }
+}
+
+/// What a heartbeat is besides one of many.
+enum Beat {
+    Periodic,
+    /// A boot-up or a new state, which comes at once.
+    Extra,
+    /// A boot-up of somebody else, at a scenario time.
+    Foreign(Duration),
+}
+
+/// The heartbeats of the controller. It boots before the scenario begins, and then as often as the scenario starts it anew.
+#[derive(Debug)]
+struct Heartbeats {
+    /// States since the latest boot-up, a bit for each: of two senders in two states, each sends its state again.
+    states: u128,
+    /// So often the scenario will still start it anew.
+    boot_ups_left: usize,
+}
+
+impl Heartbeats {
+    fn new(faults: &NodeFaults) -> Self {
+        let restarts = faults.restart.iter().map(|fault| fault.node);
+        let crashes = faults.crash.iter().map(|fault| fault.node);
+        let starts = restarts.chain(crashes);
+        Self {
+            states: 0,
+            boot_ups_left: starts.filter(|node| *node == Node::Controller).count(),
+        }
+    }
+
+    fn on_frame(&mut self, scenario_time: Option<Duration>, frame: &CanFrame) -> Beat {
+        let Some(byte) = frame.data().first() else {
+            return Beat::Periodic;
+        };
+        let state = byte & 0x7F;
+        if state == NmtState::Initialising.number() {
+            if let Some(time) = scenario_time {
+                let Some(left) = self.boot_ups_left.checked_sub(1) else {
+                    return Beat::Foreign(time);
+                };
+                self.boot_ups_left = left;
+            }
+            self.states = 0;
+        }
+        let bit = 1 << state;
+        let is_new = self.states & bit == 0;
+        self.states |= bit;
+        if is_new { Beat::Extra } else { Beat::Periodic }
     }
 }
 
@@ -504,6 +544,8 @@ mod tests {
         assert_eq!(found(run(1500, stalled)), []);
     }
 
+    const RESTART: &str = "[[fault.node.restart]]\nat_seconds = 0.97\nnode = \"controller\"\n";
+
     /// The boot-up, the heartbeat of a new state, and one when its time has come.
     #[test]
     fn a_controller_that_boots_is_no_second_master() {
@@ -523,7 +565,48 @@ mod tests {
         frames.extend([heartbeat(986 * PERIOD, 0), heartbeat(987 * PERIOD, 0x7F)]);
         frames.extend([heartbeat(991 * PERIOD, 5)]);
         frames.extend((0..20).map(|number| heartbeat((1006 + 20 * number) * PERIOD, 5)));
-        assert_eq!(found(frames), []);
+        let external = External::default();
+        assert_eq!(found_in(frames.clone(), RESTART, &external), []);
+        // Which nobody ordered.
+        let found = found(frames);
+        let said = found.iter().map(ToString::to_string).collect::<Vec<_>>();
+        let boot_up = "0x701 (heartbeats of the controller, one every 20 ms), 1 frame too many from 0.973 s on";
+        assert_eq!(said, [boot_up]);
+    }
+
+    /// Its clock has forgotten when it was not late.
+    #[test]
+    fn a_node_that_is_no_longer_slow_is_no_second_master() {
+        let slow = |cycle| match cycle {
+            500..700 => 2500 * MICRO,
+            _ => Duration::ZERO,
+        };
+        let scripted = "[[fault.node.slow_cycle]]\nfrom_seconds = 0.5\nuntil_seconds = 0.7\n\
+            node = \"controller\"\ndelay_milliseconds = 2.5\n";
+        let external = External::default();
+        assert_eq!(found_in(run(1500, slow), scripted, &external), []);
+        assert!(
+            !found(run(1500, slow)).is_empty(),
+            "more often than one sends"
+        );
+    }
+
+    #[test]
+    fn each_boot_up_of_a_second_master_is_noticed() {
+        let boot_up = CanFrame::new(0x701, &[0]);
+        let boot_ups = (0..10).map(|number| ((600 + 20 * number) * PERIOD, boot_up));
+        let frames = run(1500, |_| Duration::ZERO).into_iter().chain(boot_ups);
+        let external = External::default();
+        for (faults, first_seconds, frames_max) in [("", 0.599, 10), (RESTART, 0.619, 9)] {
+            let found = found_in(frames.clone().collect(), faults, &external);
+            let [master] = &found[..] else {
+                panic!("{found:?}")
+            };
+            assert_eq!(
+                (master.first_seconds, master.frames),
+                (first_seconds, frames_max)
+            );
+        }
     }
 
     #[test]

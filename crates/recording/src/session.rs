@@ -201,4 +201,26 @@ mod tests {
         assert!(folder.path().join(file::FRAMES).exists());
         assert!(!folder.scenario().exists());
     }
+
+    #[test]
+    fn a_rig_is_read_back_from_the_folder_with_its_eds() {
+        let place = tempfile::tempdir().unwrap();
+        let (rig, eds) = (place.path().join("bench.toml"), dbc::DRIVE_EDS);
+        let limits = "[limits]\ncurrent_amperes = 0.9\nposition_millimetres = { min = -1.0, max = 45.0 }\n\
+            speed_millimetres_per_second = 400.0\n";
+        let text =
+            format!("schema = 1\nname = \"b\"\n{limits}[drive]\neds = \"sheets/drive.eds\"\n");
+        fs::create_dir(place.path().join("sheets")).unwrap();
+        fs::write(place.path().join("sheets/drive.eds"), eds).unwrap();
+        fs::write(&rig, &text).unwrap();
+        let rig = LoadedRig::load(&rig).unwrap();
+        let played = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n";
+        let scenario = Scenario::parse(played, "t.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::new(scenario, &Catalogue::shipped())
+            .on(Some(Arc::new(rig)), External::default());
+        let folder = RunFolder::create(&place.path().join("runs"), "t", 1, played).unwrap();
+        write_setup(&folder, &setup).unwrap();
+        let read = LoadedRig::in_folder(folder.path()).unwrap().unwrap();
+        assert_eq!((read.text, read.eds.as_str()), (text, eds));
+    }
 }

@@ -8,9 +8,11 @@ use dbc::Database;
 use proptest::prelude::*;
 use recording::log::Stamped;
 
-pub(crate) const DURATION_SECONDS: f64 = 2.0;
 pub(crate) const PERIOD_SECONDS: f64 = 0.01;
-pub(crate) const CYCLES: u32 = 200;
+/// In these cycles of a run all that the scenario plans begins.
+const PLANNED_CYCLES: u32 = 200;
+/// A run that goes on behind them has a hold.
+const CYCLES_WITH_HOLD: u32 = 450;
 /// What is longer than this is a silence: 20 SYNC periods, and 20 cycle times of `plant_truth`.
 pub(crate) const SILENCE_SECONDS: f64 = 0.2;
 /// When the scenario begins, in the log.
@@ -47,6 +49,8 @@ pub(crate) struct Cycle {
     /// Of the SYNC, from the start of the scenario on.
     pub(crate) micros: u64,
     pub(crate) sent: Option<Sent>,
+    /// The current that the controller asks for.
+    pub(crate) command: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -58,6 +62,7 @@ pub(crate) struct Truth {
 
 #[derive(Clone, Debug)]
 pub(crate) struct Drawn {
+    pub(crate) cycles_due: u32,
     /// With their starts; the first one starts at 0.
     pub(crate) pieces: Vec<(f64, Piece)>,
     pub(crate) loads: Vec<f64>,
@@ -72,15 +77,20 @@ pub(crate) struct Drawn {
 }
 
 impl Drawn {
+    pub(crate) fn duration(&self) -> f64 {
+        f64::from(self.cycles_due) / 100.0
+    }
+
     pub(crate) fn judged_end(&self) -> f64 {
-        self.judged_until.unwrap_or(DURATION_SECONDS)
+        self.judged_until.unwrap_or(self.duration())
     }
 
     /// The scenario file.
     pub(crate) fn text(&self) -> String {
         let mut text = format!(
-            "schema = 1\nname = \"drawn\"\nduration_seconds = {DURATION_SECONDS:?}\n\
-             [bus]\nsync_period_milliseconds = 10.0\n[controller.pid]\n"
+            "schema = 1\nname = \"drawn\"\nduration_seconds = {:?}\n\
+             [bus]\nsync_period_milliseconds = 10.0\n[controller.pid]\n",
+            self.duration()
         );
         for (start, piece) in &self.pieces {
             let piece = match piece {
@@ -121,7 +131,8 @@ impl Drawn {
 
     fn expectations(&self) -> String {
         let mut text =
-            "[expect]\nno_event = [\"emergency\"]\ntemperature_celsius = { max = 60.0 }\nhunting_millimetres = { max = 0.25 }\n"
+            "[expect]\nno_event = [\"emergency\"]\ntemperature_celsius = { max = 60.0 }\nhunting_millimetres = { max = 0.25 }\n\
+             current_ripple_amperes_rms = { max = 0.25 }\n"
                 .to_owned();
         if let Some(until) = self.judged_until {
             writeln!(text, "judged_until_seconds = {until:?}").unwrap();
@@ -185,6 +196,10 @@ impl Drawn {
                 ];
                 frames.push((micros + 260, message("drive_tpdo2", &own)));
             }
+            if let Some(current) = cycle.command {
+                let command = [("target_current_amperes", current)];
+                frames.push((micros + 390, message("drive_rpdo1", &command)));
+            }
         }
         let micros = |seconds: f64| {
             let since_zero = Duration::from_secs_f64(seconds).as_micros();
@@ -203,7 +218,7 @@ impl Drawn {
         let emergency = CanFrame::new(0x090, &[0x30, 0x81, 0x11, 0, 0, 0, 0, 0]);
         frames.extend(self.emergencies.iter().map(|at| (micros(*at), emergency)));
         // The recording goes on behind the end, whatever is sent.
-        frames.push((micros(DURATION_SECONDS + 0.01), CanFrame::new(0x701, &[5])));
+        frames.push((micros(self.duration() + 0.01), CanFrame::new(0x701, &[5])));
         frames.sort_by_key(|(micros, _)| *micros);
         frames
     }
@@ -239,7 +254,8 @@ fn piece() -> impl Strategy<Value = Piece> {
 
 /// Times in milliseconds, on cycles and between them, each once.
 fn times(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<f64>> {
-    let times = prop::collection::btree_set((1..CYCLES, prop_oneof![Just(0), Just(3)]), count);
+    let times =
+        prop::collection::btree_set((1..PLANNED_CYCLES, prop_oneof![Just(0), Just(3)]), count);
     times.prop_map(|times| {
         let times = times.into_iter();
         times
@@ -320,25 +336,30 @@ struct Course {
     currents: Vec<f64>,
     temperatures: Vec<f64>,
     enabled: Vec<bool>,
+    commands: Vec<Option<f64>>,
 }
 
-fn course() -> impl Strategy<Value = Course> {
-    let cycles = CYCLES as usize;
+fn course(count: u32) -> impl Strategy<Value = Course> {
     let current = (0..1000_u16).prop_map(|milliamperes| f64::from(milliamperes) / 1e3);
     let temperature = (15..70_u8).prop_map(f64::from);
     let late = prop_oneof![5 => Just(0), 1 => 0..4000_u64];
+    let sent = (
+        came(count),
+        segments(error(), count),
+        segments(error(), count),
+        segments(current.clone(), count),
+        segments(temperature, count),
+        segments(any::<bool>(), count),
+    );
     (
-        came(CYCLES),
-        prop::collection::vec(late, cycles),
-        came(CYCLES),
-        segments(error(), CYCLES),
-        segments(error(), CYCLES),
-        segments(current, CYCLES),
-        segments(temperature, CYCLES),
-        segments(any::<bool>(), CYCLES),
+        came(count),
+        prop::collection::vec(late, count as usize),
+        sent,
+        commands(current, count),
     )
-        .prop_map(
-            |(
+        .prop_map(|(syncs, late_micros, sent, commands)| {
+            let (positions, errors, true_errors, currents, temperatures, enabled) = sent;
+            Course {
                 syncs,
                 late_micros,
                 positions,
@@ -347,25 +368,43 @@ fn course() -> impl Strategy<Value = Course> {
                 currents,
                 temperatures,
                 enabled,
-            )| {
-                Course {
-                    syncs,
-                    late_micros,
-                    positions,
-                    errors,
-                    true_errors,
-                    currents,
-                    temperatures,
-                    enabled,
-                }
-            },
-        )
+                commands,
+            }
+        })
+}
+
+/// Some in most cycles, or none at all.
+fn commands(
+    current: impl Strategy<Value = f64>,
+    count: u32,
+) -> impl Strategy<Value = Vec<Option<f64>>> {
+    let came = prop_oneof![
+        9 => came(count),
+        1 => Just(vec![false; count as usize]),
+    ];
+    (came, segments(current, count)).prop_map(|(came, currents)| {
+        let commands = came.into_iter().zip(currents);
+        commands
+            .map(|(came, current)| came.then_some(current))
+            .collect()
+    })
+}
+
+impl Course {
+    /// From a cycle on the position is near, and up to another all is on the bus.
+    fn calm(&mut self, (from, until): (usize, usize)) {
+        for (place, error) in self.errors.iter_mut().enumerate().skip(from) {
+            *error = ERRORS[place % 4];
+        }
+        self.syncs[from..until].fill(true);
+        self.positions[from..until].fill(true);
+    }
 }
 
 /// Every cycle of which the SYNC came; the first one always does.
-fn cycles(course: &Course, pieces: &[(f64, Piece)]) -> Vec<Cycle> {
+fn cycles(course: &Course, pieces: &[(f64, Piece)], cycles_due: u32) -> Vec<Cycle> {
     let mut cycles = Vec::new();
-    for number in 0..CYCLES {
+    for number in 0..cycles_due {
         let place = number as usize;
         if number > 0 && !course.syncs[place] {
             continue;
@@ -387,63 +426,84 @@ fn cycles(course: &Course, pieces: &[(f64, Piece)]) -> Vec<Cycle> {
             number,
             micros: u64::from(number) * 10_000 + late,
             sent,
+            command: course.commands[place],
         });
     }
     cycles
 }
 
-fn truth() -> impl Strategy<Value = Vec<Truth>> {
+fn truth(count: u32) -> impl Strategy<Value = Vec<Truth>> {
     let current = prop_oneof![Just(0.0), Just(0.0), Just(0.5)];
     let peak = (15..70_u8).prop_map(f64::from);
-    (
-        came(CYCLES),
-        segments(current, CYCLES),
-        segments(peak, CYCLES),
-    )
-        .prop_map(|(came, currents, peaks)| {
-            let sent = (0..CYCLES).filter(|number| came[*number as usize]);
+    (came(count), segments(current, count), segments(peak, count)).prop_map(
+        move |(came, currents, peaks)| {
+            let sent = (0..count).filter(|number| came[*number as usize]);
             let truth = sent.map(|number| Truth {
                 time_seconds: f64::from(10 * number + 5) / 1e3,
                 current: currents[number as usize],
                 peak_temperature: peaks[number as usize],
             });
             truth.collect()
-        })
+        },
+    )
 }
 
 /// Any run.
 pub(crate) fn drawn() -> impl Strategy<Value = Drawn> {
-    let stuck = prop::option::of((0.1..1.0_f64, 0.1..1.2_f64)).prop_map(|stuck| {
+    prop_oneof![
+        3 => run(PLANNED_CYCLES, Just(None)),
+        1 => {
+            let calm = (100..250_usize, 330..=CYCLES_WITH_HOLD as usize);
+            run(CYCLES_WITH_HOLD, prop::option::weighted(0.8, calm))
+        },
+    ]
+}
+
+fn run(
+    cycles_due: u32,
+    calm: impl Strategy<Value = Option<(usize, usize)>>,
+) -> impl Strategy<Value = Drawn> {
+    let duration = f64::from(cycles_due) / 100.0;
+    let stuck = prop::option::of((0.1..1.0_f64, 0.1..1.2_f64)).prop_map(move |stuck| {
         let rounded = |seconds: f64| (seconds * 1e3).round() / 1e3;
-        stuck.map(|(from, length)| (rounded(from), rounded(from + length).min(DURATION_SECONDS)))
+        stuck.map(|(from, length)| (rounded(from), rounded(from + length).min(duration)))
     });
     let judged_until = prop::option::weighted(
         0.3,
-        (50..=CYCLES).prop_map(|cycles| f64::from(cycles) / 100.0),
+        (50..=cycles_due).prop_map(|cycles| f64::from(cycles) / 100.0),
     );
     let gain_limit = prop::option::of((0.0..1.0_f64, 1.0..2.0_f64));
     let emergencies =
         prop::collection::vec((1..2300_u16).prop_map(|time| f64::from(time) / 1e3), 0..2);
+    let course = (course(cycles_due), calm).prop_map(|(mut course, calm)| {
+        if let Some(calm) = calm {
+            course.calm(calm);
+        }
+        course
+    });
     (
         pieces(),
         times(0..3),
         stuck,
         judged_until,
         gain_limit,
-        course(),
-        truth(),
+        course,
+        truth(cycles_due),
         emergencies,
     )
         .prop_map(
-            |(pieces, loads, stuck, judged_until, gain_limit, course, truth, emergencies)| Drawn {
-                cycles: cycles(&course, &pieces),
-                truth: if stuck.is_some() { truth } else { Vec::new() },
-                pieces,
-                loads,
-                stuck,
-                judged_until,
-                gain_limit,
-                emergencies,
+            move |(pieces, loads, stuck, judged_until, gain_limit, course, truth, emergencies)| {
+                Drawn {
+                    cycles_due,
+                    cycles: cycles(&course, &pieces, cycles_due),
+                    truth: if stuck.is_some() { truth } else { Vec::new() },
+                    pieces,
+                    loads,
+                    stuck,
+                    judged_until,
+                    gain_limit,
+                    emergencies,
+                }
             },
         )
 }

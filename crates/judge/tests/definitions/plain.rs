@@ -5,9 +5,7 @@ use std::f64::consts::TAU;
 
 use canopen::CanFrame;
 
-use crate::drawn::{
-    CYCLES, DURATION_SECONDS, Drawn, PERIOD_SECONDS, Piece, SILENCE_SECONDS, scenario_seconds,
-};
+use crate::drawn::{Drawn, PERIOD_SECONDS, Piece, SILENCE_SECONDS, scenario_seconds};
 
 /// A value for each row; none where the row has no value.
 pub(crate) type Rows = BTreeMap<String, Option<f64>>;
@@ -202,17 +200,17 @@ impl Plain<'_> {
         add("position_millimetres_max", highest);
         add("hunting_millimetres", self.hunting());
         if let Some((_, until)) = self.drawn.stuck {
-            let recovery = match until < DURATION_SECONDS {
-                true => self.recovery((until, DURATION_SECONDS)),
+            let end = self.drawn.duration();
+            let recovery = match until < end {
+                true => self.recovery((until, end)),
                 false => None,
             };
             add("recovers_within_seconds", recovery);
         }
     }
 
-    /// Highest less lowest position in the last second, unless something changes in it.
-    fn hunting(&self) -> Option<f64> {
-        let last = (self.end - 1.0, self.end);
+    /// When the set-point changes, or a disturbance or a fault starts or ends.
+    fn edges(&self) -> Vec<f64> {
         let samples = self.within(self.whole());
         let changes = samples.windows(2);
         let changes =
@@ -220,15 +218,42 @@ impl Plain<'_> {
         let changes = changes.map(|pair| pair[1].time);
         let (from, until) = self.drawn.stuck.unzip();
         let edges = changes.chain(self.drawn.loads.iter().copied());
-        let edges = edges.chain(from).chain(until);
+        edges.chain(from).chain(until).collect()
+    }
+
+    /// Highest less lowest position in the last second, unless something changes in it.
+    fn hunting(&self) -> Option<f64> {
+        let last = (self.end - 1.0, self.end);
         let is_inside = |edge: f64| edge > last.0 + TOLERANCE && edge < last.1;
-        if last.0 < -TOLERANCE || edges.into_iter().any(is_inside) {
+        if last.0 < -TOLERANCE || self.edges().into_iter().any(is_inside) {
             return None;
         }
         let samples = self.seen(last)?;
         let positions = || samples.iter().map(|sample| sample.position);
         let highest = positions().fold(f64::NEG_INFINITY, f64::max);
         Some(highest - positions().fold(f64::INFINITY, f64::min))
+    }
+
+    /// Standard deviation of the command from 1 s after the last recovery on. A command holds until the next.
+    fn ripple(&self) -> Option<f64> {
+        let edges = self.edges().into_iter().filter(|edge| *edge < self.end);
+        let calm = (edges.fold(0.0, f64::max), self.end);
+        let hold = (calm.0 + self.recovery(calm)? + 1.0, self.end);
+        if hold.1 - hold.0 < 2.0 - TOLERANCE {
+            return None;
+        }
+        self.seen(hold)?;
+        let mut latest = None;
+        let mut commands = Vec::new();
+        for cycle in &self.drawn.cycles {
+            latest = cycle.command.or(latest);
+            if is_in(f64::from(cycle.number) * PERIOD_SECONDS, hold) {
+                commands.extend(latest);
+            }
+        }
+        let middle = mean(&commands);
+        let squares: Vec<f64> = commands.iter().map(|one| (one - middle).powi(2)).collect();
+        (!commands.is_empty()).then(|| mean(&squares).sqrt())
     }
 
     fn steps(&self) -> Vec<Step> {
@@ -365,10 +390,11 @@ impl Plain<'_> {
             .collect();
         let rms = self.seen(self.whole()).map(|_| mean(&currents).sqrt());
         rows.insert("current_amperes_rms".to_owned(), rms);
+        rows.insert("current_ripple_amperes_rms".to_owned(), self.ripple());
         let due = self.drawn.cycles.last().map_or(0, |cycle| cycle.number + 1);
         let due_seconds = f64::from(due) * PERIOD_SECONDS;
         let has_sync = self.end - due_seconds <= SILENCE_SECONDS + TOLERANCE;
-        let due = (0..CYCLES)
+        let due = (0..self.drawn.cycles_due)
             .filter(|number| is_in(f64::from(*number) * PERIOD_SECONDS, self.whole()))
             .count();
         let served = self.within(self.whole()).len();
@@ -414,7 +440,7 @@ impl Plain<'_> {
 
     fn reaction_rows(&self, rows: &mut Rows) {
         let drawn = self.drawn;
-        let came = drawn.emergencies.iter().any(|at| *at <= DURATION_SECONDS);
+        let came = drawn.emergencies.iter().any(|at| *at <= drawn.duration());
         rows.insert("no_event".to_owned(), (!came).then_some(0.0));
         rows.insert("temperature_celsius".to_owned(), self.temperature());
         if let Some((fault, _)) = drawn.stuck {
@@ -428,7 +454,7 @@ impl Plain<'_> {
     }
 
     fn temperature(&self) -> Option<f64> {
-        let run = (0.0, DURATION_SECONDS);
+        let run = (0.0, self.drawn.duration());
         let is_seen = match self.drawn.truth.as_slice() {
             [] => self.seen(run).is_some(),
             truth => !has_silence(truth.iter().map(|one| one.time_seconds), run),
@@ -477,7 +503,7 @@ impl Plain<'_> {
 
     fn safe_state(&self) -> Option<f64> {
         let last = self.drawn.truth.last()?.time_seconds;
-        if DURATION_SECONDS - last > SILENCE_SECONDS + TOLERANCE {
+        if self.drawn.duration() - last > SILENCE_SECONDS + TOLERANCE {
             return None;
         }
         let from = last - 0.1;
@@ -539,7 +565,7 @@ impl Plain<'_> {
 
     /// The first sample from which on all are within limits for 300 ms, without a silence.
     fn stay(&self, min: f64, max: f64) -> Option<f64> {
-        let samples = self.within((0.0, DURATION_SECONDS));
+        let samples = self.within((0.0, self.drawn.duration()));
         for (first, start) in samples.iter().enumerate() {
             let mut before = start.time;
             for sample in &samples[first..] {

@@ -298,9 +298,8 @@ mod tests {
         }
     }
 
-    /// A drive that goes on sending when the SYNC has stopped.
-    #[test]
-    fn a_position_after_the_last_cycle_is_in_no_row() {
+    /// Two cycles, after which the drive goes on sending.
+    fn two_cycles() -> (Setup, Vec<Stamped>) {
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
                     [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
@@ -323,6 +322,12 @@ mod tests {
         ];
         let frames =
             frames.map(|(micros, frame)| Stamped::new(Duration::from_micros(micros), frame));
+        (setup, frames.into())
+    }
+
+    #[test]
+    fn a_position_after_the_last_cycle_is_in_no_row() {
+        let (setup, frames) = two_cycles();
         let timeline = decode(&frames, &setup).unwrap();
         assert_eq!(timeline.position(), [1.0, 2.0]);
         let samples: Vec<_> = timeline.traces[0]
@@ -331,6 +336,16 @@ mod tests {
             .map(|one| (one.time_seconds, one.value))
             .collect();
         assert_eq!(samples, [(0.0, 1.0), (0.001, 2.0), (0.0027, 9.0)]);
+    }
+
+    /// Two are served, two never begin, and the last has no position.
+    #[test]
+    fn three_cycles_of_five_are_missed() {
+        let (setup, mut frames) = two_cycles();
+        let sync = CanFrame::new(SYNC_COB_ID, &[]);
+        frames.push(Stamped::new(Duration::from_micros(5000), sync));
+        let timeline = decode(&frames, &setup).unwrap();
+        assert_eq!(timeline.missed_cycles_percent(), 60.0);
     }
 
     proptest! {

@@ -207,6 +207,20 @@ fn type_10_goes_on_over_the_counters_overflow() {
 }
 
 #[test]
+fn type_10_counts_each_sync_whose_counter_shows_nothing() {
+    let odd = [[7, 7], [0, 0], [250, 250], [0, 7], [250, 7]];
+    for counters in odd {
+        let mut bench = Bench::operational();
+        bench.write(0x1800, 2, &[10]).unwrap();
+        let sent = (1..=40).filter(|number| {
+            let answers = bench.send(0x80, &[counters[number % 2]]);
+            answers.iter().any(|frame| frame.starts_with("190"))
+        });
+        assert_eq!(sent.collect::<Vec<_>>(), [10, 20, 30, 40], "{counters:?}");
+    }
+}
+
+#[test]
 fn sync_start_value_sets_the_phase() {
     let mut bench = Bench::new();
     bench.write(0x1800, 1, &u32_bytes(0xC000_0190)).unwrap();
