@@ -23,6 +23,7 @@ mod report;
 mod reproduce;
 mod rooms;
 mod second_master;
+mod strangers;
 mod support;
 mod sweep;
 mod tools;

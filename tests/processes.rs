@@ -204,10 +204,19 @@ fn a_killed_bench_leaves_no_process_and_no_socket() {
 
 #[test]
 fn an_interrupted_run_ends_with_the_current_at_0() {
+    for signal in [Signal::INT, Signal::HUP, Signal::QUIT] {
+        ends_with_the_current_at_0(signal);
+    }
+}
+
+/// A terminal sends its signals to all processes in it.
+fn ends_with_the_current_at_0(signal: Signal) {
     in_real_time(|| {
         let run = Run::start("step.toml", "real-time");
         let nodes = NODES.map(|node| run.node(node));
-        kill_process(run.id(), Signal::INT).unwrap();
+        for process in [nodes[0], nodes[1], run.id()] {
+            kill_process(process, signal).unwrap();
+        }
         let log = || run.log();
         wait_for("the nodes to end", || {
             nodes.iter().all(|node| is_gone(*node))

@@ -105,6 +105,48 @@ fn a_sweep_that_is_killed_goes_on_to_the_same_bytes() {
     assert_eq!(self::runs(&runs).len(), 2);
 }
 
+#[test]
+fn a_damaged_store_is_named_kept_and_mended_and_a_foreign_one_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let swept = whole(folder.path(), &path);
+    let undisturbed = results(&swept);
+    let rows = swept.join("rows.jsonl");
+    let mut bytes = fs::read(&rows).unwrap();
+    // A byte of the header, and one of a row in the middle.
+    let middle = bytes.len() / 2;
+    bytes[20] ^= 1;
+    bytes[middle] ^= 0x40;
+    fs::write(&rows, bytes).unwrap();
+    let again = || {
+        output(
+            canrig(&folder.path().join("whole"), "sweep")
+                .arg(&path)
+                .arg("--quiet"),
+        )
+    };
+    let (code, _, stderr) = again();
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(
+        stderr.contains("2 lines of ") && stderr.contains("are damaged (1, "),
+        "{stderr}"
+    );
+    assert_eq!(results(&swept), undisturbed);
+    let damaged = fs::read(swept.join("rows.damaged.jsonl")).unwrap();
+    assert_eq!(damaged.iter().filter(|byte| **byte == b'\n').count(), 2);
+    let (code, _, stderr) = again();
+    assert_eq!((code, stderr.as_str()), (Some(1), ""));
+
+    fs::write(&rows, "notes of somebody else\n").unwrap();
+    let (code, _, stderr) = again();
+    assert_eq!(code, Some(4), "{stderr}");
+    assert!(stderr.contains("move it away"), "{stderr}");
+    assert_eq!(
+        fs::read_to_string(&rows).unwrap(),
+        "notes of somebody else\n"
+    );
+}
+
 fn wait_until(child: &mut Child, condition: impl Fn() -> bool) {
     for _ in 0..6000 {
         if condition() || child.try_wait().unwrap().is_some() {

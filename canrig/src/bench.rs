@@ -1,5 +1,6 @@
 //! A bench with plants and laws of somebody else's: every command of canrig, which knows them as it knows the shipped ones.
 
+use std::ffi::OsString;
 use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
@@ -8,6 +9,7 @@ use controller::catalogue::{InvalidOwnLaw, OwnLaw, register_laws};
 use controller::law::ControlLaw;
 use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, register_plants};
 use plant_emulator::plant::Plant;
+use platform::terminal::printable;
 
 use crate::cli::{self, Cli};
 use runner::console;
@@ -69,8 +71,17 @@ impl Bench {
                 Exit::Internal
             }
         });
-        let exit = std::panic::catch_unwind(run);
-        exit.unwrap_or(Exit::Internal).into()
+        let exit = std::panic::catch_unwind(run).unwrap_or(Exit::Internal);
+        let exit = match console::unprinted() {
+            None => exit,
+            Some(reason) => {
+                console::print_error(&format!(
+                    "canrig: standard output cannot be written: {reason}"
+                ));
+                exit.max(Exit::BenchFailed)
+            }
+        };
+        exit.into()
     }
 
     fn register(self) -> Result<(), InvalidBench> {
@@ -88,7 +99,12 @@ fn from_command_line() -> Exit {
         Ok(cli) => execute(cli),
         Err(error) => {
             // The texts for --help and --version come as errors too.
-            let _ = error.print();
+            // The parser repeats words of the command line, with its own colours among them.
+            let printable = |word: OsString| printable(&word.to_string_lossy()).into_owned();
+            match Cli::try_parse_from(std::env::args_os().map(printable)) {
+                Err(shown) => console::print_parsed(&shown),
+                Ok(_) => console::print_error(&error.render().to_string()),
+            }
             if error.use_stderr() {
                 Exit::Usage
             } else {
@@ -99,6 +115,8 @@ fn from_command_line() -> Exit {
 }
 
 fn execute(cli: Cli) -> Exit {
+    // Where the signal is not ignored, a limit on files ends the program.
+    let _ = platform::stop::take_long_files_as_errors();
     match platform::process::permit_open_files(OPEN_FILES) {
         Ok(()) => {
             platform::memory::keep_freed();

@@ -12,9 +12,10 @@ use controller::ControllerNode;
 use miette::{IntoDiagnostic, WrapErr};
 use platform::bus::BusAddress;
 use platform::stop::StopSignal;
+use platform::terminal::printable;
 use platform::{real_time, scheduling};
 use scenario::rig::RigFile;
-use scenario::{ControllerView, read_text};
+use scenario::{ControllerView, read_text, without_colours};
 
 /// Leads the drive on a CAN bus through a scenario until it is stopped (Ctrl-C).
 ///
@@ -46,7 +47,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err((code, error)) => {
-            eprintln!("{error:?}");
+            eprintln!("{}", printable(&without_colours(error.as_ref())));
             ExitCode::from(code)
         }
     }

@@ -12,8 +12,9 @@ use miette::{IntoDiagnostic, Report};
 use plant_emulator::catalogue;
 use platform::bus::BusAddress;
 use platform::stop::StopSignal;
+use platform::terminal::printable;
 use platform::{real_time, scheduling};
-use scenario::Scenario;
+use scenario::{Scenario, without_colours};
 
 /// Plays the drive with its plant, and the fan and load module, on a CAN bus until it is stopped (Ctrl-C).
 ///
@@ -40,7 +41,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err((code, error)) => {
-            eprintln!("{error:?}");
+            eprintln!("{}", printable(&without_colours(error.as_ref())));
             ExitCode::from(code)
         }
     }

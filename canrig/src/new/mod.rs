@@ -13,7 +13,7 @@ use clap::{Args, Subcommand};
 use scenario::own::Section;
 
 use name::{InvalidName, Name};
-use profile::release_profile;
+use profile::{MANIFEST_BYTES_MAX, release_profile};
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 
@@ -188,7 +188,7 @@ fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), N
 /// The checkout to depend on, as an absolute path.
 fn checkout(named: Option<&Path>) -> Result<PathBuf, NewError> {
     let is_canrig = |path: &Path| {
-        let manifest = fs::read_to_string(path.join("canrig/Cargo.toml"));
+        let manifest = scenario::read_text(&path.join("canrig/Cargo.toml"), MANIFEST_BYTES_MAX);
         manifest.is_ok_and(|text| text.contains("name = \"canrig\""))
     };
     let path = named.unwrap_or(Path::new(BUILT_FROM));

@@ -7,12 +7,15 @@ use toml::{Table, Value};
 /// What cargo takes from a workspace's root only, so a crate of its own must have it too.
 const HEAD: &str = "\n# As canrig's own, so that a target folder can be shared.\n";
 
+/// Longest manifest.
+pub(super) const MANIFEST_BYTES_MAX: u64 = 1 << 20;
+
 /// The `[profile.release]` tables for a manifest that depends on a checkout; none where it has no such tables.
 ///
 /// # Errors
 /// Why the checkout's manifest cannot be read.
 pub(super) fn release_profile(checkout: &Path) -> Result<String, String> {
-    let text = std::fs::read_to_string(checkout.join("Cargo.toml"));
+    let text = scenario::read_text(&checkout.join("Cargo.toml"), MANIFEST_BYTES_MAX);
     let manifest: Table = text
         .map_err(|error| error.to_string())?
         .parse()

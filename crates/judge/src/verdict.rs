@@ -1,5 +1,7 @@
 //! What a run came to: metrics beside their limits, and the outcome. `verdict.json` holds it.
 
+use std::collections::BTreeMap;
+
 use recording::ending::EarlyEnd;
 use rig::external::External;
 use rig::setup::Setup;
@@ -36,6 +38,17 @@ impl Outcome {
     }
 }
 
+/// What took part in a run. Who has the same has the same run; whatever of it changes is another run.
+#[derive(Clone, Debug, Deserialize, PartialEq, Eq, Serialize)]
+pub struct Identity {
+    /// SHA-256 of the program's file.
+    pub program: String,
+    pub plant: String,
+    pub law: String,
+    /// SHA-256 of each file that was played, by its name in the run folder.
+    pub files: BTreeMap<String, String>,
+}
+
 /// The verdict of one run, as `verdict.json` holds it, whichever version wrote it.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Verdict {
@@ -45,6 +58,9 @@ pub struct Verdict {
     /// The program's version.
     pub version: String,
     pub seed: u64,
+    /// What took part; none of older runs, and none where the run lies nowhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub identity: Option<Identity>,
     /// The requirements that the scenario as a whole tests.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub requirements: Requirements,
@@ -83,6 +99,7 @@ impl Verdict {
             scenario: scenario.to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             seed,
+            identity: None,
             requirements: Requirements::new(),
             external: External::default(),
             outcome: Outcome::Incomplete,
@@ -149,6 +166,12 @@ mod tests {
         let mut verdict = Verdict::incomplete("step \"1\"", 7, "killed");
         (verdict.frames_lost, verdict.fd_frames) = (3, 4);
         verdict.requirements = vec!["REQ-1".to_owned()];
+        verdict.identity = Some(Identity {
+            program: "1f".to_owned(),
+            plant: "sma_actuator".to_owned(),
+            law: "pid".to_owned(),
+            files: [("scenario.toml".to_owned(), "2e".to_owned())].into(),
+        });
         verdict.external = External::new(&[ExternalNode::Drive]).unwrap();
         let limit = Some(Limit {
             min: Some(0.1),

@@ -29,6 +29,7 @@ pub mod scheduling;
 mod socketcan_bus;
 pub mod stall_watch;
 pub mod stop;
+pub mod terminal;
 
 pub use open::open;
 

@@ -18,9 +18,11 @@ use rustix::process::{
     set_parent_process_death_signal, setrlimit,
 };
 
+use crate::stop::OF_TERMINAL;
+
 /// A command that starts this program again, as a child that does not outlive us:
 /// - its standard input is a pipe from us, whose end stops it ([`crate::stop::StopSignal::from_parent`]);
-/// - Ctrl-C and a closed terminal do not end it, that is ours to do;
+/// - what its terminal sends ([`OF_TERMINAL`]) does not end it, that is ours to do;
 /// - SIGTERM comes when the *thread* that spawned it ends (`PR_SET_PDEATHSIG`), so spawn from a thread that lives as
 ///   long as the run. It arms an alarm that ends even a child that hangs.
 ///
@@ -39,7 +41,7 @@ pub fn myself() -> io::Result<Command> {
         if getppid() != Some(parent) {
             return Err(Errno::SRCH.into());
         }
-        for signal in [libc::SIGINT, libc::SIGHUP] {
+        for signal in OF_TERMINAL {
             // SAFETY: signal is async-signal-safe, and ignoring is inherited by the program that exec starts.
             unsafe { libc::signal(signal, libc::SIG_IGN) };
         }
@@ -243,10 +245,11 @@ mod tests {
     }
 
     #[test]
-    fn ctrl_c_does_not_end_a_child_but_sigterm_stops_it() {
+    fn no_signal_of_a_terminal_ends_a_child_but_sigterm_stops_it() {
         let (mut child, _channel) = child_that(false);
         signal(&child, Signal::INT);
         signal(&child, Signal::HUP);
+        signal(&child, Signal::QUIT);
         crate::clock::sleep(Duration::from_millis(50));
         assert!(child.try_wait().unwrap().is_none());
         signal(&child, Signal::TERM);

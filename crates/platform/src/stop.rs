@@ -16,6 +16,9 @@ const KILL_AFTER_SECONDS: libc::c_uint = 3;
 /// The event that the signal handler raises; -1 before there is one.
 static SIGNAL_EVENT: AtomicI32 = AtomicI32::new(-1);
 
+/// What a terminal sends to all processes in it: Ctrl-C, Ctrl-\, and its end.
+pub const OF_TERMINAL: [libc::c_int; 3] = [libc::SIGINT, libc::SIGQUIT, libc::SIGHUP];
+
 /// Says to a loop that it is to stop.
 #[derive(Debug)]
 pub struct StopSignal {
@@ -39,27 +42,31 @@ pub struct Stopper {
 
 impl StopSignal {
     /// For a child of the bench: stops when the standard input ends, which is also how the parent's death shows, and at
-    /// SIGTERM. Ctrl-C in a terminal reaches the children too, who must outlive it for an orderly end: SIGINT and SIGHUP
-    /// are ignored.
+    /// SIGTERM. What ends the bench from its terminal reaches the children too, who must outlive it for an orderly end:
+    /// [`OF_TERMINAL`] are ignored.
     ///
     /// # Errors
     /// When the system refuses the handler.
     pub fn from_parent() -> io::Result<Self> {
-        ignore(&[libc::SIGINT, libc::SIGHUP])?;
+        ignore(&OF_TERMINAL)?;
         Ok(Self {
             pipe: Some(Pipe::Stdin),
             event: Some(signal_event(&[libc::SIGTERM])?),
         })
     }
 
-    /// For a program that is started by hand: stops at Ctrl-C, SIGTERM and when its terminal is closed.
+    /// For a program that is started by hand: stops at Ctrl-C, SIGTERM, and when its terminal is closed or sends SIGQUIT,
+    /// unless whoever started it has these two ignored (nohup).
     ///
     /// # Errors
     /// When the system refuses the handler.
     pub fn from_signals() -> io::Result<Self> {
+        let of_terminal = [libc::SIGHUP, libc::SIGQUIT].into_iter();
+        let heard = of_terminal.filter(|signal| !is_ignored(*signal));
+        let signals = Vec::from_iter([libc::SIGINT, libc::SIGTERM].into_iter().chain(heard));
         Ok(Self {
             pipe: None,
-            event: Some(signal_event(&[libc::SIGINT, libc::SIGTERM, libc::SIGHUP])?),
+            event: Some(signal_event(&signals)?),
         })
     }
 
@@ -125,6 +132,25 @@ fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
         .try_for_each(|signal| set_handler(*signal, libc::SIG_IGN))
 }
 
+/// Whether a signal does nothing to this process, as whoever started it wanted (nohup).
+#[must_use]
+pub fn is_ignored(signal: libc::c_int) -> bool {
+    // SAFETY: without a new action, sigaction only writes the present one.
+    unsafe {
+        let mut action: libc::sigaction = std::mem::zeroed();
+        libc::sigaction(signal, std::ptr::null(), &raw mut action) == 0
+            && action.sa_sigaction == libc::SIG_IGN
+    }
+}
+
+/// Makes a file that grows beyond what this process may write an error, in place of the signal that ends it.
+///
+/// # Errors
+/// When the system refuses.
+pub fn take_long_files_as_errors() -> io::Result<()> {
+    ignore(&[libc::SIGXFSZ])
+}
+
 /// Turns `signals` into an event.
 fn signal_event(signals: &[libc::c_int]) -> io::Result<BorrowedFd<'static>> {
     static EVENT: OnceLock<OwnedFd> = OnceLock::new();
@@ -180,6 +206,14 @@ mod tests {
         assert!(!signal.is_raised());
         drop(stopper);
         assert!(signal.is_raised());
+    }
+
+    #[test]
+    fn who_started_the_program_decides_whether_a_signal_is_ignored() {
+        // The test runner leaves it as it is.
+        assert!(!is_ignored(libc::SIGWINCH));
+        ignore(&[libc::SIGWINCH]).unwrap();
+        assert!(is_ignored(libc::SIGWINCH));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The folder of one run, and how files come into it: whole or not at all.
 
-use std::fs::{self, File};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -87,19 +87,6 @@ impl RunFolder {
         path.exists().then_some(path)
     }
 
-    /// Copies a file to a place in the folder.
-    ///
-    /// # Errors
-    /// The file cannot be read or written.
-    pub fn copy(&self, from: &Path, place: impl AsRef<Path>) -> Result<(), WriteError> {
-        let to = self.path.join(place);
-        let copied = to
-            .parent()
-            .map_or(Ok(()), fs::create_dir_all)
-            .and_then(|()| fs::copy(from, &to));
-        copied.map(|_| ()).map_err(WriteError::at(&to))
-    }
-
     /// The scenario's copy in the folder.
     #[must_use]
     pub fn scenario(&self) -> PathBuf {
@@ -111,7 +98,7 @@ impl RunFolder {
         &self.path
     }
 
-    /// Writes one file as a whole: a reader sees the old one or the new one.
+    /// Writes one file as a whole: a reader sees the old one or the new one. A folder in its name is made.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -129,7 +116,9 @@ impl RunFolder {
         write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
     ) -> Result<(), WriteError> {
         let path = self.path.join(name);
-        write_whole(&path, write).map_err(WriteError::at(&path))
+        let parent = path.parent().map_or(Ok(()), fs::create_dir_all);
+        let written = parent.and_then(|()| write_whole(&path, write));
+        written.map_err(WriteError::at(&path))
     }
 
     /// Opens `bus.log`, which grows while the run goes on.
@@ -169,10 +158,23 @@ impl BusLog {
     }
 }
 
-fn write_whole(
+/// Writes a file as a whole: under another name, which it loses when all of it is on the disk. What is there and is no file,
+/// such as a device or a pipe, cannot be replaced: it gets what is written.
+///
+/// # Errors
+/// The file cannot be written, or `write` failed.
+pub fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> io::Result<()> {
+    // Where a link leads, not the link.
+    let found = fs::canonicalize(path);
+    let path = found.as_deref().unwrap_or(path);
+    if path.metadata().is_ok_and(|found| !found.is_file()) {
+        let mut output = BufWriter::new(OpenOptions::new().write(true).open(path)?);
+        write(&mut output)?;
+        return output.flush();
+    }
     let partial = path.with_added_extension("partial");
     let mut output = BufWriter::new(File::create(&partial)?);
     write(&mut output)?;

@@ -1,6 +1,5 @@
 //! What a run folder holds of its setup, so that the folder can be run and judged by itself: written, and read back.
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,56 +10,47 @@ use rig::external::External;
 use rig::rig_file::{LoadedRig, RigError};
 use rig::setup::Setup;
 use scenario::expect::Expect;
-use scenario::{Scenario, ScenarioError, read_text};
+use scenario::{ScenarioError, read_text};
 
 use crate::run_folder::{RunFolder, WriteError, file};
 
 /// Writes what is played, and what its frames mean.
 ///
 /// # Errors
-/// A file cannot be read or written.
+/// A file cannot be written.
 pub fn write_setup(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
     folder.write(file::FRAMES, setup.database.to_dbc().as_bytes())?;
     write_scenario(folder, setup)
 }
 
-/// Writes the files that the scenario names, the rig file with its EDS, and the scenario. It comes last, since a folder that
-/// has it is taken to have the others: a sweep that was killed goes on from there.
+/// Writes what is played. The scenario comes last, since a folder that has it is taken to have the others: a sweep that was
+/// killed goes on from there.
 ///
 /// # Errors
-/// A file cannot be read or written.
+/// A file cannot be written.
 pub fn write_scenario(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
-    copy_tables(folder, setup, "")?;
-    if let Some(rig) = &setup.rig {
-        write_rig(folder, rig)?;
-    }
-    folder.write(file::SCENARIO, setup.text.as_bytes())
+    files_of(setup).try_for_each(|(name, text)| folder.write(name, text.as_bytes()))
 }
 
-/// Copies the files that the scenario names for scenarios in a folder of the folder, which is made.
+/// Writes the tables that the scenario names, for scenarios in a folder of the folder.
 ///
 /// # Errors
-/// A file cannot be read or written.
-pub fn copy_tables(folder: &RunFolder, setup: &Setup, place: &str) -> Result<(), WriteError> {
-    let to = folder.path().join(place);
-    fs::create_dir_all(&to).map_err(WriteError::at(&to))?;
-    let parent = setup.path.parent().unwrap_or(Path::new("."));
-    for file in tables_of(&setup.scenario) {
-        folder.copy(&parent.join(file), Path::new(place).join(file))?;
-    }
-    Ok(())
+/// A file cannot be written.
+pub fn write_tables(folder: &RunFolder, setup: &Setup, place: &str) -> Result<(), WriteError> {
+    let mut tables = setup.tables.iter();
+    tables.try_for_each(|(name, text)| folder.write(&format!("{place}/{name}"), text.as_bytes()))
 }
 
-/// The rig file and its EDS, so that the recording can be read by itself.
-fn write_rig(folder: &RunFolder, rig: &LoadedRig) -> Result<(), WriteError> {
-    folder.write(file::RIG, rig.text.as_bytes())?;
-    let Some(eds) = &rig.file.drive.eds else {
-        return Ok(());
-    };
-    let place = folder.path().join(eds);
-    let beside = place.parent().unwrap_or(folder.path());
-    fs::create_dir_all(beside).map_err(WriteError::at(beside))?;
-    folder.write(eds, rig.eds.as_bytes())
+/// The files that are played, by the names of their copies in a folder: the tables that the scenario names, the rig file with
+/// its EDS, and the scenario.
+pub fn files_of(setup: &Setup) -> impl Iterator<Item = (&str, &str)> {
+    let tables = setup.tables.iter();
+    let tables = tables.map(|(name, text)| (name.as_str(), text.as_str()));
+    let rig = setup.rig.as_deref();
+    let eds = rig.and_then(|rig| Some((rig.file.drive.eds.as_deref()?, rig.eds.as_str())));
+    let rig = rig.map(|rig| (file::RIG, rig.text.as_str()));
+    let scenario = (file::SCENARIO, setup.text.as_str());
+    tables.chain(rig).chain(eds).chain([scenario])
 }
 
 /// The setup of a recording cannot be read back.
@@ -163,20 +153,10 @@ fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FramesError> {
     }
 }
 
-/// The files that a scenario names: tables of set-points and recorded courses.
-pub fn tables_of(scenario: &Scenario) -> impl Iterator<Item = &str> {
-    let tables = scenario.reference.table.iter().map(|table| &table.file);
-    let courses = scenario
-        .expect
-        .signal
-        .iter()
-        .filter_map(|check| check.follows.as_ref());
-    let files = tables.chain(courses.map(|course| &course.file));
-    files.map(String::as_str)
-}
-
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     /// A folder that holds its scenario is taken for whole, so a sweep that was killed would go on without the table.
@@ -195,8 +175,8 @@ mod tests {
         .unwrap();
         let database = Arc::new(Database::shipped().clone());
         let setup = Setup::load_recorded(&scenario, database).unwrap();
-        fs::remove_file(table).unwrap();
         let folder = RunFolder::create(&place.path().join("runs"), "t", 1, text).unwrap();
+        fs::create_dir(folder.path().join("course.csv.partial")).unwrap();
         write_setup(&folder, &setup).unwrap_err();
         assert!(folder.path().join(file::FRAMES).exists());
         assert!(!folder.scenario().exists());

@@ -4,6 +4,7 @@ use quick_junit::{NonSuccessKind, Property, Report, TestCase, TestCaseStatus, Te
 
 use crate::terminal::answer;
 use judge::verdict::{Metric, Outcome, Verdict};
+use platform::terminal::printable;
 
 /// The report of one or several runs.
 ///
@@ -16,17 +17,18 @@ pub fn to_xml(verdicts: &[Verdict]) -> Result<String, quick_junit::SerializeErro
 }
 
 fn suite(verdict: &Verdict) -> TestSuite {
-    let mut suite = TestSuite::new(verdict.scenario.as_str());
-    suite.add_property(("version", verdict.version.as_str()));
+    // XML has no form for most control characters, and the library drops them with the words behind an escape.
+    let class = printable(&verdict.scenario);
+    let mut suite = TestSuite::new(&*class);
+    suite.add_property(("version", &*printable(&verdict.version)));
     suite.add_property(("seed", verdict.seed.to_string().as_str()));
     suite.add_properties(properties(&verdict.requirements));
-    let class = verdict.scenario.as_str();
     let limited = verdict
         .metrics
         .iter()
         .filter(|metric| metric.limit.is_some());
-    suite.add_test_cases(limited.map(|metric| case(class, metric, verdict.outcome)));
-    suite.add_test_case(run_case(class, verdict));
+    suite.add_test_cases(limited.map(|metric| case(&class, metric, verdict.outcome)));
+    suite.add_test_case(run_case(&class, verdict));
     suite
 }
 
@@ -41,7 +43,7 @@ fn run_case(class: &str, verdict: &Verdict) -> TestCase {
     };
     let mut case = named("run", class, status);
     if !verdict.losses.is_empty() {
-        case.set_system_out(verdict.losses.join("\n"));
+        case.set_system_out(&*printable(&verdict.losses.join("\n")));
     }
     case
 }
@@ -60,19 +62,19 @@ fn case(class: &str, metric: &Metric, outcome: Outcome) -> TestCase {
 
 /// One property a requirement, as test management tools read them.
 fn properties(requirements: &[String]) -> Vec<Property> {
-    let property = |name: &String| Property::new("requirement", name.as_str());
+    let property = |name: &String| Property::new("requirement", &*printable(name));
     requirements.iter().map(property).collect()
 }
 
 fn named(name: &str, class: &str, status: TestCaseStatus) -> TestCase {
-    let mut case = TestCase::new(name, status);
+    let mut case = TestCase::new(&*printable(name), status);
     case.set_classname(class);
     case
 }
 
 fn problem(kind: NonSuccessKind, message: &str) -> TestCaseStatus {
     let mut status = TestCaseStatus::non_success(kind);
-    status.set_message(message);
+    status.set_message(&*printable(message));
     status
 }
 
@@ -107,9 +109,41 @@ fn limit(metric: &Metric) -> String {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
     use scenario::expect::Limit;
 
     use super::*;
+
+    /// What a document of XML 1.0 may hold, and what canrig itself puts into attributes.
+    fn is_xml(character: char) -> bool {
+        matches!(character, '\t' | '\n' | ' '..='\u{d7ff}' | '\u{e000}'..='\u{fffd}' | '\u{10000}'..)
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_the_names_are_the_report_is_xml_that_holds_them(
+            [scenario, name, remark, requirement, loss, reason] in any::<[String; 6]>(),
+            outcome in 0..4_usize,
+        ) {
+            use Outcome::{Fail, Incomplete, Inconclusive, Pass};
+            let limit = Some(Limit { min: None, max: Some(1.0) });
+            let verdict = Verdict {
+                outcome: [Pass, Fail, Inconclusive, Incomplete][outcome],
+                losses: vec![loss],
+                requirements: vec![requirement],
+                metrics: vec![Metric::new(name.clone(), Err(remark), limit)],
+                ..Verdict::incomplete(&scenario, 1, &reason)
+            };
+            let xml = to_xml(&[verdict]).unwrap();
+            prop_assert!(xml.chars().all(is_xml), "{xml:?}");
+            let read = Report::deserialize_from_str(&xml).unwrap();
+            let suite = &read.test_suites[0];
+            // A reader turns white space in attributes into blanks.
+            let spaces = |text: &str| text.replace(['\n', '\t'], " ");
+            prop_assert_eq!(spaces(suite.name.as_str()), spaces(&printable(&scenario)));
+            prop_assert_eq!(spaces(suite.test_cases[0].name.as_str()), spaces(&printable(&name)));
+        }
+    }
 
     #[test]
     fn a_failed_limit_is_a_failure_with_its_numbers() {

@@ -1,10 +1,11 @@
 //! What is played, and what then is known of the bus: the scenario with its file, the rig, and what the frames mean.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use dbc::Database;
-use scenario::{Scenario, ScenarioError};
+use scenario::{Scenario, ScenarioError, Texts};
 
 use crate::catalogue::{Catalogue, Frames};
 use crate::external::External;
@@ -18,6 +19,8 @@ pub struct Setup {
     pub path: PathBuf,
     /// The file's text.
     pub text: String,
+    /// The texts of the tables that it names, by these names.
+    pub tables: BTreeMap<String, String>,
     /// Its meaning.
     pub scenario: Scenario,
     /// Which nodes are not canrig's when it is played.
@@ -36,8 +39,8 @@ impl Setup {
     /// The file cannot be read or is no valid scenario.
     pub fn load(path: &Path, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
         let objections = |scenario: &Scenario| catalogue.objections(scenario);
-        let (scenario, text) = Scenario::load_with_text(path, objections)?;
-        Ok(Self::new(scenario, catalogue).from_file(path, text))
+        let (scenario, texts) = Scenario::load_with_text(path, objections)?;
+        Ok(Self::new(scenario, catalogue).from_files(path, texts))
     }
 
     /// Reads the scenario of a recording whose frames mean what the database says. Plant and law need not be known here.
@@ -47,8 +50,8 @@ impl Setup {
     pub fn load_recorded(path: &Path, database: Arc<Database>) -> Result<Self, ScenarioError> {
         let frames = Arc::new(Frames::from_database(database));
         let objections = |scenario: &Scenario| SignalNames::objections(scenario, || frames.names());
-        let (scenario, text) = Scenario::load_recorded(path, objections)?;
-        Ok(Self::with_frames(scenario, frames).from_file(path, text))
+        let (scenario, texts) = Scenario::load_recorded(path, objections)?;
+        Ok(Self::with_frames(scenario, frames).from_files(path, texts))
     }
 
     /// A scenario that lies in no file.
@@ -62,6 +65,7 @@ impl Setup {
         Self {
             path: PathBuf::new(),
             text: String::new(),
+            tables: BTreeMap::new(),
             scenario,
             external: External::default(),
             rig: None,
@@ -77,6 +81,13 @@ impl Setup {
             path: path.into(),
             text,
             ..self
+        }
+    }
+
+    fn from_files(self, path: &Path, texts: Texts) -> Self {
+        Self {
+            tables: texts.tables,
+            ..self.from_file(path, texts.scenario)
         }
     }
 

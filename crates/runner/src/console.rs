@@ -1,28 +1,55 @@
-//! What people see while the program works. Nothing here panics when the reader of a pipe is gone.
+//! What people see while the program works. Nothing here panics when the reader of a pipe is gone, and no text of somebody
+//! else steers the terminal.
 
+use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
 use std::panic::PanicHookInfo;
+use std::sync::OnceLock;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use miette::Diagnostic;
+use platform::terminal::printable;
 
 use crate::exit::Exit;
 use recording::progress::RunProgress;
+use scenario::without_colours;
+
+/// Why standard output did not take what was printed, from the first time on.
+static UNPRINTED: OnceLock<String> = OnceLock::new();
+
+/// Why something that was to be printed on standard output was not. A reader that has gone needs no more of it.
+#[must_use]
+pub fn unprinted() -> Option<&'static str> {
+    keep_error(io::stdout().flush());
+    UNPRINTED.get().map(String::as_str)
+}
+
+fn keep_error(written: io::Result<()>) {
+    if let Err(error) = written
+        && error.kind() != io::ErrorKind::BrokenPipe
+    {
+        let _ = UNPRINTED.set(error.to_string());
+    }
+}
 
 /// Prints a line on standard output.
 pub fn print(text: &str) {
-    let _ = writeln!(io::stdout(), "{text}");
+    keep_error(writeln!(io::stdout(), "{}", printable(text)));
 }
 
-/// Prints bytes on standard output. A reader that has gone needs no more.
+/// Prints bytes on standard output: as they are, but for a terminal.
 pub fn print_bytes(bytes: &[u8]) {
-    let _ = io::stdout().write_all(bytes);
+    let mut stdout = io::stdout();
+    keep_error(match stdout.is_terminal() {
+        true => stdout.write_all(printable(&String::from_utf8_lossy(bytes)).as_bytes()),
+        false => stdout.write_all(bytes),
+    });
 }
 
 /// Prints a line on standard error.
 pub fn print_error(text: &str) {
-    let _ = writeln!(io::stderr(), "{text}");
+    let _ = writeln!(io::stderr(), "{}", printable(text));
 }
 
 /// Prints what is wrong with the command line; the exit code of that.
@@ -33,7 +60,21 @@ pub fn usage_error(message: &str) -> Exit {
 
 /// Prints an error with the place in the file that it underlines.
 pub fn print_diagnostic(error: impl Diagnostic + Send + Sync + 'static) {
-    print_error(&format!("{:?}", miette::Report::new(error)));
+    match printable(&without_colours(&error)) {
+        // What escapes are left are the bench's own: colours.
+        Cow::Borrowed(_) => {
+            let _ = writeln!(io::stderr(), "{:?}", miette::Report::new(error));
+        }
+        shown => print_error(&shown),
+    }
+}
+
+/// Prints what the command line's parser has to say: its errors on standard error, the help on standard output.
+pub fn print_parsed(error: &clap::Error) {
+    let printed = error.print();
+    if !error.use_stderr() {
+        keep_error(printed);
+    }
 }
 
 /// Prints a panic in words that help to report it.
@@ -57,7 +98,7 @@ pub struct BufferedLines {
 impl BufferedLines {
     /// Prints a line, now or together with later ones.
     pub fn add(&mut self, line: &str) {
-        self.text += line;
+        self.text += &printable(line);
         self.text.push('\n');
         if self.text.len() >= BUFFER_BYTES {
             self.flush();
@@ -68,7 +109,9 @@ impl BufferedLines {
     pub fn flush(&mut self) {
         let mut stdout = io::stdout().lock();
         let written = stdout.write_all(self.text.as_bytes());
-        self.is_closed |= written.and_then(|()| stdout.flush()).is_err();
+        let written = written.and_then(|()| stdout.flush());
+        self.is_closed |= written.is_err();
+        keep_error(written);
         self.text.clear();
     }
 
@@ -97,7 +140,7 @@ impl Spinner {
     /// Shows what is going on.
     pub fn show(&self, text: &str) {
         self.bar.tick();
-        self.bar.set_message(text.to_owned());
+        self.bar.set_message(printable(text).into_owned());
     }
 }
 

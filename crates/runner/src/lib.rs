@@ -12,6 +12,7 @@ pub mod commands;
 pub mod console;
 pub mod event;
 pub mod exit;
+pub mod identity;
 pub mod observer;
 mod output;
 mod play;

@@ -3,7 +3,8 @@
 use std::io;
 use std::time::Duration;
 
-use tokio::signal::unix::{SignalKind, signal};
+use platform::stop::is_ignored;
+use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::oneshot;
 
 use crate::console::print_error;
@@ -11,7 +12,8 @@ use crate::console::print_error;
 /// How often the progress bar moves.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
 
-/// Does `work` while another thread calls `show` for its progress, and `interrupt` at Ctrl-C and SIGTERM.
+/// Does `work` while another thread calls `show` for its progress, and `interrupt` at Ctrl-C, at SIGTERM, and, unless whoever
+/// started the program has them ignored (nohup), at SIGHUP and SIGQUIT.
 pub fn observed<T>(
     interrupt: impl Fn() + Sync,
     show: impl Fn() + Sync,
@@ -21,7 +23,7 @@ pub fn observed<T>(
     std::thread::scope(|scope| {
         scope.spawn(|| {
             if let Err(error) = observe(&interrupt, &show, ended) {
-                print_error(&format!("canrig: Ctrl-C cannot be handled: {error}"));
+                print_error(&format!("canrig: signals cannot be handled: {error}"));
             }
         });
         let result = work();
@@ -41,14 +43,36 @@ fn observe(
     runtime.block_on(async {
         let mut interrupted = signal(SignalKind::interrupt())?;
         let mut terminated = signal(SignalKind::terminate())?;
+        let mut hung_up = unless_ignored(SignalKind::hangup())?;
+        let mut quit = unless_ignored(SignalKind::quit())?;
         let mut ticks = tokio::time::interval(PROGRESS_PERIOD);
         loop {
             tokio::select! {
                 _ = &mut ended => return Ok(()),
                 _ = interrupted.recv() => interrupt(),
                 _ = terminated.recv() => interrupt(),
+                () = raised(&mut hung_up) => interrupt(),
+                () = raised(&mut quit) => interrupt(),
                 _ = ticks.tick() => show(),
             }
         }
     })
+}
+
+/// The signal, which stays ignored where it is.
+fn unless_ignored(kind: SignalKind) -> io::Result<Option<Signal>> {
+    match is_ignored(kind.as_raw_value()) {
+        true => Ok(None),
+        false => signal(kind).map(Some),
+    }
+}
+
+/// Waits for a signal; for none, for ever.
+async fn raised(signal: &mut Option<Signal>) {
+    match signal {
+        Some(signal) => {
+            signal.recv().await;
+        }
+        None => std::future::pending().await,
+    }
 }

@@ -1,14 +1,16 @@
 //! Files that the user wants somewhere.
 
 use std::fs;
+use std::io::Write;
 use std::path::Path;
 
 use crate::console::{print, print_error};
 use crate::exit::Exit;
+use recording::run_folder::write_whole;
 
 /// Writes a file; where it cannot be written, prints why.
 pub(crate) fn write(place: &Path, bytes: &[u8]) -> Result<(), Exit> {
-    fs::write(place, bytes).map_err(|error| {
+    write_whole(place, |output| output.write_all(bytes)).map_err(|error| {
         let place = place.display();
         print_error(&format!("canrig: {place} cannot be written: {error}"));
         Exit::BenchFailed

@@ -1,7 +1,7 @@
 //! A recording read back from the disk.
 
 use dbc::SignalMissing;
-use std::fs::File;
+use std::fmt::Display;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -57,6 +57,14 @@ pub enum RecordedError {
         path: PathBuf,
         /// Where it breaks off.
         broken: Option<String>,
+    },
+    /// The verdict of the run is none.
+    #[error("{} is damaged: {reason}. Without this file, the frames are judged as those of a run that broke off: move it away for that", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
     },
     /// The scenario is not valid.
     #[error("the scenario of the recording is not valid")]
@@ -183,7 +191,10 @@ impl Recorded {
             ended_early: by_node,
             stalls: self.stalls.clone(),
         };
-        let mut verdict = judge(timeline, &self.setup, &circumstances);
+        let mut verdict = Verdict {
+            identity: stored.and_then(|stored| stored.identity.clone()),
+            ..judge(timeline, &self.setup, &circumstances)
+        };
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason.clone_from(&stored.reason);
@@ -272,7 +283,7 @@ pub(crate) fn require_run(path: &Path) -> Result<(), RecordedError> {
 }
 
 fn read_log(path: &Path) -> Result<Log, RecordedError> {
-    let read = File::open(path).and_then(|file| read_cut_log(BufReader::new(file)));
+    let read = scenario::open_file(path).and_then(|file| read_cut_log(BufReader::new(file)));
     match read {
         // Killed before the first frame.
         Err(error)
@@ -296,13 +307,18 @@ fn has_scenario(log: &Path) -> bool {
     log.with_file_name(file::SCENARIO).exists()
 }
 
-/// The verdict of a run; none when there is no file. One that is no verdict was cut, so it counts as none too.
+/// The verdict of a run; none when there is no file. It is written as a whole, so one that cannot be read back was damaged.
 fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
+    let damaged = |reason: &dyn Display| RecordedError::Damaged {
+        path: path.to_owned(),
+        reason: reason.to_string(),
+    };
     match scenario::read_text(path, VERDICT_BYTES_MAX) {
-        Ok(text) => Ok(Verdict::from_json(&text).ok()),
+        Ok(text) => Verdict::from_json(&text)
+            .map(Some)
+            .map_err(|error| damaged(&error)),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        // Not text, so not a verdict either.
-        Err(error) if error.kind() == io::ErrorKind::InvalidData => Ok(None),
+        Err(error) if error.kind() == io::ErrorKind::InvalidData => Err(damaged(&error)),
         Err(source) => Err(RecordedError::Read {
             path: path.to_owned(),
             source,

@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::Scenario;
 
 use crate::exit::Exit;
+use crate::identity::{NoIdentity, identity};
 use judge::timing::Timing;
-use judge::verdict::Verdict;
+use judge::verdict::{Identity, Verdict};
 use judge::{Circumstances, judge};
 use recording::capture::{Capture, Watch};
 use recording::ending::{EarlyEnd, EndedBy};
@@ -24,6 +26,29 @@ use worlds::{End, Played, WorldError};
 
 /// The folder for run folders where `--output` names no other.
 pub const RUNS: &str = "runs";
+
+/// Why a run left no verdict.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A file of the run cannot be made or written.
+    #[error(transparent)]
+    Report(#[from] ReportError),
+    /// Nobody could say which program played.
+    #[error(transparent)]
+    NoIdentity(#[from] NoIdentity),
+}
+
+impl From<WriteError> for RunError {
+    fn from(error: WriteError) -> Self {
+        Self::Report(error.into())
+    }
+}
+
+impl From<SignalMissing> for RunError {
+    fn from(error: SignalMissing) -> Self {
+        Self::Report(error.into())
+    }
+}
 
 /// What a run left.
 pub struct Judged {
@@ -46,15 +71,19 @@ pub fn run(
     watch: &Watch,
     queues: Vec<FrameQueue>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
-) -> Result<Judged, ReportError> {
-    let folder = create_folder(parent, setup)?;
+) -> Result<Judged, RunError> {
+    let identity = identity(setup)?;
+    let folder = create_folder(parent, setup, &identity)?;
     let progress = ProgressReader::new(&setup.scenario, &setup.database)?;
     let clock = ScenarioClock::new(&setup.database)?;
     let mut capture = Capture::new(folder.bus_log()?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
     let (frames, unrecorded) = capture.finish()?;
     let timeline = timeline::decode(&frames, setup)?;
-    let mut verdict = verdict(&ended, &timeline, setup, &unrecorded);
+    let mut verdict = Verdict {
+        identity: Some(identity),
+        ..verdict(&ended, &timeline, setup, &unrecorded)
+    };
     if let Ok(Played {
         host: Some(host), ..
     }) = &ended
@@ -87,11 +116,18 @@ pub fn run(
 
 /// Makes the folder of a run with what is played and a verdict "incomplete" in it: that is what a reader finds should the
 /// run break off.
-fn create_folder(parent: &Path, setup: &Setup) -> Result<RunFolder, WriteError> {
+fn create_folder(
+    parent: &Path,
+    setup: &Setup,
+    identity: &Identity,
+) -> Result<RunFolder, WriteError> {
     let Scenario { name, seed, .. } = &setup.scenario;
     let folder = RunFolder::create(parent, name, *seed, &setup.text)?;
     let unfinished = "the run has not ended; if no process works on it any more, it broke off";
-    let verdict = Verdict::incomplete_of(setup, unfinished);
+    let verdict = Verdict {
+        identity: Some(identity.clone()),
+        ..Verdict::incomplete_of(setup, unfinished)
+    };
     folder.write(file::VERDICT, verdict.to_json().as_bytes())?;
     write_setup(&folder, setup)?;
     Ok(folder)

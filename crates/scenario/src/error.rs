@@ -5,7 +5,9 @@ use std::io;
 use std::ops::Range;
 use std::sync::Arc;
 
-use miette::{Diagnostic, LabeledSpan, NamedSource, SourceSpan};
+use miette::{
+    Diagnostic, GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceSpan,
+};
 use thiserror::Error;
 
 /// More problems than these are counted, not shown.
@@ -85,6 +87,19 @@ impl fmt::Display for ScenarioError {
 }
 
 impl std::error::Error for ScenarioError {}
+
+/// An error with the places that it underlines, in which every escape is that of a file.
+///
+/// # Panics
+/// Never: memory takes all that is written.
+#[must_use]
+pub fn without_colours(error: &dyn Diagnostic) -> String {
+    let handler = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor());
+    let mut text = String::new();
+    let rendered = handler.render_report(&mut text, error);
+    rendered.expect("memory takes all that is written");
+    text
+}
 
 /// One thing that is wrong, and where.
 #[derive(Clone, Debug, Diagnostic, Error)]

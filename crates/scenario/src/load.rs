@@ -4,8 +4,8 @@
 
 mod rig;
 
-use std::fs::File;
-use std::io::{self, Read};
+use std::collections::BTreeMap;
+use std::io;
 use std::path::Path;
 
 use serde::Deserialize;
@@ -16,6 +16,7 @@ use toml::de::ValueDeserializer;
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
+use crate::file::read_text;
 use crate::outside::{self, Outside};
 use crate::own::{Own, Section};
 use crate::scenario::Scenario;
@@ -53,6 +54,15 @@ impl Objection {
     }
 }
 
+/// What was read of a scenario, to the byte.
+#[derive(Clone, Debug, Default)]
+pub struct Texts {
+    /// The scenario's file.
+    pub scenario: String,
+    /// The tables beside it, by the names that the scenario uses.
+    pub tables: BTreeMap<String, String>,
+}
+
 /// What a scenario is read for.
 #[derive(Clone, Copy)]
 enum Reading {
@@ -75,14 +85,14 @@ impl Scenario {
         Self::load_for(path, Reading::ToPlay, &|_| Vec::new()).map(|(scenario, _)| scenario)
     }
 
-    /// As [`Scenario::load`], with the very text that was read. `objections` says what else is wrong.
+    /// As [`Scenario::load`], with the very texts that were read. `objections` says what else is wrong.
     ///
     /// # Errors
     /// As [`Scenario::load`], and every objection.
     pub fn load_with_text(
         path: &Path,
         objections: impl Fn(&Self) -> Vec<Objection>,
-    ) -> Result<(Self, String), ScenarioError> {
+    ) -> Result<(Self, Texts), ScenarioError> {
         Self::load_for(path, Reading::ToPlay, &objections)
     }
 
@@ -95,7 +105,7 @@ impl Scenario {
     pub fn load_recorded(
         path: &Path,
         objections: impl Fn(&Self) -> Vec<Objection>,
-    ) -> Result<(Self, String), ScenarioError> {
+    ) -> Result<(Self, Texts), ScenarioError> {
         Self::load_for(path, Reading::Recorded, &objections)
     }
 
@@ -103,10 +113,9 @@ impl Scenario {
         path: &Path,
         reading: Reading,
         find_objections: FindObjections<'_>,
-    ) -> Result<(Self, String), ScenarioError> {
+    ) -> Result<(Self, Texts), ScenarioError> {
         load(path, |text, name, read_table| {
             Self::parse_for(text, name, read_table, reading, find_objections)
-                .map(|scenario| (scenario, text.to_owned()))
         })
     }
 
@@ -179,7 +188,7 @@ impl ControllerView {
     /// # Errors
     /// As [`Scenario::load`], for the tables that the controller sees.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        load(path, Self::parse_view)
+        load(path, Self::parse_view).map(|(view, _)| view)
     }
 
     /// Reads what the controller may know of a scenario from text; as [`Scenario::parse`].
@@ -235,12 +244,23 @@ impl ControllerView {
 fn load<T>(
     path: &Path,
     parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
-) -> Result<T, ScenarioError> {
+) -> Result<(T, Texts), ScenarioError> {
     let name = path.display().to_string();
-    let text = read_text(path, SCENARIO_BYTES_MAX)
+    let scenario = read_text(path, SCENARIO_BYTES_MAX)
         .map_err(|error| ScenarioError::unreadable(KIND, &name, &error))?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    parse(&text, &name, &mut |table| read_table(folder, table))
+    let mut tables = BTreeMap::new();
+    // A table that is named twice is read once.
+    let read_table = &mut |name: &str| match tables.get(name) {
+        Some(text) => Ok(String::clone(text)),
+        None => {
+            let text = read_table(folder, name)?;
+            tables.insert(name.to_owned(), text.clone());
+            Ok(text)
+        }
+    };
+    let parsed = parse(&scenario, &name, read_table)?;
+    Ok((parsed, Texts { scenario, tables }))
 }
 
 /// Reads a table beside the scenario, and refuses links that lead out of the folder.
@@ -255,23 +275,6 @@ fn read_table(folder: &Path, table: &str) -> io::Result<String> {
         return Err(io::Error::other("it lies outside the scenario's folder"));
     }
     read_text(&path, TABLE_BYTES_MAX)
-}
-
-/// Reads a file of text that somebody else may have written.
-///
-/// # Errors
-/// The file cannot be read, is no text, or is longer than `bytes_max`, as one without end is.
-pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
-    let mut text = String::new();
-    let read = File::open(path)?
-        .take(bytes_max + 1)
-        .read_to_string(&mut text)?;
-    if read as u64 > bytes_max {
-        return Err(io::Error::other(format!(
-            "it is longer than {bytes_max} bytes"
-        )));
-    }
-    Ok(text)
 }
 
 /// Builds a type from the document. With it come the problems that did not prevent that, such as values out of range.

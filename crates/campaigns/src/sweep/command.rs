@@ -16,6 +16,7 @@ use recording::session::write_scenario;
 use rig::setup::Setup;
 use runner::console::{RunsBar, print, print_error};
 use runner::exit::Exit;
+use runner::identity::{NoIdentity, identity};
 use runner::run::RUNS;
 use runner::scenarios;
 
@@ -30,6 +31,8 @@ enum SweepError {
     Write(#[from] WriteError),
     #[error(transparent)]
     Finish(#[from] FinishError),
+    #[error(transparent)]
+    NoIdentity(#[from] NoIdentity),
     #[error("interrupted: {done} of {of} runs are done; give the same command again to continue")]
     Interrupted { done: usize, of: usize },
 }
@@ -39,7 +42,9 @@ impl SweepError {
         match self {
             Self::SweepPlan(_) => Exit::CannotStart,
             Self::Interrupted { .. } => Exit::Interrupted,
-            Self::Store(_) | Self::Write(_) | Self::Finish(_) => Exit::BenchFailed,
+            Self::Store(_) | Self::Write(_) | Self::Finish(_) | Self::NoIdentity(_) => {
+                Exit::BenchFailed
+            }
         }
     }
 }
@@ -79,14 +84,16 @@ pub fn sweep(args: &SweepArgs) -> Exit {
 fn play(args: &SweepArgs, setup: &Setup) -> Result<Exit, SweepError> {
     let plan = SweepPlan::new(setup)?;
     let folder = open_folder(&args.output, setup, &plan, args.shard)?;
-    let (mut store, found) = Store::open(folder.path(), &Header::new(&plan, args.shard))?;
+    let header = Header::new(&plan, &identity(setup)?, args.shard);
+    let (mut store, found) = Store::open(folder.path(), &header)?;
     let mut campaign = Campaign::on_all_cores(!args.quiet);
     campaign.threads = args.threads.map_or(campaign.threads, usize::from);
     if !args.quiet {
-        announce(&plan, args.shard, &campaign, &found);
+        announce(&plan, args.shard, &campaign, &store);
     }
-    play_rest(&plan, args.shard, &campaign, &mut store, found.done)?;
-    store.sync()?;
+    print_found(&found, args.quiet);
+    play_rest(&plan, args.shard, &campaign, &mut store)?;
+    store.finish()?;
     Ok(finish(&folder, setup, &plan, args.quiet)?)
 }
 
@@ -109,23 +116,26 @@ pub(super) fn open_folder(
     Ok(folder)
 }
 
-fn announce(plan: &SweepPlan, shard: Shard, campaign: &Campaign, found: &Recovered) {
+fn announce(plan: &SweepPlan, shard: Shard, campaign: &Campaign, store: &Store) {
     let (runs, threads) = (plan.runs(), campaign.threads);
     let mut text = match shard {
         Shard::WHOLE => format!("{runs} runs"),
         part => format!("{} of {runs} runs (part {part})", part.cases(runs).len()),
     };
     text += &format!(", {threads} at a time");
-    if found.done > 0 {
-        text += &format!("; {} are done", found.done);
+    if store.len() > 0 {
+        text += &format!("; {} are done", store.len());
     }
     print(&text);
-    match found.dropped {
-        0 => {}
-        1 => print("the last row was torn; its run is played again"),
-        lines => print(&format!(
-            "{lines} rows are damaged or behind a damaged one; their runs are played again"
-        )),
+}
+
+/// Prints what was wrong with the rows that were there: a cut at the end is what a kill leaves, the rest is a failure.
+pub(super) fn print_found(found: &Recovered, is_quiet: bool) {
+    if found.is_torn && !is_quiet {
+        print("the last row was torn; its run is played again");
+    }
+    if let Some(words) = &found.set_aside {
+        print_error(&format!("canrig: {words}"));
     }
 }
 
@@ -135,28 +145,28 @@ fn play_rest(
     shard: Shard,
     campaign: &Campaign,
     store: &mut Store,
-    done: usize,
 ) -> Result<(), SweepError> {
     let cases = shard.cases(plan.runs());
     let of = cases.len();
-    let count = RunsBar::new(Some(of), campaign.is_shown).going_on_from(done);
-    let mut kept = done;
+    let left: Vec<usize> = cases.filter(|case| !store.has(*case)).collect();
+    let count = RunsBar::new(Some(of), campaign.is_shown).going_on_from(store.len());
     let keep = |case: usize, row: Result<SweepRow, String>| {
         // The program's own hook prints a panic; the row says in which case it was.
         let row = row.unwrap_or_else(|reason| {
             SweepRow::without_verdict(case, &plan.case(case).id, Ended::InternalError, reason)
         });
-        store.append(&row)?;
-        kept += 1;
-        Ok(())
+        store.append(&row)
     };
     let work = |case: &usize, watch: &Watch| played(plan, *case, watch);
-    let ended = campaign.each(cases.skip(done), &count, work, keep);
+    let ended = campaign.each(left.into_iter(), &count, work, keep);
     drop(count);
     match ended {
         Ok(()) => Ok(()),
         Err(Stopped::Refused(error)) => Err(SweepError::Store(error)),
-        Err(Stopped::Interrupted) => Err(SweepError::Interrupted { done: kept, of }),
+        Err(Stopped::Interrupted) => Err(SweepError::Interrupted {
+            done: store.len(),
+            of,
+        }),
     }
 }
 

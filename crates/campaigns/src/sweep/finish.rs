@@ -6,7 +6,7 @@ use super::store::StoreError;
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
 use recording::run_folder::{RunFolder, WriteError, file};
-use recording::session::copy_tables;
+use recording::session::write_tables;
 use rig::setup::Setup;
 use runner::console::print;
 use runner::exit::Exit;
@@ -40,7 +40,7 @@ pub(super) fn finish(
     folder.write_with(tables::CSV, |output| tables.write_csv(output))?;
     folder.write_with(tables::PARQUET, |output| tables.write_parquet(output))?;
     if !summary.failing.is_empty() {
-        copy_tables(folder, setup, FAILING)?;
+        write_tables(folder, setup, FAILING)?;
     }
     for failing in &summary.failing {
         let case = plan.case(failing.case);

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Shard;
-use super::command::open_folder;
+use super::command::{open_folder, print_found};
 use super::finish::{FinishError, finish};
 use super::plan::{PlanError, SweepPlan};
 use super::row::SweepRow;
@@ -15,6 +15,7 @@ use recording::run_folder::{WriteError, file};
 use rig::setup::Setup;
 use runner::console::print_error;
 use runner::exit::Exit;
+use runner::identity::{NoIdentity, identity};
 use runner::run::RUNS;
 use runner::scenarios;
 
@@ -32,10 +33,12 @@ enum MergeError {
     Write(#[from] WriteError),
     #[error(transparent)]
     Finish(#[from] FinishError),
+    #[error(transparent)]
+    NoIdentity(#[from] NoIdentity),
     #[error("{} is a part of another sweep than {} (other file, tables or version of canrig)", other.display(), first.display())]
     Different { first: PathBuf, other: PathBuf },
-    #[error("{} was played by canrig {version}, this is {}; play it again", path.display(), env!("CARGO_PKG_VERSION"))]
-    Version { path: PathBuf, version: String },
+    #[error("{} was played by another canrig ({version}, this is {}): play it with the very file of this program, or merge with the one that played it", path.display(), env!("CARGO_PKG_VERSION"))]
+    Program { path: PathBuf, version: String },
     #[error("case {case} has different results in two parts: {} and {}", first.display(), other.display())]
     Contradiction {
         case: usize,
@@ -57,6 +60,7 @@ impl MergeError {
         match self {
             Self::Write(_)
             | Self::Finish(_)
+            | Self::NoIdentity(_)
             | Self::Store(StoreError::Write { .. } | StoreError::Busy { .. }) => Exit::BenchFailed,
             _ => Exit::CannotStart,
         }
@@ -109,21 +113,21 @@ pub fn merge(args: &MergeArgs) -> Exit {
 
 fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
     let plan = SweepPlan::new(setup)?;
-    let mut parts = open(&args.shards, &plan)?;
+    let header = Header::new(&plan, &identity(setup)?, Shard::WHOLE);
+    let mut parts = open(&args.shards, &header)?;
     let folder = open_folder(&args.output, setup, &plan, Shard::WHOLE)?;
-    let (mut store, found) = Store::open(folder.path(), &Header::new(&plan, Shard::WHOLE))?;
+    let (mut store, found) = Store::open(folder.path(), &header)?;
+    print_found(&found, args.quiet);
     let mut missing = Vec::new();
     for case in Shard::WHOLE.cases(plan.runs()) {
         let row = row_of_case(&mut parts, case)?;
         match row {
-            _ if case <= found.done => {}
-            // Rows are kept in order, so nothing can be appended behind a gap.
-            Some(row) if missing.is_empty() => store.append(&row)?,
-            Some(_) => {}
+            _ if store.has(case) => {}
+            Some(row) => store.append(&row)?,
             None => missing.push(case),
         }
     }
-    store.sync()?;
+    store.finish()?;
     if !missing.is_empty() {
         return Err(MergeError::Missing {
             count: missing.len(),
@@ -134,19 +138,18 @@ fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
     Ok(finish(&folder, setup, &plan, args.quiet)?)
 }
 
-/// Opens the parts, which must be of this sweep.
-fn open(paths: &[PathBuf], plan: &SweepPlan) -> Result<Vec<Part>, MergeError> {
-    let expected = Header::new(plan, Shard::WHOLE);
+/// Opens the parts, which must be of this sweep and played by this program.
+fn open(paths: &[PathBuf], expected: &Header) -> Result<Vec<Part>, MergeError> {
     let open = |path: &PathBuf| {
         let (header, rows) = store::read(path)?;
         let path = path.clone();
-        if header.version != expected.version {
-            return Err(MergeError::Version {
+        if header.identity.program != expected.identity.program {
+            return Err(MergeError::Program {
                 path,
                 version: header.version,
             });
         }
-        if (&header.sweep, header.runs) != (&expected.sweep, expected.runs) {
+        if (&header.sweep, &header.identity) != (&expected.sweep, &expected.identity) {
             let first = paths.first().map_or_else(PathBuf::new, PathBuf::clone);
             return Err(MergeError::Different { first, other: path });
         }
@@ -197,8 +200,11 @@ fn words(missing: &[usize]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
     use crate::sweep::row::Ended;
+    use judge::verdict::Identity;
     use scenario::Scenario;
     use worlds::catalogue::catalogue;
 
@@ -206,10 +212,20 @@ mod tests {
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n\
         [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15, 25, 35]\n";
 
+    fn header(plan: &SweepPlan, shard: Shard) -> Header {
+        let identity = Identity {
+            program: "p".to_owned(),
+            plant: "sma_actuator".to_owned(),
+            law: "pid".to_owned(),
+            files: BTreeMap::new(),
+        };
+        Header::new(plan, &identity, shard)
+    }
+
     /// A folder with the rows of a part, which ended for these reasons.
     fn part(plan: &SweepPlan, shard: Shard, reasons: [&str; 2]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
-        let (mut store, _) = Store::open(folder.path(), &Header::new(plan, shard)).unwrap();
+        let (mut store, _) = Store::open(folder.path(), &header(plan, shard)).unwrap();
         for (case, reason) in shard.cases(plan.runs()).zip(reasons) {
             let id = &plan.case(case).id;
             let row = SweepRow::without_verdict(case, id, Ended::Invalid, reason.to_owned());
@@ -230,7 +246,7 @@ mod tests {
             part(&plan, half(1), ["a", "x"]),
         ];
         let paths = folders.each_ref().map(|folder| folder.path().to_owned());
-        let mut parts = open(&paths, &plan).unwrap();
+        let mut parts = open(&paths, &header(&plan, Shard::WHOLE)).unwrap();
         // Twice the same, then of one part alone.
         for (case, reason) in [(1, "a"), (2, "b")] {
             let row = row_of_case(&mut parts, case).unwrap().unwrap();

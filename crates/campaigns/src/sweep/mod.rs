@@ -10,6 +10,7 @@ pub mod merge;
 mod page;
 pub mod plan;
 pub mod row;
+mod sealed;
 mod shard;
 mod store;
 pub mod summary;

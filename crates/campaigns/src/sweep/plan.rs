@@ -2,19 +2,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
-use std::path::Path;
 
 use faults::Stream;
+use scenario::Scenario;
 use scenario::sweep::{Axis, Distribution};
-use scenario::{Scenario, read_text};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
-use recording::session::tables_of;
 use rig::setup::Setup;
 
-/// Longest table of a scenario in another file.
-const TABLE_BYTES_MAX: u64 = 64 << 20;
 /// Characters of the scenario's name that are left in the name of a case, which may have 200.
 const NAME_CHARACTERS_MAX: usize = 180;
 /// Bytes of the hashes of cases and sweeps: with a million cases two have the same by chance once in 30 million sweeps.
@@ -53,37 +49,17 @@ pub enum PlanError {
         "{0} has no [sweep] table, so nothing varies; add one, such as [[sweep.list]] with a key and its values"
     )]
     NoSweep(String),
-    /// A table beside the scenario cannot be read any more.
-    #[error("{name} cannot be read: {source}")]
-    Table {
-        /// Which one.
-        name: String,
-        /// Why.
-        source: io::Error,
-    },
 }
 
 impl SweepPlan {
     /// The sweep of a scenario file.
     ///
     /// # Errors
-    /// It has none, or its tables are gone.
+    /// It has none.
     pub fn new(setup: &Setup) -> Result<Self, PlanError> {
         let Some(sweep) = &setup.scenario.sweep else {
             return Err(PlanError::NoSweep(setup.path.display().to_string()));
         };
-        let folder = setup.path.parent().unwrap_or(Path::new(""));
-        let read = |name: &str| {
-            let text = read_text(&folder.join(name), TABLE_BYTES_MAX);
-            let name = name.to_owned();
-            match text {
-                Ok(text) => Ok((name, text)),
-                Err(source) => Err(PlanError::Table { name, source }),
-            }
-        };
-        let tables: BTreeMap<String, String> = tables_of(&setup.scenario)
-            .map(read)
-            .collect::<Result<_, _>>()?;
         let mut document: Table = setup.text.parse().expect("the loader has read it");
         document.remove("sweep");
         let drawn = sweep.distributions().into_iter();
@@ -92,9 +68,9 @@ impl SweepPlan {
             document,
             id: id(
                 &format!("{}{}", env!("CARGO_PKG_VERSION"), setup.text),
-                &tables,
+                &setup.tables,
             ),
-            tables,
+            tables: setup.tables.clone(),
             axes: sweep.axes(),
             drawn: drawn.map(|(key, one)| (key.to_owned(), one)).collect(),
             whole_numbers: sweep.whole_numbers.clone(),

@@ -25,6 +25,12 @@ impl Shard {
     pub fn cases(self, runs: usize) -> impl ExactSizeIterator<Item = usize> + Clone + Send {
         (self.number..runs + 1).step_by(self.of)
     }
+
+    /// Whether a case of a sweep of so many runs is one of the part.
+    #[must_use]
+    pub fn has(self, case: usize, runs: usize) -> bool {
+        (self.number..=runs).contains(&case) && (case - self.number).is_multiple_of(self.of)
+    }
 }
 
 impl fmt::Display for Shard {
@@ -59,6 +65,11 @@ mod tests {
         let parts = ["1/3", "2/3", "3/3"].map(|text| text.parse::<Shard>().unwrap());
         let mut cases: Vec<usize> = parts.iter().flat_map(|part| part.cases(7)).collect();
         assert_eq!(cases, [1, 4, 7, 2, 5, 3, 6]);
+        for (case, part) in cases.iter().zip([0, 0, 0, 1, 1, 2, 2]) {
+            let has: Vec<bool> = parts.iter().map(|part| part.has(*case, 7)).collect();
+            assert_eq!(has.iter().position(|has| *has), Some(part), "{case}");
+        }
+        assert!(![0, 8].iter().any(|case| Shard::WHOLE.has(*case, 7)));
         cases.sort_unstable();
         assert!(cases.into_iter().eq(Shard::WHOLE.cases(7)));
     }

@@ -1,23 +1,32 @@
-//! The rows of a sweep on the disk: lines of JSON in the order of the cases, each appended when its turn comes. Whatever
-//! happens, the file is the beginning of what it becomes, at most with a torn line at its end.
+//! The rows of a sweep on the disk: sealed lines of JSON, each appended when its turn comes. Whatever happened to the file, a
+//! row that opens is the one that this program wrote for this sweep; the others are set aside, and their cases played again.
 
-use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::Shard;
 use super::plan::SweepPlan;
 use super::row::SweepRow;
+use super::sealed::{Lines, Place, Seal};
+use judge::verdict::Identity;
 
 /// Name of the file.
 pub(super) const FILE: &str = "rows.jsonl";
-/// Longest line; a row has some hundred bytes, with a hundred checks some ten thousand.
-const LINE_BYTES_MAX: u64 = 1 << 20;
+/// Name of the file with the lines that something happened to.
+const DAMAGED: &str = "rows.damaged.jsonl";
+/// Name of a file with the rows of another program, and after the first one with a number.
+const OLDER: &str = "rows.older";
 /// Rows that a power cut may cost; a kill of the program costs none.
 const UNSYNCED_MAX: usize = 32;
+/// Damaged lines that are named.
+const NAMED_MAX: usize = 10;
+/// The format of the file.
+const SCHEMA: u32 = 2;
 
 /// The first line: whose rows these are.
 #[derive(Clone, Debug, Deserialize, Eq, PartialEq, Serialize)]
@@ -32,18 +41,49 @@ pub(super) struct Header {
     pub(super) runs: usize,
     /// Which of them are here.
     pub(super) shard: Shard,
+    /// What takes part in each run.
+    pub(super) identity: Identity,
+}
+
+/// What the first line of an older format has.
+#[derive(Deserialize)]
+struct OlderHeader {
+    version: String,
+    sweep: String,
 }
 
 impl Header {
     /// What this program would write.
-    pub(super) fn new(plan: &SweepPlan, shard: Shard) -> Self {
+    pub(super) fn new(plan: &SweepPlan, identity: &Identity, shard: Shard) -> Self {
         Self {
-            schema: 1,
+            schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             sweep: plan.id().to_owned(),
             runs: plan.runs(),
             shard,
+            identity: identity.clone(),
         }
+    }
+
+    /// The seal of headers.
+    fn seal() -> Seal {
+        Seal::new("header", String::new())
+    }
+
+    /// The seal of the rows under this header. That of another program's rows is another one, so that they open nowhere else.
+    fn seal_of_rows(&self) -> Seal {
+        let key = serde_json::to_string(&self.identity).expect("plain data");
+        Seal::new("row", key)
+    }
+
+    fn line(&self) -> String {
+        Self::seal().close(self)
+    }
+
+    /// Whether another program wrote these rows of the same cases.
+    fn is_older(&self, other: &Self) -> bool {
+        (&self.sweep, self.shard) == (&other.sweep, other.shard)
+            && self.identity.program != other.identity.program
     }
 }
 
@@ -56,98 +96,217 @@ pub(super) enum StoreError {
     Write { path: PathBuf, source: io::Error },
     #[error("another canrig is at work on {}", path.display())]
     Busy { path: PathBuf },
-    #[error("{} holds the rows of another sweep; move it away", path.display())]
+    #[error("{} is not the store of this sweep, and is left as it is: move it away, and give the same command again", path.display())]
     Foreign { path: PathBuf },
-    #[error("line {line} of {} is damaged; `canrig sweep` plays from there on again", path.display())]
+    #[error("{} was written by another canrig ({version}): `canrig sweep` plays its runs again", path.display())]
+    Older { path: PathBuf, version: String },
+    #[error("line {line} of {} is damaged: `canrig sweep` plays its run again", path.display())]
     Damaged { path: PathBuf, line: usize },
 }
 
-/// Rows that grow.
+/// Rows that grow. They are this program's alone while it is open.
 #[derive(Debug)]
 pub(super) struct Store {
     path: PathBuf,
     file: File,
+    /// Files that this one took the place of: who waits for them must find them locked.
+    replaced: Vec<File>,
+    header: Header,
+    seal: Seal,
+    /// Where the row of each case is.
+    rows: BTreeMap<usize, Place>,
+    end: u64,
+    is_in_order: bool,
     unsynced: usize,
 }
 
-/// What a store had when it was opened.
-#[derive(Debug)]
+/// What a store was like when it was opened.
+#[derive(Debug, Default)]
 pub(super) struct Recovered {
-    /// Cases that are done: the first of the shard.
-    pub(super) done: usize,
-    /// Lines from a torn or damaged one on, which were dropped.
-    pub(super) dropped: usize,
+    /// Whether the last row was cut where the program was killed.
+    pub(super) is_torn: bool,
+    /// What was set aside, for people.
+    pub(super) set_aside: Option<String>,
+}
+
+/// What is in a file of that name.
+#[derive(Default)]
+struct Content {
+    header: Option<Header>,
+    older: Option<OlderHeader>,
+    rows: BTreeMap<usize, Place>,
+    is_in_order: bool,
+    /// Lines that do not open, by their numbers.
+    damaged: Vec<(usize, Place)>,
+    /// What has no end, and is no row cut at the end of the file unless it is the last.
+    torn: Option<(usize, Place)>,
 }
 
 impl Store {
-    /// Opens the rows in a folder, or begins them. They are this program's alone until it ends.
+    /// Opens the rows in a folder, or begins them.
     pub(super) fn open(folder: &Path, header: &Header) -> Result<(Self, Recovered), StoreError> {
         let path = folder.join(FILE);
-        let options = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(&path);
-        let file = options.map_err(|source| StoreError::Write {
-            path: path.clone(),
-            source,
-        })?;
-        match file.try_lock() {
-            Err(TryLockError::WouldBlock) => return Err(StoreError::Busy { path }),
-            // A file system without locks has to do without.
-            Ok(()) | Err(TryLockError::Error(_)) => {}
+        if path.exists() {
+            scenario::open_file(&path).map_err(read_error(&path))?;
+        }
+        let file = locked(&path, OpenOptions::new().truncate(false))?;
+        let content = Content::read(&file, header).map_err(read_error(&path))?;
+        let is_older = content.is_older(header);
+        if !is_older && !content.is_ours(&file, header).map_err(read_error(&path))? {
+            return Err(StoreError::Foreign { path });
         }
         let mut store = Self {
             path,
             file,
+            replaced: Vec::new(),
+            header: header.clone(),
+            seal: header.seal_of_rows(),
+            end: 0,
+            rows: BTreeMap::new(),
+            is_in_order: true,
             unsynced: 0,
         };
-        let found = store.recover(header)?;
-        Ok((store, found))
+        let recovered = match is_older {
+            true => store.set_older_aside(&content),
+            false => store.recover(content),
+        };
+        let recovered = recovered.map_err(write_error(&store.path))?;
+        Ok((store, recovered))
     }
 
-    /// Finds the last whole row, and cuts off what is behind it.
-    fn recover(&mut self, header: &Header) -> Result<Recovered, StoreError> {
-        let mut lines = Lines::new(&self.path, &self.file);
-        let mut sound = 0;
-        let mut done = 0;
-        if let Some(found) = lines.next::<Header>()? {
-            if found != *header {
-                return Err(StoreError::Foreign {
-                    path: self.path.clone(),
-                });
-            }
-            sound = lines.end;
-            let mut cases = header.shard.cases(header.runs);
-            while let Some(row) = lines.next::<SweepRow>()? {
-                if cases.next() != Some(row.case) {
-                    break;
-                }
-                sound = lines.end;
-                done += 1;
-            }
+    /// Keeps the rows of another program under another name, and begins anew.
+    fn set_older_aside(&mut self, content: &Content) -> io::Result<Recovered> {
+        let mut names = (1..).map(|number| match number {
+            1 => format!("{OLDER}.jsonl"),
+            number => format!("{OLDER}-{number}.jsonl"),
+        });
+        let is_free = |name: &String| !self.path.with_file_name(name).exists();
+        let name = names
+            .find(is_free)
+            .expect("there are more numbers than files");
+        fs::rename(&self.path, self.path.with_file_name(&name))?;
+        self.rewrite()?;
+        Ok(Recovered {
+            is_torn: false,
+            set_aside: Some(format!(
+                "{} was written by another canrig ({}): it is kept as {name}, and its runs are played again",
+                self.path.display(),
+                content.version().unwrap_or("unknown")
+            )),
+        })
+    }
+
+    /// Takes over the rows that open, in the order of the cases; the other lines are set aside.
+    fn recover(&mut self, content: Content) -> io::Result<Recovered> {
+        self.rows = content.rows;
+        let is_whole = content.header.is_some() && content.damaged.is_empty();
+        if is_whole && content.is_in_order {
+            self.end = match self.rows.last_key_value() {
+                Some((_, last)) => last.offset + last.length as u64,
+                None => self.header.line().len() as u64,
+            };
+            self.file.set_len(self.end)?;
+            self.file.seek(SeekFrom::Start(self.end))?;
+        } else {
+            self.set_aside(&content.damaged)?;
+            self.rewrite()?;
         }
-        let length = self
-            .file
-            .metadata()
-            .map_err(|source| self.refused(source))?
-            .len();
-        let dropped = if length > sound { 1 + lines.rest()? } else { 0 };
-        let cut = self
-            .file
-            .set_len(sound)
-            .and_then(|()| self.file.seek(SeekFrom::Start(sound)));
-        cut.map_err(|source| self.refused(source))?;
-        if sound == 0 {
-            self.write(header)?;
+        let numbers: Vec<usize> = content.damaged.iter().map(|(number, _)| *number).collect();
+        Ok(Recovered {
+            is_torn: content.torn.is_some(),
+            set_aside: (!numbers.is_empty()).then(|| self.words(&numbers)),
+        })
+    }
+
+    /// Copies lines into the file beside, behind what is there.
+    fn set_aside(&self, damaged: &[(usize, Place)]) -> io::Result<()> {
+        if damaged.is_empty() {
+            return Ok(());
         }
-        Ok(Recovered { done, dropped })
+        let path = self.path.with_file_name(DAMAGED);
+        let file = OpenOptions::new().append(true).create(true).open(path)?;
+        let mut output = BufWriter::new(file);
+        for (_, place) in damaged {
+            let line = self.bytes(*place)?;
+            output.write_all(line.strip_suffix(b"\n").unwrap_or(&line))?;
+            output.write_all(b"\n")?;
+        }
+        output.into_inner()?.sync_data()
+    }
+
+    /// What is said of damaged lines.
+    fn words(&self, numbers: &[usize]) -> String {
+        let path = self.path.display();
+        if let [number] = numbers {
+            return format!(
+                "line {number} of {path} is damaged: it is kept in {DAMAGED}; runs without a row are played again"
+            );
+        }
+        let named = numbers.iter().take(NAMED_MAX).map(ToString::to_string);
+        let named = named.collect::<Vec<_>>().join(", ");
+        let more = if numbers.len() > NAMED_MAX {
+            ", …"
+        } else {
+            ""
+        };
+        let count = numbers.len();
+        format!(
+            "{count} lines of {path} are damaged ({named}{more}): they are kept in {DAMAGED}; runs without a row are played again"
+        )
+    }
+
+    /// Puts a file in the place of this one that has the header and the rows in the order of the cases.
+    fn rewrite(&mut self) -> io::Result<()> {
+        let partial = self.path.with_added_extension("partial");
+        let file = locked(&partial, OpenOptions::new().truncate(true))
+            .map_err(|error| io::Error::other(error.to_string()))?;
+        let mut output = BufWriter::new(file);
+        let header = self.header.line();
+        output.write_all(header.as_bytes())?;
+        let mut offset = header.len() as u64;
+        let mut rows = BTreeMap::new();
+        for (case, place) in &self.rows {
+            output.write_all(&self.bytes(*place)?)?;
+            rows.insert(*case, Place { offset, ..*place });
+            offset += place.length as u64;
+        }
+        let file = output.into_inner()?;
+        file.sync_data()?;
+        fs::rename(partial, &self.path)?;
+        self.replaced.push(std::mem::replace(&mut self.file, file));
+        (self.rows, self.end, self.is_in_order) = (rows, offset, true);
+        Ok(())
+    }
+
+    fn bytes(&self, place: Place) -> io::Result<Vec<u8>> {
+        let mut bytes = vec![0; place.length];
+        self.file.read_exact_at(&mut bytes, place.offset)?;
+        Ok(bytes)
+    }
+
+    /// Whether the row of a case is there.
+    pub(super) fn has(&self, case: usize) -> bool {
+        self.rows.contains_key(&case)
+    }
+
+    /// How many rows there are.
+    pub(super) fn len(&self) -> usize {
+        self.rows.len()
     }
 
     /// Appends a row.
     pub(super) fn append(&mut self, row: &SweepRow) -> Result<(), StoreError> {
-        self.write(row)?;
+        let line = self.seal.close(row);
+        let written = self.file.write_all(line.as_bytes());
+        written.map_err(write_error(&self.path))?;
+        let place = Place {
+            offset: self.end,
+            length: line.len(),
+        };
+        self.end += line.len() as u64;
+        let last = self.rows.last_key_value();
+        self.is_in_order &= last.is_none_or(|(last, _)| *last < row.case);
+        self.rows.insert(row.case, place);
         self.unsynced += 1;
         if self.unsynced >= UNSYNCED_MAX {
             self.sync()?;
@@ -155,198 +314,342 @@ impl Store {
         Ok(())
     }
 
-    /// Waits until the disk has everything.
-    pub(super) fn sync(&mut self) -> Result<(), StoreError> {
+    /// Waits until the disk has everything, in the order of the cases.
+    pub(super) fn finish(&mut self) -> Result<(), StoreError> {
+        if !self.is_in_order {
+            self.rewrite().map_err(write_error(&self.path))?;
+        }
+        self.sync()
+    }
+
+    fn sync(&mut self) -> Result<(), StoreError> {
         self.unsynced = 0;
-        self.file.sync_data().map_err(|source| self.refused(source))
+        self.file.sync_data().map_err(write_error(&self.path))
+    }
+}
+
+impl Content {
+    fn read(file: &File, header: &Header) -> io::Result<Self> {
+        let seal = header.seal_of_rows();
+        let mut lines = Lines::new(file);
+        let mut content = Self {
+            is_in_order: true,
+            ..Self::default()
+        };
+        while lines.advance()? {
+            if lines.number == 1
+                && let Some(line) = lines.whole()
+            {
+                content.header = Header::seal().open(line);
+                content.older = serde_json::from_slice(line).ok();
+                if content.header.is_some() {
+                    continue;
+                }
+            }
+            for (bytes, place) in lines.parts() {
+                let row = bytes.strip_suffix(b"\n").and_then(|line| seal.open(line));
+                content.add(lines.number, header, row, (bytes, place));
+            }
+        }
+        Ok(content)
     }
 
-    fn write(&mut self, line: &impl Serialize) -> Result<(), StoreError> {
-        let mut text = serde_json::to_vec(line).expect("plain data");
-        text.push(b'\n');
-        self.file
-            .write_all(&text)
-            .map_err(|source| self.refused(source))
-    }
-
-    fn refused(&self, source: io::Error) -> StoreError {
-        StoreError::Write {
-            path: self.path.clone(),
-            source,
+    fn add(
+        &mut self,
+        number: usize,
+        header: &Header,
+        row: Option<SweepRow>,
+        (bytes, place): (&[u8], Place),
+    ) {
+        let is_wanted = |row: &SweepRow| {
+            header.shard.has(row.case, header.runs) && !self.rows.contains_key(&row.case)
+        };
+        let row = row.filter(is_wanted);
+        self.damaged.extend(self.torn.take());
+        match row {
+            Some(row) => {
+                let last = self.rows.last_key_value();
+                self.is_in_order &= last.is_none_or(|(last, _)| *last < row.case);
+                self.rows.insert(row.case, place);
+            }
+            None if bytes.ends_with(b"\n") => self.damaged.push((number, place)),
+            None => self.torn = Some((number, place)),
         }
     }
+
+    /// Whether this sweep's rows were written by another program.
+    fn is_older(&self, header: &Header) -> bool {
+        match (&self.header, &self.older) {
+            (Some(found), _) => found.is_older(header),
+            (None, Some(older)) => older.sweep == header.sweep,
+            (None, None) => false,
+        }
+    }
+
+    fn version(&self) -> Option<&str> {
+        let own = self.header.as_ref().map(|header| header.version.as_str());
+        own.or(self.older.as_ref().map(|older| older.version.as_str()))
+    }
+
+    /// Whether this program may write here: its header or a row of its own is there, or nothing but the beginning of a header.
+    fn is_ours(&self, file: &File, header: &Header) -> io::Result<bool> {
+        if let Some(found) = &self.header {
+            return Ok(found == header);
+        }
+        if !self.rows.is_empty() {
+            return Ok(true);
+        }
+        let line = header.line().into_bytes();
+        let length = usize::try_from(file.metadata()?.len()).unwrap_or(usize::MAX);
+        if length >= line.len() {
+            return Ok(false);
+        }
+        let mut found = vec![0; length];
+        file.read_exact_at(&mut found, 0)?;
+        Ok(line.starts_with(&found))
+    }
+}
+
+/// Opens a file for this program alone.
+fn locked(path: &Path, options: &mut OpenOptions) -> Result<File, StoreError> {
+    let file = options.read(true).write(true).create(true).open(path);
+    let file = file.map_err(write_error(path))?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(StoreError::Busy {
+            path: path.to_owned(),
+        }),
+        // A file system without locks has to do without.
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
+    }
+}
+
+fn read_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
+    let path = path.to_owned();
+    move |source| StoreError::Read { path, source }
+}
+
+fn write_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
+    let path = path.to_owned();
+    move |source| StoreError::Write { path, source }
 }
 
 /// The header of the rows in a folder, and the rows.
 pub(super) fn read(folder: &Path) -> Result<(Header, StoredRows), StoreError> {
     let path = folder.join(FILE);
-    let file = File::open(&path).map_err(|source| StoreError::Read {
-        path: path.clone(),
-        source,
-    })?;
-    let mut lines = Lines::new(&path, file);
-    let header = lines.next()?.ok_or(StoreError::Damaged { path, line: 1 })?;
-    Ok((header, StoredRows(lines)))
+    let file = scenario::open_file(&path).map_err(read_error(&path))?;
+    let mut lines = Lines::new(file);
+    lines.advance().map_err(read_error(&path))?;
+    let line = lines.whole().unwrap_or_default();
+    let Some(header) = Header::seal().open::<Header>(line) else {
+        return Err(match serde_json::from_slice(line) {
+            Ok(OlderHeader { version, .. }) => StoreError::Older { path, version },
+            Err(_) => StoreError::Damaged { path, line: 1 },
+        });
+    };
+    let seal = header.seal_of_rows();
+    let rows = StoredRows {
+        path,
+        lines,
+        seal,
+        is_over: false,
+    };
+    Ok((header, rows))
 }
 
-/// The rows of a file in their order.
-pub(super) struct StoredRows(Lines<File>);
+/// The rows of a file in their order, up to the first that does not open.
+pub(super) struct StoredRows {
+    path: PathBuf,
+    lines: Lines<File>,
+    seal: Seal,
+    is_over: bool,
+}
 
 impl Iterator for StoredRows {
     type Item = Result<SweepRow, StoreError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.0.is_at_end {
+        if self.is_over {
             return None;
         }
-        match self.0.next() {
-            Ok(Some(row)) => return Some(Ok(row)),
-            Ok(None) if self.0.is_at_end => return None,
-            Ok(None) => {}
-            Err(error) => {
-                self.0.is_at_end = true;
-                return Some(Err(error));
-            }
+        self.is_over = true;
+        match self.lines.advance() {
+            Err(error) => return Some(Err(read_error(&self.path)(error))),
+            Ok(false) => return None,
+            Ok(true) => {}
         }
-        // What is behind a damaged line is not to be trusted.
-        self.0.is_at_end = true;
-        let (path, line) = (self.0.path.clone(), self.0.number);
-        Some(Err(StoreError::Damaged { path, line }))
-    }
-}
-
-/// Lines of JSON, read one at a time.
-struct Lines<R> {
-    path: PathBuf,
-    input: BufReader<R>,
-    text: Vec<u8>,
-    number: usize,
-    end: u64,
-    is_at_end: bool,
-}
-
-impl<R: Read> Lines<R> {
-    fn new(path: &Path, input: R) -> Self {
-        Self {
-            path: path.to_owned(),
-            input: BufReader::new(input),
-            text: Vec::new(),
-            number: 0,
-            end: 0,
-            is_at_end: false,
-        }
-    }
-
-    /// The next line; none at the end, and where a line is torn or something else.
-    fn next<T: DeserializeOwned>(&mut self) -> Result<Option<T>, StoreError> {
-        if !self.read_line()? {
-            return Ok(None);
-        }
-        let line = self.text.strip_suffix(b"\n");
-        Ok(line.and_then(|line| serde_json::from_slice(line).ok()))
-    }
-
-    fn read_line(&mut self) -> Result<bool, StoreError> {
-        self.text.clear();
-        let read = self
-            .input
-            .by_ref()
-            .take(LINE_BYTES_MAX)
-            .read_until(b'\n', &mut self.text)
-            .map_err(|source| StoreError::Read {
-                path: self.path.clone(),
-                source,
-            })?;
-        self.number += 1;
-        self.end += read as u64;
-        self.is_at_end = read == 0;
-        Ok(read > 0)
-    }
-
-    /// How many lines are left.
-    fn rest(&mut self) -> Result<usize, StoreError> {
-        let mut count = 0;
-        while self.read_line()? {
-            count += 1;
-        }
-        Ok(count)
+        let row = self.lines.whole().and_then(|line| self.seal.open(line));
+        self.is_over = row.is_none();
+        let (path, line) = (self.path.clone(), self.lines.number);
+        Some(row.ok_or(StoreError::Damaged { path, line }))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
+    use faults::Stream;
 
     use super::*;
     use crate::sweep::row::Ended;
 
     const SHARD: Shard = Shard { number: 2, of: 3 };
+    const CASES: [usize; 4] = [2, 5, 8, 11];
 
-    fn header(sweep: &str) -> Header {
+    fn header(sweep: &str, program: &str) -> Header {
         Header {
-            schema: 1,
+            schema: SCHEMA,
             version: "1".to_owned(),
             sweep: sweep.to_owned(),
             runs: 30,
             shard: SHARD,
+            identity: Identity {
+                program: program.to_owned(),
+                plant: "sma_actuator".to_owned(),
+                law: "pid".to_owned(),
+                files: [("scenario.toml".to_owned(), "1f".to_owned())].into(),
+            },
         }
+    }
+
+    fn ours() -> Header {
+        header("s", "p")
     }
 
     fn row(case: usize) -> SweepRow {
-        SweepRow::without_verdict(
-            case,
-            "id",
-            Ended::Invalid,
-            "line\nbreak, \"quote\"".to_owned(),
-        )
+        let mut row =
+            SweepRow::without_verdict(case, "id", Ended::Fail, "line\nbreak, \"quote\"".to_owned());
+        row.metrics = vec![("overshoot_percent".to_owned(), 0.1 + case as f64)];
+        row
     }
 
-    /// Three rows in a folder; the bytes of the file.
-    fn written(folder: &Path) -> Vec<u8> {
-        let (mut store, found) = Store::open(folder, &header("s")).unwrap();
-        assert_eq!((found.done, found.dropped), (0, 0));
-        for case in SHARD.cases(30).take(3) {
-            store.append(&row(case)).unwrap();
+    fn append(store: &mut Store) {
+        for case in CASES {
+            if !store.has(case) {
+                store.append(&row(case)).unwrap();
+            }
         }
+        store.finish().unwrap();
+    }
+
+    /// The rows in a folder; the bytes of the file.
+    fn written(folder: &Path) -> Vec<u8> {
+        let (mut store, found) = Store::open(folder, &ours()).unwrap();
+        assert_eq!((store.len(), found.set_aside), (0, None));
+        append(&mut store);
         fs::read(folder.join(FILE)).unwrap()
+    }
+
+    /// What a program that finds these bytes keeps of them; no row among it is another one than was written. With the rest
+    /// played again, the bytes are what they were.
+    fn kept(bytes: &[u8], whole: &[u8]) -> Result<(Vec<usize>, Recovered), StoreError> {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join(FILE), bytes).unwrap();
+        let opened = Store::open(folder.path(), &ours());
+        if opened.is_err() {
+            assert_eq!(fs::read(folder.path().join(FILE)).unwrap(), bytes);
+        }
+        let (mut store, found) = opened?;
+        let cases: Vec<usize> = store.rows.keys().copied().collect();
+        let (_, rows) = read(folder.path()).unwrap();
+        let rows: Vec<SweepRow> = rows.map(Result::unwrap).collect();
+        let expected: Vec<SweepRow> = cases.iter().map(|case| row(*case)).collect();
+        assert_eq!(rows, expected);
+        let aside = fs::read(folder.path().join(DAMAGED)).unwrap_or_default();
+        assert_eq!(aside.is_empty(), found.set_aside.is_none());
+        append(&mut store);
+        assert_eq!(fs::read(folder.path().join(FILE)).unwrap(), whole);
+        Ok((cases, found))
     }
 
     #[test]
     fn wherever_it_is_cut_the_whole_rows_stay_and_no_other() {
         let folder = tempfile::tempdir().unwrap();
         let whole = written(folder.path());
-        let ends = |length: usize| {
-            whole[..length]
-                .iter()
-                .filter(|byte| **byte == b'\n')
-                .count()
-        };
         for length in 0..=whole.len() {
-            fs::write(folder.path().join(FILE), &whole[..length]).unwrap();
-            let (mut store, found) = Store::open(folder.path(), &header("s")).unwrap();
-            assert_eq!(found.done, ends(length).saturating_sub(1), "{length}");
+            let (cases, found) = kept(&whole[..length], &whole).unwrap();
+            let ends = whole[..length].iter().filter(|byte| **byte == b'\n');
+            assert_eq!(cases, CASES[..ends.count().saturating_sub(1)], "{length}");
             let is_torn = length > 0 && whole[length - 1] != b'\n';
-            assert_eq!(found.dropped, usize::from(is_torn), "{length}");
-            for case in SHARD.cases(30).take(3).skip(found.done) {
-                store.append(&row(case)).unwrap();
-            }
-            assert_eq!(
-                fs::read(folder.path().join(FILE)).unwrap(),
-                whole,
-                "{length}"
-            );
+            assert_eq!(found.is_torn, is_torn, "{length}");
+            assert_eq!(found.set_aside, None, "{length}");
         }
     }
 
     #[test]
-    fn from_a_damaged_line_on_everything_is_played_again() {
+    fn whichever_byte_is_damaged_only_its_own_row_is_lost_and_it_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = written(folder.path());
+        let last = whole.len() - 1;
+        for place in 0..=last {
+            let line = whole[..place].iter().filter(|byte| **byte == b'\n').count();
+            for other in [whole[place] ^ (1 << (place % 8)), b'\n'] {
+                if other == whole[place] {
+                    continue;
+                }
+                let mut bytes = whole.clone();
+                bytes[place] = other;
+                let (cases, found) = kept(&bytes, &whole).unwrap();
+                let is_lost = |case: &usize| line > 0 && *case == CASES[line - 1];
+                let expected: Vec<usize> =
+                    CASES.into_iter().filter(|case| !is_lost(case)).collect();
+                assert_eq!(cases, expected, "{place} {other}");
+                if place == last {
+                    assert!(found.is_torn);
+                } else {
+                    let words = found.set_aside.unwrap();
+                    assert!(words.contains("damaged"), "{place}: {words}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn whatever_is_damaged_no_other_value_comes_of_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = written(folder.path());
+        let mut stream = Stream::named(1, "damage");
+        let mut at = |limit: usize| usize::try_from(stream.below(limit as u64)).unwrap();
+        let mut refused = 0;
+        for _ in 0..300 {
+            let mut bytes = whole.clone();
+            for _ in 0..=at(4) {
+                let start = at(bytes.len());
+                let end = (start + 1 + at(200)).min(bytes.len());
+                match at(5) {
+                    0 => bytes[start..end].fill(0),
+                    1 => drop(bytes.drain(start..end)),
+                    2 => bytes[start..end].reverse(),
+                    3 => bytes.extend_from_within(start..end),
+                    _ => bytes[start] ^= 1 << at(8),
+                }
+                if bytes.is_empty() {
+                    break;
+                }
+            }
+            // Where neither header nor any row is left, nobody knows whose file it is.
+            refused += usize::from(kept(&bytes, &whole).is_err());
+        }
+        assert!(refused < 60, "{refused}");
+    }
+
+    #[test]
+    fn rows_in_another_order_and_twice_are_each_taken_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = written(folder.path());
+        let mut lines: Vec<&[u8]> = whole.split_inclusive(|byte| *byte == b'\n').collect();
+        lines.swap(1, 3);
+        assert_eq!(kept(&lines.concat(), &whole).unwrap().0, CASES);
+        lines.push(lines[2]);
+        let (cases, found) = kept(&lines.concat(), &whole).unwrap();
+        assert_eq!(cases, CASES);
+        assert!(found.set_aside.unwrap().starts_with("line 6 of "));
+    }
+
+    #[test]
+    fn a_reader_names_the_line_that_does_not_open() {
         let folder = tempfile::tempdir().unwrap();
         let mut bytes = written(folder.path());
-        let second = bytes
-            .windows(9)
-            .position(|part| part == b"\"case\":5,")
-            .unwrap();
-        bytes[second..second + 4].fill(0);
+        let second = bytes.windows(9).position(|part| part == b"\"case\":5,");
+        bytes[second.unwrap() + 7] = b'8';
         fs::write(folder.path().join(FILE), &bytes).unwrap();
         let (_, rows) = read(folder.path()).unwrap();
         let rows: Vec<_> = rows.collect();
@@ -354,24 +657,85 @@ mod tests {
             matches!(rows[..], [Ok(_), Err(StoreError::Damaged { line: 3, .. })]),
             "{rows:?}"
         );
-        let (_, found) = Store::open(folder.path(), &header("s")).unwrap();
-        assert_eq!((found.done, found.dropped), (1, 2));
     }
 
     #[test]
-    fn rows_that_are_not_ours_are_left_alone() {
+    fn a_file_that_is_not_ours_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE);
         let whole = written(folder.path());
-        let error = Store::open(folder.path(), &header("other")).unwrap_err();
-        assert!(matches!(error, StoreError::Foreign { .. }), "{error}");
-        assert_eq!(fs::read(folder.path().join(FILE)).unwrap(), whole);
+        let other_shard = Header {
+            shard: Shard::WHOLE,
+            ..ours()
+        };
+        for header in [header("other", "p"), other_shard] {
+            let error = Store::open(folder.path(), &header).unwrap_err();
+            assert!(matches!(error, StoreError::Foreign { .. }), "{error}");
+            assert_eq!(fs::read(&path).unwrap(), whole);
+        }
+        for text in [
+            "notes of somebody else\n",
+            "{\"a\":1}\n{\"b\":2}",
+            "{",
+            "\n",
+        ] {
+            fs::write(&path, text).unwrap();
+            let opened = Store::open(folder.path(), &ours());
+            // A single brace is how a header begins.
+            assert_eq!(opened.is_err(), text != "{", "{text}");
+            if let Err(error) = opened {
+                assert!(error.to_string().contains("move it away"), "{error}");
+                assert_eq!(fs::read_to_string(&path).unwrap(), text);
+            }
+        }
+    }
+
+    #[test]
+    fn rows_of_another_program_are_set_aside_and_never_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let older = written(folder.path());
+        let format_1 = format!(
+            "{{\"schema\":1,\"version\":\"0\",\"sweep\":\"s\",\"runs\":30,\"shard\":{{\"number\":2,\"of\":3}}}}\n{}\n",
+            serde_json::to_string(&row(2)).unwrap()
+        );
+        let newer = header("s", "another build");
+        let (store, found) = Store::open(folder.path(), &newer).unwrap();
+        let words = found.set_aside.unwrap();
+        assert!(words.contains("another canrig (1)"), "{words}");
+        assert_eq!(store.len(), 0);
+        drop(store);
+        fs::write(folder.path().join(FILE), &format_1).unwrap();
+        let (store, found) = Store::open(folder.path(), &newer).unwrap();
+        let words = found.set_aside.unwrap();
+        assert!(words.contains("another canrig (0)"), "{words}");
+        assert_eq!(store.len(), 0);
+        let kept = |name: &str| fs::read(folder.path().join(name)).unwrap();
+        assert_eq!(kept("rows.older.jsonl"), older);
+        assert_eq!(kept("rows.older-2.jsonl"), format_1.as_bytes());
+        // Put under a new header, they do not open either.
+        let first = older.iter().position(|byte| *byte == b'\n').unwrap() + 1;
+        let mixed = [newer.line().as_bytes(), &older[first..]].concat();
+        drop(store);
+        fs::write(folder.path().join(FILE), mixed).unwrap();
+        let (store, found) = Store::open(folder.path(), &newer).unwrap();
+        assert_eq!(store.len(), 0);
+        assert!(found.set_aside.unwrap().starts_with("4 lines of "));
     }
 
     #[test]
     fn two_programs_never_write_the_same_rows() {
         let folder = tempfile::tempdir().unwrap();
-        let _first = Store::open(folder.path(), &header("s")).unwrap();
-        let error = Store::open(folder.path(), &header("s")).unwrap_err();
-        assert!(matches!(error, StoreError::Busy { .. }), "{error}");
+        let whole = written(folder.path());
+        // In the first case the file is there as it is, in the second one another took its place.
+        for start in [0, 1] {
+            fs::write(
+                folder.path().join(FILE),
+                [b"\n", &whole[..]].concat()[1 - start..].to_vec(),
+            )
+            .unwrap();
+            let _first = Store::open(folder.path(), &ours()).unwrap();
+            let error = Store::open(folder.path(), &ours()).unwrap_err();
+            assert!(matches!(error, StoreError::Busy { .. }), "{error}");
+        }
     }
 }

@@ -54,7 +54,7 @@ impl Tables<'_> {
     /// Writes the CSV table.
     pub(super) fn write_csv(&self, output: &mut BufWriter<File>) -> io::Result<()> {
         let mut table = csv::Writer::from_writer(output);
-        table.write_record(self.columns().iter().map(|(name, _)| name))?;
+        table.write_record(self.columns().iter().map(|(name, _)| inert(name)))?;
         for row in self.rows()? {
             table.write_record(self.cells(&row?))?;
         }
@@ -62,12 +62,12 @@ impl Tables<'_> {
     }
 
     fn cells(&self, row: &SweepRow) -> Vec<String> {
-        let mut cells = vec![row.case.to_string(), row.id.clone()];
+        let mut cells = vec![row.case.to_string(), inert(&row.id)];
         cells.extend(self.values(row.case).map(|value| value.to_string()));
         cells.push(row.seed.map_or_else(String::new, |seed| seed.to_string()));
         cells.push(row.ended.word().to_owned());
-        cells.push(missed(row).unwrap_or_default());
-        cells.push(row.reason.clone().unwrap_or_default());
+        cells.push(inert(&missed(row).unwrap_or_default()));
+        cells.push(inert(row.reason.as_deref().unwrap_or_default()));
         let metrics = self.metrics.iter().map(|name| row.metric(name));
         cells
             .extend(metrics.map(|value| value.map_or_else(String::new, |value| value.to_string())));
@@ -120,6 +120,14 @@ impl Tables<'_> {
     }
 }
 
+/// A text that no spreadsheet takes for a formula: where it could, an apostrophe is before it.
+fn inert(text: &str) -> String {
+    match text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) {
+        true => format!("'{text}"),
+        false => text.to_owned(),
+    }
+}
+
 /// The limits that a case missed, in one cell.
 fn missed(row: &SweepRow) -> Option<String> {
     (!row.missed.is_empty()).then(|| row.missed.join("; "))
@@ -136,7 +144,9 @@ mod tests {
     use crate::sweep::Shard;
     use crate::sweep::row::Ended;
     use crate::sweep::store::{Header, Store};
+    use proptest::prelude::*;
     use rig::setup::Setup;
+    use runner::identity::identity;
     use scenario::Scenario;
     use worlds::catalogue::catalogue;
 
@@ -144,6 +154,38 @@ mod tests {
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\ndraws = 2\n\
         [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15]\n\
         [[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
+
+    proptest! {
+        #[test]
+        fn no_text_of_a_row_is_a_formula_and_every_number_stays_one(
+            first in prop_oneof!["=", "\\+", "-", "@", "\t", "\r", "\n", "", "a", "'"],
+            rest in any::<String>(),
+            value in -1e9..1e9_f64,
+        ) {
+            let text = format!("{first}{rest}");
+            let setup = Setup::new(Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap(), catalogue())
+                .from_file("s.toml", TEXT.to_owned());
+            let plan = SweepPlan::new(&setup).unwrap();
+            let metrics = [text.clone()];
+            let tables = Tables { plan: &plan, metrics: &metrics, folder: Path::new("") };
+            let mut row = SweepRow::without_verdict(1, &text, Ended::Fail, text.clone());
+            (row.missed, row.metrics) = (vec![text.clone()], vec![(text.clone(), value)]);
+            let mut written = csv::Writer::from_writer(Vec::new());
+            written.write_record(tables.columns().iter().map(|(name, _)| inert(name))).unwrap();
+            written.write_record(tables.cells(&row)).unwrap();
+            let bytes = written.into_inner().unwrap();
+            let mut read = csv::ReaderBuilder::new().has_headers(false).from_reader(&bytes[..]);
+            let read: Vec<csv::StringRecord> = read.records().map(Result::unwrap).collect();
+            for cell in read.iter().flatten() {
+                let is_number = cell.parse::<f64>().is_ok();
+                prop_assert!(is_number || !cell.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']), "{cell:?}");
+            }
+            let last = read[1].iter().next_back().unwrap();
+            prop_assert_eq!(last.parse::<f64>().unwrap().to_bits(), value.to_bits());
+            let id = read[1].get(1).unwrap();
+            prop_assert!(id == text || id == format!("'{text}"), "{id:?}");
+        }
+    }
 
     /// What the scenario of a case has where the keys point.
     fn keys(plan: &SweepPlan, case: usize) -> [f64; 2] {
@@ -159,7 +201,7 @@ mod tests {
         let setup = Setup::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
         let plan = SweepPlan::new(&setup).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let header = Header::new(&plan, Shard::WHOLE);
+        let header = Header::new(&plan, &identity(&setup).unwrap(), Shard::WHOLE);
         let (mut store, _) = Store::open(folder.path(), &header).unwrap();
         let row = |case| {
             let id = &plan.case(case).id;

@@ -257,11 +257,8 @@ fn write(
     found: &Solution,
     notes: &[String],
 ) -> Result<PathBuf, Box<dyn std::error::Error>> {
-    let played = fit
-        .measurements
-        .first()
-        .map(|measurement| &measurement.scenario)
-        .ok_or("no recording")?;
+    let first = fit.measurements.first().ok_or("no recording")?;
+    let played = &first.scenario;
     let plant = Plant {
         sensor: played.plant.sensor.clone(),
         amplifier: played.plant.amplifier.clone(),
@@ -284,9 +281,8 @@ fn write(
         ..played.clone()
     };
     folder.write(file::SCENARIO, scenario.to_text()?.as_bytes())?;
-    for table in &played.reference.table {
-        let parent = scenario_folder(args);
-        folder.copy(&parent.join(&table.file), &table.file)?;
+    for (table, text) in &first.tables {
+        folder.write(table, text.as_bytes())?;
     }
     let numbers = serde_json::to_vec_pretty(&numbers(fit, found))?;
     folder.write(name::NUMBERS, &numbers)?;
@@ -294,15 +290,6 @@ fn write(
     let report = report::markdown(fit, found, notes) + &pictures;
     folder.write(name::REPORT, report.as_bytes())?;
     Ok(folder.path().to_owned())
-}
-
-/// Where the scenario of the first recording lies, and with it its tables.
-fn scenario_folder(args: &IdentifyArgs) -> PathBuf {
-    let first = args.recordings.first().cloned().unwrap_or_default();
-    match &args.scenario {
-        Some(scenario) if !first.is_dir() => scenario.parent().unwrap_or(Path::new(".")).to_owned(),
-        _ => first,
-    }
 }
 
 fn numbers<'a>(fit: &Fit<'_>, found: &'a Solution) -> IdentificationNumbers<'a> {

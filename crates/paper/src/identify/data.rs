@@ -1,6 +1,6 @@
 //! What identification takes from a recording: the inputs over time and the measured positions.
 
-use std::fs::File;
+use std::collections::BTreeMap;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use dbc::{Database, SignalMissing, signals};
 use plant_emulator::sma::Inputs;
 use scenario::plant::Sensor;
 use scenario::rig::RigFile;
-use scenario::{Scenario, ScenarioError};
+use scenario::{Scenario, ScenarioError, Texts};
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::{self, Stamped};
@@ -182,6 +182,8 @@ pub struct IdentificationData {
     pub path: PathBuf,
     /// The scenario that was played.
     pub scenario: Scenario,
+    /// The tables that it names, by these names.
+    pub tables: BTreeMap<String, String>,
     /// The sensor that measured.
     pub sensor: Sensor,
     /// The inputs from scenario time 0 on.
@@ -230,10 +232,12 @@ impl IdentificationData {
             (path.join(file::BUS_LOG), setup)
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
-            let scenario = Scenario::load(scenario)
-                .map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
-            let setup = Setup::new(scenario, catalogue());
-            (path.to_owned(), setup.with_database(shipped()))
+            let (scenario, Texts { tables, .. }) =
+                Scenario::load_with_text(scenario, |_| Vec::new())
+                    .map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
+            let mut setup = Setup::new(scenario, catalogue()).with_database(shipped());
+            setup.tables = tables;
+            (path.to_owned(), setup)
         };
         if let Some(loaded) = &setup.rig {
             setup.scenario.plant.sensor = sensor_of(&loaded.file);
@@ -266,14 +270,15 @@ impl IdentificationData {
         let timeline = timeline::decode(frames, &setup)?;
         check_frames(frames, &setup.database, &timeline)?;
         check_values(&timeline, &setup.scenario)?;
-        Ok(Self::build(path, &timeline, setup.scenario))
+        Ok(Self::build(path, &timeline, setup))
     }
 
-    fn build(path: &Path, timeline: &Timeline, scenario: Scenario) -> Self {
+    fn build(path: &Path, timeline: &Timeline, setup: Setup) -> Self {
         let mut measurement = Self {
             path: path.to_owned(),
-            sensor: scenario.plant.sensor.clone(),
-            scenario,
+            sensor: setup.scenario.plant.sensor.clone(),
+            scenario: setup.scenario,
+            tables: setup.tables,
             stretches: Vec::new(),
             times_seconds: Vec::new(),
             positions_metres: Vec::new(),
@@ -407,7 +412,7 @@ fn read(path: &Path) -> Result<Vec<Stamped>, RecordingFault> {
             .to_string(),
         source,
     };
-    let input = File::open(path).map_err(fault)?;
+    let input = scenario::open_file(path).map_err(fault)?;
     log::read_log(BufReader::new(input)).map_err(fault)
 }
 

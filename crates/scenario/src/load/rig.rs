@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{SCENARIO_BYTES_MAX, build, none_of, read_text};
+use super::{SCENARIO_BYTES_MAX, build, none_of};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
+use crate::file::read_text;
 use crate::outside::Outside;
 use crate::rig::{ObjectAddress, RigFile};
 use crate::{schema, table};

@@ -1,0 +1,66 @@
+//! Text that somebody else wrote, on its way to a terminal.
+
+use std::borrow::Cow;
+
+/// The text with each character that steers a terminal written as `\u001b`, which is also how JSON and TOML write it.
+/// New lines and tabs stay.
+#[must_use]
+pub fn printable(text: &str) -> Cow<'_, str> {
+    if !text.contains(steers) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 16);
+    for character in text.chars() {
+        match steers(character) {
+            true => shown += &format!("\\u{:04x}", u32::from(character)),
+            false => shown.push(character),
+        }
+    }
+    Cow::Owned(shown)
+}
+
+/// Controls with the escape among them, what changes the direction of text, what ends lines elsewhere, and what is no
+/// character, which XML does not admit either.
+fn steers(character: char) -> bool {
+    match character {
+        '\n' | '\t' => false,
+        '\u{061c}'
+        | '\u{200e}'
+        | '\u{200f}'
+        | '\u{2028}'..='\u{202e}'
+        | '\u{2066}'..='\u{2069}' => true,
+        '\u{fffe}' | '\u{ffff}' => true,
+        other => other.is_control(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_steers_a_terminal_is_written_out_and_the_rest_stays() {
+        let plain = "a path/with ünïcode, 25 °C → ≤ 3 │\tand\nlines";
+        assert!(matches!(printable(plain), Cow::Borrowed(text) if text == plain));
+        let cases = [
+            ("\u{1b}[2J", "\\u001b[2J"),
+            ("a\rb\u{7}", "a\\u000db\\u0007"),
+            ("\u{9b}31m", "\\u009b31m"),
+            ("\u{7f}", "\\u007f"),
+            ("a\u{202e}b\u{2066}c", "a\\u202eb\\u2066c"),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(printable(text), expected);
+        }
+    }
+
+    #[test]
+    fn nothing_that_steers_is_left_of_any_character() {
+        for character in '\0'..=char::MAX {
+            let text = String::from(character);
+            let shown = printable(&text);
+            assert!(!shown.contains(steers), "{character:?}");
+            assert_eq!(printable(&shown), shown, "{character:?}");
+        }
+    }
+}

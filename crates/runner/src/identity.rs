@@ -1,0 +1,99 @@
+//! What takes part in a run, so that nobody takes its results for those of another one.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader};
+use std::sync::OnceLock;
+
+use judge::verdict::Identity;
+use recording::session::files_of;
+use rig::setup::Setup;
+use sha2::{Digest, Sha256};
+
+/// The file that this process runs, also when another was put in its place meanwhile.
+const PROGRAM: &str = "/proc/self/exe";
+
+/// So much of it is in memory at a time.
+const PART_BYTES: usize = 64 << 10;
+
+/// The program's file cannot be read, so nobody could say which program played the run.
+#[derive(Debug, thiserror::Error)]
+#[error("the program's own file cannot be read ({PROGRAM}: {0}); is /proc mounted?")]
+pub struct NoIdentity(#[from] io::Error);
+
+/// What takes part in a run: this program, the plant, the law, and the files as they were read.
+///
+/// # Errors
+/// The program's file cannot be read.
+pub fn identity(setup: &Setup) -> Result<Identity, NoIdentity> {
+    let hash = |(name, text): (&str, &str)| (name.to_owned(), hexadecimal(Sha256::digest(text)));
+    Ok(Identity {
+        program: program()?.to_owned(),
+        plant: setup.scenario.plant.name().to_owned(),
+        law: setup.scenario.controller.law_name().to_owned(),
+        files: files_of(setup).map(hash).collect(),
+    })
+}
+
+/// The hash of the program's file, computed once.
+fn program() -> io::Result<&'static str> {
+    static PROGRAM_HASH: OnceLock<String> = OnceLock::new();
+    if let Some(known) = PROGRAM_HASH.get() {
+        return Ok(known);
+    }
+    let mut hasher = Sha256::new();
+    let mut input = BufReader::with_capacity(PART_BYTES, File::open(PROGRAM)?);
+    loop {
+        let part = input.fill_buf()?;
+        let length = part.len();
+        if length == 0 {
+            break;
+        }
+        hasher.update(part);
+        input.consume(length);
+    }
+    Ok(PROGRAM_HASH.get_or_init(|| hexadecimal(hasher.finalize())))
+}
+
+fn hexadecimal(hash: impl AsRef<[u8]>) -> String {
+    let digits = hash.as_ref().iter().map(|byte| format!("{byte:02x}"));
+    digits.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use worlds::catalogue::catalogue;
+
+    use super::*;
+
+    const TEXT: &str = "schema = 1\nname = \"s\"\nduration_seconds = 2.0\n[controller.pid]\n\
+        [[reference.table]]\nfrom_seconds = 0.0\nfile = \"course.csv\"\n";
+    const COURSE: &str = "time_seconds,position_millimetres\n0.0,10.0\n1.0,12.0\n";
+
+    fn identity_of(text: &str, course: &str) -> Identity {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.toml");
+        fs::write(&path, text).unwrap();
+        fs::write(folder.path().join("course.csv"), course).unwrap();
+        identity(&Setup::load(&path, catalogue()).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn whatever_takes_part_is_named_and_a_change_of_it_is_another_identity() {
+        let one = identity_of(TEXT, COURSE);
+        assert_eq!(one, identity_of(TEXT, COURSE));
+        assert_eq!(
+            (one.plant.as_str(), one.law.as_str()),
+            ("sma_actuator", "pid")
+        );
+        let names: Vec<_> = one.files.keys().collect();
+        assert_eq!(names, ["course.csv", "scenario.toml"]);
+        // As sha256sum says.
+        assert_eq!(one.files["course.csv"], hexadecimal(Sha256::digest(COURSE)));
+        let own = fs::read(std::env::current_exe().unwrap()).unwrap();
+        assert_eq!(one.program, hexadecimal(Sha256::digest(own)));
+        assert_ne!(one, identity_of(&format!("{TEXT}# more\n"), COURSE));
+        assert_ne!(one, identity_of(TEXT, &COURSE.replace("12.0", "12.5")));
+    }
+}

@@ -1,0 +1,83 @@
+//! Files that somebody else may have written: opened only where they are files, and read only so far.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::os::unix::fs::FileTypeExt;
+use std::path::Path;
+
+/// Opens a file to read it.
+///
+/// # Errors
+/// It cannot be read, or is no file: a pipe would block until somebody writes to it, and a device may have no end.
+pub fn open_file(path: &Path) -> io::Result<File> {
+    let kind = path.metadata()?.file_type();
+    if kind.is_file() {
+        return File::open(path);
+    }
+    let kind = match () {
+        () if kind.is_dir() => "a folder",
+        () if kind.is_fifo() => "a pipe",
+        () if kind.is_socket() => "a socket",
+        () => "a device",
+    };
+    Err(io::Error::other(format!("it is {kind}, not a file")))
+}
+
+/// Reads a file of text.
+///
+/// # Errors
+/// As [`open_file`]; or it is no text, or longer than `bytes_max`.
+pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
+    let mut text = String::new();
+    let read = open_file(path)?
+        .take(bytes_max + 1)
+        .read_to_string(&mut text)?;
+    if read as u64 > bytes_max {
+        return Err(io::Error::other(format!(
+            "it is longer than {bytes_max} bytes"
+        )));
+    }
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::os::unix::net::UnixListener;
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn what_is_no_file_is_refused_at_once_and_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = |name: &str| folder.path().join(name);
+        fs::create_dir(place("folder")).unwrap();
+        assert!(
+            Command::new("mkfifo")
+                .arg(place("pipe"))
+                .status()
+                .unwrap()
+                .success()
+        );
+        let _socket = UnixListener::bind(place("socket")).unwrap();
+        std::os::unix::fs::symlink("/dev/zero", place("device")).unwrap();
+        for kind in ["folder", "pipe", "socket", "device"] {
+            let error = read_text(&place(kind), 10).unwrap_err().to_string();
+            assert_eq!(error, format!("it is a {kind}, not a file"));
+        }
+        let none = read_text(&place("none"), 10).unwrap_err();
+        assert_eq!(none.kind(), io::ErrorKind::NotFound);
+    }
+
+    #[test]
+    fn a_text_is_read_up_to_its_limit_and_through_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, link) = (folder.path().join("file"), folder.path().join("link"));
+        fs::write(&file, "0123456789").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        assert_eq!(read_text(&link, 10).unwrap(), "0123456789");
+        let error = read_text(&file, 9).unwrap_err().to_string();
+        assert_eq!(error, "it is longer than 9 bytes");
+    }
+}

@@ -1,0 +1,305 @@
+//! What others leave, send and take: things that are no files, damaged files, outputs that take nothing, signals, and text that
+//! steers a terminal.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
+
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::support::{canrig, only_run, output, short_scenario};
+
+/// Starts of commands take less, also on a busy machine.
+const PATIENCE_SECONDS: u64 = 60;
+
+fn bare(words: &[&str]) -> Command {
+    let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    canrig.args(words).env("NO_COLOR", "1");
+    canrig
+}
+
+/// Runs a command that might wait for ever.
+fn soon(command: &mut Command) -> (Option<i32>, String, String) {
+    let mut bounded = Command::new("timeout");
+    bounded.arg(PATIENCE_SECONDS.to_string());
+    bounded.arg(command.get_program()).args(command.get_args());
+    output(bounded.env("NO_COLOR", "1"))
+}
+
+fn make_pipe(path: &Path) {
+    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
+}
+
+/// A short run in a folder.
+fn simulated(folder: &Path) -> PathBuf {
+    let runs = folder.join("runs");
+    let scenario = short_scenario(folder, 0.3);
+    let (code, _, stderr) = output(canrig(&runs, "simulate").arg(scenario));
+    assert_eq!(code, Some(0), "{stderr}");
+    only_run(&runs)
+}
+
+#[test]
+fn what_is_no_file_is_refused_wherever_a_file_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path());
+    for name in ["scenario.toml", "bus.log", "frames.dbc", "verdict.json"] {
+        let path = run.join(name);
+        let kept = fs::read(&path).unwrap();
+        fs::remove_file(&path).unwrap();
+        make_pipe(&path);
+        let (code, _, stderr) = soon(bare(&["replay"]).arg(&run));
+        assert_eq!(code, Some(3), "{name}: {stderr}");
+        assert!(
+            stderr.contains("it is a pipe, not a file"),
+            "{name}: {stderr}"
+        );
+        fs::remove_file(&path).unwrap();
+        fs::create_dir(&path).unwrap();
+        let (code, _, stderr) = soon(bare(&["report"]).arg(&run));
+        assert_eq!(code, Some(3), "{name}: {stderr}");
+        assert!(
+            stderr.contains("it is a folder, not a file"),
+            "{name}: {stderr}"
+        );
+        fs::remove_dir(&path).unwrap();
+        fs::write(&path, kept).unwrap();
+    }
+    let pipe = folder.path().join("pipe");
+    make_pipe(&pipe);
+    let path = pipe.to_str().unwrap();
+    let run = run.to_str().unwrap();
+    let commands: [(&[&str], i32); 8] = [
+        (&["check", path], 3),
+        (&["simulate", path], 3),
+        (&["check", "/dev/zero"], 3),
+        (&["replay", path, "--scenario", path], 3),
+        (&["coverage", run, "--requirements", path], 3),
+        (&["identify", run, "--dbc", path], 2),
+        (
+            &[
+                "sdo", "read", "16", "0x1000", "--bus", "embedded", "--eds", path,
+            ],
+            2,
+        ),
+        (&["run", &format!("{run}/scenario.toml"), "--rig", path], 3),
+    ];
+    for (words, expected) in commands {
+        let (code, _, stderr) = soon(&mut bare(words));
+        assert_eq!(code, Some(expected), "{words:?}: {stderr}");
+        let words_wrapped = stderr.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words_wrapped.contains("not a file"), "{words:?}: {stderr}");
+    }
+}
+
+#[test]
+fn a_damaged_verdict_is_named_by_every_command_that_reads_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path());
+    let path = run.join("verdict.json");
+    let whole = fs::read(&path).unwrap();
+    let mut flipped = whole.clone();
+    flipped[2] ^= 0x80;
+    for damaged in [&whole[..whole.len() / 2], b"{}", b"", &flipped] {
+        fs::write(&path, damaged).unwrap();
+        for command in ["replay", "report", "coverage", "export", "compare"] {
+            let mut words = bare(&[command]);
+            words.arg(&run);
+            match command {
+                "compare" => words.arg(&run),
+                "export" => words.args(["--format", "csv"]),
+                _ => &mut words,
+            };
+            let (code, _, stderr) = output(&mut words);
+            assert_eq!(code, Some(3), "{command}: {stderr}");
+            assert!(
+                stderr.contains("verdict.json is damaged"),
+                "{command}: {stderr}"
+            );
+        }
+    }
+    fs::remove_file(&path).unwrap();
+    let (code, stdout, _) = output(bare(&["replay"]).arg(&run));
+    assert_eq!(code, Some(4), "{stdout}");
+}
+
+#[test]
+fn output_that_cannot_be_written_is_no_success() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path());
+    let run = run.to_str().unwrap();
+    let commands: [&[&str]; 6] = [
+        &["--help"],
+        &["schema"],
+        &["signals"],
+        &["replay", run],
+        &["export", run, "--format", "csv"],
+        &["completions", "bash"],
+    ];
+    for words in commands {
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let output = bare(words).stdout(full).output().unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(4), "{words:?}: {stderr}");
+        assert!(
+            stderr.contains("No space left on device"),
+            "{words:?}: {stderr}"
+        );
+    }
+    let export = |place: &str| {
+        output(&mut bare(&[
+            "export", run, "--format", "csv", "--output", place,
+        ]))
+    };
+    let (code, _, stderr) = export("/dev/full");
+    assert_eq!(code, Some(4), "{stderr}");
+    assert!(stderr.contains("/dev/full cannot be written"), "{stderr}");
+    assert_eq!(export("/dev/null").0, Some(0));
+    assert!(!fs::metadata("/dev/null").unwrap().is_file());
+    // Through a link, which stays one.
+    let (link, target) = (folder.path().join("link"), folder.path().join("target"));
+    fs::write(&target, "old").unwrap();
+    std::os::unix::fs::symlink(&target, &link).unwrap();
+    assert_eq!(export(link.to_str().unwrap()).0, Some(0));
+    assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+    assert!(fs::read_to_string(&target).unwrap().starts_with("cycle,"));
+    let mut reader = bare(&["signals"]).stdout(Stdio::piped()).spawn().unwrap();
+    drop(reader.stdout.take());
+    assert_eq!(reader.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn a_limit_on_files_is_an_error_and_what_is_not_whole_is_partial() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = short_scenario(folder.path(), 1.0);
+    let runs = folder.path().join("runs");
+    // In kilobytes: less than bus.log, more than what is written before the run.
+    let mut bash = Command::new("bash");
+    bash.args(["-c", "ulimit -f 120; exec \"$@\"", "-"]);
+    bash.arg(env!("CARGO_BIN_EXE_canrig")).arg("simulate");
+    bash.arg("--output").arg(&runs).arg(scenario);
+    let (code, _, stderr) = output(&mut bash);
+    assert_eq!(code, Some(4), "{stderr}");
+    assert!(stderr.contains("File too large"), "{stderr}");
+    let run = only_run(&runs);
+    let verdict = fs::read_to_string(run.join("verdict.json")).unwrap();
+    assert!(verdict.contains("\"incomplete\""), "{verdict}");
+    for name in ["signals.csv", "report.html", "run.rrd"] {
+        assert!(!run.join(name).exists(), "{name}");
+    }
+}
+
+/// Starts a simulation, sends it a signal once it records, and waits for its end; its exit code, and whether its verdict is
+/// that of a whole run.
+fn signalled(shell: &str, signal: Signal, duration_seconds: f64) -> (Option<i32>, bool) {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = short_scenario(folder.path(), duration_seconds);
+    let runs = folder.path().join("runs");
+    let mut sh = Command::new("sh");
+    sh.args(["-c", &format!("{shell} exec \"$@\""), "-"]);
+    sh.arg(env!("CARGO_BIN_EXE_canrig")).arg("simulate");
+    sh.arg("--output")
+        .arg(&runs)
+        .arg(scenario)
+        .stdout(Stdio::null());
+    let mut run = sh.stderr(Stdio::null()).spawn().unwrap();
+    let is_recording = || {
+        let run = fs::read_dir(&runs).ok()?.next()?.ok()?.path();
+        let log = fs::metadata(run.join("bus.log")).ok()?;
+        (log.len() > 0).then_some(())
+    };
+    while is_recording().is_none() && run.try_wait().unwrap().is_none() {
+        thread::sleep(Duration::from_millis(2));
+    }
+    kill_process(Pid::from_child(&run), signal).unwrap();
+    let code = run.wait().unwrap().code();
+    let folder = only_run(&runs);
+    let verdict = fs::read_to_string(folder.join("verdict.json")).unwrap();
+    for name in ["signals.csv", "junit.xml", "report.html"] {
+        assert!(folder.join(name).exists(), "{name} is missing");
+    }
+    (code, verdict.contains("\"pass\""))
+}
+
+#[test]
+fn every_signal_that_ends_a_program_ends_a_run_in_order() {
+    for signal in [Signal::INT, Signal::TERM, Signal::HUP, Signal::QUIT] {
+        assert_eq!(
+            signalled("", signal, 300.0),
+            (Some(130), false),
+            "{signal:?}"
+        );
+    }
+}
+
+#[test]
+fn an_ignored_hang_up_stays_ignored() {
+    let ended = signalled("trap '' HUP;", Signal::HUP, 20.0);
+    assert_eq!(ended, (Some(0), true));
+}
+
+/// Whether a text would steer a terminal.
+fn steers(text: &str) -> bool {
+    let is_bidi = |character: char| matches!(character, '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let is_steering = |character: char| {
+        is_bidi(character) || character.is_control() && !matches!(character, '\n' | '\t')
+    };
+    text.contains(is_steering)
+}
+
+#[test]
+fn no_text_of_somebody_else_steers_the_terminal() {
+    const EVIL: &str = "\u{1b}]0;title\u{7}\u{1b}[31m\u{202e}\u{9b}2J";
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path());
+    let evil = folder.path().join(format!("{EVIL}.toml"));
+    let good = fs::read_to_string(run.join("scenario.toml")).unwrap();
+    let check = |text: &str| {
+        fs::write(&evil, text).unwrap();
+        output(bare(&["check"]).arg(&evil))
+    };
+    let mut outputs = vec![
+        check(&good),
+        check(&format!("{EVIL}\n{good}")),
+        check(&format!("{good}# {EVIL}\n[nothing]\n")),
+        check(&good.replace("\"short\"", "\"a\u{202e}b\"")),
+        output(bare(&["check", "none"]).arg(EVIL)),
+        output(&mut bare(&[EVIL])),
+        output(
+            bare(&["simulate", "--output"])
+                .arg(folder.path().join(EVIL))
+                .arg(&evil),
+        ),
+        output(&mut bare(&["run", "--bus", EVIL, "x.toml"])),
+        output(&mut bare(&["run", "--clock", EVIL, "x.toml"])),
+    ];
+    // Colours are not asked for, but wanted.
+    let mut coloured = bare(&["check"]);
+    coloured
+        .env_remove("NO_COLOR")
+        .env("FORCE_COLOR", "1")
+        .env("CLICOLOR_FORCE", "1");
+    fs::write(&evil, format!("{EVIL}\n")).unwrap();
+    outputs.push(output(coloured.arg(&evil)));
+    let log = run.join("bus.log");
+    let frames = fs::read_to_string(&log).unwrap();
+    let middle = frames.len() / 2 + frames[frames.len() / 2..].find('\n').unwrap() + 1;
+    let (before, after) = frames.split_at(middle);
+    fs::write(&log, format!("{before}{EVIL}\n{after}")).unwrap();
+    outputs.push(output(bare(&["replay"]).arg(&run)));
+    outputs.push(output(bare(&["replay", "--json"]).arg(&run)));
+    for (code, stdout, stderr) in &outputs {
+        assert!(
+            !steers(stdout) && !steers(stderr),
+            "{code:?} {stdout:?} {stderr:?}"
+        );
+    }
+    let shown = outputs
+        .iter()
+        .filter(|(_, stdout, stderr)| format!("{stdout}{stderr}").contains("\\u001b"));
+    assert!(shown.count() >= 8, "{outputs:?}");
+    let json: serde_json::Value = serde_json::from_str(&outputs.last().unwrap().1).unwrap();
+    assert_eq!(json["scenario"], "short");
+}
