@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::Shard;
 use super::command::open_folder;
-use super::finish::{FinishError, finish};
+use super::finish::{FinishError, Shown, finish};
 use super::plan::{PlanError, SweepPlan};
 use super::row::SweepRow;
 use super::store::{self, Header, Store, StoreError, StoredRows};
@@ -97,7 +97,7 @@ pub fn merge(args: &MergeArgs) -> Exit {
         ));
         return Exit::CannotStart;
     }
-    let setup = match scenarios::load(&first.join(file::SCENARIO)) {
+    let setup = match scenarios::load(&first.join(file::SCENARIO), &[]) {
         Ok(setup) => setup,
         Err(exit) => return exit,
     };
@@ -131,7 +131,11 @@ fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
             cases: words(&missing),
         });
     }
-    Ok(finish(&folder, setup, &plan, args.quiet)?)
+    let shown = match args.quiet {
+        true => Shown::Failures,
+        false => Shown::All,
+    };
+    Ok(finish(&folder, setup, &plan, shown)?)
 }
 
 /// Opens the parts, which must be of this sweep.

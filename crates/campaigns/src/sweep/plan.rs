@@ -5,6 +5,7 @@ use std::io;
 use std::path::Path;
 
 use faults::Stream;
+use scenario::overrides::set;
 use scenario::sweep::{Axis, Distribution};
 use scenario::{Scenario, read_text};
 use sha2::{Digest, Sha256};
@@ -241,24 +242,6 @@ impl SweepCase<'_> {
             first.map_or_else(|| error.to_string(), ToString::to_string)
         })
     }
-}
-
-/// Sets a number by its path; the loader has made sure that it leads there.
-fn set(table: &mut Table, key: &str, value: Value) -> Option<()> {
-    let Some((first, rest)) = key.split_once('.') else {
-        table.insert(key.to_owned(), value);
-        return Some(());
-    };
-    let below = match first.split_once('[') {
-        Some((name, place)) => {
-            let place: usize = place.strip_suffix(']')?.parse().ok()?;
-            table.get_mut(name)?.as_array_mut()?.get_mut(place)?
-        }
-        None => table
-            .entry(first)
-            .or_insert_with(|| Value::Table(Table::new())),
-    };
-    set(below.as_table_mut()?, rest, value)
 }
 
 /// The hash of a scenario and its tables.
