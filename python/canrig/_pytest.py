@@ -18,7 +18,7 @@ from ._run import Run, StrPath
 
 #: What a scenario has before its first table, and the table that only scenarios have.
 _SCHEMA = re.compile(r"\s*schema\s*=")
-_CONTROLLER = re.compile(r"\s*(\[\s*controller\b|controller\s*[.=])")
+_CONTROLLER = re.compile(r"\s*(\[\[?\s*controller\b|controller\s*[.=])")
 _SWEEP = re.compile(r"\s*\[\[?\s*sweep\b")
 #: More of a file is not looked at, as by the program.
 _BYTES_MAX = 1 << 20

@@ -3,7 +3,9 @@
 import importlib.util
 import re
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
+import canrig
 import pytest
 from conftest import write_hold
 
@@ -48,6 +50,15 @@ def test_scenarios_are_items_and_nothing_else_is(pytester, scenarios, fake):
     found = [line for line in result.outlines if ".toml" in line]
     assert sorted(found) == ["scenarios/below/strict.toml::strict", "scenarios/hold.toml::hold"]
     assert fake.calls == []
+
+
+def test_every_scenario_that_ships_is_an_item(pytester):
+    canrig.copy_examples(pytester.path / "examples")
+    files = pytester.path.glob("examples/**/*.toml")
+    expected = {path.relative_to(pytester.path) for path in files if path.parent.name not in ("rigs", "sweeps")}
+    result = pytester.runpytest_subprocess(*ON, "--collect-only", "-q")
+    found = {Path(line.split("::")[0]) for line in result.outlines if ".toml" in line}
+    assert found == expected and len(found) > 70
 
 
 def test_a_failure_shows_its_limits_and_its_folder(pytester, scenarios):
