@@ -22,7 +22,7 @@ const PAGES: [&str; 4] = [
     "CHANGELOG.md",
 ];
 /// What a path in a page begins with.
-const FOLDERS: [&str; 11] = [
+const FOLDERS: [&str; 12] = [
     ".ci/",
     "benches/",
     "canrig/",
@@ -32,6 +32,7 @@ const FOLDERS: [&str; 11] = [
     "docs/",
     "fuzz/",
     "plant-emulator/",
+    "python/",
     "scenarios/",
     "tests/",
 ];

@@ -1,6 +1,7 @@
 //! Exit codes and messages as a user meets them.
 
 use std::fs;
+use std::process::Command;
 
 use crate::support::{canrig, only_run, output, root, scenario, short_scenario};
 
@@ -163,4 +164,114 @@ fn a_second_run_overwrites_nothing() {
         assert_eq!(output(canrig(&runs, "simulate").arg(&path)).0, Some(0));
     }
     assert_eq!(fs::read_dir(&runs).unwrap().count(), 2);
+}
+
+#[test]
+fn a_scenario_that_ships_is_found_by_its_name_from_anywhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let play = |name: &str| {
+        let mut command = canrig(&folder.path().join("runs"), "simulate");
+        output(command.arg(name).arg("--quiet").current_dir(folder.path()))
+    };
+    let (code, _, stderr) = play("motor_step");
+    assert_eq!(code, Some(0), "{stderr}");
+    let played = only_run(&folder.path().join("runs")).join("scenario.toml");
+    let shipped = fs::read_to_string(scenario("motor_step.toml")).unwrap();
+    assert_eq!(fs::read_to_string(played).unwrap(), shipped);
+    let (code, _, stderr) = play("motor_stepp");
+    assert_eq!(code, Some(3));
+    assert!(stderr.contains("did you mean `motor_step`?"), "{stderr}");
+    // A file of this name comes first.
+    fs::write(folder.path().join("step"), "schema = 2\n").unwrap();
+    let (code, _, stderr) = play("step");
+    assert_eq!(code, Some(3));
+    assert!(stderr.contains("schema"), "{stderr}");
+}
+
+#[test]
+fn what_ships_is_copied_as_it_is_in_the_repository() {
+    let folder = tempfile::tempdir().unwrap();
+    let copy = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        output(
+            command
+                .args(["examples", "--to"])
+                .arg(folder.path().join("a b")),
+        )
+    };
+    assert_eq!(copy().0, Some(0));
+    for name in [
+        "step.toml",
+        "faults/bus_errors.toml",
+        "schema.json",
+        "rig_schema.json",
+        "requirements.csv",
+    ] {
+        let copied = fs::read_to_string(folder.path().join("a b").join(name)).unwrap();
+        assert_eq!(
+            copied,
+            fs::read_to_string(scenario(name)).unwrap(),
+            "{name}"
+        );
+    }
+    let rig = fs::read_to_string(folder.path().join("a b/rigs/rig.toml")).unwrap();
+    assert!(rig.starts_with("#:schema ../rig_schema.json\n"), "{rig}");
+    let (code, _, stderr) = copy();
+    assert_eq!(code, Some(4));
+    assert!(stderr.contains("nothing is overwritten"), "{stderr}");
+}
+
+#[test]
+fn a_value_of_the_command_line_is_played_and_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = short_scenario(folder.path(), 0.2);
+    let runs = folder.path().join("runs");
+    let play = |value: &str| {
+        let mut command = canrig(&runs, "simulate");
+        output(command.arg(&scenario).args(["--json", "--set", value]))
+    };
+    let (code, stdout, stderr) = play("reference.hold[0].position_millimetres=12");
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let signals = fs::read_to_string(only_run(&runs).join("signals.csv")).unwrap();
+    assert!(
+        signals
+            .lines()
+            .skip(1)
+            .all(|row| row.split(',').nth(2) == Some("12"))
+    );
+    for (value, said) in [
+        ("reference.hold[1].position_millimetres=12", "leads nowhere"),
+        ("duration_second=1", "duration_seconds"),
+        ("duration_seconds=-1", "out of range"),
+    ] {
+        let (code, _, stderr) = play(value);
+        assert_eq!(code, Some(3), "{value}");
+        assert!(stderr.contains(said), "{value}: {stderr}");
+    }
+    assert_eq!(play("duration_seconds").0, Some(2));
+}
+
+#[test]
+fn events_are_lines_of_json_that_end_with_the_run_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = short_scenario(folder.path(), 0.2);
+    let runs = folder.path().join("runs");
+    let (code, stdout, _) = output(canrig(&runs, "simulate").arg(&scenario).arg("--events"));
+    assert_eq!(code, Some(0));
+    let events: Vec<serde_json::Value> = stdout
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let kinds: Vec<&str> = events
+        .iter()
+        .map(|event| event["event"].as_str().unwrap())
+        .collect();
+    assert_eq!(kinds.first(), Some(&"note"));
+    assert_eq!(kinds[kinds.len() - 2..], ["judged", "ended"]);
+    let judged = &events[events.len() - 2];
+    assert_eq!(
+        judged["folder"].as_str().unwrap(),
+        only_run(&runs).to_str().unwrap()
+    );
+    assert_eq!(judged["exit"], 0);
 }

@@ -50,7 +50,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
             "judge",
         ],
     ),
-    ("exports", &["canopen", "recording"]),
+    ("exports", &["canopen", "dbc", "recording"]),
     (
         "runner",
         &[

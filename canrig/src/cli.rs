@@ -19,6 +19,7 @@ use paper::reproduce::command::{ReproduceArgs, reproduce};
 use runner::commands::check::{CheckArgs, check};
 use runner::commands::compare::{CompareArgs, compare};
 use runner::commands::coverage::{CoverageArgs, coverage};
+use runner::commands::examples::{ExamplesArgs, examples};
 use runner::commands::export::{ExportArgs, export};
 use runner::commands::replay::{ReplayArgs, replay};
 use runner::commands::report::{ReportArgs, report};
@@ -38,6 +39,9 @@ Examples:
                                              only the checks before current flows
   canrig run scenarios/step.toml --viewer    and watch it while it runs
   canrig simulate scenarios/step.toml        in one process, at once
+  canrig simulate step --set reference.step[0].position_millimetres=20
+                                             one that ships, with another value
+  canrig examples --to scenarios             all that ship, as files
   canrig identify RUN                        the wire's parameters from a recording
   canrig reproduce                           the paper's experiments, on one page
   canrig torture scenarios/torture.toml      which mixes of faults break an invariant?
@@ -127,6 +131,8 @@ pub(crate) enum Command {
     Merge(MergeArgs),
     /// Check scenario and rig files without playing them
     Check(CheckArgs),
+    /// List the scenarios and rig files that ship with canrig, print one, or copy them to a folder
+    Examples(ExamplesArgs),
     /// List the signals of the bus, of a scenario or of a run: name, unit, sender, message, range
     Signals(SignalsArgs),
     /// Write a crate for a plant or a control law of your own, with a program that knows it
@@ -173,6 +179,7 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Sweep(args) => sweep(&args),
         Command::Merge(args) => merge(&args),
         Command::Check(args) => check(&args),
+        Command::Examples(args) => examples(&args),
         Command::Signals(args) => signals(&args),
         Command::New(args) => new(&args),
         Command::Doctor(args) => doctor(&args),

@@ -43,6 +43,16 @@ impl Setup {
         Ok(Self::new(scenario, catalogue).with_texts(path, texts))
     }
 
+    /// Checks the text of a scenario; the tables that it names lie beside `path`.
+    ///
+    /// # Errors
+    /// It is no valid scenario.
+    pub fn parse(path: &Path, text: String, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
+        let objections = |scenario: &Scenario| catalogue.objections(scenario);
+        let (scenario, texts) = Scenario::parse_beside(path, text, objections)?;
+        Ok(Self::new(scenario, catalogue).with_texts(path, texts))
+    }
+
     /// Reads the scenario of a recording whose frames mean what the database says. Plant and law need not be known here.
     ///
     /// # Errors

@@ -3,13 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use scenario::Override;
 
 use crate::console::usage_error;
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
+use crate::lines::EventLines;
 use crate::observer::observed;
 use crate::run::{Judged, RUNS, run};
 use crate::scenarios::{is_scenario, load, scenario_files};
+use crate::terminal::Terminal;
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
@@ -29,11 +32,34 @@ pub struct PlayArgs {
     /// Print the verdicts as JSON instead of tables
     #[arg(long)]
     pub json: bool,
+    /// Print what happens as lines of JSON, for another program
+    #[arg(long, conflicts_with = "json")]
+    pub events: bool,
     /// Print failures only
-    #[arg(long, short, conflicts_with = "json")]
+    #[arg(long, short, conflicts_with_all = ["json", "events"])]
     pub quiet: bool,
     #[command(flatten)]
+    pub values: ValueArgs,
+    #[command(flatten)]
     pub viewer: ViewerArgs,
+}
+
+/// Values that differ from those in the files.
+#[derive(Args, Clone, Debug, Default)]
+pub struct ValueArgs {
+    /// Play with another value, such as reference.step[0].position_millimetres=20
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<Override>,
+}
+
+impl PlayArgs {
+    /// Who prints what happens, as far as the user wants it.
+    pub(crate) fn listener(&self) -> Box<dyn Listener> {
+        match self.events {
+            true => Box::new(EventLines::default()),
+            false => Box::new(Terminal::new(self.json, self.quiet)),
+        }
+    }
 }
 
 /// Where to show what happens.
@@ -90,7 +116,7 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
     let mut worst = Exit::Pass;
     let mut verdicts = Vec::new();
     for path in &paths {
-        let (exit, judged) = match prepared(path, testbed, listener) {
+        let (exit, judged) = match prepared(path, &args.values, testbed, listener) {
             Ok(setup) => play_one(args, &setup, testbed, listener, &mut viewers),
             Err(exit) => (exit, None),
         };
@@ -107,10 +133,11 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
 /// A scenario that can be played on the testbed.
 pub(crate) fn prepared(
     path: &Path,
+    values: &ValueArgs,
     testbed: &dyn Testbed,
     listener: &dyn Listener,
 ) -> Result<Setup, Exit> {
-    let setup = load(path)?;
+    let setup = load(path, &values.overrides)?;
     testbed.prepare(setup).map_err(|reason| {
         listener.on_event(&RunEvent::Failed(format!("{}: {reason}", path.display())));
         Exit::CannotStart

@@ -1,6 +1,6 @@
 //! A recording read back from the disk.
 
-use dbc::SignalMissing;
+use dbc::{Database, SignalMissing};
 use std::fmt::Display;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
@@ -78,9 +78,28 @@ pub enum RecordedError {
     /// The DBC lacks a signal.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
+    /// The frames have no message of this name.
+    #[error("no message `{name}` is in the recording's {}{}", file::FRAMES, meant.as_ref().map(|meant| format!("; did you mean `{meant}`?")).unwrap_or_default())]
+    NoMessage {
+        /// What was asked for.
+        name: String,
+        /// What was probably meant.
+        meant: Option<String>,
+    },
     /// The Parquet library refuses.
     #[error("no Parquet file can be made: {0}")]
     Parquet(#[from] ParquetError),
+}
+
+impl RecordedError {
+    pub(crate) fn no_message(name: &str, database: &Database) -> Self {
+        let names = database.messages().iter();
+        let meant = scenario::nearest(name, names.map(|message| message.name.as_str()));
+        Self::NoMessage {
+            name: name.to_owned(),
+            meant: meant.map(str::to_owned),
+        }
+    }
 }
 
 impl From<ReadError> for RecordedError {

@@ -4,8 +4,14 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use miette::Diagnostic;
+use scenario::overrides::{OverrideError, overridden};
+use scenario::{Override, ScenarioError, read_text};
+
 use crate::console::print_diagnostic;
 use crate::exit::Exit;
+use crate::shipped::{self, ShippedFile};
+use rig::FILE_BYTES_MAX;
 use rig::rig_file::RIG_FILE;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
@@ -13,12 +19,76 @@ use worlds::catalogue::catalogue;
 /// Levels of folders that are searched for scenarios.
 const FOLDER_DEPTH_MAX: u32 = 8;
 
-/// Reads and checks a scenario file; prints what is wrong with it.
+/// Why what a command line names is no scenario to play.
+#[derive(Debug, Diagnostic, thiserror::Error)]
+pub enum NoScenario {
+    /// The file cannot be read or is not valid.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Invalid(#[from] ScenarioError),
+    /// There is no such file, nor does a scenario of this name ship.
+    #[error("{}: there is no such file, and no scenario of this name ships", path.display())]
+    Unknown {
+        /// What was named.
+        path: PathBuf,
+        /// What to do.
+        #[help]
+        help: String,
+    },
+    /// A value of the command line has no place in it.
+    #[error("{}: {source}", path.display())]
+    Override {
+        /// The scenario.
+        path: PathBuf,
+        /// Why not.
+        source: OverrideError,
+    },
+}
+
+/// Reads and checks a scenario with other values: a file, or where there is none, the one that ships by this name.
+///
+/// # Errors
+/// There is none, or it is not valid.
+pub fn read(path: &Path, overrides: &[Override]) -> Result<Setup, NoScenario> {
+    let shipped = shipped::scenario(path);
+    if shipped.is_none() && is_bare_name(path) {
+        let meant = shipped::meant(&path.to_string_lossy());
+        let help = match meant {
+            Some(meant) => {
+                format!("did you mean `{meant}`? `canrig examples` lists those that ship")
+            }
+            None => "`canrig examples` lists those that ship".to_owned(),
+        };
+        let path = path.to_owned();
+        return Err(NoScenario::Unknown { path, help });
+    }
+    let text = match shipped {
+        Some(ShippedFile { text, .. }) => text.to_owned(),
+        None if overrides.is_empty() => return Ok(Setup::load(path, catalogue())?),
+        None => match read_text(path, FILE_BYTES_MAX) {
+            Ok(text) => text,
+            // It says why.
+            Err(_) => return Ok(Setup::load(path, catalogue())?),
+        },
+    };
+    let text = overridden(text, overrides).map_err(|source| NoScenario::Override {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(Setup::parse(path, text, catalogue())?)
+}
+
+/// Whether a path that leads nowhere looks like the name of a scenario that ships.
+fn is_bare_name(path: &Path) -> bool {
+    path.extension().is_none() && path.is_relative() && !path.exists()
+}
+
+/// As [`read`]; prints what is wrong.
 ///
 /// # Errors
 /// The exit code for it.
-pub fn load(path: &Path) -> Result<Setup, Exit> {
-    Setup::load(path, catalogue()).map_err(|error| {
+pub fn load(path: &Path, overrides: &[Override]) -> Result<Setup, Exit> {
+    read(path, overrides).map_err(|error| {
         print_diagnostic(error);
         Exit::CannotStart
     })

@@ -96,6 +96,20 @@ impl Scenario {
         Self::load_for(path, Reading::ToPlay, &objections)
     }
 
+    /// As [`Scenario::load_with_text`], for a text that is at hand; the tables that it names lie beside `path`.
+    ///
+    /// # Errors
+    /// Everything that is wrong in the text and its tables, and every objection.
+    pub fn parse_beside(
+        path: &Path,
+        text: String,
+        objections: impl Fn(&Self) -> Vec<Objection>,
+    ) -> Result<(Self, Texts), ScenarioError> {
+        parse_beside(path, text, |text, name, read_table| {
+            Self::parse_for(text, name, read_table, Reading::ToPlay, &objections)
+        })
+    }
+
     /// As [`Scenario::load_with_text`], for a scenario that was played already: tables of plants and laws from outside are
     /// kept as they are, whether this bench has these plants and laws or not, and nothing in them is checked. Nor is what
     /// a sweep would vary.
@@ -245,9 +259,18 @@ fn load<T>(
     path: &Path,
     parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
 ) -> Result<(T, Texts), ScenarioError> {
-    let name = path.display().to_string();
     let scenario = read_text(path, SCENARIO_BYTES_MAX)
-        .map_err(|error| ScenarioError::unreadable(KIND, &name, &error))?;
+        .map_err(|error| ScenarioError::unreadable(KIND, &path.display().to_string(), &error))?;
+    parse_beside(path, scenario, parse)
+}
+
+/// Hands a text to `parse` with a reader of the tables beside its file.
+fn parse_beside<T>(
+    path: &Path,
+    scenario: String,
+    parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
+) -> Result<(T, Texts), ScenarioError> {
+    let name = path.display().to_string();
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut tables = BTreeMap::new();
     // A table that is named twice is read once.

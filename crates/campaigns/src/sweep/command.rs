@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde_json::json;
 
 use super::Shard;
-use super::finish::{FinishError, finish};
+use super::finish::{FinishError, Shown, finish};
 use super::plan::{PlanError, SweepPlan};
 use super::row::{Ended, SweepRow};
 use super::store::{Header, Recovered, Store, StoreError};
@@ -17,6 +18,8 @@ use rig::setup::Setup;
 use runner::console::{RunsBar, print, print_error};
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
+use runner::lines::EventLines;
+use runner::play::ValueArgs;
 use runner::run::RUNS;
 use runner::scenarios;
 
@@ -63,15 +66,20 @@ pub struct SweepArgs {
     /// Number of runs at a time; without it one for each core
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+    /// Print what happens as lines of JSON, for another program
+    #[arg(long)]
+    pub events: bool,
     /// Print failures only
-    #[arg(long, short)]
+    #[arg(long, short, conflicts_with = "events")]
     pub quiet: bool,
+    #[command(flatten)]
+    pub values: ValueArgs,
 }
 
 /// Does what the command line says.
 #[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
-    let setup = match scenarios::load(&args.scenario) {
+    let setup = match scenarios::load(&args.scenario, &args.values.overrides) {
         Ok(setup) => setup,
         Err(exit) => return exit,
     };
@@ -86,15 +94,32 @@ fn play(args: &SweepArgs, setup: &Setup) -> Result<Exit, SweepError> {
     let folder = open_folder(&args.output, setup, &plan, args.shard)?;
     let header = Header::new(&plan, &identity(setup)?, args.shard);
     let (mut store, found) = Store::open(folder.path(), &header)?;
-    let mut campaign = Campaign::on_all_cores(!args.quiet);
+    let shown = match (args.events, args.quiet) {
+        (true, _) => Shown::Nothing,
+        (false, true) => Shown::Failures,
+        (false, false) => Shown::All,
+    };
+    let mut campaign = Campaign::on_all_cores(shown == Shown::All);
     campaign.threads = args.threads.map_or(campaign.threads, usize::from);
-    if !args.quiet {
+    if shown == Shown::All {
         announce(&plan, args.shard, &campaign, &store);
     }
-    print_found(&found, args.quiet);
-    play_rest(&plan, args.shard, &campaign, &mut store)?;
+    print_found(&found, shown != Shown::All);
+    let lines = args.events.then(EventLines::default);
+    let report = |event: &str, done: usize| {
+        if let Some(lines) = &lines {
+            let (of, folder) = (args.shard.cases(plan.runs()).len(), folder.path());
+            let folder = folder.to_string_lossy();
+            lines.print(&json!({"event": event, "done": done, "of": of, "folder": folder}));
+        }
+    };
+    report("began", store.len());
+    let on_done = |done: usize| report("reached", done);
+    play_rest(&plan, args.shard, &campaign, &mut store, &on_done)?;
     store.finish()?;
-    Ok(finish(&folder, setup, &plan, args.quiet)?)
+    let exit = finish(&folder, setup, &plan, shown)?;
+    report("ended", args.shard.cases(plan.runs()).len());
+    Ok(exit)
 }
 
 /// The folder of a sweep, or of a part of it: the same one each time.
@@ -145,6 +170,7 @@ fn play_rest(
     shard: Shard,
     campaign: &Campaign,
     store: &mut Store,
+    on_done: &(dyn Fn(usize) + Sync),
 ) -> Result<(), SweepError> {
     let cases = shard.cases(plan.runs());
     let of = cases.len();
@@ -155,7 +181,9 @@ fn play_rest(
         let row = row.unwrap_or_else(|reason| {
             SweepRow::without_verdict(case, &plan.case(case).id, Ended::InternalError, reason)
         });
-        store.append(&row)
+        store.append(&row)?;
+        on_done(store.len());
+        Ok(())
     };
     let work = |case: &usize, watch: &Watch| played(plan, *case, watch);
     let ended = campaign.each(left.into_iter(), &count, work, keep);

@@ -14,6 +14,15 @@ use runner::exit::Exit;
 /// Name of the folder with the scenarios of cases that do not pass.
 const FAILING: &str = "failing";
 
+/// What the terminal gets of a sweep.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shown {
+    All,
+    Failures,
+    /// Somebody else reads it.
+    Nothing,
+}
+
 /// Why a sweep has no tables.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum FinishError {
@@ -28,7 +37,7 @@ pub(super) fn finish(
     folder: &RunFolder,
     setup: &Setup,
     plan: &SweepPlan,
-    is_quiet: bool,
+    shown: Shown,
 ) -> Result<Exit, FinishError> {
     let summary = Summary::read(plan, &setup.scenario, folder.path())?;
     let metrics = summary.metrics();
@@ -50,7 +59,7 @@ pub(super) fn finish(
     let page = page::to_html(&summary, place);
     folder.write(file::REPORT, page.as_bytes())?;
     let exit = summary.worst().exit();
-    if !is_quiet || exit != Exit::Pass {
+    if shown == Shown::All || (shown == Shown::Failures && exit != Exit::Pass) {
         print(&page::to_text(&summary));
         print_files(folder, &summary);
     }

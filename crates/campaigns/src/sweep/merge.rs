@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::Shard;
 use super::command::{open_folder, print_found};
-use super::finish::{FinishError, finish};
+use super::finish::{FinishError, Shown, finish};
 use super::plan::{PlanError, SweepPlan};
 use super::row::SweepRow;
 use super::store::{self, Header, Store, StoreError, StoredRows};
@@ -101,7 +101,7 @@ pub fn merge(args: &MergeArgs) -> Exit {
         ));
         return Exit::CannotStart;
     }
-    let setup = match scenarios::load(&first.join(file::SCENARIO)) {
+    let setup = match scenarios::load(&first.join(file::SCENARIO), &[]) {
         Ok(setup) => setup,
         Err(exit) => return exit,
     };
@@ -135,7 +135,11 @@ fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
             cases: words(&missing),
         });
     }
-    Ok(finish(&folder, setup, &plan, args.quiet)?)
+    let shown = match args.quiet {
+        true => Shown::Failures,
+        false => Shown::All,
+    };
+    Ok(finish(&folder, setup, &plan, shown)?)
 }
 
 /// Opens the parts, which must be of this sweep and played by this program.

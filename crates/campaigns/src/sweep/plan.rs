@@ -5,6 +5,7 @@ use std::io;
 
 use faults::Stream;
 use scenario::Scenario;
+use scenario::overrides::set;
 use scenario::sweep::{Axis, Distribution};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
@@ -217,24 +218,6 @@ impl SweepCase<'_> {
             first.map_or_else(|| error.to_string(), ToString::to_string)
         })
     }
-}
-
-/// Sets a number by its path; the loader has made sure that it leads there.
-fn set(table: &mut Table, key: &str, value: Value) -> Option<()> {
-    let Some((first, rest)) = key.split_once('.') else {
-        table.insert(key.to_owned(), value);
-        return Some(());
-    };
-    let below = match first.split_once('[') {
-        Some((name, place)) => {
-            let place: usize = place.strip_suffix(']')?.parse().ok()?;
-            table.get_mut(name)?.as_array_mut()?.get_mut(place)?
-        }
-        None => table
-            .entry(first)
-            .or_insert_with(|| Value::Table(Table::new())),
-    };
-    set(below.as_table_mut()?, rest, value)
 }
 
 /// The hash of a scenario and its tables.

@@ -730,7 +730,7 @@ mod tests {
         for start in [0, 1] {
             fs::write(
                 folder.path().join(FILE),
-                [b"\n", &whole[..]].concat()[1 - start..].to_vec(),
+                &[b"\n", &whole[..]].concat()[1 - start..],
             )
             .unwrap();
             let _first = Store::open(folder.path(), &ours()).unwrap();

@@ -46,7 +46,7 @@ pub struct TortureArgs {
 /// Draws and plays the mixes, and prints what broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
-    let setup = match scenarios::load(&args.scenario) {
+    let setup = match scenarios::load(&args.scenario, &[]) {
         Ok(setup) => setup,
         Err(exit) => return exit,
     };

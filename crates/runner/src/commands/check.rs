@@ -3,15 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use scenario::Override;
 use scenario::rig::RigFile;
 
 use crate::console::{print, print_error, usage_error};
 use crate::exit::Exit;
-use crate::scenarios::scenario_files;
+use crate::play::ValueArgs;
+use crate::scenarios::{read, scenario_files};
 use rig::FILE_BYTES_MAX;
 use rig::rig_file::LoadedRig;
-use rig::setup::Setup;
-use worlds::catalogue::catalogue;
 
 /// Arguments of `check`.
 #[derive(Args, Debug)]
@@ -19,6 +19,8 @@ pub struct CheckArgs {
     /// Scenario or rig files, or folders of them
     #[arg(required = true, value_name = "FILE")]
     pub scenarios: Vec<PathBuf>,
+    #[command(flatten)]
+    pub values: ValueArgs,
 }
 
 /// Checks the files and says of each whether it is valid.
@@ -30,7 +32,7 @@ pub fn check(args: &CheckArgs) -> Exit {
     };
     let mut worst = Exit::Pass;
     for path in paths {
-        match checked(&path) {
+        match checked(&path, &args.values.overrides) {
             Ok(name) => print(&format!("{}: valid ({name})", path.display())),
             Err(error) => {
                 print_error(&format!("{error:?}"));
@@ -42,13 +44,13 @@ pub fn check(args: &CheckArgs) -> Exit {
 }
 
 /// The name of a valid scenario or rig file.
-fn checked(path: &Path) -> miette::Result<String> {
+fn checked(path: &Path, overrides: &[Override]) -> miette::Result<String> {
     let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
     if RigFile::is_meant(&text) {
         let loaded = LoadedRig::load(path)?;
         return Ok(format!("rig: {}", loaded.file.name));
     }
-    let scenario = Setup::load(path, catalogue())?.scenario;
+    let scenario = read(path, overrides)?.scenario;
     Ok(match &scenario.sweep {
         Some(sweep) => format!("{}, {} runs in a sweep", scenario.name, sweep.runs()),
         None => scenario.name,

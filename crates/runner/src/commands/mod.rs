@@ -3,6 +3,7 @@
 pub mod check;
 pub mod compare;
 pub mod coverage;
+pub mod examples;
 pub mod export;
 pub mod replay;
 pub mod report;

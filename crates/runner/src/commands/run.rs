@@ -15,7 +15,6 @@ use crate::exit::Exit;
 use crate::observer::observed;
 use crate::play::{PlayArgs, Testbed, play_all, prepared};
 use crate::scenarios::{is_scenario, scenario_files};
-use crate::terminal::Terminal;
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
@@ -71,8 +70,8 @@ pub enum ClockChoice {
 /// Plays the scenarios, or makes the pre-flight alone; the worst exit of all.
 #[must_use]
 pub fn run(args: &RunArgs) -> Exit {
-    let terminal = Terminal::new(args.play.json, args.play.quiet);
-    let plan = match RunPlan::resolve(args, &terminal) {
+    let listener = args.play.listener();
+    let plan = match RunPlan::resolve(args, &*listener) {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };
@@ -80,7 +79,7 @@ pub fn run(args: &RunArgs) -> Exit {
     if args.dry_run {
         return plan.dry_run(args);
     }
-    play_all(&args.play, &plan, &terminal)
+    play_all(&args.play, &plan, &*listener)
 }
 
 /// What the arguments come to: on which bus, by which clock, with whose nodes.
@@ -228,7 +227,7 @@ impl<'a> RunPlan<'a> {
         let Some(path) = paths.first() else {
             return usage_error("no scenario is named");
         };
-        let setup = match prepared(path, self, self.listener) {
+        let setup = match prepared(path, &args.play.values, self, self.listener) {
             Ok(setup) => setup,
             Err(exit) => return exit,
         };

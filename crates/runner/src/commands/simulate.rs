@@ -2,10 +2,9 @@
 
 use clap::Args;
 
-use crate::event::{Listener, RunEvent};
+use crate::event::RunEvent;
 use crate::exit::Exit;
 use crate::play::{PlayArgs, Testbed, play_all};
-use crate::terminal::Terminal;
 use recording::capture::Capture;
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
@@ -22,10 +21,10 @@ pub struct SimulateArgs {
 /// Plays the scenarios; the worst exit of all.
 #[must_use]
 pub fn simulate(args: &SimulateArgs) -> Exit {
-    let terminal = Terminal::new(args.play.json, args.play.quiet);
+    let listener = args.play.listener();
     let where_and_when = "bus: modelled · clock: lock-step, in one process";
-    terminal.on_event(&RunEvent::Note(where_and_when.to_owned()));
-    play_all(&args.play, &OneProcess, &terminal)
+    listener.on_event(&RunEvent::Note(where_and_when.to_owned()));
+    play_all(&args.play, &OneProcess, &*listener)
 }
 
 /// All nodes in this process, on a modelled bus.
@@ -55,7 +54,8 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::play::ViewerArgs;
+    use crate::event::Listener;
+    use crate::play::{ValueArgs, ViewerArgs};
 
     struct Nobody;
 
@@ -82,7 +82,9 @@ mod tests {
                 scenarios: scenarios.map(Clone::clone).into(),
                 output: folder.path().join("runs"),
                 json: false,
+                events: false,
                 quiet: true,
+                values: ValueArgs::default(),
                 viewer: ViewerArgs::default(),
             };
             play_all(&args, &OneProcess, &Nobody)

@@ -1,0 +1,52 @@
+//! Lists the scenarios and rig files that ship, for `shipped`: each by the place that it has where it is copied to.
+
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+fn main() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    println!("cargo::rerun-if-changed=build.rs");
+    println!(
+        "cargo::rerun-if-changed={}",
+        root.join("scenarios").display()
+    );
+    let scenarios = root.join("scenarios");
+    let mut files = Vec::new();
+    find(&scenarios, &mut files);
+    let mut entries: Vec<(PathBuf, PathBuf)> = files
+        .into_iter()
+        .map(|file| (place(&file, &scenarios), file))
+        .collect();
+    let rig = root.join("docs/examples/rig.toml");
+    println!("cargo::rerun-if-changed={}", rig.display());
+    entries.push((PathBuf::from("rigs/rig.toml"), rig));
+    entries.sort();
+    let lines: Vec<String> = entries
+        .iter()
+        .map(|(place, file)| format!("    ({place:?}, include_str!({file:?})),\n"))
+        .collect();
+    let list = format!("&[\n{}]\n", lines.concat());
+    let output = env::var_os("OUT_DIR").expect("cargo sets it");
+    fs::write(Path::new(&output).join("shipped.rs"), list).expect("cargo's folder takes files");
+}
+
+fn place(file: &Path, folder: &Path) -> PathBuf {
+    file.strip_prefix(folder)
+        .expect("it was found there")
+        .to_owned()
+}
+
+/// The files below a folder that somebody who tries canrig needs. The schemas are made by the program.
+fn find(folder: &Path, files: &mut Vec<PathBuf>) {
+    let entries = fs::read_dir(folder).expect("the folder is in the repository");
+    for path in entries.map(|entry| entry.expect("readable").path()) {
+        if path.is_dir() {
+            find(&path, files);
+        } else if path
+            .extension()
+            .is_some_and(|kind| kind == "toml" || kind == "csv")
+        {
+            files.push(path);
+        }
+    }
+}

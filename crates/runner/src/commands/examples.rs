@@ -1,0 +1,115 @@
+//! `canrig examples`: the scenarios and rig files that ship, listed, shown, or copied.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use scenario::schema::{json_schema, rig_json_schema};
+use toml::Table;
+
+use crate::console::{print, print_bytes, print_error, usage_error};
+use crate::exit::Exit;
+use crate::shipped::{ShippedFile, file, files, meant};
+
+/// Arguments of `examples`.
+#[derive(Args, Debug)]
+pub struct ExamplesArgs {
+    /// Names from the list; without any all are meant
+    #[arg(value_name = "NAME")]
+    pub names: Vec<String>,
+    /// Copy the files to this folder; nothing is overwritten
+    #[arg(long, value_name = "FOLDER")]
+    pub to: Option<PathBuf>,
+}
+
+/// Lists, shows or copies the files.
+#[must_use]
+pub fn examples(args: &ExamplesArgs) -> Exit {
+    let chosen: Result<Vec<ShippedFile>, String> =
+        args.names.iter().map(|name| named(name)).collect();
+    let chosen = match chosen {
+        Ok(chosen) => chosen,
+        Err(reason) => return usage_error(&reason),
+    };
+    match (&args.to, chosen.as_slice()) {
+        (Some(folder), []) => copied(folder, &files().collect::<Vec<_>>()),
+        (Some(folder), chosen) => copied(folder, chosen),
+        (None, []) => {
+            let names = files().map(|file| file.name().len());
+            let width = names.max().unwrap_or_default();
+            for file in files() {
+                print(&format!("{:width$}  {}", file.name(), title(&file)));
+            }
+            Exit::Pass
+        }
+        (None, chosen) => {
+            for file in chosen {
+                print_bytes(file.text.as_bytes());
+            }
+            Exit::Pass
+        }
+    }
+}
+
+fn named(name: &str) -> Result<ShippedFile, String> {
+    file(name).ok_or_else(|| match meant(name) {
+        Some(meant) => format!("no file of the name `{name}` ships; did you mean `{meant}`?"),
+        None => format!("no file of the name `{name}` ships; `canrig examples` lists them"),
+    })
+}
+
+/// What a file is, for people: the name in it.
+fn title(file: &ShippedFile) -> String {
+    let document: Table = file.text.parse().unwrap_or_default();
+    let name = document.get("name").and_then(toml::Value::as_str);
+    name.unwrap_or("the texts of the requirements").to_owned()
+}
+
+fn copied(folder: &Path, files: &[ShippedFile]) -> Exit {
+    match copy(folder, files) {
+        Ok(()) => {
+            print(&folder.display().to_string());
+            Exit::Pass
+        }
+        Err((path, error)) => {
+            let path = path.display();
+            let why = match error.kind() {
+                io::ErrorKind::AlreadyExists => {
+                    "it exists, and nothing is overwritten; name another folder".to_owned()
+                }
+                _ => error.to_string(),
+            };
+            print_error(&format!("canrig: {path} cannot be written: {why}"));
+            Exit::BenchFailed
+        }
+    }
+}
+
+/// Copies files, and beside them the schemas that their first lines name. A schema that is there already is as good.
+fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), (PathBuf, io::Error)> {
+    for ShippedFile { place, text } in files {
+        // In the repository the rig file lies elsewhere.
+        let text = text.replacen("../../scenarios/rig_schema.json", "../rig_schema.json", 1);
+        write(&folder.join(place), &text)?;
+    }
+    for (place, text) in [
+        ("schema.json", json_schema()),
+        ("rig_schema.json", rig_json_schema()),
+    ] {
+        match write(&folder.join(place), &text) {
+            Err((_, error)) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            written => written?,
+        }
+    }
+    Ok(())
+}
+
+/// Writes a file that is not there yet.
+fn write(path: &Path, text: &str) -> Result<(), (PathBuf, io::Error)> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let written = fs::create_dir_all(folder)
+        .and_then(|()| File::create_new(path))
+        .and_then(|mut file| file.write_all(text.as_bytes()));
+    written.map_err(|error| (path.to_owned(), error))
+}

@@ -1,0 +1,57 @@
+//! What happens while scenarios are played, as lines of JSON for another program.
+
+use std::sync::Mutex;
+
+use serde_json::{Value, json};
+
+use crate::console::BufferedLines;
+use crate::event::{Listener, RunEvent};
+use worlds::preflight::PreflightEvent;
+
+/// Prints an object for each event, with its kind as `event`. Who reads it sees it at once.
+#[derive(Default)]
+pub struct EventLines(Mutex<BufferedLines>);
+
+impl EventLines {
+    /// Prints one object.
+    pub fn print(&self, object: &Value) {
+        let mut lines = self.0.lock().unwrap_or_else(|error| error.into_inner());
+        lines.add(&object.to_string());
+        lines.flush();
+    }
+}
+
+impl Listener for EventLines {
+    fn on_event(&self, event: &RunEvent<'_>) {
+        self.print(&match event {
+            RunEvent::Note(text) => json!({"event": "note", "text": text}),
+            RunEvent::Preflight(step) => json!({"event": "note", "text": in_words(step)}),
+            RunEvent::Began { duration_seconds } => {
+                json!({"event": "began", "duration_seconds": duration_seconds})
+            }
+            RunEvent::Reached(reading) => json!({
+                "event": "reached",
+                "time_seconds": reading.time.as_secs_f64(),
+                "position_millimetres": reading.position_millimetres,
+            }),
+            RunEvent::Judged { path, judged } => json!({
+                "event": "judged",
+                "scenario": path.to_string_lossy(),
+                "folder": judged.folder.to_string_lossy(),
+                "exit": judged.exit.code(),
+            }),
+            RunEvent::Failed(reason) => json!({"event": "failed", "reason": reason}),
+            RunEvent::Ended(verdicts) => json!({"event": "ended", "runs": verdicts.len()}),
+        });
+    }
+}
+
+fn in_words(step: &PreflightEvent) -> String {
+    match step {
+        PreflightEvent::Begun => "pre-flight".to_owned(),
+        PreflightEvent::Checked(check) => format!("pre-flight: {check}"),
+        PreflightEvent::Cooling(time) => {
+            format!("pre-flight: the wire cools for {} s", time.as_secs_f64())
+        }
+    }
+}

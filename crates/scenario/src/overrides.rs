@@ -1,0 +1,139 @@
+//! Values that take the place of those in a scenario file, by their keys.
+
+use std::str::FromStr;
+
+use thiserror::Error;
+use toml::{Table, Value};
+
+/// A key and its value: `controller.pid.integral_time_seconds=0.2`, `reference.step[0].position_millimetres=20`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Override {
+    key: String,
+    value: Value,
+}
+
+/// Why a value takes nobody's place.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum OverrideError {
+    /// There is no `=`, or nothing before it.
+    #[error("KEY=VALUE is expected, such as reference.step[0].position_millimetres=20")]
+    NoKey,
+    /// Some part of the key is no table, or no element of a list.
+    #[error(
+        "`{0}` leads nowhere: a key is the dotted path of a value, and reference.step[0] the first element of a list that the scenario has"
+    )]
+    Nowhere(String),
+}
+
+/// A value in TOML; text that is none is a string, so that nobody must quote twice.
+impl FromStr for Override {
+    type Err = OverrideError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (key, value) = text.split_once('=').ok_or(OverrideError::NoKey)?;
+        let (key, value) = (key.trim(), value.trim());
+        if key.is_empty() {
+            return Err(OverrideError::NoKey);
+        }
+        Ok(Self {
+            key: key.to_owned(),
+            value: value.parse().unwrap_or_else(|_| Value::from(value)),
+        })
+    }
+}
+
+/// The text of a scenario with other values. Without any it stays as it is, and so does one that is no TOML, since its loader
+/// says that better.
+///
+/// # Errors
+/// A key leads nowhere.
+pub fn overridden(text: String, overrides: &[Override]) -> Result<String, OverrideError> {
+    if overrides.is_empty() {
+        return Ok(text);
+    }
+    let Ok(mut document) = text.parse::<Table>() else {
+        return Ok(text);
+    };
+    for Override { key, value } in overrides {
+        set(&mut document, key, value.clone())
+            .ok_or_else(|| OverrideError::Nowhere(key.clone()))?;
+    }
+    Ok(document.to_string())
+}
+
+/// Sets a value by its key; tables on the way are made, elements of lists must be there.
+pub fn set(table: &mut Table, key: &str, value: Value) -> Option<()> {
+    let (first, rest) = match key.split_once('.') {
+        Some((first, rest)) => (first, Some(rest)),
+        None => (key, None),
+    };
+    let below = match first.split_once('[') {
+        Some((name, place)) => {
+            let place: usize = place.strip_suffix(']')?.parse().ok()?;
+            table.get_mut(name)?.as_array_mut()?.get_mut(place)?
+        }
+        None => table
+            .entry(first)
+            .or_insert_with(|| Value::Table(Table::new())),
+    };
+    match rest {
+        Some(rest) => set(below.as_table_mut()?, rest, value),
+        None => {
+            *below = value;
+            Some(())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "# a comment\nname = \"a\"\n[[step]]\nat = 1.0\n[plant.x]\n";
+
+    fn with(overrides: &[&str]) -> Result<Table, OverrideError> {
+        let overrides: Result<Vec<Override>, _> =
+            overrides.iter().map(|text| text.parse()).collect();
+        Ok(overridden(TEXT.to_owned(), &overrides?)?.parse().unwrap())
+    }
+
+    #[test]
+    fn values_take_their_places() {
+        let table = with(&["step[0].at=2", "name = b = c", "plant.x.y.z=[1, 2.5]"]).unwrap();
+        assert_eq!(table["step"][0]["at"], Value::Integer(2));
+        assert_eq!(table["name"], Value::from("b = c"));
+        assert_eq!(table["plant"]["x"]["y"]["z"][1], Value::Float(2.5));
+        let quoted = with(&["name=\"3\"", "step[0]={at = 4.0}"]).unwrap();
+        assert_eq!(quoted["name"], Value::from("3"));
+        assert_eq!(quoted["step"][0]["at"], Value::Float(4.0));
+        assert_eq!(
+            with(&["name=1\n[x]"]).unwrap()["name"],
+            Value::from("1\n[x]")
+        );
+    }
+
+    #[test]
+    fn what_leads_nowhere_is_refused() {
+        for key in [
+            "step[1].at",
+            "step[x].at",
+            "step.at",
+            "name.at",
+            "steps[0].at",
+        ] {
+            let error = with(&[&format!("{key}=1")]).unwrap_err();
+            assert_eq!(error, OverrideError::Nowhere(key.to_owned()));
+        }
+        for text in ["name", "=1"] {
+            assert_eq!(with(&[text]).unwrap_err(), OverrideError::NoKey);
+        }
+    }
+
+    #[test]
+    fn a_text_without_overrides_stays_as_it_is() {
+        assert_eq!(overridden(TEXT.to_owned(), &[]).unwrap(), TEXT);
+        let broken = "name = ".to_owned();
+        let one = ["name=b".parse().unwrap()];
+        assert_eq!(overridden(broken.clone(), &one).unwrap(), broken);
+    }
+}
