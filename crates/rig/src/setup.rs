@@ -40,7 +40,7 @@ impl Setup {
     pub fn load(path: &Path, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
         let objections = |scenario: &Scenario| catalogue.objections(scenario);
         let (scenario, texts) = Scenario::load_with_text(path, objections)?;
-        Ok(Self::new(scenario, catalogue).from_files(path, texts))
+        Ok(Self::new(scenario, catalogue).with_texts(path, texts))
     }
 
     /// Reads the scenario of a recording whose frames mean what the database says. Plant and law need not be known here.
@@ -51,7 +51,7 @@ impl Setup {
         let frames = Arc::new(Frames::from_database(database));
         let objections = |scenario: &Scenario| SignalNames::objections(scenario, || frames.names());
         let (scenario, texts) = Scenario::load_recorded(path, objections)?;
-        Ok(Self::with_frames(scenario, frames).from_files(path, texts))
+        Ok(Self::with_frames(scenario, frames).with_texts(path, texts))
     }
 
     /// A scenario that lies in no file.
@@ -84,7 +84,7 @@ impl Setup {
         }
     }
 
-    fn from_files(self, path: &Path, texts: Texts) -> Self {
+    fn with_texts(self, path: &Path, texts: Texts) -> Self {
         Self {
             tables: texts.tables,
             ..self.from_file(path, texts.scenario)
