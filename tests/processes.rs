@@ -21,8 +21,13 @@ impl Run {
     /// Starts a run and waits until the wire is heated.
     fn start(name: &str, clock: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let mut canrig = canrig(folder.path(), "run");
+        let by_itself = canrig(folder.path(), "run");
+        // Whoever runs the tests may have signals ignored.
+        let mut canrig = Command::new("env");
         let canrig = canrig
+            .arg("--default-signal=INT,HUP,QUIT")
+            .arg(by_itself.get_program())
+            .args(by_itself.get_args())
             .arg(scenario(name))
             .args(["--bus", "embedded", "--clock", clock]);
         // The embedded bus lies in a folder of its own, so that a test sees what is left there.

@@ -197,7 +197,9 @@ fn signalled(shell: &str, signal: Signal, duration_seconds: f64) -> (Option<i32>
     let folder = tempfile::tempdir().unwrap();
     let scenario = short_scenario(folder.path(), duration_seconds);
     let runs = folder.path().join("runs");
-    let mut sh = Command::new("sh");
+    // Whoever runs the tests may have signals ignored.
+    let mut sh = Command::new("env");
+    sh.args(["--default-signal=INT,HUP,QUIT", "sh"]);
     sh.args(["-c", &format!("{shell} exec \"$@\""), "-"]);
     sh.arg(env!("CARGO_BIN_EXE_canrig")).arg("simulate");
     sh.arg("--output")

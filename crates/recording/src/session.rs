@@ -158,6 +158,7 @@ mod tests {
     use std::fs;
 
     use super::*;
+    use scenario::Scenario;
 
     /// A folder that holds its scenario is taken for whole, so a sweep that was killed would go on without the table.
     #[test]

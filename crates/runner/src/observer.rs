@@ -1,6 +1,7 @@
 //! While a world works: shows how far it is, and takes the user's wish to stop.
 
 use std::io;
+use std::sync::mpsc;
 use std::time::Duration;
 
 use platform::stop::is_ignored;
@@ -20,12 +21,15 @@ pub fn observed<T>(
     work: impl FnOnce() -> T,
 ) -> T {
     let (working, ended) = oneshot::channel::<()>();
+    let (unprepared, prepared) = mpsc::channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            if let Err(error) = observe(&interrupt, &show, ended) {
+            if let Err(error) = observe(&interrupt, &show, ended, unprepared) {
                 print_error(&format!("canrig: signals cannot be handled: {error}"));
             }
         });
+        // A signal that came before would end the program with all that works.
+        let _ = prepared.recv();
         let result = work();
         drop(working);
         result
@@ -36,6 +40,7 @@ fn observe(
     interrupt: &impl Fn(),
     show: &impl Fn(),
     mut ended: oneshot::Receiver<()>,
+    unprepared: mpsc::Sender<()>,
 ) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -45,6 +50,7 @@ fn observe(
         let mut terminated = signal(SignalKind::terminate())?;
         let mut hung_up = unless_ignored(SignalKind::hangup())?;
         let mut quit = unless_ignored(SignalKind::quit())?;
+        drop(unprepared);
         let mut ticks = tokio::time::interval(PROGRESS_PERIOD);
         loop {
             tokio::select! {

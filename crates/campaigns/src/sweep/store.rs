@@ -727,12 +727,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let whole = written(folder.path());
         // In the first case the file is there as it is, in the second one another took its place.
-        for start in [0, 1] {
-            fs::write(
-                folder.path().join(FILE),
-                &[b"\n", &whole[..]].concat()[1 - start..],
-            )
-            .unwrap();
+        for before in ["", "\n"] {
+            let bytes = [before.as_bytes(), &whole].concat();
+            fs::write(folder.path().join(FILE), bytes).unwrap();
             let _first = Store::open(folder.path(), &ours()).unwrap();
             let error = Store::open(folder.path(), &ours()).unwrap_err();
             assert!(matches!(error, StoreError::Busy { .. }), "{error}");
