@@ -19,8 +19,10 @@ const AHEAD_MAX: f64 = 0.75;
 const BACKLOG_MAX: Duration = Duration::from_millis(500);
 /// The first frame of all may have come so late.
 const FIRST_LATENESS: Duration = Duration::from_millis(3);
-/// In so many periods a lead or a backlog is forgotten, since no clock is exact.
+/// In so many periods a lead or a backlog is forgotten, since no clock is exact, and who was late may have left frames out.
 const MEMORY_PERIODS: f64 = 64.0;
+/// But who is late by less than a period leaves none out. On a busy machine it may be so for long, and then in time again.
+const LATENESS_MEMORY_PERIODS: f64 = 4096.0;
 
 /// So long after NMT Stop the run of whoever gave it is over.
 const STOP_TIME: Duration = Duration::from_secs(1);
@@ -295,6 +297,13 @@ impl Rate {
         }
     }
 
+    /// What is left of lead or backlog after so many periods.
+    fn remembered(&self, periods: f64) -> f64 {
+        let left = |memory: f64| (1.0 - periods / memory).max(0.0);
+        let lateness = self.ahead.clamp(-1.0, 0.0);
+        left(LATENESS_MEMORY_PERIODS) * lateness + left(MEMORY_PERIODS) * (self.ahead - lateness)
+    }
+
     fn counts(&self, frame: &CanFrame) -> bool {
         self.only.as_ref().is_none_or(|(signal, values)| {
             let value = signal.decode(frame);
@@ -316,8 +325,7 @@ impl Rate {
         }
         if let Some(latest) = self.latest.replace(time) {
             let since = time.saturating_sub(latest).as_secs_f64() * self.frames_per_second;
-            let remembered = self.ahead * (1.0 - since / MEMORY_PERIODS).max(0.0);
-            self.ahead = (remembered + 1.0 - since).max(self.ahead_min);
+            self.ahead = (self.remembered(since) + 1.0 - since).max(self.ahead_min);
         }
         if self.ahead > self.ahead_max {
             self.ahead -= 1.0;
@@ -542,6 +550,12 @@ mod tests {
             _ => Duration::ZERO,
         };
         assert_eq!(found(run(1500, stalled)), []);
+        // Late by most of a period for long, and then in time again.
+        let busy = |cycle: u32| match cycle {
+            500..900 => 950 * MICRO,
+            _ => Duration::ZERO,
+        };
+        assert_eq!(found(run(1500, busy)), []);
     }
 
     const RESTART: &str = "[[fault.node.restart]]\nat_seconds = 0.97\nnode = \"controller\"\n";
