@@ -13,8 +13,10 @@ import pytest
 from conftest import write_hold
 
 PLAY = "import canrig, sys; print(canrig.simulate(sys.argv[1], output=sys.argv[2]).folder)"
+# Whoever runs the tests may have signals ignored.
 WAIT = """\
-import canrig, sys
+import canrig, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 try:
     canrig.run(sys.argv[1], output=sys.argv[2], bus="embedded")
 except KeyboardInterrupt:
