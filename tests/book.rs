@@ -346,12 +346,8 @@ fn every_command_parses() {
 #[test]
 fn every_command_is_described() {
     let page = Page::read(root().join("docs/reference/commands.md"));
-    let headings: Vec<&str> = page
-        .text
-        .lines()
-        .filter(|line| line.starts_with("### "))
-        .collect();
-    let headings = headings.join(" ");
+    let lines = page.text.lines();
+    let headings = Vec::from_iter(lines.filter(|line| line.starts_with("### "))).join(" ");
     for command in canrig::command()
         .get_subcommands()
         .filter(|one| !one.is_hide_set())

@@ -300,11 +300,11 @@ impl<N: Node> Node for Faulty<N> {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        let own = match self.condition {
+        let of_node = match self.condition {
             Condition::Working => self.node.next_deadline(),
             _ => None,
         };
-        let own = own.map(|deadline| self.clock.true_time(deadline));
+        let own = of_node.map(|deadline| self.clock.true_time(deadline));
         let leaves = self.outbox.front().map(|(leaves, _)| *leaves);
         [own, leaves, self.next_change()]
             .into_iter()

@@ -129,8 +129,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
 
 /// Why a run fails whose nodes left out too many cycles: more than its limit says, or than can be where it has none.
 fn missed_by_nodes(evidence: &Evidence<'_>) -> Option<String> {
-    let limit = evidence.scenario.expect.missed_cycles_percent;
-    let limit = limit
+    let limit = (evidence.scenario.expect.missed_cycles_percent)
         .and_then(|limit| limit.max)
         .unwrap_or(MISSED_CYCLES_PERCENT_MAX);
     let misses = evidence.misses();

@@ -239,8 +239,9 @@ fn dying_frames(cycles: u32) -> Vec<Stamped> {
     let mut frames = frames(cycles, |cycle| Some(position(f64::from(cycle) / 1e3)));
     let start = frames.last().unwrap().time;
     let end = Duration::from_millis(4002);
-    let heartbeats = (1..).map(|number| start + number * Duration::from_millis(10));
-    let heartbeats = heartbeats.take_while(|time| *time < end);
+    let heartbeats = (1..)
+        .map(|number| start + number * Duration::from_millis(10))
+        .take_while(|time| *time < end);
     let alive = CanFrame::new(0x710, &[5]);
     frames.extend(heartbeats.map(|time| Stamped::new(time, alive)));
     frames

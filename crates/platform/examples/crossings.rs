@@ -67,8 +67,8 @@ impl Node for Answering {
 }
 
 fn main() -> Outcome<()> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let given: Vec<String> = std::env::args().skip(1).collect();
+    let arguments: Vec<&str> = given.iter().map(String::as_str).collect();
     match arguments[..] {
         ["echo", address] => echo(&address.parse()?),
         ["follow", channel, hears, says] => {

@@ -222,8 +222,7 @@ impl Log {
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         let strange = self.strange_until(Duration::MAX);
-        let broken = self.broken.as_ref();
-        let broken = broken.map(|broken| format!("the log breaks off ({broken})"));
+        let broken = (self.broken.as_ref()).map(|broken| format!("the log breaks off ({broken})"));
         strange.into_iter().chain(broken).collect()
     }
 }

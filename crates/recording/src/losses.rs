@@ -50,8 +50,8 @@ impl LossReader {
         let cyclic = PERIODS_MAX * scenario.bus.sync_period();
         let cyclic = CYCLIC.map(|(name, what)| (name, what, Some(cyclic)));
         let heartbeats = HEARTBEATS.map(|(name, what)| (name, what, None));
-        let watched = cyclic.into_iter().chain(heartbeats);
-        let watched = watched.filter_map(|(name, what, limit)| {
+        let regular = cyclic.into_iter().chain(heartbeats);
+        let watched = regular.filter_map(|(name, what, limit)| {
             let message = database.message(name)?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
             let watched = Watched {

@@ -147,8 +147,9 @@ impl MasterWatch {
             id: HEARTBEATS.into(),
             mask: mask & !0x7F,
         };
-        let nmt = [Filter::exact(NMT_COB_ID), heartbeats];
-        let nmt = nmt.into_iter().filter(|_| self.nmt.is_some());
+        let nmt = [Filter::exact(NMT_COB_ID), heartbeats]
+            .into_iter()
+            .filter(|_| self.nmt.is_some());
         rates.chain(nmt).collect()
     }
 
@@ -211,8 +212,8 @@ impl MasterWatch {
 
 /// The values of the command that lets a current flow.
 fn enabling(database: &Database) -> Vec<i64> {
-    let labels = database.definition(COMMAND).into_iter();
-    let labels = labels.flat_map(|signal| &signal.labels);
+    let signal = database.definition(COMMAND).into_iter();
+    let labels = signal.flat_map(|signal| &signal.labels);
     let enabling = labels.filter(|(_, label)| label == ENABLE);
     enabling.map(|(value, _)| *value).collect()
 }

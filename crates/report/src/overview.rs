@@ -83,11 +83,11 @@ fn columns<'a>(runs: &'a [ListedRun<'_>]) -> Vec<&'a str> {
         .map(|metric| metric.name.as_str())
         .collect();
     let known = metrics().filter(|metric| metric.value.is_some() || metric.limit.is_some());
-    let names: BTreeSet<&str> = known
+    let each: BTreeSet<&str> = known
         .map(|metric| metric.name.as_str())
         .filter(|name| is_key(name))
         .collect();
-    let mut names: Vec<&str> = names.into_iter().collect();
+    let mut names: Vec<&str> = each.into_iter().collect();
     let place = |name: &str| METRICS.iter().position(|metric| metric.name == name);
     names.sort_by_key(|name| (!limited.contains(name), place(name).unwrap_or(usize::MAX)));
     names

@@ -239,8 +239,8 @@ impl Recorded {
     /// What was on the bus and is not among the frames: what the run noted, and what of its log cannot be read.
     fn unrecorded(&self, timeline: &Timeline) -> Unrecorded {
         let duration_seconds = self.setup.scenario.duration_seconds;
-        let end = timeline.zero_seconds.map(|zero| zero + duration_seconds);
-        let end = end.and_then(|end| Duration::try_from_secs_f64(end).ok());
+        let end = (timeline.zero_seconds)
+            .and_then(|zero| Duration::try_from_secs_f64(zero + duration_seconds).ok());
         let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
         Unrecorded {
             frames_lost: of_run(|stored| stored.frames_lost),

@@ -174,8 +174,8 @@ impl Scenario {
             });
         let faults = self.fault.windows().into_iter().flat_map(|fault| {
             let is_instant = fault.from_seconds == fault.until_seconds;
-            let end = fault.until_seconds.filter(|_| !is_instant);
-            let end = end.map(|end| event(end, format!("{} over", fault.text)));
+            let until_seconds = fault.until_seconds.filter(|_| !is_instant);
+            let end = until_seconds.map(|end| event(end, format!("{} over", fault.text)));
             let begin = Event {
                 is_fault: true,
                 ..event(fault.from_seconds.unwrap_or(0.0), fault.text)

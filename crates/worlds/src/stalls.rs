@@ -56,8 +56,8 @@ impl StallRecorder {
     ) -> Vec<Stall> {
         let longer_than = self.longer_than;
         let late = reports.iter_mut().flat_map(|(name, report)| {
-            let times = std::mem::take(&mut report.late).into_iter();
-            let times = times.map(|times| times.map(Duration::from_nanos));
+            let late = std::mem::take(&mut report.late).into_iter();
+            let times = late.map(|times| times.map(Duration::from_nanos));
             let who = who(name);
             times
                 .filter(move |[from, until]| *until > *from + longer_than)

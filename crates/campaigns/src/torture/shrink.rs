@@ -157,9 +157,10 @@ impl TortureCase {
         let Some(duration) = duration.and_then(Value::as_float) else {
             return Vec::new();
         };
-        let shorter = [0.5, 0.8, 0.9].map(|factor| libm::ceil(duration * factor * 10.0) / 10.0);
-        let shorter = shorter.into_iter().filter(|shorter| *shorter < duration);
-        shorter
+        let rounded = [0.5, 0.8, 0.9].map(|factor| libm::ceil(duration * factor * 10.0) / 10.0);
+        rounded
+            .into_iter()
+            .filter(|shorter| *shorter < duration)
             .map(|shorter| {
                 let mut smaller = self.clone();
                 let document = &mut smaller.document;

@@ -207,8 +207,8 @@ impl<'a> Fit<'a> {
     pub fn jacobian_at(&self, values: &[f64], base: &[f64]) -> Option<Derivatives> {
         std::thread::scope(|scope| {
             let column = |index| scope.spawn(move || self.column(values, index, base));
-            let columns: Vec<_> = (0..values.len()).map(column).collect();
-            let columns = columns.into_iter().map(|thread| thread.join().ok()?);
+            let threads: Vec<_> = (0..values.len()).map(column).collect();
+            let columns = threads.into_iter().map(|thread| thread.join().ok()?);
             columns.collect()
         })
     }

@@ -85,8 +85,8 @@ fn recorded(run: &Run<'_>) -> String {
     );
     let end = run.verdict.ended_early.as_ref().map(ToString::to_string);
     // The end of a node's log stands in the reason.
-    let why = end.as_deref().and_then(|end| end.lines().next());
-    let why = why.map_or_else(String::new, |why| format!(": {why}"));
+    let reason = end.as_deref().and_then(|end| end.lines().next());
+    let why = reason.map_or_else(String::new, |why| format!(": {why}"));
     format!("{reached:.3} s of {planned} s{why}")
 }
 

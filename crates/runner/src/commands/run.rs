@@ -109,11 +109,11 @@ impl<'a> RunPlan<'a> {
             None => external,
         };
         refuse(args, &external).map_err(usage_error)?;
-        let choice = match (&args.bus, &rig) {
+        let interface = match (&args.bus, &rig) {
             (BusChoice::Auto, Some(rig)) => rig.file.bus.interface.clone(),
             _ => None,
         };
-        let choice = choice.map_or_else(|| args.bus.clone(), BusChoice::Interface);
+        let choice = interface.map_or_else(|| args.bus.clone(), BusChoice::Interface);
         let bus = choose_bus(&choice, args.require_vcan);
         let placed = bus.and_then(|bus| BusPlace::take(&bus).map(|place| (bus, place)));
         let (bus, place) = placed.map_err(|error| {

@@ -198,12 +198,11 @@ fn heat(
 }
 
 fn interview(rig: &LoadedRig, external: &External) -> Result<Interview, WorldError> {
-    let dictionary = eds::parse(&rig.eds, rig.drive.node_id().get());
-    let dictionary = dictionary
+    let dictionary = eds::parse(&rig.eds, rig.drive.node_id().get())
         .map_err(|error| cannot_be_made(&error))?
         .dictionary;
-    let fan = NodeId::new(rig.file.fan.node_id).filter(|_| external.has(ExternalNode::Fan));
-    let fan = fan.map(|node_id| (node_id, "fan and load module"));
+    let node_id = NodeId::new(rig.file.fan.node_id).filter(|_| external.has(ExternalNode::Fan));
+    let fan = node_id.map(|node_id| (node_id, "fan and load module"));
     Ok(Interview::new(rig, dictionary, fan.as_slice()))
 }
 

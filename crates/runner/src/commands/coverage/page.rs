@@ -65,8 +65,9 @@ pub(super) fn to_html(
 }
 
 fn name(requirement: &Requirement) -> String {
-    let text = requirement.text.as_deref();
-    let text = text.map(|text| format!(" {text}")).unwrap_or_default();
+    let text = (requirement.text.as_deref())
+        .map(|text| format!(" {text}"))
+        .unwrap_or_default();
     match requirement.is_listed {
         true => format!("{}{text}", requirement.id),
         false => format!("{} (not in the list)", requirement.id),
