@@ -1,7 +1,8 @@
 //! A second master: frames that are sent once in a cycle and came more often, and NMT commands that nobody of the run gives.
 //!
 //! On a bus all frames look alike; what distinguishes two senders from one is how often they send. A busy machine only delays
-//! frames, so what comes in a burst after a pause is one sender's, and what comes too often without one is two senders'.
+//! frames, so what comes in a burst after a pause is one sender's, and what comes too often without one is two senders'. Nor is
+//! an answer to a SYNC too many, however late it is.
 
 use std::fmt;
 use std::time::Duration;
@@ -99,7 +100,8 @@ impl MasterWatch {
         };
         let command = || {
             let rate = rate("drive_rpdo1", "commands to the drive", Some(cycle))?;
-            Some(rate.only(database.signal(COMMAND)?, enabling(database)))
+            let rate = rate.only(database.signal(COMMAND)?, enabling(database));
+            Some(rate.of_answers())
         };
         // When a node is no longer slow, its next frame comes sooner by so much.
         let delays = fault
@@ -110,7 +112,7 @@ impl MasterWatch {
         let slow_seconds = delays.fold(0.0, f64::max);
         let sync = rate("sync", "SYNC", Some(cycle));
         let of_ours = [
-            rate("drive_tpdo1", "positions of the drive", Some(cycle)),
+            rate("drive_tpdo1", "positions of the drive", Some(cycle)).map(Rate::of_answers),
             command(),
             rate("controller_heartbeat", "heartbeats of the controller", None)
                 .map(|rate| rate.of_heartbeats(Heartbeats::new(&fault.node))),
@@ -174,6 +176,13 @@ impl MasterWatch {
         let scenario_time = scenario_time.filter(|time| *time < self.end);
         if let Some(rate) = self.rates.iter_mut().find(|rate| rate.raw_id == id) {
             rate.on_frame(time, scenario_time, frame);
+        }
+        if frame.standard_id() == Some(SYNC_COB_ID) {
+            let answers = self
+                .rates
+                .iter_mut()
+                .filter_map(|rate| rate.answers.as_mut());
+            answers.for_each(Answers::on_sync);
         }
         if let (Some(nmt), Some(time)) = (&mut self.nmt, scenario_time)
             && nmt.reads(id)
@@ -249,6 +258,8 @@ struct Rate {
     /// Only frames with one of these values count.
     only: Option<(SignalHandle, Vec<i64>)>,
     heartbeats: Option<Heartbeats>,
+    /// Of a message that answers each SYNC.
+    answers: Option<Answers>,
     latest: Option<Duration>,
     frames_per_second: f64,
     /// Frames that came before their time; a backlog, if negative.
@@ -268,6 +279,7 @@ impl Rate {
             period,
             only: None,
             heartbeats: None,
+            answers: None,
             latest: None,
             frames_per_second: 1.0 / period.as_secs_f64(),
             ahead: -periods(FIRST_LATENESS, period),
@@ -294,6 +306,17 @@ impl Rate {
     fn of_heartbeats(self, heartbeats: Heartbeats) -> Self {
         Self {
             heartbeats: Some(heartbeats),
+            ..self
+        }
+    }
+
+    fn of_answers(self) -> Self {
+        let answers = Answers {
+            due: 0.0,
+            due_max: periods(BACKLOG_MAX, self.period),
+        };
+        Self {
+            answers: Some(answers),
             ..self
         }
     }
@@ -328,12 +351,45 @@ impl Rate {
             let since = time.saturating_sub(latest).as_secs_f64() * self.frames_per_second;
             self.ahead = (self.remembered(since) + 1.0 - since).max(self.ahead_min);
         }
+        if let Some(answers) = &mut self.answers {
+            answers.on_answer();
+        }
         if self.ahead > self.ahead_max {
             self.ahead -= 1.0;
-            if let Some(time) = scenario_time {
+            let is_asked_for = self.answers.as_ref().is_some_and(Answers::are_asked_for);
+            if let Some(time) = scenario_time.filter(|_| !is_asked_for) {
                 self.surplus.add(time);
             }
         }
+    }
+}
+
+/// SYNCs and their answers. A slow node may have a queue of SYNCs for long, and then answer all of them at once.
+#[derive(Debug)]
+struct Answers {
+    /// So many SYNCs have no answer yet; so many answers nobody asked for, if negative.
+    due: f64,
+    due_max: f64,
+}
+
+impl Answers {
+    fn on_sync(&mut self) {
+        let memory = if self.due < 0.0 {
+            MEMORY_PERIODS
+        } else {
+            LATENESS_MEMORY_PERIODS
+        };
+        let remembered = self.due * (1.0 - 1.0 / memory);
+        self.due = (remembered + 1.0).min(self.due_max);
+    }
+
+    fn on_answer(&mut self) {
+        self.due = (self.due - 1.0).max(-1.0);
+    }
+
+    /// Whether no answer of late was one too many.
+    fn are_asked_for(&self) -> bool {
+        self.due > -0.5
     }
 }
 
@@ -559,6 +615,27 @@ mod tests {
         assert_eq!(found(run(1500, busy)), []);
     }
 
+    /// It has a queue of SYNCs for longer than a backlog is remembered, and then answers all of them at once.
+    #[test]
+    fn a_slow_drive_that_catches_up_is_no_second_master() {
+        let mut frames = run(1500, |_| Duration::ZERO);
+        for (time, frame) in &mut frames {
+            let is_slow = (500 * PERIOD..900 * PERIOD).contains(time);
+            if is_slow && frame.standard_id() == Some(0x190) {
+                *time = (*time + 5 * PERIOD).min(900 * PERIOD + 200 * MICRO);
+            }
+        }
+        assert_eq!(found(frames.clone()), []);
+        // What nobody asked for is still found.
+        let from = 1200 * PERIOD + 400 * MICRO;
+        frames.extend((0..10).map(|number| (from + number * PERIOD, position())));
+        let found = found(frames);
+        let [master] = &found[..] else {
+            panic!("{found:?}")
+        };
+        assert!((9..=10).contains(&master.frames), "{master}");
+    }
+
     const RESTART: &str = "[[fault.node.restart]]\nat_seconds = 0.97\nnode = \"controller\"\n";
 
     /// The boot-up, the heartbeat of a new state, and one when its time has come.
@@ -698,8 +775,15 @@ mod tests {
 
     #[test]
     fn what_the_scenario_or_a_foreign_controller_does_is_expected() {
-        let doubled = || [run(1500, |_| Duration::ZERO), run(1500, |_| 400 * MICRO)].concat();
-        assert_eq!(found(doubled()).len(), 4);
+        let doubled = || {
+            // Without the position that no SYNC asks for.
+            let run = |delay| run(1500, |_| delay).split_off(1);
+            [run(Duration::ZERO), run(400 * MICRO)].concat()
+        };
+        // The drive answers each SYNC, whoever sends it.
+        let ids = found(doubled()).into_iter().map(|found| found.what);
+        let ids: Vec<String> = ids.map(|what| what[..5].to_owned()).collect();
+        assert_eq!(ids, ["0x080", "0x701"]);
         let babble = "[[fault.bus.babble]]\nfrom_seconds = 1.0\nidentifier = 128\n";
         assert_eq!(found_in(doubled(), babble, &External::default()), []);
         let external = External::new(&[ExternalNode::Controller]).unwrap();
