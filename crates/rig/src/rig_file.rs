@@ -53,7 +53,7 @@ pub enum RigError {
         source: io::Error,
     },
     /// Rig file and EDS do not fit each other.
-    #[error("{}: {source}", rig.display())]
+    #[error("{}: the drive cannot be led", rig.display())]
     Drive {
         /// The rig file.
         rig: PathBuf,
@@ -61,7 +61,7 @@ pub enum RigError {
         source: Box<DriveError>,
     },
     /// Frames of the drive would be taken for another node's.
-    #[error("{}: the drive's frames and another node's have the same identifier: {source}", rig.display())]
+    #[error("{}: the drive's frames and another node's have the same identifier", rig.display())]
     Identifier {
         /// The rig file.
         rig: PathBuf,

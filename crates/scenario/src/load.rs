@@ -157,6 +157,11 @@ impl Scenario {
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
+        if rig::is_meant(&document) {
+            let help = "scenarios are played on it: canrig run SCENARIO --rig FILE";
+            let problem = document.problem("name", "this is a rig file, not a scenario", "a rig");
+            return Err(fail(vec![problem.with_help(help)]));
+        }
         let outside = match reading {
             Reading::ToPlay => Outside::Registered,
             Reading::Recorded => Outside::from_recording(document.root()),

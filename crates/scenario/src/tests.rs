@@ -773,3 +773,25 @@ proptest! {
         let _ = crate::table::parse("x.csv", &format!("time_seconds,position_millimetres\n{rows}"));
     }
 }
+
+#[test]
+fn a_law_in_capital_letters_is_known_by_its_nearest_name() {
+    let text = with(CLOSED).replace("[controller.pid]", "[controller.PID]");
+    let error = Scenario::parse(&text, "broken.toml", no_tables).unwrap_err();
+    assert!(
+        render(&error).contains("did you mean `pid`?"),
+        "{}",
+        render(&error)
+    );
+}
+
+#[test]
+fn one_kind_of_file_is_not_taken_for_the_other() {
+    const RIG: &str = "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n";
+    let error = Scenario::parse(RIG, "rig.toml", no_tables).unwrap_err();
+    assert_eq!(error.problems().len(), 1, "{}", render(&error));
+    assert!(render(&error).contains("this is a rig file, not a scenario"));
+    let error = crate::rig::RigFile::parse(&with(CLOSED), "step.toml").unwrap_err();
+    assert_eq!(error.problems().len(), 1, "{}", render(&error));
+    assert!(render(&error).contains("this is a scenario, not a rig file"));
+}

@@ -24,13 +24,21 @@ use worlds::{Played, lockstep};
 /// Failing cases that are shrunk; more of them have the same cause more often than not.
 const SHRUNK_MAX: usize = 5;
 
+fn runs(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) => Err("nothing would be played; it must be at least 1".to_owned()),
+        Ok(runs) => Ok(runs),
+        Err(error) => Err(format!("{error}")),
+    }
+}
+
 /// Arguments of `torture`.
 #[derive(Args, Debug)]
 pub struct TortureArgs {
     /// The scenario that is played with faults; its own faults and limits are left out
     pub scenario: PathBuf,
     /// Number of random combinations of faults
-    #[arg(long, value_name = "COUNT", default_value_t = 1000)]
+    #[arg(long, value_name = "COUNT", default_value_t = 1000, value_parser = runs)]
     pub runs: usize,
     /// Seed of the random combinations
     #[arg(long, value_name = "SEED", default_value_t = 1)]

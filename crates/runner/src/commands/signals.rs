@@ -15,6 +15,8 @@ use report::terminal;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
 
+/// Limits from here on are shown with a power of ten.
+const DIGITS_SHOWN_BELOW: f64 = 1e15;
 /// Signals with more named values than this show their range only; `--json` has all names.
 const LABELS_SHOWN_MAX: usize = 4;
 
@@ -80,9 +82,19 @@ impl<'a> ListedSignal<'a> {
             return values.join(", ");
         }
         match (self.minimum, self.maximum) {
-            (Some(minimum), Some(maximum)) => format!("{minimum} … {maximum}"),
+            (Some(minimum), Some(maximum)) => {
+                format!("{} … {}", in_words(minimum), in_words(maximum))
+            }
             _ => "–".to_owned(),
         }
+    }
+}
+
+/// The ends of a floating-point number's range have 39 digits, of which nobody needs more than some.
+fn in_words(limit: f64) -> String {
+    match limit.abs() < DIGITS_SHOWN_BELOW {
+        true => limit.to_string(),
+        false => format!("{limit:.3e}"),
     }
 }
 

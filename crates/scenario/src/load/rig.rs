@@ -32,6 +32,12 @@ impl RigFile {
     pub fn parse(text: &str, file_name: &str) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
+        if document.has("controller") {
+            let help = "a rig file has [limits]; --rig takes one, beside the scenarios";
+            let problem =
+                document.problem("name", "this is a scenario, not a rig file", "a scenario");
+            return Err(fail(vec![problem.with_help(help)]));
+        }
         let (rig, mut problems) = build::<Self>(
             &document,
             &Outside::Registered,
@@ -46,11 +52,8 @@ impl RigFile {
     /// Whether a text is meant as a rig file: no scenario has one of these tables.
     #[must_use]
     pub fn is_meant(text: &str) -> bool {
-        let tables = ["limits", "drive", "timeouts", "preflight"];
         let document = Document::parse(Source::new("", text), text);
-        document.is_ok_and(|document| {
-            tables.iter().any(|table| document.has(table)) && !document.has("controller")
-        })
+        document.is_ok_and(|document| is_meant(&document))
     }
 
     /// The drive's EDS; none for that of the emulated drive. `rig_file` is where this was read from.
@@ -59,6 +62,12 @@ impl RigFile {
         let folder = rig_file.parent().unwrap_or(Path::new(""));
         self.drive.eds.as_ref().map(|eds| folder.join(eds))
     }
+}
+
+/// Whether a document is meant as a rig file.
+pub(super) fn is_meant(document: &Document<'_>) -> bool {
+    let tables = ["limits", "drive", "timeouts", "preflight"];
+    tables.iter().any(|table| document.has(table)) && !document.has("controller")
 }
 
 /// What the schema cannot say.
