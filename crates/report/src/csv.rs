@@ -3,6 +3,7 @@
 use std::fmt;
 use std::io::{self, Write};
 
+use platform::series::Series;
 use recording::timeline::Timeline;
 
 /// Ten to the power of the decimals of a number: one more than the finest signal has.
@@ -22,7 +23,7 @@ pub fn write(mut output: impl Write, timeline: &Timeline) -> io::Result<()> {
     writeln!(output, "{}", names.join(","))?;
     let own = [&timeline.time_seconds, &timeline.set_point_millimetres];
     let columns = timeline.columns.iter().map(|column| &column.values);
-    let columns: Vec<&Vec<f64>> = own.into_iter().chain(columns).collect();
+    let columns: Vec<&Series<f64>> = own.into_iter().chain(columns).collect();
     let mut cells = vec![String::new(); columns.len()];
     for (row, cycle) in timeline.cycle.iter().enumerate() {
         for (cell, values) in cells.iter_mut().zip(&columns) {

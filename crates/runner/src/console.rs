@@ -2,7 +2,7 @@
 //! else steers the terminal.
 
 use std::borrow::Cow;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, BufWriter, IsTerminal, Write};
 use std::panic::PanicHookInfo;
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -45,6 +45,18 @@ pub fn print_bytes(bytes: &[u8]) {
         true => stdout.write_all(printable(&String::from_utf8_lossy(bytes)).as_bytes()),
         false => stdout.write_all(bytes),
     });
+}
+
+/// Prints what is too long to be held in memory on standard output: as it is, but for a terminal.
+pub fn print_with(write: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>) {
+    let mut stdout = BufWriter::new(io::stdout());
+    if stdout.get_ref().is_terminal() {
+        let mut bytes = Vec::new();
+        keep_error(write(&mut bytes));
+        print_bytes(&bytes);
+    } else {
+        keep_error(write(&mut stdout).and_then(|()| stdout.flush()));
+    }
 }
 
 /// Prints a line on standard error.

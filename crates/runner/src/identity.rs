@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 
 use judge::verdict::Identity;
 use recording::session::files_of;
+use recording::text::hexadecimal;
 use rig::setup::Setup;
 use sha2::{Digest, Sha256};
 
@@ -52,11 +53,6 @@ fn program() -> io::Result<&'static str> {
         input.consume(length);
     }
     Ok(PROGRAM_HASH.get_or_init(|| hexadecimal(hasher.finalize())))
-}
-
-fn hexadecimal(hash: impl AsRef<[u8]>) -> String {
-    let digits = hash.as_ref().iter().map(|byte| format!("{byte:02x}"));
-    digits.collect()
 }
 
 #[cfg(test)]

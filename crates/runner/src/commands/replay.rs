@@ -83,7 +83,10 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     }
     let (mut queues, shows) = viewers.show(&recorded.setup, WhenFull::Wait);
     let frames = &recorded.log.frames;
-    let begin = frames.first().map_or(Duration::ZERO, |first| first.time);
+    let begin = frames
+        .iter()
+        .next()
+        .map_or(Duration::ZERO, |first| first.time);
     let clock = Clock::start();
     for stamped in frames {
         let since = stamped.time.saturating_sub(begin);
@@ -93,7 +96,7 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
             sleep(ahead);
         }
         for queue in &mut queues {
-            queue.push(*stamped);
+            queue.push(stamped);
         }
     }
     drop(queues);
@@ -107,7 +110,7 @@ fn report_all(reasons: &[String]) {
 }
 
 fn report(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
-    for remark in recorded.log.remarks() {
+    for remark in recorded.log.unread.remarks() {
         let read = recorded.log.frames.len();
         print_error(&format!(
             "canrig: {remark}; the other {read} frames are judged"

@@ -41,6 +41,7 @@ pub fn report(args: &ReportArgs) -> Exit {
             frames: &recorded.log.frames,
             timeline,
             verdict,
+            is_long: recorded.is_long,
         };
         let place = match &args.output {
             Some(output) if runs.len() == 1 => output.clone(),

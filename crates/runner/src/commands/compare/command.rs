@@ -128,6 +128,7 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> 
         let path = recorded.path.display();
         let remarks = recorded
             .log
+            .unread
             .remarks()
             .into_iter()
             .map(|remark| format!("{path}: {remark}"));
