@@ -4,6 +4,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use recording::timeline::Timeline;
+use recording::work::Way;
 
 /// Where the header block has its place.
 const HEADER_AT: usize = 64;
@@ -50,7 +51,9 @@ pub fn write(mut output: impl Write, timeline: &Timeline, start: Duration) -> io
     let history = file.history(nanos);
     output.write_all(&file.head(data_group, history, nanos))?;
     // Each row has one number of every signal.
+    let mut way = Way::new(wide(rows));
     for row in 0..rows {
+        way.go(1);
         for (_, _, values) in &signals {
             output.write_all(&values[row].to_le_bytes())?;
         }

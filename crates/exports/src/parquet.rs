@@ -9,8 +9,8 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-use platform::series::Series;
 use recording::timeline::Timeline;
+use recording::work::Way;
 
 pub use parquet::errors::ParquetError;
 
@@ -98,14 +98,14 @@ const GROUP_ROWS: usize = 1 << 16;
 /// The library or the output refuses.
 pub fn write_signals(output: impl Write + Send, timeline: &Timeline) -> Result<(), ParquetError> {
     let own = [
-        ("time_seconds", &timeline.time_seconds),
-        ("set_point_millimetres", &timeline.set_point_millimetres),
+        ("time_seconds", &*timeline.time_seconds),
+        ("set_point_millimetres", &*timeline.set_point_millimetres),
     ];
     let signals = timeline
         .columns
         .iter()
-        .map(|column| (column.name.as_str(), &column.values));
-    let numbers: Vec<(&str, &Series<f64>)> = own.into_iter().chain(signals).collect();
+        .map(|column| (column.name.as_str(), &*column.values));
+    let numbers: Vec<(&str, &[f64])> = own.into_iter().chain(signals).collect();
     let names = numbers.iter().map(|(name, _)| (*name, ColumnKind::Number));
     let names: Vec<(&str, ColumnKind)> = [("cycle", ColumnKind::Count)]
         .into_iter()
@@ -113,8 +113,10 @@ pub fn write_signals(output: impl Write + Send, timeline: &Timeline) -> Result<(
         .collect();
     let mut table = ParquetTable::new(output, "signals", &names)?;
     let rows = timeline.cycle.len();
+    let mut way = Way::new(rows as u64);
     for begin in (0..rows.max(1)).step_by(GROUP_ROWS) {
         let group = begin..rows.min(begin + GROUP_ROWS);
+        way.go(group.len());
         let cycles = timeline.cycle[group.clone()].iter();
         let cycles = cycles.map(|cycle| i64::try_from(*cycle).unwrap_or(i64::MAX));
         let cycles = Cells::Count(cycles.collect());

@@ -4,7 +4,7 @@
 
 use std::fmt;
 use std::fs::File;
-use std::io::{self, Seek, SeekFrom, Write};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::Deref;
 use std::ptr::{self, NonNull};
 use std::slice;
@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use bytemuck::{Pod, cast_slice};
+use bytemuck::{Pod, cast_slice, cast_slice_mut};
 use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap, munmap};
 
 use crate::clock::sleep;
@@ -114,14 +114,31 @@ impl<T: Pod> SeriesWriter<T> {
         whole.truncated(count)
     }
 
-    /// The whole series.
+    /// The whole series. Where the system refuses more room on the disk or a mapping, it is in memory.
+    ///
+    /// # Panics
+    /// What was written to the file cannot be read.
     #[must_use]
     pub fn finish(mut self) -> Series<T> {
         if self.filed == 0 {
             return self.tail.into();
         }
         let mapped = self.write_tail().and_then(|()| self.map());
-        mapped.unwrap_or_else(|error| panic!("a temporary file cannot be used: {error}"))
+        mapped.unwrap_or_else(|_| {
+            let read = self.read();
+            read.unwrap_or_else(|error| panic!("a temporary file cannot be read: {error}"))
+        })
+    }
+
+    /// All values, in memory.
+    fn read(self) -> io::Result<Series<T>> {
+        let mut values = vec![T::zeroed(); self.filed];
+        if let Some(mut file) = self.file {
+            file.seek(SeekFrom::Start(0))?;
+            file.read_exact(cast_slice_mut(&mut values))?;
+        }
+        values.extend(self.tail);
+        Ok(values.into())
     }
 
     /// Moves all but the latest block to the file.
@@ -302,8 +319,18 @@ unsafe impl Send for Mapping {}
 // SAFETY: as above.
 unsafe impl Sync for Mapping {}
 
-/// All mappings of the process: where they begin, and their bytes.
-static MAPPINGS: Mutex<Vec<(usize, usize)>> = Mutex::new(Vec::new());
+/// All mappings of the process.
+static MAPPINGS: Mutex<Mappings> = Mutex::new(Mappings {
+    places: Vec::new(),
+    is_watched: false,
+});
+
+struct Mappings {
+    /// Where each begins, and its bytes.
+    places: Vec<(usize, usize)>,
+    /// Whether a thread gives their pages back.
+    is_watched: bool,
+}
 
 impl Mapping {
     fn new(file: &File, bytes: usize) -> io::Result<Self> {
@@ -318,22 +345,26 @@ impl Mapping {
                 0,
             )
         }?;
-        let begin = NonNull::new(begin.cast()).ok_or_else(|| io::Error::other("mapped nowhere"))?;
+        let begin =
+            NonNull::new(begin.cast::<u8>()).ok_or_else(|| io::Error::other("mapped nowhere"))?;
         let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
-        mappings.push((begin.addr().get(), bytes));
-        if mappings.len() == 1 {
-            thread::Builder::new()
-                .name("pages".to_owned())
-                .spawn(return_pages)?;
+        mappings
+            .places
+            .push((begin.as_ptr().expose_provenance(), bytes));
+        let mapping = Self { begin, bytes };
+        if !mappings.is_watched {
+            let thread = thread::Builder::new().name("pages".to_owned());
+            mappings.is_watched = thread.spawn(return_pages).is_ok();
         }
-        Ok(Self { begin, bytes })
+        Ok(mapping)
     }
 }
 
 impl Drop for Mapping {
     fn drop(&mut self) {
         let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
-        mappings.retain(|(begin, _)| *begin != self.begin.addr().get());
+        let begins = self.begin.addr().get();
+        mappings.places.retain(|(begin, _)| *begin != begins);
         // SAFETY: it was mapped so, and nobody has a slice of it any more. The list does not name it any more either.
         let unmapped = unsafe { munmap(self.begin.as_ptr().cast(), self.bytes) };
         debug_assert!(unmapped.is_ok());
@@ -344,11 +375,12 @@ impl Drop for Mapping {
 fn return_pages() {
     loop {
         sleep(RETURN_PERIOD);
-        let mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
-        if mappings.is_empty() {
+        let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
+        if mappings.places.is_empty() {
+            mappings.is_watched = false;
             return;
         }
-        for (begin, bytes) in mappings.iter() {
+        for (begin, bytes) in &mappings.places {
             let begin = ptr::with_exposed_provenance_mut(*begin);
             // SAFETY: the list is locked, so it is mapped. A page that was given back is read from the file again.
             let _ = unsafe { madvise(begin, *bytes, Advice::LinuxDontNeed) };
@@ -386,6 +418,15 @@ mod tests {
             changed.to_mut()[3] = 7;
             assert_eq!((changed[3], series[3]), (7, 3));
         }
+    }
+
+    #[test]
+    fn what_the_disk_refuses_is_read_into_memory() {
+        let mut series = SeriesWriter::keeping(100);
+        series.extend(0..1000_u64);
+        let whole = series.read().unwrap();
+        assert!(matches!(whole.values, Values::Kept(_)));
+        assert!(whole.iter().copied().eq(0..1000));
     }
 
     #[test]

@@ -29,3 +29,4 @@ pub mod timeline;
 pub mod traces;
 pub mod truth;
 pub mod unrecorded;
+pub mod work;

@@ -11,6 +11,7 @@ use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 use canopen::frame_bits::occupied_bits;
 
 use crate::frames::{Frames, KEPT_MAX};
+use crate::work::Measured;
 
 /// Longest line of a log that is read.
 const LINE_LENGTH_MAX: u64 = 256;
@@ -290,6 +291,8 @@ pub(crate) fn is_compressed(path: &Path) -> bool {
 /// The file cannot be opened.
 pub fn open(path: &Path) -> io::Result<Box<dyn BufRead>> {
     let file = scenario::open_file(path)?;
+    let bytes = file.metadata()?.len();
+    let file = Measured::new(file, bytes);
     Ok(match is_compressed(path) {
         false => Box::new(BufReader::new(file)),
         true => Box::new(BufReader::new(zstd::Decoder::new(file)?)),

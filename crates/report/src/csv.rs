@@ -5,6 +5,7 @@ use std::io::{self, Write};
 
 use platform::series::Series;
 use recording::timeline::Timeline;
+use recording::work::Way;
 
 /// Ten to the power of the decimals of a number: one more than the finest signal has.
 const SCALE: f64 = 1e7;
@@ -25,7 +26,9 @@ pub fn write(mut output: impl Write, timeline: &Timeline) -> io::Result<()> {
     let columns = timeline.columns.iter().map(|column| &column.values);
     let columns: Vec<&Series<f64>> = own.into_iter().chain(columns).collect();
     let mut cells = vec![String::new(); columns.len()];
+    let mut way = Way::new(timeline.cycle.len() as u64);
     for (row, cycle) in timeline.cycle.iter().enumerate() {
+        way.go(1);
         for (cell, values) in cells.iter_mut().zip(&columns) {
             // Most values hold for many rows.
             if row == 0 || values[row].to_bits() != values[row - 1].to_bits() {

@@ -176,6 +176,7 @@ fn play_one(
             || listener.on_event(&RunEvent::Reached(watch.progress())),
             || testbed.play(setup, folder, capture),
         )
+        .inspect(|_| listener.on_event(&RunEvent::Played))
     });
     match judged {
         Ok(judged) => {

@@ -1,12 +1,12 @@
 //! `canrig export`: a recording in another program's format.
 
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 
-use crate::console::{print_error, print_with, usage_error};
+use crate::console::{WorkBar, print_error, print_with, usage_error};
 use crate::exit::Exit;
 use crate::output::write_with;
 use crate::recorded::{Recorded, RecordedError, refuse};
@@ -52,12 +52,23 @@ pub enum Format {
     Parquet,
 }
 
+impl Format {
+    /// How often frames or cycles are gone through: to read them, and to decode or write them.
+    fn ways(self) -> u64 {
+        match self {
+            Self::Events | Self::Asc | Self::Frames => 2,
+            Self::Blf | Self::Csv | Self::Mf4 | Self::Parquet => 3,
+        }
+    }
+}
+
 /// Writes the recording.
 #[must_use]
 pub fn export(args: &ExportArgs) -> Exit {
     if args.message.is_some() && args.format != Format::Frames {
         return usage_error("--message needs --format frames");
     }
+    let bar = WorkBar::new(args.format.ways(), is_silent(args));
     let recorded = match Recorded::load(&args.recording, None, catalogue()) {
         Ok(recorded) => recorded,
         Err(error) => return refuse(error),
@@ -69,7 +80,7 @@ pub fn export(args: &ExportArgs) -> Exit {
     for remark in recorded.log.unread.remarks() {
         print_error(&format!("canrig: {remark}; the other frames are written"));
     }
-    match &args.output {
+    let exit = match &args.output {
         Some(place) => write_with(place, |output| conversion(output))
             .err()
             .unwrap_or(Exit::Pass),
@@ -77,7 +88,14 @@ pub fn export(args: &ExportArgs) -> Exit {
             print_with(|output| conversion(output));
             Exit::Pass
         }
-    }
+    };
+    drop(bar);
+    exit
+}
+
+/// Whether nothing is written on a terminal, where a bar would stand in between.
+fn is_silent(args: &ExportArgs) -> bool {
+    args.output.is_some() || !io::stdout().is_terminal()
 }
 
 /// Writes a recording to an output that has a buffer.

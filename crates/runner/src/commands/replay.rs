@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use platform::clock::{Clock, sleep};
 
-use crate::console::{print, print_error};
+use crate::console::{WorkBar, print, print_error};
 use crate::exit::Exit;
 use crate::play::ViewerArgs;
 use crate::recorded::{Recorded, RecordedError, refuse};
@@ -18,6 +18,9 @@ use worlds::catalogue::catalogue;
 
 /// Frames go to a viewer no earlier than this before their time.
 const AHEAD_MAX: Duration = Duration::from_millis(10);
+
+/// The frames are read, decoded, and their times measured.
+const WAYS: u64 = 3;
 
 /// Arguments of `replay`.
 #[derive(Args, Debug)]
@@ -51,7 +54,10 @@ fn speed(text: &str) -> Result<f64, String> {
 /// Judges a recording again; the exit code is that of the verdict.
 #[must_use]
 pub fn replay(args: &ReplayArgs) -> Exit {
-    match judged(args) {
+    let bar = WorkBar::new(WAYS, true);
+    let judged = judged(args);
+    drop(bar);
+    match judged {
         Err(error) => refuse(error),
         Ok((recorded, verdict)) => {
             show(args, &recorded, &verdict);
