@@ -286,6 +286,13 @@ fn roles<P: Participant>([plant_emulator, bench, controller]: &mut [P; 3]) -> Ve
     participants.map(role).into()
 }
 
+fn in_folder(parent: &Path) -> runner::run::RunPlace<'_> {
+    runner::run::RunPlace {
+        parent,
+        is_long: false,
+    }
+}
+
 #[test]
 fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use recording::capture::Watch;
@@ -300,7 +307,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
         let [ahead, asked] = ["ahead", "asked"].map(|name| folder.path().join(name));
         run(
             &source,
-            &ahead,
+            in_folder(&ahead),
             &Watch::default(),
             Vec::new(),
             |_, capture| simulate(&source, capture).map(Played::in_virtual_time),
@@ -308,7 +315,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
         .unwrap();
         run(
             &source,
-            &asked,
+            in_folder(&asked),
             &Watch::default(),
             Vec::new(),
             |_, capture| {
@@ -410,7 +417,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
         let parent = folder.path().join(format!("sleeps-{sleeps}"));
         run(
             &source,
-            &parent,
+            in_folder(&parent),
             &Watch::default(),
             Vec::new(),
             |_, capture| {

@@ -15,6 +15,7 @@ mod faults;
 mod identify;
 mod knowledge;
 mod lockstep;
+mod long_runs;
 mod preflight;
 mod processes;
 mod real_time;

@@ -1,10 +1,13 @@
 //! Shell completions and manual pages, made from the definition of the command line.
 
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Command};
 use clap_complete::Shell;
+use clap_mangen::Man;
 
+use recording::run_folder::write_whole;
 use runner::console::{print, print_bytes, print_error};
 use runner::exit::Exit;
 
@@ -33,13 +36,28 @@ pub(crate) fn completions(args: &CompletionsArgs, command_line: &mut Command) ->
     Exit::Pass
 }
 
+/// Writes the pages of a command and of those below it.
+fn write_pages(command: Command, folder: &Path) -> io::Result<()> {
+    let below = command
+        .get_subcommands()
+        .filter(|below| !below.is_hide_set());
+    below
+        .cloned()
+        .try_for_each(|below| write_pages(below, folder))?;
+    let page = Man::new(command);
+    write_whole(&folder.join(page.get_filename()), |output| {
+        page.render(output)
+    })
+}
+
 /// Writes `canrig.1` and a page for each command into a folder, which is made where it is missing.
 #[must_use]
 pub(crate) fn man(args: &ManArgs, command_line: Command) -> Exit {
     let folder = &args.folder;
-    let written = std::fs::create_dir_all(folder)
-        .and_then(|()| clap_mangen::generate_to(command_line, folder));
-    match written {
+    let mut command_line = command_line.disable_help_subcommand(true);
+    command_line.build();
+    let made = std::fs::create_dir_all(folder);
+    match made.and_then(|()| write_pages(command_line, folder)) {
         Ok(()) => {
             print(&format!(
                 "read them with: man -l {}",

@@ -6,7 +6,7 @@ mod name;
 mod profile;
 
 use std::fs;
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
@@ -14,6 +14,7 @@ use scenario::own::Section;
 
 use name::{InvalidName, Name};
 use profile::{MANIFEST_BYTES_MAX, release_profile};
+use recording::run_folder::write_whole;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 
@@ -166,13 +167,16 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
         make(&folder.join(below), |path| fs::create_dir(path))?;
     }
     for (path, text) in skeleton.files(&name, &checkout, &profile) {
-        make(&folder.join(path), |path| fs::write(path, &text))?;
+        make(&folder.join(path), |path| {
+            write_whole(path, |output| output.write_all(text.as_bytes()))
+        })?;
     }
     // The versions that canrig is tested with; cargo adds the new crate.
     let lock = checkout.join("Cargo.lock");
     if lock.is_file() {
         make(&folder.join("Cargo.lock"), |path| {
-            fs::copy(&lock, path).map(drop)
+            let mut lock = fs::File::open(&lock)?;
+            write_whole(path, |output| io::copy(&mut lock, output).map(drop))
         })?;
     }
     Ok(Crate { folder, checkout })

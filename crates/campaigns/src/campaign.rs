@@ -174,6 +174,7 @@ pub fn play_one<T>(
     let mut capture = Capture::in_memory(ScenarioClock::new(&setup.database)?, watch);
     let ended = lockstep::simulate(&setup, &mut capture).map(Played::in_virtual_time);
     let (frames, unrecorded) = capture.finish()?;
+    let frames = frames.into_vec();
     let timeline = timeline::decode(&frames, &setup)?;
     let verdict = run::verdict(&ended, &timeline, &setup, &unrecorded);
     Ok(reduce(&CampaignRun {

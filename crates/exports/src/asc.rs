@@ -1,47 +1,52 @@
 //! Vector's ASCII log of CAN frames.
 
-use std::fmt::Write;
+use std::io::{self, Write};
 use std::time::Duration;
 
 use jiff::Timestamp;
 use jiff::civil::DateTime;
 use jiff::tz::Offset;
 
+use recording::frames::Frames;
 use recording::log::Stamped;
 
 /// The identifier in a raw one, without its flags.
 const ID_BITS: u32 = 0x1FFF_FFFF;
 
-/// The log. Times count from the whole second of the first frame, which the header gives in UTC.
-#[must_use]
-pub fn to_asc(frames: &[Stamped]) -> String {
-    let start = frames.first().map_or(Duration::ZERO, |first| first.time);
+/// Writes the log to an output that has a buffer. Times count from the whole second of the first frame, which the header gives
+/// in UTC.
+///
+/// # Errors
+/// The output does not take it.
+pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
+    let start = (frames.iter().next()).map_or(Duration::ZERO, |first| first.time);
     let start = Duration::from_secs(start.as_secs());
     let date = date(start);
-    let mut text = format!(
+    write!(
+        output,
         "date {date}\nbase hex  timestamps absolute\ninternal events logged\nBegin Triggerblock {date}\n   0.000000 Start of measurement\n"
-    );
+    )?;
     for Stamped { time, frame, .. } in frames {
         let since = time.saturating_sub(start);
         let (seconds, micros) = (since.as_secs(), since.subsec_micros());
         if frame.is_error() {
-            let _ = writeln!(text, "{seconds:4}.{micros:06} 1  ErrorFrame");
+            writeln!(output, "{seconds:4}.{micros:06} 1  ErrorFrame")?;
             continue;
         }
         let mark = if frame.is_extended() { "x" } else { "" };
         let id = format!("{:X}{mark}", frame.raw_id() & ID_BITS);
-        let _ = write!(text, "{seconds:4}.{micros:06} 1  {id:<15} Rx   ");
+        write!(output, "{seconds:4}.{micros:06} 1  {id:<15} Rx   ")?;
         if frame.is_remote() {
-            text.push('r');
+            write!(output, "r")?;
         } else {
-            let _ = write!(text, "d {:X}", frame.data().len());
+            write!(output, "d {:X}", frame.data().len())?;
             for byte in frame.data() {
-                let _ = write!(text, " {byte:02X}");
+                write!(output, " {byte:02X}")?;
             }
         }
-        text.push('\n');
+        writeln!(output)?;
     }
-    text + "End TriggerBlock\n"
+    writeln!(output, "End TriggerBlock")
 }
 
 /// As Vector's programs write it: `Fri Nov 20 06:15:12.000 am 2026`.
@@ -73,7 +78,9 @@ mod tests {
                 CanFrame::new(0x80, &[]),
             ),
         ];
-        let text = to_asc(&frames);
+        let mut text = Vec::new();
+        write(&mut text, &frames.to_vec().into()).unwrap();
+        let text = String::from_utf8(text).unwrap();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], "date Thu Nov 20 06:15:12.000 am 2025");
         assert_eq!(lines[5], "   0.000250 1  190             Rx   d 2 01 AB");

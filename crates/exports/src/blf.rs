@@ -1,8 +1,10 @@
 //! Vector's binary log of CAN frames. Not compressed, which the format permits.
 
+use std::io::{self, Write};
 use std::time::Duration;
 
 use super::asc::utc;
+use recording::frames::Frames;
 use recording::log::Stamped;
 
 const FILE_HEADER_BYTES: u32 = 144;
@@ -20,42 +22,61 @@ const CHANNEL: u16 = 1;
 const EXTENDED_ID: u32 = 0x8000_0000;
 const REMOTE: u8 = 0x80;
 
-/// The log. Times count from the whole millisecond of the first frame, which the header gives in UTC.
-#[must_use]
-pub fn to_blf(frames: &[Stamped]) -> Vec<u8> {
-    let start = frames.first().map_or(Duration::ZERO, |first| first.time);
+/// Writes the log to an output that has a buffer. Times count from the whole millisecond of the first frame, which the header
+/// gives in UTC. The frames are read twice, since the header has their number and length.
+///
+/// # Errors
+/// The output does not take it.
+pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
+    let start = (frames.iter().next()).map_or(Duration::ZERO, |first| first.time);
     let start = Duration::from_millis(u64::try_from(start.as_millis()).unwrap_or(u64::MAX));
-    let end = frames.last().map_or(start, |last| last.time);
-    let mut containers = Vec::new();
-    let mut content = Vec::new();
-    let mut whole_bytes = u64::from(FILE_HEADER_BYTES);
+    let (mut end, mut bytes) = (start, 0);
+    write_containers(frames, start, |container, last| {
+        (end, bytes) = (last, bytes + container.len());
+        Ok(())
+    })?;
+    let whole_bytes = length(u64::from(FILE_HEADER_BYTES), bytes);
+    let mut header = Vec::with_capacity(FILE_HEADER_BYTES as usize);
+    header.extend_from_slice(b"LOGG");
+    header.extend_from_slice(&FILE_HEADER_BYTES.to_le_bytes());
+    // Application: number 5, version 0.0.0; format 2.6.8.1.
+    header.extend_from_slice(&[5, 0, 0, 0, 2, 6, 8, 1]);
+    // As it is, and without compression: the same.
+    header.extend_from_slice(&whole_bytes.to_le_bytes());
+    header.extend_from_slice(&whole_bytes.to_le_bytes());
+    let count = u32::try_from(frames.len()).unwrap_or(u32::MAX);
+    header.extend_from_slice(&count.to_le_bytes());
+    header.extend_from_slice(&[0; 4]);
+    push_system_time(&mut header, start);
+    push_system_time(&mut header, end);
+    header.resize(FILE_HEADER_BYTES as usize, 0);
+    output.write_all(&header)?;
+    write_containers(frames, start, |container, _| output.write_all(container))
+}
+
+/// Makes the containers of all frames one by one, each with the time of its last frame.
+fn write_containers(
+    frames: &Frames,
+    start: Duration,
+    mut write: impl FnMut(&[u8], Duration) -> io::Result<()>,
+) -> io::Result<()> {
+    let (mut container, mut content) = (Vec::new(), Vec::new());
+    let mut last = start;
     for stamped in frames {
-        push_frame(&mut content, stamped, start);
+        push_frame(&mut content, &stamped, start);
+        last = stamped.time;
         if content.len() >= CONTAINER_BYTES_MAX {
-            whole_bytes += push_container(&mut containers, &mut content);
+            container.clear();
+            push_container(&mut container, &mut content);
+            write(&container, last)?;
         }
     }
     if !content.is_empty() {
-        whole_bytes += push_container(&mut containers, &mut content);
+        container.clear();
+        push_container(&mut container, &mut content);
+        write(&container, last)?;
     }
-    let mut file = Vec::with_capacity(FILE_HEADER_BYTES as usize + containers.len());
-    file.extend_from_slice(b"LOGG");
-    file.extend_from_slice(&FILE_HEADER_BYTES.to_le_bytes());
-    // Application: number 5, version 0.0.0; format 2.6.8.1.
-    file.extend_from_slice(&[5, 0, 0, 0, 2, 6, 8, 1]);
-    file.extend_from_slice(&length(u64::from(FILE_HEADER_BYTES), containers.len()).to_le_bytes());
-    file.extend_from_slice(&whole_bytes.to_le_bytes());
-    file.extend_from_slice(
-        &u32::try_from(frames.len())
-            .unwrap_or(u32::MAX)
-            .to_le_bytes(),
-    );
-    file.extend_from_slice(&[0; 4]);
-    push_system_time(&mut file, start);
-    push_system_time(&mut file, end);
-    file.resize(FILE_HEADER_BYTES as usize, 0);
-    file.extend_from_slice(&containers);
-    file
+    Ok(())
 }
 
 fn length(header: u64, rest: usize) -> u64 {
@@ -96,8 +117,8 @@ fn push_frame(content: &mut Vec<u8>, Stamped { time, frame, .. }: &Stamped, star
     content.extend_from_slice(&frame.buffer());
 }
 
-/// Appends the content as one container and empties it; its size with the header.
-fn push_container(containers: &mut Vec<u8>, content: &mut Vec<u8>) -> u64 {
+/// Appends the content as one container and empties it.
+fn push_container(containers: &mut Vec<u8>, content: &mut Vec<u8>) {
     let size = u32::try_from(content.len()).unwrap_or(u32::MAX);
     let object_bytes = size + u32::from(CONTAINER_HEADER_BYTES) + 16;
     push_base(
@@ -111,7 +132,6 @@ fn push_container(containers: &mut Vec<u8>, content: &mut Vec<u8>) -> u64 {
     containers.extend_from_slice(&size.to_le_bytes());
     containers.extend_from_slice(&[0; 4]);
     containers.append(content);
-    u64::from(object_bytes)
 }
 
 /// A SYSTEMTIME of Windows.
@@ -155,7 +175,8 @@ mod tests {
                 )
             })
             .collect();
-        let file = to_blf(&frames);
+        let mut file = Vec::new();
+        write(&mut file, &frames.clone().into()).unwrap();
         assert_eq!(&file[..4], b"LOGG");
         assert_eq!(
             u64::from_le_bytes(file[16..24].try_into().unwrap()),

@@ -1,14 +1,16 @@
 //! What happened on the bus besides the cyclic traffic, as a table.
 
+use std::io::{self, Write};
+
 use recording::events::Level;
 use recording::timeline::Timeline;
 
-/// One row for each event, in the order of time: when, how grave, and what, as the page of a run has them.
+/// Writes one row for each event, in the order of time: when, how grave, and what, as the page of a run has them.
 ///
 /// # Errors
-/// The library refuses.
-pub fn to_csv(timeline: &Timeline) -> Result<Vec<u8>, csv::Error> {
-    let mut table = csv::Writer::from_writer(Vec::new());
+/// The output does not take it.
+pub fn write(output: impl Write, timeline: &Timeline) -> io::Result<()> {
+    let mut table = csv::Writer::from_writer(output);
     table.write_record(["time_seconds", "level", "text"])?;
     for event in &timeline.events {
         let level = match event.level {
@@ -18,6 +20,5 @@ pub fn to_csv(timeline: &Timeline) -> Result<Vec<u8>, csv::Error> {
         };
         table.write_record([&format!("{:.6}", event.time_seconds), level, &event.text])?;
     }
-    let bytes = table.into_inner();
-    bytes.map_err(|error| csv::Error::from(error.into_error()))
+    table.flush()
 }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use dbc::{Database, Message, SignalHandle};
 
+use recording::frames::Frames;
 use recording::log::Stamped;
 
 /// The identifier in a raw one, without its flags.
@@ -17,17 +18,17 @@ const ID_BITS: u32 = 0x1FFF_FFFF;
 /// The output does not take it.
 pub fn write_all(
     mut output: impl Write,
-    frames: &[Stamped],
+    frames: &Frames,
     database: &Database,
     zero: Duration,
 ) -> io::Result<()> {
     writeln!(output, "time_seconds,identifier,message,sender,data")?;
     for Stamped { time, frame, .. } in frames {
-        let message = database.message_of(frame).filter(|_| !frame.is_error());
+        let message = database.message_of(&frame).filter(|_| !frame.is_error());
         let name = message.map_or("", |message| message.name.as_str());
         let sender = message.and_then(|message| message.sender.as_deref());
         let identifier = frame.raw_id() & ID_BITS;
-        let (seconds, sender) = (since(*time, zero), sender.unwrap_or_default());
+        let (seconds, sender) = (since(time, zero), sender.unwrap_or_default());
         write!(output, "{seconds:.6},{identifier},{name},{sender},")?;
         match (frame.is_error(), frame.is_remote()) {
             (true, _) => write!(output, "error")?,
@@ -50,7 +51,7 @@ pub fn write_all(
 /// The output does not take it.
 pub fn write_message(
     mut output: impl Write,
-    frames: &[Stamped],
+    frames: &Frames,
     database: &Database,
     zero: Duration,
     message: &Message,
@@ -61,14 +62,14 @@ pub fn write_message(
     let handle = |name: &str| database.signal(&format!("{}.{name}", message.name));
     let signals = message.signals.iter().map(|signal| handle(&signal.name));
     let signals: Vec<Option<SignalHandle>> = signals.collect();
-    let is_of_message = |stamped: &&Stamped| {
+    let is_of_message = |stamped: &Stamped| {
         let frame = &stamped.frame;
         frame.raw_id() == message.raw_id && !frame.is_error() && !frame.is_remote()
     };
     for Stamped { time, frame, .. } in frames.iter().filter(is_of_message) {
-        write!(output, "{:.6}", since(*time, zero))?;
+        write!(output, "{:.6}", since(time, zero))?;
         for signal in &signals {
-            let value = signal.as_ref().and_then(|signal| signal.decode(frame));
+            let value = signal.as_ref().and_then(|signal| signal.decode(&frame));
             match value {
                 Some(value) => write!(output, ",{value}")?,
                 None => write!(output, ",")?,
@@ -88,7 +89,7 @@ mod tests {
     use super::*;
     use canopen::CanFrame;
 
-    fn frames() -> Vec<Stamped> {
+    fn frames() -> Frames {
         let frame = |id: u16, data: &[u8]| CanFrame::new(id, data);
         let at = |millis: u64, frame| Stamped::new(Duration::from_millis(millis), frame);
         vec![
@@ -99,6 +100,7 @@ mod tests {
             ),
             at(12, frame(0x7E5, &[1, 0xAB])),
         ]
+        .into()
     }
 
     #[test]

@@ -1,12 +1,17 @@
 //! ASAM MDF 4.10: all signals over time, one row a cycle, as floating-point numbers.
 
+use std::io::{self, Write};
 use std::time::Duration;
 
 use recording::timeline::Timeline;
+use recording::work::Way;
 
 /// Where the header block has its place.
 const HEADER_AT: usize = 64;
 const HEADER_BYTES: usize = 104;
+/// Where the block of the data has its place.
+const DATA_AT: usize = HEADER_AT + HEADER_BYTES;
+const BLOCK_HEADER_BYTES: usize = 24;
 
 /// Channel types and data types of the standard.
 const FIXED_LENGTH: u8 = 0;
@@ -16,11 +21,12 @@ const TIME: u8 = 1;
 const FLOAT_LITTLE_ENDIAN: u8 = 4;
 const VALUE_BYTES: u32 = 8;
 
-/// The file. Time 0 is that of the scenario; `start` is when that was, since the beginning of 1970. Where a signal has
-/// no value it is NaN.
-#[must_use]
-pub fn to_mf4(timeline: &Timeline, start: Duration) -> Vec<u8> {
-    let mut file = Mf4File::new();
+/// Writes the file to an output that has a buffer. Time 0 is that of the scenario; `start` is when that was, since the beginning
+/// of 1970. Where a signal has no value it is NaN.
+///
+/// # Errors
+/// The output does not take it.
+pub fn write(mut output: impl Write, timeline: &Timeline, start: Duration) -> io::Result<()> {
     let mut signals = vec![
         ("time", "s", &timeline.time_seconds),
         (
@@ -32,42 +38,47 @@ pub fn to_mf4(timeline: &Timeline, start: Duration) -> Vec<u8> {
     let columns = timeline.columns.iter();
     signals
         .extend(columns.map(|column| (column.name.as_str(), column.unit.as_str(), &column.values)));
-    let data = file.data(
-        &signals
-            .iter()
-            .map(|signal| signal.2.as_slice())
-            .collect::<Vec<_>>(),
-    );
+    let rows = timeline.time_seconds.len();
+    let mut file = Mf4File::new(rows * signals.len() * VALUE_BYTES as usize);
     let mut next = 0;
     for (place, (name, unit, _)) in signals.iter().enumerate().rev() {
         next = file.channel(next, place, name, unit);
     }
-    let rows = u64::try_from(timeline.time_seconds.len()).unwrap_or(0);
     let record_bytes = u32::try_from(signals.len()).unwrap_or(0) * VALUE_BYTES;
-    let group = file.channel_group(next, rows, record_bytes);
-    let data_group = file.block(b"##DG", &[0, group, data, 0], &[0; 8]);
+    let group = file.channel_group(next, wide(rows), record_bytes);
+    let data_group = file.block(b"##DG", &[0, group, wide(DATA_AT), 0], &[0; 8]);
     let nanos = u64::try_from(start.as_nanos()).unwrap_or(0);
     let history = file.history(nanos);
-    file.finish(data_group, history, nanos)
+    output.write_all(&file.head(data_group, history, nanos))?;
+    // Each row has one number of every signal.
+    let mut way = Way::new(wide(rows));
+    for row in 0..rows {
+        way.go(1);
+        for (_, _, values) in &signals {
+            output.write_all(&values[row].to_le_bytes())?;
+        }
+    }
+    output.write_all(&file.bytes)
 }
 
-/// A file that grows block by block; a block links to earlier ones only.
+/// A file that grows block by block behind its data; a block links to earlier ones only.
 struct Mf4File {
+    data_bytes: usize,
     bytes: Vec<u8>,
 }
 
 impl Mf4File {
-    fn new() -> Self {
-        let mut bytes = b"MDF     4.10    canrig  \0\0\0\0".to_vec();
-        bytes.extend_from_slice(&410u16.to_le_bytes());
-        bytes.resize(HEADER_AT + HEADER_BYTES, 0);
-        Self { bytes }
+    fn new(data_bytes: usize) -> Self {
+        Self {
+            data_bytes,
+            bytes: Vec::new(),
+        }
     }
 
     /// Appends a block; its address.
     fn block(&mut self, name: &[u8; 4], links: &[u64], data: &[u8]) -> u64 {
         self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
-        let address = self.bytes.len();
+        let address = DATA_AT + BLOCK_HEADER_BYTES + self.data_bytes + self.bytes.len();
         self.bytes.extend(block(name, links, data));
         wide(address)
     }
@@ -78,18 +89,6 @@ impl Mf4File {
         data.push(0);
         data.resize(data.len().next_multiple_of(8), 0);
         self.block(name, &[], &data)
-    }
-
-    /// The rows: each has one number of every signal.
-    fn data(&mut self, signals: &[&[f64]]) -> u64 {
-        let rows = signals.first().map_or(0, |signal| signal.len());
-        let mut data = Vec::with_capacity(rows * signals.len() * VALUE_BYTES as usize);
-        for row in 0..rows {
-            for signal in signals {
-                data.extend_from_slice(&signal[row].to_le_bytes());
-            }
-        }
-        self.block(b"##DT", &[], &data)
     }
 
     /// The description of one signal; the first is the time.
@@ -137,23 +136,31 @@ impl Mf4File {
         self.block(b"##FH", &[0, comment], &data)
     }
 
-    fn finish(mut self, data_group: u64, history: u64, nanos: u64) -> Vec<u8> {
+    /// What comes before the data, with the header of their block.
+    fn head(&self, data_group: u64, history: u64, nanos: u64) -> Vec<u8> {
         let mut data = nanos.to_le_bytes().to_vec();
         // UTC; no classes, flags, angles or distances.
         data.resize(32, 0);
-        let header = block(b"##HD", &[data_group, history, 0, 0, 0, 0], &data);
-        self.bytes[HEADER_AT..HEADER_AT + HEADER_BYTES].copy_from_slice(&header);
-        self.bytes
+        let mut head = b"MDF     4.10    canrig  \0\0\0\0".to_vec();
+        head.extend_from_slice(&410u16.to_le_bytes());
+        head.resize(HEADER_AT, 0);
+        head.extend(block(b"##HD", &[data_group, history, 0, 0, 0, 0], &data));
+        head.extend(block_header(b"##DT", 0, self.data_bytes));
+        head
     }
 }
 
-fn block(name: &[u8; 4], links: &[u64], data: &[u8]) -> Vec<u8> {
-    let length = 24 + 8 * links.len() + data.len();
-    let mut bytes = Vec::with_capacity(length);
-    bytes.extend_from_slice(name);
+/// What every block begins with.
+fn block_header(name: &[u8; 4], links: usize, rest_bytes: usize) -> Vec<u8> {
+    let mut bytes = name.to_vec();
     bytes.extend_from_slice(&[0; 4]);
-    bytes.extend_from_slice(&wide(length).to_le_bytes());
-    bytes.extend_from_slice(&wide(links.len()).to_le_bytes());
+    bytes.extend_from_slice(&wide(BLOCK_HEADER_BYTES + rest_bytes).to_le_bytes());
+    bytes.extend_from_slice(&wide(links).to_le_bytes());
+    bytes
+}
+
+fn block(name: &[u8; 4], links: &[u64], data: &[u8]) -> Vec<u8> {
+    let mut bytes = block_header(name, links.len(), 8 * links.len() + data.len());
     for link in links {
         bytes.extend_from_slice(&link.to_le_bytes());
     }
@@ -171,10 +178,10 @@ mod tests {
 
     #[test]
     fn blocks_have_the_lengths_of_the_standard() {
-        let mut file = Mf4File::new();
-        assert_eq!(file.bytes.len(), HEADER_AT + HEADER_BYTES);
+        let mut file = Mf4File::new(16);
+        let begin = DATA_AT + BLOCK_HEADER_BYTES + 16;
         let length = |file: &Mf4File, address: u64| {
-            let address = usize::try_from(address).unwrap();
+            let address = usize::try_from(address).unwrap() - begin;
             assert_eq!(address % 8, 0);
             u64::from_le_bytes(file.bytes[address + 8..address + 16].try_into().unwrap())
         };
@@ -184,7 +191,11 @@ mod tests {
         assert_eq!(length(&file, group), 104);
         let history = file.history(0);
         assert_eq!(length(&file, history), 56);
-        let bytes = file.finish(0, 0, 0);
-        assert_eq!(&bytes[64..68], b"##HD");
+        let head = file.head(0, 0, 0);
+        assert_eq!(head.len(), DATA_AT + BLOCK_HEADER_BYTES);
+        assert_eq!(
+            (&head[64..68], &head[DATA_AT..DATA_AT + 4]),
+            (&b"##HD"[..], &b"##DT"[..])
+        );
     }
 }

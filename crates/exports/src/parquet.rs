@@ -3,13 +3,14 @@
 use std::io::Write;
 use std::sync::Arc;
 
-use parquet::basic::{LogicalType, Repetition, Type as Physical};
+use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical, ZstdLevel};
 use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
 use recording::timeline::Timeline;
+use recording::work::Way;
 
 pub use parquet::errors::ParquetError;
 
@@ -50,6 +51,7 @@ impl<W: Write + Send> ParquetTable<W> {
     ) -> Result<Self, ParquetError> {
         let properties = WriterProperties::builder()
             .set_created_by(concat!("canrig ", env!("CARGO_PKG_VERSION")).to_owned())
+            .set_compression(Compression::ZSTD(ZstdLevel::default()))
             .build();
         let schema = schema(name, columns)?;
         let writer = SerializedFileWriter::new(output, schema, Arc::new(properties))?;
@@ -87,36 +89,42 @@ impl<W: Write + Send> ParquetTable<W> {
     }
 }
 
-/// The signals as bytes: one row a cycle, the columns of `signals.csv`.
+/// Rows of a run that are written at once.
+const GROUP_ROWS: usize = 1 << 16;
+
+/// Writes the signals: one row a cycle, the columns of `signals.csv`.
 ///
 /// # Errors
-/// The library refuses.
-pub fn to_parquet(timeline: &Timeline) -> Result<Vec<u8>, ParquetError> {
+/// The library or the output refuses.
+pub fn write_signals(output: impl Write + Send, timeline: &Timeline) -> Result<(), ParquetError> {
     let own = [
-        ("time_seconds", &timeline.time_seconds),
-        ("set_point_millimetres", &timeline.set_point_millimetres),
+        ("time_seconds", &*timeline.time_seconds),
+        ("set_point_millimetres", &*timeline.set_point_millimetres),
     ];
     let signals = timeline
         .columns
         .iter()
-        .map(|column| (column.name.as_str(), &column.values));
-    let numbers: Vec<(&str, &Vec<f64>)> = own.into_iter().chain(signals).collect();
+        .map(|column| (column.name.as_str(), &*column.values));
+    let numbers: Vec<(&str, &[f64])> = own.into_iter().chain(signals).collect();
     let names = numbers.iter().map(|(name, _)| (*name, ColumnKind::Number));
     let names: Vec<(&str, ColumnKind)> = [("cycle", ColumnKind::Count)]
         .into_iter()
         .chain(names)
         .collect();
-    let mut table = ParquetTable::new(Vec::new(), "signals", &names)?;
-    let cycles = timeline
-        .cycle
-        .iter()
-        .map(|cycle| i64::try_from(*cycle).unwrap_or(i64::MAX));
-    let cycles = Cells::Count(cycles.collect());
-    let numbers = numbers
-        .into_iter()
-        .map(|(_, values)| Cells::Number(values.clone()));
-    table.write(&[cycles].into_iter().chain(numbers).collect::<Vec<_>>())?;
-    table.finish()
+    let mut table = ParquetTable::new(output, "signals", &names)?;
+    let rows = timeline.cycle.len();
+    let mut way = Way::new(rows as u64);
+    for begin in (0..rows.max(1)).step_by(GROUP_ROWS) {
+        let group = begin..rows.min(begin + GROUP_ROWS);
+        way.go(group.len());
+        let cycles = timeline.cycle[group.clone()].iter();
+        let cycles = cycles.map(|cycle| i64::try_from(*cycle).unwrap_or(i64::MAX));
+        let cycles = Cells::Count(cycles.collect());
+        let numbers = numbers.iter();
+        let numbers = numbers.map(|(_, values)| Cells::Number(values[group.clone()].to_vec()));
+        table.write(&[cycles].into_iter().chain(numbers).collect::<Vec<_>>())?;
+    }
+    table.finish().map(drop)
 }
 
 fn schema(name: &str, columns: &[(&str, ColumnKind)]) -> Result<TypePtr, ParquetError> {

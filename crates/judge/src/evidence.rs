@@ -1,5 +1,6 @@
 //! What a verdict rests on: the decoded recording, windows of its samples, and the values that are made of them.
 
+use std::ops::Range;
 use std::rc::Rc;
 
 use dbc::signals::{POSITION, TRUE_POSITION, TRUTH_MESSAGES};
@@ -242,24 +243,31 @@ impl<'a> Evidence<'a> {
     /// The samples of a window, up to but without its end; cycles without a position are left out.
     pub(crate) fn samples(&self, window: Window) -> impl Iterator<Item = CycleSample> {
         let timeline = self.timeline;
-        let times = timeline.time_seconds.iter();
-        let set_points = timeline.set_point_millimetres.iter();
+        let rows = self.rows(window);
+        let times = timeline.time_seconds[rows.clone()].iter();
+        let set_points = timeline.set_point_millimetres[rows.clone()].iter();
         // The true position holds until the drive sends another; where the drive is silent there is none.
-        let positions = self.position.iter().zip(timeline.position());
+        let measured = timeline.position()[rows.clone()].iter();
+        let positions = self.position[rows].iter().zip(measured);
         let rows = times.zip(set_points).zip(positions);
-        let samples = rows.map(|((time, set_point), (position, measured))| {
+        rows.filter_map(|((time, set_point), (position, measured))| {
             let sample = CycleSample {
                 time_seconds: *time,
                 set_point_millimetres: *set_point,
                 position_millimetres: *position,
             };
-            (sample, measured.is_nan() || position.is_nan())
-        });
-        samples.filter_map(move |(sample, is_missing)| {
-            let is_inside = sample.time_seconds >= window.from_seconds - TIME_TOLERANCE_SECONDS
-                && sample.time_seconds < window.until_seconds - TIME_TOLERANCE_SECONDS;
-            (is_inside && !is_missing).then_some(sample)
+            let is_missing = measured.is_nan() || position.is_nan();
+            (!is_missing).then_some(sample)
         })
+    }
+
+    /// The rows of a window, up to but without its end.
+    fn rows(&self, window: Window) -> Range<usize> {
+        let times = &self.timeline.time_seconds;
+        let before =
+            |limit: f64| times.partition_point(|time| *time < limit - TIME_TOLERANCE_SECONDS);
+        let (from, until) = (before(window.from_seconds), before(window.until_seconds));
+        from..until.max(from)
     }
 
     /// The samples of a window in which the drive never was silent.

@@ -163,7 +163,7 @@ mod tests {
             path: "message.signal".to_owned(),
             unit: String::new(),
             silence_seconds_max: Some(0.02),
-            samples,
+            samples: samples.into(),
         }
     }
 
@@ -290,7 +290,7 @@ mod tests {
         check_stays(&ramp, window(0.0, 1.5), silent, None);
         let gap = every_millisecond(|time| time);
         let kept = |sample: &SignalSample| !(0.3..0.6).contains(&sample.time_seconds);
-        let gap = trace_of(gap.samples.into_iter().filter(kept).collect());
+        let gap = trace_of(gap.samples.iter().copied().filter(kept).collect());
         let silent = Err("silent from 0.299 to 0.600 s");
         check_stays(&gap, window(0.0, 1.0), silent, None);
         let nan = every_millisecond(|time| if time > 0.4995 { f64::NAN } else { 0.5 });

@@ -1,9 +1,11 @@
 //! How well a run in real time kept its deadlines, and the limits on that.
 
+use std::borrow::Borrow;
 use std::ops::Add;
 use std::time::Duration;
 
 use dbc::SignalMissing;
+use recording::frames::Frames;
 use recording::latency::{Host, Latencies, NodeReport, Quantiles};
 use recording::log::Stamped;
 use recording::stalls::Stall;
@@ -44,7 +46,11 @@ impl Timing {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn new(frames: &[Stamped], setup: &Setup, host: Host) -> Result<Self, SignalMissing> {
+    pub fn new(
+        frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
+        setup: &Setup,
+        host: Host,
+    ) -> Result<Self, SignalMissing> {
         let latencies = Latencies::new(frames, setup)?;
         let quantiles = |histogram| Quantiles::new(histogram, 1);
         let duration = Duration::from_secs_f64(setup.scenario.duration_seconds);
@@ -62,7 +68,7 @@ impl Timing {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn again(self, frames: &[Stamped], setup: &Setup) -> Result<Self, SignalMissing> {
+    pub fn again(self, frames: &Frames, setup: &Setup) -> Result<Self, SignalMissing> {
         let measured = Self::new(frames, setup, Host::default())?;
         Ok(Self {
             controller: self.controller,

@@ -26,6 +26,7 @@ pub mod process;
 pub mod real_time;
 pub mod recorder;
 pub mod scheduling;
+pub mod series;
 mod socketcan_bus;
 pub mod stall_watch;
 pub mod stop;

@@ -1,17 +1,23 @@
-//! Takes the frames of a running world: into memory for judging and, of a run with a folder, into `bus.log` for
-//! everybody else.
+//! Takes the frames of a running world: into the log of its folder, or into memory where it has none. Of a long run with a
+//! folder, memory holds the latest frames only.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use dbc::scenario_clock::ScenarioClock;
 
+use crate::bus_log::BusLog;
 use crate::frame_queue::FrameQueue;
+use crate::frames::{Frames, KEPT_MAX};
 use crate::log::Stamped;
 use crate::progress::{ProgressReader, RunProgress};
-use crate::run_folder::{BusLog, WriteError};
+use crate::run_folder::WriteError;
 use crate::unrecorded::Unrecorded;
+
+/// So many identifiers are remembered by their last frame.
+const IDENTIFIERS_MAX: usize = 4096;
 
 /// What the threads of a run share: its progress, and the request to end.
 #[derive(Debug, Default)]
@@ -45,8 +51,12 @@ impl Watch {
 /// The frames of one run so far.
 #[derive(Debug)]
 pub struct Capture<'a> {
+    /// The latest frames; of each identifier that is not among them, the last before.
     frames: Vec<Stamped>,
+    /// Frames so far.
+    count: usize,
     unrecorded: Unrecorded,
+    /// So many of the frames are in the log.
     written: usize,
     log: Option<BusLog>,
     clock: ScenarioClock,
@@ -79,6 +89,7 @@ impl<'a> Capture<'a> {
     pub fn in_memory(clock: ScenarioClock, watch: &'a Watch) -> Self {
         Self {
             frames: Vec::new(),
+            count: 0,
             unrecorded: Unrecorded::default(),
             written: 0,
             log: None,
@@ -91,7 +102,8 @@ impl<'a> Capture<'a> {
 
     /// Makes room for so many frames, since frames that have to move as they become more are copied again and again.
     pub fn expect(&mut self, frames: usize) {
-        self.frames.reserve(frames);
+        let kept_max = self.log.as_ref().map_or(frames, |_| 2 * KEPT_MAX);
+        self.frames.reserve(frames.min(kept_max));
     }
 
     /// Takes the next frame of the bus.
@@ -99,6 +111,7 @@ impl<'a> Capture<'a> {
     pub fn record(&mut self, stamped: Stamped) {
         self.clock.on_frame(stamped.time, &stamped.frame);
         self.frames.push(stamped);
+        self.count += 1;
         for observer in &mut self.observers {
             observer.push(stamped);
         }
@@ -129,10 +142,17 @@ impl<'a> Capture<'a> {
         self.watch
     }
 
-    /// All frames so far.
+    /// The latest frames; the last of each identifier is among them.
     #[must_use]
     pub fn frames(&self) -> &[Stamped] {
         &self.frames
+    }
+
+    /// The frames that came since `seen` was the number of frames so far, which becomes what it is now. Who looks after each
+    /// flush misses none.
+    pub fn since(&self, seen: &mut usize) -> &[Stamped] {
+        let new = self.count - std::mem::replace(seen, self.count);
+        &self.frames[self.frames.len().saturating_sub(new)..]
     }
 
     /// Writes what is not yet in `bus.log`, and shows how far the run is.
@@ -149,8 +169,29 @@ impl<'a> Capture<'a> {
             self.watch.show(progress);
         }
         log.append(new)?;
+        log.flush()?;
+        if self.frames.len() > 2 * KEPT_MAX {
+            self.forget();
+        }
         self.written = self.frames.len();
-        log.flush()
+        Ok(())
+    }
+
+    /// Leaves out all but the latest frames, and of the others the last of each identifier.
+    #[cold]
+    fn forget(&mut self) {
+        let latest = self.frames.split_off(self.frames.len() - KEPT_MAX);
+        let places = self.frames.iter().enumerate();
+        let last: BTreeMap<u32, usize> = places
+            .map(|(place, stamped)| (stamped.frame.raw_id(), place))
+            .collect();
+        let mut places: Vec<usize> = last.into_values().collect();
+        places.sort_unstable();
+        let last = places.into_iter().rev().take(IDENTIFIERS_MAX).rev();
+        let kept: Vec<Stamped> = last.map(|place| self.frames[place]).collect();
+        self.frames.clear();
+        self.frames.extend(kept);
+        self.frames.extend(latest);
     }
 
     /// Notes frames that were on the bus and could not be taken.
@@ -163,12 +204,17 @@ impl<'a> Capture<'a> {
         self.unrecorded.fd_frames += frames;
     }
 
-    /// The frames, with everything in `bus.log` if there is one, and what is not among them.
+    /// The frames, with everything in the log if there is one, and what is not among them.
     ///
     /// # Errors
     /// The disk does not take them.
-    pub fn finish(mut self) -> Result<(Vec<Stamped>, Unrecorded), WriteError> {
+    pub fn finish(mut self) -> Result<(Frames, Unrecorded), WriteError> {
         self.flush()?;
-        Ok((self.frames, self.unrecorded))
+        let path = self.log.map(BusLog::finish).transpose()?;
+        let frames = match path {
+            Some(path) if self.count > self.frames.len() => Frames::of_log(&path, self.count),
+            _ => self.frames.into(),
+        };
+        Ok((frames, self.unrecorded))
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! Latencies are differences of the receive stamps of one recorder; wake-up lateness is what the nodes' loops counted.
 
+use std::borrow::Borrow;
 use std::time::Duration;
 
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
@@ -106,11 +107,14 @@ impl Latencies {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn new(frames: &[Stamped], setup: &Setup) -> Result<Self, SignalMissing> {
+    pub fn new(
+        frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
+        setup: &Setup,
+    ) -> Result<Self, SignalMissing> {
         let mut latencies = Self::empty(&setup.database)?;
         let end = Duration::from_secs_f64(setup.scenario.duration_seconds);
         for stamped in frames {
-            latencies.on_frame(stamped, end);
+            latencies.on_frame(stamped.borrow(), end);
         }
         Ok(latencies)
     }

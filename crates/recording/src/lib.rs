@@ -9,11 +9,13 @@
 //!
 //! It does not know: limits and verdicts, reports, which world made the frames, how plants and laws behave.
 
+pub mod bus_log;
 pub mod capture;
 pub mod ending;
 pub mod events;
 mod fan;
 pub mod frame_queue;
+pub mod frames;
 pub mod latency;
 pub mod log;
 mod losses;
@@ -22,7 +24,9 @@ pub mod progress;
 pub mod run_folder;
 pub mod session;
 pub mod stalls;
+pub mod text;
 pub mod timeline;
 pub mod traces;
 pub mod truth;
 pub mod unrecorded;
+pub mod work;

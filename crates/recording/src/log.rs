@@ -1,13 +1,17 @@
 //! What was on the bus: stamped frames, as `bus.log` holds them (`candump -L`).
 
 use std::fmt;
-use std::io::{self, BufRead, Write};
+use std::io::{self, BufRead, BufReader, Write};
+use std::path::Path;
 use std::str::FromStr;
 use std::time::Duration;
 
 use canopen::CanFrame;
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 use canopen::frame_bits::occupied_bits;
+
+use crate::frames::{Frames, KEPT_MAX};
+use crate::work::Measured;
 
 /// Longest line of a log that is read.
 const LINE_LENGTH_MAX: u64 = 256;
@@ -175,7 +179,13 @@ pub fn read_log(mut input: impl BufRead) -> io::Result<Vec<Stamped>> {
 /// What a log holds, as far as it can be read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Log {
-    pub frames: Vec<Stamped>,
+    pub frames: Frames,
+    pub unread: Unread,
+}
+
+/// What of a log is no frame.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Unread {
     /// CAN FD frames, of which only the number is kept.
     pub fd_frames: u64,
     /// Lines among the others that are no frames.
@@ -189,8 +199,8 @@ pub struct Log {
 pub struct StrangeLine {
     number: u64,
     reason: String,
-    /// Frames that were read before it.
-    frames_before: usize,
+    /// When the frame before it was; none where there is no frame before.
+    before: Option<Duration>,
 }
 
 impl fmt::Display for StrangeLine {
@@ -199,14 +209,11 @@ impl fmt::Display for StrangeLine {
     }
 }
 
-impl Log {
+impl Unread {
     /// What of the log cannot be read between the first frame and `end`, for people.
     #[must_use]
     pub fn strange_until(&self, end: Duration) -> Option<String> {
-        let is_within = |line: &&StrangeLine| {
-            let before = self.frames[..line.frames_before].last();
-            before.is_some_and(|before| before.time < end)
-        };
+        let is_within = |line: &&StrangeLine| line.before.is_some_and(|before| before < end);
         let mut lines = self.strange.iter().filter(is_within);
         let first = lines.next()?;
         Some(match lines.count() {
@@ -227,53 +234,201 @@ impl Log {
     }
 }
 
+impl Log {
+    /// Reads a log file to its end, as [`read_cut_log`] does. The frames of a long one are read again when they are needed.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no log.
+    pub fn read(path: &Path) -> io::Result<Self> {
+        let mut log = LogFile::open(path)?;
+        let mut kept = Vec::new();
+        let mut count = 0;
+        while let Some(stamped) = log.next_frame()? {
+            count += 1;
+            if count <= KEPT_MAX {
+                kept.push(stamped);
+            }
+        }
+        let frames = match count <= KEPT_MAX {
+            true => kept.into(),
+            false => Frames::of_log(path, count),
+        };
+        Ok(Self {
+            frames,
+            unread: log.finish(),
+        })
+    }
+}
+
 /// Reads a log whose writer may have been killed: its end may be cut in the middle of a line. A last line without its
 /// end is not taken, since a shorter frame looks whole. Lines among the others that are no frames are passed over.
 ///
 /// # Errors
 /// The file cannot be read, or is no log of `candump -L`: more than 1000 lines are no frames.
-pub fn read_cut_log(mut input: impl BufRead) -> io::Result<Log> {
-    let mut log = Log::default();
-    let mut interface = None;
-    // Strange if a good line follows, else the log breaks off there.
-    let mut open: Vec<StrangeLine> = Vec::new();
-    let mut open_bytes = 0;
-    let mut line = Vec::new();
-    for number in 1u64.. {
-        line.clear();
-        if io::Read::take(&mut input, LINE_LENGTH_MAX).read_until(b'\n', &mut line)? == 0 {
-            break;
-        }
-        match whole_line(&line, &mut interface) {
-            Ok(Content::Nothing) => continue,
-            Ok(Content::FdFrame) => log.fd_frames += 1,
-            Ok(Content::Frame(stamped)) => log.frames.push(stamped),
-            Err(reason) => {
-                open_bytes += line.len();
-                if open_bytes > UNREADABLE_BYTES_MAX {
-                    break;
-                }
-                let frames_before = log.frames.len();
-                open.push(StrangeLine {
-                    number,
-                    reason,
-                    frames_before,
-                });
-                continue;
-            }
-        }
-        log.strange.append(&mut open);
-        open_bytes = 0;
-        if let Some(first) = log.strange.first()
-            && log.strange.len() > STRANGE_LINES_MAX
-        {
-            return Err(invalid(format!(
-                "{first}; more than {STRANGE_LINES_MAX} lines are no frames"
-            )));
+pub fn read_cut_log(input: impl BufRead) -> io::Result<Log> {
+    let mut reader = LogReader::new(input);
+    let mut frames = Vec::new();
+    while let Some(stamped) = reader.next_frame()? {
+        frames.push(stamped);
+    }
+    Ok(Log {
+        frames: frames.into(),
+        unread: reader.finish(),
+    })
+}
+
+/// How the name of a compressed log ends.
+const COMPRESSED: &str = "zst";
+
+/// Whether a log of this name is compressed.
+pub(crate) fn is_compressed(path: &Path) -> bool {
+    path.extension().is_some_and(|end| end == COMPRESSED)
+}
+
+/// Opens a log file; its name says whether it is compressed.
+///
+/// # Errors
+/// The file cannot be opened.
+pub fn open(path: &Path) -> io::Result<Box<dyn BufRead>> {
+    let file = scenario::open_file(path)?;
+    let bytes = file.metadata()?.len();
+    let file = Measured::new(file, bytes);
+    Ok(match is_compressed(path) {
+        false => Box::new(BufReader::new(file)),
+        true => Box::new(BufReader::new(zstd::Decoder::new(file)?)),
+    })
+}
+
+/// A log file, compressed or not.
+pub struct LogFile(LogReader<Box<dyn BufRead>>);
+
+impl LogFile {
+    /// # Errors
+    /// The file cannot be opened.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        Ok(Self(LogReader {
+            is_cut_by_errors: is_compressed(path),
+            ..LogReader::new(open(path)?)
+        }))
+    }
+
+    /// The next frame; none at the end.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no log.
+    pub fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
+        self.0.next_frame()
+    }
+
+    /// What was no frame.
+    #[must_use]
+    pub fn finish(self) -> Unread {
+        self.0.finish()
+    }
+}
+
+/// Reads a log frame by frame.
+struct LogReader<R> {
+    input: R,
+    /// Whether what cannot be read is the log's end: that of a compressed log whose writer was killed.
+    is_cut_by_errors: bool,
+    interface: Option<String>,
+    line: Vec<u8>,
+    number: u64,
+    latest: Option<Duration>,
+    unread: Unread,
+    /// Strange if a good line follows, else the log breaks off there.
+    open: Vec<StrangeLine>,
+    open_bytes: usize,
+    is_at_end: bool,
+}
+
+impl<R: BufRead> LogReader<R> {
+    fn new(input: R) -> Self {
+        Self {
+            input,
+            is_cut_by_errors: false,
+            interface: None,
+            line: Vec::new(),
+            number: 0,
+            latest: None,
+            unread: Unread::default(),
+            open: Vec::new(),
+            open_bytes: 0,
+            is_at_end: false,
         }
     }
-    log.broken = open.first().map(ToString::to_string);
-    Ok(log)
+
+    fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
+        while self.read_line()? {
+            let frame = match whole_line(&self.line, &mut self.interface) {
+                Ok(Content::Nothing) => continue,
+                Ok(Content::FdFrame) => None,
+                Ok(Content::Frame(stamped)) => Some(stamped),
+                Err(reason) => {
+                    self.put_aside(reason);
+                    continue;
+                }
+            };
+            self.unread.strange.append(&mut self.open);
+            self.open_bytes = 0;
+            self.refuse_strange()?;
+            match frame {
+                None => self.unread.fd_frames += 1,
+                Some(stamped) => {
+                    self.latest = Some(stamped.time);
+                    return Ok(Some(stamped));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Reads the next line; `false` at the end.
+    fn read_line(&mut self) -> io::Result<bool> {
+        if self.is_at_end {
+            return Ok(false);
+        }
+        self.line.clear();
+        self.number += 1;
+        let read =
+            io::Read::take(&mut self.input, LINE_LENGTH_MAX).read_until(b'\n', &mut self.line);
+        self.is_at_end = match read {
+            Ok(bytes) => bytes == 0,
+            Err(error) if self.is_cut_by_errors => {
+                self.put_aside(error.to_string());
+                true
+            }
+            Err(error) => return Err(error),
+        };
+        Ok(!self.is_at_end)
+    }
+
+    fn put_aside(&mut self, reason: String) {
+        self.open.push(StrangeLine {
+            number: self.number,
+            reason,
+            before: self.latest,
+        });
+        self.open_bytes += self.line.len();
+        self.is_at_end = self.open_bytes > UNREADABLE_BYTES_MAX;
+    }
+
+    fn refuse_strange(&self) -> io::Result<()> {
+        match self.unread.strange.first() {
+            Some(first) if self.unread.strange.len() > STRANGE_LINES_MAX => Err(invalid(format!(
+                "{first}; more than {STRANGE_LINES_MAX} lines are no frames"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    fn finish(self) -> Unread {
+        Unread {
+            broken: self.open.first().map(ToString::to_string),
+            ..self.unread
+        }
+    }
 }
 
 /// What a line holds.
@@ -386,36 +541,39 @@ mod tests {
     #[test]
     fn a_log_cut_at_any_byte_reads_up_to_there() {
         let whole = read_cut_log(LOG.as_bytes()).unwrap();
-        assert_eq!((whole.frames.len(), &whole.broken), (2, &None));
+        assert_eq!((whole.frames.len(), &whole.unread.broken), (2, &None));
         for length in 0..LOG.len() {
             let log = read_cut_log(&LOG.as_bytes()[..length]).unwrap();
             let lines = LOG[..length].matches('\n').count();
-            assert_eq!(log.frames, whole.frames[..lines]);
             assert_eq!(
-                log.broken.is_some(),
+                log.frames.iter().collect::<Vec<_>>(),
+                whole.frames.iter().take(lines).collect::<Vec<_>>()
+            );
+            assert_eq!(
+                log.unread.broken.is_some(),
                 !LOG[..length].ends_with('\n') && length > 0
             );
         }
         let zeros = [LOG.as_bytes(), &[0; 5000]].concat();
         let log = read_cut_log(&zeros[..]).unwrap();
-        assert_eq!((log.frames.len(), log.broken.is_some()), (2, true));
+        assert_eq!((log.frames.len(), log.unread.broken.is_some()), (2, true));
         // What never ends is not read for ever.
         let endless = io::Read::chain(LOG.as_bytes(), io::BufReader::new(io::repeat(0)));
         let log = read_cut_log(endless).unwrap();
-        assert_eq!((log.frames.len(), log.broken.is_some()), (2, true));
+        assert_eq!((log.frames.len(), log.unread.broken.is_some()), (2, true));
     }
 
     #[test]
     fn strange_lines_among_the_others_are_passed_over_and_named() {
         let odd = "(0.000003) can0 1#\n(0.000004) can0 190#0102\nodd\n(0.000005) can0 191#\n";
         let log = read_cut_log(format!("{LOG}{odd}").as_bytes()).unwrap();
-        assert_eq!((log.frames.len(), log.strange.len()), (4, 2));
-        assert_eq!(log.broken, None);
-        let all = log.strange_until(Duration::MAX).unwrap();
+        assert_eq!((log.frames.len(), log.unread.strange.len()), (4, 2));
+        assert_eq!(log.unread.broken, None);
+        let all = log.unread.strange_until(Duration::MAX).unwrap();
         let start = "2 lines of the log are no frames, the first line 3: not a line of candump -L";
         assert!(all.starts_with(start), "{all}");
         // Between 2 and 4 µs, and between 4 and 5.
-        let until = |micros| log.strange_until(Duration::from_micros(micros));
+        let until = |micros| log.unread.strange_until(Duration::from_micros(micros));
         assert!(
             until(4)
                 .unwrap()
@@ -424,16 +582,16 @@ mod tests {
         assert_eq!(until(2), None);
         // What stands before all frames took none from among them.
         let headed = read_cut_log(format!("# of Monday\n{LOG}").as_bytes()).unwrap();
-        assert_eq!((headed.frames.len(), headed.strange.len()), (2, 1));
-        assert_eq!(headed.strange_until(Duration::MAX), None);
+        assert_eq!((headed.frames.len(), headed.unread.strange.len()), (2, 1));
+        assert_eq!(headed.unread.strange_until(Duration::MAX), None);
     }
 
     #[test]
     fn fd_frames_are_counted() {
         let log = format!("{LOG}(0.000003) can0 123##1AABB\n(0.000004) can0 191#\n");
         let log = read_cut_log(log.as_bytes()).unwrap();
-        assert_eq!((log.frames.len(), log.fd_frames), (3, 1));
-        assert!(log.strange.is_empty() && log.broken.is_none());
+        assert_eq!((log.frames.len(), log.unread.fd_frames), (3, 1));
+        assert!(log.unread.strange.is_empty() && log.unread.broken.is_none());
     }
 
     #[test]
@@ -452,7 +610,8 @@ mod tests {
         let two = format!("(0.0) can1 123#\n{LOG}").replace("0.0)", "0.000000)");
         let log = read_cut_log(two.as_bytes()).unwrap();
         assert!(
-            log.broken
+            log.unread
+                .broken
                 .unwrap()
                 .contains("a frame of can0 among those of can1")
         );

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use crate::log::{self, Stamped};
+use crate::bus_log::BusLog;
+use crate::text::hexadecimal;
 
 /// Runs of one scenario, seed and version that one folder may hold.
 const REPEATS_MAX: u32 = 100_000;
@@ -17,8 +18,12 @@ pub mod file {
     pub const SCENARIO: &str = "scenario.toml";
     /// The frames, `candump -L`.
     pub const BUS_LOG: &str = "bus.log";
+    /// The same of a long run, compressed: `zstd -d` reads it.
+    pub const LONG_BUS_LOG: &str = "bus.log.zst";
     /// One row a cycle.
     pub const SIGNALS: &str = "signals.csv";
+    /// The same of a long run, as Apache Parquet.
+    pub const LONG_SIGNALS: &str = "signals.parquet";
     /// The verdict.
     pub const VERDICT: &str = "verdict.json";
     /// The verdict for CI systems.
@@ -121,40 +126,26 @@ impl RunFolder {
         written.map_err(WriteError::at(&path))
     }
 
-    /// Opens `bus.log`, which grows while the run goes on.
+    /// Opens the log, which grows while the run goes on: `bus.log`, or that of a long run.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn bus_log(&self) -> Result<BusLog, WriteError> {
-        let path = self.path.join(file::BUS_LOG);
-        let output = File::create(&path).map_err(WriteError::at(&path))?;
-        Ok(BusLog {
-            path,
-            output: BufWriter::new(output),
-        })
+    pub fn bus_log(&self, is_long: bool) -> Result<BusLog, WriteError> {
+        let name = match is_long {
+            false => file::BUS_LOG,
+            true => file::LONG_BUS_LOG,
+        };
+        BusLog::create(self.path.join(name))
     }
 }
 
-/// `bus.log` while it grows.
-#[derive(Debug)]
-pub struct BusLog {
-    path: PathBuf,
-    output: BufWriter<File>,
-}
-
-impl BusLog {
-    /// # Errors
-    /// The disk does not take them.
-    pub fn append(&mut self, frames: &[Stamped]) -> Result<(), WriteError> {
-        log::write_log(&mut self.output, frames).map_err(WriteError::at(&self.path))
-    }
-
-    /// Hands everything to the operating system, so that a kill loses nothing older.
-    ///
-    /// # Errors
-    /// The disk does not take it.
-    pub fn flush(&mut self) -> Result<(), WriteError> {
-        self.output.flush().map_err(WriteError::at(&self.path))
+/// Where the log of a run folder is.
+#[must_use]
+pub fn log_in(folder: &Path) -> PathBuf {
+    let (log, long) = (folder.join(file::BUS_LOG), folder.join(file::LONG_BUS_LOG));
+    match long.exists() && !log.exists() {
+        true => long,
+        false => log,
     }
 }
 
@@ -227,12 +218,7 @@ fn hash(seed: u64, text: &str) -> String {
     hasher.update(env!("CARGO_PKG_VERSION"));
     hasher.update(seed.to_le_bytes());
     hasher.update(text);
-    hasher
-        .finalize()
-        .iter()
-        .take(4)
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    hexadecimal(&hasher.finalize()[..4])
 }
 
 #[cfg(test)]

@@ -6,13 +6,15 @@ use std::time::Duration;
 use canopen::CanFrame;
 use dbc::signals::COLUMN_MESSAGES;
 use dbc::{Database, SignalHandle};
+use platform::series::{Series, SeriesWriter};
 use rig::setup::Setup;
 
 /// So many times without a cyclic message are a silence, as in `losses`.
 const PERIODS_MAX: u32 = 20;
 
 /// One value that was on the bus.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
 pub struct SignalSample {
     /// Scenario time: of its cycle for messages that follow SYNC, else of the frame.
     pub time_seconds: f64,
@@ -29,10 +31,18 @@ pub struct SignalTrace {
     /// Longest time between two samples of a message that is sent cyclically.
     pub silence_seconds_max: Option<f64>,
     /// The samples in the order of time, at most one at a time.
-    pub samples: Vec<SignalSample>,
+    pub samples: Series<SignalSample>,
 }
 
-impl SignalTrace {
+struct Collected {
+    handle: SignalHandle,
+    follows_sync: bool,
+    /// What is known of it before its samples.
+    trace: SignalTrace,
+    samples: SeriesWriter<SignalSample>,
+}
+
+impl Collected {
     /// The latest sample of a cycle counts, as in `signals.csv`; a clock that went back leaves no order behind.
     fn push(&mut self, sample: SignalSample) {
         let is_over = |last: &SignalSample| last.time_seconds >= sample.time_seconds;
@@ -41,12 +51,6 @@ impl SignalTrace {
         }
         self.samples.push(sample);
     }
-}
-
-struct Collected {
-    handle: SignalHandle,
-    follows_sync: bool,
-    trace: SignalTrace,
 }
 
 /// Collects the samples of signals from the frames.
@@ -95,7 +99,7 @@ impl TraceReader {
                 continue;
             };
             let of_cycle = cycle_seconds.filter(|_| collected.follows_sync);
-            collected.trace.push(SignalSample {
+            collected.push(SignalSample {
                 time_seconds: of_cycle.unwrap_or(time_seconds),
                 value,
             });
@@ -105,7 +109,11 @@ impl TraceReader {
     /// The traces, each given once.
     pub(crate) fn take_all(&mut self) -> Vec<SignalTrace> {
         let traces = self.collected.drain(..);
-        traces.map(|collected| collected.trace).collect()
+        let trace = |collected: Collected| SignalTrace {
+            samples: collected.samples.finish(),
+            ..collected.trace
+        };
+        traces.map(trace).collect()
     }
 }
 
@@ -132,7 +140,8 @@ fn collect(path: &str, sync_period: Duration, database: &Database) -> Option<Col
             path: path.to_owned(),
             unit: database.definition(path)?.unit.clone(),
             silence_seconds_max: is_cyclic.then(silence),
-            samples: Vec::new(),
+            samples: Series::default(),
         },
+        samples: SeriesWriter::default(),
     })
 }

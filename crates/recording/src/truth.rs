@@ -3,11 +3,13 @@
 use std::time::Duration;
 
 use dbc::{Database, SignalHandle, SignalMissing};
+use platform::series::{Series, SeriesWriter};
 
 use crate::log::Stamped;
 
 /// One message of the emulated plant.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
 pub struct PlantTruth {
     /// When it was so, in scenario time; negative before its beginning.
     pub time_seconds: f64,
@@ -23,7 +25,7 @@ pub(crate) struct TruthReader {
     current: SignalHandle,
     peak_temperature: SignalHandle,
     time: SignalHandle,
-    messages: Vec<PlantTruth>,
+    messages: SeriesWriter<PlantTruth>,
     offset_seconds: f64,
 }
 
@@ -33,7 +35,7 @@ impl TruthReader {
             current: database.require("plant_truth.plant_current_amperes")?,
             peak_temperature: database.require("plant_truth.plant_peak_temperature_celsius")?,
             time: database.require("plant_truth.plant_time_seconds")?,
-            messages: Vec::new(),
+            messages: SeriesWriter::default(),
             offset_seconds: f64::INFINITY,
         })
     }
@@ -60,11 +62,13 @@ impl TruthReader {
     }
 
     /// The messages in scenario time.
-    pub(crate) fn take_all(&mut self, zero: Option<Duration>) -> Vec<PlantTruth> {
+    pub(crate) fn take_all(&mut self, zero: Option<Duration>) -> Series<PlantTruth> {
         let zero_seconds = zero.unwrap_or_default().as_secs_f64();
-        for message in &mut self.messages {
-            message.time_seconds += self.offset_seconds - zero_seconds;
-        }
-        std::mem::take(&mut self.messages)
+        let messages = std::mem::take(&mut self.messages).finish();
+        let in_scenario = |message: &PlantTruth| PlantTruth {
+            time_seconds: message.time_seconds + (self.offset_seconds - zero_seconds),
+            ..*message
+        };
+        messages.iter().map(in_scenario).collect()
     }
 }

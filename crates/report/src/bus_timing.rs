@@ -1,5 +1,7 @@
 //! How the bus kept time, read from the stamps of the recording.
 
+use std::borrow::Borrow;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use dbc::{Database, SignalMissing, signals};
@@ -13,15 +15,47 @@ const LOAD_STRETCHES: u32 = 200;
 /// A duration in the resolution of the recording.
 pub(super) type Microseconds = u64;
 
-/// The timing of one recording, from scenario time 0 to its end. Durations are sorted.
+/// Durations, and how often each was.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Durations {
+    counts: BTreeMap<Microseconds, usize>,
+    all: usize,
+}
+
+impl Durations {
+    fn add(&mut self, duration: Microseconds) {
+        *self.counts.entry(duration).or_default() += 1;
+        self.all += 1;
+    }
+
+    /// The one of this rank, the least of which is 0.
+    fn at(&self, rank: usize) -> Option<Microseconds> {
+        let mut up_to = 0;
+        let mut counts = self.counts.iter();
+        counts.find_map(|(duration, count)| {
+            up_to += count;
+            (rank < up_to).then_some(*duration)
+        })
+    }
+}
+
+impl Extend<Microseconds> for Durations {
+    fn extend<I: IntoIterator<Item = Microseconds>>(&mut self, durations: I) {
+        durations
+            .into_iter()
+            .for_each(|duration| self.add(duration));
+    }
+}
+
+/// The timing of one recording, from scenario time 0 to its end.
 #[derive(Clone, Debug, Default)]
 pub(super) struct BusTiming {
     /// Time between two SYNCs.
-    pub(super) cycles: Vec<Microseconds>,
+    pub(super) cycles: Durations,
     /// From a SYNC to the drive's answer.
-    pub(super) answers: Vec<Microseconds>,
+    pub(super) answers: Durations,
     /// From a SYNC to the controller's command.
-    pub(super) commands: Vec<Microseconds>,
+    pub(super) commands: Durations,
     /// Middle of each stretch in scenario time.
     pub(super) load_seconds: Vec<f64>,
     /// Share of the time in which a frame was on the bus.
@@ -39,14 +73,13 @@ pub(super) struct DurationSpread {
 
 impl DurationSpread {
     /// Of no durations there is none.
-    pub(super) fn from_sorted(sorted: &[Microseconds]) -> Option<Self> {
-        let (least, most) = (*sorted.first()?, *sorted.last()?);
-        let rank = |percent: usize| sorted[(sorted.len() - 1) * percent / 100];
+    pub(super) fn new(durations: &Durations) -> Option<Self> {
+        let rank = |percent: usize| durations.at(durations.all.checked_sub(1)? * percent / 100);
         Some(Self {
-            least,
-            median: rank(50),
-            percentile_99: rank(99),
-            most,
+            least: rank(0)?,
+            median: rank(50)?,
+            percentile_99: rank(99)?,
+            most: rank(100)?,
         })
     }
 }
@@ -57,7 +90,7 @@ impl BusTiming {
     /// # Errors
     /// The database lacks a message of the drive.
     pub(super) fn new(
-        frames: &[Stamped],
+        frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
         duration_seconds: f64,
         bitrate_kilobits_per_second: u32,
         database: &Database,
@@ -65,15 +98,15 @@ impl BusTiming {
         let answer = database.require(signals::POSITION)?.raw_id();
         let command = database.require(signals::TARGET_CURRENT)?.raw_id();
         let mut clock = ScenarioClock::new(database)?;
-        let begins = |stamped: &Stamped| clock.on_frame(stamped.time, &stamped.frame);
-        let frames = &frames[frames.iter().position(begins).unwrap_or(frames.len())..];
-        let zero = frames.first().map_or(Duration::ZERO, |first| first.time);
         let duration = Duration::from_secs_f64(duration_seconds);
         let mut timing = Self::default();
         let mut load = LoadCounter::new(duration, bitrate_kilobits_per_second);
         let (mut sync, mut is_answered, mut is_commanded) = (None, true, true);
         for stamped in frames {
+            let stamped = stamped.borrow();
             let now = stamped.time;
+            clock.on_frame(now, &stamped.frame);
+            let Some(zero) = clock.zero() else { continue };
             let scenario_time = now.saturating_sub(zero);
             if scenario_time >= duration {
                 break;
@@ -90,9 +123,6 @@ impl BusTiming {
                 timing.commands.extend(sync.map(since_sync));
             }
         }
-        timing.cycles.sort_unstable();
-        timing.answers.sort_unstable();
-        timing.commands.sort_unstable();
         (timing.load_seconds, timing.load_percent) = load.finish();
         Ok(timing)
     }
@@ -158,23 +188,23 @@ impl LoadCounter {
     clippy::cast_precision_loss,
     reason = "microseconds stay far below 2^52"
 )]
-pub(super) fn histogram(sorted: &[Microseconds]) -> (Vec<f64>, Vec<f64>) {
+pub(super) fn histogram(durations: &Durations) -> (Vec<f64>, Vec<f64>) {
     const BINS: u32 = 60;
-    let (Some(least), Some(most)) = (sorted.first(), sorted.last()) else {
+    let Some(spread) = DurationSpread::new(durations) else {
         return (Vec::new(), Vec::new());
     };
-    let (least, most) = (*least as f64, *most as f64);
+    let (least, most) = (spread.least as f64, spread.most as f64);
     // Whole microseconds, as the recording has them.
     let width = libm::ceil((most - least + 1.0) / f64::from(BINS)).max(1.0);
     let mut counts = vec![0; BINS as usize];
-    for same in sorted.chunk_by(u64::eq) {
+    for (duration, count) in &durations.counts {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "from 0 to the number of bins"
         )]
-        let bin = ((same[0] as f64 - least) / width + 1e-6) as usize;
-        counts[bin.min(BINS as usize - 1)] += same.len();
+        let bin = ((*duration as f64 - least) / width + 1e-6) as usize;
+        counts[bin.min(BINS as usize - 1)] += count;
     }
     let used = counts
         .iter()
@@ -206,20 +236,22 @@ mod tests {
 
     #[test]
     fn percentiles_are_ranks() {
-        let durations: Vec<Microseconds> = (1..=101).collect();
+        let mut durations = Durations::default();
+        durations.extend(1..=101);
         let expected = DurationSpread {
             least: 1,
             median: 51,
             percentile_99: 100,
             most: 101,
         };
-        assert_eq!(DurationSpread::from_sorted(&durations), Some(expected));
-        assert_eq!(DurationSpread::from_sorted(&[]), None);
+        assert_eq!(DurationSpread::new(&durations), Some(expected));
+        assert_eq!(DurationSpread::new(&Durations::default()), None);
     }
 
     #[test]
     fn a_histogram_counts_everything() {
-        let durations = [1000, 1000, 1000, 1001, 1240];
+        let mut durations = Durations::default();
+        durations.extend([1000, 1000, 1000, 1001, 1240]);
         let (edges, heights) = histogram(&durations);
         assert_eq!(edges.len(), heights.len());
         let total: f64 = heights[1..heights.len() - 1]

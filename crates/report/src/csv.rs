@@ -3,7 +3,9 @@
 use std::fmt;
 use std::io::{self, Write};
 
+use platform::series::Series;
 use recording::timeline::Timeline;
+use recording::work::Way;
 
 /// Ten to the power of the decimals of a number: one more than the finest signal has.
 const SCALE: f64 = 1e7;
@@ -22,9 +24,11 @@ pub fn write(mut output: impl Write, timeline: &Timeline) -> io::Result<()> {
     writeln!(output, "{}", names.join(","))?;
     let own = [&timeline.time_seconds, &timeline.set_point_millimetres];
     let columns = timeline.columns.iter().map(|column| &column.values);
-    let columns: Vec<&Vec<f64>> = own.into_iter().chain(columns).collect();
+    let columns: Vec<&Series<f64>> = own.into_iter().chain(columns).collect();
     let mut cells = vec![String::new(); columns.len()];
+    let mut way = Way::new(timeline.cycle.len() as u64);
     for (row, cycle) in timeline.cycle.iter().enumerate() {
+        way.go(1);
         for (cell, values) in cells.iter_mut().zip(&columns) {
             // Most values hold for many rows.
             if row == 0 || values[row].to_bits() != values[row - 1].to_bits() {

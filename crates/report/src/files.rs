@@ -36,7 +36,7 @@ impl ReportError {
     }
 }
 
-/// Writes the files of a judged run. The recording takes as long as all others, so they are made beside it. The verdict
+/// Writes the files of a judged run, but for the signals of a long one. The recording takes as long as all others, so they are made beside it. The verdict
 /// comes last, since it says that the folder is complete.
 ///
 /// # Errors
@@ -54,7 +54,9 @@ pub fn write_all(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
 }
 
 fn write_tables_and_page(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
-    folder.write_with(file::SIGNALS, |output| csv::write(output, run.timeline))?;
+    if !run.is_long {
+        folder.write_with(file::SIGNALS, |output| csv::write(output, run.timeline))?;
+    }
     let junit = junit::to_xml(std::slice::from_ref(run.verdict))
         .map_err(|error| ReportError::made(file::JUNIT, &error))?;
     folder.write(file::JUNIT, junit.as_bytes())?;

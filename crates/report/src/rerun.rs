@@ -35,6 +35,9 @@ use file::RecordingFile;
 use output::send_static;
 pub(crate) use run_log::{Known, Recording};
 
+/// Rows of a long run that are logged at once.
+const PIECE_ROWS: usize = 1 << 16;
+
 /// The viewer keeps one layout per application.
 pub(crate) const APPLICATION: &str = "canrig";
 
@@ -65,12 +68,11 @@ pub enum RerunError {
 pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
     let Run {
         setup,
-        frames,
         timeline,
         verdict,
+        ..
     } = *run;
-    let mut bus = BusReader::new(setup)?;
-    frames.iter().for_each(|stamped| bus.observe(stamped));
+    let mut bus = BusReader::new(setup, run.is_long)?;
     let partial = path.with_added_extension("partial");
     let id = recording_id(timeline, verdict);
     let store = StoreId::new(StoreKind::Recording, APPLICATION, id);
@@ -79,8 +81,31 @@ pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
         .with_name(setup.scenario.name.as_str())
         .with_start_time(0_i64);
     send_static(&mut file, EntityPath::properties(), &properties)?;
-    let mut recording = Recording::begin(&mut file, setup, Known::Whole)?;
-    recording.log(timeline, &mut bus)?;
+    let known = match run.is_long {
+        false => Known::Whole,
+        true => Known::Thinned,
+    };
+    let mut recording = Recording::begin(&mut file, setup, known)?;
+    let mut frames = run.frames.iter();
+    if run.is_long {
+        let rows = timeline.cycle.len();
+        for begin in (0..rows.max(1)).step_by(PIECE_ROWS) {
+            let end = rows.min(begin + PIECE_ROWS);
+            let piece = timeline.piece(begin..end);
+            let end_seconds = match end == rows {
+                true => f64::INFINITY,
+                false => piece.end_seconds(),
+            };
+            // Up to the first frame of a cycle beyond.
+            frames.find(|stamped| bus.observe(stamped) >= end_seconds);
+            recording.log(&piece, &mut bus)?;
+        }
+    } else {
+        frames.for_each(|stamped| {
+            bus.observe(&stamped);
+        });
+        recording.log(timeline, &mut bus)?;
+    }
     recording.log_verdict(verdict)?;
     recording.finish()?;
     file.finish()?;
@@ -97,7 +122,8 @@ fn recording_id(timeline: &Timeline, verdict: &Verdict) -> String {
     }
     let times = timeline.events.iter().map(|event| &event.time_seconds);
     let values = timeline.position().iter().chain(timeline.current());
-    let bits: Vec<u64> = times.chain(values).map(|value| value.to_bits()).collect();
-    bits.hash(&mut hasher);
+    for value in times.chain(values) {
+        hasher.write_u64(value.to_bits());
+    }
     format!("{:016x}", hasher.finish())
 }

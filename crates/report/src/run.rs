@@ -1,7 +1,7 @@
 //! What every report is made of.
 
 use judge::verdict::Verdict;
-use recording::log::Stamped;
+use recording::frames::Frames;
 use recording::timeline::Timeline;
 use rig::setup::Setup;
 
@@ -10,9 +10,11 @@ pub struct Run<'a> {
     /// What was played.
     pub setup: &'a Setup,
     /// What was on the bus.
-    pub frames: &'a [Stamped],
+    pub frames: &'a Frames,
     /// The same, decoded.
     pub timeline: &'a Timeline,
     /// What it came to.
     pub verdict: &'a Verdict,
+    /// Whether its log and its signals are compressed, and its recording for the viewer thinned.
+    pub is_long: bool,
 }

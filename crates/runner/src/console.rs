@@ -2,9 +2,10 @@
 //! else steers the terminal.
 
 use std::borrow::Cow;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, BufWriter, IsTerminal, Write};
 use std::panic::PanicHookInfo;
-use std::sync::OnceLock;
+use std::sync::{OnceLock, mpsc};
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -13,6 +14,7 @@ use platform::terminal::printable;
 
 use crate::exit::Exit;
 use recording::progress::RunProgress;
+use recording::work::{PARTS, parts_done};
 use scenario::without_colours;
 
 /// Why standard output did not take what was printed, from the first time on.
@@ -45,6 +47,18 @@ pub fn print_bytes(bytes: &[u8]) {
         true => stdout.write_all(printable(&String::from_utf8_lossy(bytes)).as_bytes()),
         false => stdout.write_all(bytes),
     });
+}
+
+/// Prints what is too long to be held in memory on standard output: as it is, but for a terminal.
+pub fn print_with(write: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>) {
+    let mut stdout = BufWriter::new(io::stdout());
+    if stdout.get_ref().is_terminal() {
+        let mut bytes = Vec::new();
+        keep_error(write(&mut bytes));
+        print_bytes(&bytes);
+    } else {
+        keep_error(write(&mut stdout).and_then(|()| stdout.flush()));
+    }
 }
 
 /// Prints a line on standard error.
@@ -84,6 +98,11 @@ pub fn print_panic(info: &PanicHookInfo<'_>) {
         env!("CARGO_PKG_VERSION")
     ));
 }
+
+/// Work that takes no longer needs no bar.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// How often its bar moves.
+const WORK_PERIOD: Duration = Duration::from_millis(200);
 
 /// Lines that wait for a busy writer at most, in bytes.
 const BUFFER_BYTES: usize = 64 << 10;
@@ -163,7 +182,7 @@ impl ScenarioBar {
             Some(micros(Duration::from_secs_f64(duration_seconds))),
             target(is_shown),
         );
-        let style = ProgressStyle::with_template("{bar:20} {percent:>3} %  {msg}");
+        let style = ProgressStyle::with_template("{bar:10} {percent:>3} %  {eta:>4} left  {msg}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
         Self { bar }
     }
@@ -234,6 +253,58 @@ impl Drop for RunsBar {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// A bar that shows how far long work on a recording is, and how much time is left. It is drawn on a terminal only, by a thread
+/// of its own, when the work lasts longer than two seconds.
+pub struct WorkBar {
+    ended: Option<mpsc::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl WorkBar {
+    /// The bar of work that goes so many times through the recordings.
+    #[must_use]
+    pub fn new(ways: u64, is_shown: bool) -> Self {
+        if !is_shown || !io::stderr().is_terminal() {
+            return Self {
+                ended: None,
+                thread: None,
+            };
+        }
+        let (ended, end) = mpsc::channel();
+        let before = parts_done();
+        let thread = thread::spawn(move || show_work(ways * PARTS, before, &end));
+        Self {
+            ended: Some(ended),
+            thread: Some(thread),
+        }
+    }
+}
+
+impl Drop for WorkBar {
+    fn drop(&mut self) {
+        drop(self.ended.take());
+        if let Some(thread) = self.thread.take() {
+            // A bar that panicked is no reason to end the work.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Draws the bar until the other end of the channel is dropped.
+fn show_work(parts: u64, before: u64, end: &mpsc::Receiver<()>) {
+    let is_over = |wait| end.recv_timeout(wait) != Err(mpsc::RecvTimeoutError::Timeout);
+    if is_over(PATIENCE) {
+        return;
+    }
+    let bar = ProgressBar::with_draw_target(Some(parts), ProgressDrawTarget::stderr());
+    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {eta} left");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    while !is_over(WORK_PERIOD) {
+        bar.set_position((parts_done() - before).min(parts));
+    }
+    bar.finish_and_clear();
 }
 
 /// The terminal, or nowhere.

@@ -23,6 +23,8 @@ pub enum RunEvent<'a> {
     },
     /// How far the scenario is. It comes from another thread.
     Reached(RunProgress),
+    /// A scenario was played; now it is judged, and its files are written.
+    Played,
     /// A scenario was played and judged.
     Judged {
         /// Its file.

@@ -8,6 +8,7 @@ use judge::verdict::Identity;
 use object::Object;
 use object::read::ReadCache;
 use recording::session::files_of;
+use recording::text::hexadecimal;
 use rig::setup::Setup;
 use sha2::{Digest, Sha256};
 
@@ -68,11 +69,6 @@ fn hash_of(file: File) -> io::Result<String> {
         hasher.update(part);
         input.consume(length);
     }
-}
-
-fn hexadecimal(hash: impl AsRef<[u8]>) -> String {
-    let digits = hash.as_ref().iter().map(|byte| format!("{byte:02x}"));
-    digits.collect()
 }
 
 #[cfg(test)]

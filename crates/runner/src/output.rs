@@ -1,7 +1,7 @@
 //! Files that the user wants somewhere.
 
-use std::fs;
-use std::io::Write;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use crate::console::{print, print_error};
@@ -10,7 +10,15 @@ use recording::run_folder::write_whole;
 
 /// Writes a file; where it cannot be written, prints why.
 pub(crate) fn write(place: &Path, bytes: &[u8]) -> Result<(), Exit> {
-    write_whole(place, |output| output.write_all(bytes)).map_err(|error| {
+    write_with(place, |output| output.write_all(bytes))
+}
+
+/// As [`write`], for what is too long to be held in memory.
+pub(crate) fn write_with(
+    place: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<(), Exit> {
+    write_whole(place, write).map_err(|error| {
         let place = place.display();
         print_error(&format!("canrig: {place} cannot be written: {error}"));
         Exit::BenchFailed

@@ -10,7 +10,7 @@ use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::lines::EventLines;
 use crate::observer::observed;
-use crate::run::{Judged, RUNS, run};
+use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
 use recording::capture::{Capture, Watch};
@@ -38,6 +38,9 @@ pub struct PlayArgs {
     /// Print failures only
     #[arg(long, short, conflicts_with_all = ["json", "events"])]
     pub quiet: bool,
+    /// Compress log and signals, and thin the recording for the viewer, of runs longer than this
+    #[arg(long, value_name = "SECONDS", default_value_t = COMPRESS_ABOVE_SECONDS)]
+    pub compress_above: f64,
     #[command(flatten)]
     pub values: ValueArgs,
     #[command(flatten)]
@@ -163,12 +166,17 @@ fn play_one(
         duration_seconds: scenario.duration_seconds,
     });
     let (queues, shows) = viewers.show(setup, testbed.when_full());
-    let judged = run(setup, &args.output, &watch, queues, |folder, capture| {
+    let place = RunPlace {
+        parent: &args.output,
+        is_long: scenario.duration_seconds > args.compress_above,
+    };
+    let judged = run(setup, place, &watch, queues, |folder, capture| {
         observed(
             || watch.interrupt(),
             || listener.on_event(&RunEvent::Reached(watch.progress())),
             || testbed.play(setup, folder, capture),
         )
+        .inspect(|_| listener.on_event(&RunEvent::Played))
     });
     match judged {
         Ok(judged) => {

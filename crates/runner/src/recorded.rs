@@ -2,7 +2,7 @@
 
 use dbc::{Database, SignalMissing};
 use std::fmt::Display;
-use std::io::{self, BufReader};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -14,8 +14,8 @@ use exports::parquet::ParquetError;
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, judge, judge_timing};
 use recording::ending::EndedBy;
-use recording::log::{Log, read_cut_log};
-use recording::run_folder::file;
+use recording::log::{Log, Unread};
+use recording::run_folder::{file, log_in};
 use recording::session::{FramesError, ReadError, read_setup};
 use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline};
@@ -126,6 +126,8 @@ pub struct Recorded {
     pub stalls: Vec<Stall>,
     /// Whether it is a run folder.
     pub is_folder: bool,
+    /// Whether it is the folder of a long run, whose log and signals are compressed.
+    pub is_long: bool,
 }
 
 impl Recorded {
@@ -149,7 +151,7 @@ impl Recorded {
             path.parent().unwrap_or(Path::new("."))
         };
         let log_path = if is_folder {
-            path.join(file::BUS_LOG)
+            log_in(path)
         } else {
             path.to_owned()
         };
@@ -162,7 +164,7 @@ impl Recorded {
         if log.frames.is_empty() && !is_folder {
             return Err(RecordedError::Empty {
                 path: log_path,
-                broken: log.broken,
+                broken: log.unread.broken,
             });
         }
         let (setup, stored) = match played {
@@ -186,6 +188,7 @@ impl Recorded {
             stored,
             stalls,
             is_folder,
+            is_long: log_path.ends_with(file::LONG_BUS_LOG),
         })
     }
 
@@ -244,8 +247,8 @@ impl Recorded {
         let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
         Unrecorded {
             frames_lost: of_run(|stored| stored.frames_lost),
-            fd_frames: of_run(|stored| stored.fd_frames) + self.log.fd_frames,
-            strange_lines: self.log.strange_until(end.unwrap_or(Duration::MAX)),
+            fd_frames: of_run(|stored| stored.fd_frames) + self.log.unread.fd_frames,
+            strange_lines: self.log.unread.strange_until(end.unwrap_or(Duration::MAX)),
         }
     }
 
@@ -302,16 +305,19 @@ pub(crate) fn require_run(path: &Path) -> Result<(), RecordedError> {
 }
 
 fn read_log(path: &Path) -> Result<Log, RecordedError> {
-    let read = scenario::open_file(path).and_then(|file| read_cut_log(BufReader::new(file)));
-    match read {
+    match Log::read(path) {
         // Killed before the first frame.
         Err(error)
             if error.kind() == io::ErrorKind::NotFound
                 && path.ends_with(file::BUS_LOG)
                 && has_scenario(path) =>
         {
-            Ok(Log {
+            let unread = Unread {
                 broken: Some("there is none".to_owned()),
+                ..Unread::default()
+            };
+            Ok(Log {
+                unread,
                 ..Log::default()
             })
         }

@@ -1,5 +1,6 @@
 //! One scenario from its setup to its verdict.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use dbc::SignalMissing;
@@ -8,6 +9,7 @@ use scenario::Scenario;
 
 use crate::exit::Exit;
 use crate::identity::{NoIdentity, identity};
+use exports::parquet;
 use judge::timing::Timing;
 use judge::verdict::{Identity, Verdict};
 use judge::{Circumstances, judge};
@@ -26,6 +28,18 @@ use worlds::{End, Played, WorldError};
 
 /// The folder for run folders where `--output` names no other.
 pub const RUNS: &str = "runs";
+
+/// Runs that are longer leave compressed files where `--compress-above` says nothing else.
+pub const COMPRESS_ABOVE_SECONDS: f64 = 600.0;
+
+/// Where a run leaves its files, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct RunPlace<'a> {
+    /// The folder of its folder.
+    pub parent: &'a Path,
+    /// Whether log and signals are compressed, and the recording for the viewer is thinned.
+    pub is_long: bool,
+}
 
 /// Why a run left no verdict.
 #[derive(Debug, thiserror::Error)]
@@ -67,16 +81,17 @@ pub struct Judged {
 /// The files of the run cannot be written.
 pub fn run(
     setup: &Setup,
-    parent: &Path,
+    place: RunPlace<'_>,
     watch: &Watch,
     queues: Vec<FrameQueue>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
 ) -> Result<Judged, RunError> {
     let identity = identity(setup)?;
+    let RunPlace { parent, is_long } = place;
     let folder = create_folder(parent, setup, &identity)?;
     let progress = ProgressReader::new(&setup.scenario, &setup.database)?;
     let clock = ScenarioClock::new(&setup.database)?;
-    let mut capture = Capture::new(folder.bus_log()?, progress, clock, watch, queues);
+    let mut capture = Capture::new(folder.bus_log(is_long)?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
     let (frames, unrecorded) = capture.finish()?;
     let timeline = timeline::decode(&frames, setup)?;
@@ -97,7 +112,11 @@ pub fn run(
         frames: &frames,
         timeline: &timeline,
         verdict: &verdict,
+        is_long,
     };
+    if is_long {
+        write_signals(&folder, &timeline)?;
+    }
     report::write_all(&run, &folder)?;
     let exit = match &ended {
         Ok(Played {
@@ -111,6 +130,13 @@ pub fn run(
         verdict,
         folder: folder.path().to_owned(),
         exit,
+    })
+}
+
+/// Writes the signals of a long run.
+fn write_signals(folder: &RunFolder, timeline: &Timeline) -> Result<(), WriteError> {
+    folder.write_with(file::LONG_SIGNALS, |output| {
+        parquet::write_signals(output, timeline).map_err(io::Error::other)
     })
 }
 

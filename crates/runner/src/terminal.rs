@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::console::{ScenarioBar, print, print_error};
+use crate::console::{ScenarioBar, WorkBar, print, print_error};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::run::Judged;
@@ -17,8 +17,19 @@ pub(crate) struct Terminal {
     json: bool,
     /// Whether it prints nothing but failures.
     quiet: bool,
-    progress: Mutex<Option<ScenarioBar>>,
+    progress: Mutex<Option<Progress>>,
 }
+
+/// What is drawn while somebody waits.
+enum Progress {
+    Scenario(ScenarioBar),
+    /// Drawn by itself, until it is dropped.
+    Work(#[expect(dead_code, reason = "it draws itself")] WorkBar),
+}
+
+/// So often its frames and cycles are gone through after a long run was played: for the timeline, the page, the recording for the
+/// viewer and the signals.
+const WAYS_OF_A_RUN: u64 = 4;
 
 impl Terminal {
     pub(crate) fn new(json: bool, quiet: bool) -> Self {
@@ -33,7 +44,7 @@ impl Terminal {
         !self.json && !self.quiet
     }
 
-    fn progress(&self) -> MutexGuard<'_, Option<ScenarioBar>> {
+    fn progress(&self) -> MutexGuard<'_, Option<Progress>> {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -60,12 +71,18 @@ impl Listener for Terminal {
             RunEvent::Note(text) => self.note(text),
             RunEvent::Preflight(step) => self.note(&in_words(step)),
             RunEvent::Began { duration_seconds } => {
-                *self.progress() = Some(ScenarioBar::new(*duration_seconds, self.prints_notes()));
+                let bar = ScenarioBar::new(*duration_seconds, self.prints_notes());
+                *self.progress() = Some(Progress::Scenario(bar));
             }
             RunEvent::Reached(reading) => {
-                if let Some(progress) = &*self.progress() {
-                    progress.show(reading);
+                if let Some(Progress::Scenario(bar)) = &*self.progress() {
+                    bar.show(reading);
                 }
+            }
+            RunEvent::Played => {
+                let bar = WorkBar::new(WAYS_OF_A_RUN, self.prints_notes());
+                self.progress().take();
+                *self.progress() = Some(Progress::Work(bar));
             }
             RunEvent::Judged { path, judged } => {
                 self.progress().take();

@@ -47,8 +47,9 @@ impl SilenceWatch {
     /// # Errors
     /// A node has been silent for too long since the scenario began.
     pub(super) fn check(&mut self, now: Duration, capture: &Capture<'_>) -> Result<(), WorldError> {
-        self.hear(now, &capture.frames()[self.taken..]);
-        self.taken = capture.frames().len();
+        let mut taken = self.taken;
+        self.hear(now, capture.since(&mut taken));
+        self.taken = taken;
         let is_silent = |last: Duration| now.saturating_sub(last) > self.limit;
         let silent = match (capture.zero(), self.is_sound) {
             (None, _) => None,

@@ -10,6 +10,7 @@ use scenario::sweep::{Axis, Distribution};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
+use recording::text::hexadecimal;
 use rig::setup::Setup;
 
 /// Characters of the scenario's name that are left in the name of a case, which may have 200.
@@ -228,9 +229,7 @@ fn id(text: &str, tables: &BTreeMap<String, String>) -> String {
         hasher.update((part.len() as u64).to_le_bytes());
         hasher.update(part);
     }
-    let hash = hasher.finalize();
-    let digits = hash.iter().take(ID_BYTES).map(|byte| format!("{byte:02x}"));
-    digits.collect()
+    hexadecimal(&hasher.finalize()[..ID_BYTES])
 }
 
 fn way_of(values: &[f64]) -> String {

@@ -2,6 +2,7 @@
 
 use std::io::{self, BufRead, BufReader, Read};
 
+use recording::text::hexadecimal;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
@@ -50,9 +51,7 @@ impl Seal {
             hasher.update((part.len() as u64).to_le_bytes());
             hasher.update(part);
         }
-        let hash = hasher.finalize();
-        let digits = hash.iter().take(DIGITS / 2);
-        digits.map(|byte| format!("{byte:02x}")).collect()
+        hexadecimal(&hasher.finalize()[..DIGITS / 2])
     }
 }
 

@@ -16,7 +16,7 @@ use rig::setup::Setup;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use runner::run::RUNS;
-use runner::run::run;
+use runner::run::{RunPlace, run};
 use runner::scenarios;
 use worlds::catalogue::catalogue;
 use worlds::{Played, lockstep};
@@ -135,7 +135,11 @@ fn shrink_all(
 fn keep(case: &TortureCase, output: &Path) -> Result<std::path::PathBuf, String> {
     let setup = Setup::new(case.scenario()?, catalogue()).from_file("torture.toml", case.text());
     let (watch, taps) = (Watch::default(), Vec::new());
-    let judged = run(&setup, output, &watch, taps, |_, capture| {
+    let place = RunPlace {
+        parent: output,
+        is_long: false,
+    };
+    let judged = run(&setup, place, &watch, taps, |_, capture| {
         lockstep::simulate(&setup, capture).map(Played::in_virtual_time)
     });
     judged

@@ -231,7 +231,7 @@ mod tests {
         change: impl Fn(&mut PlantTruth),
     ) -> impl Fn(&mut Vec<Stamped>, &mut Timeline) {
         move |_, timeline| {
-            let mut truth = timeline.truth.iter_mut();
+            let mut truth = timeline.truth.to_mut().iter_mut();
             change(truth.find(|truth| truth.time_seconds >= seconds).unwrap());
         }
     }
@@ -272,7 +272,8 @@ mod tests {
         assert!(never_begun.starts_with("start: "), "{never_begun}");
         let silent = found(&|_, timeline| {
             let is_left = |truth: &PlantTruth| !(0.2..0.23).contains(&truth.time_seconds);
-            timeline.truth.retain(is_left);
+            let left = timeline.truth.iter().copied().filter(is_left);
+            timeline.truth = left.collect();
         });
         assert!(
             silent.starts_with("truth: the plant is silent from 0.1"),

@@ -1,7 +1,7 @@
 //! What identification takes from a recording: the inputs over time and the measured positions.
 
 use std::collections::BTreeMap;
-use std::io::{self, BufReader};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use scenario::{Scenario, ScenarioError, Texts};
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::{self, Stamped};
-use recording::run_folder::file;
+use recording::run_folder::log_in;
 use recording::session::{FramesError, ReadError, read_setup};
 use recording::timeline::{self, Timeline};
 use rig::external::External;
@@ -229,7 +229,7 @@ impl IdentificationData {
             let external = Some(External::default());
             let setup =
                 read_setup(path, external, catalogue()).map_err(|error| at(error.into()))?;
-            (path.join(file::BUS_LOG), setup)
+            (log_in(path), setup)
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
             let (scenario, Texts { tables, .. }) =
@@ -412,8 +412,7 @@ fn read(path: &Path) -> Result<Vec<Stamped>, RecordingFault> {
             .to_string(),
         source,
     };
-    let input = scenario::open_file(path).map_err(fault)?;
-    log::read_log(BufReader::new(input)).map_err(fault)
+    log::open(path).and_then(log::read_log).map_err(fault)
 }
 
 /// The columns of the disturbance node.
@@ -428,7 +427,7 @@ impl<'a> Disturbances<'a> {
             let name = path.split_once('.').map_or(path, |(_, name)| name);
             timeline
                 .column(name)
-                .map_or(&[][..], |column| &column.values)
+                .map_or(&[][..], |column| &*column.values)
         };
         Self {
             convection_factor: column(signals::CONVECTION_FACTOR),

@@ -4,6 +4,7 @@
 use canopen::CanFrame;
 use dbc::signals::{COLUMN_MESSAGES, OPTIONAL_MESSAGES, POSITION};
 use dbc::{Database, Message, Signal, SignalHandle, SignalMissing};
+use platform::series::SeriesWriter;
 
 use super::decoded::Column;
 
@@ -57,7 +58,7 @@ struct SignalColumn {
     /// The value from the first row on that is not there yet.
     latest: f64,
     /// The rows up to the last change.
-    rows: Vec<f64>,
+    rows: SeriesWriter<f64>,
 }
 
 impl SignalColumn {
@@ -67,7 +68,7 @@ impl SignalColumn {
             name: signal.name.clone(),
             unit: signal.unit.clone(),
             latest: f64::NAN,
-            rows: Vec::new(),
+            rows: SeriesWriter::default(),
         }
     }
 
@@ -83,7 +84,7 @@ impl SignalColumn {
             0 => {}
             // That of a signal which changes in each cycle.
             1 => self.rows.push(self.latest),
-            _ => self.rows.resize(row, self.latest),
+            _ => self.rows.fill(row, self.latest),
         }
     }
 
@@ -92,7 +93,7 @@ impl SignalColumn {
         Column {
             name: self.name.clone(),
             unit: self.unit.clone(),
-            values: std::mem::take(&mut self.rows),
+            values: self.rows.take(rows),
         }
     }
 }

@@ -1,5 +1,9 @@
 //! The decoded recording: one row for each cycle.
 
+use std::ops::Range;
+
+use platform::series::Series;
+
 use crate::events::{TimedEmergency, TimelineEvent};
 use crate::masters::SecondMaster;
 use crate::traces::SignalTrace;
@@ -17,7 +21,7 @@ pub struct Column {
     pub unit: String,
     /// Physical value per cycle; NaN where the signal was not on the bus yet, or, for the drive's measured values, in
     /// a cycle in which the drive was silent.
-    pub values: Vec<f64>,
+    pub values: Series<f64>,
 }
 
 /// The beginnings of the names of what not every law computes: the controller sends 0 for what its law does not have.
@@ -47,13 +51,13 @@ pub struct Timeline {
     /// The SYNC period.
     pub period_seconds: f64,
     /// Number of the cycle since scenario time 0, per row. Rows of cycles that never began are absent.
-    pub cycle: Vec<u64>,
+    pub cycle: Series<u64>,
     /// Scenario time per row: the cycle's number times the period.
-    pub time_seconds: Vec<f64>,
+    pub time_seconds: Series<f64>,
     /// The cycles that should have begun by the latest SYNC, up to the scenario's end.
     pub cycles_due: u64,
     /// The raw set-point of the scenario per row; NaN where the scenario has none.
-    pub set_point_millimetres: Vec<f64>,
+    pub set_point_millimetres: Series<f64>,
     pub columns: Vec<Column>,
     /// What shows that somebody else led the drive too, the first first.
     pub second_masters: Vec<SecondMaster>,
@@ -65,7 +69,7 @@ pub struct Timeline {
     pub events: Vec<TimelineEvent>,
     pub emergencies: Vec<TimedEmergency>,
     /// What the emulated plant reported of itself; empty without faults.
-    pub truth: Vec<PlantTruth>,
+    pub truth: Series<PlantTruth>,
     /// Whether the fan and load module was there and got its commands.
     pub has_fan: bool,
     /// The signals that the scenario's checks name.
@@ -126,12 +130,45 @@ impl Timeline {
         before.events.retain(|event| event.time_seconds < seconds);
         let emergencies = &mut before.emergencies;
         emergencies.retain(|emergency| emergency.time_seconds < seconds);
-        before.truth.retain(|truth| truth.time_seconds < seconds);
+        let is_before = |truth: &&PlantTruth| truth.time_seconds < seconds;
+        before.truth = self.truth.iter().filter(is_before).copied().collect();
         for trace in &mut before.traces {
-            trace.samples.retain(|sample| sample.time_seconds < seconds);
+            let samples = &mut trace.samples;
+            samples.truncate(samples.partition_point(|sample| sample.time_seconds < seconds));
         }
         before.last_frame_seconds = before.last_frame_seconds.min(seconds);
         before
+    }
+
+    /// Some of the rows with what happened in their time, as a timeline of its own: the first and the last have what was before
+    /// and after all rows. How busy the bus was is that of the whole recording.
+    #[must_use]
+    pub fn piece(&self, rows: Range<usize>) -> Self {
+        let part = |values: &[f64]| Series::from(values[rows.clone()].to_vec());
+        let begins = |row: usize| self.time_seconds.get(row).copied();
+        let from = begins(rows.start).filter(|_| rows.start > 0);
+        let until = begins(rows.end);
+        let is_inside = |event: &&TimelineEvent| {
+            let time = event.time_seconds;
+            from.is_none_or(|from| time >= from) && until.is_none_or(|until| time < until)
+        };
+        let columns = self.columns.iter().map(|column| Column {
+            name: column.name.clone(),
+            unit: column.unit.clone(),
+            values: part(&column.values),
+        });
+        Self {
+            cycle: self.cycle[rows.clone()].to_vec().into(),
+            time_seconds: part(&self.time_seconds),
+            set_point_millimetres: part(&self.set_point_millimetres),
+            columns: columns.collect(),
+            events: self.events.iter().filter(is_inside).cloned().collect(),
+            emergencies: Vec::new(),
+            truth: Series::default(),
+            traces: Vec::new(),
+            second_masters: self.second_masters.clone(),
+            ..*self
+        }
     }
 
     /// Cycles that never began or in which the drive was silent, by all that were due.

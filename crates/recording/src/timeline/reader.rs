@@ -1,10 +1,13 @@
 //! Decodes frames, cycle by cycle.
 
+use std::borrow::Borrow;
 use std::collections::BTreeSet;
+use std::iter;
 use std::time::Duration;
 
 use dbc::scenario_clock::ScenarioClock;
 use dbc::{SignalMissing, signals};
+use platform::series::{Series, SeriesWriter};
 use rig::setup::Setup;
 use scenario::Scenario;
 
@@ -23,11 +26,15 @@ use crate::truth::TruthReader;
 ///
 /// # Errors
 /// The database lacks a signal that the bench needs.
-pub fn decode(frames: &[Stamped], setup: &Setup) -> Result<Timeline, SignalMissing> {
+pub fn decode(
+    frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
+    setup: &Setup,
+) -> Result<Timeline, SignalMissing> {
     let mut reader = TimelineReader::new(setup)?;
-    reader.reserve(frames.len());
+    let frames = frames.into_iter();
+    reader.reserve(frames.size_hint().0);
     for stamped in frames {
-        reader.on_frame(stamped);
+        reader.on_frame(stamped.borrow());
     }
     reader.take_rest(&setup.scenario)
 }
@@ -53,7 +60,7 @@ pub struct TimelineReader {
     traffic: Traffic,
     masters: MasterWatch,
     columns: Columns,
-    cycle: Vec<u64>,
+    cycle: SeriesWriter<u64>,
     cycles_due: u64,
 }
 
@@ -91,7 +98,7 @@ impl TimelineReader {
             traffic: Traffic::new(scenario),
             masters: MasterWatch::new(scenario, database, &setup.external)?,
             columns: Columns::new(database)?,
-            cycle: Vec::new(),
+            cycle: SeriesWriter::default(),
             cycles_due: 0,
         })
     }
@@ -200,9 +207,9 @@ impl TimelineReader {
     /// The first rows as a timeline of their own, without what happened besides.
     fn take_rows(&mut self, rows: usize, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
         let period_seconds = self.period.as_secs_f64();
-        let cycle = take_front(&mut self.cycle, rows);
+        let cycle = self.cycle.take(rows);
         let starts = cycle.iter();
-        let time_seconds: Vec<f64> = starts
+        let time_seconds: Series<f64> = starts
             .map(|cycle| cycle_start_seconds(*cycle, period_seconds))
             .collect();
         let columns = self.columns.take_rows(rows);
@@ -219,7 +226,7 @@ impl TimelineReader {
             columns,
             events: Vec::new(),
             emergencies: Vec::new(),
-            truth: Vec::new(),
+            truth: Series::default(),
             has_fan: self.fan.has_fan(),
             traces: Vec::new(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
@@ -238,21 +245,15 @@ fn place(columns: &[Column], path: &str) -> Result<usize, SignalMissing> {
     place.ok_or_else(|| SignalMissing::new(path))
 }
 
-/// Takes the first values out, without moving them.
-fn take_front<T>(values: &mut Vec<T>, count: usize) -> Vec<T> {
-    let rest = values.split_off(count);
-    std::mem::replace(values, rest)
-}
-
 /// The nearest whole number of periods.
 fn cycles(time: Duration, period: Duration) -> u64 {
     let cycles = time.saturating_add(period / 2).as_nanos() / period.as_nanos().max(1);
     u64::try_from(cycles).unwrap_or(u64::MAX)
 }
 
-fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Vec<f64> {
+fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Series<f64> {
     if scenario.reference.is_empty() {
-        return vec![f64::NAN; time_seconds.len()];
+        return iter::repeat_n(f64::NAN, time_seconds.len()).collect();
     }
     let trajectory = scenario.reference.trajectory();
     let times = time_seconds.iter();

@@ -38,7 +38,7 @@ pub(super) fn section(timing: &BusTiming, run: &Run<'_>) -> Markup {
         p.soft { "Scenario time 0 to " (run.setup.scenario.duration_seconds) " s, by the stamps of the recorder." }
         div.wide { table {
             thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
-            tbody { @for (name, durations) in &sets { @if let Some(spread) = DurationSpread::from_sorted(durations) { tr {
+            tbody { @for (name, durations) in &sets { @if let Some(spread) = DurationSpread::new(durations) { tr {
                 td { (name) }
                 @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (value) } }
             } } } }

@@ -5,6 +5,7 @@ use scenario::expect::{Demand, SignalCheck};
 
 use crate::plot::{Colour, Patch, Plot, Shape};
 use crate::run::Run;
+use platform::series::Series;
 use recording::traces::SignalTrace;
 use rig::setup::Setup;
 
@@ -14,8 +15,8 @@ const PLOTS_MAX: usize = 12;
 /// A trace as a plot takes it.
 struct Drawn<'a> {
     trace: &'a SignalTrace,
-    time_seconds: Vec<f64>,
-    values: Vec<f64>,
+    time_seconds: Series<f64>,
+    values: Series<f64>,
     /// The rows of the courses that it must follow.
     courses: Vec<(Vec<f64>, Vec<f64>)>,
     patches: Vec<Patch>,

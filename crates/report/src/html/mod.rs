@@ -43,7 +43,7 @@ pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
         (events(&run.timeline.events))
         h2 { "Scenario" }
         details open { summary { (file::SCENARIO) } pre { (run.setup.text) } }
-        (again())
+        (again(run.is_long))
     };
     Ok(page::page(
         &format!("{}: {}", scenario.name, run.verdict.outcome.word()),
@@ -104,7 +104,11 @@ fn events(events: &[TimelineEvent]) -> Markup {
     }
 }
 
-fn again() -> Markup {
+fn again(is_long: bool) -> Markup {
+    let (log, signals) = match is_long {
+        false => (file::BUS_LOG, file::SIGNALS),
+        true => (file::LONG_BUS_LOG, file::LONG_SIGNALS),
+    };
     html! {
         h2 { "Again" }
         p { "In this folder:" }
@@ -117,7 +121,7 @@ fn again() -> Markup {
         }
         p {
             "Beside this page: "
-            @for (number, name) in [file::BUS_LOG, file::SIGNALS, file::VERDICT, file::JUNIT].into_iter().enumerate() {
+            @for (number, name) in [log, signals, file::VERDICT, file::JUNIT].into_iter().enumerate() {
                 @if number > 0 { ", " }
                 a href=(name) { (name) }
             }

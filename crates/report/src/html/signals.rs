@@ -10,6 +10,7 @@ use crate::plot::{Colour, Extent, Patch, Plot, Shape};
 use crate::run::Run;
 use crate::unit::shown_unit;
 use judge::SETTLING_BAND;
+use platform::series::Series;
 use recording::timeline::{Column, Timeline};
 
 /// Steps and disturbances that get a plot of their own.
@@ -21,7 +22,7 @@ const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
 pub(super) fn section(run: &Run<'_>) -> Markup {
     let (timeline, database) = (run.timeline, &*run.setup.database);
-    let error: Vec<f64> = timeline
+    let error: Series<f64> = timeline
         .set_point_millimetres
         .iter()
         .zip(timeline.position())

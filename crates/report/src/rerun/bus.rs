@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::groups::line;
 use super::output::{Output, send_scalars, send_static};
+use super::run_log::THINNED_SECONDS;
 use super::times::{self, Moment};
 use super::{RerunError, groups};
 use recording::latency::{CycleReader, CycleStage};
@@ -52,6 +53,8 @@ pub(crate) struct BusReader {
     stretch_end: Duration,
     bits: u32,
     loads: Vec<(Moment, f64)>,
+    /// Of the cycles of each stretch, only the largest times are kept.
+    is_thinned: bool,
 }
 
 impl BusReader {
@@ -59,7 +62,7 @@ impl BusReader {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub(crate) fn new(setup: &Setup) -> Result<Self, SignalMissing> {
+    pub(crate) fn new(setup: &Setup, is_thinned: bool) -> Result<Self, SignalMissing> {
         let (scenario, database) = (&setup.scenario, &*setup.database);
         Ok(Self {
             cycle: CycleReader::new(database)?,
@@ -72,14 +75,15 @@ impl BusReader {
             stretch_end: first_from(LOAD_STRETCH_SECONDS),
             bits: 0,
             loads: Vec::new(),
+            is_thinned,
         })
     }
 
-    /// Reads every frame of the bus, in order.
-    pub(crate) fn observe(&mut self, stamped: &Stamped) {
+    /// Reads every frame of the bus, in order; the scenario time of its cycle.
+    pub(crate) fn observe(&mut self, stamped: &Stamped) -> f64 {
         let time = self.cycle.on_frame(stamped).filter(|time| *time < self.end);
         let Some(time) = time else {
-            return;
+            return self.now.seconds;
         };
         self.add_load(time, stamped.occupied_bits);
         let micros = |time: Duration| time.as_secs_f64() * 1e6;
@@ -89,6 +93,7 @@ impl BusReader {
             Some(CycleStage::Command { after_sync, .. }) => self.set(2, micros(after_sync)),
             None => {}
         }
+        self.now.seconds
     }
 
     /// Sets one of [`TIMING`] of this cycle, whose beginning may have been logged.
@@ -114,8 +119,23 @@ impl BusReader {
         let due_seconds = number * period_seconds;
         self.now = times::moment_at(due_seconds, period_seconds);
         let lateness = 1e6 * (time.as_secs_f64() - due_seconds);
+        self.thin();
         self.push_cycle();
         self.set(0, lateness.round());
+    }
+
+    /// Where cycles are thinned, puts the latest into the one before, if both are of one stretch.
+    fn thin(&mut self) {
+        let stretch = |cycle: &Cycle| (cycle.moment.seconds / THINNED_SECONDS).floor();
+        if let [.., before, latest] = &mut self.cycles[..]
+            && self.is_thinned
+            && stretch(before) == stretch(latest)
+        {
+            for (most, new) in before.microseconds.iter_mut().zip(latest.microseconds) {
+                *most = most.max(new);
+            }
+            self.cycles.pop();
+        }
     }
 
     /// Counts bits; a stretch that is over becomes a row at its end.

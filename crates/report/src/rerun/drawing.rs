@@ -49,6 +49,8 @@ pub(super) struct Drawing {
     inner: f64,
     outer: f64,
     last: Option<Pose>,
+    /// So much time lies between two poses at least.
+    pause_seconds: f64,
 }
 
 impl Drawing {
@@ -60,6 +62,7 @@ impl Drawing {
             inner: 1e3 * mechanics.inner_pulley_radius_metres,
             outer: 1e3 * mechanics.outer_pulley_radius_metres,
             last: None,
+            pause_seconds: 0.0,
         })
     }
 
@@ -67,10 +70,12 @@ impl Drawing {
     pub(super) fn draw(
         output: &mut dyn Output,
         scenario: &Scenario,
+        pause_seconds: f64,
     ) -> Result<Option<Self>, RerunError> {
-        let Some(rig) = Self::new(scenario) else {
+        let Some(mut rig) = Self::new(scenario) else {
             return Ok(None);
         };
+        rig.pause_seconds = pause_seconds;
         let anchor = vec![place(0.0, -9.0), place(0.0, 9.0)];
         let circles = [rig.inner, rig.outer].map(|radius| rig.circle(radius));
         let lines = LineStrips2D::new([anchor].into_iter().chain(circles))
@@ -173,7 +178,10 @@ impl Drawing {
                 set_point: timeline.set_point_millimetres[row],
                 celsius: celsius.map_or(f64::NAN, |column| column.values[row]),
             };
-            let is_new = self.last.is_none_or(|last| pose.differs_from(&last));
+            let is_new = self.last.is_none_or(|last| {
+                pose.moment.seconds - last.moment.seconds >= self.pause_seconds
+                    && pose.differs_from(&last)
+            });
             if position.is_finite() && is_new {
                 self.last = Some(pose);
                 poses.push(pose);

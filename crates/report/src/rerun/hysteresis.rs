@@ -56,9 +56,19 @@ pub(super) struct Hysteresis {
     points: Vec<Point>,
     is_path_old: bool,
     drawn_at_seconds: f64,
+    /// So much time lies between two points at least.
+    pause_seconds: f64,
 }
 
 impl Hysteresis {
+    /// A path without points.
+    pub(super) fn new(pause_seconds: f64) -> Self {
+        Self {
+            pause_seconds,
+            ..Self::default()
+        }
+    }
+
     /// Whether anything is drawn.
     pub(super) fn is_there(&self) -> bool {
         self.frame.is_some()
@@ -88,9 +98,13 @@ impl Hysteresis {
         // In another frame everything is in another place.
         let first = if is_new_frame { 0 } else { self.points.len() };
         let mut last = self.points.last().map(|point| point.place(frame));
+        let mut next_seconds = (self.points.last()).map_or(f64::NEG_INFINITY, |point| {
+            point.moment.seconds + self.pause_seconds
+        });
         for (row, (&celsius, &fraction)) in rows {
             let here = frame.place(celsius, fraction);
-            if last.is_some_and(|last| !is_far(here, last)) {
+            let is_soon = timeline.time_seconds[row] < next_seconds;
+            if is_soon || last.is_some_and(|last| !is_far(here, last)) {
                 continue;
             }
             let moment = if row == 0 && last.is_none() {
@@ -104,6 +118,7 @@ impl Hysteresis {
                 fraction,
             });
             last = Some(here);
+            next_seconds = moment.seconds + self.pause_seconds;
         }
         log_now(output, frame, &self.points[first..])?;
         self.is_path_old |= first < self.points.len();
@@ -188,7 +203,7 @@ fn signals(timeline: &Timeline) -> Option<(&[f64], &[f64])> {
             .iter()
             .zip(fraction)
             .any(|(t, f)| t.is_finite() && f.is_finite());
-        is_there.then_some((temperature.as_slice(), fraction.as_slice()))
+        is_there.then_some((&**temperature, &**fraction))
     })
 }
 

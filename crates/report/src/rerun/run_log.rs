@@ -28,6 +28,21 @@ use rig::setup::Setup;
 /// A signal that changes in fewer than one of so many rows has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
 
+/// Of a long run, the extremes of so much time are logged.
+pub(super) const THINNED_SECONDS: f64 = 0.1;
+
+/// Rows of so much time.
+fn thinned_rows(period_seconds: f64) -> usize {
+    let rows = libm::round(THINNED_SECONDS / period_seconds).clamp(1.0, 1e6);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped just above"
+    )]
+    let rows = rows as usize;
+    rows
+}
+
 /// How much of a run is known when its signals are logged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Known {
@@ -35,6 +50,8 @@ pub(crate) enum Known {
     Whole,
     /// What has happened so far: more pieces follow.
     SoFar,
+    /// A piece of a long run: of each stretch of time only the extremes are logged.
+    Thinned,
 }
 
 /// A run on its way to a file or a viewer.
@@ -67,14 +84,18 @@ impl<'a> Recording<'a> {
         bus::log_styles(output)?;
         hysteresis::log_style(output)?;
         let scenario = &setup.scenario;
-        let drawing = Drawing::draw(output, scenario)?;
+        let pause_seconds = match known {
+            Known::Whole | Known::SoFar => 0.0,
+            Known::Thinned => THINNED_SECONDS,
+        };
+        let drawing = Drawing::draw(output, scenario, pause_seconds)?;
         Ok(Self {
             output,
             setup,
             scenario,
             known,
             drawing,
-            hysteresis: Hysteresis::default(),
+            hysteresis: Hysteresis::new(pause_seconds),
             used: BTreeSet::new(),
             styled: BTreeSet::new(),
             groups: BTreeSet::new(),
@@ -157,7 +178,7 @@ impl<'a> Recording<'a> {
         let factors = asked(scenario, timeline, 1.0, |command| command.convection_factor);
         let grams = asked(scenario, timeline, 0.0, |command| command.added_grams);
         let own = [
-            ("set_point_millimetres", &timeline.set_point_millimetres),
+            ("set_point_millimetres", &*timeline.set_point_millimetres),
             ("error_millimetres", &error),
             ("scenario_convection_factor", &factors),
             ("scenario_added_load_grams", &grams),
@@ -165,12 +186,15 @@ impl<'a> Recording<'a> {
         let columns = timeline
             .columns
             .iter()
-            .map(|column| (column.name.as_str(), &column.values));
+            .map(|column| (column.name.as_str(), &*column.values));
         // Most signals have the same rows, so the times are made once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in own.into_iter().chain(columns) {
             let style = self.style(name, values);
-            let rows = Rows::new(values, style.group, self.known);
+            let rows = match self.known {
+                Known::Thinned => Rows::extremes(values, thinned_rows(timeline.period_seconds)),
+                known => Rows::new(values, style.group, known),
+            };
             let numbers = rows.numbers();
             if numbers.is_empty() {
                 continue;
@@ -323,7 +347,7 @@ impl Rows {
         let changes_max = match known {
             _ if group == groups::OTHER => usize::MAX,
             Known::Whole => values.len().div_ceil(CHANGES_SELDOM),
-            Known::SoFar => 0,
+            Known::SoFar | Known::Thinned => 0,
         };
         let mut changes: Vec<usize> = Vec::new();
         let (mut held, mut rest) = (f64::NAN, values.iter());
@@ -341,6 +365,27 @@ impl Rows {
         let last = values.iter().rposition(|value| !value.is_nan());
         changes.extend(last.filter(|last| changes.last() != Some(last)));
         Self::Changes(changes)
+    }
+
+    /// The least and the largest value of so many rows each, where they are not those before.
+    fn extremes(values: &[f64], count: usize) -> Self {
+        let mut rows: Vec<usize> = Vec::new();
+        let mut held = f64::NAN;
+        for (part, begin) in values.chunks(count).zip((0..).step_by(count)) {
+            let numbers = || part.iter().enumerate().filter(|(_, value)| !value.is_nan());
+            let order = |left: &(usize, &f64), right: &(usize, &f64)| left.1.total_cmp(right.1);
+            let mut ends = [numbers().min_by(order), numbers().max_by(order)];
+            ends.sort_by_key(|end| end.map(|(row, _)| row));
+            for (row, value) in ends.into_iter().flatten() {
+                if *value != held {
+                    rows.push(begin + row);
+                    held = *value;
+                }
+            }
+        }
+        let last = values.iter().rposition(|value| !value.is_nan());
+        rows.extend(last.filter(|last| rows.last().is_none_or(|row| row < last)));
+        Self::Changes(rows)
     }
 
     fn numbers(&self) -> &[usize] {

@@ -17,6 +17,7 @@ use super::run_log::Rows;
 use super::times::{CYCLE, RUN_TIME};
 use super::*;
 use judge::{Circumstances, judge};
+use recording::frames::Frames;
 use recording::log::Stamped;
 use recording::timeline;
 use rig::catalogue::Catalogue;
@@ -38,7 +39,7 @@ fn setup() -> Setup {
 }
 
 /// 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.
-fn made_up_run() -> (Vec<Stamped>, Timeline, Verdict) {
+fn made_up_run() -> (Frames, Timeline, Verdict) {
     let database = Database::shipped();
     let message = |name: &str, signals: &[(&str, f64)]| {
         let mut builder = database.builder(name).unwrap();
@@ -76,7 +77,7 @@ fn made_up_run() -> (Vec<Stamped>, Timeline, Verdict) {
     let frames: Vec<Stamped> = frames.into_iter().map(stamped).collect();
     let timeline = timeline::decode(&frames, &setup()).unwrap();
     let verdict = judge(&timeline, &setup(), &Circumstances::default());
-    (frames, timeline, verdict)
+    (frames.into(), timeline, verdict)
 }
 
 /// All chunks of the recording itself, without the layout.
@@ -137,7 +138,7 @@ fn held(rows: &[Row], cycle: u64) -> Option<f64> {
 
 fn run<'a>(
     setup: &'a Setup,
-    frames: &'a [Stamped],
+    frames: &'a Frames,
     timeline: &'a Timeline,
     verdict: &'a Verdict,
 ) -> Run<'a> {
@@ -146,6 +147,7 @@ fn run<'a>(
         frames,
         timeline,
         verdict,
+        is_long: false,
     }
 }
 

@@ -96,7 +96,7 @@ fn follow(
     judged: &Receiver<Verdict>,
 ) -> Result<(), LiveError> {
     let mut reader = TimelineReader::new(setup)?;
-    let mut bus = BusReader::new(setup)?;
+    let mut bus = BusReader::new(setup, false)?;
     // Another handle of the same stream.
     let mut output = stream.clone();
     let mut recording = Recording::begin(&mut output, setup, Known::SoFar)?;

@@ -1,13 +1,14 @@
 //! `canrig export`: a recording in another program's format.
 
+use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 
-use crate::console::{print_bytes, print_error, usage_error};
+use crate::console::{WorkBar, print_error, print_with, usage_error};
 use crate::exit::Exit;
-use crate::output::write;
+use crate::output::write_with;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
@@ -51,70 +52,100 @@ pub enum Format {
     Parquet,
 }
 
+impl Format {
+    /// How often frames or cycles are gone through: to read them, and to decode or write them.
+    fn ways(self) -> u64 {
+        match self {
+            Self::Events | Self::Asc | Self::Frames => 2,
+            Self::Blf | Self::Csv | Self::Mf4 | Self::Parquet => 3,
+        }
+    }
+}
+
 /// Writes the recording.
 #[must_use]
 pub fn export(args: &ExportArgs) -> Exit {
     if args.message.is_some() && args.format != Format::Frames {
         return usage_error("--message needs --format frames");
     }
-    let (recorded, bytes) = match converted(args) {
-        Ok(converted) => converted,
+    let bar = WorkBar::new(args.format.ways(), is_silent(args));
+    let recorded = match Recorded::load(&args.recording, None, catalogue()) {
+        Ok(recorded) => recorded,
         Err(error) => return refuse(error),
     };
-    for remark in recorded.log.remarks() {
+    let conversion = match conversion(args, &recorded) {
+        Ok(conversion) => conversion,
+        Err(error) => return refuse(error),
+    };
+    for remark in recorded.log.unread.remarks() {
         print_error(&format!("canrig: {remark}; the other frames are written"));
     }
-    match &args.output {
-        Some(place) => write(place, &bytes).err().unwrap_or(Exit::Pass),
+    let exit = match &args.output {
+        Some(place) => write_with(place, |output| conversion(output))
+            .err()
+            .unwrap_or(Exit::Pass),
         None => {
-            print_bytes(&bytes);
+            print_with(|output| conversion(output));
             Exit::Pass
         }
-    }
-}
-
-fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
-    let recorded = Recorded::load(&args.recording, None, catalogue())?;
-    let frames = &recorded.log.frames;
-    let bytes = match args.format {
-        Format::Csv => csv_table(&recorded)?,
-        Format::Frames => frame_table(&recorded, args.message.as_deref())?,
-        Format::Events => {
-            events::to_csv(&recorded.timeline()?).expect("memory takes all that is written")
-        }
-        Format::Asc => asc::to_asc(frames).into_bytes(),
-        Format::Blf => blf::to_blf(frames),
-        Format::Mf4 => measurement(&recorded)?,
-        Format::Parquet => parquet::to_parquet(&recorded.timeline()?)?,
     };
-    Ok((recorded, bytes))
+    drop(bar);
+    exit
 }
 
-fn csv_table(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
-    let timeline = recorded.timeline()?;
-    let mut table = Vec::new();
-    csv::write(&mut table, &timeline).expect("memory takes all that is written");
-    Ok(table)
+/// Whether nothing is written on a terminal, where a bar would stand in between.
+fn is_silent(args: &ExportArgs) -> bool {
+    args.output.is_some() || !io::stdout().is_terminal()
 }
 
-fn frame_table(recorded: &Recorded, message: Option<&str>) -> Result<Vec<u8>, RecordedError> {
-    let (frames, database) = (&recorded.log.frames, &recorded.setup.database);
+/// Writes a recording to an output that has a buffer.
+type Conversion<'a> = Box<dyn FnOnce(&mut (dyn Write + Send)) -> io::Result<()> + 'a>;
+
+/// How a recording is written, after all that may be wrong with it was found.
+fn conversion<'a>(
+    args: &ExportArgs,
+    recorded: &'a Recorded,
+) -> Result<Conversion<'a>, RecordedError> {
+    let frames = &recorded.log.frames;
+    Ok(match args.format {
+        Format::Csv => {
+            let timeline = recorded.timeline()?;
+            Box::new(move |output| csv::write(output, &timeline))
+        }
+        Format::Frames => frame_table(recorded, args.message.as_deref())?,
+        Format::Events => {
+            let timeline = recorded.timeline()?;
+            Box::new(move |output| events::write(output, &timeline))
+        }
+        Format::Asc => Box::new(move |output| asc::write(output, frames)),
+        Format::Blf => Box::new(move |output| blf::write(output, frames)),
+        Format::Mf4 => {
+            let (timeline, zero) = (recorded.timeline()?, zero(recorded)?);
+            Box::new(move |output| mf4::write(output, &timeline, zero))
+        }
+        Format::Parquet => {
+            let timeline = recorded.timeline()?;
+            Box::new(move |output| {
+                parquet::write_signals(output, &timeline).map_err(io::Error::other)
+            })
+        }
+    })
+}
+
+fn frame_table<'a>(
+    recorded: &'a Recorded,
+    message: Option<&str>,
+) -> Result<Conversion<'a>, RecordedError> {
+    let (frames, database) = (&recorded.log.frames, &*recorded.setup.database);
     let zero = zero(recorded)?;
-    let mut table = Vec::new();
-    let written = match message {
-        None => frames::write_all(&mut table, frames, database, zero),
+    Ok(match message {
+        None => Box::new(move |output| frames::write_all(output, frames, database, zero)),
         Some(name) => {
             let message = database.message(name);
             let message = message.ok_or_else(|| RecordedError::no_message(name, database))?;
-            frames::write_message(&mut table, frames, database, zero, message)
+            Box::new(move |output| frames::write_message(output, frames, database, zero, message))
         }
-    };
-    written.expect("memory takes all that is written");
-    Ok(table)
-}
-
-fn measurement(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
-    Ok(mf4::to_mf4(&recorded.timeline()?, zero(recorded)?))
+    })
 }
 
 /// When scenario time began, on the clock of the frames; their own time 0 if it never did.

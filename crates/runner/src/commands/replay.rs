@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use platform::clock::{Clock, sleep};
 
-use crate::console::{print, print_error};
+use crate::console::{WorkBar, print, print_error};
 use crate::exit::Exit;
 use crate::play::ViewerArgs;
 use crate::recorded::{Recorded, RecordedError, refuse};
@@ -18,6 +18,9 @@ use worlds::catalogue::catalogue;
 
 /// Frames go to a viewer no earlier than this before their time.
 const AHEAD_MAX: Duration = Duration::from_millis(10);
+
+/// The frames are read, decoded, and their times measured.
+const WAYS: u64 = 3;
 
 /// Arguments of `replay`.
 #[derive(Args, Debug)]
@@ -51,7 +54,10 @@ fn speed(text: &str) -> Result<f64, String> {
 /// Judges a recording again; the exit code is that of the verdict.
 #[must_use]
 pub fn replay(args: &ReplayArgs) -> Exit {
-    match judged(args) {
+    let bar = WorkBar::new(WAYS, true);
+    let judged = judged(args);
+    drop(bar);
+    match judged {
         Err(error) => refuse(error),
         Ok((recorded, verdict)) => {
             show(args, &recorded, &verdict);
@@ -83,7 +89,10 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     }
     let (mut queues, shows) = viewers.show(&recorded.setup, WhenFull::Wait);
     let frames = &recorded.log.frames;
-    let begin = frames.first().map_or(Duration::ZERO, |first| first.time);
+    let begin = frames
+        .iter()
+        .next()
+        .map_or(Duration::ZERO, |first| first.time);
     let clock = Clock::start();
     for stamped in frames {
         let since = stamped.time.saturating_sub(begin);
@@ -93,7 +102,7 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
             sleep(ahead);
         }
         for queue in &mut queues {
-            queue.push(*stamped);
+            queue.push(stamped);
         }
     }
     drop(queues);
@@ -107,7 +116,7 @@ fn report_all(reasons: &[String]) {
 }
 
 fn report(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
-    for remark in recorded.log.remarks() {
+    for remark in recorded.log.unread.remarks() {
         let read = recorded.log.frames.len();
         print_error(&format!(
             "canrig: {remark}; the other {read} frames are judged"

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use crate::console::WorkBar;
 use crate::exit::Exit;
 use crate::output::{link, write_page};
 use crate::recorded::{Recorded, RecordedError, refuse, require_run};
@@ -13,6 +14,9 @@ use recording::run_folder::file;
 use recording::timeline::Timeline;
 use report::{Run, html, overview};
 use worlds::catalogue::catalogue;
+
+/// The frames are read, decoded, and their times measured.
+const WAYS: u64 = 3;
 
 /// Arguments of `report`.
 #[derive(Args, Debug)]
@@ -28,6 +32,7 @@ pub struct ReportArgs {
 /// Makes the page of each run, and one of all of them where `--output` says where.
 #[must_use]
 pub fn report(args: &ReportArgs) -> Exit {
+    let bar = WorkBar::new(WAYS * args.runs.len() as u64, true);
     let mut runs = Vec::new();
     for path in &args.runs {
         match read(path) {
@@ -41,6 +46,7 @@ pub fn report(args: &ReportArgs) -> Exit {
             frames: &recorded.log.frames,
             timeline,
             verdict,
+            is_long: recorded.is_long,
         };
         let place = match &args.output {
             Some(output) if runs.len() == 1 => output.clone(),
@@ -48,6 +54,8 @@ pub fn report(args: &ReportArgs) -> Exit {
         };
         html::to_html(&page).map(|text| (place, text))
     });
+    let pages: Vec<_> = pages.collect();
+    drop(bar);
     for page in pages {
         let written = match page {
             Ok((place, text)) => write_page(&place, &text),

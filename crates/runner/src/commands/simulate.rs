@@ -84,6 +84,7 @@ mod tests {
                 json: false,
                 events: false,
                 quiet: true,
+                compress_above: 600.0,
                 values: ValueArgs::default(),
                 viewer: ViewerArgs::default(),
             };

@@ -13,6 +13,7 @@ use scenario::rig::drive::{Feedback, Scaled};
 use super::checklist::{Check, CheckOutcome};
 use super::phase::{Motion, NmtStop, Phase, QuickStop, Span};
 use crate::error::WorldError;
+use recording::capture::Capture;
 use recording::log::Stamped;
 use rig::error_frames;
 use rig::rig_file::LoadedRig;
@@ -51,12 +52,16 @@ impl<'a> Heating<'a> {
     }
 
     /// Reads what is new in a recording.
-    pub(super) fn follow(&mut self, recording: &[Stamped]) {
-        let new = recording.get(self.frames_read..).unwrap_or_default();
-        for stamped in new {
+    pub(super) fn follow(&mut self, capture: &Capture<'_>) {
+        let mut seen = self.frames_read;
+        self.read(capture.since(&mut seen));
+        self.frames_read = seen;
+    }
+
+    fn read(&mut self, frames: &[Stamped]) {
+        for stamped in frames {
             self.on_frame(stamped.time, &stamped.frame);
         }
-        self.frames_read = recording.len();
     }
 
     /// How long a heartbeat of the drive may be awaited.
@@ -422,7 +427,7 @@ mod tests {
         fn judged(&self) -> (String, bool) {
             let rig = LoadedRig::from_text(RIG).unwrap();
             let mut heating = Heating::new(&rig).unwrap();
-            heating.follow(&self.frames);
+            heating.read(&self.frames);
             let checks = heating.checks(Ok(()));
             let lines: Vec<String> = checks.iter().map(ToString::to_string).collect();
             (lines.join("\n"), heating.is_over())

@@ -177,10 +177,10 @@ fn heat(
     write_setup(&folder, &ramp)?;
     let progress = ProgressReader::new(&ramp.scenario, &rig.database)?;
     let clock = ScenarioClock::new(&rig.database)?;
-    let mut capture = Capture::new(folder.bus_log()?, progress, clock, watch, Vec::new());
+    let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
     let mut heating = Heating::new(rig)?;
     let mut is_enough = |capture: &Capture<'_>| {
-        heating.follow(capture.frames());
+        heating.follow(capture);
         heating.is_over()
     };
     let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
@@ -261,7 +261,7 @@ fn await_stopped(
     let clock = clock::Clock::start();
     loop {
         connection.collect(capture)?;
-        heating.follow(capture.frames());
+        heating.follow(capture);
         if heating.is_stopped() || clock.now() > patience {
             return Ok(());
         }

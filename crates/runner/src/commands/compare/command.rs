@@ -9,10 +9,13 @@ use super::comparison::compare_runs;
 use super::difference::Comparison;
 use super::page;
 use super::tolerance::{GivenTolerance, Tolerances, UnknownName};
-use crate::console::{print, print_error};
+use crate::console::{WorkBar, print, print_error};
 use crate::exit::Exit;
 use crate::output::write;
 use crate::recorded::{Recorded, RecordedError, refuse};
+
+/// The frames are read and decoded.
+const WAYS: u64 = 2;
 
 /// Arguments of `compare`.
 #[derive(Args, Debug)]
@@ -52,7 +55,10 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 /// Compares two recordings; exit code 0 when they agree, 1 when they diverge.
 #[must_use]
 pub fn compare(args: &CompareArgs) -> Exit {
-    match compared(args) {
+    let bar = WorkBar::new(2 * WAYS, true);
+    let compared = compared(args);
+    drop(bar);
+    match compared {
         Ok((comparison, page)) => {
             if args.json {
                 print(&serde_json::to_string_pretty(&comparison).expect("plain data"));
@@ -128,6 +134,7 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> 
         let path = recorded.path.display();
         let remarks = recorded
             .log
+            .unread
             .remarks()
             .into_iter()
             .map(|remark| format!("{path}: {remark}"));

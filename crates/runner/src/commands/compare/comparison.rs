@@ -1,6 +1,7 @@
 //! Two runs, compared signal by signal and metric by metric.
 
 use std::collections::BTreeSet;
+use std::iter;
 
 use super::difference::{Comparison, MetricDifference, SignalDifference};
 use super::shared::{Shared, SignalDeviation, outside};
@@ -59,12 +60,16 @@ fn signals(
     for column in &a.columns {
         if let Some(other) = b.column(&column.name) {
             let what = (column.name.as_str(), column.unit.as_str());
-            let (a, b) = match column.is_used() == other.is_used() {
-                true => (&column.values, &other.values),
+            let none;
+            let other = match column.is_used() == other.is_used() {
+                true => &other.values,
                 // Zeros that stand for no value are not compared with values.
-                false => (&column.values, &vec![f64::NAN; other.values.len()]),
+                false => {
+                    none = iter::repeat_n(f64::NAN, other.values.len()).collect();
+                    &none
+                }
             };
-            signals.push(signal(tolerances, what, shared, a, b));
+            signals.push(signal(tolerances, what, shared, &column.values, other));
         }
     }
     signals.sort_by(|left, right| right.weight().total_cmp(&left.weight()));
@@ -78,11 +83,7 @@ fn signal(
     a: &[f64],
     b: &[f64],
 ) -> SignalDifference {
-    let (a, b): (Vec<f64>, Vec<f64>) = shared
-        .rows
-        .iter()
-        .map(|(left, right)| (a[*left], b[*right]))
-        .unzip();
+    let [a, b] = shared.values(a, b);
     let tolerance = tolerances.of_signal(name, unit);
     let is_published = PUBLISHED_BY_CONTROLLER
         .iter()

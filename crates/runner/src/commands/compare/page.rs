@@ -4,6 +4,7 @@ use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
 use super::difference::{Comparison, MetricDifference, SignalDifference};
+use platform::series::Series;
 use recording::timeline::Timeline;
 use report::page;
 use report::plot::{Colour, Patch, Plot, Shape};
@@ -200,7 +201,7 @@ fn difference(signal: &SignalDifference, [a, b]: [&Timeline; 2]) -> Markup {
         values(b, signal).get(row).copied()
     };
     let rows = a.cycle.iter().zip(values(a, signal));
-    let differences: Vec<f64> = rows
+    let differences: Series<f64> = rows
         .map(|(cycle, value)| at(cycle).unwrap_or(f64::NAN) - value)
         .collect();
     let title = format!("{}, B less A", signal.name);

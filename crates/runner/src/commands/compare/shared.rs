@@ -1,5 +1,6 @@
 //! The cycles that two runs share, and how far values of one are from those of the other.
 
+use platform::series::{Series, SeriesWriter};
 use recording::timeline::Timeline;
 
 /// A lag is looked for within this time and so many cycles …
@@ -15,29 +16,40 @@ const SHARED_PERCENT_MIN: f64 = 99.0;
 /// The cycles that both runs have, without the last of them.
 pub(super) struct Shared {
     /// Rows of the one and of the other.
-    pub(super) rows: Vec<(usize, usize)>,
-    pub(super) time_seconds: Vec<f64>,
+    pub(super) rows: Series<[u64; 2]>,
+    pub(super) time_seconds: Series<f64>,
     pub(super) period_seconds: f64,
 }
 
 impl Shared {
     pub(super) fn of(a: &Timeline, b: &Timeline) -> Self {
-        let mut rows = Vec::new();
+        let mut rows = SeriesWriter::default();
         let (mut left, mut right) = (0, 0);
         while let (Some(one), Some(other)) = (a.cycle.get(left), b.cycle.get(right)) {
             if one == other {
-                rows.push((left, right));
+                rows.push([left, right].map(wide));
             }
             left += usize::from(one <= other);
             right += usize::from(other <= one);
         }
         // In its last cycle a run is already stopped.
         rows.pop();
+        let rows = rows.finish();
+        let times = rows.iter().map(|[left, _]| a.time_seconds[row(*left)]);
         Self {
-            time_seconds: rows.iter().map(|(left, _)| a.time_seconds[*left]).collect(),
+            time_seconds: times.collect(),
             rows,
             period_seconds: a.period_seconds,
         }
+    }
+
+    /// The values of the one and of the other, side by side.
+    pub(super) fn values(&self, a: &[f64], b: &[f64]) -> [Series<f64>; 2] {
+        let of = |values: &[f64], side: usize| {
+            let rows = self.rows.iter().map(|rows| values[row(rows[side])]);
+            rows.collect()
+        };
+        [of(a, 0), of(b, 1)]
     }
 
     pub(super) fn remarks(&self, a: &Timeline, b: &Timeline) -> Vec<String> {
@@ -71,6 +83,14 @@ impl Shared {
         let rows = rows as usize;
         rows
     }
+}
+
+fn wide(row: usize) -> u64 {
+    u64::try_from(row).unwrap_or(u64::MAX)
+}
+
+fn row(wide: u64) -> usize {
+    usize::try_from(wide).unwrap_or(usize::MAX)
 }
 
 /// Two signals side by side, cycle by cycle, without tolerance of time.
@@ -123,14 +143,15 @@ fn mean_square(a: &[f64], b: &[f64], shift: i32, stride: usize) -> Option<f64> {
 }
 
 /// How far each value lies outside the range of the others within `reach` rows; NaN where either has none.
-pub(super) fn outside(values: &[f64], others: &[f64], reach: usize) -> Vec<f64> {
+pub(super) fn outside(values: &[f64], others: &[f64], reach: usize) -> Series<f64> {
     let (lows, highs) = (
         running(others, reach, |new, old| new <= old),
         running(others, reach, |new, old| new >= old),
     );
-    let ranges = lows.into_iter().zip(highs);
+    let ranges = lows.iter().zip(&highs);
     let distances = values.iter().zip(ranges).map(|(value, (low, high))| {
         // A value is NaN where it or the others are missing, which max would hide.
+        let (low, high) = (*low, *high);
         if value.is_nan() || low.is_nan() {
             f64::NAN
         } else {
@@ -141,9 +162,9 @@ pub(super) fn outside(values: &[f64], others: &[f64], reach: usize) -> Vec<f64> 
 }
 
 /// The best value within `reach` places before and after each, in linear time: a queue holds those that may still win.
-fn running(values: &[f64], reach: usize, beats: impl Fn(f64, f64) -> bool) -> Vec<f64> {
+fn running(values: &[f64], reach: usize, beats: impl Fn(f64, f64) -> bool) -> Series<f64> {
     let mut queue = std::collections::VecDeque::new();
-    let mut best = Vec::with_capacity(values.len());
+    let mut best = SeriesWriter::default();
     let mut next = 0;
     for place in 0..values.len() {
         while next < values.len() && next <= place.saturating_add(reach) {
@@ -164,7 +185,7 @@ fn running(values: &[f64], reach: usize, beats: impl Fn(f64, f64) -> bool) -> Ve
         }
         best.push(queue.front().map_or(f64::NAN, |(_, value)| *value));
     }
-    best
+    best.finish()
 }
 
 #[cfg(test)]
@@ -180,9 +201,8 @@ mod tests {
                 .collect()
         };
         let most = |reach| {
-            outside(&step(50), &step(53), reach)
-                .into_iter()
-                .fold(0.0, f64::max)
+            let distances = outside(&step(50), &step(53), reach);
+            distances.iter().copied().fold(0.0, f64::max)
         };
         assert_eq!(most(3), 0.0);
         assert_eq!(most(2), 1.0);

@@ -1,0 +1,466 @@
+//! Values of a run that may be longer than memory: the first of them go to a file that has no name and ends with the process,
+//! and are read as if they were in memory.
+#![expect(unsafe_code, reason = "a file as a slice is a mapping of it")]
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::ops::Deref;
+use std::ptr::{self, NonNull};
+use std::slice;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use bytemuck::{Pod, cast_slice, cast_slice_mut};
+use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap, munmap};
+
+use crate::clock::sleep;
+
+/// So many values stay in memory: two minutes of a signal at 1 kHz.
+pub const KEPT_MAX: usize = 1 << 17;
+/// Values that go to the file at once. A block of zeros takes no room there.
+const BLOCK: usize = 1 << 13;
+/// How often the pages of files that were read go back to the system. Reading takes about 10 MB in that time.
+const RETURN_PERIOD: Duration = Duration::from_millis(2);
+
+/// A series that grows.
+#[derive(Debug)]
+pub struct SeriesWriter<T> {
+    kept_max: usize,
+    file: Option<File>,
+    /// Values in the file.
+    filed: usize,
+    /// Whether the system refused the file: then all stays in memory.
+    is_refused: bool,
+    tail: Vec<T>,
+}
+
+impl<T: Pod> Default for SeriesWriter<T> {
+    fn default() -> Self {
+        Self::keeping(KEPT_MAX)
+    }
+}
+
+impl<T: Pod> SeriesWriter<T> {
+    /// An empty series that keeps so many values in memory at most.
+    #[must_use]
+    pub fn keeping(kept_max: usize) -> Self {
+        Self {
+            kept_max,
+            file: None,
+            filed: 0,
+            is_refused: false,
+            tail: Vec::new(),
+        }
+    }
+
+    /// Makes room for values, as far as they stay in memory.
+    pub fn reserve(&mut self, values: usize) {
+        self.tail.reserve(values.min(self.kept_max));
+    }
+
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.filed + self.tail.len()
+    }
+
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The latest value.
+    #[must_use]
+    pub fn last(&self) -> Option<&T> {
+        self.tail.last()
+    }
+
+    #[inline]
+    pub fn push(&mut self, value: T) {
+        if self.tail.len() >= self.kept_max {
+            self.file_blocks();
+        }
+        self.tail.push(value);
+    }
+
+    /// Appends a value until there are so many.
+    pub fn fill(&mut self, length: usize, value: T) {
+        while self.len() < length {
+            if self.tail.len() >= self.kept_max {
+                self.file_blocks();
+            }
+            let room = self.kept_max.saturating_sub(self.tail.len()).max(1);
+            let missing = (length - self.len()).min(room);
+            self.tail.resize(self.tail.len() + missing, value);
+        }
+    }
+
+    /// Takes the latest value away; what is in the file stays.
+    pub fn pop(&mut self) -> Option<T> {
+        self.tail.pop()
+    }
+
+    /// Takes the first values out, and leaves the others.
+    pub fn take(&mut self, count: usize) -> Series<T> {
+        if self.filed == 0 && count < self.tail.len() {
+            let rest = self.tail.split_off(count);
+            return std::mem::replace(&mut self.tail, rest).into();
+        }
+        let whole = std::mem::replace(self, Self::keeping(self.kept_max)).finish();
+        for value in whole.get(count..).unwrap_or_default() {
+            self.push(*value);
+        }
+        whole.truncated(count)
+    }
+
+    /// The whole series. Where the system refuses more room on the disk or a mapping, it is in memory.
+    ///
+    /// # Panics
+    /// What was written to the file cannot be read.
+    #[must_use]
+    pub fn finish(mut self) -> Series<T> {
+        if self.filed == 0 {
+            return self.tail.into();
+        }
+        let mapped = self.write_tail().and_then(|()| self.map());
+        mapped.unwrap_or_else(|_| {
+            let read = self.read();
+            read.unwrap_or_else(|error| panic!("a temporary file cannot be read: {error}"))
+        })
+    }
+
+    /// All values, in memory.
+    fn read(self) -> io::Result<Series<T>> {
+        let mut values = vec![T::zeroed(); self.filed];
+        if let Some(mut file) = self.file {
+            file.seek(SeekFrom::Start(0))?;
+            file.read_exact(cast_slice_mut(&mut values))?;
+        }
+        values.extend(self.tail);
+        Ok(values.into())
+    }
+
+    /// Moves all but the latest block to the file.
+    #[cold]
+    fn file_blocks(&mut self) {
+        let count = self.tail.len().saturating_sub(BLOCK.min(self.kept_max / 2));
+        let is_filed = !self.is_refused && self.write(count).is_ok();
+        if is_filed {
+            self.tail.drain(..count);
+            self.filed += count;
+        } else {
+            // Better a process that is large than one that ends.
+            self.is_refused = true;
+            self.kept_max = usize::MAX;
+        }
+    }
+
+    fn write_tail(&mut self) -> io::Result<()> {
+        let count = self.tail.len();
+        self.write(count)?;
+        self.filed += count;
+        self.tail = Vec::new();
+        Ok(())
+    }
+
+    /// Writes the first values of the tail behind those of the file.
+    fn write(&mut self, count: usize) -> io::Result<()> {
+        let file = match &mut self.file {
+            Some(file) => file,
+            none => none.insert(tempfile::tempfile()?),
+        };
+        let place =
+            |values: usize| u64::try_from(values * size_of::<T>()).map_err(io::Error::other);
+        file.seek(SeekFrom::Start(place(self.filed)?))?;
+        for block in self.tail[..count].chunks(BLOCK) {
+            let bytes: &[u8] = cast_slice(block);
+            match bytes.iter().all(|byte| *byte == 0) {
+                true => {
+                    let hole = i64::try_from(bytes.len()).map_err(io::Error::other)?;
+                    file.seek(SeekFrom::Current(hole))?;
+                }
+                false => file.write_all(bytes)?,
+            }
+        }
+        file.set_len(place(self.filed + count)?)
+    }
+
+    fn map(&self) -> io::Result<Series<T>> {
+        let Some(file) = &self.file else {
+            return Ok(Vec::new().into());
+        };
+        let mapping = Mapping::new(file, self.filed * size_of::<T>())?;
+        Ok(Series {
+            length: self.filed,
+            values: Values::Filed(Arc::new(mapping)),
+        })
+    }
+}
+
+impl<T: Pod> Extend<T> for SeriesWriter<T> {
+    fn extend<I: IntoIterator<Item = T>>(&mut self, values: I) {
+        values.into_iter().for_each(|value| self.push(value));
+    }
+}
+
+/// Values in their order, of any number: a slice.
+#[derive(Clone)]
+pub struct Series<T> {
+    length: usize,
+    values: Values<T>,
+}
+
+#[derive(Clone)]
+enum Values<T> {
+    Kept(Vec<T>),
+    Filed(Arc<Mapping>),
+}
+
+impl<T: Pod> Series<T> {
+    /// The first values only.
+    #[must_use]
+    pub fn truncated(mut self, length: usize) -> Self {
+        self.truncate(length);
+        self
+    }
+
+    /// Leaves out all but the first values.
+    pub fn truncate(&mut self, length: usize) {
+        self.length = self.length.min(length);
+        if let Values::Kept(values) = &mut self.values {
+            values.truncate(length);
+        }
+    }
+
+    /// The values in memory, to change them.
+    pub fn to_mut(&mut self) -> &mut [T] {
+        if let Values::Filed(_) = self.values {
+            self.values = Values::Kept(self.to_vec());
+        }
+        match &mut self.values {
+            Values::Kept(values) => values,
+            Values::Filed(_) => unreachable!("they were taken into memory"),
+        }
+    }
+}
+
+impl<T: Pod> Deref for Series<T> {
+    type Target = [T];
+
+    #[inline]
+    fn deref(&self) -> &[T] {
+        match &self.values {
+            Values::Kept(values) => values,
+            // SAFETY: the mapping holds at least so many values, which were written as such: any bytes are one (`Pod`). It
+            // begins at a page, so they are aligned. Nobody else has the file, so they do not change.
+            Values::Filed(mapping) => unsafe {
+                slice::from_raw_parts(mapping.begin.cast().as_ptr(), self.length)
+            },
+        }
+    }
+}
+
+impl<T: Pod> From<Vec<T>> for Series<T> {
+    fn from(values: Vec<T>) -> Self {
+        Self {
+            length: values.len(),
+            values: Values::Kept(values),
+        }
+    }
+}
+
+impl<T: Pod> Default for Series<T> {
+    fn default() -> Self {
+        Vec::new().into()
+    }
+}
+
+impl<T: Pod> FromIterator<T> for Series<T> {
+    fn from_iter<I: IntoIterator<Item = T>>(values: I) -> Self {
+        let mut series = SeriesWriter::default();
+        let values = values.into_iter();
+        series.reserve(values.size_hint().0);
+        series.extend(values);
+        series.finish()
+    }
+}
+
+impl<'a, T: Pod> IntoIterator for &'a Series<T> {
+    type Item = &'a T;
+    type IntoIter = slice::Iter<'a, T>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.iter()
+    }
+}
+
+impl<T: Pod + PartialEq> PartialEq for Series<T> {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+impl<T: Pod + fmt::Debug> fmt::Debug for Series<T> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        (**self).fmt(formatter)
+    }
+}
+
+/// A file that is read like memory. Its pages count as the process's own memory from when they are read, so they are given
+/// back again and again; the file has them still.
+struct Mapping {
+    begin: NonNull<u8>,
+    bytes: usize,
+}
+
+// SAFETY: what is mapped is only read.
+unsafe impl Send for Mapping {}
+// SAFETY: as above.
+unsafe impl Sync for Mapping {}
+
+/// All mappings of the process.
+static MAPPINGS: Mutex<Mappings> = Mutex::new(Mappings {
+    places: Vec::new(),
+    is_watched: false,
+});
+
+struct Mappings {
+    /// Where each begins, and its bytes.
+    places: Vec<(usize, usize)>,
+    /// Whether a thread gives their pages back.
+    is_watched: bool,
+}
+
+impl Mapping {
+    fn new(file: &File, bytes: usize) -> io::Result<Self> {
+        // SAFETY: a new mapping at a place that the system chooses.
+        let begin = unsafe {
+            mmap(
+                ptr::null_mut(),
+                bytes,
+                ProtFlags::READ,
+                MapFlags::PRIVATE,
+                file,
+                0,
+            )
+        }?;
+        let begin =
+            NonNull::new(begin.cast::<u8>()).ok_or_else(|| io::Error::other("mapped nowhere"))?;
+        let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
+        mappings
+            .places
+            .push((begin.as_ptr().expose_provenance(), bytes));
+        let mapping = Self { begin, bytes };
+        if !mappings.is_watched {
+            let thread = thread::Builder::new().name("pages".to_owned());
+            mappings.is_watched = thread.spawn(return_pages).is_ok();
+        }
+        Ok(mapping)
+    }
+}
+
+impl Drop for Mapping {
+    fn drop(&mut self) {
+        let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
+        let begins = self.begin.addr().get();
+        mappings.places.retain(|(begin, _)| *begin != begins);
+        // SAFETY: it was mapped so, and nobody has a slice of it any more. The list does not name it any more either.
+        let unmapped = unsafe { munmap(self.begin.as_ptr().cast(), self.bytes) };
+        debug_assert!(unmapped.is_ok());
+    }
+}
+
+/// Gives the pages back that were read, as long as there are mappings.
+fn return_pages() {
+    loop {
+        sleep(RETURN_PERIOD);
+        let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
+        if mappings.places.is_empty() {
+            mappings.is_watched = false;
+            return;
+        }
+        for (begin, bytes) in &mappings.places {
+            let begin = ptr::with_exposed_provenance_mut(*begin);
+            // SAFETY: the list is locked, so it is mapped. A page that was given back is read from the file again.
+            let _ = unsafe { madvise(begin, *bytes, Advice::LinuxDontNeed) };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn number(place: usize) -> u64 {
+        // Blocks of zeros among others.
+        if place / BLOCK % 3 == 1 {
+            0
+        } else {
+            place as u64
+        }
+    }
+
+    #[test]
+    fn a_series_is_the_same_in_memory_and_in_a_file() {
+        let count = 10 * BLOCK + 17;
+        let expected: Vec<u64> = (0..count).map(number).collect();
+        for kept_max in [2, BLOCK, 3 * BLOCK, count, KEPT_MAX] {
+            let mut series = SeriesWriter::keeping(kept_max);
+            series.extend((0..count).map(number));
+            assert_eq!((series.len(), series.last()), (count, expected.last()));
+            assert!(series.tail.capacity() <= 2 * kept_max.max(4));
+            assert_eq!(series.filed == 0, kept_max >= count);
+            let series = series.finish();
+            assert_eq!(*series, expected);
+            assert_eq!(*series.clone().truncated(BLOCK + 1), expected[..=BLOCK]);
+            let mut changed = series.clone();
+            changed.to_mut()[3] = 7;
+            assert_eq!((changed[3], series[3]), (7, 3));
+        }
+    }
+
+    #[test]
+    fn what_the_disk_refuses_is_read_into_memory() {
+        let mut series = SeriesWriter::keeping(100);
+        series.extend(0..1000_u64);
+        let whole = series.read().unwrap();
+        assert!(matches!(whole.values, Values::Kept(_)));
+        assert!(whole.iter().copied().eq(0..1000));
+    }
+
+    #[test]
+    fn values_are_filled_and_taken_in_pieces() {
+        let mut series = SeriesWriter::keeping(100);
+        series.fill(1000, 1.0);
+        series.push(2.0);
+        assert_eq!(series.pop(), Some(2.0));
+        series.fill(1200, 3.0);
+        let first = series.take(1100);
+        assert_eq!((first[999], first[1000], first.len()), (1.0, 3.0, 1100));
+        series.push(4.0);
+        assert_eq!(series.len(), 101);
+        let rest = series.finish();
+        assert_eq!((rest[0], rest[99], rest[100]), (3.0, 3.0, 4.0));
+    }
+
+    /// What was read is not held: 400 MB are read twice.
+    #[test]
+    fn pages_that_were_read_go_back() {
+        let resident_bytes = || {
+            let text = std::fs::read_to_string("/proc/self/statm").unwrap();
+            let pages = text.split(' ').nth(1).unwrap();
+            pages.parse::<usize>().unwrap() * 4096
+        };
+        let before = resident_bytes();
+        let series: Series<u64> = (0..50_000_000).collect();
+        let mut most = 0;
+        for _ in 0..2 {
+            for (number, part) in series.chunks(100_000).enumerate() {
+                assert_eq!(part[17], 100_000 * number as u64 + 17);
+                most = most.max(resident_bytes().saturating_sub(before));
+            }
+        }
+        assert!(most < 200_000_000, "{most} bytes");
+    }
+}

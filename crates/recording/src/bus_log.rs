@@ -1,0 +1,226 @@
+//! The log of a run while it grows.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::mem;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use zstd::bulk::Compressor;
+use zstd::zstd_safe::CParameter;
+
+use crate::log::{self, Stamped, is_compressed};
+use crate::run_folder::WriteError;
+
+/// So much of a run is compressed at once. A kill loses no more.
+const PIECE: Duration = Duration::from_secs(1);
+/// After so many flushes without a frame, what there is is compressed: half a second of a bus that fell silent.
+const IDLE_FLUSHES_MAX: u32 = 50;
+/// More takes longer and saves little.
+const LEVEL: i32 = 3;
+
+/// `bus.log`, or the compressed log of a long run.
+#[derive(Debug)]
+pub struct BusLog {
+    path: PathBuf,
+    output: Output,
+}
+
+#[derive(Debug)]
+enum Output {
+    Plain(BufWriter<File>),
+    Compressed(Pieces),
+}
+
+impl BusLog {
+    /// An empty log; its name says whether it is compressed.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn create(path: PathBuf) -> Result<Self, WriteError> {
+        let output = Output::create(&path).map_err(WriteError::at(&path))?;
+        Ok(Self { path, output })
+    }
+
+    /// # Errors
+    /// The disk does not take them.
+    pub fn append(&mut self, frames: &[Stamped]) -> Result<(), WriteError> {
+        let written = match &mut self.output {
+            Output::Plain(output) => log::write_log(output, frames),
+            Output::Compressed(pieces) => pieces.append(frames),
+        };
+        written.map_err(WriteError::at(&self.path))
+    }
+
+    /// Hands everything to the operating system, so that a kill loses nothing older; of a compressed log, all but the latest
+    /// second.
+    ///
+    /// # Errors
+    /// The disk does not take it.
+    pub fn flush(&mut self) -> Result<(), WriteError> {
+        let written = match &mut self.output {
+            Output::Plain(output) => output.flush(),
+            Output::Compressed(pieces) => pieces.flush(),
+        };
+        written.map_err(WriteError::at(&self.path))
+    }
+
+    /// Ends the log; where it is.
+    ///
+    /// # Errors
+    /// The disk does not take it.
+    pub fn finish(mut self) -> Result<PathBuf, WriteError> {
+        self.flush()?;
+        if let Output::Compressed(pieces) = &mut self.output {
+            pieces.write().map_err(WriteError::at(&self.path))?;
+        }
+        Ok(self.path)
+    }
+}
+
+impl Output {
+    fn create(path: &Path) -> io::Result<Self> {
+        let file = File::create(path)?;
+        if !is_compressed(path) {
+            return Ok(Self::Plain(BufWriter::new(file)));
+        }
+        let mut compressor = Compressor::new(LEVEL)?;
+        compressor.set_parameter(CParameter::ChecksumFlag(true))?;
+        Ok(Self::Compressed(Pieces {
+            file,
+            compressor,
+            text: Vec::new(),
+            since: Duration::ZERO,
+            has_new: false,
+            idle_flushes: 0,
+        }))
+    }
+}
+
+/// A compressed log: each second is a piece that can be read without the others.
+struct Pieces {
+    file: File,
+    compressor: Compressor<'static>,
+    /// The lines of the latest piece, which is still open.
+    text: Vec<u8>,
+    /// When it begins.
+    since: Duration,
+    /// Whether frames came since the latest flush.
+    has_new: bool,
+    idle_flushes: u32,
+}
+
+impl std::fmt::Debug for Pieces {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("Pieces")
+            .field("file", &self.file)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Pieces {
+    fn append(&mut self, frames: &[Stamped]) -> io::Result<()> {
+        for stamped in frames {
+            if stamped.time.abs_diff(self.since) >= PIECE {
+                self.write()?;
+            }
+            if self.text.is_empty() {
+                self.since = stamped.time;
+            }
+            writeln!(self.text, "{stamped}")?;
+            self.has_new = true;
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.idle_flushes = match mem::take(&mut self.has_new) {
+            true => 0,
+            false => self.idle_flushes.saturating_add(1),
+        };
+        match self.idle_flushes {
+            IDLE_FLUSHES_MAX => self.write(),
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes the open piece, and begins another.
+    fn write(&mut self) -> io::Result<()> {
+        if self.text.is_empty() {
+            return Ok(());
+        }
+        let piece = self.compressor.compress(&self.text)?;
+        self.text.clear();
+        self.file.write_all(&piece)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use canopen::CanFrame;
+    use std::fs;
+
+    use super::*;
+    use crate::log::Log;
+
+    fn frame(millis: u64) -> Stamped {
+        Stamped::new(
+            Duration::from_millis(millis),
+            CanFrame::new(0x190, &millis.to_le_bytes()),
+        )
+    }
+
+    /// A log of three seconds, and how many frames are read of it when it is cut to so many bytes.
+    #[test]
+    fn a_compressed_log_cut_at_any_byte_reads_to_the_last_second() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bus.log.zst");
+        let frames: Vec<Stamped> = (0..3500).map(frame).collect();
+        let mut log = BusLog::create(path.clone()).unwrap();
+        let mut ends = vec![0];
+        for part in frames.chunks(100) {
+            log.append(part).unwrap();
+            log.flush().unwrap();
+            ends.push(fs::metadata(&path).unwrap().len());
+        }
+        // Nobody ended it: that is what a kill leaves.
+        let killed = Log::read(&path).unwrap();
+        assert_eq!((killed.frames.len(), killed.unread.broken), (3000, None));
+        log.finish().unwrap();
+        let whole = Log::read(&path).unwrap();
+        assert!(whole.frames.iter().eq(frames.iter().copied()));
+        assert_eq!(whole.unread.broken, None);
+        ends.dedup();
+        assert_eq!(ends.len(), 4);
+        let bytes = fs::read(&path).unwrap();
+        for length in 0..bytes.len() {
+            fs::write(&path, &bytes[..length]).unwrap();
+            let cut = Log::read(&path).unwrap();
+            let length = u64::try_from(length).unwrap();
+            let pieces = ends[1..].iter().filter(|end| **end <= length).count();
+            let read = cut.frames.len();
+            assert!(read >= 1000 * pieces, "{length}: {read}");
+            assert!(cut.frames.iter().eq(frames[..read].iter().copied()));
+            assert_eq!(
+                cut.unread.broken.is_some(),
+                !ends.contains(&length),
+                "{length}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_bus_that_falls_silent_is_compressed_before_its_second_is_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bus.log.zst");
+        let mut log = BusLog::create(path.clone()).unwrap();
+        log.append(&[frame(1), frame(2)]).unwrap();
+        for _ in 0..IDLE_FLUSHES_MAX {
+            log.flush().unwrap();
+            assert_eq!(fs::metadata(&path).unwrap().len(), 0);
+        }
+        log.flush().unwrap();
+        assert_eq!(Log::read(&path).unwrap().frames.len(), 2);
+    }
+}

@@ -1,0 +1,128 @@
+//! The frames of a recording, as often as they are needed: few are in memory, many are read from their log each time.
+
+use std::path::{Path, PathBuf};
+use std::slice;
+
+use crate::log::{LogFile, Stamped};
+
+/// So many frames stay in memory at most: half a minute of a bus with four frames in a cycle of 1 ms, in 5 MB.
+pub const KEPT_MAX: usize = 1 << 17;
+
+/// All frames of a recording.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Frames {
+    kept: Vec<Stamped>,
+    count: usize,
+    /// Where they are, if not all are kept.
+    log: Option<PathBuf>,
+}
+
+impl Frames {
+    /// The first so many frames of a log that was read to its end before.
+    #[must_use]
+    pub fn of_log(path: &Path, count: usize) -> Self {
+        Self {
+            kept: Vec::new(),
+            count,
+            log: Some(path.to_owned()),
+        }
+    }
+
+    /// All of them in memory.
+    #[must_use]
+    pub fn into_vec(self) -> Vec<Stamped> {
+        match self.log {
+            None => self.kept,
+            Some(_) => self.iter().collect(),
+        }
+    }
+
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// From the first to the last.
+    ///
+    /// # Panics
+    /// The log, which was read before, is there no more.
+    #[must_use]
+    pub fn iter(&self) -> FrameIter<'_> {
+        match &self.log {
+            None => FrameIter::Kept(self.kept.iter()),
+            Some(path) => FrameIter::Log {
+                log: LogFile::open(path).unwrap_or_else(|error| gone(path, &error)),
+                path,
+                left: self.count,
+            },
+        }
+    }
+}
+
+impl From<Vec<Stamped>> for Frames {
+    fn from(frames: Vec<Stamped>) -> Self {
+        Self {
+            count: frames.len(),
+            kept: frames,
+            log: None,
+        }
+    }
+}
+
+impl<'a> IntoIterator for &'a Frames {
+    type Item = Stamped;
+    type IntoIter = FrameIter<'a>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.iter()
+    }
+}
+
+/// The frames one by one.
+pub enum FrameIter<'a> {
+    /// From memory.
+    Kept(slice::Iter<'a, Stamped>),
+    /// From their log.
+    Log {
+        log: LogFile,
+        path: &'a Path,
+        /// So many are still to come. A log that has grown since it was read before has more.
+        left: usize,
+    },
+}
+
+impl Iterator for FrameIter<'_> {
+    type Item = Stamped;
+
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        let left = match self {
+            Self::Kept(frames) => frames.len(),
+            Self::Log { left, .. } => *left,
+        };
+        (left, Some(left))
+    }
+
+    #[inline]
+    fn next(&mut self) -> Option<Stamped> {
+        match self {
+            Self::Kept(frames) => frames.next().copied(),
+            Self::Log { log, path, left } => {
+                *left = left.checked_sub(1)?;
+                let next = log.next_frame();
+                let next = next.unwrap_or_else(|error| gone(path, &error));
+                Some(next.unwrap_or_else(|| gone(path, &"it is shorter than before")))
+            }
+        }
+    }
+}
+
+/// What was read once and cannot be read again is as if memory had failed.
+fn gone(path: &Path, reason: &dyn std::fmt::Display) -> ! {
+    let path = path.display();
+    panic!("{path} cannot be read again: {reason}")
+}

@@ -1,0 +1,172 @@
+//! Runs that are too long for memory, and for plain text on the disk.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use recording::log::Log;
+
+use crate::support::{canrig, only_run, output, scenario};
+
+/// What a process may hold at most.
+const KILOBYTES_MAX: u64 = 200_000;
+
+fn tool(arguments: &[&str], paths: &[&Path]) -> (Option<i32>, String, String) {
+    let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    output(canrig.args(arguments).args(paths).env("NO_COLOR", "1"))
+}
+
+/// The run of a scenario whose files are compressed if it lasts longer than so many seconds.
+fn simulated(runs: &Path, scenario: &Path, compress_above: &str) -> PathBuf {
+    let mut canrig = canrig(runs, "simulate");
+    canrig.arg("--compress-above").arg(compress_above);
+    let (code, text, error) = output(canrig.arg(scenario));
+    assert_eq!(code, Some(0), "{text}{error}");
+    only_run(runs)
+}
+
+/// A sine of one second without limits.
+fn sine(folder: &Path, duration_seconds: u32) -> PathBuf {
+    let path = folder.join("sine.toml");
+    let text = format!(
+        "schema = 1\nname = \"sine\"\nduration_seconds = {duration_seconds}.0\n\n[controller.sliding_mode]\n\n\
+         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 25.0\n\n\
+         [[reference.sine]]\nfrom_seconds = 5.0\ncentre_millimetres = 25.0\namplitude_millimetres = 10.0\nperiod_seconds = 5.0\n\n\
+         [[expect.signal]]\nname = \"position_millimetres\"\nstays = {{ min = -1.0, max = 40.0 }}\n"
+    );
+    fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn a_long_run_is_compressed_and_says_what_a_short_one_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let [plain, long] = [("plain", "600"), ("long", "10")].map(|(name, seconds)| {
+        let source = scenario("sine_5s.toml");
+        simulated(&folder.path().join(name), &source, seconds)
+    });
+    let text = |run: &Path, name: &str| fs::read_to_string(run.join(name)).unwrap();
+    for name in ["bus.log", "signals.csv"] {
+        assert!(plain.join(name).exists() && !long.join(name).exists());
+    }
+    assert_eq!(text(&plain, "verdict.json"), text(&long, "verdict.json"));
+    let log = Log::read(&long.join("bus.log.zst")).unwrap();
+    let lines = log.frames.iter().map(|stamped| format!("{stamped}\n"));
+    assert!(lines.collect::<String>() == text(&plain, "bus.log"));
+    let signals = fs::read(long.join("signals.parquet")).unwrap();
+    assert!(signals.starts_with(b"PAR1") && signals.ends_with(b"PAR1"));
+    let size = |run: &Path, name: &str| fs::metadata(run.join(name)).unwrap().len();
+    assert!(size(&plain, "bus.log") > 4 * size(&long, "bus.log.zst"));
+    assert!(size(&plain, "signals.csv") > 2 * size(&long, "signals.parquet"));
+    #[cfg(feature = "rerun")]
+    assert!(size(&plain, "run.rrd") > 4 * size(&long, "run.rrd"));
+    let page = text(&long, "report.html");
+    assert!(page.contains("href=\"bus.log.zst\"") && page.contains("href=\"signals.parquet\""));
+
+    let (code, replayed, error) = tool(&["replay"], &[&long]);
+    assert_eq!(code, Some(0), "{replayed}{error}");
+    assert!(
+        replayed.contains("the same verdict as that of the run"),
+        "{replayed}"
+    );
+    let (code, table, error) = tool(&["export", "--format=csv"], &[&long]);
+    assert_eq!(code, Some(0), "{error}");
+    assert!(table == text(&plain, "signals.csv"));
+    let (code, compared, error) = tool(&["compare"], &[&plain, &long]);
+    assert_eq!(code, Some(0), "{compared}{error}");
+    let before = text(&long, "report.html");
+    assert_eq!(tool(&["report"], &[&long]).0, Some(0));
+    assert!(before == text(&long, "report.html"));
+}
+
+#[test]
+fn a_long_run_that_was_killed_is_read_to_its_last_second() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let mut canrig = canrig(&runs, "simulate");
+    let source = sine(folder.path(), 36_000);
+    let canrig = canrig
+        .arg(source)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    let mut canrig = canrig.spawn().unwrap();
+    let log = || {
+        Some(
+            fs::read_dir(&runs)
+                .ok()?
+                .next()?
+                .ok()?
+                .path()
+                .join("bus.log.zst"),
+        )
+    };
+    let bytes = || fs::metadata(log()?).ok().map(|log| log.len());
+    while bytes().is_none_or(|bytes| bytes < 500_000) {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+        assert_eq!(canrig.try_wait().unwrap(), None);
+    }
+    canrig.kill().unwrap();
+    canrig.wait().unwrap();
+    let read = Log::read(&log().unwrap()).unwrap();
+    assert!(read.frames.len() > 20_000, "{}", read.frames.len());
+    let (code, text, error) = tool(&["replay"], &[&only_run(&runs)]);
+    assert_eq!(code, Some(6), "{text}{error}");
+    assert!(text.contains("broke off"), "{text}");
+    assert_eq!(tool(&["report"], &[&only_run(&runs)]).0, Some(0));
+}
+
+/// The most that a command held, in kilobytes.
+fn most_held(command: &mut Command) -> u64 {
+    let mut process = command.stdout(Stdio::null()).spawn().unwrap();
+    let status = format!("/proc/{}/status", process.id());
+    let mut most = 0;
+    while process.try_wait().unwrap().is_none() {
+        let text = fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let held = line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse().ok());
+        most = most.max(held.unwrap_or(0));
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    assert!(process.wait().unwrap().success());
+    most
+}
+
+/// Ten minutes hold 600 MB where everything is in memory.
+#[test]
+fn a_long_run_stays_out_of_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let source = sine(folder.path(), 600);
+    let mut simulate = canrig(&runs, "simulate");
+    let simulated = most_held(simulate.args(["--compress-above", "10"]).arg(source));
+    let run = only_run(&runs);
+    let page = folder.path().join("page.html");
+    let tool = |arguments: &[&str], paths: &[&Path]| {
+        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        most_held(canrig.args(arguments).args(paths))
+    };
+    let table = folder.path().join("signals");
+    let export = |format: &str| tool(&["export", "--format", format, "--output"], &[&table, &run]);
+    let held = [
+        ("simulate", simulated),
+        ("replay", tool(&["replay"], &[&run])),
+        ("report", tool(&["report"], &[&run])),
+        (
+            "compare",
+            tool(&["compare", "--output"], &[&page, &run, &run]),
+        ),
+        ("csv", export("csv")),
+        ("frames", export("frames")),
+        ("blf", export("blf")),
+        ("mf4", export("mf4")),
+        ("parquet", export("parquet")),
+    ];
+    for (command, kilobytes) in held {
+        assert!(kilobytes < KILOBYTES_MAX, "{command}: {kilobytes} kB");
+    }
+    let bytes: u64 = fs::read_dir(&run)
+        .unwrap()
+        .map(|entry| entry.unwrap().metadata().unwrap().len())
+        .sum();
+    assert!(bytes < 1_000_000_000 / 6, "{bytes} bytes");
+}
