@@ -50,7 +50,6 @@ fn wrong_usage_ends_in_2() {
         vec!["--clock", "sundial", "x.toml"],
         vec![],
         vec!["--bus", "a/b", "x.toml"],
-        vec!["--no-heating", "x.toml"],
     ] {
         let (code, ..) = output(canrig(folder.path(), "run").args(arguments));
         assert_eq!(code, Some(2));

@@ -311,11 +311,6 @@ fn refuse(args: &RunArgs, external: &External) -> Result<(), &'static str> {
             "--dry-run needs --external drive or --rig: it checks a drive that canrig does not emulate",
         );
     }
-    if args.no_heating && !external.has(ExternalNode::Drive) {
-        return Err(
-            "--no-heating needs --external drive or --rig: an emulated drive has no pre-flight",
-        );
-    }
     Ok(())
 }
 
