@@ -137,8 +137,8 @@ fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
     })?;
     let folder = write(args, &fit, &found, &known.notes)
         .map_err(|error| IdentifyFailure::new(Exit::BenchFailed)(error.as_ref()))?;
-    let is_confirmed = found.is_confirmed(&fit);
-    if !args.quiet || !is_confirmed {
+    let exit = exit(&fit, &found);
+    if !args.quiet || exit != Exit::Pass {
         print(&report::summary(&fit, &found));
         print(&format!(
             "plant       {}\nreport      {}\nplay it     canrig run {}",
@@ -147,11 +147,18 @@ fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
             folder.join(file::SCENARIO).display()
         ));
     }
-    Ok(if is_confirmed {
+    Ok(exit)
+}
+
+/// A model that does not explain the data fails, whether or not a second optimiser finds the same values.
+fn exit(fit: &Fit<'_>, found: &Solution) -> Exit {
+    if !found.statistics.explains() {
+        Exit::VerdictFailed
+    } else if found.is_confirmed(fit) {
         Exit::Pass
     } else {
         Exit::Inconclusive
-    })
+    }
 }
 
 fn load(args: &IdentifyArgs) -> Result<Vec<IdentificationData>, IdentifyFailure> {
@@ -247,6 +254,7 @@ struct IdentificationNumbers<'a> {
     second_optimiser: Option<&'a [f64]>,
     iterations: u64,
     is_confirmed: bool,
+    explains: bool,
     misfit: f64,
     statistics: &'a FitStatistics,
 }
@@ -306,6 +314,7 @@ fn numbers<'a>(fit: &Fit<'_>, found: &'a Solution) -> IdentificationNumbers<'a> 
         second_optimiser: found.check.as_ref().map(|check| check.values.as_slice()),
         iterations: found.descent.optimum.iterations,
         is_confirmed: found.is_confirmed(fit),
+        explains: found.statistics.explains(),
         misfit: found.statistics.misfit(),
         statistics: &found.statistics,
     }
