@@ -43,6 +43,9 @@ pub struct Expect {
     /// Mean of the position minus that of the set-point, measured as `sine_gain`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sine_offset_millimetres: Option<Limit>,
+    /// Last frequency of a chirp before the gain first falls below 0.708.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bandwidth_hertz: Option<Limit>,
     /// Largest deviation from the set-point from the start of a disturbance to 3 s after its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub maximum_deviation_millimetres: Option<Limit>,
