@@ -59,7 +59,7 @@ pub struct Expect {
     /// for 2 s at least.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub current_ripple_amperes_rms: Option<Limit>,
-    /// Highest minus lowest position in the last second, in which the set-point must not move. Above 0.25 the loop hunts.
+    /// Highest minus lowest mean position of 10 ms in the last second, in which the set-point must not move. Above 0.25 the loop hunts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hunting_millimetres: Option<Limit>,
     /// Largest position over the run.
