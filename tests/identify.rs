@@ -347,6 +347,72 @@ fn of_20_true_models_one_at_most_is_flagged_and_a_tenth_more_damping_is_each_tim
     }
 }
 
+/// Settling time in seconds and overshoot in per cent of the warm step on a plant.
+fn warm_step(folder: &Path, truth: &Plant, model: Option<&str>) -> (f64, f64) {
+    let text = fs::read_to_string(scenario("step.toml")).unwrap();
+    let mut scenario = scenario::Scenario::parse(&text, "step.toml", |_| unreachable!()).unwrap();
+    scenario.plant = truth.clone();
+    let text = scenario.to_text().unwrap();
+    let file =
+        model.map(|file| format!("[controller.sliding_mode]\nnominal_model_file = \"{file}\"\n"));
+    let law = "[controller.sliding_mode]\n";
+    assert!(text.contains(law));
+    let path = folder.join("step.toml");
+    fs::write(&path, text.replace(law, file.as_deref().unwrap_or(law))).unwrap();
+    let runs = tempfile::tempdir_in(folder).unwrap();
+    let (code, _, stderr) = output(canrig(runs.path(), "simulate").arg(&path));
+    assert!(matches!(code, Some(0 | 1)), "{stderr}");
+    let verdict = fs::read_to_string(only_run(runs.path()).join("verdict.json")).unwrap();
+    let verdict: serde_json::Value = serde_json::from_str(&verdict).unwrap();
+    let value = |name: &str| {
+        let rows = verdict["metrics"].as_array().unwrap();
+        let row = rows.iter().find(|row| row["name"] == name);
+        row.unwrap()["value"].as_f64().unwrap()
+    };
+    (value("settling_time_seconds"), value("overshoot_percent"))
+}
+
+/// One excitation run calibrates the controller: the same plant again, with the model that identification wrote.
+#[test]
+fn the_controller_takes_the_model_that_identification_found() {
+    let mut truth = Plant::default();
+    for (symbol, value) in [
+        ("C", 0.2472),
+        ("h", 5.8603),
+        ("R", 30.4397),
+        ("As", 57.3083),
+        ("Af", 91.2251),
+        ("Ms", 61.007),
+        ("Mf", 31.0972),
+        ("EA", 75.538_8e9),
+        ("mL", 0.0421),
+        ("c", 0.4045),
+    ] {
+        parameter::parse_list(symbol).unwrap()[0].set(&mut truth, value);
+    }
+    let recording = {
+        let mut scenario = scenario::Scenario::load(&scenario("identify_excitation.toml")).unwrap();
+        scenario.plant = truth.clone();
+        Recording::of(&scenario.to_text().unwrap())
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let results = folder.path().join("identified");
+    let mut command = canrig(&results, "identify");
+    // The resistance cannot be told from temperatures and losses; its share is in the values of these.
+    let parameters = ["--parameters", "C,h,As,Af,Ms,Mf,c,EA,mL"];
+    let (code, stdout, _) = output(command.arg(&recording.run).args(parameters));
+    assert_eq!(code, Some(0), "{stdout}");
+    let model = "nominal_model.toml";
+    fs::copy(only_run(&results).join(model), folder.path().join(model)).unwrap();
+    let (seconds, percent) = warm_step(folder.path(), &truth, None);
+    let (calibrated_seconds, calibrated_percent) = warm_step(folder.path(), &truth, Some(model));
+    assert!(seconds > 0.208 && percent > 0.7, "{seconds} s, {percent} %");
+    assert!(
+        calibrated_seconds < 0.203 && calibrated_percent < 0.6,
+        "{calibrated_seconds} s, {calibrated_percent} %"
+    );
+}
+
 /// With Sec. 3 values a ramp to 0.8 A never lifts the load (PAPER I1).
 #[test]
 fn a_start_that_never_lifts_is_reported_and_replaced() {

@@ -70,6 +70,10 @@ pub struct SlidingMode {
     pub hold: Hold,
     /// How far the observer trusts sensor and nominal model.
     pub observer: Observer,
+    /// A file with a table `[nominal_model]`, relative to the scenario; `canrig identify` writes one. It takes the place of
+    /// `nominal_model`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nominal_model_file: Option<String>,
     /// The plant as the law assumes it.
     pub nominal_model: NominalModel,
 }
@@ -85,6 +89,7 @@ impl Default for SlidingMode {
             reference_landing_ratio: 3.0,
             hold: Hold::default(),
             observer: Observer::default(),
+            nominal_model_file: None,
             nominal_model: NominalModel::default(),
         }
     }

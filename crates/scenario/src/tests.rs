@@ -643,6 +643,48 @@ fn a_recorded_current_is_one_column_of_many() {
 }
 
 #[test]
+fn a_nominal_model_in_a_file_takes_the_place_of_the_table() {
+    let text = with(
+        "[controller.sliding_mode]\nnominal_model_file = \"model.toml\"\n\
+         [controller.sliding_mode.nominal_model]\nload_kilograms = 0.05\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 1.0\n",
+    );
+    let parse = |file: &str| Scenario::parse(&text, "x.toml", |_| Ok(file.to_owned()));
+    let model = crate::controller::NominalModel {
+        load_kilograms: 0.03,
+        ..Default::default()
+    };
+    let file = model.to_file_text().unwrap();
+    let scenario = parse(&file).unwrap();
+    assert_eq!(
+        scenario
+            .controller
+            .sliding_mode
+            .as_ref()
+            .unwrap()
+            .nominal_model,
+        model
+    );
+    let view = ControllerView::parse(&text, "x.toml", |_| Ok(file.clone())).unwrap();
+    assert_eq!(view.controller, scenario.controller);
+    for (file, message) in [
+        (
+            "[nominal_model]\nload = 1\n",
+            "unknown key `load` in [nominal_model]",
+        ),
+        (
+            "[nominal_model]\nload_kilograms = 0\n",
+            "`nominal_model.load_kilograms` = 0 is out of range",
+        ),
+    ] {
+        let error = parse(file).unwrap_err();
+        assert_eq!(error.problems()[0].to_string(), message);
+        assert_eq!(error.problems()[0].file_name(), "model.toml");
+    }
+    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    assert_eq!(error.problems()[0].line_and_column().unwrap().0, 5);
+}
+
+#[test]
 fn files_and_tables_are_read_within_bounds() {
     let folder = std::env::temp_dir().join(format!("canrig-scenario-{}", std::process::id()));
     let inside = folder.join("inside");

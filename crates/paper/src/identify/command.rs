@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use super::data::IdentificationData;
 use super::fit::Fit;
+use super::nominal_model::nominal_model;
 use super::parameter::{self, Parameter};
 use super::picture;
 use super::report;
@@ -30,6 +31,8 @@ const RECORDINGS_MAX: usize = 100;
 mod name {
     /// The `[plant]` table that was found.
     pub(super) const PLANT: &str = "plant.toml";
+    /// The same as the model of a control law.
+    pub(super) const NOMINAL_MODEL: &str = "nominal_model.toml";
     /// The report in words.
     pub(super) const REPORT: &str = "report.md";
     /// Everything in numbers.
@@ -284,6 +287,8 @@ fn write(
     )?;
     folder.write(name::REPORT, b"incomplete: the identification has not ended; if no process works on it any more, it broke off\n")?;
     folder.write(name::PLANT, plant.to_file_text()?.as_bytes())?;
+    let model = nominal_model(&plant).to_file_text()?;
+    folder.write(name::NOMINAL_MODEL, model.as_bytes())?;
     let scenario = Scenario {
         plant,
         ..played.clone()

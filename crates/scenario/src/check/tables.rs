@@ -2,13 +2,13 @@
 
 use std::io;
 
-use crate::controller::Controller;
+use crate::controller::{Controller, NominalModel};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::reference::Reference;
 use crate::table::{self, ReadTable};
 
-/// Reads the tables of the set-point and of the current into their rows.
+/// Reads the tables of the set-point and of the current into their rows, and the nominal model into its place.
 pub(crate) fn read_tables(
     document: &Document<'_>,
     reference: &mut Reference,
@@ -36,6 +36,18 @@ pub(crate) fn read_tables(
         match rows {
             Ok(rows) => entry.rows = rows,
             Err(problem) => problems.push(problem),
+        }
+    }
+    if let Some(law) = &mut controller.sliding_mode
+        && let Some(file) = &law.nominal_model_file
+    {
+        let path = "controller.sliding_mode.nominal_model_file";
+        let model = read_beside(document, path, file, read_table)
+            .map_err(|problem| vec![problem])
+            .and_then(|text| NominalModel::from_file_text(file, &text));
+        match model {
+            Ok(model) => law.nominal_model = model,
+            Err(found) => problems.extend(found),
         }
     }
     problems
