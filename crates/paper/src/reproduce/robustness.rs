@@ -20,7 +20,7 @@ const HUNTING_MILLIMETRES: f64 = 0.25;
 /// Targets of the p95 of settling time in seconds and of overshoot in per cent.
 const TARGETS: [f64; 2] = [0.21, 2.5];
 /// The laws that are compared.
-const LAWS: [ComparedLaw; 2] = [ComparedLaw::SlidingMode, ComparedLaw::Pid];
+const LAWS: [ComparedLaw; 3] = ComparedLaw::ALL;
 
 /// The experiments of this file.
 pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
@@ -88,16 +88,19 @@ fn distributions(runs: &[Kept]) -> Evaluation {
         let of = format!("{}, {} plants", law.name(), own.len());
         let limit = |max| at_most(max).filter(|_| law == ComparedLaw::SlidingMode);
         let [time_max, peak_max] = TARGETS;
-        evaluation.numbers.extend([
-            Quantity::derived(
-                "settling_time_seconds_p95",
-                &*of,
-                p95(&times),
-                limit(time_max),
-            ),
-            Quantity::derived("overshoot_percent_p95", &*of, p95(&peaks), limit(peak_max)),
-            Quantity::derived("unstable_plants", &*of, Ok(unstable), limit(0.0)),
-        ]);
+        evaluation.numbers.extend(
+            [
+                Quantity::derived(
+                    "settling_time_seconds_p95",
+                    &*of,
+                    p95(&times),
+                    limit(time_max),
+                ),
+                Quantity::derived("overshoot_percent_p95", &*of, p95(&peaks), limit(peak_max)),
+                Quantity::derived("unstable_plants", &*of, Ok(unstable), limit(0.0)),
+            ]
+            .map(|number| number.with_model(own.first().and_then(|run| run.model()))),
+        );
         evaluation.figures.extend([
             distribution(law, "settling time (s)", &times, time_max),
             distribution(law, "overshoot (%)", &peaks, peak_max),
@@ -165,9 +168,7 @@ fn other_truth() -> Experiment {
                 .into_iter()
                 .chain([report::plot::Colour::True]);
             let coloured: Vec<_> = runs.iter().zip(colours).collect();
-            let numbers = runs
-                .iter()
-                .flat_map(|run| Quantity::from_verdict(&run.label, &run.verdict, &metrics, &[]));
+            let numbers = runs.iter().flat_map(|run| run.numbers(&metrics, &[]));
             Evaluation {
                 numbers: numbers.collect(),
                 figures: vec![
