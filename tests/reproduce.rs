@@ -39,7 +39,7 @@ const EXPERIMENTS: [(&str, usize, usize, usize); 20] = [
     ("fan", 5, 9, 2),
     ("load", 4, 9, 2),
     ("ripple", 16, 16, 0),
-    ("robustness", 30, 9, 6),
+    ("robustness", 30, 12, 6),
     ("other_truth", 4, 10, 2),
     ("cycle_time", 8, 0, 0),
     ("resolution", 8, 0, 0),

@@ -171,7 +171,7 @@ fn follows_the_chirp(gain: impl Fn(f64) -> f64) -> Vec<Stamped> {
     frames(4000, |cycle| {
         let phase = sweep.at(f64::from(cycle) / 1e3);
         let late = phase.radians() - 30_f64.to_radians();
-        Some(26.0 + 10.0 * gain(phase.hertz()) * late.sin())
+        Some(26.0 + 10.0 * gain(phase.hertz()) * libm::sin(late))
     })
 }
 
