@@ -252,6 +252,11 @@ fn every_scenario_loads() {
     let folder = tempfile::tempdir().unwrap();
     let course = "time_seconds,current_amperes\n0,0.5\n12,0.5\n";
     fs::write(folder.path().join("golden.csv"), course).unwrap();
+    fs::write(
+        folder.path().join("nominal_model.toml"),
+        "[nominal_model]\n",
+    )
+    .unwrap();
     let eds = root().join("tests/foreign/servo.eds");
     fs::copy(eds, folder.path().join("servo.eds")).unwrap();
     let (mut whole, mut parts, mut own) = (0, 0, 0);
@@ -420,6 +425,7 @@ fn the_worked_examples_are_right() {
         ("tracking_error_millimetres_rms", 3.0822),
     ];
     check("sines", 0, &sines);
+    check("chirp", 0, &[("bandwidth_hertz", 0.9682)]);
     let load = [
         ("maximum_deviation_millimetres", 1.4),
         ("recovery_time_seconds", 0.7),

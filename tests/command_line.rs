@@ -23,6 +23,48 @@ fn a_broken_scenario_is_underlined_and_ends_in_3() {
 }
 
 #[test]
+fn the_current_of_a_recording_plays_again_to_the_same_motion() {
+    let folder = tempfile::tempdir().unwrap();
+    let positions = |run: &std::path::Path| {
+        let text = fs::read_to_string(run.join("signals.csv")).unwrap();
+        let mut lines = text.lines();
+        let header = lines.next().unwrap().split(',');
+        let place = header
+            .take_while(|name| *name != "position_millimetres")
+            .count();
+        let cells = lines.map(|line| line.split(',').nth(place).unwrap().to_owned());
+        cells.collect::<Vec<_>>()
+    };
+    let closed = folder.path().join("closed");
+    output(canrig(&closed, "simulate").arg(scenario("step.toml")));
+    let closed = only_run(&closed);
+    fs::copy(
+        closed.join("signals.csv"),
+        folder.path().join("recorded.csv"),
+    )
+    .unwrap();
+    let again = folder.path().join("again.toml");
+    fs::write(
+        &again,
+        "schema = 1\nname = \"again\"\nduration_seconds = 12.0\n[[controller.open_loop.table]]\nfrom_seconds = 0.0\n\
+         file = \"recorded.csv\"\ncolumn = \"target_current_amperes\"\n",
+    )
+    .unwrap();
+    let open = folder.path().join("open");
+    let (code, stdout, stderr) = output(canrig(&open, "simulate").arg(&again));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let (closed, open) = (positions(&closed), positions(&only_run(&open)));
+    assert!(closed.iter().any(|position| position.starts_with("35.")));
+    assert_eq!(closed, open);
+    // Through processes of their own, which read the tables of the run folder.
+    let bus = folder.path().join("bus");
+    let arguments = ["--clock", "lockstep"];
+    let (code, stdout, stderr) = output(canrig(&bus, "run").arg(&again).args(arguments));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    assert_eq!(positions(&only_run(&bus)), open);
+}
+
+#[test]
 fn a_missed_limit_ends_in_1_and_says_by_how_much() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("strict.toml");

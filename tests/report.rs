@@ -28,6 +28,34 @@ fn simulated(folder: &Path, name: &str) -> PathBuf {
 }
 
 #[test]
+fn the_page_of_a_chirp_has_gain_and_phase_over_frequency() {
+    let folder = tempfile::tempdir().unwrap();
+    let page = unbroken(&simulated(folder.path(), "chirp.toml").join("report.html"));
+    for part in [
+        "Frequency response",
+        "Gain",
+        "frequency (Hz)",
+        "chirp 1",
+        "gain",
+    ] {
+        assert!(page.contains(part), "{part} is missing");
+    }
+    let numbers = page.split("as numbers").nth(1).unwrap();
+    assert!(
+        numbers
+            .split("</table>")
+            .next()
+            .unwrap()
+            .matches("<tr>")
+            .count()
+            > 60
+    );
+    assert!(!page.contains("NaN"));
+    let other = unbroken(&simulated(folder.path(), "step.toml").join("report.html"));
+    assert!(!other.contains("Frequency response"));
+}
+
+#[test]
 fn a_page_holds_the_whole_run_and_loads_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let run = simulated(folder.path(), "fan.toml");

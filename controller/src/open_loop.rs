@@ -48,7 +48,7 @@ mod tests {
         };
         let law = OpenLoop::new(&Config {
             step: vec![step(1.0, 0.62), step(2.0, 1.7)],
-            ramp: Vec::new(),
+            ..Config::default()
         });
         let current = |scenario_time_seconds| {
             let measurement = Measurement {

@@ -19,10 +19,15 @@ impl Harmonic {
         period_seconds: f64,
     ) -> Option<Self> {
         let omega = std::f64::consts::TAU / period_seconds;
+        Self::fit_phases(samples.map(|(time, value)| (omega * time, value)))
+    }
+
+    /// As [`Harmonic::fit`], to samples `(phase in radians, value)`.
+    pub(crate) fn fit_phases(samples: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let (mut normal, mut right, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0_u32);
-        for (time, value) in samples {
+        for (phase, value) in samples {
             count = count.saturating_add(1);
-            let row = Vector3::new(1.0, libm::sin(omega * time), libm::cos(omega * time));
+            let row = Vector3::new(1.0, libm::sin(phase), libm::cos(phase));
             normal += row * row.transpose();
             right += row * value;
         }

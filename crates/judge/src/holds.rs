@@ -5,14 +5,16 @@ use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 
 use crate::disturbances::recovery;
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, largest, mean};
+use crate::evidence::{Absence, CycleSample, Evidence, Measurement, MetricValue, largest, mean};
 
 /// The hold begins so long after the position has come to stay.
 const AFTER_SETTLING_SECONDS: f64 = 1.0;
 /// A shorter hold has no ripple.
 const HOLD_SECONDS_MIN: f64 = 2.0;
-/// Hunting is measured over this time before the end.
+/// Hunting is measured over this time before the end …
 const HUNTING_SECONDS: f64 = 1.0;
+/// … in means over parts of this length: a loop does not hunt because its sensor is noisy.
+const MEAN_SECONDS: f64 = 0.01;
 
 /// Standard deviation of the commanded current in the last hold.
 pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
@@ -22,7 +24,7 @@ pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
     ripple(evidence).into()
 }
 
-/// How far apart the highest and the lowest position are in the last second.
+/// How far apart the highest and the lowest short mean of the position are in the last second.
 pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
     if evidence.scenario.expect.hunting_millimetres.is_none() {
         return Measurement::NotAsked;
@@ -63,15 +65,17 @@ fn position_range(evidence: &Evidence<'_>) -> MetricValue {
             format!("the set-point stands for {seconds:.3} s; {HUNTING_SECONDS} s are needed");
         return Err(reason.into());
     }
-    let positions = || {
-        Ok::<_, Absence>(
-            evidence
-                .seen(last)?
-                .map(|sample| sample.position_millimetres),
-        )
+    let samples: Vec<CycleSample> = evidence.seen(last)?.collect();
+    let part = |sample: &CycleSample| {
+        let elapsed = sample.time_seconds - last.from_seconds + TIME_TOLERANCE_SECONDS;
+        libm::floor(elapsed / MEAN_SECONDS)
     };
-    let highest = largest(positions()?)?;
-    let lowest = -largest(positions()?.map(|position| -position))?;
+    let parts = samples.chunk_by(|left, right| part(left) == part(right));
+    let means = parts
+        .map(|part| mean(part.iter().map(|sample| sample.position_millimetres)))
+        .collect::<Result<Vec<_>, _>>()?;
+    let highest = largest(means.iter().copied())?;
+    let lowest = -largest(means.iter().map(|mean| -mean))?;
     Ok(highest - lowest)
 }
 

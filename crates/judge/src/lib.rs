@@ -9,6 +9,7 @@
 //! It does not know: which world made the recording, where it is stored, how a verdict is shown. Names, units and limits of
 //! the metrics stand in [`scenario::metrics`].
 
+mod chirp;
 mod circumstances;
 mod decision;
 mod disturbances;
@@ -31,6 +32,7 @@ pub mod timing;
 mod timing_decision;
 pub mod verdict;
 
+pub use chirp::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_responses};
 pub use circumstances::Circumstances;
 pub use decision::judge;
 pub use metrics::limits;

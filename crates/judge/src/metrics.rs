@@ -10,7 +10,7 @@ use crate::evidence::{
     Absence, Evidence, Measurement, MetricValue, first_silence, largest, mean, worst,
 };
 use crate::metric::Metric;
-use crate::{disturbances, holds, reactions, sequences, signals, sine, steps};
+use crate::{chirp, disturbances, holds, reactions, sequences, signals, sine, steps};
 
 /// The steady state is the mean over this time before the end.
 const STEADY_STATE_SECONDS: f64 = 0.5;
@@ -27,6 +27,7 @@ const MEASURES: [(&str, Measure); METRICS.len()] = [
     ("sine_gain", sine::gain),
     ("sine_phase_degrees", sine::phase_degrees),
     ("sine_offset_millimetres", sine::offset_millimetres),
+    ("bandwidth_hertz", chirp::bandwidth),
     (
         "maximum_deviation_millimetres",
         disturbances::maximum_deviation,
@@ -58,7 +59,7 @@ const MEASURES: [(&str, Measure); METRICS.len()] = [
 ];
 
 /// The metrics of the position, which have a second value where measured and true position differ.
-const OF_POSITION: [&str; 12] = [
+const OF_POSITION: [&str; 13] = [
     "settling_time_seconds",
     "overshoot_percent",
     "steady_state_error_millimetres",
@@ -66,6 +67,7 @@ const OF_POSITION: [&str; 12] = [
     "sine_gain",
     "sine_phase_degrees",
     "sine_offset_millimetres",
+    "bandwidth_hertz",
     "maximum_deviation_millimetres",
     "recovery_time_seconds",
     "position_millimetres_max",

@@ -28,15 +28,18 @@ pub(crate) fn gain(evidence: &Evidence<'_>) -> Measurement {
 /// From -270 to 90: a position that follows late has a negative phase.
 pub(crate) fn phase_degrees(evidence: &Evidence<'_>) -> Measurement {
     let phase = OfSine {
-        value: |wanted, measured| {
-            let phase = measured.phase_degrees() - wanted.phase_degrees();
-            let turns = libm::floor((phase + 270.0) / 360.0);
-            phase - 360.0 * turns
-        },
+        value: |wanted, measured| phase_between(wanted.phase_degrees(), measured.phase_degrees()),
         ideal: 0.0,
         limit: |expect| expect.sine_phase_degrees,
     };
     phase.worst(evidence)
+}
+
+/// From −270 to 90 degrees.
+pub(crate) fn phase_between(wanted_degrees: f64, measured_degrees: f64) -> f64 {
+    let phase = measured_degrees - wanted_degrees;
+    let turns = libm::floor((phase + 270.0) / 360.0);
+    phase - 360.0 * turns
 }
 
 pub(crate) fn offset_millimetres(evidence: &Evidence<'_>) -> Measurement {

@@ -122,11 +122,13 @@ fn settling_counts_from_the_step_to_the_first_sample_of_the_last_stay() {
 const HUNTING: &str = "[expect]\nhunting_millimetres = { max = 0.25 }\n";
 
 #[test]
-fn hunting_is_how_far_the_position_goes_in_the_last_second() {
+fn hunting_is_how_far_the_mean_position_goes_in_the_last_second() {
     let swinging = |time: f64| match (time * 1e3).round() {
-        1500.0 => 40.0,
-        3200.0 => 35.3,
-        3900.0 => 34.9,
+        1500.0..1600.0 => 40.0,
+        3200.0..3210.0 => 35.3,
+        // In a mean of 10 ms this is 35.1 mm.
+        3500.0 => 36.0,
+        3900.0..3910.0 => 34.9,
         _ => 35.0,
     };
     check(HUNTING, swinging, "hunting_millimetres", 0.4);
@@ -151,6 +153,81 @@ fn a_set_point_that_moves_in_the_last_second_is_no_hunting() {
         reason,
         Some("the set-point stands for 0.500 s; 1 s are needed")
     );
+}
+
+/// A scenario of 4 s with a chirp of 10 mm from 2 to 8 Hz, and whatever is added.
+fn chirp(added: &str) -> Scenario {
+    let text = format!(
+        "schema = 1\nname = \"judged\"\nduration_seconds = 4.0\n[controller.sliding_mode]\n{added}\n\
+         [[reference.chirp]]\nfrom_seconds = 0.0\nuntil_seconds = 4.0\ncentre_millimetres = 25.0\n\
+         amplitude_millimetres = 10.0\nfrom_hertz = 2.0\nuntil_hertz = 8.0\n"
+    );
+    Scenario::parse(&text, "judged.toml", |_| unreachable!("no table")).unwrap()
+}
+
+/// A position that follows the chirp with this gain, 30° late and 1 mm high.
+fn follows_the_chirp(gain: impl Fn(f64) -> f64) -> Vec<Stamped> {
+    let sweep = chirp("").reference.chirp[0].sweep();
+    frames(4000, |cycle| {
+        let phase = sweep.at(f64::from(cycle) / 1e3);
+        let late = phase.radians() - 30_f64.to_radians();
+        Some(26.0 + 10.0 * gain(phase.hertz()) * libm::sin(late))
+    })
+}
+
+#[test]
+fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
+    let frames = follows_the_chirp(|_| 0.9);
+    let setup = Setup::new(chirp(""), &Catalogue::shipped());
+    let timeline = decode(&frames, &setup).unwrap();
+    let [points] = &crate::frequency_responses(&timeline, &setup)[..] else {
+        panic!("one chirp")
+    };
+    // 20 turns, of which the first is not judged.
+    assert_eq!(points.len(), 19);
+    // After n turns the frequency is √(2² + 2 · 1.5 n).
+    assert!((points[0].hertz - 8.5_f64.sqrt()).abs() < 1e-9);
+    for point in points {
+        assert!((point.gain - 0.9).abs() < 1e-3, "{point:?}");
+        assert!((point.phase_degrees + 30.0).abs() < 0.1, "{point:?}");
+        assert!((point.offset_millimetres - 1.0).abs() < 5e-3, "{point:?}");
+    }
+}
+
+#[test]
+fn the_bandwidth_is_the_last_frequency_before_the_gain_falls() {
+    let bandwidth = |frames: &[Stamped]| {
+        let verdict = verdict_of(
+            &chirp("[expect]\nbandwidth_hertz = { min = 4.0 }\n"),
+            frames,
+            0,
+        );
+        let row = row(&verdict, "bandwidth_hertz");
+        (row.value, row.passed, row.remark.clone())
+    };
+    // It comes back above 7 Hz, which no longer counts.
+    let frames = follows_the_chirp(|hertz| {
+        if (5.0..7.0).contains(&hertz) {
+            0.6
+        } else {
+            0.9
+        }
+    });
+    let (value, passed, _) = bandwidth(&frames);
+    // The turn from the sixth on ends at 5 Hz: the middle of that before is after 6.5 turns.
+    assert_eq!(value, Some((23.5_f64.sqrt() * 1e6).round() / 1e6));
+    assert_eq!(passed, Some(true));
+    let (value, passed, remark) = bandwidth(&follows_the_chirp(|_| 0.6));
+    assert_eq!((value, passed), (None, Some(false)));
+    let reason = "the gain is below 0.708 from the lowest frequency on";
+    assert_eq!(remark.as_deref(), Some(reason));
+    let gap = follows_the_chirp(|_| 0.9)
+        .into_iter()
+        .filter(|stamped| !(2000..2100).contains(&stamped.time.as_millis()))
+        .collect::<Vec<_>>();
+    let (value, passed, remark) = bandwidth(&gap);
+    assert_eq!((value, passed), (None, Some(false)));
+    assert!(remark.unwrap().contains("silent"));
 }
 
 /// As [`frames`], with a command in each cycle.

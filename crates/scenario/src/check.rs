@@ -15,7 +15,7 @@ use crate::controller::Controller;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::outside::Outside;
-use crate::reference::Reference;
+use crate::reference::{Chirp, Reference};
 use crate::scenario::Scenario;
 
 pub(crate) use signals::read_courses;
@@ -45,6 +45,7 @@ pub(crate) fn control(document: &Document<'_>, control: &Control<'_>) -> Vec<Pro
         control.duration_seconds,
     ));
     problems.extend(travel(document, control.reference));
+    problems.extend(chirps(document, control.reference));
     if let Some(open_loop) = &control.controller.open_loop {
         let pieces_of_current = current_pieces(open_loop);
         problems.extend(pieces(
@@ -99,7 +100,7 @@ fn laws(document: &Document<'_>, reference: &Reference) -> Option<Problem> {
             let problem = document
                 .source
                 .problem(span, message, "needs one to follow");
-            Some(problem.with_help("add [[reference.hold]], step, ramp, sine or table"))
+            Some(problem.with_help("add [[reference.hold]], step, ramp, sine, chirp or table"))
         }
         [_] => None,
         [first, second, ..] => {
@@ -112,20 +113,49 @@ fn laws(document: &Document<'_>, reference: &Reference) -> Option<Problem> {
     }
 }
 
-/// Sines within the travel; single positions are in the schema's range already.
+/// Sines and chirps within the travel; single positions are in the schema's range already.
 fn travel(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
-    let mut problems = Vec::new();
-    for (index, sine) in reference.sine.iter().enumerate() {
-        let lowest = sine.centre_millimetres - sine.amplitude_millimetres;
-        let highest = sine.centre_millimetres + sine.amplitude_millimetres;
-        if lowest < 0.0 || highest > TRAVEL_MILLIMETRES {
-            let path = format!("reference.sine.{index}.amplitude_millimetres");
+    let sines = reference.sine.iter().enumerate();
+    let sines = sines.map(|(index, sine)| {
+        let (centre, amplitude) = (sine.centre_millimetres, sine.amplitude_millimetres);
+        ("sine", index, centre, amplitude)
+    });
+    let chirps = reference.chirp.iter().enumerate();
+    let chirps = chirps.map(|(index, chirp)| {
+        let (centre, amplitude) = (chirp.centre_millimetres, chirp.amplitude_millimetres);
+        ("chirp", index, centre, amplitude)
+    });
+    let problem = |(kind, index, centre, amplitude): (&str, usize, f64, f64)| {
+        let (lowest, highest) = (centre - amplitude, centre + amplitude);
+        (lowest < 0.0 || highest > TRAVEL_MILLIMETRES).then(|| {
+            let path = format!("reference.{kind}.{index}.amplitude_millimetres");
             let label = format!("goes from {lowest} to {highest} mm");
-            let message = format!("the sine leaves the travel of 0 to {TRAVEL_MILLIMETRES} mm");
-            problems.push(document.problem(&path, message, label));
-        }
-    }
-    problems
+            let message = format!("the {kind} leaves the travel of 0 to {TRAVEL_MILLIMETRES} mm");
+            document.problem(&path, message, label)
+        })
+    };
+    sines.chain(chirps).filter_map(problem).collect()
+}
+
+/// Chirps whose frequency moves, and does not exceed what cycles can show.
+fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
+    let problem = |(index, chirp): (usize, &Chirp)| {
+        (chirp.from_hertz == chirp.until_hertz).then(|| {
+            let path = format!("reference.chirp.{index}.until_hertz");
+            let message = "the frequency of the chirp does not move";
+            document.problem(
+                &path,
+                message,
+                "the same as from_hertz; [[reference.sine]] has one frequency",
+            )
+        })
+    };
+    reference
+        .chirp
+        .iter()
+        .enumerate()
+        .filter_map(problem)
+        .collect()
 }
 
 fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {

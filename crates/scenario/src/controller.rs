@@ -70,6 +70,10 @@ pub struct SlidingMode {
     pub hold: Hold,
     /// How far the observer trusts sensor and nominal model.
     pub observer: Observer,
+    /// A file with a table `[nominal_model]`, relative to the scenario; `canrig identify` writes one. It takes the place of
+    /// `nominal_model`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nominal_model_file: Option<String>,
     /// The plant as the law assumes it.
     pub nominal_model: NominalModel,
 }
@@ -85,6 +89,7 @@ impl Default for SlidingMode {
             reference_landing_ratio: 3.0,
             hold: Hold::default(),
             observer: Observer::default(),
+            nominal_model_file: None,
             nominal_model: NominalModel::default(),
         }
     }
@@ -209,6 +214,10 @@ pub struct OpenLoop {
     /// Current moves linearly from its present value.
     #[schemars(length(max = 10_000))]
     pub ramp: Vec<CurrentRamp>,
+    /// A course of the current from a CSV file, such as that of a recording.
+    #[schemars(length(max = 10_000))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub table: Vec<CurrentTable>,
 }
 
 /// Current jumps to a value and stays.
@@ -236,6 +245,31 @@ pub struct CurrentRamp {
     /// Current at the end.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub current_amperes: f64,
+}
+
+/// Straight lines through the rows of a CSV file: its columns `time_seconds` and that of the current, from 0 to 1 A. Other columns
+/// and rows without a current are skipped, so `signals.csv` of a run folder serves as it is.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct CurrentTable {
+    /// Start; the file's times count from here.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
+    pub from_seconds: f64,
+    /// The file, relative to the scenario.
+    pub file: String,
+    /// The column of the current; that of the commands in a `signals.csv` is `target_current_amperes`.
+    #[serde(default = "CurrentTable::default_column")]
+    #[schemars(length(min = 1, max = 200))]
+    pub column: String,
+    /// The rows, `(time_seconds, current_amperes)`, put in by the loader.
+    #[serde(skip)]
+    pub rows: Vec<(f64, f64)>,
+}
+
+impl CurrentTable {
+    fn default_column() -> String {
+        "current_amperes".to_owned()
+    }
 }
 
 /// What the observer trusts: uncertainty of the sensor and of the nominal model.

@@ -2,6 +2,8 @@
 
 use std::f64::consts::TAU;
 
+use crate::chirp::{FrequencySweep, SweptPhase};
+
 /// A piece as the scenario gives it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Piece {
@@ -14,6 +16,13 @@ pub(crate) enum Piece {
         centre: f64,
         amplitude: f64,
         radians_per_second: f64,
+    },
+    /// `centre + amplitude sin φ` with a frequency that moves; the centre from `until_seconds` on.
+    Chirp {
+        centre: f64,
+        amplitude: f64,
+        until_seconds: f64,
+        sweep: FrequencySweep,
     },
     /// Straight lines through rows `(seconds from the start, value)`, constant outside.
     Table { rows: Vec<(f64, f64)> },
@@ -97,6 +106,18 @@ impl Segment {
                 amplitude,
                 radians_per_second: omega,
             } => sine(*centre, *amplitude, *omega, elapsed),
+            Piece::Chirp {
+                centre,
+                amplitude,
+                until_seconds,
+                sweep,
+            } => {
+                if time_seconds < *until_seconds {
+                    chirp(*centre, *amplitude, &sweep.at(elapsed))
+                } else {
+                    Sample::line(*centre, 0.0)
+                }
+            }
             Piece::Table { rows } => interpolate(rows, elapsed),
         }
     }
@@ -113,6 +134,21 @@ fn sine(centre: f64, amplitude: f64, omega: f64, elapsed_seconds: f64) -> Sample
             amplitude * omega * cos,
             -amplitude * omega * omega * sin,
             -amplitude * omega * omega * omega * cos,
+        ],
+        has_exact_derivatives: true,
+    }
+}
+
+/// `centre + amplitude sin φ` with its exact derivatives.
+fn chirp(centre: f64, amplitude: f64, phase: &SweptPhase) -> Sample {
+    let (sin, cos) = libm::sincos(phase.radians());
+    let [omega, slope, curvature] = phase.derivatives;
+    Sample {
+        value: centre + amplitude * sin,
+        derivatives: [
+            amplitude * omega * cos,
+            amplitude * (slope * cos - omega * omega * sin),
+            amplitude * ((curvature - omega * omega * omega) * cos - 3.0 * omega * slope * sin),
         ],
         has_exact_derivatives: true,
     }
@@ -156,15 +192,30 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_of_a_sine_agree_with_differences() {
-        let curve = Curve::new(vec![(
-            1.0,
-            Piece::Sine {
+    fn derivatives_of_sines_and_chirps_agree_with_differences() {
+        check_derivatives(Piece::Sine {
+            centre: 25.0,
+            amplitude: 10.0,
+            radians_per_second: 1.3,
+        });
+        for is_logarithmic in [false, true] {
+            check_derivatives(Piece::Chirp {
                 centre: 25.0,
                 amplitude: 10.0,
-                radians_per_second: 1.3,
-            },
-        )]);
+                until_seconds: 61.0,
+                sweep: FrequencySweep {
+                    from_hertz: 0.1,
+                    until_hertz: 0.4,
+                    duration_seconds: 60.0,
+                    is_logarithmic,
+                },
+            });
+        }
+    }
+
+    #[track_caller]
+    fn check_derivatives(piece: Piece) {
+        let curve = Curve::new(vec![(1.0, piece)]);
         let step = 1e-4;
         for time in [1.0, 2.7, 50.3] {
             let (before, now, after) = (
@@ -180,7 +231,8 @@ mod tests {
                 let difference = (values(after)[order] - values(before)[order]) / (2.0 * step);
                 assert!(
                     (difference - values(now)[order + 1]).abs() < 1e-4,
-                    "{order} at {time}"
+                    "{order} at {time}: {difference}, {:?}",
+                    values(now)
                 );
             }
             assert!(now.has_exact_derivatives);

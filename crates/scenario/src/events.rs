@@ -1,5 +1,6 @@
 //! What the metrics must know of a scenario: steps, periods and disturbances, with their windows in scenario time.
 
+use crate::chirp::FrequencySweep;
 use crate::disturbance::Disturbance;
 use crate::scenario::Scenario;
 pub use crate::window::Window;
@@ -22,6 +23,21 @@ pub struct JudgedSine {
     pub window: Window,
     /// The length of one.
     pub period_seconds: f64,
+}
+
+/// A chirp of the set-point that the metrics judge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JudgedChirp {
+    /// When it begins.
+    pub from_seconds: f64,
+    /// How its frequency moves.
+    pub sweep: FrequencySweep,
+    /// Its whole turns up to its end, the next piece or the end of what is judged; at least four.
+    pub turns: f64,
+    /// Mean of the set-point.
+    pub centre_millimetres: f64,
+    /// Amplitude of the set-point.
+    pub amplitude_millimetres: f64,
 }
 
 /// A disturbance that the metrics judge.
@@ -115,6 +131,30 @@ impl Scenario {
                     until_seconds,
                 },
                 period_seconds,
+            })
+        });
+        judged.collect()
+    }
+
+    /// The chirps that the metrics judge, in the order of time; those of which fewer than four turns fit are left out.
+    #[must_use]
+    pub fn judged_chirps(&self) -> Vec<JudgedChirp> {
+        let mut starts: Vec<f64> = self.reference.starts_seconds().collect();
+        starts.sort_by(f64::total_cmp);
+        let end_seconds = self.judged_end_seconds();
+        let judged = self.reference.chirp.iter().filter_map(|chirp| {
+            let next = starts.partition_point(|&start| start <= chirp.from_seconds);
+            let next = starts.get(next).copied().unwrap_or(end_seconds);
+            let until_seconds = next.min(end_seconds).min(chirp.until_seconds);
+            let sweep = chirp.sweep();
+            // A turn that ends with the run counts in spite of rounding.
+            let turns = libm::floor(sweep.at(until_seconds - chirp.from_seconds).turns + 1e-9);
+            (turns >= 4.0).then_some(JudgedChirp {
+                from_seconds: chirp.from_seconds,
+                sweep,
+                turns,
+                centre_millimetres: chirp.centre_millimetres,
+                amplitude_millimetres: chirp.amplitude_millimetres,
             })
         });
         judged.collect()

@@ -43,6 +43,9 @@ pub struct Expect {
     /// Mean of the position minus that of the set-point, measured as `sine_gain`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sine_offset_millimetres: Option<Limit>,
+    /// Last frequency of a chirp before the gain first falls below 0.708.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bandwidth_hertz: Option<Limit>,
     /// Largest deviation from the set-point from the start of a disturbance to 3 s after its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub maximum_deviation_millimetres: Option<Limit>,
@@ -56,7 +59,7 @@ pub struct Expect {
     /// for 2 s at least.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub current_ripple_amperes_rms: Option<Limit>,
-    /// Highest minus lowest position in the last second, in which the set-point must not move. Above 0.25 the loop hunts.
+    /// Highest minus lowest mean position of 10 ms in the last second, in which the set-point must not move. Above 0.25 the loop hunts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hunting_millimetres: Option<Limit>,
     /// Largest position over the run.

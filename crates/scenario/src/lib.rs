@@ -12,6 +12,7 @@
 
 mod bus;
 mod check;
+pub mod chirp;
 pub mod controller;
 mod curve;
 pub mod disturbance;

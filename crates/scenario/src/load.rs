@@ -186,7 +186,8 @@ impl Scenario {
         }
         problems.extend(check::read_tables(
             &document,
-            &mut scenario.reference.table,
+            &mut scenario.reference,
+            &mut scenario.controller,
             read_table,
         ));
         problems.extend(check::read_courses(
@@ -252,7 +253,8 @@ impl ControllerView {
         problems.extend(check::control(&document, &control));
         problems.extend(check::read_tables(
             &document,
-            &mut view.reference.table,
+            &mut view.reference,
+            &mut view.controller,
             read_table,
         ));
         none_of(problems, view).map_err(fail)

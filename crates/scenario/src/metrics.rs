@@ -62,7 +62,7 @@ impl ExpectedMetric {
 }
 
 /// All metrics.
-pub static METRICS: [ExpectedMetric; 22] = {
+pub static METRICS: [ExpectedMetric; 23] = {
     use ExpectedMetric as Metric;
     [
         Metric::limited("settling_time_seconds", "seconds", |expect| {
@@ -84,6 +84,7 @@ pub static METRICS: [ExpectedMetric; 22] = {
         Metric::limited("sine_offset_millimetres", "millimetres", |expect| {
             expect.sine_offset_millimetres
         }),
+        Metric::limited("bandwidth_hertz", "hertz", |expect| expect.bandwidth_hertz),
         Metric::limited("maximum_deviation_millimetres", "millimetres", |expect| {
             expect.maximum_deviation_millimetres
         }),

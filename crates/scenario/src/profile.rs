@@ -27,7 +27,11 @@ impl OpenLoop {
             let (until_seconds, end) = (ramp.until_seconds, ramp.current_amperes);
             (ramp.from_seconds, Piece::Line { until_seconds, end })
         });
-        Profile(Curve::new(steps.chain(ramps).collect()))
+        let tables = self.table.iter().map(|table| {
+            let rows = table.rows.clone();
+            (table.from_seconds, Piece::Table { rows })
+        });
+        Profile(Curve::new(steps.chain(ramps).chain(tables).collect()))
     }
 
     /// The current in amperes at one time. Builds the profile first: ask [`Profile::current_at`] where it is needed

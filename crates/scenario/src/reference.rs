@@ -3,7 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::chirp::FrequencySweep;
 use crate::curve::{Curve, Piece};
+use crate::sweep::Spacing;
 
 const METRES_PER_MILLIMETRE: f64 = 1e-3;
 
@@ -23,6 +25,10 @@ pub struct Reference {
     /// A sine about a centre.
     #[schemars(length(max = 10_000))]
     pub sine: Vec<Sine>,
+    /// A sine whose frequency moves, which shows gain and phase over frequency in one run.
+    #[schemars(length(max = 10_000))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub chirp: Vec<Chirp>,
     /// A table from a CSV file.
     #[schemars(length(max = 10_000))]
     pub table: Vec<Table>,
@@ -85,6 +91,46 @@ pub struct Sine {
     pub period_seconds: f64,
 }
 
+/// A harmonic `centre + amplitude sin φ` whose frequency moves from one value to another; then its centre holds.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Chirp {
+    /// Start of the chirp.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
+    pub from_seconds: f64,
+    /// End of the chirp.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
+    pub until_seconds: f64,
+    /// Mean of the chirp.
+    #[schemars(range(min = 0.0, max = 60.0))]
+    pub centre_millimetres: f64,
+    /// Amplitude of the chirp.
+    #[schemars(range(min = 0.0, max = 30.0))]
+    pub amplitude_millimetres: f64,
+    /// Frequency at its start.
+    #[schemars(range(min = 0.000_1, max = 100.0))]
+    pub from_hertz: f64,
+    /// Frequency at its end.
+    #[schemars(range(min = 0.000_1, max = 100.0))]
+    pub until_hertz: f64,
+    /// How the frequency moves; `linear` if absent.
+    #[serde(default)]
+    pub spacing: Spacing,
+}
+
+impl Chirp {
+    /// How its frequency moves.
+    #[must_use]
+    pub fn sweep(&self) -> FrequencySweep {
+        FrequencySweep {
+            from_hertz: self.from_hertz,
+            until_hertz: self.until_hertz,
+            duration_seconds: self.until_seconds - self.from_seconds,
+            is_logarithmic: self.spacing == Spacing::Logarithmic,
+        }
+    }
+}
+
 /// Straight lines through the rows of a CSV file with the columns `time_seconds,position_millimetres`.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -110,7 +156,7 @@ pub struct SetPoint {
     pub acceleration_metres_per_second_squared: f64,
     /// Third derivative.
     pub jerk_metres_per_second_cubed: f64,
-    /// True where the derivatives are exact (sine): such a set-point bypasses the reference filter (PAPER E5).
+    /// True where the derivatives are exact (sine, chirp): such a set-point bypasses the reference filter (PAPER E5).
     pub has_exact_derivatives: bool,
 }
 
@@ -183,8 +229,17 @@ impl Reference {
                 .collect();
             (table.from_seconds, Piece::Table { rows })
         });
-        let pieces = holds.chain(steps).chain(ramps).chain(sines).chain(tables);
-        Trajectory(Curve::new(pieces.collect()))
+        let chirps = self.chirp.iter().map(|chirp| {
+            let piece = Piece::Chirp {
+                centre: metres(chirp.centre_millimetres),
+                amplitude: metres(chirp.amplitude_millimetres),
+                until_seconds: chirp.until_seconds,
+                sweep: chirp.sweep(),
+            };
+            (chirp.from_seconds, piece)
+        });
+        let moving = ramps.chain(sines).chain(chirps).chain(tables);
+        Trajectory(Curve::new(holds.chain(steps).chain(moving).collect()))
     }
 
     /// The raw set-point at one time. Builds the trajectory first: ask [`Trajectory::at`] where it is needed every cycle.
@@ -199,8 +254,10 @@ impl Reference {
         let steps = self.step.iter().map(|step| step.at_seconds);
         let ramps = self.ramp.iter().map(|ramp| ramp.from_seconds);
         let sines = self.sine.iter().map(|sine| sine.from_seconds);
+        let chirps = self.chirp.iter().map(|chirp| chirp.from_seconds);
         let tables = self.table.iter().map(|table| table.from_seconds);
-        holds.chain(steps).chain(ramps).chain(sines).chain(tables)
+        let moving = ramps.chain(sines).chain(chirps).chain(tables);
+        holds.chain(steps).chain(moving)
     }
 }
 
@@ -235,6 +292,16 @@ mod tests {
                 file: String::new(),
                 rows: vec![(0.0, 1.0), (1.0, 2.0)],
             }],
+            // One turn: 0.5 Hz on average for 2 s.
+            chirp: vec![Chirp {
+                from_seconds: 10.0,
+                until_seconds: 12.0,
+                centre_millimetres: 30.0,
+                amplitude_millimetres: 5.0,
+                from_hertz: 0.25,
+                until_hertz: 0.75,
+                spacing: Spacing::Linear,
+            }],
         };
         let trajectory = reference.trajectory();
         let expected = [
@@ -245,7 +312,12 @@ mod tests {
             (5.0, 25.0),
             (6.0, 35.0),
             (8.5, 1.5),
-            (99.0, 2.0),
+            (9.9, 2.0),
+            (10.0, 30.0),
+            // 0.375 turns after 1 s.
+            (11.0, 30.0 + 5.0 * std::f64::consts::FRAC_1_SQRT_2),
+            (12.0, 30.0),
+            (99.0, 30.0),
         ];
         for (time, millimetres) in expected {
             let position = trajectory.at(time).position_metres;
@@ -256,6 +328,8 @@ mod tests {
             assert_eq!(reference.at(time), trajectory.at(time));
         }
         assert!(trajectory.at(6.0).has_exact_derivatives);
+        assert!(trajectory.at(11.9).has_exact_derivatives);
+        assert!(!trajectory.at(12.0).has_exact_derivatives);
         assert!(!trajectory.at(3.0).has_exact_derivatives);
         assert!((trajectory.at(3.0).velocity_metres_per_second + 0.005).abs() < 1e-12);
     }

@@ -1,4 +1,5 @@
-//! CSV tables: the set-points, two columns under a fixed header, and the recorded courses of signals, one column of many.
+//! CSV tables: the set-points, two columns under a fixed header, and the recorded courses of signals and currents, one column of
+//! many.
 
 use std::io;
 use std::ops::RangeInclusive;
@@ -13,7 +14,15 @@ const ROWS_MAX: usize = 1_000_000;
 /// Columns that are listed when the one that is wanted is none of them.
 const COLUMNS_LISTED_MAX: usize = 50;
 /// The wire's travel.
-const POSITION_MILLIMETRES: RangeInclusive<f64> = 0.0..=60.0;
+const POSITIONS: Values = Values {
+    what: "leaves the travel",
+    range: 0.0..=60.0,
+};
+/// What a profile may command.
+const CURRENTS: Values = Values {
+    what: "leaves the range of the current",
+    range: 0.0..=1.0,
+};
 
 /// Gives the text of a table by the name that a scenario uses.
 pub(crate) type ReadTable<'a> = &'a mut dyn FnMut(&str) -> io::Result<String>;
@@ -41,12 +50,27 @@ pub(crate) fn parse(name: &str, text: &str) -> Result<Rows, Problem> {
         names: HEADER,
         places: [0, 1],
         count: 2,
-        range: Some(POSITION_MILLIMETRES),
+        values: Some(POSITIONS),
+        is_complete: true,
     })
 }
 
-/// Reads one column of a table beside its `time_seconds`, as [`parse`]; rows without a value are left out.
-pub(crate) fn parse_column(name: &str, text: &str, column: &str) -> Result<Rows, Problem> {
+/// Reads the course of a signal, one column of a table beside its `time_seconds`, as [`parse`]; rows without a value are left out.
+pub(crate) fn parse_course(name: &str, text: &str, column: &str) -> Result<Rows, Problem> {
+    parse_column(name, text, column, None)
+}
+
+/// Reads the course of a current, as [`parse_course`].
+pub(crate) fn parse_current(name: &str, text: &str, column: &str) -> Result<Rows, Problem> {
+    parse_column(name, text, column, Some(CURRENTS))
+}
+
+fn parse_column(
+    name: &str,
+    text: &str,
+    column: &str,
+    values: Option<Values>,
+) -> Result<Rows, Problem> {
     let reader = Reader::new(name, text);
     let known = reader.columns();
     let names = [HEADER[0], column];
@@ -61,7 +85,7 @@ pub(crate) fn parse_column(name: &str, text: &str, column: &str) -> Result<Rows,
             let listed = &known[..known.len().min(COLUMNS_LISTED_MAX)];
             let problem = reader.problem(reader.header, 1, &what, label);
             let help = format!(
-                "columns of the table: {}; `column = \"…\"` beside `file` names the one of this signal",
+                "columns of the table: {}; `column = \"…\"` beside `file` names the one that is meant",
                 listed.join(", ")
             );
             return Err(problem.with_help(help));
@@ -72,7 +96,8 @@ pub(crate) fn parse_column(name: &str, text: &str, column: &str) -> Result<Rows,
         names,
         places,
         count: known.len(),
-        range: None,
+        values,
+        is_complete: false,
     })
 }
 
@@ -82,8 +107,17 @@ struct Columns<'a> {
     places: [usize; 2],
     /// Of all columns.
     count: usize,
-    /// What the value may be; without a range it may be missing too.
-    range: Option<RangeInclusive<f64>>,
+    /// What the value may be; any number if absent.
+    values: Option<Values>,
+    /// Whether each row must have a value.
+    is_complete: bool,
+}
+
+/// What values may be.
+struct Values {
+    range: RangeInclusive<f64>,
+    /// What is wrong with a table that has others.
+    what: &'static str,
 }
 
 struct Reader<'text> {
@@ -139,7 +173,7 @@ impl<'text> Reader<'text> {
         let [time, value] = columns
             .places
             .map(|place| line.split(',').nth(place).unwrap_or_default());
-        if columns.range.is_none() && value.trim().is_empty() {
+        if !columns.is_complete && value.trim().is_empty() {
             return Ok(None);
         }
         let [time_name, value_name] = columns.names;
@@ -151,10 +185,10 @@ impl<'text> Reader<'text> {
             let label = format!("must be after {earliest} s");
             return Err(self.problem(time, number, &what, label));
         }
-        if let Some(range) = &columns.range
+        if let Some(Values { range, what }) = &columns.values
             && !range.contains(&found)
         {
-            let what = format!("leaves the travel in column {value_name}");
+            let what = format!("{what} in column {value_name}");
             let label = format!("must be from {} to {}", range.start(), range.end());
             return Err(self.problem(value, number, &what, label));
         }

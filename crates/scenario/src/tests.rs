@@ -392,6 +392,33 @@ fn a_piece_of_the_set_point_that_is_wrong_has_its_place_and_its_words() {
             "goes from 45 to 65 mm",
         ),
         (
+            more(
+                "[[reference.chirp]]\nfrom_seconds = 3\nuntil_seconds = 4\ncentre_millimetres = 55\namplitude_millimetres = 10\n\
+                 from_hertz = 1\nuntil_hertz = 2\n",
+            ),
+            12,
+            25,
+            "the chirp leaves the travel of 0 to 60 mm",
+            "goes from 45 to 65 mm",
+        ),
+        (
+            more(
+                "[[reference.chirp]]\nfrom_seconds = 3\nuntil_seconds = 4\ncentre_millimetres = 25\namplitude_millimetres = 10\n\
+                 from_hertz = 1\nuntil_hertz = 1\n",
+            ),
+            14,
+            15,
+            "the frequency of the chirp does not move",
+            "the same as from_hertz; [[reference.sine]] has one frequency",
+        ),
+        (
+            with("[[controller.open_loop.table]]\nfrom_seconds = 0\nfile = \"/x.csv\"\n"),
+            6,
+            8,
+            "a table must lie in the scenario's folder",
+            "no absolute path, no `..`",
+        ),
+        (
             more("[[reference.table]]\nfrom_seconds = 3\nfile = \"../x.csv\"\n"),
             10,
             8,
@@ -565,6 +592,96 @@ fn every_problem_of_a_table_has_its_line() {
         "\u{feff}time_seconds, position_millimetres\r\n0, 1\r\n\r\n2,3.5\r\n",
     );
     assert_eq!(rows.unwrap(), [(0.0, 1.0), (2.0, 3.5)]);
+}
+
+#[test]
+fn a_recorded_current_is_one_column_of_many() {
+    let text = with("[[controller.open_loop.table]]\nfrom_seconds = 1.0\nfile = \"run.csv\"\n");
+    let parse = |table: &'static str| Scenario::parse(&text, "x.toml", |_| Ok(table.to_owned()));
+    let scenario =
+        parse("cycle,time_seconds,current_amperes,note\n0,0,0.5,a\n1,0.1,,b\n2,0.2,0.7,\n")
+            .unwrap();
+    let current = |time| {
+        scenario
+            .controller
+            .open_loop
+            .as_ref()
+            .unwrap()
+            .current_at(time)
+    };
+    assert_eq!([current(0.9), current(1.0), current(9.0)], [0.0, 0.5, 0.7]);
+    assert!((current(1.1) - 0.6).abs() < 1e-12);
+    for (table, message) in [
+        (
+            "time_seconds,position_millimetres\n0,1\n",
+            "the table has no column `current_amperes`, line 1",
+        ),
+        (
+            "time_seconds,current_amperes\n0,0.5\n1,-0.1\n",
+            "the table leaves the range of the current in column current_amperes, line 3",
+        ),
+        (
+            "time_seconds,current_amperes\n0,much\n",
+            "the table has no number in column current_amperes, line 2",
+        ),
+        (
+            "time_seconds,current_amperes\n0,\n",
+            "the table has no rows, line 1",
+        ),
+    ] {
+        let error = parse(table).unwrap_err();
+        assert_eq!(error.problems()[0].to_string(), message);
+    }
+    let column = text.replace("file =", "column = \"target_current_amperes\"\nfile =");
+    let table = "time_seconds,current_amperes,target_current_amperes\n0,0.1,0.2\n";
+    let scenario = Scenario::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
+    let open_loop = scenario.controller.open_loop.unwrap();
+    assert_eq!(open_loop.current_at(1.0), 0.2);
+    // The controller reads it too.
+    let view = ControllerView::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
+    assert_eq!(view.controller.open_loop, Some(open_loop));
+}
+
+#[test]
+fn a_nominal_model_in_a_file_takes_the_place_of_the_table() {
+    let text = with(
+        "[controller.sliding_mode]\nnominal_model_file = \"model.toml\"\n\
+         [controller.sliding_mode.nominal_model]\nload_kilograms = 0.05\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 1.0\n",
+    );
+    let parse = |file: &str| Scenario::parse(&text, "x.toml", |_| Ok(file.to_owned()));
+    let model = crate::controller::NominalModel {
+        load_kilograms: 0.03,
+        ..Default::default()
+    };
+    let file = model.to_file_text().unwrap();
+    let scenario = parse(&file).unwrap();
+    assert_eq!(
+        scenario
+            .controller
+            .sliding_mode
+            .as_ref()
+            .unwrap()
+            .nominal_model,
+        model
+    );
+    let view = ControllerView::parse(&text, "x.toml", |_| Ok(file.clone())).unwrap();
+    assert_eq!(view.controller, scenario.controller);
+    for (file, message) in [
+        (
+            "[nominal_model]\nload = 1\n",
+            "unknown key `load` in [nominal_model]",
+        ),
+        (
+            "[nominal_model]\nload_kilograms = 0\n",
+            "`nominal_model.load_kilograms` = 0 is out of range",
+        ),
+    ] {
+        let error = parse(file).unwrap_err();
+        assert_eq!(error.problems()[0].to_string(), message);
+        assert_eq!(error.problems()[0].file_name(), "model.toml");
+    }
+    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    assert_eq!(error.problems()[0].line_and_column().unwrap().0, 5);
 }
 
 #[test]

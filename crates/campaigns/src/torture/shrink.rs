@@ -43,7 +43,7 @@ impl TortureCase {
     /// What the loader finds wrong; tables in other files are not read.
     pub fn scenario(&self) -> Result<Scenario, String> {
         let no_tables = |_: &str| {
-            let text = "torture cannot play a scenario with [[reference.table]]; write its set-points as holds, steps and ramps";
+            let text = "torture cannot play a scenario with tables in files; write its set-points and currents as holds, steps and ramps";
             Err(std::io::Error::other(text))
         };
         Scenario::parse(&self.text(), "torture", no_tables)
@@ -261,7 +261,7 @@ mod tests {
         let case = TortureCase::new(&base, Table::new(), 7).unwrap();
         let reason = case.scenario().unwrap_err();
         assert!(
-            reason.contains("cannot play a scenario with [[reference.table]]"),
+            reason.contains("cannot play a scenario with tables in files"),
             "{reason}"
         );
     }

@@ -221,7 +221,7 @@ impl Plain<'_> {
         edges.chain(from).chain(until).collect()
     }
 
-    /// Highest less lowest position in the last second, unless something changes in it.
+    /// Highest less lowest mean of 10 ms in the last second, unless something changes in it.
     fn hunting(&self) -> Option<f64> {
         let last = (self.end - 1.0, self.end);
         let is_inside = |edge: f64| edge > last.0 + TOLERANCE && edge < last.1;
@@ -229,9 +229,19 @@ impl Plain<'_> {
             return None;
         }
         let samples = self.seen(last)?;
-        let positions = || samples.iter().map(|sample| sample.position);
-        let highest = positions().fold(f64::NEG_INFINITY, f64::max);
-        Some(highest - positions().fold(f64::INFINITY, f64::min))
+        let parts = (0..100).map(|part| {
+            let from = last.0 + f64::from(part) * 0.01;
+            let own = samples
+                .iter()
+                .filter(|sample| is_in(sample.time, (from, from + 0.01)));
+            own.map(|sample| sample.position).collect::<Vec<_>>()
+        });
+        let means: Vec<f64> = parts
+            .filter(|own| !own.is_empty())
+            .map(|own| mean(&own))
+            .collect();
+        let highest = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        Some(highest - means.into_iter().fold(f64::INFINITY, f64::min))
     }
 
     /// Standard deviation of the command from 1 s after the last recovery on. A command holds until the next.

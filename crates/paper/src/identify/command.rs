@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use super::data::IdentificationData;
 use super::fit::Fit;
+use super::nominal_model::nominal_model;
 use super::parameter::{self, Parameter};
 use super::picture;
 use super::report;
@@ -30,6 +31,8 @@ const RECORDINGS_MAX: usize = 100;
 mod name {
     /// The `[plant]` table that was found.
     pub(super) const PLANT: &str = "plant.toml";
+    /// The same as the model of a control law.
+    pub(super) const NOMINAL_MODEL: &str = "nominal_model.toml";
     /// The report in words.
     pub(super) const REPORT: &str = "report.md";
     /// Everything in numbers.
@@ -137,8 +140,8 @@ fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
     })?;
     let folder = write(args, &fit, &found, &known.notes)
         .map_err(|error| IdentifyFailure::new(Exit::BenchFailed)(error.as_ref()))?;
-    let is_confirmed = found.is_confirmed(&fit);
-    if !args.quiet || !is_confirmed {
+    let exit = exit(&fit, &found);
+    if !args.quiet || exit != Exit::Pass {
         print(&report::summary(&fit, &found));
         print(&format!(
             "plant       {}\nreport      {}\nplay it     canrig run {}",
@@ -147,11 +150,18 @@ fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
             folder.join(file::SCENARIO).display()
         ));
     }
-    Ok(if is_confirmed {
+    Ok(exit)
+}
+
+/// A model that does not explain the data fails, whether or not a second optimiser finds the same values.
+fn exit(fit: &Fit<'_>, found: &Solution) -> Exit {
+    if !found.statistics.explains() {
+        Exit::VerdictFailed
+    } else if found.is_confirmed(fit) {
         Exit::Pass
     } else {
         Exit::Inconclusive
-    })
+    }
 }
 
 fn load(args: &IdentifyArgs) -> Result<Vec<IdentificationData>, IdentifyFailure> {
@@ -247,6 +257,7 @@ struct IdentificationNumbers<'a> {
     second_optimiser: Option<&'a [f64]>,
     iterations: u64,
     is_confirmed: bool,
+    explains: bool,
     misfit: f64,
     statistics: &'a FitStatistics,
 }
@@ -276,6 +287,8 @@ fn write(
     )?;
     folder.write(name::REPORT, b"incomplete: the identification has not ended; if no process works on it any more, it broke off\n")?;
     folder.write(name::PLANT, plant.to_file_text()?.as_bytes())?;
+    let model = nominal_model(&plant).to_file_text()?;
+    folder.write(name::NOMINAL_MODEL, model.as_bytes())?;
     let scenario = Scenario {
         plant,
         ..played.clone()
@@ -306,6 +319,7 @@ fn numbers<'a>(fit: &Fit<'_>, found: &'a Solution) -> IdentificationNumbers<'a> 
         second_optimiser: found.check.as_ref().map(|check| check.values.as_slice()),
         iterations: found.descent.optimum.iterations,
         is_confirmed: found.is_confirmed(fit),
+        explains: found.statistics.explains(),
         misfit: found.statistics.misfit(),
         statistics: &found.statistics,
     }

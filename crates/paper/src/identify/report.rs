@@ -4,7 +4,7 @@ use comfy_table::{Table, presets};
 
 use super::fit::Fit;
 use super::search::{Detour, Solution};
-use super::statistics::Estimate;
+use super::statistics::{Estimate, REPLICAS};
 
 /// A temperature is determined when its standard error is within this.
 const DETERMINED_KELVINS: f64 = 1.0;
@@ -14,6 +14,8 @@ const DETERMINED_PART: f64 = 0.05;
 const CORRELATION_NAMED: f64 = 0.95;
 /// Independent residuals would make the standard errors too small by this factor before it is worth a warning.
 const DEPENDENCE_NAMED: f64 = 1.5;
+/// What is worth seeking where the model does not explain the data.
+const MECHANICAL: [&str; 2] = ["c", "EA"];
 /// The combinations that are reported, from the worst on.
 const COMBINATIONS: [&str; 2] = ["worst", "second worst"];
 /// A combination is reported for a change of this part in its largest component.
@@ -50,7 +52,7 @@ pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
     );
     text += &format!(
         "\n## Does the model explain the data?\n\n{}",
-        paragraphs(&[explanation(found)])
+        paragraphs(&[explanation(fit, found)])
     );
     text += &format!(
         "\n## What the data do not determine\n\n{}",
@@ -68,7 +70,7 @@ pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
 #[must_use]
 pub fn summary(fit: &Fit<'_>, found: &Solution) -> String {
     let mut lines = search(fit, found);
-    lines.push(explanation(found));
+    lines.push(explanation(fit, found));
     lines.extend(undetermined(fit, found));
     lines.extend(shift_warning(fit, found));
     format!("\n{}\n\n{}", result_table(fit, found), paragraphs(&lines))
@@ -182,7 +184,7 @@ fn search(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     lines
 }
 
-fn explanation(found: &Solution) -> String {
+fn explanation(fit: &Fit<'_>, found: &Solution) -> String {
     let statistics = &found.statistics;
     let (residual, sensor) = (
         statistics.residual_metres_rms * 1e6,
@@ -191,16 +193,45 @@ fn explanation(found: &Solution) -> String {
     let numbers = format!(
         "The residual is {residual:.1} µm RMS, the sensor alone would leave {sensor:.1} µm"
     );
-    if statistics.explains() {
-        format!("{numbers}: the model explains the data.")
+    let Some(worst) = statistics.worst_test() else {
+        return format!("{numbers}: the model explains the data.");
+    };
+    let (size, limit) = (
+        significant(worst.residual_metres_rms * 1e6, 3),
+        significant(worst.sensor_metres_rms_max * 1e6, 3),
+    );
+    let of = if worst.averaged_seconds > 0.0 {
+        format!("averages over {} s", worst.averaged_seconds)
     } else {
-        format!(
-            "WARNING: {numbers}, {:.1} times less. THE MODEL DOES NOT EXPLAIN THE DATA: the plant obeys another law or has other \
-             known parameters. The values found are those that hide this best, not the plant's, and their standard errors say \
-             nothing about the distance to them.",
-            statistics.misfit()
-        )
+        "single positions".to_owned()
+    };
+    format!(
+        "WARNING: {numbers}. The {of} of the residual have {size} µm RMS; in {REPLICAS} emulated measurements of the fitted motion \
+         the sensor alone leaves {limit} µm at most. THE MODEL DOES NOT EXPLAIN THE DATA: the plant obeys another law or has \
+         other known parameters. The values found are those that hide this best, not the plant's, and their standard errors say \
+         nothing about the distance to them.{}",
+        advice(fit)
+    )
+}
+
+/// What else may be sought: parameters that no current balance and no temperature can stand in for.
+fn advice(fit: &Fit<'_>) -> String {
+    let symbols: Vec<&str> = fit
+        .parameters
+        .iter()
+        .map(|parameter| parameter.symbol)
+        .collect();
+    let more: Vec<&str> = MECHANICAL
+        .into_iter()
+        .filter(|symbol| !symbols.contains(symbol))
+        .collect();
+    if more.is_empty() {
+        return String::new();
     }
+    format!(
+        " Damping (c) and stiffness (EA) can be sought too: `--parameters {}`.",
+        [symbols, more].concat().join(",")
+    )
 }
 
 /// True where a standard error is small enough to call the parameter determined.

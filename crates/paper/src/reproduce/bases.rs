@@ -1,6 +1,7 @@
 //! The scenario files that the experiments start from. They are part of the program, so it needs no checkout.
 
 use scenario::Scenario;
+use scenario::plant::Plant;
 
 use campaigns::sweep::plan::SweepPlan;
 use rig::setup::Setup;
@@ -48,6 +49,12 @@ pub(super) fn plants() -> SweepPlan {
     let setup = Setup::new(parse("plants.toml", text), catalogue())
         .from_file("plants.toml", text.to_owned());
     SweepPlan::new(&setup).expect("a test plays every plant")
+}
+
+/// A plant that no law has as its model: the first of [`plants`].
+pub(super) fn twin() -> Plant {
+    let case = plants().case(1).scenario();
+    case.expect("a test plays every plant").plant
 }
 
 fn parse(name: &str, text: &str) -> Scenario {

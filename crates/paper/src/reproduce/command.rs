@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::experiment::{Effort, Experiment, Kept};
 use super::quantity::Quantity;
 use super::result::ExperimentResult;
-use super::{material, page, response, robustness, sensitivity};
+use super::{cooling, material, page, response, ripple, robustness, sensitivity};
 use campaigns::campaign::{Campaign, FailedRun, Interrupted};
 use recording::run_folder::{RunFolder, WriteError, file};
 use runner::console::{Spinner, print, print_error};
@@ -25,13 +25,13 @@ const SEED: u64 = 0;
 /// Every experiment, in the order of the page.
 #[must_use]
 pub fn experiments(effort: Effort) -> Vec<Experiment> {
-    let rooms = [
-        material::experiments,
-        response::experiments,
-        robustness::experiments,
-        sensitivity::experiments,
-    ];
-    rooms.into_iter().flat_map(|room| room(effort)).collect()
+    let mut experiments = material::experiments(effort);
+    experiments.extend(cooling::experiments());
+    experiments.extend(response::experiments(effort));
+    experiments.push(ripple::experiment());
+    experiments.extend(robustness::experiments(effort));
+    experiments.extend(sensitivity::experiments(effort));
+    experiments
 }
 
 /// Arguments of `reproduce`.

@@ -3,12 +3,15 @@
 use std::path::Path;
 
 use scenario::Scenario;
-use scenario::controller::{Controller, Pid, SlidingMode, SlidingModePaper};
+use scenario::controller::{Controller, NominalModel, Pid, SlidingMode, SlidingModePaper};
 use scenario::events::Window;
 use scenario::expect::Expect;
+use scenario::plant::{Plant, StressStrain};
 
-use super::quantity::Quantity;
+use super::bases;
+use super::quantity::{Model, Paper, Quantity};
 use crate::identify::data::IdentificationData;
+use crate::identify::nominal_model::nominal_model;
 use campaigns::campaign;
 use judge::verdict::Verdict;
 use recording::timeline::Timeline;
@@ -163,6 +166,12 @@ impl ComparedLaw {
         }
     }
 
+    /// The same law on a plant that is not its model.
+    #[must_use]
+    pub fn on_twin(self) -> String {
+        format!("{}, another plant", self.name())
+    }
+
     /// The law with its shipped gains.
     fn controller(self) -> Controller {
         let none = Controller::default();
@@ -225,6 +234,21 @@ impl PlannedRun {
         laws.iter().map(run).collect()
     }
 
+    /// As [`PlannedRun::for_laws`] for all laws, and ours on another plant, which no limit is meant for.
+    #[must_use]
+    pub fn with_twin(base: &Scenario, keep: Keep) -> Vec<Self> {
+        let mut runs = Self::for_laws(base, &ComparedLaw::ALL, keep);
+        let law = ComparedLaw::SlidingMode;
+        let twin = Scenario {
+            plant: bases::twin(),
+            expect: Expect::default(),
+            name: format!("{}, another plant", base.name),
+            ..law.plays(base)
+        };
+        runs.push(Self::new(law.on_twin(), twin, keep));
+        runs
+    }
+
     /// Keeps of a recording what the experiment needs.
     #[must_use]
     pub fn keep(&self, played: &campaign::CampaignRun<'_>) -> Kept {
@@ -274,6 +298,34 @@ impl Signals {
 }
 
 impl Kept {
+    /// What the law's model has to do with the plant; none for laws without a model.
+    #[must_use]
+    pub fn model(&self) -> Option<Model> {
+        let controller = &self.scenario.controller;
+        let of_ours = controller
+            .sliding_mode
+            .as_ref()
+            .map(|law| &law.nominal_model);
+        let of_papers = controller
+            .sliding_mode_paper
+            .as_ref()
+            .map(|law| &law.nominal_model);
+        let model = of_ours.or(of_papers)?;
+        Some(if is_equal(model, &self.scenario.plant) {
+            Model::EqualsThePlant
+        } else {
+            Model::Differs
+        })
+    }
+
+    /// These metrics of its verdict, with what the law knows.
+    #[must_use]
+    pub fn numbers(&self, metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
+        let numbers = Quantity::from_verdict(&self.label, &self.verdict, metrics, paper);
+        let with_model = |number: Quantity| number.with_model(self.model());
+        numbers.into_iter().map(with_model).collect()
+    }
+
     /// A metric of its verdict.
     #[must_use]
     pub fn metric(&self, name: &str) -> Option<f64> {
@@ -324,17 +376,21 @@ impl Figure {
     /// Currents of these runs over time, the first on top.
     #[must_use]
     pub fn currents(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
-        let mut figure = Self::new(title, "A", "time (s)");
+        Self::new(title, "A", "time (s)").of_runs(runs, |signals| &signals.current_amperes)
+    }
+
+    /// Temperatures of the wire in these runs over time, the first on top.
+    #[must_use]
+    pub fn temperatures(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
+        Self::new(title, "°C", "time (s)").of_runs(runs, |signals| &signals.temperature_celsius)
+    }
+
+    fn of_runs(mut self, runs: &[(&Kept, Colour)], values: fn(&Signals) -> &Vec<f64>) -> Self {
         for (run, colour) in runs.iter().rev() {
-            let signals = &run.signals;
-            figure.line(
-                &run.label,
-                *colour,
-                &signals.time_seconds,
-                &signals.current_amperes,
-            );
+            let times = &run.signals.time_seconds;
+            self.line(&run.label, *colour, times, values(&run.signals));
         }
-        figure
+        self
     }
 
     /// Adds a curve over growing x.
@@ -361,11 +417,31 @@ impl Figure {
     }
 }
 
+/// Whether a model has the numbers of a plant, each of them, and its equations.
+fn is_equal(model: &NominalModel, plant: &Plant) -> bool {
+    plant.mechanics.stress_strain == StressStrain::AusteniteOnly && *model == nominal_model(plant)
+}
+
 /// A span of scenario time.
 #[must_use]
 pub fn span(from_seconds: f64, until_seconds: f64) -> Window {
     Window {
         from_seconds,
         until_seconds,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_equals_its_plant_in_every_number() {
+        let model = NominalModel::default();
+        assert!(is_equal(&model, &Plant::default()));
+        assert!(!is_equal(&model, &bases::twin()));
+        let mut plant = Plant::default();
+        plant.mechanics.stress_strain = StressStrain::Full;
+        assert!(!is_equal(&model, &plant));
     }
 }

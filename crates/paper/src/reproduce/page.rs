@@ -4,7 +4,7 @@ use comfy_table::{Cell, CellAlignment};
 use maud::{Markup, html};
 
 use super::experiment::{Effort, Figure, NumberTable};
-use super::quantity::Quantity;
+use super::quantity::{Model, Quantity};
 use super::result::ExperimentResult;
 use judge::verdict::Outcome;
 use report::page;
@@ -15,8 +15,9 @@ use report::terminal::{self, empty_table, limit, measured};
 const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on shape memory alloys actuators\", played on the emulated \
     actuator in virtual time: controller and plant exchange CAN frames in cycles of 1 ms with one cycle of delay, and every number is read from the \
     recording of that bus. The position is measured by a 10-bit converter over 60 mm, without noise where none is named. Where the paper gives no value \
-    (Young's moduli, inertia, damping, span of the sensor) it is assumed. The controller's model has the paper's identified values and \
-    never sees the plant's.";
+    (Young's moduli, inertia, damping, span of the sensor) it is assumed. The controller's model has the paper's identified values. So has the plant, where none is named: \
+    such rows say that the model equals the plant, number for number, and what they show is how well a law does that knows everything. Beside each of them \
+    stands our law on another plant, drawn at random, of which it knows nothing.";
 
 /// The page.
 #[must_use]
@@ -62,6 +63,7 @@ pub(crate) fn to_text(results: &[ExperimentResult]) -> String {
         "experiment",
         "quantity",
         "of",
+        "model",
         "paper",
         "target",
         "measured",
@@ -69,12 +71,12 @@ pub(crate) fn to_text(results: &[ExperimentResult]) -> String {
     ];
     let mut table = empty_table(header);
     for result in results {
-        let numbers = result.evaluation.numbers.iter();
-        for number in numbers.filter(|number| number.is_compared()) {
+        for number in result.headline() {
             table.add_row([
                 Cell::new(result.experiment.id),
                 Cell::new(number.name()),
                 Cell::new(&number.of),
+                Cell::new(number.model.map_or("", Model::word)),
                 Cell::new(number.paper.unwrap_or_default()),
                 Cell::new(limit(number.name(), number.metric.limit)),
                 Cell::new(measured(&number.metric)).set_alignment(CellAlignment::Right),
@@ -92,10 +94,10 @@ fn summary(results: &[ExperimentResult]) -> Markup {
         div.wide { table {
             thead { tr { th { "experiment" } (head()) } }
             tbody { @for result in results {
-                @let compared: Vec<&Quantity> = result.evaluation.numbers.iter().filter(|number| number.is_compared()).collect();
-                @for (place, number) in compared.iter().enumerate() { tr {
+                @let headline = result.headline();
+                @for (place, number) in headline.iter().enumerate() { tr {
                     @if place == 0 {
-                        td.name rowspan=(compared.len()) { a href=(format!("#{}", result.experiment.id)) { (result.experiment.title) } }
+                        td.name rowspan=(headline.len()) { a href=(format!("#{}", result.experiment.id)) { (result.experiment.title) } }
                     }
                     (cells(number))
                 } }
@@ -123,13 +125,14 @@ fn section(result: &ExperimentResult) -> Markup {
 }
 
 fn head() -> Markup {
-    html! { th { "quantity" } th { "of" } th.number { "paper" } th.number { "target" } th.number { "measured" } th { "result" } }
+    html! { th { "quantity" } th { "of" } th { "model" } th.number { "paper" } th.number { "target" } th.number { "measured" } th { "result" } }
 }
 
 fn cells(number: &Quantity) -> Markup {
     html! {
         td.name { (page::name(number.name())) }
         td { (number.of) }
+        td { (number.model.map_or("", Model::word)) }
         td.number { (number.paper.unwrap_or("–")) }
         td.number { @if number.metric.limit.is_some() { (limit(number.name(), number.metric.limit)) } @else { "–" } }
         td.number { (measured(&number.metric)) }

@@ -13,8 +13,32 @@ pub struct Quantity {
     /// What the paper says, in its words.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub paper: Option<&'static str>,
+    /// What the law's model has to do with the plant, where the law has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<Model>,
     /// What was measured, its target, and whether that is met.
     pub metric: Metric,
+}
+
+/// A law's nominal model beside the plant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Model {
+    /// It has the plant's numbers, each of them.
+    EqualsThePlant,
+    /// It has others, or the plant is of another kind.
+    Differs,
+}
+
+impl Model {
+    /// In a table.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::EqualsThePlant => "=\u{a0}plant",
+            Self::Differs => "≠\u{a0}plant",
+        }
+    }
 }
 
 /// What the paper says about metrics: by name.
@@ -32,6 +56,7 @@ impl Quantity {
         Self {
             of: of.into(),
             paper: None,
+            model: None,
             metric: Metric::new(name, value, target),
         }
     }
@@ -43,6 +68,12 @@ impl Quantity {
             paper: Some(paper),
             ..self
         }
+    }
+
+    /// The same number, of a law with this model.
+    #[must_use]
+    pub fn with_model(self, model: Option<Model>) -> Self {
+        Self { model, ..self }
     }
 
     /// These metrics of a verdict, in this order; those that the run does not have are left out. In a run that decides
@@ -58,6 +89,7 @@ impl Quantity {
             Self {
                 of: of.to_owned(),
                 paper: paper.map(|(_, text)| *text),
+                model: None,
                 metric,
             }
         };

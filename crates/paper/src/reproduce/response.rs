@@ -1,13 +1,15 @@
 //! How the closed loop responds: steps, sines, fan, load, and set-points that nobody can follow.
 
+use scenario::Scenario;
 use scenario::events::Window;
+use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{
     ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, span,
 };
 use super::families::at_frequency;
-use super::quantity::{Paper, Quantity, at_least};
+use super::quantity::{Model, Paper, Quantity, at_least};
 use report::plot::{Colour, Shape};
 
 /// Frequencies of the stepped sine. They are close to each other where the bandwidths lie.
@@ -52,11 +54,7 @@ fn step() -> Experiment {
         title: "Fig. 11: step of 25 mm from a warm hold",
         text: "10 mm are held for 10 s, then 35 mm are wanted. Settled means within ± 5 % of the step's height for good. The paper does not \
                say where its step starts; from cold no current up to 1 A lifts the load within 0.23 s.",
-        runs: PlannedRun::for_laws(
-            &bases::step(),
-            &ComparedLaw::ALL,
-            Keep::Signals(span(9.9, 11.5)),
-        ),
+        runs: PlannedRun::with_twin(&bases::step(), Keep::Signals(span(9.9, 11.5))),
         evaluate: |runs| {
             let paper = [
                 ("settling_time_seconds", "0.23 s"),
@@ -74,11 +72,7 @@ fn step_cold() -> Experiment {
         title: "Step of 25 mm from cold",
         text: "Without current until time 0, the wire at its 15 °C, then 25 mm are wanted. Until the load lifts, the position shows \
                nothing of the wire. The best that a search with full knowledge of the plant found is 0.39 s.",
-        runs: PlannedRun::for_laws(
-            &bases::step_cold(),
-            &ComparedLaw::ALL,
-            Keep::Signals(span(0.0, 2.0)),
-        ),
+        runs: PlannedRun::with_twin(&bases::step_cold(), Keep::Signals(span(0.0, 2.0))),
         evaluate: |runs| steps(runs, &[], Some(((0.5, f64::INFINITY), (23.75, 26.25)))),
     }
 }
@@ -88,16 +82,16 @@ fn infeasible() -> Experiment {
         id: "infeasible",
         title: "Recovery from set-points that cannot be followed",
         text: "A sine of 6 Hz and ± 20 mm, then 60 mm, which the stiffened wire cannot reach. Judged is the step to 25 mm after them.",
-        runs: PlannedRun::for_laws(
-            &bases::infeasible(),
-            &ComparedLaw::ALL,
-            Keep::Signals(span(4.5, 13.0)),
-        ),
+        runs: PlannedRun::with_twin(&bases::infeasible(), Keep::Signals(span(4.5, 13.0))),
         evaluate: |runs| steps(runs, &[], None),
     }
 }
 
-fn steps(runs: &[Kept], paper: &Paper, target: Option<((f64, f64), (f64, f64))>) -> Evaluation {
+pub(super) fn steps(
+    runs: &[Kept],
+    paper: &Paper,
+    target: Option<((f64, f64), (f64, f64))>,
+) -> Evaluation {
     let coloured = coloured(runs);
     let mut position = Figure::positions("Position", &coloured);
     position.target = target;
@@ -114,11 +108,7 @@ fn sine_20s() -> Experiment {
         title: "Fig. 12 (a): sine with a period of 20 s",
         text: "25 ± 10 mm; the error counts over the last three of four periods. The paper: \"despite a small oscillation around the \
                set-point, the system follows the reference with good accuracy\".",
-        runs: PlannedRun::for_laws(
-            &bases::sine_20s(),
-            &ComparedLaw::ALL,
-            Keep::Signals(span(65.0, 85.0)),
-        ),
+        runs: PlannedRun::with_twin(&bases::sine_20s(), Keep::Signals(span(65.0, 85.0))),
         evaluate: sine,
     }
 }
@@ -128,11 +118,7 @@ fn sine_5s() -> Experiment {
         id: "sine_5s",
         title: "Fig. 12 (b): sine with a period of 5 s",
         text: "As before, with a period of 5 s.",
-        runs: PlannedRun::for_laws(
-            &bases::sine_5s(),
-            &ComparedLaw::ALL,
-            Keep::Signals(span(25.0, 30.0)),
-        ),
+        runs: PlannedRun::with_twin(&bases::sine_5s(), Keep::Signals(span(25.0, 30.0))),
         evaluate: sine,
     }
 }
@@ -173,11 +159,20 @@ fn bandwidth(effort: Effort) -> Experiment {
         let runs = frequencies.map(|hertz| {
             let mut scenario = at_frequency(&base, hertz);
             // The limits of the file are those of its own frequency.
-            scenario.expect = scenario::expect::Expect::default();
+            scenario.expect = Expect::default();
             PlannedRun::new(law.name(), scenario, Keep::Verdict)
         });
         runs.collect::<Vec<_>>().into_iter().rev()
     };
+    let twin = bases::twin();
+    let of_twin = of_law(ComparedLaw::SlidingMode).map(|run| PlannedRun {
+        label: ComparedLaw::SlidingMode.on_twin(),
+        scenario: Scenario {
+            plant: twin.clone(),
+            ..run.scenario
+        },
+        ..run
+    });
     Experiment {
         id: "bandwidth",
         title: "Bandwidth: stepped sine of ± 10 mm",
@@ -185,7 +180,11 @@ fn bandwidth(effort: Effort) -> Experiment {
                position with that of the raw set-point, by least squares. The bandwidth is the last frequency before the gain \
                first falls below 0.708. Near its end the load cannot fall fast enough and hangs above the set-point, so the mean offset counts \
                too. The paper gives its cut-off frequencies without the amplitude.",
-        runs: ComparedLaw::ALL.into_iter().flat_map(of_law).collect(),
+        runs: ComparedLaw::ALL
+            .into_iter()
+            .flat_map(of_law)
+            .chain(of_twin)
+            .collect(),
         evaluate: responses,
     }
 }
@@ -193,6 +192,9 @@ fn bandwidth(effort: Effort) -> Experiment {
 /// The frequency response under one law.
 struct Response {
     law: ComparedLaw,
+    label: String,
+    colour: Colour,
+    model: Option<Model>,
     hertz: Vec<f64>,
     gain: Vec<f64>,
     phase_degrees: Vec<f64>,
@@ -200,12 +202,15 @@ struct Response {
 }
 
 impl Response {
-    fn new(law: ComparedLaw, runs: &[Kept]) -> Self {
-        let own = || runs.iter().filter(|run| run.label == law.name());
+    fn new(law: ComparedLaw, label: &str, colour: Colour, runs: &[Kept]) -> Self {
+        let own = || runs.iter().filter(|run| run.label == label);
         let values =
             |name: &'static str| own().map(move |run| run.metric(name).unwrap_or(f64::NAN));
         Self {
             law,
+            label: label.to_owned(),
+            colour,
+            model: own().next().and_then(Kept::model),
             hertz: own().filter_map(hertz).collect(),
             gain: values("sine_gain").collect(),
             phase_degrees: values("sine_phase_degrees").collect(),
@@ -226,7 +231,7 @@ impl Response {
     }
 
     fn numbers(&self) -> [Quantity; 3] {
-        let of = self.law.name();
+        let of = self.label.as_str();
         let value = |values: &[f64], place: Option<usize>| {
             let value = place.and_then(|place| values.get(place));
             value
@@ -236,6 +241,7 @@ impl Response {
         let bandwidth = value(&self.hertz, self.last_by_gain());
         let number = |target| Quantity::derived("bandwidth_hertz", of, bandwidth, target);
         let bandwidth = match self.law {
+            ComparedLaw::SlidingMode if of != self.law.name() => number(None),
             ComparedLaw::SlidingMode => number(at_least(2.5)).beside("0.69 Hz"),
             ComparedLaw::Pid => number(None).beside("0.37 Hz"),
             ComparedLaw::SlidingModePaper => number(None),
@@ -252,16 +258,24 @@ impl Response {
                 None,
             ),
         ]
+        .map(|number| number.with_model(self.model))
     }
 }
 
 fn responses(runs: &[Kept]) -> Evaluation {
-    let responses = ComparedLaw::ALL.map(|law| Response::new(law, runs));
+    let mut responses =
+        Vec::from(ComparedLaw::ALL.map(|law| Response::new(law, law.name(), law.colour(), runs)));
+    let ours = ComparedLaw::SlidingMode;
+    responses.push(Response::new(ours, &ours.on_twin(), Colour::True, runs));
     let figure = |title, unit, values: fn(&Response) -> &[f64]| {
         let mut figure = Figure::new(title, unit, "frequency (Hz)");
         for response in responses.iter().rev() {
-            let law = response.law;
-            figure.line(law.name(), law.colour(), &response.hertz, values(response));
+            figure.line(
+                &*response.label,
+                response.colour,
+                &response.hertz,
+                values(response),
+            );
         }
         figure
     };
@@ -307,11 +321,11 @@ const AROUND_SECONDS: (f64, f64) = (-1.0, 6.0);
 
 fn fan() -> Experiment {
     let (closed, open) = (bases::fan(), bases::fan_open_loop());
-    let window = |scenario: &scenario::Scenario| {
+    let window = |scenario: &Scenario| {
         let start = start(scenario);
         Keep::Signals(span(start + AROUND_SECONDS.0, start + AROUND_SECONDS.1))
     };
-    let mut runs = PlannedRun::for_laws(&closed, &ComparedLaw::ALL, window(&closed));
+    let mut runs = PlannedRun::with_twin(&closed, window(&closed));
     runs.push(PlannedRun::new("open loop", open.clone(), window(&open)));
     Experiment {
         id: "fan",
@@ -328,12 +342,8 @@ fn fan() -> Experiment {
                 &DISTURBANCE_METRICS,
                 &[("maximum_deviation_millimetres", "plot")],
             );
-            numbers.extend(Quantity::from_verdict(
-                &open.label,
-                &open.verdict,
-                &DISTURBANCE_METRICS[..1],
-                &[("maximum_deviation_millimetres", "plot")],
-            ));
+            let paper = [("maximum_deviation_millimetres", "plot")];
+            numbers.extend(open.numbers(&DISTURBANCE_METRICS[..1], &paper));
             let shown: Vec<(&Kept, Colour)> = coloured(closed);
             Evaluation {
                 numbers,
@@ -353,7 +363,7 @@ fn load() -> Experiment {
         id: "load",
         title: "Another load",
         text: "25 mm are held with 40 g; 10 g are added, and taken off again 5 s later. The deviation is the worse of both.",
-        runs: PlannedRun::for_laws(&base, &ComparedLaw::ALL, Keep::Signals(span(9.5, 17.0))),
+        runs: PlannedRun::with_twin(&base, Keep::Signals(span(9.5, 17.0))),
         evaluate: |runs| {
             let coloured = coloured(runs);
             Evaluation {
@@ -369,7 +379,7 @@ fn load() -> Experiment {
 }
 
 /// When the first disturbance begins.
-fn start(scenario: &scenario::Scenario) -> f64 {
+fn start(scenario: &Scenario) -> f64 {
     let windows = scenario.disturbance_windows();
     windows
         .first()
@@ -413,7 +423,7 @@ fn coloured(runs: &[Kept]) -> Vec<(&Kept, Colour)> {
         let law = ComparedLaw::ALL
             .into_iter()
             .find(|law| law.name() == run.label);
-        law.map_or(Colour::Wanted, ComparedLaw::colour)
+        law.map_or(Colour::True, ComparedLaw::colour)
     };
     runs.iter().map(|run| (run, colour(run))).collect()
 }
@@ -426,7 +436,7 @@ fn numbers(runs: &[Kept], metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
         } else {
             &[]
         };
-        Quantity::from_verdict(&run.label, &run.verdict, metrics, paper)
+        run.numbers(metrics, paper)
     };
     runs.iter().flat_map(of_run).collect()
 }
@@ -440,6 +450,9 @@ mod tests {
         let response = |gain: &[f64], offset: &[f64]| {
             let response = Response {
                 law: ComparedLaw::Pid,
+                label: "pid".to_owned(),
+                colour: Colour::Run(3),
+                model: None,
                 hertz: vec![0.5, 1.0, 2.0, 3.0],
                 gain: gain.to_vec(),
                 phase_degrees: Vec::new(),

@@ -17,4 +17,16 @@ impl ExperimentResult {
     pub(crate) fn holds(&self) -> bool {
         self.evaluation.numbers.iter().all(Quantity::holds)
     }
+
+    /// The quantities of which the paper or a target speaks, of every law and plant.
+    #[must_use]
+    pub(crate) fn headline(&self) -> Vec<&Quantity> {
+        let numbers = &self.evaluation.numbers;
+        let is_compared = |name: &str| {
+            let mut own = numbers.iter().filter(|number| number.name() == name);
+            own.any(Quantity::is_compared)
+        };
+        let headline = numbers.iter().filter(|number| is_compared(number.name()));
+        headline.collect()
+    }
 }

@@ -1,9 +1,10 @@
 //! `report.html`: one run on one page.
 //!
-//! The head, the verdict, `signals`, `checks`, `bus`, the events, the scenario, and how to make it again.
+//! The head, the verdict, `signals`, the `response` to chirps, `checks`, `bus`, the events, the scenario, and how to make it again.
 
 mod bus;
 mod checks;
+mod response;
 mod signals;
 
 use dbc::SignalMissing;
@@ -38,6 +39,7 @@ pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
         @else { (page::metrics(&run.verdict.metrics, run.verdict.outcome)) }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
         @else { (signals::section(run)) }
+        (response::section(run))
         (checks::section(run))
         (bus::section(&timing, run))
         (events(&run.timeline.events))

@@ -83,6 +83,9 @@ fn missing_piece(metric: &str, scenario: &Scenario) -> Option<&'static str> {
         {
             Some("a [[reference.sine]] of at least four periods")
         }
+        "bandwidth_hertz" if scenario.judged_chirps().is_empty() => {
+            Some("a [[reference.chirp]] of at least four turns")
+        }
         "maximum_deviation_millimetres" | "recovery_time_seconds"
             if !(scenario.disturbance_windows().iter())
                 .any(|disturbance| disturbance.window.from_seconds < end_seconds) =>

@@ -60,6 +60,15 @@ pub(super) fn reference_pieces(reference: &Reference) -> Vec<Piece> {
     }));
     let sines = reference.sine.iter().enumerate();
     pieces.extend(sines.map(|(index, sine)| Piece::from("sine", index, sine.from_seconds, None)));
+    let chirps = reference.chirp.iter().enumerate();
+    pieces.extend(chirps.map(|(index, chirp)| {
+        Piece::from(
+            "chirp",
+            index,
+            chirp.from_seconds,
+            Some(chirp.until_seconds),
+        )
+    }));
     let tables = reference.table.iter().enumerate();
     pieces
         .extend(tables.map(|(index, table)| Piece::from("table", index, table.from_seconds, None)));
@@ -74,6 +83,9 @@ pub(super) fn current_pieces(open_loop: &OpenLoop) -> Vec<Piece> {
     pieces.extend(ramps.map(|(index, ramp)| {
         Piece::from("ramp", index, ramp.from_seconds, Some(ramp.until_seconds))
     }));
+    let tables = open_loop.table.iter().enumerate();
+    pieces
+        .extend(tables.map(|(index, table)| Piece::from("table", index, table.from_seconds, None)));
     pieces
 }
 

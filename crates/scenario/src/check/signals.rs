@@ -189,7 +189,7 @@ pub(crate) fn read_courses(
         let file = format!("{path}.follows.file");
         let column = course.column_for(&check.name).to_owned();
         let rows = read_beside(document, &file, &course.file, read_table)
-            .and_then(|text| table::parse_column(&course.file, &text, &column));
+            .and_then(|text| table::parse_course(&course.file, &text, &column));
         match rows {
             Ok(rows) => course.rows = rows,
             Err(problem) => {

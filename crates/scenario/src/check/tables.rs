@@ -1,26 +1,53 @@
-//! Reads the tables that a scenario names.
+//! Reads the files that a scenario names.
 
 use std::io;
 
+use crate::controller::{Controller, NominalModel};
 use crate::document::Document;
 use crate::error::Problem;
-use crate::reference::Table;
+use crate::reference::Reference;
 use crate::table::{self, ReadTable};
 
-/// Reads the tables of the set-point into their rows.
+/// Reads the tables of the set-point and of the current into their rows, and the nominal model into its place.
 pub(crate) fn read_tables(
     document: &Document<'_>,
-    tables: &mut [Table],
+    reference: &mut Reference,
+    controller: &mut Controller,
     read_table: ReadTable<'_>,
 ) -> Vec<Problem> {
     let mut problems = Vec::new();
-    for (index, entry) in tables.iter_mut().enumerate() {
+    for (index, entry) in reference.table.iter_mut().enumerate() {
         let path = format!("reference.table.{index}.file");
         let rows = read_beside(document, &path, &entry.file, read_table)
             .and_then(|text| table::parse(&entry.file, &text));
         match rows {
             Ok(rows) => entry.rows = rows,
             Err(problem) => problems.push(problem),
+        }
+    }
+    let currents = controller
+        .open_loop
+        .iter_mut()
+        .flat_map(|open_loop| &mut open_loop.table);
+    for (index, entry) in currents.enumerate() {
+        let path = format!("controller.open_loop.table.{index}.file");
+        let rows = read_beside(document, &path, &entry.file, read_table)
+            .and_then(|text| table::parse_current(&entry.file, &text, &entry.column));
+        match rows {
+            Ok(rows) => entry.rows = rows,
+            Err(problem) => problems.push(problem),
+        }
+    }
+    if let Some(law) = &mut controller.sliding_mode
+        && let Some(file) = &law.nominal_model_file
+    {
+        let path = "controller.sliding_mode.nominal_model_file";
+        let model = read_beside(document, path, file, read_table)
+            .map_err(|problem| vec![problem])
+            .and_then(|text| NominalModel::from_file_text(file, &text));
+        match model {
+            Ok(model) => law.nominal_model = model,
+            Err(found) => problems.extend(found),
         }
     }
     problems

@@ -1,0 +1,110 @@
+//! Gain, phase and offset of the position against the set-point over the frequency of each chirp.
+
+use recording::timeline::Timeline;
+use rig::setup::Setup;
+use scenario::events::{JudgedChirp, Window};
+
+use crate::circumstances::Circumstances;
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue};
+use crate::harmonic::Harmonic;
+use crate::sine::phase_between;
+
+/// Most points of one chirp.
+const POINTS_MAX: f64 = 100.0;
+/// The gain at which the bandwidth ends: −3 dB.
+pub const CUT_OFF_GAIN: f64 = 0.708;
+
+/// How the loop responds to one chirp, from the lowest frequency on.
+pub type FrequencyResponse = Vec<FrequencyPoint>;
+
+/// How the loop responds about one frequency.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrequencyPoint {
+    /// The frequency in the middle of the turns that count.
+    pub hertz: f64,
+    /// Amplitude of the position divided by that of the set-point.
+    pub gain: f64,
+    /// Phase of the position minus that of the set-point, from −270 to 90.
+    pub phase_degrees: f64,
+    /// Mean of the position minus that of the set-point.
+    pub offset_millimetres: f64,
+}
+
+/// The response to each chirp of the scenario; where the drive was silent, points are missing.
+#[must_use]
+pub fn frequency_responses(timeline: &Timeline, setup: &Setup) -> Vec<FrequencyResponse> {
+    let circumstances = Circumstances::default();
+    let evidence = Evidence::new(timeline, setup, &circumstances);
+    let chirps = setup.scenario.judged_chirps();
+    chirps
+        .iter()
+        .map(|chirp| response(&evidence, chirp).flatten().collect())
+        .map(sorted)
+        .collect()
+}
+
+/// The last frequency before the gain first falls below the cut-off; of several chirps the lowest.
+pub(crate) fn bandwidth(evidence: &Evidence<'_>) -> Measurement {
+    let chirps = evidence.scenario.judged_chirps();
+    let bandwidths = chirps.iter().map(|chirp| {
+        let points = response(evidence, chirp).collect::<Result<Vec<_>, _>>()?;
+        last_before_cut_off(&sorted(points))
+    });
+    let lowest = bandwidths.reduce(|left, right| Ok(left?.min(right?)));
+    lowest.map_or_else(
+        || Measurement::Meaningless("no chirp of at least four turns in the scenario".to_owned()),
+        Into::into,
+    )
+}
+
+fn last_before_cut_off(points: &[FrequencyPoint]) -> MetricValue {
+    let is_above = |point: &&FrequencyPoint| point.gain >= CUT_OFF_GAIN;
+    let above = points.iter().take_while(is_above);
+    let last = above.last().map(|point| point.hertz);
+    last.ok_or_else(|| {
+        format!("the gain is below {CUT_OFF_GAIN} from the lowest frequency on").into()
+    })
+}
+
+fn sorted(mut points: FrequencyResponse) -> FrequencyResponse {
+    points.sort_by(|left, right| left.hertz.total_cmp(&right.hertz));
+    points
+}
+
+/// The points in the order of time: all whole turns but the first, in parts of equally many.
+fn response(
+    evidence: &Evidence<'_>,
+    chirp: &JudgedChirp,
+) -> impl Iterator<Item = Result<FrequencyPoint, Absence>> {
+    let turns_each = libm::ceil((chirp.turns - 1.0) / POINTS_MAX);
+    let firsts = std::iter::successors(Some(1.0), move |first| Some(first + turns_each));
+    firsts
+        .take_while(move |first| first + turns_each <= chirp.turns)
+        .map(move |first| point(evidence, chirp, first, first + turns_each))
+}
+
+fn point(
+    evidence: &Evidence<'_>,
+    chirp: &JudgedChirp,
+    first: f64,
+    end: f64,
+) -> Result<FrequencyPoint, Absence> {
+    let at = |turns: f64| chirp.from_seconds + chirp.sweep.seconds_at(turns);
+    let window = Window {
+        from_seconds: at(first),
+        until_seconds: at(end),
+    };
+    let samples = evidence.seen(window)?.map(|sample| {
+        let phase = chirp.sweep.at(sample.time_seconds - chirp.from_seconds);
+        (phase.radians(), sample.position_millimetres)
+    });
+    let position = Harmonic::fit_phases(samples)
+        .ok_or_else(|| Absence::from("too few positions for a turn of the chirp"))?;
+    let middle = chirp.sweep.seconds_at(0.5 * (first + end));
+    Ok(FrequencyPoint {
+        hertz: chirp.sweep.at(middle).hertz(),
+        gain: position.amplitude() / chirp.amplitude_millimetres,
+        phase_degrees: phase_between(0.0, position.phase_degrees()),
+        offset_millimetres: position.mean - chirp.centre_millimetres,
+    })
+}

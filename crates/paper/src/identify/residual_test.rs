@@ -1,0 +1,91 @@
+//! Does the sensor alone explain the residual?
+//!
+//! A wrong model shows in the residual's size, or in neighbours that deviate together. So the residual is averaged over
+//! spans of several lengths, and each average's size is compared with those that the sensor leaves in emulated
+//! measurements of the fitted motion. Where the model is right, the measurement is one more of them: that it exceeds all
+//! `n` others at one length has a probability of `1 / (n + 1)`.
+
+use serde::Serialize;
+
+use super::data::IdentificationData;
+use super::fit::rms;
+
+/// Spans over which the residual is averaged; the first is shorter than the distance of two positions.
+const SPANS_SECONDS: [f64; 3] = [0.0, 0.25, 1.0];
+
+/// The residual's size at one length of averages, beside the sensor's.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ResidualTest {
+    /// Length of the averages; 0 for single positions.
+    pub averaged_seconds: f64,
+    /// RMS of the averages of the residual.
+    pub residual_metres_rms: f64,
+    /// The largest RMS that the sensor alone left.
+    pub sensor_metres_rms_max: f64,
+}
+
+impl ResidualTest {
+    /// Tests a residual of all recordings, one after the other, at every length. `sensor` has the residual that each of the
+    /// emulated measurements leaves after a fit.
+    #[must_use]
+    pub fn all(
+        measurements: &[IdentificationData],
+        residual: &[f64],
+        sensor: &[Vec<f64>],
+    ) -> Vec<Self> {
+        let times: Vec<&[f64]> = measurements
+            .iter()
+            .map(|measurement| &measurement.times_seconds[..])
+            .collect();
+        let test = |averaged_seconds: f64| {
+            let size = |values: &[f64]| rms(&averages(&times, values, averaged_seconds));
+            Self {
+                averaged_seconds,
+                residual_metres_rms: size(residual),
+                sensor_metres_rms_max: sensor.iter().map(|one| size(one)).fold(0.0, f64::max),
+            }
+        };
+        SPANS_SECONDS.map(test).to_vec()
+    }
+
+    /// How many times larger the residual is than the sensor's largest.
+    #[must_use]
+    pub fn excess(&self) -> f64 {
+        self.residual_metres_rms / self.sensor_metres_rms_max
+    }
+}
+
+/// Means over spans that begin with each recording. `times` has the times of the values, recording by recording.
+fn averages(times: &[&[f64]], values: &[f64], span_seconds: f64) -> Vec<f64> {
+    let mut rest = values;
+    let mut averages = Vec::new();
+    for times in times {
+        let (mut own, after) = rest.split_at(times.len());
+        rest = after;
+        let mut times = *times;
+        while let Some(start) = times.first() {
+            let count = times
+                .partition_point(|time| *time < start + span_seconds)
+                .max(1);
+            let (mean, later) = own.split_at(count);
+            #[expect(clippy::cast_precision_loss, reason = "some hundred positions")]
+            averages.push(mean.iter().sum::<f64>() / count as f64);
+            (own, times) = (later, &times[count..]);
+        }
+    }
+    averages
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_span_ends_with_its_recording() {
+        let (first, second): (&[f64], &[f64]) = (&[0.0, 0.1, 0.2], &[5.0, 5.1]);
+        let values = [1.0, 3.0, 5.0, 7.0, 9.0];
+        assert_eq!(averages(&[first, second], &values, 0.0), values);
+        assert_eq!(averages(&[first, second], &values, 0.15), [2.0, 5.0, 8.0]);
+        assert_eq!(averages(&[first, second], &values, 1.0), [3.0, 8.0]);
+    }
+}

@@ -1,0 +1,56 @@
+//! The section of a run with chirps: gain, phase and offset over frequency.
+
+use judge::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_responses};
+use maud::{Markup, html};
+
+use crate::plot::{Colour, Plot, Shape};
+use crate::run::Run;
+
+/// A curve over frequency: its title, its unit, and what it shows.
+type Curve = (&'static str, &'static str, fn(&FrequencyPoint) -> f64);
+
+const CURVES: [Curve; 3] = [
+    ("Gain", "", |point| point.gain),
+    ("Phase", "°", |point| point.phase_degrees),
+    ("Mean offset from the set-point", "mm", |point| {
+        point.offset_millimetres
+    }),
+];
+
+pub(super) fn section(run: &Run<'_>) -> Markup {
+    let responses = frequency_responses(run.timeline, run.setup);
+    let points = || responses.iter().flatten();
+    html! {
+        @if points().next().is_some() {
+            h2 { "Frequency response" }
+            p.soft { "Position against set-point, by the turns of the chirp. Bandwidth is where the gain first falls below " (CUT_OFF_GAIN) "." }
+            div.plots.even { @for curve in CURVES { (drawn(curve, &responses)) } }
+            details { summary { "as numbers" } div.wide { table {
+                thead { tr { th.number { "Hz" } th.number { "gain" } th.number { "phase (°)" } th.number { "offset (mm)" } } }
+                tbody { @for point in points() { tr {
+                    td.number { (format!("{:.3}", point.hertz)) }
+                    td.number { (format!("{:.3}", point.gain)) }
+                    td.number { (format!("{:.1}", point.phase_degrees)) }
+                    td.number { (format!("{:.3}", point.offset_millimetres)) }
+                } } }
+            } } }
+        }
+    }
+}
+
+fn drawn((title, unit, value): Curve, responses: &[FrequencyResponse]) -> Markup {
+    let axes: Vec<(Vec<f64>, Vec<f64>)> = responses
+        .iter()
+        .map(|points| {
+            let hertz = points.iter().map(|point| point.hertz);
+            (hertz.collect(), points.iter().map(value).collect())
+        })
+        .collect();
+    let mut plot = Plot::over_time(title, unit);
+    plot.x_label = "frequency (Hz)";
+    for (number, (hertz, values)) in axes.iter().enumerate() {
+        let label = format!("chirp {}", number + 1);
+        plot.draw(label, Colour::Run(number), Shape::Line, hertz, values);
+    }
+    plot.render()
+}

@@ -1,0 +1,124 @@
+//! The phase of a sine whose frequency moves from one value to another.
+
+use std::f64::consts::TAU;
+
+/// A frequency that moves over time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrequencySweep {
+    /// Frequency at the start.
+    pub from_hertz: f64,
+    /// Frequency at the end; another one.
+    pub until_hertz: f64,
+    /// How long it takes.
+    pub duration_seconds: f64,
+    /// Whether equal times multiply the frequency by equal factors; else they add equal parts.
+    pub is_logarithmic: bool,
+}
+
+/// How far a swept sine has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SweptPhase {
+    /// Whole and begun turns since the start.
+    pub turns: f64,
+    /// Derivatives of the phase in radians by time: the angular frequency, its slope, the slope of that.
+    pub(crate) derivatives: [f64; 3],
+}
+
+impl SweptPhase {
+    /// The phase within one turn, which keeps its accuracy in long runs.
+    #[must_use]
+    pub fn radians(&self) -> f64 {
+        TAU * (self.turns - libm::floor(self.turns))
+    }
+
+    /// The frequency.
+    #[must_use]
+    pub fn hertz(&self) -> f64 {
+        self.derivatives[0] / TAU
+    }
+}
+
+impl FrequencySweep {
+    /// The phase after a time.
+    #[must_use]
+    pub fn at(&self, elapsed_seconds: f64) -> SweptPhase {
+        let (from, until) = (self.from_hertz, self.until_hertz);
+        if self.is_logarithmic {
+            let rate = libm::log(until / from) / self.duration_seconds;
+            let hertz = from * libm::exp(rate * elapsed_seconds);
+            SweptPhase {
+                turns: (hertz - from) / rate,
+                derivatives: [TAU * hertz, TAU * hertz * rate, TAU * hertz * rate * rate],
+            }
+        } else {
+            let slope = (until - from) / self.duration_seconds;
+            let hertz = from + slope * elapsed_seconds;
+            SweptPhase {
+                turns: 0.5 * (from + hertz) * elapsed_seconds,
+                derivatives: [TAU * hertz, TAU * slope, 0.0],
+            }
+        }
+    }
+
+    /// The time after which it has come so far.
+    #[must_use]
+    pub fn seconds_at(&self, turns: f64) -> f64 {
+        let (from, until) = (self.from_hertz, self.until_hertz);
+        if self.is_logarithmic {
+            let rate = libm::log(until / from) / self.duration_seconds;
+            libm::log(1.0 + turns * rate / from) / rate
+        } else {
+            // The root of from t + slope t² / 2 = turns that grows with the turns, without a difference of near numbers.
+            let slope = (until - from) / self.duration_seconds;
+            2.0 * turns / (from + libm::sqrt((from * from + 2.0 * slope * turns).max(0.0)))
+        }
+    }
+
+    /// All turns.
+    #[must_use]
+    pub fn turns(&self) -> f64 {
+        self.at(self.duration_seconds).turns
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sweeps() -> impl Iterator<Item = FrequencySweep> {
+        let ends = [(0.1, 5.0), (5.0, 0.1)];
+        let kinds = [false, true].into_iter();
+        kinds.flat_map(move |is_logarithmic| {
+            ends.map(|(from_hertz, until_hertz)| FrequencySweep {
+                from_hertz,
+                until_hertz,
+                duration_seconds: 40.0,
+                is_logarithmic,
+            })
+        })
+    }
+
+    #[test]
+    fn both_ends_are_met_and_the_turns_are_the_area_below_the_frequency() {
+        for sweep in sweeps() {
+            let end = sweep.at(sweep.duration_seconds);
+            assert!((sweep.at(0.0).hertz() - sweep.from_hertz).abs() < 1e-12);
+            assert!((end.hertz() - sweep.until_hertz).abs() < 1e-12);
+            let step = 1e-3;
+            let area: f64 = (0..40_000)
+                .map(|place| step * sweep.at(step * (f64::from(place) + 0.5)).hertz())
+                .sum();
+            assert!((area - end.turns).abs() < 1e-4, "{area} {end:?}");
+        }
+    }
+
+    #[test]
+    fn the_time_of_a_turn_is_when_it_is_complete() {
+        for sweep in sweeps() {
+            for turns in [0.0, 1.0, 17.0, 0.999 * sweep.turns()] {
+                let found = sweep.at(sweep.seconds_at(turns)).turns;
+                assert!((found - turns).abs() < 1e-9, "{found} {turns}");
+            }
+        }
+    }
+}
