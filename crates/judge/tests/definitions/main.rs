@@ -29,7 +29,7 @@ fn verdict(drawn: &Drawn) -> Verdict {
     let scenario =
         scenario.unwrap_or_else(|error| panic!("{:?}\n{}", error.problems(), drawn.text()));
     let setup = Setup::new(scenario, &Catalogue::shipped());
-    let timeline = decode(&drawn.stamped(), &setup).unwrap();
+    let timeline = decode(drawn.stamped(), &setup).unwrap();
     judge(&timeline, &setup, &Circumstances::default())
 }
 
