@@ -675,7 +675,7 @@ fn beside_a_stall(
     let is_missed = |cycle| missed.contains(&cycle);
     let position = |cycle| (!is_missed(cycle)).then(|| position(f64::from(cycle) / 1e3));
     let setup = Setup::new(scenario(added), &Catalogue::shipped());
-    let timeline = decode(&frames(4000, position), &setup).unwrap();
+    let timeline = decode(frames(4000, position), &setup).unwrap();
     // The scenario begins at 1 ms.
     let (from, until) = (
         Duration::from_millis(1 + stall.0),
@@ -757,7 +757,7 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
 #[test]
 fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
     let setup = Setup::new(scenario(""), &Catalogue::shipped());
-    let timeline = decode(&frames(2000, |_| Some(10.0)), &setup).unwrap();
+    let timeline = decode(frames(2000, |_| Some(10.0)), &setup).unwrap();
     let judged = |by| {
         let circumstances = Circumstances {
             ended_early: Some(EarlyEnd {

@@ -1,5 +1,5 @@
 //! What becomes of memory that was freed.
-#![expect(unsafe_code, reason = "mallopt has no safe wrapper")]
+#![expect(unsafe_code, reason = "mallopt and malloc_trim have no safe wrapper")]
 
 /// Larger blocks come from the system one by one and go back to it at once.
 const BLOCK_BYTES_MAX: i32 = 8 << 20;
@@ -22,4 +22,13 @@ pub fn keep_freed() {
         // SAFETY: changes how blocks are handed out from now on; those that are out stay valid.
         unsafe { libc::mallopt(parameter, bytes) };
     }
+}
+
+/// Gives the system back what was freed, when no run is to follow that would use it.
+pub(crate) fn return_freed() {
+    // SAFETY: only blocks that nobody uses go back.
+    #[cfg(target_env = "gnu")]
+    unsafe {
+        libc::malloc_trim(0)
+    };
 }

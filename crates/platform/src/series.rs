@@ -16,13 +16,14 @@ use bytemuck::{Pod, cast_slice, cast_slice_mut};
 use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap, munmap};
 
 use crate::clock::sleep;
+use crate::memory::return_freed;
 
 /// So many values stay in memory: two minutes of a signal at 1 kHz.
 pub const KEPT_MAX: usize = 1 << 17;
 /// Values that go to the file at once. A block of zeros takes no room there.
 const BLOCK: usize = 1 << 13;
-/// How often the pages of files that were read go back to the system. Reading takes about 10 MB in that time.
-const RETURN_PERIOD: Duration = Duration::from_millis(2);
+/// How often the pages of files that were read go back to the system. Reading takes a few MB in that time.
+const RETURN_PERIOD: Duration = Duration::from_millis(1);
 
 /// A series that grows.
 #[derive(Debug)]
@@ -191,6 +192,7 @@ impl<T: Pod> SeriesWriter<T> {
             return Ok(Vec::new().into());
         };
         let mapping = Mapping::new(file, self.filed * size_of::<T>())?;
+        return_freed();
         Ok(Series {
             length: self.filed,
             values: Values::Filed(Arc::new(mapping)),

@@ -194,7 +194,7 @@ mod tests {
         ends.dedup();
         assert_eq!(ends.len(), 4);
         let bytes = fs::read(&path).unwrap();
-        for length in 0..bytes.len() {
+        for length in 1..bytes.len() {
             fs::write(&path, &bytes[..length]).unwrap();
             let cut = Log::read(&path).unwrap();
             let length = u64::try_from(length).unwrap();

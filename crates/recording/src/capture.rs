@@ -218,3 +218,51 @@ impl<'a> Capture<'a> {
         Ok((frames, self.unrecorded))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::CanFrame;
+    use dbc::Database;
+    use scenario::Scenario;
+
+    fn frame(number: usize) -> Stamped {
+        // One identifier comes once only, at the beginning.
+        let id = if number == 3 { 0x081 } else { 0x190 };
+        let micros = u64::try_from(number).unwrap();
+        Stamped::new(Duration::from_micros(micros), CanFrame::new(id, &[1]))
+    }
+
+    #[test]
+    fn of_a_long_run_memory_has_the_latest_frames_and_the_log_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = "schema = 1\nname = \"c\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let scenario = Scenario::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
+        let database = Database::shipped();
+        let watch = Watch::default();
+        let mut capture = Capture::new(
+            BusLog::create(folder.path().join("bus.log.zst")).unwrap(),
+            ProgressReader::new(&scenario, database).unwrap(),
+            ScenarioClock::new(database).unwrap(),
+            &watch,
+            Vec::new(),
+        );
+        let (count, part) = (5 * KEPT_MAX, KEPT_MAX / 8);
+        let (mut seen, mut heard) = (0, 0);
+        for begin in (0..count).step_by(part) {
+            (begin..begin + part).for_each(|number| capture.record(frame(number)));
+            capture.flush().unwrap();
+            for stamped in capture.since(&mut seen) {
+                assert_eq!(*stamped, frame(heard));
+                heard += 1;
+            }
+            assert!(capture.frames().len() <= 2 * KEPT_MAX);
+            assert_eq!(capture.frames().last(), Some(&frame(begin + part - 1)));
+        }
+        assert_eq!(heard, count);
+        assert!(capture.frames().contains(&frame(3)));
+        let (frames, _) = capture.finish().unwrap();
+        assert_eq!(frames.len(), count);
+        assert!(frames.iter().eq((0..count).map(frame)));
+    }
+}

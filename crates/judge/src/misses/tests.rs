@@ -167,7 +167,7 @@ proptest! {
         let last = u32::try_from(cycles.len()).unwrap();
         prop_assume!(faults.iter().all(|(_, until)| *until < last));
         let setup = setup(cycles.len(), &faults, &external);
-        let timeline = decode(&frames(&cycles), &setup).unwrap();
+        let timeline = decode(frames(&cycles), &setup).unwrap();
         let circumstances = Circumstances {
             stalls: held.iter().map(|held| held.stall()).collect(),
             ..Circumstances::default()
@@ -190,7 +190,7 @@ fn who_left_out_what_is_named_with_its_share_and_its_first_time() {
         Cycle::WithoutSync,
     );
     let setup = setup(100, &[], &External::default());
-    let timeline = decode(&frames(&cycles), &setup).unwrap();
+    let timeline = decode(frames(&cycles), &setup).unwrap();
     let misses = Misses::new(&timeline, &setup, &Circumstances::default());
     let reason = "controller: no SYNC in 1.00 % of the cycles, first at 0.500 s; \
         drive: no position in 2.00 % of the cycles, first at 0.070 s (limit 1 %)";
@@ -204,7 +204,7 @@ fn who_left_out_what_is_named_with_its_share_and_its_first_time() {
 #[test]
 fn the_end_of_a_run_is_the_machines_only_if_it_stood_still_for_half_of_the_silence() {
     let setup = setup(100, &[], &External::default());
-    let timeline = decode(&frames(&[Cycle::Served; 40]), &setup).unwrap();
+    let timeline = decode(frames(&[Cycle::Served; 40]), &setup).unwrap();
     let excused = |silence_seconds: f64, held: &[(i64, u32)]| {
         let end = EarlyEnd {
             by: EndedBy::Node,

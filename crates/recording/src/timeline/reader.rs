@@ -339,6 +339,22 @@ mod tests {
         assert_eq!(samples, [(0.0, 1.0), (0.001, 2.0), (0.0027, 9.0)]);
     }
 
+    #[test]
+    fn pieces_have_all_rows_and_events_once() {
+        let (setup, frames) = two_cycles();
+        let timeline = decode(&frames, &setup).unwrap();
+        let [first, second] = [0..1, 1..2].map(|rows| timeline.piece(rows));
+        assert_eq!(
+            (first.position(), second.position()),
+            (&[1.0][..], &[2.0][..])
+        );
+        assert_eq!((first.cycle[0], second.cycle[0]), (0, 1));
+        let events = [first.events, second.events].concat();
+        assert!(!events.is_empty());
+        assert_eq!(events, timeline.events);
+        assert_eq!(timeline.piece(0..2).events, timeline.events);
+    }
+
     /// Two are served, two never begin, and the last has no position.
     #[test]
     fn three_cycles_of_five_are_missed() {

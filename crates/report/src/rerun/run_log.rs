@@ -368,7 +368,7 @@ impl Rows {
     }
 
     /// The least and the largest value of so many rows each, where they are not those before.
-    fn extremes(values: &[f64], count: usize) -> Self {
+    pub(super) fn extremes(values: &[f64], count: usize) -> Self {
         let mut rows: Vec<usize> = Vec::new();
         let mut held = f64::NAN;
         for (part, begin) in values.chunks(count).zip((0..).step_by(count)) {

@@ -282,3 +282,45 @@ fn the_file_is_complete_or_not_there() {
     let written = write(&path, &run(&setup(), &frames, &timeline, &verdict));
     assert!(written.is_err() && fs::read(&path).unwrap() == bytes);
 }
+
+/// A peak of one row is there, a value that holds is there once, and its last row says until when.
+#[test]
+fn of_a_long_run_the_extremes_of_each_stretch_are_kept() {
+    let mut values = vec![f64::NAN; 10];
+    values.extend([1.0; 40]);
+    values[23] = 9.0;
+    values[27] = -9.0;
+    assert_eq!(
+        Rows::extremes(&values, 10),
+        Rows::Changes(vec![10, 23, 27, 30, 49])
+    );
+    assert_eq!(Rows::extremes(&[f64::NAN; 3], 2), Rows::Changes(Vec::new()));
+}
+
+#[test]
+fn a_long_run_is_thinned_and_keeps_its_peaks_its_events_and_its_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    let (frames, timeline, verdict) = made_up_run();
+    let setup = setup();
+    let run = Run {
+        is_long: true,
+        ..run(&setup, &frames, &timeline, &verdict)
+    };
+    write(&path, &run).unwrap();
+    let series = scalars(&path);
+    let position = &series["/position/position_millimetres"];
+    assert!(position.len() < timeline.cycle.len() / 10, "{position:?}");
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(f64::NAN, f64::max);
+    assert_eq!(
+        largest(&mut position.iter().map(|row| row.2)),
+        largest(&mut timeline.position().iter().copied())
+    );
+    let (whole, ..) = written();
+    let texts = |path: &Path| {
+        let chunks = chunks(path).into_iter();
+        let events = chunks.filter(|chunk| chunk.entity_path().to_string() == "/events");
+        events.map(|chunk| chunk.num_rows()).sum::<usize>()
+    };
+    assert_eq!(texts(&path), texts(&whole.path().join("run.rrd")));
+}
