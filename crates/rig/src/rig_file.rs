@@ -53,20 +53,20 @@ pub enum RigError {
         source: io::Error,
     },
     /// Rig file and EDS do not fit each other.
-    #[error("{}: the drive cannot be led", rig.display())]
+    #[error("{}: {reason}", rig.display())]
     Drive {
         /// The rig file.
         rig: PathBuf,
         /// Why.
-        source: Box<DriveError>,
+        reason: Box<DriveError>,
     },
     /// Frames of the drive would be taken for another node's.
-    #[error("{}: the drive's frames and another node's have the same identifier", rig.display())]
+    #[error("{}: the drive's frames and another node's have the same identifier: {reason}", rig.display())]
     Identifier {
         /// The rig file.
         rig: PathBuf,
         /// Which.
-        source: DbcError,
+        reason: DbcError,
     },
 }
 
@@ -122,13 +122,13 @@ impl LoadedRig {
             .and_then(|dictionary| {
                 DriveLayout::new(dictionary, &file.drive, file.limits.current_amperes)
             })
-            .map_err(|source| RigError::Drive {
+            .map_err(|reason| RigError::Drive {
                 rig: path.to_owned(),
-                source: Box::new(source),
+                reason: Box::new(reason),
             })?;
-        let database = database(&file, &drive).map_err(|source| RigError::Identifier {
+        let database = database(&file, &drive).map_err(|reason| RigError::Identifier {
             rig: path.to_owned(),
-            source,
+            reason,
         })?;
         Ok(Self {
             path: path.to_owned(),
