@@ -1,7 +1,10 @@
-//! ASAM MDF 4.10: all signals over time, one row a cycle, as floating-point numbers.
+//! ASAM MDF 4.10: all signals over time, one row a cycle, as floating-point numbers, and all frames as bus logging.
+
+mod bus;
 
 use std::time::Duration;
 
+use recording::log::Stamped;
 use recording::timeline::Timeline;
 
 /// Where the header block has its place.
@@ -13,42 +16,61 @@ const FIXED_LENGTH: u8 = 0;
 const MASTER: u8 = 2;
 const NO_SYNC: u8 = 0;
 const TIME: u8 = 1;
+const UNSIGNED_LITTLE_ENDIAN: u8 = 0;
 const FLOAT_LITTLE_ENDIAN: u8 = 4;
+const BYTES: u8 = 10;
 const VALUE_BYTES: u32 = 8;
+/// Between the parts of a channel's name.
+const PATH_SEPARATOR: u16 = b'.' as u16;
 
 /// The file. Time 0 is that of the scenario; `start` is when that was, since the beginning of 1970. Where a signal has
 /// no value it is NaN.
 #[must_use]
-pub fn to_mf4(timeline: &Timeline, start: Duration) -> Vec<u8> {
+pub fn to_mf4(timeline: &Timeline, frames: &[Stamped], start: Duration) -> Vec<u8> {
     let mut file = Mf4File::new();
-    let mut signals = vec![
-        ("time", "s", &timeline.time_seconds),
-        (
-            "set_point_millimetres",
-            "mm",
-            &timeline.set_point_millimetres,
-        ),
-    ];
-    let columns = timeline.columns.iter();
-    signals
-        .extend(columns.map(|column| (column.name.as_str(), column.unit.as_str(), &column.values)));
-    let data = file.data(
-        &signals
-            .iter()
-            .map(|signal| signal.2.as_slice())
-            .collect::<Vec<_>>(),
-    );
-    let mut next = 0;
-    for (place, (name, unit, _)) in signals.iter().enumerate().rev() {
-        next = file.channel(next, place, name, unit);
-    }
-    let rows = u64::try_from(timeline.time_seconds.len()).unwrap_or(0);
-    let record_bytes = u32::try_from(signals.len()).unwrap_or(0) * VALUE_BYTES;
-    let group = file.channel_group(next, rows, record_bytes);
-    let data_group = file.block(b"##DG", &[0, group, data, 0], &[0; 8]);
+    let frame_groups = bus::frames(&mut file, frames, start);
+    let data_group = file.signals(timeline, frame_groups);
     let nanos = u64::try_from(start.as_nanos()).unwrap_or(0);
     let history = file.history(nanos);
     file.finish(data_group, history, nanos)
+}
+
+/// A channel, and where its bits are in a record.
+#[derive(Clone, Copy)]
+struct Channel<'a> {
+    name: &'a str,
+    unit: &'a str,
+    data_type: u8,
+    byte: u32,
+    bit: u32,
+    bits: u32,
+    flags: u32,
+    /// The first of the channels that it is made of; 0 without.
+    parts: u64,
+}
+
+impl<'a> Channel<'a> {
+    fn float(name: &'a str, unit: &'a str, byte: u32) -> Self {
+        Self {
+            name,
+            unit,
+            data_type: FLOAT_LITTLE_ENDIAN,
+            byte,
+            bit: 0,
+            bits: VALUE_BYTES * 8,
+            flags: 0,
+            parts: 0,
+        }
+    }
+}
+
+/// What makes the records of a channel group.
+struct Records {
+    count: usize,
+    bytes: u32,
+    flags: u16,
+    /// Whence they come; 0 if that is nowhere.
+    source: u64,
 }
 
 /// A file that grows block by block; a block links to earlier ones only.
@@ -80,6 +102,35 @@ impl Mf4File {
         self.block(name, &[], &data)
     }
 
+    /// A group of all signals, before the group `next`.
+    fn signals(&mut self, timeline: &Timeline, next: u64) -> u64 {
+        let set_point = &timeline.set_point_millimetres;
+        let mut signals = vec![
+            ("time", "s", &timeline.time_seconds),
+            ("set_point_millimetres", "mm", set_point),
+        ];
+        let columns = timeline.columns.iter();
+        signals.extend(
+            columns.map(|column| (column.name.as_str(), column.unit.as_str(), &column.values)),
+        );
+        let values: Vec<&[f64]> = signals.iter().map(|signal| signal.2.as_slice()).collect();
+        let data = self.data(&values);
+        let mut byte = 0;
+        let mut channels = Vec::new();
+        for (name, unit, _) in &signals {
+            channels.push(Channel::float(name, unit, byte));
+            byte += VALUE_BYTES;
+        }
+        let first = self.channels(&channels);
+        let records = Records {
+            count: timeline.time_seconds.len(),
+            bytes: byte,
+            flags: 0,
+            source: 0,
+        };
+        self.data_group(next, first, data, &records)
+    }
+
     /// The rows: each has one number of every signal.
     fn data(&mut self, signals: &[&[f64]]) -> u64 {
         let rows = signals.first().map_or(0, |signal| signal.len());
@@ -92,36 +143,55 @@ impl Mf4File {
         self.block(b"##DT", &[], &data)
     }
 
-    /// The description of one signal; the first is the time.
-    fn channel(&mut self, next: u64, place: usize, name: &str, unit: &str) -> u64 {
-        let name = self.text(b"##TX", name);
-        let unit = if unit.is_empty() {
-            0
-        } else {
-            self.text(b"##TX", unit)
+    /// The descriptions of the channels of a group, of which the first is the time; the address of the first.
+    fn channels(&mut self, channels: &[Channel]) -> u64 {
+        let Some((time, others)) = channels.split_first() else {
+            return 0;
         };
-        let (kind, sync) = if place == 0 {
-            (MASTER, TIME)
-        } else {
-            (FIXED_LENGTH, NO_SYNC)
+        let next = self.fixed_channels(others);
+        self.channel(next, time, MASTER, TIME)
+    }
+
+    fn fixed_channels(&mut self, channels: &[Channel]) -> u64 {
+        let channels = channels.iter().rev();
+        channels.fold(0, |next, channel| {
+            self.channel(next, channel, FIXED_LENGTH, NO_SYNC)
+        })
+    }
+
+    fn channel(&mut self, next: u64, channel: &Channel, kind: u8, sync: u8) -> u64 {
+        let name = self.text(b"##TX", channel.name);
+        let unit = match channel.unit {
+            "" => 0,
+            unit => self.text(b"##TX", unit),
         };
-        let mut data = vec![kind, sync, FLOAT_LITTLE_ENDIAN, 0];
-        let offset = u32::try_from(place).unwrap_or(0) * VALUE_BYTES;
-        for number in [offset, VALUE_BYTES * 8, 0, 0] {
+        let bit = u8::try_from(channel.bit).unwrap_or(0);
+        let mut data = vec![kind, sync, channel.data_type, bit];
+        for number in [channel.byte, channel.bits, channel.flags, 0] {
             data.extend_from_slice(&number.to_le_bytes());
         }
         // Neither precision nor attachments, ranges or limits.
         data.resize(data.len() + 4 + 6 * 8, 0);
-        self.block(b"##CN", &[next, 0, name, 0, 0, 0, unit, 0], &data)
+        let links = [next, channel.parts, name, 0, 0, 0, unit, 0];
+        self.block(b"##CN", &links, &data)
     }
 
-    fn channel_group(&mut self, first_channel: u64, rows: u64, record_bytes: u32) -> u64 {
+    /// A group of channels with their records, before the data group `next`.
+    fn data_group(&mut self, next: u64, first_channel: u64, data: u64, records: &Records) -> u64 {
+        let group = self.channel_group(first_channel, records);
+        self.block(b"##DG", &[next, group, data, 0], &[0; 8])
+    }
+
+    fn channel_group(&mut self, first_channel: u64, records: &Records) -> u64 {
         let mut data = vec![0; 8];
-        data.extend_from_slice(&rows.to_le_bytes());
-        data.extend_from_slice(&[0; 8]);
-        data.extend_from_slice(&record_bytes.to_le_bytes());
+        data.extend_from_slice(&wide(records.count).to_le_bytes());
+        data.extend_from_slice(&records.flags.to_le_bytes());
+        data.extend_from_slice(&PATH_SEPARATOR.to_le_bytes());
         data.extend_from_slice(&[0; 4]);
-        self.block(b"##CG", &[0, first_channel, 0, 0, 0, 0], &data)
+        data.extend_from_slice(&records.bytes.to_le_bytes());
+        data.extend_from_slice(&[0; 4]);
+        let links = [0, first_channel, 0, records.source, 0, 0];
+        self.block(b"##CG", &links, &data)
     }
 
     /// Who wrote the file; the standard demands it.
@@ -178,9 +248,15 @@ mod tests {
             assert_eq!(address % 8, 0);
             u64::from_le_bytes(file.bytes[address + 8..address + 16].try_into().unwrap())
         };
-        let channel = file.channel(0, 1, "a", "");
+        let channel = file.channels(&[Channel::float("a", "", 0)]);
         assert_eq!(length(&file, channel), 160);
-        let group = file.channel_group(0, 5, 16);
+        let records = Records {
+            count: 5,
+            bytes: 16,
+            flags: 0,
+            source: 0,
+        };
+        let group = file.channel_group(0, &records);
         assert_eq!(length(&file, group), 104);
         let history = file.history(0);
         assert_eq!(length(&file, history), 56);

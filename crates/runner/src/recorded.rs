@@ -10,6 +10,7 @@ use scenario::ScenarioError;
 
 use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
+use exports::mcap::McapError;
 use exports::parquet::ParquetError;
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, judge, judge_timing};
@@ -89,6 +90,9 @@ pub enum RecordedError {
     /// The Parquet library refuses.
     #[error("no Parquet file can be made: {0}")]
     Parquet(#[from] ParquetError),
+    /// The MCAP library refuses.
+    #[error("no MCAP file can be made: {0}")]
+    Mcap(#[from] McapError),
 }
 
 impl RecordedError {

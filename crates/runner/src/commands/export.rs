@@ -11,7 +11,7 @@ use crate::output::write;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
-use exports::{asc, blf, events, frames, mf4, parquet};
+use exports::{asc, blf, events, frames, mcap, mf4, parquet};
 use report::csv;
 use worlds::catalogue::catalogue;
 
@@ -45,8 +45,10 @@ pub enum Format {
     Asc,
     /// The frames as Vector's binary log (CANalyzer, python-can)
     Blf,
-    /// The signals as ASAM MDF 4.10 (asammdf, CANape)
+    /// Signals and frames as ASAM MDF 4.10 (asammdf, CANape)
     Mf4,
+    /// Frames, their signals and events as messages of ROS 2 (Foxglove, PlotJuggler, Rerun)
+    Mcap,
     /// The signals as Apache Parquet (pandas, Polars, DuckDB)
     Parquet,
 }
@@ -85,6 +87,7 @@ fn converted(args: &ExportArgs) -> Result<(Recorded, Vec<u8>), RecordedError> {
         Format::Asc => asc::to_asc(frames).into_bytes(),
         Format::Blf => blf::to_blf(frames),
         Format::Mf4 => measurement(&recorded)?,
+        Format::Mcap => messages(&recorded)?,
         Format::Parquet => parquet::to_parquet(&recorded.timeline()?)?,
     };
     Ok((recorded, bytes))
@@ -114,7 +117,15 @@ fn frame_table(recorded: &Recorded, message: Option<&str>) -> Result<Vec<u8>, Re
 }
 
 fn measurement(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
-    Ok(mf4::to_mf4(&recorded.timeline()?, zero(recorded)?))
+    let frames = &recorded.log.frames;
+    Ok(mf4::to_mf4(&recorded.timeline()?, frames, zero(recorded)?))
+}
+
+fn messages(recorded: &Recorded) -> Result<Vec<u8>, RecordedError> {
+    let (frames, database) = (&recorded.log.frames, &recorded.setup.database);
+    let events = recorded.timeline()?.events;
+    let zero = zero(recorded)?;
+    Ok(mcap::to_mcap(frames, database, &events, zero)?)
 }
 
 /// When scenario time began, on the clock of the frames; their own time 0 if it never did.
