@@ -159,6 +159,7 @@ fn a_long_run_stays_out_of_memory() {
         ("frames", export("frames")),
         ("blf", export("blf")),
         ("mf4", export("mf4")),
+        ("mcap", export("mcap")),
         ("parquet", export("parquet")),
     ];
     for (command, kilobytes) in held {
