@@ -231,6 +231,34 @@ fn a_scenario_that_ships_is_found_by_its_name_from_anywhere() {
 }
 
 #[test]
+fn a_rig_that_ships_is_found_by_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut check = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    check.args(["check", "rigs/rig"]).current_dir(folder.path());
+    let (code, stdout, _) = output(&mut check);
+    assert_eq!(
+        (code, stdout.as_str()),
+        (Some(0), "rigs/rig: valid (rig: actuator on can0)\n")
+    );
+    // A real drive keeps its own time: the rig is read first, and the clock refused then.
+    let play = |rig| {
+        let mut run = canrig(&folder.path().join("runs"), "run");
+        run.args(["step", "--clock", "lockstep", "--rig", rig])
+            .current_dir(folder.path());
+        output(&mut run)
+    };
+    let (code, _, stderr) = play("rigs/rig");
+    assert_eq!(code, Some(2));
+    assert!(
+        stderr.contains("an external node keeps its own time"),
+        "{stderr}"
+    );
+    let (code, _, stderr) = play("rigs/another");
+    assert_eq!(code, Some(3));
+    assert!(stderr.contains("rigs/another"), "{stderr}");
+}
+
+#[test]
 fn what_ships_is_copied_as_it_is_in_the_repository() {
     let folder = tempfile::tempdir().unwrap();
     let copy = || {

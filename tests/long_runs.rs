@@ -157,6 +157,7 @@ fn a_long_run_stays_out_of_memory() {
         ),
         ("blf", export("blf")),
         ("mf4", export("mf4")),
+        ("mcap", export("mcap")),
     ];
     for (command, kilobytes) in held {
         assert!(kilobytes < KILOBYTES_MAX, "{command}: {kilobytes} kB");

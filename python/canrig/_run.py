@@ -230,7 +230,7 @@ class Run:
         return _tables.to_table(self._export("frames", *chosen), library)
 
     def export(self, format: str, path: StrPath) -> Path:
-        """Writes the recording for another program: "asc", "blf", "mf4", "parquet", "csv", "frames" or "events"."""
+        """Writes the recording for another program: "asc", "blf", "mf4", "mcap", "parquet", "csv", "frames" or "events"."""
         self._export(format, f"--output={os.fspath(path)}")
         return Path(path)
 

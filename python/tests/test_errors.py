@@ -59,6 +59,14 @@ def test_an_interface_that_is_not_there_is_named(hold, output):
         canrig.run(hold, output=output, clock="sundial")
 
 
+def test_a_rig_is_a_file_or_one_that_ships(hold, output):
+    with pytest.raises(canrig.CannotStart, match="rigs/another cannot be read"):
+        canrig.run(hold, output=output, rig="rigs/another")
+    # It is found; its drive is a real one, which keeps its own time.
+    with pytest.raises(canrig.UsageError, match="keeps its own time"):
+        canrig.run(hold, output=output, rig="rigs/rig", clock="lockstep")
+
+
 def test_a_missing_program_says_what_to_do(monkeypatch, hold, tmp_path):
     monkeypatch.setenv("CANRIG_PROGRAM", str(tmp_path / "none"))
     with pytest.raises(canrig.ProgramMissing, match="no such program"):

@@ -123,6 +123,8 @@ def test_what_ships_is_listed_and_copied(tmp_path):
     listed = canrig.examples()
     assert listed["step"] == "25 mm step from a warm hold"
     assert {"faults/sensor_stuck", "sweeps/plants", "rigs/rig"} <= set(listed)
+    canrig.check("step")
+    canrig.check("rigs/rig")
     folder = canrig.copy_examples(tmp_path / "a folder", "step", "rigs/rig")
     copied = {str(path.relative_to(folder)) for path in folder.rglob("*.*")}
     assert copied == {"step.toml", "rigs/rig.toml", "schema.json", "rig_schema.json"}

@@ -1,16 +1,18 @@
-//! ASAM MDF 4.10: all signals over time, one row a cycle, as floating-point numbers.
+//! ASAM MDF 4.10: all signals over time, one row a cycle, as floating-point numbers, and all frames as bus logging.
+
+mod bus;
 
 use std::io::{self, Write};
 use std::time::Duration;
 
+use recording::frames::Frames;
 use recording::timeline::Timeline;
 use recording::work::Way;
 
 /// Where the header block has its place.
 const HEADER_AT: usize = 64;
 const HEADER_BYTES: usize = 104;
-/// Where the block of the data has its place.
-const DATA_AT: usize = HEADER_AT + HEADER_BYTES;
+/// What every block begins with.
 const BLOCK_HEADER_BYTES: usize = 24;
 
 /// Channel types and data types of the standard.
@@ -18,69 +20,169 @@ const FIXED_LENGTH: u8 = 0;
 const MASTER: u8 = 2;
 const NO_SYNC: u8 = 0;
 const TIME: u8 = 1;
+const UNSIGNED_LITTLE_ENDIAN: u8 = 0;
 const FLOAT_LITTLE_ENDIAN: u8 = 4;
+const BYTES: u8 = 10;
 const VALUE_BYTES: u32 = 8;
+/// Between the parts of a channel's name.
+const PATH_SEPARATOR: u16 = b'.' as u16;
 
 /// Writes the file to an output that has a buffer. Time 0 is that of the scenario; `start` is when that was, since the beginning
-/// of 1970. Where a signal has no value it is NaN.
+/// of 1970. Where a signal has no value it is NaN. The frames are read once to count them, and once more for each kind.
 ///
 /// # Errors
 /// The output does not take it.
-pub fn write(mut output: impl Write, timeline: &Timeline, start: Duration) -> io::Result<()> {
+pub fn write(
+    output: impl Write,
+    timeline: &Timeline,
+    frames: &Frames,
+    start: Duration,
+) -> io::Result<()> {
+    write_file(output, &signals(timeline), frames, start)
+}
+
+fn write_file(
+    mut output: impl Write,
+    signals: &[Signal],
+    frames: &Frames,
+    start: Duration,
+) -> io::Result<()> {
+    let mut file = Mf4File::new();
+    let frame_groups = bus::groups(&mut file, frames);
+    let data_group = file.signals(signals, frame_groups);
+    file.finish(data_group, start);
+    let mut from = 0;
+    for (to, data) in &file.data {
+        output.write_all(&file.bytes[from..*to])?;
+        match data {
+            Data::Frames(kind) => bus::write_records(&mut output, frames, *kind, start)?,
+            Data::Signals => write_rows(&mut output, signals)?,
+        }
+        from = *to;
+    }
+    output.write_all(&file.bytes[from..])
+}
+
+/// A signal over time.
+struct Signal<'a> {
+    name: &'a str,
+    unit: &'a str,
+    values: &'a [f64],
+}
+
+/// All of them, of which the first is the time.
+fn signals(timeline: &Timeline) -> Vec<Signal<'_>> {
+    let signal = |name, unit, values| Signal { name, unit, values };
+    let set_point = &timeline.set_point_millimetres;
     let mut signals = vec![
-        ("time", "s", &timeline.time_seconds),
-        (
-            "set_point_millimetres",
-            "mm",
-            &timeline.set_point_millimetres,
-        ),
+        signal("time", "s", &*timeline.time_seconds),
+        signal("set_point_millimetres", "mm", set_point),
     ];
     let columns = timeline.columns.iter();
+    signals.extend(columns.map(|column| signal(&column.name, &column.unit, &column.values)));
     signals
-        .extend(columns.map(|column| (column.name.as_str(), column.unit.as_str(), &column.values)));
-    let rows = timeline.time_seconds.len();
-    let mut file = Mf4File::new(rows * signals.len() * VALUE_BYTES as usize);
-    let mut next = 0;
-    for (place, (name, unit, _)) in signals.iter().enumerate().rev() {
-        next = file.channel(next, place, name, unit);
-    }
-    let record_bytes = u32::try_from(signals.len()).unwrap_or(0) * VALUE_BYTES;
-    let group = file.channel_group(next, wide(rows), record_bytes);
-    let data_group = file.block(b"##DG", &[0, group, wide(DATA_AT), 0], &[0; 8]);
-    let nanos = u64::try_from(start.as_nanos()).unwrap_or(0);
-    let history = file.history(nanos);
-    output.write_all(&file.head(data_group, history, nanos))?;
-    // Each row has one number of every signal.
+}
+
+/// Each row has one number of every signal.
+fn write_rows(output: &mut impl Write, signals: &[Signal]) -> io::Result<()> {
+    let rows = signals.first().map_or(0, |time| time.values.len());
     let mut way = Way::new(wide(rows));
     for row in 0..rows {
         way.go(1);
-        for (_, _, values) in &signals {
-            output.write_all(&values[row].to_le_bytes())?;
+        for signal in signals {
+            output.write_all(&signal.values[row].to_le_bytes())?;
         }
     }
-    output.write_all(&file.bytes)
+    Ok(())
 }
 
-/// A file that grows block by block behind its data; a block links to earlier ones only.
+/// A channel, and where its bits are in a record.
+#[derive(Clone, Copy)]
+struct Channel<'a> {
+    name: &'a str,
+    unit: &'a str,
+    data_type: u8,
+    byte: u32,
+    bit: u32,
+    bits: u32,
+    flags: u32,
+    /// The first of the channels that it is made of; 0 without.
+    parts: u64,
+}
+
+impl<'a> Channel<'a> {
+    fn float(name: &'a str, unit: &'a str, byte: u32) -> Self {
+        Self {
+            name,
+            unit,
+            data_type: FLOAT_LITTLE_ENDIAN,
+            byte,
+            bit: 0,
+            bits: VALUE_BYTES * 8,
+            flags: 0,
+            parts: 0,
+        }
+    }
+}
+
+/// What makes the records of a channel group.
+struct Records {
+    count: usize,
+    bytes: u32,
+    flags: u16,
+    /// Whence they come; 0 if that is nowhere.
+    source: u64,
+}
+
+/// What a data block holds, which is written when all blocks are known.
+enum Data {
+    Frames(bus::Kind),
+    Signals,
+}
+
+/// A file that grows block by block; a block links to earlier ones only.
 struct Mf4File {
-    data_bytes: usize,
+    /// All but the data.
     bytes: Vec<u8>,
+    /// The data, and before which of the bytes they have their place.
+    data: Vec<(usize, Data)>,
+    /// How long they are together: records are as long as some blocks of eight bytes.
+    data_bytes: usize,
 }
 
 impl Mf4File {
-    fn new(data_bytes: usize) -> Self {
+    fn new() -> Self {
+        let mut bytes = b"MDF     4.10    canrig  \0\0\0\0".to_vec();
+        bytes.extend_from_slice(&410u16.to_le_bytes());
+        bytes.resize(HEADER_AT + HEADER_BYTES, 0);
         Self {
-            data_bytes,
-            bytes: Vec::new(),
+            bytes,
+            data: Vec::new(),
+            data_bytes: 0,
         }
     }
 
     /// Appends a block; its address.
     fn block(&mut self, name: &[u8; 4], links: &[u64], data: &[u8]) -> u64 {
-        self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
-        let address = DATA_AT + BLOCK_HEADER_BYTES + self.data_bytes + self.bytes.len();
+        let address = self.next();
         self.bytes.extend(block(name, links, data));
-        wide(address)
+        address
+    }
+
+    /// Appends a block of so many records, whose bytes come later; its address.
+    fn data(&mut self, data: Data, records: &Records) -> u64 {
+        let address = self.next();
+        let bytes = records.count * records.bytes as usize;
+        self.bytes.extend(block_header(b"##DT", 0, bytes));
+        self.data.push((self.bytes.len(), data));
+        self.data_bytes += bytes;
+        address
+    }
+
+    /// The address of the next block.
+    fn next(&mut self) -> u64 {
+        self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
+        wide(self.bytes.len() + self.data_bytes)
     }
 
     /// A text, or one with markup.
@@ -91,36 +193,74 @@ impl Mf4File {
         self.block(name, &[], &data)
     }
 
-    /// The description of one signal; the first is the time.
-    fn channel(&mut self, next: u64, place: usize, name: &str, unit: &str) -> u64 {
-        let name = self.text(b"##TX", name);
-        let unit = if unit.is_empty() {
-            0
-        } else {
-            self.text(b"##TX", unit)
+    /// A group of all signals, before the group `next`.
+    fn signals(&mut self, signals: &[Signal], next: u64) -> u64 {
+        let mut byte = 0;
+        let mut channels = Vec::new();
+        for signal in signals {
+            channels.push(Channel::float(signal.name, signal.unit, byte));
+            byte += VALUE_BYTES;
+        }
+        let records = Records {
+            count: signals.first().map_or(0, |time| time.values.len()),
+            bytes: byte,
+            flags: 0,
+            source: 0,
         };
-        let (kind, sync) = if place == 0 {
-            (MASTER, TIME)
-        } else {
-            (FIXED_LENGTH, NO_SYNC)
+        let data = self.data(Data::Signals, &records);
+        let first = self.channels(&channels);
+        self.data_group(next, first, data, &records)
+    }
+
+    /// The descriptions of the channels of a group, of which the first is the time; the address of the first.
+    fn channels(&mut self, channels: &[Channel]) -> u64 {
+        let Some((time, others)) = channels.split_first() else {
+            return 0;
         };
-        let mut data = vec![kind, sync, FLOAT_LITTLE_ENDIAN, 0];
-        let offset = u32::try_from(place).unwrap_or(0) * VALUE_BYTES;
-        for number in [offset, VALUE_BYTES * 8, 0, 0] {
+        let next = self.fixed_channels(others);
+        self.channel(next, time, MASTER, TIME)
+    }
+
+    fn fixed_channels(&mut self, channels: &[Channel]) -> u64 {
+        let channels = channels.iter().rev();
+        channels.fold(0, |next, channel| {
+            self.channel(next, channel, FIXED_LENGTH, NO_SYNC)
+        })
+    }
+
+    fn channel(&mut self, next: u64, channel: &Channel, kind: u8, sync: u8) -> u64 {
+        let name = self.text(b"##TX", channel.name);
+        let unit = match channel.unit {
+            "" => 0,
+            unit => self.text(b"##TX", unit),
+        };
+        let bit = u8::try_from(channel.bit).unwrap_or(0);
+        let mut data = vec![kind, sync, channel.data_type, bit];
+        for number in [channel.byte, channel.bits, channel.flags, 0] {
             data.extend_from_slice(&number.to_le_bytes());
         }
         // Neither precision nor attachments, ranges or limits.
         data.resize(data.len() + 4 + 6 * 8, 0);
-        self.block(b"##CN", &[next, 0, name, 0, 0, 0, unit, 0], &data)
+        let links = [next, channel.parts, name, 0, 0, 0, unit, 0];
+        self.block(b"##CN", &links, &data)
     }
 
-    fn channel_group(&mut self, first_channel: u64, rows: u64, record_bytes: u32) -> u64 {
+    /// A group of channels with their records, before the data group `next`.
+    fn data_group(&mut self, next: u64, first_channel: u64, data: u64, records: &Records) -> u64 {
+        let group = self.channel_group(first_channel, records);
+        self.block(b"##DG", &[next, group, data, 0], &[0; 8])
+    }
+
+    fn channel_group(&mut self, first_channel: u64, records: &Records) -> u64 {
         let mut data = vec![0; 8];
-        data.extend_from_slice(&rows.to_le_bytes());
-        data.extend_from_slice(&[0; 8]);
-        data.extend_from_slice(&record_bytes.to_le_bytes());
+        data.extend_from_slice(&wide(records.count).to_le_bytes());
+        data.extend_from_slice(&records.flags.to_le_bytes());
+        data.extend_from_slice(&PATH_SEPARATOR.to_le_bytes());
         data.extend_from_slice(&[0; 4]);
-        self.block(b"##CG", &[0, first_channel, 0, 0, 0, 0], &data)
+        data.extend_from_slice(&records.bytes.to_le_bytes());
+        data.extend_from_slice(&[0; 4]);
+        let links = [0, first_channel, 0, records.source, 0, 0];
+        self.block(b"##CG", &links, &data)
     }
 
     /// Who wrote the file; the standard demands it.
@@ -136,21 +276,18 @@ impl Mf4File {
         self.block(b"##FH", &[0, comment], &data)
     }
 
-    /// What comes before the data, with the header of their block.
-    fn head(&self, data_group: u64, history: u64, nanos: u64) -> Vec<u8> {
+    /// Appends the last block, and fills in the header.
+    fn finish(&mut self, data_group: u64, start: Duration) {
+        let nanos = u64::try_from(start.as_nanos()).unwrap_or(0);
+        let history = self.history(nanos);
         let mut data = nanos.to_le_bytes().to_vec();
         // UTC; no classes, flags, angles or distances.
         data.resize(32, 0);
-        let mut head = b"MDF     4.10    canrig  \0\0\0\0".to_vec();
-        head.extend_from_slice(&410u16.to_le_bytes());
-        head.resize(HEADER_AT, 0);
-        head.extend(block(b"##HD", &[data_group, history, 0, 0, 0, 0], &data));
-        head.extend(block_header(b"##DT", 0, self.data_bytes));
-        head
+        let header = block(b"##HD", &[data_group, history, 0, 0, 0, 0], &data);
+        self.bytes[HEADER_AT..HEADER_AT + HEADER_BYTES].copy_from_slice(&header);
     }
 }
 
-/// What every block begins with.
 fn block_header(name: &[u8; 4], links: usize, rest_bytes: usize) -> Vec<u8> {
     let mut bytes = name.to_vec();
     bytes.extend_from_slice(&[0; 4]);
@@ -175,27 +312,72 @@ fn wide(number: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use canopen::CanFrame;
+    use recording::log::Stamped;
+
+    fn number(file: &[u8], at: u64) -> u64 {
+        let at = usize::try_from(at).unwrap();
+        u64::from_le_bytes(file[at..at + 8].try_into().unwrap())
+    }
+
+    fn name(file: &[u8], at: u64) -> &[u8] {
+        let at = usize::try_from(at).unwrap();
+        &file[at..at + 4]
+    }
 
     #[test]
     fn blocks_have_the_lengths_of_the_standard() {
-        let mut file = Mf4File::new(16);
-        let begin = DATA_AT + BLOCK_HEADER_BYTES + 16;
+        let mut file = Mf4File::new();
+        assert_eq!(file.bytes.len(), HEADER_AT + HEADER_BYTES);
         let length = |file: &Mf4File, address: u64| {
-            let address = usize::try_from(address).unwrap() - begin;
             assert_eq!(address % 8, 0);
-            u64::from_le_bytes(file.bytes[address + 8..address + 16].try_into().unwrap())
+            number(&file.bytes, address + 8)
         };
-        let channel = file.channel(0, 1, "a", "");
+        let channel = file.channels(&[Channel::float("a", "", 0)]);
         assert_eq!(length(&file, channel), 160);
-        let group = file.channel_group(0, 5, 16);
+        let records = Records {
+            count: 5,
+            bytes: 16,
+            flags: 0,
+            source: 0,
+        };
+        let group = file.channel_group(0, &records);
         assert_eq!(length(&file, group), 104);
         let history = file.history(0);
         assert_eq!(length(&file, history), 56);
-        let head = file.head(0, 0, 0);
-        assert_eq!(head.len(), DATA_AT + BLOCK_HEADER_BYTES);
-        assert_eq!(
-            (&head[64..68], &head[DATA_AT..DATA_AT + 4]),
-            (&b"##HD"[..], &b"##DT"[..])
-        );
+        file.finish(0, Duration::ZERO);
+        assert_eq!(name(&file.bytes, 64), b"##HD");
+    }
+
+    #[test]
+    fn each_group_links_to_data_that_are_as_long_as_its_records() {
+        let at = |micros| Duration::from_micros(micros);
+        let remote = CanFrame::from_raw(0x4000_0190, 0, [0; 8]).unwrap();
+        let frames: Vec<Stamped> = (0..1000)
+            .map(|micros| match micros % 4 {
+                0 => Stamped::new(at(micros), remote),
+                _ => Stamped::new(at(micros), CanFrame::new(0x190, &[1, 2])),
+            })
+            .collect();
+        let signals = ["time", "position"].map(|name| Signal {
+            name,
+            unit: "",
+            values: &[0.0, 0.5, 1.0],
+        });
+        let mut file = Vec::new();
+        write_file(&mut file, &signals, &frames.into(), at(250)).unwrap();
+        let mut groups = Vec::new();
+        let mut next = number(&file, 64 + 24);
+        while next != 0 {
+            assert_eq!(name(&file, next), b"##DG");
+            let [group, data] = [32, 40].map(|link| number(&file, next + link));
+            assert_eq!(
+                (name(&file, group), name(&file, data)),
+                (&b"##CG"[..], &b"##DT"[..])
+            );
+            groups.push((number(&file, group + 80), number(&file, data + 8) - 24));
+            next = number(&file, next + 24);
+        }
+        assert_eq!(groups, [(3, 3 * 16), (750, 750 * 24), (250, 250 * 24)]);
     }
 }

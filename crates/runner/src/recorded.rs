@@ -10,7 +10,6 @@ use scenario::ScenarioError;
 
 use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
-use exports::parquet::ParquetError;
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, judge, judge_timing};
 use recording::ending::EndedBy;
@@ -86,9 +85,6 @@ pub enum RecordedError {
         /// What was probably meant.
         meant: Option<String>,
     },
-    /// The Parquet library refuses.
-    #[error("no Parquet file can be made: {0}")]
-    Parquet(#[from] ParquetError),
 }
 
 impl RecordedError {

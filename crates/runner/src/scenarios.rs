@@ -12,7 +12,7 @@ use crate::console::print_diagnostic;
 use crate::exit::Exit;
 use crate::shipped::{self, ShippedFile};
 use rig::FILE_BYTES_MAX;
-use rig::rig_file::RIG_FILE;
+use rig::rig_file::{LoadedRig, RIG_FILE, RigError};
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
 
@@ -76,6 +76,18 @@ pub fn read(path: &Path, overrides: &[Override]) -> Result<Setup, NoScenario> {
         source,
     })?;
     Ok(Setup::parse(path, text, catalogue())?)
+}
+
+/// Reads and checks a rig file, or where there is none, the one that ships by this name.
+///
+/// # Errors
+/// There is none, or it is not valid.
+pub(crate) fn read_rig(path: &Path) -> Result<LoadedRig, RigError> {
+    let Some(shipped) = shipped::rig(path) else {
+        return LoadedRig::load(path);
+    };
+    let path = path.to_owned();
+    LoadedRig::from_text(shipped.text).map(|rig| LoadedRig { path, ..rig })
 }
 
 /// Whether a path that leads nowhere looks like the name of a scenario that ships.

@@ -25,7 +25,11 @@ impl ShippedFile {
     }
 
     fn is_scenario(&self) -> bool {
-        self.place.ends_with(ENDING) && !self.place.starts_with("rigs/")
+        self.place.ends_with(ENDING) && !self.is_rig()
+    }
+
+    fn is_rig(&self) -> bool {
+        self.place.starts_with("rigs/")
     }
 }
 
@@ -44,6 +48,12 @@ pub(crate) fn file(name: &str) -> Option<ShippedFile> {
 /// The scenario that a path means where no such file exists.
 pub(crate) fn scenario(path: &Path) -> Option<ShippedFile> {
     let file = file(path.to_str()?).filter(ShippedFile::is_scenario)?;
+    (!path.exists()).then_some(file)
+}
+
+/// The rig file that a path means where no such file exists.
+pub(crate) fn rig(path: &Path) -> Option<ShippedFile> {
+    let file = file(path.to_str()?).filter(ShippedFile::is_rig)?;
     (!path.exists()).then_some(file)
 }
 
@@ -68,6 +78,8 @@ mod tests {
         );
         assert_eq!(scenario(Path::new("step")), Some(step));
         assert_eq!(scenario(Path::new("rigs/rig")), None);
+        assert_eq!(rig(Path::new("rigs/rig")), file("rigs/rig.toml"));
+        assert_eq!(rig(Path::new("step")), None);
         assert_eq!(scenario(Path::new("requirements.csv")), None);
         assert_eq!(meant("stepp"), Some("step"));
         let folder = tempfile::tempdir().unwrap();

@@ -9,9 +9,9 @@ use scenario::rig::RigFile;
 use crate::console::{print, print_error, usage_error};
 use crate::exit::Exit;
 use crate::play::ValueArgs;
-use crate::scenarios::{read, scenario_files};
+use crate::scenarios::{read, read_rig, scenario_files};
+use crate::shipped;
 use rig::FILE_BYTES_MAX;
-use rig::rig_file::LoadedRig;
 
 /// Arguments of `check`.
 #[derive(Args, Debug)]
@@ -46,8 +46,8 @@ pub fn check(args: &CheckArgs) -> Exit {
 /// The name of a valid scenario or rig file.
 fn checked(path: &Path, overrides: &[Override]) -> miette::Result<String> {
     let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
-    if RigFile::is_meant(&text) {
-        let loaded = LoadedRig::load(path)?;
+    if RigFile::is_meant(&text) || shipped::rig(path).is_some() {
+        let loaded = read_rig(path)?;
         return Ok(format!("rig: {}", loaded.file.name));
     }
     let scenario = read(path, overrides)?.scenario;

@@ -12,7 +12,7 @@ use crate::output::write_with;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
-use exports::{asc, blf, events, frames, mf4, parquet};
+use exports::{asc, blf, events, frames, mcap, mf4, parquet};
 use report::csv;
 use worlds::catalogue::catalogue;
 
@@ -46,8 +46,10 @@ pub enum Format {
     Asc,
     /// The frames as Vector's binary log (CANalyzer, python-can)
     Blf,
-    /// The signals as ASAM MDF 4.10 (asammdf, CANape)
+    /// Signals and frames as ASAM MDF 4.10 (asammdf, CANape)
     Mf4,
+    /// Frames, their signals and events as messages of ROS 2 (Foxglove, PlotJuggler, Rerun)
+    Mcap,
     /// The signals as Apache Parquet (pandas, Polars, DuckDB)
     Parquet,
 }
@@ -57,7 +59,9 @@ impl Format {
     fn ways(self) -> u64 {
         match self {
             Self::Events | Self::Asc | Self::Frames => 2,
-            Self::Blf | Self::Csv | Self::Mf4 | Self::Parquet => 3,
+            Self::Blf | Self::Csv | Self::Parquet => 3,
+            Self::Mcap => 4,
+            Self::Mf4 => 5,
         }
     }
 }
@@ -121,7 +125,12 @@ fn conversion<'a>(
         Format::Blf => Box::new(move |output| blf::write(output, frames)),
         Format::Mf4 => {
             let (timeline, zero) = (recorded.timeline()?, zero(recorded)?);
-            Box::new(move |output| mf4::write(output, &timeline, zero))
+            Box::new(move |output| mf4::write(output, &timeline, frames, zero))
+        }
+        Format::Mcap => {
+            let (events, zero) = (recorded.timeline()?.events, zero(recorded)?);
+            let database = &*recorded.setup.database;
+            Box::new(move |output| mcap::write(output, frames, database, &events, zero))
         }
         Format::Parquet => {
             let timeline = recorded.timeline()?;

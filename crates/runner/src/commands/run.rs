@@ -14,7 +14,7 @@ use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::observer::observed;
 use crate::play::{PlayArgs, Testbed, play_all, prepared};
-use crate::scenarios::{is_scenario, scenario_files};
+use crate::scenarios::{is_scenario, read_rig, scenario_files};
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
@@ -43,7 +43,7 @@ pub struct RunArgs {
     /// value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
     #[arg(long, value_enum, value_name = "NODE", value_delimiter = ',')]
     pub external: Vec<ExternalNode>,
-    /// The rig file of a real drive: its bus, objects, scaling, time-outs and hard limits. It makes the drive external.
+    /// The rig file of a real drive, or the name of one that ships: its bus, objects, scaling, time-outs and hard limits. It makes the drive external.
     /// Without it, --external drive reads `rig.toml` beside the first scenario, where there is one
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
@@ -291,7 +291,7 @@ impl Testbed for RunPlan<'_> {
 /// The rig that the arguments name, or the one beside the first scenario if the drive is a real one.
 fn rig_of(args: &RunArgs, external: &External) -> Result<Option<LoadedRig>, RigError> {
     if let Some(path) = &args.rig {
-        return LoadedRig::load(path).map(Some);
+        return read_rig(path).map(Some);
     }
     let first = args.play.scenarios.first();
     match first.filter(|_| external.has(ExternalNode::Drive)) {

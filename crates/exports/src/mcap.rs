@@ -1,0 +1,309 @@
+//! MCAP with messages of ROS 2: each message of the bus as a topic with its signals, every frame as it was, and the events as a log.
+
+mod cdr;
+mod schema;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, Write};
+use std::time::Duration;
+
+use dbc::{Database, Message, SignalHandle};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{McapError, WriteOptions, Writer};
+use recording::events::{Level, TimelineEvent};
+use recording::frames::Frames;
+use recording::log::Stamped;
+
+use cdr::Cdr;
+
+/// The identifier in a raw one, without its flags.
+const ID_BITS: u32 = 0x1FFF_FFFF;
+/// What the driver of ROS 2 for SocketCAN calls the frames that it received.
+const FRAMES_TOPIC: &str = "/from_can_bus";
+/// Where ROS 2 collects what nodes report.
+const LOG_TOPIC: &str = "/rosout";
+const FRAME_ID: &str = "can0";
+/// Bytes of messages in one chunk, about.
+const CHUNK_BYTES_MIN: u64 = WriteOptions::DEFAULT_CHUNK_SIZE;
+const CHUNK_BYTES_MAX: u64 = 16 * CHUNK_BYTES_MIN;
+
+/// Writes the file to an output that has a buffer. Times are those of the frames, in nanoseconds; the scenario began at `zero` on
+/// their clock, which is written into the metadata. A signal that a frame is too short for is NaN. Nothing is compressed. The
+/// frames are read twice, since the topics come before their messages.
+///
+/// # Errors
+/// The output does not take it, or there are more than 65 000 messages.
+pub fn write(
+    output: impl Write,
+    frames: &Frames,
+    database: &Database,
+    events: &[TimelineEvent],
+    zero: Duration,
+) -> io::Result<()> {
+    let written = write_messages(output, frames, database, events, zero);
+    written.map_err(|error| match error {
+        McapError::Io(error) => error,
+        error => io::Error::other(error),
+    })
+}
+
+fn write_messages(
+    output: impl Write,
+    frames: &Frames,
+    database: &Database,
+    events: &[TimelineEvent],
+    zero: Duration,
+) -> Result<(), McapError> {
+    let mut file = McapFile::new(output, frames.len(), zero)?;
+    let mut topics = topics(&mut file, frames, database)?;
+    let raw = file.topic(FRAMES_TOPIC, "can_msgs/msg/Frame", schema::FRAME)?;
+    let log = file.topic(LOG_TOPIC, "rcl_interfaces/msg/Log", schema::LOG)?;
+    let mut events = events.iter().map(|event| (at(event, zero), event));
+    let mut next = events.next();
+    for stamped in frames {
+        while let Some((time, event)) = next.filter(|(time, _)| *time <= stamped.time) {
+            file.message(log, time, &log_message(time, event))?;
+            next = events.next();
+        }
+        file.message(raw, stamped.time, &frame_message(&stamped))?;
+        if let Some(topic) = topics.get_mut(&stamped.frame.raw_id()) {
+            file.message(topic.id, stamped.time, topic.decode(&stamped))?;
+        }
+    }
+    for (time, event) in next.into_iter().chain(events) {
+        file.message(log, time, &log_message(time, event))?;
+    }
+    file.writer.finish()?;
+    Ok(())
+}
+
+struct McapFile<W: Write> {
+    writer: Writer<NoSeek<W>>,
+    /// Messages of each topic so far.
+    sequences: BTreeMap<u16, u32>,
+}
+
+impl<W: Write> McapFile<W> {
+    fn new(output: W, frames: usize, zero: Duration) -> Result<Self, McapError> {
+        let version = env!("CARGO_PKG_VERSION");
+        let options = WriteOptions::new()
+            .compression(None)
+            .chunk_size(Some(chunk_bytes(frames)))
+            .disable_seeking(true)
+            .profile("ros2")
+            .library(format!("canrig {version}"));
+        let mut writer = options.create(NoSeek::new(output))?;
+        let zero = zero.as_nanos().to_string();
+        writer.write_metadata(&Metadata {
+            name: "canrig".to_owned(),
+            metadata: BTreeMap::from([("scenario_zero_nanoseconds".to_owned(), zero)]),
+        })?;
+        Ok(Self {
+            writer,
+            sequences: BTreeMap::new(),
+        })
+    }
+
+    /// A new topic of messages of a kind; its number.
+    fn topic(&mut self, name: &str, kind: &str, schema: &str) -> Result<u16, McapError> {
+        let schema = self.writer.add_schema(kind, "ros2msg", schema.as_bytes())?;
+        self.writer
+            .add_channel(schema, name, "cdr", &BTreeMap::new())
+    }
+
+    fn message(&mut self, topic: u16, time: Duration, data: &[u8]) -> Result<(), McapError> {
+        let sequence = self.sequences.entry(topic).or_default();
+        let nanos = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        let header = MessageHeader {
+            channel_id: topic,
+            sequence: *sequence,
+            log_time: nanos,
+            publish_time: nanos,
+        };
+        *sequence = sequence.wrapping_add(1);
+        self.writer.write_to_known_channel(&header, data)
+    }
+}
+
+/// The writer holds one chunk, and an index of all: the longer a recording, the longer its chunks.
+fn chunk_bytes(frames: usize) -> u64 {
+    let bytes = u64::try_from(frames / 8).unwrap_or(u64::MAX);
+    bytes.clamp(CHUNK_BYTES_MIN, CHUNK_BYTES_MAX)
+}
+
+/// A message of the bus whose signals are fields.
+struct Topic {
+    id: u16,
+    signals: Vec<Option<SignalHandle>>,
+    cdr: Cdr,
+}
+
+impl Topic {
+    fn decode(&mut self, stamped: &Stamped) -> &[u8] {
+        self.cdr.clear();
+        for signal in &self.signals {
+            let value = signal.and_then(|signal| signal.decode(&stamped.frame));
+            self.cdr.push_f64(value.unwrap_or(f64::NAN));
+        }
+        if self.signals.is_empty() {
+            // ROS 2 pads what has no fields.
+            self.cdr.push_u8(0);
+        }
+        self.cdr.bytes()
+    }
+}
+
+/// A topic for each message that is on the bus, by its raw identifier.
+fn topics(
+    file: &mut McapFile<impl Write>,
+    frames: &Frames,
+    database: &Database,
+) -> Result<BTreeMap<u32, Topic>, McapError> {
+    let ids = frames.iter().map(|stamped| stamped.frame.raw_id());
+    let ids: BTreeSet<u32> = ids.collect();
+    let messages = database.messages().iter();
+    let mut topics = BTreeMap::new();
+    for message in messages.filter(|message| ids.contains(&message.raw_id)) {
+        let kind = schema::kind(&message.name);
+        let name = format!("/{}", message.name);
+        let topic = Topic {
+            id: file.topic(&name, &kind, &schema::of_message(message))?,
+            signals: signals(database, message),
+            cdr: Cdr::new(),
+        };
+        topics.insert(message.raw_id, topic);
+    }
+    Ok(topics)
+}
+
+fn signals(database: &Database, message: &Message) -> Vec<Option<SignalHandle>> {
+    let handle = |name: &str| database.signal(&format!("{}.{name}", message.name));
+    let signals = message.signals.iter();
+    signals.map(|signal| handle(&signal.name)).collect()
+}
+
+/// When an event was on the clock of the frames, in whole microseconds as theirs.
+fn at(event: &TimelineEvent, zero: Duration) -> Duration {
+    let since = Duration::try_from_secs_f64(event.time_seconds.abs()).unwrap_or_default();
+    let micros = (since.as_nanos() + 500) / 1000;
+    let since = Duration::from_micros(u64::try_from(micros).unwrap_or(u64::MAX));
+    if event.time_seconds < 0.0 {
+        zero.saturating_sub(since)
+    } else {
+        zero.saturating_add(since)
+    }
+}
+
+/// A `can_msgs/msg/Frame`.
+fn frame_message(Stamped { time, frame, .. }: &Stamped) -> Vec<u8> {
+    let mut cdr = Cdr::new();
+    cdr.push_time(*time);
+    cdr.push_text(FRAME_ID);
+    cdr.push_u32(frame.raw_id() & ID_BITS);
+    for flag in [frame.is_remote(), frame.is_extended(), frame.is_error()] {
+        cdr.push_u8(flag.into());
+    }
+    cdr.push_u8(u8::try_from(frame.data().len()).unwrap_or(8));
+    frame
+        .buffer()
+        .into_iter()
+        .for_each(|byte| cdr.push_u8(byte));
+    cdr.into_bytes()
+}
+
+/// An `rcl_interfaces/msg/Log`.
+fn log_message(time: Duration, event: &TimelineEvent) -> Vec<u8> {
+    let mut cdr = Cdr::new();
+    cdr.push_time(time);
+    cdr.push_u8(match event.level {
+        Level::Info => schema::INFO,
+        Level::Warning => schema::WARN,
+        Level::Error => schema::ERROR,
+    });
+    cdr.push_text("canrig");
+    cdr.push_text(&event.text);
+    // Neither file nor function and line.
+    cdr.push_text("");
+    cdr.push_text("");
+    cdr.push_u32(0);
+    cdr.into_bytes()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::CanFrame;
+    use mcap::MessageStream;
+
+    fn example() -> Vec<u8> {
+        let at = |millis, id, data: &[u8]| {
+            Stamped::new(Duration::from_millis(millis), CanFrame::new(id, data))
+        };
+        let frames = [
+            at(5, 0x080, &[]),
+            at(10, 0x190, &[0x37, 0x02, 0x10, 0x27, 0, 0, 0xF4, 0x01]),
+            at(12, 0x190, &[0x37, 0x02]),
+            at(13, 0x7E5, &[1, 0xAB]),
+        ];
+        let event = |time_seconds, text: &str| TimelineEvent {
+            time_seconds,
+            level: Level::Warning,
+            text: text.to_owned(),
+        };
+        let events = [event(-0.004, "before"), event(9.0, "after")];
+        let zero = Duration::from_millis(10);
+        let frames = frames.to_vec().into();
+        let mut file = Vec::new();
+        write(&mut file, &frames, Database::shipped(), &events, zero).unwrap();
+        file
+    }
+
+    #[test]
+    fn frames_signals_and_events_stand_in_the_order_of_time() {
+        let file = example();
+        let messages: Vec<_> = MessageStream::new(&file)
+            .unwrap()
+            .map(Result::unwrap)
+            .collect();
+        let topics = messages.iter().map(|message| {
+            let millis = message.log_time / 1_000_000;
+            (millis, message.channel.topic.as_str(), message.sequence)
+        });
+        let expected = [
+            (5, "/from_can_bus", 0),
+            (5, "/sync", 0),
+            (6, "/rosout", 0),
+            (10, "/from_can_bus", 1),
+            (10, "/drive_tpdo1", 0),
+            (12, "/from_can_bus", 2),
+            (12, "/drive_tpdo1", 1),
+            (13, "/from_can_bus", 3),
+            (9010, "/rosout", 1),
+        ];
+        assert_eq!(topics.collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn a_message_has_its_signals_as_numbers() {
+        let file = example();
+        let messages = MessageStream::new(&file).unwrap().map(Result::unwrap);
+        let mut tpdos = messages.filter(|message| message.channel.topic == "/drive_tpdo1");
+        let values = |data: &[u8]| {
+            let (numbers, rest) = data[4..].as_chunks();
+            assert!(rest.is_empty());
+            let values = numbers.iter().map(|bytes| f64::from_le_bytes(*bytes));
+            values.collect::<Vec<_>>()
+        };
+        let whole = values(&tpdos.next().unwrap().data);
+        assert_eq!(whole[whole.len() - 2..], [10.0, 0.5]);
+        let short = values(&tpdos.next().unwrap().data);
+        assert_eq!(short[0], whole[0]);
+        assert!(short[short.len() - 2].is_nan());
+    }
+
+    #[test]
+    fn two_files_of_a_recording_are_the_same_bytes() {
+        assert_eq!(example(), example());
+    }
+}

@@ -1,0 +1,144 @@
+//! Frames as the standard's bus logging has them, from which other programs decode signals by `frames.dbc`.
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::time::Duration;
+
+use recording::frames::Frames;
+use recording::log::Stamped;
+
+use super::{BYTES, Channel, Data, Mf4File, Records, UNSIGNED_LITTLE_ENDIAN};
+
+/// Of a source: a bus, and which kind.
+const BUS: u8 = 2;
+const CAN: u8 = 2;
+/// Of a channel group: events of a bus, each as it came.
+const BUS_EVENTS: u16 = 0b110;
+/// Of a channel: an event of a bus.
+const BUS_EVENT: u32 = 1 << 10;
+
+/// Number of the only bus.
+const BUS_CHANNEL: u8 = 1;
+const ID_BITS: u32 = 0x1FFF_FFFF;
+const EXTENDED_ID: u32 = 0x8000_0000;
+/// A record: the time, then the frame.
+const FRAME_AT: u32 = 8;
+const RECORD_BYTES: u32 = 24;
+
+/// The parts of a frame: name, byte in the record, bit in that byte, length in bits.
+const PARTS: [(&str, u32, u32, u32); 6] = [
+    ("ID", 8, 0, 29),
+    ("IDE", 11, 7, 1),
+    ("BusChannel", 12, 0, 8),
+    ("DLC", 13, 0, 8),
+    ("DataLength", 14, 0, 8),
+    ("Dir", 15, 0, 1),
+];
+const DATA_AT: u32 = 16;
+
+/// Kinds of frames, each of which has a group.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Kind {
+    Error,
+    Remote,
+    Data,
+}
+
+impl Kind {
+    fn of(stamped: &Stamped) -> Self {
+        match (stamped.frame.is_error(), stamped.frame.is_remote()) {
+            (true, _) => Self::Error,
+            (false, true) => Self::Remote,
+            (false, false) => Self::Data,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Data => "CAN_DataFrame",
+            Self::Remote => "CAN_RemoteFrame",
+            Self::Error => "CAN_ErrorFrame",
+        }
+    }
+}
+
+/// One group for each kind of frame that there is; the address of the first.
+pub(super) fn groups(file: &mut Mf4File, frames: &Frames) -> u64 {
+    let mut counts: BTreeMap<Kind, usize> = BTreeMap::new();
+    for stamped in frames {
+        *counts.entry(Kind::of(&stamped)).or_default() += 1;
+    }
+    let counts = counts.into_iter();
+    counts.fold(0, |next, (kind, count)| group(file, kind, count, next))
+}
+
+fn group(file: &mut Mf4File, kind: Kind, count: usize, next: u64) -> u64 {
+    let mut records = Records {
+        count,
+        bytes: RECORD_BYTES,
+        flags: BUS_EVENTS,
+        source: 0,
+    };
+    let data = file.data(Data::Frames(kind), &records);
+    let first = channels(file, kind.name());
+    let path = file.text(b"##TX", "CAN1");
+    records.source = file.block(b"##SI", &[path, path, 0], &[BUS, CAN, 0, 0, 0, 0, 0, 0]);
+    file.data_group(next, first, data, &records)
+}
+
+/// Writes one record for each frame of a kind. Times are of the scenario, which began at `zero` on the clock of the frames.
+pub(super) fn write_records(
+    output: &mut impl Write,
+    frames: &Frames,
+    kind: Kind,
+    zero: Duration,
+) -> io::Result<()> {
+    let is_of_kind = |stamped: &Stamped| Kind::of(stamped) == kind;
+    for Stamped { time, frame, .. } in frames.iter().filter(is_of_kind) {
+        let seconds = time.as_secs_f64() - zero.as_secs_f64();
+        output.write_all(&seconds.to_le_bytes())?;
+        let mark = if frame.is_extended() { EXTENDED_ID } else { 0 };
+        let id = frame.raw_id() & ID_BITS | mark;
+        output.write_all(&id.to_le_bytes())?;
+        let length = u8::try_from(frame.data().len()).unwrap_or(8);
+        // Received, like all that the recorder sees.
+        output.write_all(&[BUS_CHANNEL, length, length, 0])?;
+        output.write_all(&frame.buffer())?;
+    }
+    Ok(())
+}
+
+/// The time, and a frame that is made of its parts.
+fn channels(file: &mut Mf4File, name: &str) -> u64 {
+    let part = |data_type, byte, bit, bits| Channel {
+        name: "",
+        unit: "",
+        data_type,
+        byte,
+        bit,
+        bits,
+        flags: BUS_EVENT,
+        parts: 0,
+    };
+    let names = PARTS.map(|(part, ..)| format!("{name}.{part}"));
+    let mut parts: Vec<Channel> = PARTS
+        .iter()
+        .zip(&names)
+        .map(|(&(_, byte, bit, bits), name)| Channel {
+            name,
+            ..part(UNSIGNED_LITTLE_ENDIAN, byte, bit, bits)
+        })
+        .collect();
+    let data = format!("{name}.DataBytes");
+    parts.push(Channel {
+        name: &data,
+        ..part(BYTES, DATA_AT, 0, 64)
+    });
+    let parts = file.fixed_channels(&parts);
+    let frame = Channel {
+        name,
+        parts,
+        ..part(BYTES, FRAME_AT, 0, (RECORD_BYTES - FRAME_AT) * 8)
+    };
+    file.channels(&[Channel::float("time", "s", 0), frame])
+}
