@@ -160,8 +160,11 @@ fn topics(
     frames: &Frames,
     database: &Database,
 ) -> Result<BTreeMap<u32, Topic>, McapError> {
-    let ids = frames.iter().map(|stamped| stamped.frame.raw_id());
-    let ids: BTreeSet<u32> = ids.collect();
+    // One by one: a set that is collected holds all that it is made of.
+    let mut ids = BTreeSet::new();
+    for stamped in frames {
+        ids.insert(stamped.frame.raw_id());
+    }
     let messages = database.messages().iter();
     let mut topics = BTreeMap::new();
     for message in messages.filter(|message| ids.contains(&message.raw_id)) {
