@@ -24,7 +24,13 @@ const SOCKET: &str = "socket";
 const HUBS_MAX: u32 = 1000;
 
 /// How long a listener may outlive its connections while its process ends.
-const LISTENER_PATIENCE: Duration = Duration::from_millis(500);
+const LISTENER_PATIENCE: Duration = Duration::from_secs(1);
+/// How often it is looked meanwhile.
+const LISTENER_LOOK: Duration = Duration::from_millis(10);
+
+/// Place of the flags in `/proc/PID/stat` behind the process's name, and the flag of one that is ending (proc(5), `sched.h`).
+const FLAGS_FIELD: usize = 6;
+const PF_EXITING: u32 = 0x4;
 
 /// A directory with a hub's socket; both are removed on drop.
 pub(super) struct Place {
@@ -151,10 +157,21 @@ fn remove_leftover(socket: &Path) {
 /// For a node's process at its end: when the bench that started it was killed, its socket is removed. A node may reach
 /// its safe state before it notices that the bus has ended, and before a killed bench on a busy machine is gone.
 pub fn remove_orphaned(socket: &Path) {
-    let is_orphan = owner(socket).is_some_and(|process| getppid() != Some(process));
-    if is_orphan || nobody_listens(socket) {
+    let has_lost = |process| getppid() != Some(process) || is_ending(process);
+    if owner(socket).is_some_and(has_lost) || nobody_listens(socket) {
         remove_silent(socket);
     }
+}
+
+/// Whether a process is on its way out: the kernel closes its files in any order, and gives its children away last.
+fn is_ending(process: Pid) -> bool {
+    let path = format!("/proc/{}/stat", process.as_raw_nonzero());
+    let stat = fs::read_to_string(path).unwrap_or_default();
+    // The name before may hold anything.
+    let fields = stat.rsplit(") ").next().unwrap_or_default();
+    let flags = fields.split(' ').nth(FLAGS_FIELD);
+    let flags = flags.and_then(|flags| flags.parse::<u32>().ok());
+    flags.is_some_and(|flags| flags & PF_EXITING != 0)
 }
 
 /// The process whose hub's socket this is, by the name of its directory.
@@ -172,7 +189,7 @@ pub(crate) fn remove_silent(socket: &Path) {
         if nobody_listens(socket) {
             return remove(socket);
         }
-        wait(LISTENER_PATIENCE / 50);
+        wait(LISTENER_LOOK);
     }
 }
 
@@ -216,6 +233,26 @@ fn seqpacket() -> Result<OwnedFd, Errno> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// One that was killed and not collected is on its way out; this one is not.
+    #[test]
+    fn a_process_that_ends_is_known_before_it_is_gone() {
+        let pid = |number: u32| Pid::from_raw(i32::try_from(number).unwrap()).unwrap();
+        assert!(!is_ending(pid(std::process::id())));
+        let mut child = std::process::Command::new("sleep")
+            .arg("60")
+            .spawn()
+            .unwrap();
+        assert!(!is_ending(pid(child.id())));
+        child.kill().unwrap();
+        let clock = Clock::start();
+        while !is_ending(pid(child.id())) {
+            assert!(clock.now() < LISTENER_PATIENCE, "it does not end");
+            wait(LISTENER_LOOK);
+        }
+        child.wait().unwrap();
+        assert!(!is_ending(pid(i32::MAX as u32)));
+    }
 
     #[test]
     fn only_hubs_that_live_are_running() {
