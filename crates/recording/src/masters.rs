@@ -18,6 +18,8 @@ use scenario::fault::node::{Node, NodeFaults};
 const AHEAD_MAX: f64 = 0.75;
 /// Frames may have been held up for so long, and then come in a burst.
 const BACKLOG_MAX: Duration = Duration::from_millis(500);
+/// Who takes frames while they come may take them so late. A recording has the kernel's stamps instead.
+const LISTENER_LATENESS: Duration = Duration::from_millis(20);
 /// The first frame of all may have come so late.
 const FIRST_LATENESS: Duration = Duration::from_millis(3);
 /// In so many periods a lead or a backlog is forgotten, since no clock is exact, and who was late may have left frames out.
@@ -133,6 +135,16 @@ impl MasterWatch {
             latest: Duration::ZERO,
             is_out_of_order: false,
         })
+    }
+
+    /// The same for who takes the frames while they come, by a clock of its own, and may do so late: after a time in which it was
+    /// always late, it is in time again, and all senders seem to be early.
+    #[must_use]
+    pub fn while_they_come(mut self) -> Self {
+        for rate in &mut self.rates {
+            rate.ahead_max += periods(LISTENER_LATENESS, rate.period);
+        }
+        self
     }
 
     /// The frames that it must receive.
@@ -613,6 +625,38 @@ mod tests {
             _ => Duration::ZERO,
         };
         assert_eq!(found(run(1500, busy)), []);
+    }
+
+    /// For three seconds a busy listener takes each frame two cycles late, and then in time again.
+    #[test]
+    fn a_listener_that_is_late_sees_no_second_master() {
+        let late = |cycle: u32| match cycle {
+            0..1200 => 2 * PERIOD,
+            _ => Duration::ZERO,
+        };
+        let watched = |frames: Vec<(Duration, CanFrame)>| {
+            let external = External::default();
+            let watch = MasterWatch::new(&scenario(""), Database::shipped(), &external);
+            let mut watch = watch.unwrap().while_they_come();
+            frames
+                .iter()
+                .for_each(|(time, frame)| watch.on_frame(*time, frame));
+            watch.found()
+        };
+        let mut frames = run(1500, late);
+        frames.sort_by_key(|(time, _)| *time);
+        assert!(
+            !found(frames.clone()).is_empty(),
+            "by the kernel's stamps they would come from two"
+        );
+        assert_eq!(watched(frames), []);
+        // A second master is still noticed, so much later.
+        let foreign = (0..200).map(|number| ((600 + number) * PERIOD + 400 * MICRO, sync()));
+        let mut frames = run(1500, |_| Duration::ZERO);
+        frames.extend(foreign);
+        frames.sort_by_key(|(time, _)| *time);
+        let first = watched(frames)[0].first_seconds;
+        assert!((0.600..0.640).contains(&first), "{first}");
     }
 
     /// It has a queue of SYNCs for longer than a backlog is remembered, and then answers all of them at once.

@@ -133,7 +133,10 @@ fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
         .rig
         .as_ref()
         .map(|rig| Supervisor::new(&rig.file, &rig.drive));
-    let watch = |setup: &Setup| MasterWatch::new(&setup.scenario, &setup.database, &setup.external);
+    let watch = |setup: &Setup| {
+        let watch = MasterWatch::new(&setup.scenario, &setup.database, &setup.external);
+        watch.map(MasterWatch::while_they_come)
+    };
     let has_drive = setup.external.has(ExternalNode::Drive);
     let masters = has_drive.then(|| watch(setup)).transpose()?;
     let bench = DisturbanceProducer::new(&orders, &setup.database)?;
