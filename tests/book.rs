@@ -8,7 +8,9 @@ use std::process::Command;
 
 use rig::rig_file::LoadedRig;
 use rig::setup::Setup;
+use scenario::loops::Loops;
 use scenario::rig::RigFile;
+use scenario::rig::nodes::Rig;
 use serde_json::Value;
 use toml::Table;
 
@@ -234,11 +236,17 @@ fn merge(whole: &mut Table, part: Table) {
 fn load(folder: &Path, text: &str) -> Result<(), String> {
     let path = folder.join("snippet.toml");
     fs::write(&path, text).unwrap();
-    let loaded = match RigFile::is_meant(text) {
-        true => LoadedRig::load(&path).map(drop).map_err(miette_text),
-        false => Setup::load(&path, worlds::catalogue::catalogue())
+    let catalogue = worlds::catalogue::catalogue();
+    let loaded = if RigFile::is_meant(text) {
+        LoadedRig::load(&path).map(drop).map_err(miette_text)
+    } else if text.contains("[loop.") {
+        Rig::load_with_text(&path).map(drop).map_err(miette_text)
+    } else if Loops::is_meant(text) {
+        rig::loops::load(&path, catalogue)
             .map(drop)
-            .map_err(miette_text),
+            .map_err(miette_text)
+    } else {
+        Setup::load(&path, catalogue).map(drop).map_err(miette_text)
     };
     loaded.map_err(|error| format!("{error}\n{text}"))
 }
@@ -259,6 +267,15 @@ fn every_scenario_loads() {
     .unwrap();
     let eds = root().join("tests/foreign/servo.eds");
     fs::copy(eds, folder.path().join("servo.eds")).unwrap();
+    for name in ["feeder.toml", "feed_and_press.toml"] {
+        let example = root().join("docs/examples").join(name);
+        let page = Page::read(root().join("docs/several-drives.md"));
+        assert!(
+            page.text.contains(&fs::read_to_string(&example).unwrap()),
+            "{name}"
+        );
+        fs::copy(example, folder.path().join(name)).unwrap();
+    }
     let (mut whole, mut parts, mut own) = (0, 0, 0);
     for page in pages() {
         for block in page.blocks() {
@@ -274,6 +291,10 @@ fn every_scenario_loads() {
                 "toml,fragment,lift" => {
                     parts += 1;
                     merged("docs/examples/lift.toml", &block.text)
+                }
+                "toml,fragment,rig" => {
+                    parts += 1;
+                    merged("docs/examples/feed_and_press.toml", &block.text)
                 }
                 "toml,fragment,own" => {
                     own += 1;

@@ -68,7 +68,7 @@ fn a_reaction_that_does_not_come_fails() {
     }).collect();
     assert!(scenarios.len() >= 10);
     let outcomes = campaign().play(scenarios.into_iter(), |played| {
-        (played.scenario.name.clone(), played.verdict.outcome)
+        (played.scenario().name.clone(), played.verdict.outcome)
     });
     for (name, outcome) in outcomes.unwrap().into_iter().map(Result::unwrap) {
         assert_eq!(outcome, Outcome::Fail, "{name}");
@@ -201,4 +201,23 @@ fn a_fault_that_a_world_cannot_play_is_refused() {
         stderr.contains("[[fault.bus.lose]] is possible on the modelled bus only"),
         "{stderr}"
     );
+}
+
+/// The controller takes the current from all loops, so what one of them then misses is no node's doing.
+#[test]
+fn a_fault_of_one_loop_explains_what_another_misses() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = root().join("crates/worlds/tests/data");
+    fs::copy(
+        data.join("two_axes_rig.toml"),
+        folder.path().join("two_axes_rig.toml"),
+    )
+    .unwrap();
+    let crash = "[[fault.node.crash]]\nfrom_seconds = 6.0\nnode = \"y\"\n";
+    let text = fs::read_to_string(data.join("two_axes.toml")).unwrap() + crash;
+    let path = folder.path().join("two_axes.toml");
+    fs::write(&path, text).unwrap();
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(path));
+    assert_eq!(code, Some(0), "{stdout}\n{stderr}");
 }

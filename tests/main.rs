@@ -22,6 +22,7 @@ mod real_time;
 mod replay;
 mod report;
 mod reproduce;
+mod rigs;
 mod rooms;
 mod second_master;
 mod strangers;

@@ -1,7 +1,7 @@
 //! The bench with real processes: what is left when one of them is killed.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
@@ -19,7 +19,14 @@ struct Run {
 
 impl Run {
     /// Starts a run and waits until the wire is heated.
-    fn start(name: &str, clock: &str) -> Self {
+    fn start(scenario: &Path, clock: &str) -> Self {
+        let run = Self::begin(scenario, clock);
+        wait_for("the scenario to begin", || run.has_heated());
+        run
+    }
+
+    /// Starts a run.
+    fn begin(scenario: &Path, clock: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let by_itself = canrig(folder.path(), "run");
         // Whoever runs the tests may have signals ignored.
@@ -28,7 +35,7 @@ impl Run {
             .arg("--default-signal=INT,HUP,QUIT")
             .arg(by_itself.get_program())
             .args(by_itself.get_args())
-            .arg(scenario(name))
+            .arg(scenario)
             .args(["--bus", "embedded", "--clock", clock]);
         // The embedded bus lies in a folder of its own, so that a test sees what is left there.
         let runtime = folder.path().join("runtime");
@@ -37,12 +44,10 @@ impl Run {
             .env("XDG_RUNTIME_DIR", runtime)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
-        let run = Self {
+        Self {
             canrig: Started::new(canrig.spawn().unwrap()),
             folder,
-        };
-        wait_for("the scenario to begin", || run.has_heated());
-        run
+        }
     }
 
     fn id(&self) -> Pid {
@@ -71,6 +76,10 @@ impl Run {
 
     /// The process of a node.
     fn node(&self, name: &str) -> Pid {
+        self.find_node(name).expect("the node runs")
+    }
+
+    fn find_node(&self, name: &str) -> Option<Pid> {
         let children =
             fs::read_to_string(format!("/proc/{0}/task/{0}/children", self.canrig.id())).unwrap();
         let pids = children
@@ -80,7 +89,7 @@ impl Run {
             let line = fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
             line.split('\0').any(|word| word == name)
         };
-        Pid::from_raw(pids.into_iter().find(is_node).expect("the node runs")).unwrap()
+        pids.into_iter().find(is_node).and_then(Pid::from_raw)
     }
 
     fn end(self) -> (Option<i32>, String, tempfile::TempDir) {
@@ -115,7 +124,7 @@ fn verdict(folder: &Path) -> serde_json::Value {
 
 /// A node that is killed ends the run, which says who it was.
 fn is_named_and_nothing_stays(victim: &str, scenario: &str, clock: &str) {
-    let run = Run::start(scenario, clock);
+    let run = Run::start(&crate::support::scenario(scenario), clock);
     let nodes = NODES.map(|node| run.node(node));
     kill_process(run.node(victim), Signal::KILL).unwrap();
     let (code, text, folder) = run.end();
@@ -138,6 +147,152 @@ fn a_node_killed_in_lockstep_is_named_and_nothing_stays() {
     for victim in NODES {
         is_named_and_nothing_stays(victim, "sine_20s.toml", "lockstep");
     }
+}
+
+/// A rig of so many drives, each with a motor and a loop of its own, under a steady current. Its cycle is so long that its
+/// nodes do not lose each other on a busy machine; `added` is more of the scenario for each drive, as `NODE`.
+fn several_drives(folder: &Path, count: u8, added: &str) -> (PathBuf, Vec<(String, u8)>) {
+    let drives = (0..count).map(|number| (format!("drive_{number}"), 0x10 + 2 * number));
+    let drives = Vec::from_iter(drives);
+    let mut rig = "schema = 2\nname = \"several drives\"\n\
+        [bus]\nsync_period_milliseconds = 20.0\n\
+        [defaults.drive]\namplifier = { rated = 1.0, min = -1.0, max = 1.0 }\n\
+        sensor = { unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16 }\n\
+        [node.controller]\nkind = \"controller\"\nnode_id = 1\n"
+        .to_owned();
+    let mut scenario =
+        "schema = 2\nname = \"several drives\"\nrig = \"rig.toml\"\nduration_seconds = 20.0\n\
+        [controller.all.open_loop]\n\
+        [[controller.all.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.05\n"
+            .to_owned();
+    for (drive, node_id) in &drives {
+        rig += &format!(
+            "[plant.{plant}.dc_motor]\n[node.{drive}]\nkind = \"drive\"\nnode_id = {node_id}\n\
+             amplifier.port = \"{plant}.current_amperes\"\nsensor.port = \"{plant}.position_metres\"\n\
+             [loop.of_{drive}]\nfeedback = \"{drive}.position\"\ndrives = [\"{drive}\"]\n",
+            plant = plant_of(drive),
+        );
+        scenario += &added.replace("NODE", drive);
+    }
+    fs::write(folder.join("rig.toml"), rig).unwrap();
+    let path = folder.join("scenario.toml");
+    fs::write(&path, scenario).unwrap();
+    (path, drives)
+}
+
+fn plant_of(drive: &str) -> String {
+    drive.replace("drive", "motor")
+}
+
+/// With a fault to come, each plant says what current flows, whatever becomes of its drive.
+const FAULT_TO_COME: &str =
+    "[[fault.sensor.noise]]\nfrom_seconds = 19.0\nnode = \"NODE\"\nnoise_millimetres_rms = 0.01\n";
+
+/// The current that flowed last, as the plant of a drive says.
+fn last_current(log: &str, setup: &rig::setup::Setup) -> f64 {
+    let current = (setup.database)
+        .require("plant_truth.plant_current_amperes")
+        .unwrap();
+    let frames = log.lines().rev().filter_map(|line| {
+        let (id, data) = line.rsplit_once(' ')?.1.split_once('#')?;
+        let id = u16::from_str_radix(id, 16).ok()?;
+        let bytes = (0..data.len() / 2).map(|place| &data[2 * place..2 * place + 2]);
+        let bytes = bytes.map(|byte| u8::from_str_radix(byte, 16).unwrap());
+        Some(canopen::CanFrame::new(id, &Vec::from_iter(bytes)))
+    });
+    let mut currents = frames.filter_map(|frame| current.decode(&frame));
+    currents.next().expect("the plant said it")
+}
+
+/// A process of several drives that is killed once current flows ends the run, which names it; no current is left in any plant
+/// that lives on.
+fn is_named_and_no_current_stays(count: u8, victim: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenario, drives) = several_drives(folder.path(), count, FAULT_TO_COME);
+    let setups = rig::loops::load(&scenario, worlds::catalogue::catalogue()).unwrap();
+    let run = Run::start(&scenario, "real-time");
+    let emulators = drives.iter().map(|(drive, _)| run.node(&plant_of(drive)));
+    let nodes = Vec::from_iter(emulators.chain([run.node("controller")]));
+    let flows = |setup| last_current(&run.log(), setup) > 0.0;
+    wait_for("the current to flow", || setups.iter().all(flows));
+    kill_process(run.node(victim), Signal::KILL).unwrap();
+    let run_folder = run.run_folder().unwrap();
+    let (code, text, folder) = run.end();
+    assert_eq!(code, Some(4), "{text}");
+    let words = match drives.iter().find(|(drive, _)| plant_of(drive) == victim) {
+        Some((drive, _)) => format!("emulator of {victim} and its drive {drive}"),
+        None => victim.to_owned(),
+    };
+    let expected = format!("the {words} was killed by signal 9");
+    assert!(text.contains(&expected), "{text}");
+    assert!(nodes.iter().all(|node| is_gone(*node)));
+    assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+    let log = fs::read_to_string(run_folder.join("bus.log")).unwrap();
+    for (setup, (drive, _)) in setups.iter().zip(&drives) {
+        if plant_of(drive) != victim {
+            assert_eq!(last_current(&log, setup), 0.0, "{drive} after {victim}");
+        }
+    }
+}
+
+#[test]
+fn any_process_of_several_drives_that_is_killed_is_named_and_leaves_no_current() {
+    for count in [2, 4] {
+        let motors = (0..count).map(|number| format!("motor_{number}"));
+        for victim in motors.chain(["controller".to_owned()]) {
+            in_real_time(|| is_named_and_no_current_stays(count, &victim));
+        }
+    }
+}
+
+#[test]
+fn a_process_of_several_drives_that_is_killed_before_the_scenario_begins_is_named() {
+    for (victim, words) in [
+        ("controller", "controller"),
+        ("motor_3", "emulator of motor_3 and its drive drive_3"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let (scenario, _) = several_drives(folder.path(), 4, "");
+        let run = Run::begin(&scenario, "real-time");
+        wait_for("the node to start", || run.find_node(victim).is_some());
+        kill_process(run.node(victim), Signal::KILL).unwrap();
+        let (code, text, folder) = run.end();
+        assert_eq!(code, Some(4), "{text}");
+        let expected = format!("the {words} was killed by signal 9");
+        assert!(text.contains(&expected), "{text}");
+        assert_eq!(verdict(folder.path())["outcome"], "incomplete");
+    }
+}
+
+#[test]
+fn a_killed_bench_of_several_drives_leaves_no_process_and_no_socket() {
+    for count in [2, 4] {
+        in_real_time(|| {
+            let folder = tempfile::tempdir().unwrap();
+            let (scenario, drives) = several_drives(folder.path(), count, "");
+            let run = Run::start(&scenario, "real-time");
+            let emulators = drives.iter().map(|(drive, _)| run.node(&plant_of(drive)));
+            is_tidy_after_the_kill(&run, emulators.chain([run.node("controller")]).collect());
+        });
+    }
+}
+
+/// A drive that hangs, as the rig file calls it, is why the run ends: the controller gives it up.
+#[test]
+fn a_silent_drive_of_several_is_named() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let (scenario, _) = several_drives(folder.path(), 2, "");
+        let run = Run::start(&scenario, "real-time");
+        kill_process(run.node("motor_1"), Signal::STOP).unwrap();
+        let (code, text, folder) = run.end();
+        assert_eq!(code, Some(1), "{text}");
+        let end = &verdict(folder.path())["ended_early"];
+        assert_eq!(end["node"], "drive_1", "{end}");
+        let what = end["what"].as_str().unwrap();
+        assert!(what.contains("the controller gave it up"), "{what}");
+        assert!(what.contains("(node 18"), "{what}");
+    });
 }
 
 /// A machine that stands still, as a virtual one that is paused: what is missed then is not the nodes' doing.
@@ -192,19 +347,21 @@ fn a_machine_that_stands_still_leaves_the_run_open_and_a_replay_agrees() {
 #[test]
 fn a_killed_bench_leaves_no_process_and_no_socket() {
     in_real_time(|| {
-        let mut run = Run::start("step.toml", "real-time");
-        let nodes = NODES.map(|node| run.node(node));
-        kill_process(run.id(), Signal::KILL).unwrap();
-        run.canrig.wait().unwrap();
-        wait_for("the nodes to end", || {
-            nodes.iter().all(|node| is_gone(*node))
-        });
-        let runtime = run.folder.path().join("runtime");
-        wait_for("the socket to be removed", || {
-            fs::read_dir(&runtime).unwrap().next().is_none()
-        });
-        assert_eq!(verdict(run.folder.path())["outcome"], "incomplete");
+        let run = Run::start(&scenario("step.toml"), "real-time");
+        is_tidy_after_the_kill(&run, NODES.map(|node| run.node(node)).into());
     });
+}
+
+fn is_tidy_after_the_kill(run: &Run, nodes: Vec<Pid>) {
+    kill_process(run.id(), Signal::KILL).unwrap();
+    wait_for("the nodes to end", || {
+        nodes.iter().all(|node| is_gone(*node))
+    });
+    let runtime = run.folder.path().join("runtime");
+    wait_for("the socket to be removed", || {
+        fs::read_dir(&runtime).unwrap().next().is_none()
+    });
+    assert_eq!(verdict(run.folder.path())["outcome"], "incomplete");
 }
 
 #[test]
@@ -217,7 +374,7 @@ fn an_interrupted_run_ends_with_the_current_at_0() {
 /// A terminal sends its signals to all processes in it.
 fn ends_with_the_current_at_0(signal: Signal) {
     in_real_time(|| {
-        let run = Run::start("step.toml", "real-time");
+        let run = Run::start(&scenario("step.toml"), "real-time");
         let nodes = NODES.map(|node| run.node(node));
         for process in [nodes[0], nodes[1], run.id()] {
             kill_process(process, signal).unwrap();

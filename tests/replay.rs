@@ -64,8 +64,8 @@ fn a_recording_is_judged_again_without_its_plant_in_the_catalogue() {
     let folder = tempfile::tempdir().unwrap();
     let run = simulated(folder.path(), &scenario("motor_step.toml"));
     let recorded = Recorded::load(&run, None, &Catalogue::shipped()).unwrap();
-    let timeline = recorded.timeline().unwrap();
-    let verdict = recorded.judge(&timeline).unwrap().to_json();
+    let timelines = recorded.timelines().unwrap();
+    let verdict = recorded.judge(&timelines).unwrap().to_json();
     assert_eq!(
         verdict,
         fs::read_to_string(run.join("verdict.json")).unwrap()

@@ -195,6 +195,11 @@ struct Bench {
 
 impl Bench {
     fn start() -> Self {
+        Self::of(&scenario("step.toml"), &[], 0x711)
+    }
+
+    /// An emulator, once its last node has booted.
+    fn of(scenario: &Path, more: &[&str], boot_up: u16) -> Self {
         let (hub, mut recorder) = Hub::start().unwrap();
         let runtime = tempfile::tempdir().unwrap();
         let plant_emulator = tool(
@@ -207,14 +212,15 @@ impl Bench {
             ],
         )
         .arg("--scenario")
-        .arg(scenario("step.toml"))
+        .arg(scenario)
+        .args(more)
         .stdin(Stdio::piped())
         .spawn()
         .unwrap();
         wait_for("the nodes' boot-up", || {
             recorder
                 .next()
-                .is_some_and(|stamped| stamped.frame.standard_id() == Some(0x711))
+                .is_some_and(|stamped| stamped.frame.standard_id() == Some(boot_up))
         });
         Self {
             hub,
@@ -235,6 +241,72 @@ impl Drop for Bench {
         drop(self.plant_emulator.stdin.take());
         let _ = self.plant_emulator.wait();
     }
+}
+
+/// A bench of two drives, of which one is there.
+#[test]
+fn nodes_are_known_by_the_names_of_the_rig() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/worlds/tests/data");
+    let (two_axes, rig) = (data.join("two_axes.toml"), data.join("two_axes_rig.toml"));
+    in_real_time(|| {
+        let bench = Bench::of(&two_axes, &["--plant", "gantry_y"], 0x712);
+        // A rig file and a scenario name the same nodes.
+        for names in [&rig, &two_axes] {
+            let names = ["--rig", names.to_str().unwrap()];
+            let tool = |arguments: &[&str]| bench.tool(&[arguments, &names].concat());
+            let (code, stdout, stderr) = tool(&["nodes", "--listen", "0.3"]);
+            assert_eq!(code, Some(0), "{stderr}");
+            assert!(stdout.contains("18 (0x12) y"), "{stdout}");
+            let absent = "not on the bus: 1 (0x01) controller, 16 (0x10) x";
+            assert!(stdout.contains(absent), "{stdout}");
+            let (code, stdout, stderr) = tool(&["sdo", "read", "y", "1801:2"]);
+            assert_eq!(code, Some(0), "{stderr}");
+            assert!(stdout.ends_with(" = 5 (0x05)\n"), "{stdout}");
+            let (code, _, stderr) = tool(&["sdo", "read", "gantry", "1801:2"]);
+            assert!(
+                code == Some(2) && stderr.contains("one of controller, x, y"),
+                "{stderr}"
+            );
+            let (code, stdout, stderr) = tool(&["monitor", "--only", "y_", "--count", "3"]);
+            assert_eq!(code, Some(0), "{stderr}");
+            assert!(
+                stdout.lines().all(|line| line.contains("y_heartbeat")),
+                "{stdout}"
+            );
+        }
+    });
+}
+
+#[test]
+fn each_node_has_an_eds_of_its_own() {
+    let rig = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../crates/worlds/tests/data/two_axes_rig.toml"
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let sheets = folder.path().join("sheets");
+    let write = || {
+        let arguments = ["eds", rig, "--to", sheets.to_str().unwrap()];
+        output(&mut tool(folder.path(), &arguments))
+    };
+    let (code, stdout, stderr) = write();
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stdout.contains("y.eds  node 18 (0x12)"), "{stdout}");
+    for (name, node_id) in [("controller", 1), ("x", 0x10), ("y", 0x12)] {
+        let text = fs::read_to_string(sheets.join(format!("{name}.eds"))).unwrap();
+        assert!(text.contains(&format!("\nNodeID=0x{node_id:02X}\nNodeName={name}\n")));
+        let objects = canopen::eds::parse(&text, node_id).unwrap().dictionary;
+        let pace = (name != "controller").then_some(5);
+        assert_eq!(
+            objects.unsigned(0x1801, 2).filter(|_| name != "controller"),
+            pace
+        );
+    }
+    let (code, _, stderr) = write();
+    assert!(
+        code == Some(4) && stderr.contains("cannot be written"),
+        "{stderr}"
+    );
 }
 
 #[test]

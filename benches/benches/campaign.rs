@@ -26,16 +26,16 @@ const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 21_240;
 fn plan() -> SweepPlan {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(SWEEP);
     let setup = Setup::load(&file, catalogue()).expect("the shipped sweep is valid");
-    SweepPlan::new(&setup).expect("it is a sweep")
+    SweepPlan::new(&[setup]).expect("it is a sweep")
 }
 
 /// A case as a thread of `canrig sweep` plays it: its row, and how many cycles it had.
 fn played(plan: &SweepPlan, number: usize) -> (SweepRow, usize) {
     let case = plan.case(number);
-    let scenario = case.scenario().expect("the case is valid");
-    let row = play_one(number, scenario, &Watch::default(), |played| {
+    let loops = case.loops().expect("the case is valid");
+    let row = play_one(number, &loops, &Watch::default(), |played| {
         let row = SweepRow::from_verdict(number, &case.id, played.verdict);
-        (row, played.timeline.cycle.len())
+        (row, played.timeline().cycle.len())
     });
     row.expect("the case is played")
 }

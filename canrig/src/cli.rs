@@ -4,6 +4,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use platform::{private_bus, process};
 
 use crate::doctor::{DoctorArgs, doctor};
+use crate::eds::{EdsArgs, eds};
 use crate::host::{NodeArgs, host};
 use crate::manual::{CompletionsArgs, ManArgs, completions, man};
 use crate::new::{NewArgs, new};
@@ -147,6 +148,8 @@ pub(crate) enum Command {
     Sdo(SdoArgs),
     /// Show live traffic, one line per frame, decoded by DBC and EDS
     Monitor(MonitorArgs),
+    /// Write the EDS of each node of a rig, for other programs
+    Eds(EdsArgs),
     /// Print the completions of canrig's commands and options for a shell
     Completions(CompletionsArgs),
     /// Write the manual pages
@@ -187,6 +190,7 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Nodes(args) => nodes(&args),
         Command::Sdo(args) => sdo(&args),
         Command::Monitor(args) => monitor(args),
+        Command::Eds(args) => eds(&args),
         Command::Completions(args) => completions(&args, &mut Cli::command()),
         Command::Man(args) => man(&args, Cli::command()),
         Command::Node(args) => host(&args),

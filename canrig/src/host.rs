@@ -13,13 +13,20 @@ use platform::real_time::{RunError, RunReport};
 use platform::scheduling::Scheduling;
 use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
-use scenario::{ControllerView, Scenario};
+use scenario::loops::Loops;
+use scenario::{ControllerView, Scenario, read_text};
 
 use recording::latency::{NodeReport, Quantiles};
+use rig::FILE_BYTES_MAX;
 use rig::rig_file::LoadedRig;
+use rig::setup::Setup;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
-use worlds::nodes::{controller, faulty_controller, plant_emulator};
+use worlds::catalogue::catalogue;
+use worlds::nodes::{
+    controller, controller_of, emulator_name, faulty_controller, on_rigs, plant_emulator,
+    plant_emulator_of,
+};
 
 /// Arguments of `node`.
 #[derive(Args, Debug)]
@@ -30,6 +37,9 @@ pub(crate) struct NodeArgs {
     /// The scenario
     #[arg(long)]
     pub scenario: PathBuf,
+    /// The plant that it emulates, where a scenario has several
+    #[arg(long)]
+    pub plant: Option<String>,
     /// The rig file; none for the emulated drive
     #[arg(long)]
     pub rig: Option<PathBuf>,
@@ -94,8 +104,11 @@ impl From<RunError> for Failure {
     }
 }
 
-/// The controller's process: what happens to a process in real time is done to it from outside.
+/// The controller's process.
 fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
+    if is_of_loops(args)? {
+        return hosted_controller_of_loops(args);
+    }
     let view = ControllerView::load(&args.scenario).map_err(Failure::of_setup)?;
     let scenario = Scenario::load(&args.scenario).map_err(Failure::of_setup)?;
     let rig = args
@@ -104,14 +117,44 @@ fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
         .map(LoadedRig::load)
         .transpose()
         .map_err(Failure::of_setup)?;
-    let is_real_time = args.host.lockstep.is_none();
-    let is_of_process =
-        |kind: &FaultKind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang);
     let make = move || controller(&view, rig.as_ref());
-    faulty_controller(make, &scenario.fault, is_of_process).map_err(Failure::of_setup)
+    let setup = Setup::new(scenario, catalogue());
+    faulty_controller(make, &[setup], is_of_process(args)).map_err(Failure::of_setup)
+}
+
+/// Whether the scenario is one of several loops.
+fn is_of_loops(args: &NodeArgs) -> Result<bool, Failure> {
+    let text = read_text(&args.scenario, FILE_BYTES_MAX).map_err(Failure::of_setup)?;
+    Ok(Loops::is_meant(&text))
+}
+
+fn setups_of_loops(args: &NodeArgs) -> Result<Vec<Setup>, Failure> {
+    rig::loops::load(&args.scenario, catalogue()).map_err(Failure::of_setup)
+}
+
+fn hosted_controller_of_loops(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
+    let views = Loops::load_view(&args.scenario).map_err(Failure::of_setup)?;
+    let setups = setups_of_loops(args)?;
+    let views = on_rigs(views.loops, &setups);
+    let make = move || controller_of(&views);
+    faulty_controller(make, &setups, is_of_process(args)).map_err(Failure::of_setup)
+}
+
+/// What happens to a process in real time is done to it from outside.
+fn is_of_process(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
+    let is_real_time = args.host.lockstep.is_none();
+    move |kind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang)
 }
 
 fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
+    if let Some(plant) = &args.plant {
+        let setups = setups_of_loops(args)?;
+        let is_it = |setup: &&Setup| emulator_name(setup) == plant;
+        let setup = setups.iter().find(is_it);
+        let setup =
+            setup.ok_or_else(|| Failure::of_setup(format!("there is no plant `{plant}`")))?;
+        return plant_emulator_of(setup).map_err(Failure::of_setup);
+    }
     let scenario = Scenario::load(&args.scenario).map_err(Failure::of_setup)?;
     plant_emulator(&scenario).map_err(Failure::of_setup)
 }

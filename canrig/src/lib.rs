@@ -12,6 +12,7 @@
 pub mod bench;
 mod cli;
 mod doctor;
+mod eds;
 mod host;
 mod manual;
 mod new;

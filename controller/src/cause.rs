@@ -1,6 +1,7 @@
 //! Why the controller went to its safe state: what its EMCY says.
 
 use canopen::emcy::ErrorCode;
+use canopen::nmt::NodeId;
 
 /// A cause; its number is in the second of the EMCY's manufacturer bytes, as the DBC's value table has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,8 +30,8 @@ impl Cause {
         }
     }
 
-    /// The EMCY's manufacturer bytes; the first is for numbers of nodes and PDOs.
-    pub(crate) fn manufacturer(self) -> [u8; 5] {
-        [0, self as u8, 0, 0, 0]
+    /// The EMCY's manufacturer bytes; the first is for the number of the node concerned, where there may be several.
+    pub(crate) fn manufacturer(self, node: Option<NodeId>) -> [u8; 5] {
+        [node.map_or(0, NodeId::get), self as u8, 0, 0, 0]
     }
 }

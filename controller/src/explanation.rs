@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 
 use canopen::ObjectDictionary;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
+use dbc::loops::law_offset;
 use dbc::{LAW_TERMS_OBJECT, LawTerm};
 
 use crate::error::ControllerError;
@@ -32,10 +33,6 @@ pub(crate) struct ExplanationObjects {
 /// What explains a loop: its terms, and the TPDOs that take them. Those of the next loop stand so far behind.
 const OBJECTS: [RangeInclusive<u16>; 3] = [0x1800..=0x1803, 0x1A00..=0x1A03, 0x2200..=0x223F];
 const OBJECT_DISTANCES: [u16; 3] = [4, 4, 0x40];
-/// COB-IDs of nodes from 0x20 on, which no node of the bench has.
-const COB_ID_DISTANCE: u32 = 0x20;
-const LOOPS_TO_NEXT_FUNCTION: u32 = 4;
-const FUNCTION_DISTANCE: u32 = 0x80;
 
 /// Puts a loop's terms, and the TPDOs that take them, into the controller's dictionary: those of its data sheet, or behind
 /// them for a loop that is not the first. A law's own terms are in TPDO2 to TPDO4 in place of the others.
@@ -65,13 +62,11 @@ fn of_loop(entry: &Entry, distance: u16, place: usize) -> Entry {
     let number = u32::try_from(value).unwrap_or_default();
     let default = match (entry.index, entry.sub_index) {
         (0x1800..=0x1803, 1) => {
-            let (functions, rest) = (
-                u32::from(places) / LOOPS_TO_NEXT_FUNCTION,
-                u32::from(places) % LOOPS_TO_NEXT_FUNCTION,
-            );
-            let behind = functions * FUNCTION_DISTANCE + rest * COB_ID_DISTANCE;
+            let behind = u8::try_from(place).map_or(0, law_offset);
             (number + behind).to_le_bytes().to_vec()
         }
+        // The SYNC start value: each loop has cycles of its own (`LoopPlace::terms_cycle`).
+        (0x1800..=0x1803, 6) => u8::try_from(place).into_iter().collect(),
         (0x1A00..=0x1A03, 1..) if number != 0 => {
             let behind = u32::from(OBJECT_DISTANCES[2] * places) << 16;
             (number + behind).to_le_bytes().to_vec()

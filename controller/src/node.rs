@@ -20,6 +20,7 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::NodeId};
 use scenario::ControllerView;
+use scenario::loops::OneLoop;
 use scenario::plant::SMA_ACTUATOR;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::{Limits, RigDrive, RigFile, Timeouts};
@@ -33,7 +34,7 @@ use control_loop::ControlLoop;
 pub use drive::ENABLE_TIME;
 use drive::LedDrive;
 use phase::Phase;
-use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, watch_entry};
+use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, IO_WATCH_ENTRY, watch_entry};
 pub use statistics::Statistics;
 
 /// The controller.
@@ -48,14 +49,30 @@ impl ControllerNode {
     /// # Errors
     /// The scenario selects no law, or an EDS does not fit.
     pub fn new(view: &ControllerView) -> Result<Self, ControllerError> {
-        let dictionary = dbc::dictionary(dbc::DRIVE_EDS, RigDrive::default().node_id)?;
-        let drive = DriveLayout::emulated(dictionary)?;
-        let plan = LoopPlan {
-            view,
-            drive,
-            limits: None,
-        };
-        Self::leading(vec![plan], DISTURBANCE, Timeouts::default())
+        let plan = LoopPlan::emulated(view, RigDrive::default().node_id)?;
+        Self::leading(vec![plan], vec![DISTURBANCE])
+    }
+
+    /// As [`ControllerNode::new`], for several loops, each with a drive of its own: an emulated one, or that of a rig file with
+    /// its EDS, whose limits it obeys.
+    ///
+    /// # Errors
+    /// As [`ControllerNode::new`].
+    pub fn of_loops<'a>(
+        loops: impl IntoIterator<Item = (&'a OneLoop<ControllerView>, Option<(&'a RigFile, &'a str)>)>,
+    ) -> Result<Self, ControllerError> {
+        let mut plans = Vec::new();
+        let mut io_nodes = Vec::new();
+        for (one, rig) in loops {
+            plans.push(match rig {
+                Some((rig, eds)) => LoopPlan::on_rig(&one.scenario, rig, eds)?,
+                None => LoopPlan::emulated(&one.scenario, one.place.drive)?,
+            });
+            if let Some(id) = one.place.io {
+                io_nodes.push(NodeId::new(id).ok_or(ControllerError::NodeId(id))?);
+            }
+        }
+        Self::leading(plans, io_nodes)
     }
 
     /// As [`ControllerNode::new`], for the drive of a rig file, whose limits it obeys.
@@ -71,35 +88,35 @@ impl ControllerNode {
             bus: rig.bus.of_scenario(),
             ..view.clone()
         };
-        let dictionary = dbc::dictionary(drive_eds, rig.drive.node_id)?;
-        let drive = DriveLayout::new(dictionary, &rig.drive, rig.limits.current_amperes)?;
         let fan = rig.fan.node_id;
         let fan = NodeId::new(fan).ok_or(ControllerError::NodeId(fan))?;
-        let plan = LoopPlan {
-            view: &view,
-            drive,
-            limits: Some(&rig.limits),
-        };
-        Self::leading(vec![plan], fan, rig.timeouts)
+        let plan = LoopPlan::on_rig(&view, rig, drive_eds)?;
+        Self::leading(vec![plan], vec![fan])
     }
 
-    fn leading(
-        plans: Vec<LoopPlan<'_>>,
-        fan: NodeId,
-        timeouts: Timeouts,
-    ) -> Result<Self, ControllerError> {
+    fn leading(plans: Vec<LoopPlan<'_>>, io_nodes: Vec<NodeId>) -> Result<Self, ControllerError> {
         let sync_period = plans[0].view.bus.sync_period();
+        // All are begun at once, when the last is ready.
+        let bring_up = plans.iter().map(|plan| plan.timeouts.bring_up());
+        let bring_up = bring_up.max().unwrap_or_default();
         let laws = plans
             .iter()
             .map(|plan| catalogue::law(&plan.view.controller));
         let laws = laws.collect::<Result<Vec<_>, _>>()?;
-        let dictionary = dictionary(&laws)?;
+        let dictionary = dictionary(&laws, &io_nodes)?;
         let loops = plans.into_iter().zip(laws).enumerate();
         let loops = loops.map(|(place, (plan, law))| {
             let view = plan.view;
             let is_wire = view.plant == SMA_ACTUATOR;
             Ok(ControlLoop {
-                drive: LedDrive::new(plan.drive, sync_period, &timeouts, plan.limits, is_wire),
+                drive: LedDrive::new(
+                    plan.drive,
+                    sync_period,
+                    &plan.timeouts,
+                    plan.limits,
+                    is_wire,
+                ),
+                missing_max: plan.timeouts.missing_positions_cycles.into(),
                 trajectory: view.reference.trajectory(),
                 has_set_point: !view.reference.is_empty(),
                 explanation: ExplanationObjects::find(&dictionary, &law, place)?,
@@ -111,9 +128,9 @@ impl ControllerNode {
         });
         let controller = Controller {
             loops: loops.collect::<Result<_, ControllerError>>()?,
-            fan,
+            io_nodes,
             sync_period,
-            timeouts,
+            bring_up,
             phase: Phase::Off,
             failure: None,
             statistics: Statistics::default(),
@@ -135,10 +152,41 @@ struct LoopPlan<'a> {
     drive: DriveLayout,
     /// The rig's.
     limits: Option<&'a Limits>,
+    timeouts: Timeouts,
+}
+
+impl<'a> LoopPlan<'a> {
+    fn emulated(view: &'a ControllerView, node_id: u8) -> Result<Self, ControllerError> {
+        let rig = RigDrive {
+            node_id,
+            ..RigDrive::default()
+        };
+        let dictionary = dbc::dictionary(dbc::DRIVE_EDS, node_id)?;
+        Ok(Self {
+            view,
+            drive: DriveLayout::emulated(dictionary, &rig)?,
+            limits: None,
+            timeouts: Timeouts::default(),
+        })
+    }
+
+    fn on_rig(
+        view: &'a ControllerView,
+        rig: &'a RigFile,
+        drive_eds: &str,
+    ) -> Result<Self, ControllerError> {
+        let dictionary = dbc::dictionary(drive_eds, rig.drive.node_id)?;
+        Ok(Self {
+            view,
+            drive: DriveLayout::new(dictionary, &rig.drive, rig.limits.current_amperes)?,
+            limits: Some(&rig.limits),
+            timeouts: rig.timeouts,
+        })
+    }
 }
 
 /// The controller's objects, with those that explain each law.
-fn dictionary(laws: &[Law]) -> Result<ObjectDictionary, ControllerError> {
+fn dictionary(laws: &[Law], io_nodes: &[NodeId]) -> Result<ObjectDictionary, ControllerError> {
     let shipped = dbc::dictionary(dbc::CONTROLLER_EDS, CONTROLLER.get())?;
     let mut dictionary = shipped.clone();
     // Checked here, since it is written only when the drives are configured.
@@ -154,6 +202,19 @@ fn dictionary(laws: &[Law]) -> Result<ObjectDictionary, ControllerError> {
     if laws.len() > 1 {
         let count = watch_entry(laws.len() - 1);
         explanation::set_default(&mut dictionary, CONSUMER_HEARTBEAT_TIME, 0, &[count]);
+        // The data sheet watches the module of the shipped rig, whose node-ID may be a drive's here.
+        let time = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
+        let time = time.unwrap_or_default() & u32::from(u16::MAX);
+        let watch = io_nodes
+            .first()
+            .map_or(0, |id| u32::from(id.get()) << 16 | time);
+        let watch = watch.to_le_bytes();
+        explanation::set_default(
+            &mut dictionary,
+            CONSUMER_HEARTBEAT_TIME,
+            IO_WATCH_ENTRY,
+            &watch,
+        );
     }
     Ok(dictionary)
 }

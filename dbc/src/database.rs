@@ -249,6 +249,14 @@ impl Database {
         Ok(Self { messages })
     }
 
+    /// Refuses two messages with one identifier or one name.
+    ///
+    /// # Errors
+    /// Which.
+    pub fn refuse_duplicates(&self) -> Result<(), DbcError> {
+        refuse_duplicates(&self.messages)
+    }
+
     /// The same with another layout of a message: with `length_bytes` where that changes, and its signals where `coding` says.
     #[must_use]
     pub fn with_layout(

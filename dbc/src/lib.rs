@@ -26,10 +26,11 @@ use canopen::ObjectDictionary;
 use canopen::eds::{self, EdsError};
 
 pub mod coding;
-mod data_sheets;
+pub mod data_sheets;
 pub mod database;
 pub mod error;
 mod law;
+pub mod loops;
 mod notation;
 mod parse;
 mod plant;
@@ -101,6 +102,21 @@ mod tests {
             let said = eds::parse(text, node_id).unwrap().dictionary;
             assert_eq!(dictionary(text, node_id), Ok(said));
         }
+    }
+
+    #[test]
+    fn a_node_s_own_sheet_says_its_number_and_its_pace() {
+        let pace = data_sheets::TruthPace {
+            every_cycles: 5,
+            sync_start: 3,
+        };
+        let text = data_sheets::of_node(DRIVE_EDS, "y", 0x12, Some(pace));
+        let [own, shipped] = [&*text, DRIVE_EDS].map(|text| dictionary(text, 0x12).unwrap());
+        assert_eq!(own.unsigned(0x1801, 2), Some(5));
+        assert_eq!(own.unsigned(0x1801, 6), Some(3));
+        assert_eq!(own.unsigned(0x1800, 2), shipped.unsigned(0x1800, 2));
+        assert_eq!(own.entries().len(), shipped.entries().len());
+        assert!(text.contains("\nNodeID=0x12\n") && text.contains("\nFileName=y.eds\n"));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::{Database, SignalHandle, SignalMissing};
-use canopen::CanFrame;
+use canopen::{CanFrame, Filter};
 
 /// COB-ID of the SYNC (CiA 301, default of 0x1005).
 pub const SYNC_COB_ID: u16 = 0x080;
@@ -14,13 +14,18 @@ const OPERATION_ENABLED: &str = "operation enabled";
 /// State bits of the drive's statusword.
 pub const STATUSWORD: &str = "drive_tpdo1.statusword_state";
 
-/// Watches the bus for scenario time 0: the first SYNC after the drive reported Operation Enabled.
+/// Watches the bus for scenario time 0: the first SYNC at which the latest statusword of every drive is Operation Enabled.
 #[derive(Clone, Debug)]
 pub struct ScenarioClock {
-    statusword: SignalHandle,
+    drives: Vec<Drive>,
     enabled_values: Vec<i64>,
-    is_enabled: bool,
     zero: Option<Duration>,
+}
+
+#[derive(Clone, Debug)]
+struct Drive {
+    statusword: SignalHandle,
+    is_enabled: bool,
 }
 
 impl ScenarioClock {
@@ -29,38 +34,55 @@ impl ScenarioClock {
     /// # Errors
     /// The database has no statusword of the drive.
     pub fn new(database: &Database) -> Result<Self, SignalMissing> {
-        let statusword = database.require(STATUSWORD)?;
+        let only = database.require(STATUSWORD)?;
         let definition = database.definition(STATUSWORD);
         let labels = definition.into_iter().flat_map(|signal| &signal.labels);
         let enabled_values = labels
             .filter(|(_, label)| label == OPERATION_ENABLED)
             .map(|(value, _)| *value)
             .collect();
-        Ok(Self {
+        let others = database.of_other_loops(STATUSWORD);
+        let drives = [only].into_iter().chain(others).map(|statusword| Drive {
             statusword,
-            enabled_values,
             is_enabled: false,
+        });
+        Ok(Self {
+            drives: drives.collect(),
+            enabled_values,
             zero: None,
         })
+    }
+
+    /// The frames that it must receive.
+    pub fn filters(&self) -> impl Iterator<Item = Filter> {
+        let mask = Filter::exact(0).mask;
+        let statuswords = self.drives.iter().map(|drive| drive.statusword.raw_id());
+        let ids = [SYNC_COB_ID.into()].into_iter().chain(statuswords);
+        ids.map(move |id| Filter { id, mask })
     }
 
     /// Reads every frame of the bus, in order; `true` when it is a SYNC of the scenario.
     #[inline]
     pub fn on_frame(&mut self, time: Duration, frame: &CanFrame) -> bool {
-        if frame.standard_id() == Some(SYNC_COB_ID) {
-            if self.is_enabled && self.zero.is_none() {
-                self.zero = Some(time);
+        let is_sync = frame.standard_id() == Some(SYNC_COB_ID);
+        if self.zero.is_none() {
+            self.look(time, frame, is_sync);
+        }
+        is_sync && self.zero.is_some()
+    }
+
+    /// Before scenario time 0.
+    fn look(&mut self, time: Duration, frame: &CanFrame, is_sync: bool) {
+        if is_sync && self.drives.iter().all(|drive| drive.is_enabled) {
+            self.zero = Some(time);
+        }
+        for drive in &mut self.drives {
+            if let Some(statusword) = drive.statusword.decode(frame) {
+                #[expect(clippy::cast_possible_truncation, reason = "a signal of 7 bits")]
+                let statusword = statusword as i64;
+                drive.is_enabled = self.enabled_values.contains(&statusword);
             }
-            return self.zero.is_some();
         }
-        if !self.is_enabled
-            && let Some(statusword) = self.statusword.decode(frame)
-        {
-            #[expect(clippy::cast_possible_truncation, reason = "a signal of 7 bits")]
-            let statusword = statusword as i64;
-            self.is_enabled = self.enabled_values.contains(&statusword);
-        }
-        false
     }
 
     /// When scenario time began, on the clock of the frames.

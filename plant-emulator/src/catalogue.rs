@@ -3,7 +3,8 @@
 use std::sync::{LazyLock, OnceLock};
 
 use canopen::Node;
-use dbc::{PlantSignal, Range};
+use dbc::loops::LoopPlace;
+use dbc::{Database, PlantSignal, Range};
 use scenario::Scenario;
 use scenario::own::{OwnTable, Section, is_name};
 use scenario::registration::{InvalidOwn, register};
@@ -19,12 +20,17 @@ pub const SMA_ACTUATOR: &str = Actuator::NAME;
 /// What is made of a scenario.
 type Make<T> = Box<dyn Fn(&Scenario) -> Result<T, InvalidEmulator> + Send + Sync>;
 
+/// What makes an emulator of a scenario, where a loop is on a bus with these frames.
+type MakeEmulator = Box<
+    dyn Fn(&Scenario, LoopPlace, &Database) -> Result<Box<dyn Node>, InvalidEmulator> + Send + Sync,
+>;
+
 /// A plant by its name: its own signals, and the emulator round it.
 pub struct Kind {
     name: &'static str,
     signals: Vec<PlantSignal>,
     check: Make<()>,
-    emulator: Make<Box<dyn Node>>,
+    emulator: MakeEmulator,
 }
 
 impl Kind {
@@ -34,9 +40,10 @@ impl Kind {
             P::new(&config(scenario)?)?;
             Ok(())
         };
-        let emulator = move |scenario: &Scenario| -> Result<Box<dyn Node>, InvalidEmulator> {
+        let emulator = move |scenario: &Scenario, place, database: &Database| {
             let config = config(scenario)?;
-            Ok(Box::new(PlantEmulator::<P>::new(scenario, &config)?))
+            let emulator = PlantEmulator::<P>::at(scenario, &config, place, database)?;
+            Ok(Box::new(emulator) as Box<dyn Node>)
         };
         Self {
             name: P::NAME,
@@ -198,7 +205,19 @@ pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
 /// # Errors
 /// The plant makes no sense.
 pub fn emulator(scenario: &Scenario) -> Result<Box<dyn Node>, InvalidEmulator> {
-    (kind_of(scenario)?.emulator)(scenario)
+    emulator_at(scenario, LoopPlace::SHIPPED, Database::shipped())
+}
+
+/// As [`emulator`], where a loop is on a bus with these frames.
+///
+/// # Errors
+/// As [`emulator`].
+pub fn emulator_at(
+    scenario: &Scenario,
+    place: LoopPlace,
+    database: &Database,
+) -> Result<Box<dyn Node>, InvalidEmulator> {
+    (kind_of(scenario)?.emulator)(scenario, place, database)
 }
 
 fn kind_of(scenario: &Scenario) -> Result<&'static Kind, InvalidEmulator> {
@@ -223,7 +242,6 @@ mod tests {
     use std::time::Duration;
 
     use canopen::CanFrame;
-    use dbc::Database;
 
     use super::*;
 

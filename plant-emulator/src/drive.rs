@@ -20,8 +20,8 @@ use canopen::{
 };
 use scenario::Scenario;
 
-pub(crate) use objects::declare;
 use objects::{Objects, TARGET_TORQUE};
+pub(crate) use objects::{declare, set_truth_pace};
 
 use crate::amplifier::Amplifier;
 use crate::clocked_plant::ClockedPlant;

@@ -33,6 +33,7 @@ use canopen::eds::EdsError;
 use canopen::services::InvalidPdo;
 use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earlier};
 
+use dbc::loops::LoopPlace;
 use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
 use drive::Drive;
@@ -40,11 +41,6 @@ pub use objects::MissingObject;
 use plant::{Inputs, InvalidPlant, Plant};
 use scenario::fault::node::Output;
 use truth::Truth;
-
-/// Node-ID of the drive.
-pub const DRIVE_NODE_ID: NodeId = NodeId::new(0x10).expect("16 is in 1 to 127");
-/// Node-ID of the disturbance module.
-pub const DISTURBANCE_NODE_ID: NodeId = NodeId::new(0x11).expect("17 is in 1 to 127");
 
 /// Node-ID of the manager, by the bench's convention.
 const MANAGER_NODE_ID: NodeId = NodeId::new(0x01).expect("1 is in 1 to 127");
@@ -79,6 +75,9 @@ pub enum InvalidEmulator {
     /// A data sheet configures a PDO wrongly.
     #[error("{0}")]
     Pdo(#[from] InvalidPdo),
+    /// No node's number.
+    #[error("{0} is no node-ID")]
+    NodeId(u8),
     /// The DBC lacks what the emulator says.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
@@ -91,7 +90,9 @@ pub enum InvalidEmulator {
 #[derive(Debug)]
 pub struct PlantEmulator<P: Plant> {
     drive: DriveNode<P>,
-    disturbance: Device<DisturbanceModule>,
+    /// None where no node acts on the plant besides the drive.
+    disturbance: Option<Device<DisturbanceModule>>,
+    place: LoopPlace,
 }
 
 /// The drive as a node, in a scenario without faults and in one with them.
@@ -109,12 +110,16 @@ impl<P: Plant> DriveNode<P> {
     fn new(
         scenario: &scenario::Scenario,
         sound: Device<Drive<P>>,
+        place: LoopPlace,
+        database: &Database,
     ) -> Result<Self, InvalidEmulator> {
         if scenario.fault.is_empty() {
             return Ok(Self::Sound(sound));
         }
-        let database = Database::shipped();
-        let plan = FaultPlan::new(&scenario.fault, scenario::fault::node::Node::Drive);
+        let plan = FaultPlan {
+            number: place.drive_node_id,
+            ..FaultPlan::new(&scenario.fault, scenario::fault::node::Node::Drive)
+        };
         let fresh = sound.clone();
         let renew = move |device: &mut Device<Drive<P>>| {
             let mut drive = device.application().clone();
@@ -209,24 +214,37 @@ impl<P: Plant> PlantEmulator<P> {
     /// # Errors
     /// A plant that makes no sense, or a data sheet that does not suit.
     pub fn new(scenario: &scenario::Scenario, config: &P::Config) -> Result<Self, InvalidEmulator> {
+        Self::at(scenario, config, LoopPlace::SHIPPED, Database::shipped())
+    }
+
+    /// As [`PlantEmulator::new`], where a loop is on a bus with these frames.
+    ///
+    /// # Errors
+    /// As [`PlantEmulator::new`].
+    pub fn at(
+        scenario: &scenario::Scenario,
+        config: &P::Config,
+        place: LoopPlace,
+        database: &Database,
+    ) -> Result<Self, InvalidEmulator> {
         let plant = P::new(config)?;
         let wrong_id = scenario.fault.node.wrong_node_id.first();
         let drive_id = wrong_id
             .and_then(|fault| NodeId::new(fault.node_id))
-            .unwrap_or(DRIVE_NODE_ID);
+            .map_or_else(|| node_id(place.drive_node_id), Ok)?;
         let mut objects = dictionary(drive_id, dbc::DRIVE_EDS)?;
         if let Some(fault) = scenario.fault.node.wrong_identity.first() {
             set_product_code(&mut objects, fault.product_code);
         }
         drive::declare(&mut objects, &plant);
+        drive::set_truth_pace(&mut objects, &place);
         let drive = Drive::new(scenario, plant, &objects)?;
         let drive = Device::new(drive_id, objects, drive)?;
-        let objects = dictionary(DISTURBANCE_NODE_ID, dbc::DISTURBANCE_EDS)?;
-        let disturbance = DisturbanceModule::new(&objects)?;
-        let disturbance = Device::new(DISTURBANCE_NODE_ID, objects, disturbance)?;
+        let disturbance = place.disturbance_node_id.map(disturbance).transpose()?;
         Ok(Self {
-            drive: DriveNode::new(scenario, drive)?,
+            drive: DriveNode::new(scenario, drive, place, database)?,
             disturbance,
+            place,
         })
     }
 
@@ -244,7 +262,10 @@ impl<P: Plant> PlantEmulator<P> {
 
     /// Passes the disturbance module's outputs on to the plant.
     fn disturb(&mut self, now: Duration) {
-        let module = self.disturbance.application();
+        let Some(disturbance) = &self.disturbance else {
+            return;
+        };
+        let module = disturbance.application();
         let (factor, load) = (module.convection_factor(), module.added_load_kilograms());
         self.drive.drive_mut().disturb(now, factor, load);
     }
@@ -253,7 +274,7 @@ impl<P: Plant> PlantEmulator<P> {
 impl<P: Plant> Node for PlantEmulator<P> {
     fn filters(&self) -> Vec<Filter> {
         let mut filters = self.drive.as_node().filters();
-        filters.extend(self.disturbance.filters());
+        filters.extend(self.disturbance.iter().flat_map(Node::filters));
         filters.sort_unstable_by_key(|filter| (filter.id, filter.mask));
         filters.dedup();
         filters
@@ -265,18 +286,24 @@ impl<P: Plant> Node for PlantEmulator<P> {
         let DriveNode::Sound(drive) = &self.drive else {
             return Vec::new();
         };
-        let nodes = [MANAGER_NODE_ID, DRIVE_NODE_ID, DISTURBANCE_NODE_ID];
-        let is_silent =
-            |id: &u16| drive.takes_silently(*id) && self.disturbance.takes_silently(*id);
+        let own = [self.place.drive_node_id].into_iter();
+        let own = own.chain(self.place.disturbance_node_id);
+        let nodes = Vec::from_iter([MANAGER_NODE_ID.get()].into_iter().chain(own));
+        let is_silent = |id: &u16| {
+            let mut disturbance = self.disturbance.iter();
+            drive.takes_silently(*id) && disturbance.all(|module| module.takes_silently(*id))
+        };
         let ids = PDO_FUNCTIONS
             .into_iter()
-            .flat_map(|function| nodes.map(|node| function + u16::from(node.get())));
+            .flat_map(|function| nodes.iter().map(move |node| function + u16::from(*node)));
         ids.filter(is_silent).map(Filter::exact).collect()
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         self.drive.set_clock(now);
-        self.disturbance.on_frame(now, frame);
+        if let Some(disturbance) = &mut self.disturbance {
+            disturbance.on_frame(now, frame);
+        }
         self.disturb(now);
         self.drive.as_node_mut().on_frame(now, frame);
         self.drive.follow(now);
@@ -284,7 +311,9 @@ impl<P: Plant> Node for PlantEmulator<P> {
 
     fn on_tick(&mut self, now: Duration) {
         self.drive.set_clock(now);
-        self.disturbance.on_tick(now);
+        if let Some(disturbance) = &mut self.disturbance {
+            disturbance.on_tick(now);
+        }
         self.disturb(now);
         self.drive.as_node_mut().on_tick(now);
         self.drive.follow(now);
@@ -292,7 +321,9 @@ impl<P: Plant> Node for PlantEmulator<P> {
 
     fn on_stop(&mut self, now: Duration) {
         self.drive.set_clock(now);
-        self.disturbance.on_stop(now);
+        if let Some(disturbance) = &mut self.disturbance {
+            disturbance.on_stop(now);
+        }
         self.disturb(now);
         self.drive.as_node_mut().on_stop(now);
         self.drive.follow(now);
@@ -301,21 +332,34 @@ impl<P: Plant> Node for PlantEmulator<P> {
     fn next_frame(&mut self) -> Option<CanFrame> {
         self.drive
             .next_frame()
-            .or_else(|| self.disturbance.next_frame())
+            .or_else(|| self.disturbance.as_mut()?.next_frame())
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        earlier(self.drive.next_deadline(), self.disturbance.next_deadline())
+        let disturbance = self.disturbance.as_ref().and_then(Node::next_deadline);
+        earlier(self.drive.next_deadline(), disturbance)
     }
 
     fn progress(&self) -> Progress {
         let drive = self.drive.as_node().progress();
-        match (drive, self.disturbance.progress()) {
+        let disturbance = self.disturbance.as_ref();
+        match (drive, disturbance.map_or(Progress::Stopped, Node::progress)) {
             (Progress::Stopped, Progress::Stopped) => Progress::Stopped,
             (failed @ Progress::Failed(_), _) | (_, failed @ Progress::Failed(_)) => failed,
             _ => Progress::Running,
         }
     }
+}
+
+fn disturbance(number: u8) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
+    let node_id = node_id(number)?;
+    let objects = dictionary(node_id, dbc::DISTURBANCE_EDS)?;
+    let module = DisturbanceModule::new(&objects)?;
+    Ok(Device::new(node_id, objects, module)?)
+}
+
+fn node_id(number: u8) -> Result<NodeId, InvalidEmulator> {
+    NodeId::new(number).ok_or(InvalidEmulator::NodeId(number))
 }
 
 /// The dictionary of a data sheet.

@@ -65,10 +65,11 @@ def network(interface):
 
 
 @contextlib.contextmanager
-def node_process(program, role, interface, scenario=STEP):
+def node_process(program, role, interface, scenario=STEP, more=()):
     """One of canrig's nodes; closing its standard input asks it to stop."""
-    command = [program, "node", role, "--bus", interface, "--scenario", str(scenario)]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [program, "node", role, "--bus", interface, "--scenario", str(scenario), *more]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
+                               stderr=subprocess.PIPE, text=True)
     try:
         yield process
     finally:

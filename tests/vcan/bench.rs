@@ -1,19 +1,24 @@
 //! Whole runs on a kernel CAN bus.
 
 use std::fs;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use libtest_mimic::Failed;
 use socketcan::{CanFdFrame, CanFdSocket, EmbeddedFrame, Socket, StandardId};
 
-use crate::support::{self, canrig, only_run, output, scenario};
+use crate::support::{self, canrig, only_run, output, root, scenario};
 use crate::{INTERFACE, Test};
 
 /// Each with the interface for itself.
-pub(crate) const TESTS: [(&str, Test); 6] = [
+pub(crate) const TESTS: [(&str, Test); 7] = [
     (
         "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
         same_bytes,
+    ),
+    (
+        "two_axes_over_vcan_leave_the_same_bytes_as_one_process",
+        same_bytes_of_two_axes,
     ),
     ("real_time_over_vcan_is_recorded_whole", real_time),
     ("a_foreign_frame_in_lockstep_is_refused", foreign_frame),
@@ -29,25 +34,38 @@ pub(crate) const TESTS: [(&str, Test); 6] = [
 ];
 
 /// These make buses themselves, where everybody else is.
-pub(crate) const PRIVATE_BUS_TESTS: [(&str, Test); 2] = [
+pub(crate) const PRIVATE_BUS_TESTS: [(&str, Test); 3] = [
     (
         "private_vcans_of_an_ordinary_user_never_meet_and_leave_nothing",
         private_buses,
     ),
     ("auto_prefers_a_private_vcan", auto_is_private),
+    (
+        "two_axes_on_a_private_vcan_leave_the_same_bytes_as_one_process",
+        two_axes_in_private,
+    ),
 ];
 
 fn same_bytes() -> Result<(), Failed> {
+    is_simulated_alike(&scenario("step.toml"))
+}
+
+fn same_bytes_of_two_axes() -> Result<(), Failed> {
+    is_simulated_alike(&two_axes().join("two_axes.toml"))
+}
+
+/// The folder of two axes, a scenario and its rig file.
+fn two_axes() -> PathBuf {
+    root().join("crates/worlds/tests/data")
+}
+
+fn is_simulated_alike(scenario: &Path) -> Result<(), Failed> {
     let (simulated, crossed) = (tempfile::tempdir()?, tempfile::tempdir()?);
-    let (code, stdout, stderr) =
-        output(canrig(simulated.path(), "simulate").arg(scenario("step.toml")));
+    let (code, stdout, stderr) = output(canrig(simulated.path(), "simulate").arg(scenario));
     assert_eq!(code, Some(0), "{stdout}\n{stderr}");
     let arguments = ["--bus", INTERFACE, "--require-vcan", "--clock", "lockstep"];
-    let (code, stdout, stderr) = output(
-        canrig(crossed.path(), "run")
-            .args(arguments)
-            .arg(scenario("step.toml")),
-    );
+    let (code, stdout, stderr) =
+        output(canrig(crossed.path(), "run").args(arguments).arg(scenario));
     assert_eq!(code, Some(0), "{stdout}\n{stderr}");
     for name in ["bus.log", "signals.csv", "verdict.json"] {
         let same = fs::read(only_run(simulated.path()).join(name))?
@@ -251,8 +269,15 @@ impl Guest {
         Ok(Self { folder })
     }
 
-    /// The program as an ordinary user, with its runs in the folder `name`.
+    /// The program as an ordinary user, with its runs in the folder `name`, on a short scenario.
     fn canrig(&self, command: &str, name: &str) -> Command {
+        let mut canrig = self.canrig_alone(command, name);
+        canrig.arg(self.folder.path().join("short.toml"));
+        canrig
+    }
+
+    /// The same without a scenario.
+    fn canrig_alone(&self, command: &str, name: &str) -> Command {
         let program = self.folder.path().join("canrig");
         let mut canrig = if rustix::process::geteuid().is_root() {
             let mut setpriv = Command::new("setpriv");
@@ -264,14 +289,17 @@ impl Guest {
         };
         canrig.arg(command).arg("--output");
         canrig.arg(self.folder.path().join(name));
-        canrig.arg(self.folder.path().join("short.toml"));
         canrig
     }
 
     fn log(&self, name: &str) -> Result<Vec<u8>, Failed> {
-        Ok(fs::read(
-            only_run(&self.folder.path().join(name)).join("bus.log"),
-        )?)
+        self.file(name, "bus.log")
+    }
+
+    /// A file of a run.
+    fn file(&self, name: &str, file: &str) -> Result<Vec<u8>, Failed> {
+        let run = only_run(&self.folder.path().join(name));
+        Ok(fs::read(run.join(file))?)
     }
 }
 
@@ -312,5 +340,24 @@ fn auto_is_private() -> Result<(), Failed> {
     let (code, stdout, stderr) = output(guest.canrig("run", "auto").args(["--clock", "lockstep"]));
     assert_eq!(code, Some(0), "{stdout}\n{stderr}");
     assert!(stdout.contains("bus: private"), "{stdout}");
+    Ok(())
+}
+
+fn two_axes_in_private() -> Result<(), Failed> {
+    let guest = Guest::new()?;
+    for name in ["two_axes.toml", "two_axes_rig.toml"] {
+        fs::copy(two_axes().join(name), guest.folder.path().join(name))?;
+    }
+    let scenario = guest.folder.path().join("two_axes.toml");
+    let in_private = ["--bus", "private", "--require-vcan", "--clock", "lockstep"];
+    for (command, arguments) in [("simulate", &[][..]), ("run", &in_private)] {
+        let mut canrig = guest.canrig_alone(command, command);
+        let (code, stdout, stderr) = output(canrig.args(arguments).arg(&scenario));
+        assert_eq!(code, Some(0), "{stdout}\n{stderr}");
+    }
+    for name in ["bus.log", "signals.csv", "verdict.json"] {
+        let is_same = guest.file("simulate", name)? == guest.file("run", name)?;
+        assert!(is_same, "{name} differs");
+    }
     Ok(())
 }

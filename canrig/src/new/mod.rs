@@ -1,9 +1,11 @@
-//! `canrig new`: the crate of a plant or a law of one's own, which compiles, is tested and plays a scenario as it is.
+//! `canrig new`: the crate of a plant or a law of one's own, which compiles, is tested and plays a scenario as it is; or the file
+//! of a rig of one's own.
 //!
 //! The crates in `plant/` and `law/` are written out with `my_plant` and `my_law` renamed.
 
 mod name;
 mod profile;
+mod rig;
 
 use std::fs;
 use std::io::{self, Write};
@@ -15,6 +17,7 @@ use scenario::own::Section;
 use name::{InvalidName, Name};
 use profile::{MANIFEST_BYTES_MAX, release_profile};
 use recording::run_folder::write_whole;
+use rig::RigArgs;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 
@@ -33,13 +36,15 @@ pub(crate) struct NewArgs {
     pub what: What,
 }
 
-/// What a crate brings.
+/// What to write.
 #[derive(Debug, Subcommand)]
 pub(crate) enum What {
     /// Write a crate for a plant: something that a current moves, behind the emulated drive
     Plant(CrateArgs),
     /// Write a crate for a control law: from a position and a set-point to a current
     Law(CrateArgs),
+    /// Write a rig file of two drives, with a scenario
+    Rig(RigArgs),
 }
 
 /// The crate to write.
@@ -93,13 +98,17 @@ const LAW: Skeleton = Skeleton {
     readme: include_str!("law/README.md"),
 };
 
-/// Why no crate was written.
+/// Why nothing was written.
 #[derive(Debug, thiserror::Error)]
 enum NewError {
     #[error(transparent)]
     Name(#[from] InvalidName),
     #[error("{} is there already; nothing is overwritten, so name another folder with --path", .0.display())]
     Exists(PathBuf),
+    #[error(
+        "`{0}` cannot be the name of a rig; use small letters, digits and underscores, a letter first"
+    )]
+    RigName(String),
     #[error("{} is no checkout of canrig: it has no canrig/Cargo.toml", .0.display())]
     NoCheckout(PathBuf),
     #[error(
@@ -121,26 +130,33 @@ impl NewError {
     }
 }
 
-/// Writes the crate that the arguments ask for, and says what to do with it.
+/// Writes what the arguments ask for, and says what to do with it.
 #[must_use]
 pub(crate) fn new(args: &NewArgs) -> Exit {
-    let (skeleton, args) = match &args.what {
-        What::Plant(args) => (&PLANT, args),
-        What::Law(args) => (&LAW, args),
+    let written = match &args.what {
+        What::Plant(args) => written(&PLANT, args).map(|made| made.words(&args.name)),
+        What::Law(args) => written(&LAW, args).map(|made| made.words(&args.name)),
+        What::Rig(args) => rig::written(args),
     };
-    match written(skeleton, args) {
-        Ok(Crate { folder, checkout }) => {
-            let (folder, name, checkout) = (folder.display(), &args.name, checkout.display());
-            print(&format!(
-                "{folder} is a crate now, which depends on canrig in {checkout}. Test and play it:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
-                 The first build takes as long as canrig's own, unless CARGO_TARGET_DIR names canrig's target folder."
-            ));
+    match written {
+        Ok(words) => {
+            print(&words);
             Exit::Pass
         }
         Err(error) => {
             print_error(&format!("canrig: {error}"));
             error.exit()
         }
+    }
+}
+
+impl Crate {
+    fn words(&self, name: &str) -> String {
+        let (folder, checkout) = (self.folder.display(), self.checkout.display());
+        format!(
+            "{folder} is a crate now, which depends on canrig in {checkout}. Test and play it:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\
+             The first build takes as long as canrig's own, unless CARGO_TARGET_DIR names canrig's target folder."
+        )
     }
 }
 
@@ -152,17 +168,7 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
         path: checkout.join("Cargo.toml"),
         reason,
     })?;
-    if let Some(parent) = folder.parent() {
-        make(parent, |parent| fs::create_dir_all(parent))?;
-    }
-    // Of two that ask at once, one gets it.
-    fs::create_dir(&folder).map_err(|source| match source.kind() {
-        io::ErrorKind::AlreadyExists => NewError::Exists(folder.clone()),
-        _ => NewError::Write {
-            path: folder.clone(),
-            source,
-        },
-    })?;
+    new_folder(&folder)?;
     for below in ["src", "scenarios"] {
         make(&folder.join(below), |path| fs::create_dir(path))?;
     }
@@ -180,6 +186,21 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
         })?;
     }
     Ok(Crate { folder, checkout })
+}
+
+/// Makes a folder that is not there yet.
+fn new_folder(folder: &Path) -> Result<(), NewError> {
+    if let Some(parent) = folder.parent() {
+        make(parent, |parent| fs::create_dir_all(parent))?;
+    }
+    // Of two that ask at once, one gets it.
+    fs::create_dir(folder).map_err(|source| match source.kind() {
+        io::ErrorKind::AlreadyExists => NewError::Exists(folder.to_owned()),
+        _ => NewError::Write {
+            path: folder.to_owned(),
+            source,
+        },
+    })
 }
 
 fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), NewError> {

@@ -24,7 +24,9 @@ use platform::real_time::{self, RunError};
 use platform::stop::StopSignal;
 
 use rig::data_sheet::DataSheetError;
+use rig::named_nodes::NamedNodes;
 use runner::exit::Exit;
+use runner::named::setups_of;
 
 /// The bus that a tool joins.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -64,6 +66,25 @@ pub(crate) struct ToolBusArgs {
     pub bus: ToolBus,
 }
 
+/// What the user calls the nodes.
+#[derive(Args, Debug)]
+pub(crate) struct NamesArgs {
+    /// Who is on the bus: a rig file, a scenario, or the folder of a run. Its nodes are taken and shown by their names
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+}
+
+impl NamesArgs {
+    /// The nodes by name; those of the rig that ships where the user names none.
+    fn nodes(&self) -> Result<NamedNodes, ToolError> {
+        let Some(path) = &self.rig else {
+            return Ok(NamedNodes::shipped());
+        };
+        let setups = setups_of(path).map_err(ToolError::Printed)?;
+        Ok(NamedNodes::of(&setups)?)
+    }
+}
+
 /// A time from 0 to a day.
 pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text
@@ -79,6 +100,9 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
 /// Why a tool cannot do what it was asked.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ToolError {
+    /// What is wrong with a file was printed already.
+    #[error("the file cannot be used")]
+    Printed(Exit),
     /// What the user typed makes no sense.
     #[error("{0}")]
     Usage(String),
@@ -134,6 +158,7 @@ impl ToolError {
             Self::Usage(_) | Self::File { .. } | Self::DataSheet(_) | Self::Dbc { .. } => {
                 Exit::Usage
             }
+            Self::Printed(exit) => *exit,
             _ => Exit::BenchFailed,
         }
     }
@@ -190,6 +215,7 @@ fn ended(outcome: Result<String, ToolError>) -> Exit {
             print(&text);
             Exit::Pass
         }
+        Err(ToolError::Printed(exit)) => exit,
         Err(error) => {
             print_error(&format!("canrig: {error}"));
             error.exit()

@@ -8,19 +8,22 @@ use std::time::Duration;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::{AbortCode, CanFrame, Filter, NmtCommand, NmtState};
 use clap::Args;
-use dbc::Database;
+use dbc::{Database, DecodedSignal};
 use platform::clock::Clock;
 use platform::stop::StopSignal;
 
 use super::nodes::state_name;
-use super::{ToolBusArgs, ToolError, ended, open, seconds, value};
-use rig::data_sheet::{DataSheet, rig_data_sheets};
+use super::{NamesArgs, ToolBusArgs, ToolError, ended, open, seconds, value};
+use rig::data_sheet::DataSheet;
 use rig::error_frames;
+use rig::named_nodes::NamedNodes;
 use runner::console::{BufferedLines, print_error};
 use runner::exit::Exit;
 
 /// How long a quiet bus is waited for before Ctrl-C and the duration are looked at.
 const PATIENCE: Duration = Duration::from_millis(50);
+/// The signal that says which node an NMT command is for.
+const NMT_NODE_ID: &str = "nmt_node_id";
 /// Width of the column of names.
 const NAME_WIDTH: usize = 23;
 
@@ -125,14 +128,14 @@ impl Decoder {
             } else {
                 "answer"
             };
-            return format!("node {} SDO {direction}", channel.node_id);
+            return format!("{} SDO {direction}", self.node(channel.node_id.into()));
         }
         let node_id = id & 0x7F;
         match id & 0x780 {
             0x000 if id == 0 => "NMT command".to_owned(),
             0x080 if node_id == 0 => "SYNC".to_owned(),
-            0x080 => format!("node {node_id} emergency"),
-            0x700 if node_id != 0 => format!("node {node_id} heartbeat"),
+            0x080 => format!("{} emergency", self.node(id)),
+            0x700 if node_id != 0 => format!("{} heartbeat", self.node(id)),
             pdo @ 0x180..=0x500 if node_id != 0 => {
                 let direction = if pdo & 0x80 == 0 { "RPDO" } else { "TPDO" };
                 let number = if pdo & 0x80 == 0 {
@@ -140,10 +143,21 @@ impl Decoder {
                 } else {
                     pdo >> 8
                 };
-                format!("node {node_id} {direction}{number}")
+                format!("{} {direction}{number}", self.node(id))
             }
             _ => "unknown".to_owned(),
         }
+    }
+
+    /// What people call the node whose number is at the end of an identifier.
+    fn node(&self, id: u16) -> String {
+        let node_id = id & 0x7F;
+        let mut sheets = self.sheets.iter();
+        let sheet = sheets.find(|sheet| u16::from(sheet.node_id) == node_id);
+        sheet.map_or_else(
+            || format!("node {node_id}"),
+            |sheet| sheet.node_name.clone(),
+        )
     }
 
     fn channel(&self, id: u16) -> Option<Channel<'_>> {
@@ -166,6 +180,18 @@ impl Decoder {
         })
     }
 
+    /// A signal with its value; a node's number with its name.
+    fn signal(&self, decoded: &DecodedSignal<'_>) -> String {
+        let text = value::show_signal(decoded.signal, decoded.value);
+        let name = match decoded.signal.name.as_str() {
+            NMT_NODE_ID => (self.sheets.iter())
+                .find(|sheet| f64::from(sheet.node_id) == decoded.value)
+                .map(|sheet| sheet.node_name.as_str()),
+            _ => None,
+        };
+        name.map_or_else(|| text.clone(), |name| format!("{text} ({name})"))
+    }
+
     /// What the bytes mean.
     fn content(&self, frame: &CanFrame) -> String {
         if let Some(message) = error_frames::read(frame) {
@@ -179,7 +205,7 @@ impl Decoder {
             let signals = decoded
                 .signals()
                 .filter(|decoded| !value::is_idle(decoded.signal, decoded.value))
-                .map(|decoded| value::show_signal(decoded.signal, decoded.value));
+                .map(|decoded| self.signal(&decoded));
             return signals.collect::<Vec<_>>().join("  ");
         }
         match (frame.standard_id(), frame.data()) {
@@ -288,6 +314,8 @@ pub(crate) struct MonitorArgs {
     /// The DBC file to decode by, if it is not that of canrig's built-in drive and controller
     #[arg(long, value_name = "FILE")]
     pub dbc: Option<PathBuf>,
+    #[command(flatten)]
+    pub names: NamesArgs,
 }
 
 /// Shows live traffic until the user stops it.
@@ -310,8 +338,9 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
         duration: args.duration.map(Duration::from_secs_f64),
         dbc: args.dbc,
     };
+    let NamedNodes { sheets, database } = args.names.nodes()?;
     let database = match &options.dbc {
-        None => Database::shipped().clone(),
+        None => database,
         Some(path) => {
             let text = scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|source| {
                 ToolError::File {
@@ -326,7 +355,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
         }
     };
     let (count, duration) = (options.count, options.duration);
-    let mut decoder = Decoder::new(database, rig_data_sheets(), options);
+    let mut decoder = Decoder::new(database, sheets, options);
     let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
     let mut bus = open(&bus, &[Filter::ALL, Filter::ERRORS])?;
     bus.count_fd_frames();
@@ -373,6 +402,7 @@ mod tests {
     use super::*;
     use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG};
     use proptest::prelude::*;
+    use rig::data_sheet::rig_data_sheets;
 
     fn decoder(options: MonitorOptions) -> Decoder {
         Decoder::new(Database::shipped().clone(), rig_data_sheets(), options)
@@ -399,6 +429,37 @@ mod tests {
             "current_amperes=0.300 A",
         ] {
             assert!(line.contains(part), "{part} in {line}");
+        }
+    }
+
+    #[test]
+    fn nodes_of_a_rig_are_shown_by_its_names() {
+        let rig = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../crates/worlds/tests/data/two_axes_rig.toml"
+        );
+        let rig = NamesArgs {
+            rig: Some(rig.into()),
+        };
+        let NamedNodes { sheets, database } = rig.nodes().unwrap();
+        let mut decoder = Decoder::new(database, sheets, MonitorOptions::default());
+        for (id, data, words) in [
+            (
+                0x192,
+                &[0x37, 0x12, 0x10, 0x27, 0, 0, 0x2C, 1][..],
+                "y_tpdo1",
+            ),
+            (0x212, &[0x0F, 0, 0, 0], "y_rpdo1"),
+            (0x190, &[0x37, 0x12, 0x10, 0x27, 0, 0, 0x2C, 1], "x_tpdo1"),
+            (0x1A1, &[0; 8], "controller_y_tpdo1"),
+            (0x692, &[0x40, 0x18, 0x10, 2, 0, 0, 0, 0], "y_sdo2_request"),
+            (0x712, &[5], "y_heartbeat"),
+            (0x000, &[1, 0x12], "nmt_node_id=18 (y)"),
+            (0x492, &[0; 8], "y TPDO4"),
+        ] {
+            let line = decoder.line(Duration::ZERO, &CanFrame::new(id, data));
+            let line = line.unwrap();
+            assert!(line.contains(words), "{words} in {line}");
         }
     }
 

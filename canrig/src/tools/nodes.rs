@@ -15,8 +15,8 @@ use canopen::{CanFrame, Filter, NmtState, Node, Progress};
 use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets};
 
-use super::{ToolBusArgs, ToolError, ended, seconds};
-use rig::data_sheet::{DataSheet, rig_data_sheets};
+use super::{NamesArgs, ToolBusArgs, ToolError, ended, seconds};
+use rig::data_sheet::DataSheet;
 use rig::presence::Presence;
 use runner::exit::Exit;
 
@@ -88,6 +88,8 @@ enum Phase {
 #[derive(Debug)]
 pub(crate) struct RollCall {
     sheets: Vec<DataSheet>,
+    /// What the user calls the nodes.
+    names: BTreeMap<u8, String>,
     listen: Duration,
     presence: Presence,
     phase: Phase,
@@ -105,6 +107,7 @@ impl RollCall {
     pub(crate) fn new(sheets: Vec<DataSheet>, listen: Duration) -> Self {
         Self {
             sheets,
+            names: BTreeMap::new(),
             listen,
             presence: Presence::default(),
             phase: Phase::Listening { until: None },
@@ -113,6 +116,12 @@ impl RollCall {
             identities: BTreeMap::new(),
             output: VecDeque::new(),
         }
+    }
+
+    /// The same for nodes that have names: they are shown by these, and missed by these.
+    #[must_use]
+    pub(crate) fn naming(self, names: BTreeMap<u8, String>) -> Self {
+        Self { names, ..self }
     }
 
     /// What was found, by node-ID.
@@ -143,13 +152,23 @@ impl RollCall {
         self.presence.manager(&self.sheets)
     }
 
+    /// A node in words: `18 (0x12) y`.
+    fn node(&self, node_id: u8) -> String {
+        let name = self.names.get(&node_id);
+        let name = name.map_or_else(String::new, |name| format!(" {name}"));
+        format!("{node_id} (0x{node_id:02X}){name}")
+    }
+
     /// The data sheet that matches what the node says, or might since it was made for this node-ID.
     fn data_sheet(&self, node_id: u8, identity: Option<&Identity>) -> String {
-        let mut sheets = self.sheets.iter();
+        // Drives of one make differ in their numbers only.
+        let (own, others): (Vec<_>, Vec<_>) =
+            (self.sheets.iter()).partition(|sheet| sheet.node_id == node_id);
         let Some(identity) = identity else {
-            let expected = sheets.find(|sheet| sheet.node_id == node_id);
+            let expected = own.first();
             return expected.map_or_else(String::new, |sheet| format!("{}?", sheet.name));
         };
+        let mut sheets = own.into_iter().chain(others);
         let found = match (identity.device_type, identity.identity) {
             (Some(device_type), [Some(vendor), Some(product), ..]) => {
                 sheets.find(|sheet| sheet.describes(device_type, vendor, product))
@@ -414,6 +433,8 @@ pub(crate) struct NodesArgs {
     /// Further EDS files by which nodes are recognised, besides those that ship
     #[arg(long, value_name = "FILE")]
     pub eds: Vec<PathBuf>,
+    #[command(flatten)]
+    pub names: NamesArgs,
     /// How long to listen for heartbeats before nodes are asked
     #[arg(long, value_name = "SECONDS", default_value_t = LISTEN_SECONDS, value_parser = seconds)]
     pub listen: f64,
@@ -427,7 +448,12 @@ pub(crate) fn nodes(args: &NodesArgs) -> Exit {
 
 /// The table for people.
 fn called(args: &NodesArgs) -> Result<String, ToolError> {
-    let mut sheets = rig_data_sheets();
+    let mut sheets = args.names.nodes()?.sheets;
+    let names = args.names.rig.as_ref().map(|_| {
+        let named = sheets.iter();
+        let named = named.map(|sheet| (sheet.node_id, sheet.node_name.clone()));
+        named.collect()
+    });
     for path in &args.eds {
         // For its identity only; which node-ID it has is to be found out.
         let sheet = DataSheet::load(path, 127)?;
@@ -436,7 +462,8 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
             ..sheet
         });
     }
-    let mut roll_call = RollCall::new(sheets, Duration::from_secs_f64(args.listen));
+    let roll_call = RollCall::new(sheets, Duration::from_secs_f64(args.listen));
+    let mut roll_call = roll_call.naming(names.unwrap_or_default());
     super::run(&mut roll_call, &args.bus.bus)?;
     Ok(report(&roll_call))
 }
@@ -478,7 +505,7 @@ pub(crate) fn report(roll_call: &RollCall) -> String {
             ],
             Err(reason) => [String::new(), reason.clone(), String::new()],
         };
-        let number = format!("{node_id} (0x{node_id:02X})");
+        let number = roll_call.node(*node_id);
         table.add_row([
             number,
             state,
@@ -489,6 +516,11 @@ pub(crate) fn report(roll_call: &RollCall) -> String {
         ]);
     }
     let mut text = table.to_string();
+    let absent = roll_call.names.keys().filter(|id| !nodes.contains_key(id));
+    let absent = Vec::from_iter(absent.map(|id| roll_call.node(*id)));
+    if !absent.is_empty() {
+        text += &format!("\nnot on the bus: {}", absent.join(", "));
+    }
     if let Some(manager) = roll_call.manager() {
         text +=
             &format!("\na controller runs ({manager} was heard): its SDO channels were left alone");

@@ -17,8 +17,8 @@ use canopen::{CanFrame, Filter, Node, Progress};
 use clap::{Args, Subcommand};
 use dbc::Database;
 
-use super::{ToolBusArgs, ToolError, ended, value};
-use rig::data_sheet::{self, DataSheet, rig_data_sheets};
+use super::{NamesArgs, ToolBusArgs, ToolError, ended, value};
+use rig::data_sheet::{self, DataSheet};
 use rig::presence::Presence;
 use runner::exit::Exit;
 
@@ -325,13 +325,15 @@ pub(crate) enum SdoAction {
 /// An object of a node.
 #[derive(Args, Debug)]
 pub(crate) struct ObjectArgs {
-    /// The node: its number (16, 0x10), or `controller`, `drive`, `disturbance`
+    /// The node: its number (16, 0x10), or `controller`, `drive`, `disturbance`; with --rig, a node's name there
     pub node: String,
     /// The object: index and sub-index in hexadecimal (6064, 1018:02), or its name in the EDS ("Statusword")
     pub object: String,
     /// The EDS of a node that is none of `controller`, `drive` and `disturbance`
     #[arg(long, value_name = "FILE")]
     pub eds: Option<PathBuf>,
+    #[command(flatten)]
+    pub names: NamesArgs,
     #[command(flatten)]
     pub bus: ToolBusArgs,
 }
@@ -365,7 +367,7 @@ fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u
 
 /// Reads an object, or writes it when there is a value and whether that is forced; the line for people.
 fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<String, ToolError> {
-    let mut sheets = rig_data_sheets();
+    let mut sheets = target.names.nodes()?.sheets;
     let node_id = data_sheet::node_id(&target.node, &sheets)?;
     if let Some(path) = &target.eds {
         sheets.insert(0, DataSheet::load(path, node_id)?);
@@ -422,6 +424,7 @@ fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<Strin
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rig::data_sheet::rig_data_sheets;
 
     const HEARTBEAT_OF_THE_CONTROLLER: (u16, &[u8]) = (0x701, &[5]);
     const SYNC: (u16, &[u8]) = (0x080, &[1]);

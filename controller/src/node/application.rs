@@ -18,7 +18,7 @@ impl Application for Controller {
             self.search(services);
         } else {
             let text = "the controller was reset over the bus".to_owned();
-            self.fail(services, Cause::OrderedAbout, text);
+            self.fail(services, None, Cause::OrderedAbout, text);
         }
     }
 
@@ -27,6 +27,7 @@ impl Application for Controller {
         if self.leads() && !may_lead {
             self.fail(
                 services,
+                None,
                 Cause::OrderedAbout,
                 format!("the controller was ordered to NMT state {state:?} over the bus"),
             );
@@ -59,6 +60,7 @@ impl Application for Controller {
         let mut loops = self.loops.iter_mut();
         let sample = loops.find_map(|one| Some((one.drive.layout.decode(frame)?, one)));
         if let Some((feedback, one)) = sample {
+            let node_id = one.drive.node_id();
             let outcome = match self.phase {
                 Phase::BringUp => {
                     one.drive.enable(services, &feedback);
@@ -68,7 +70,7 @@ impl Application for Controller {
                 _ => Ok(()),
             };
             if let Err((cause, text)) = outcome {
-                self.fail(services, cause, text);
+                self.fail(services, Some(node_id), cause, text);
             }
             return;
         }
@@ -80,8 +82,8 @@ impl Application for Controller {
     fn on_heartbeat(&mut self, services: &mut Services, node_id: NodeId, state: NmtState) {
         let is_ending = matches!(self.phase, Phase::Stopping { .. } | Phase::Ended);
         let waits = matches!(state, NmtState::Initialising | NmtState::PreOperational);
-        if node_id == self.fan && waits && !is_ending {
-            services.send_nmt(NmtCommand::Start, Some(self.fan));
+        if self.io_nodes.contains(&node_id) && waits && !is_ending {
+            services.send_nmt(NmtCommand::Start, Some(node_id));
         }
         let Some(place) = self.drives().position(|drive| drive.node_id() == node_id) else {
             return;
@@ -92,7 +94,7 @@ impl Application for Controller {
         if must_be_operational && state != NmtState::Operational {
             let text =
                 format!("the drive (node {node_id}) left NMT state Operational: it is {state:?}");
-            self.fail(services, Cause::DriveNotOperational, text);
+            self.fail(services, Some(node_id), Cause::DriveNotOperational, text);
         } else if self.phase == Phase::BringUp {
             self.on_sign_of_life(services, place, state == NmtState::Initialising);
         }
@@ -115,7 +117,7 @@ impl Application for Controller {
                 "the drive (node {node_id}) reports emergency 0x{:04X}, error register 0x{register:02X}",
                 code.0
             );
-            self.fail(services, Cause::DriveEmergency, text);
+            self.fail(services, Some(node_id), Cause::DriveEmergency, text);
         }
     }
 
@@ -125,12 +127,12 @@ impl Application for Controller {
                 let drive = self.drives().find(|drive| drive.node_id() == node);
                 let text = drive.map(|drive| lost_words(drive, services.now()));
                 if let Some(text) = text {
-                    self.fail(services, Cause::DriveNotOperational, text);
+                    self.fail(services, Some(node), Cause::DriveNotOperational, text);
                 }
             }
             CommunicationLoss::BusOff => {
                 let text = "the CAN controller went bus-off".to_owned();
-                self.fail(services, Cause::DriveNotOperational, text);
+                self.fail(services, None, Cause::DriveNotOperational, text);
             }
             _ => {}
         }
@@ -176,21 +178,20 @@ impl Controller {
         let skipped = overruns - cycle.overruns;
         self.statistics.sync_overruns += skipped;
         self.statistics.cycles += 1;
-        let missing_max = u64::from(self.timeouts.missing_positions_cycles);
         for one in &mut self.loops {
-            let had_position = one.end_cycle(services, cycle.number, skipped, missing_max);
+            let had_position = one.end_cycle(services, cycle.number, skipped);
             self.statistics.missing_positions += u64::from(!had_position);
         }
         self.phase = Phase::Running(Cycle {
             number: cycle.number + 1 + skipped,
             overruns,
         });
-        let failure = self
-            .loops
-            .iter()
-            .find_map(|one| one.check_missing(missing_max).err());
-        if let Some((cause, text)) = failure {
-            self.fail(services, cause, text);
+        let failure = self.loops.iter().find_map(|one| {
+            let failure = one.check_missing().err()?;
+            Some((one.drive.node_id(), failure))
+        });
+        if let Some((node_id, (cause, text))) = failure {
+            self.fail(services, Some(node_id), cause, text);
         }
     }
 

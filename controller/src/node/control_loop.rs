@@ -26,6 +26,8 @@ pub(super) struct ControlLoop {
     pub(super) has_position: bool,
     /// Cycles without a position in a row.
     pub(super) missing: u64,
+    /// The most of them.
+    pub(super) missing_max: u64,
 }
 
 /// Why a loop cannot go on.
@@ -34,13 +36,7 @@ pub(super) type Failure = (Cause, String);
 impl ControlLoop {
     /// Ends a cycle, and lives through so many that were skipped, so that the law's model keeps pace with the plant. True if
     /// there was a position.
-    pub(super) fn end_cycle(
-        &mut self,
-        services: &mut Services,
-        number: u64,
-        skipped: u64,
-        missing_max: u64,
-    ) -> bool {
+    pub(super) fn end_cycle(&mut self, services: &mut Services, number: u64, skipped: u64) -> bool {
         let cycles = f64::from(u32::try_from(skipped).unwrap_or(u32::MAX)) + 1.0;
         let elapsed_seconds = cycles * self.sync_period.as_secs_f64();
         let drive = &mut self.drive;
@@ -52,7 +48,7 @@ impl ControlLoop {
             self.missing += 1;
             self.step(services, self.reference(number), f64::NAN);
         }
-        for passed in 1..=skipped.min(missing_max) {
+        for passed in 1..=skipped.min(self.missing_max) {
             self.step(services, self.reference(number + passed), f64::NAN);
         }
         self.has_position = false;
@@ -60,8 +56,8 @@ impl ControlLoop {
     }
 
     /// Too many cycles without a position in a row.
-    pub(super) fn check_missing(&self, missing_max: u64) -> Result<(), Failure> {
-        if self.missing <= missing_max {
+    pub(super) fn check_missing(&self) -> Result<(), Failure> {
+        if self.missing <= self.missing_max {
             return Ok(());
         }
         let implausible = self.drive.implausible;
@@ -70,10 +66,11 @@ impl ControlLoop {
             None => "no position",
         };
         let text = format!(
-            "{what} from the drive (node {}, frame 0x{:03X}) in {} cycles (limit {missing_max})",
+            "{what} from the drive (node {}, frame 0x{:03X}) in {} cycles (limit {})",
             self.drive.node_id(),
             self.drive.layout.feedback_id(),
-            self.missing
+            self.missing,
+            self.missing_max
         );
         Err((implausible.unwrap_or(Cause::NoPosition), text))
     }

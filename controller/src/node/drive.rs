@@ -163,8 +163,8 @@ impl LedDrive {
     }
 
     /// What to say when a phase has lasted too long.
-    pub(super) fn overdue(&self, timeouts: &Timeouts) -> String {
-        let seconds = timeouts.bring_up_seconds;
+    pub(super) fn overdue(&self, bring_up: Duration) -> String {
+        let seconds = bring_up.as_secs_f64();
         let drive = self.node_id();
         match self.phase {
             DrivePhase::Resetting { .. } => {

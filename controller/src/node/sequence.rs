@@ -5,7 +5,6 @@ use std::time::Duration;
 use canopen::Services;
 use canopen::cia402::Command as DriveCommand;
 use canopen::nmt::{NmtCommand, NodeId};
-use scenario::rig::Timeouts;
 
 use super::control_loop::ControlLoop;
 use super::drive::LedDrive;
@@ -28,10 +27,11 @@ const WATCH_TIME: u32 = 0xFFFF;
 #[derive(Debug)]
 pub(super) struct Controller {
     pub(super) loops: Vec<ControlLoop>,
-    /// The fan and load module.
-    pub(super) fan: NodeId,
+    /// The fan and load modules.
+    pub(super) io_nodes: Vec<NodeId>,
     pub(super) sync_period: Duration,
-    pub(super) timeouts: Timeouts,
+    /// The drives must be found and configured within this time.
+    pub(super) bring_up: Duration,
     pub(super) phase: Phase,
     pub(super) failure: Option<String>,
     pub(super) statistics: Statistics,
@@ -63,7 +63,7 @@ impl Controller {
     /// Looks for all drives.
     pub(super) fn search(&mut self, services: &mut Services) {
         let now = services.now();
-        let until = now + self.timeouts.bring_up();
+        let until = now + self.bring_up;
         self.phase = Phase::BringUp;
         for drive in self.drives_mut() {
             drive.phase = DrivePhase::Searching {
@@ -85,8 +85,8 @@ impl Controller {
                 until,
                 is_enabled: false,
             } if now >= until => {
-                let text = drive.overdue(&self.timeouts);
-                self.fail(services, Cause::NoBringUp, text);
+                let (node_id, text) = (drive.node_id(), drive.overdue(self.bring_up));
+                self.fail(services, Some(node_id), Cause::NoBringUp, text);
             }
             DrivePhase::Searching {
                 until,
@@ -123,7 +123,10 @@ impl Controller {
                     self.start(services);
                 }
             }
-            (Outcome::Failed(text), _) => self.fail(services, Cause::NoBringUp, text),
+            (Outcome::Failed(text), _) => {
+                let node_id = drive.node_id();
+                self.fail(services, Some(node_id), Cause::NoBringUp, text);
+            }
             _ => {}
         }
     }
@@ -159,13 +162,21 @@ impl Controller {
         }
     }
 
-    /// Switches the current off, reports the cause on the bus and keeps it.
-    pub(super) fn fail(&mut self, services: &mut Services, cause: Cause, text: String) {
+    /// Switches the current off, reports the cause on the bus, with the drive that is amiss where there are several, and
+    /// keeps it.
+    pub(super) fn fail(
+        &mut self,
+        services: &mut Services,
+        drive: Option<NodeId>,
+        cause: Cause,
+        text: String,
+    ) {
         if matches!(self.phase, Phase::Stopping { .. } | Phase::Ended) {
             return;
         }
         self.failure = Some(text);
-        services.raise_error(cause.code(), cause.manufacturer());
+        let named = drive.filter(|_| self.loops.len() > 1);
+        services.raise_error(cause.code(), cause.manufacturer(named));
         self.stop(services);
     }
 
@@ -195,15 +206,22 @@ impl Controller {
     pub(super) fn end(&mut self, services: &mut Services) {
         self.phase = Phase::Ended;
         let drives = self.drives().map(LedDrive::node_id);
-        for node in drives.chain([self.fan]) {
+        for node in drives.chain(self.io_nodes.iter().copied()) {
             services.send_nmt(NmtCommand::Stop, Some(node));
         }
         self.configure_self(services, !WATCH_TIME, Duration::ZERO);
     }
 }
 
-/// The entry of 0x1016 that watches a drive; the second one is the fan and load module's.
+/// The entry of 0x1016 that watches the fan and load module.
+pub(super) const IO_WATCH_ENTRY: u8 = 2;
+
+/// The entry of 0x1016 that watches a drive.
 pub(super) fn watch_entry(place: usize) -> u8 {
-    let entry = if place == 0 { 1 } else { place + 2 };
+    let entry = if place == 0 {
+        1
+    } else {
+        place + usize::from(IO_WATCH_ENTRY)
+    };
     u8::try_from(entry).unwrap_or(u8::MAX)
 }

@@ -36,14 +36,34 @@ pub struct Campaign {
 pub struct CampaignRun<'a> {
     /// Its place in the campaign.
     pub index: usize,
-    /// What was played.
-    pub scenario: &'a Scenario,
+    /// The loops that were played.
+    pub setups: &'a [Setup],
     /// What was on the bus.
     pub frames: &'a [Stamped],
-    /// The same, decoded.
-    pub timeline: &'a Timeline,
+    /// The same, decoded for each loop.
+    pub timelines: &'a [Timeline],
     /// What it came to; "incomplete" where the world broke off.
     pub verdict: &'a Verdict,
+}
+
+impl CampaignRun<'_> {
+    /// The scenario of the loop, or of the first of several.
+    ///
+    /// # Panics
+    /// Never: every scenario has a loop.
+    #[must_use]
+    pub fn scenario(&self) -> &Scenario {
+        &self.setups[0].scenario
+    }
+
+    /// The signals of the loop, or of the first of several.
+    ///
+    /// # Panics
+    /// Never: every scenario has a loop.
+    #[must_use]
+    pub fn timeline(&self) -> &Timeline {
+        &self.timelines[0]
+    }
 }
 
 /// A run that the program itself could not bring to a verdict.
@@ -94,16 +114,29 @@ impl Campaign {
         scenarios: impl Iterator<Item = Scenario> + Send,
         reduce: impl Fn(&CampaignRun<'_>) -> T + Sync,
     ) -> Result<Vec<Result<T, FailedRun>>, Interrupted> {
+        self.play_loops(scenarios.map(of_one_loop), reduce)
+    }
+
+    /// As [`Campaign::play`], for scenarios of one loop or of several.
+    ///
+    /// # Errors
+    /// As [`Campaign::play`].
+    pub fn play_loops<T: Send>(
+        &self,
+        scenarios: impl Iterator<Item = Vec<Setup>> + Send,
+        reduce: impl Fn(&CampaignRun<'_>) -> T + Sync,
+    ) -> Result<Vec<Result<T, FailedRun>>, Interrupted> {
         let bar = RunsBar::new(scenarios.size_hint().1, self.is_shown);
         let mut results = Vec::new();
-        let work = |(index, scenario): &(usize, Scenario), watch: &Watch| {
-            play_one(*index, scenario.clone(), watch, &reduce).map_err(|error| error.to_string())
+        let work = |(index, setups): &(usize, Vec<Setup>), watch: &Watch| {
+            play_one(*index, setups, watch, &reduce).map_err(|error| error.to_string())
         };
-        let on_result = |(index, scenario): (usize, Scenario), result: Result<T, String>| {
+        let on_result = |(index, setups): (usize, Vec<Setup>), result: Result<T, String>| {
+            let Scenario { name, seed, .. } = &setups[0].scenario;
             results.push(result.map_err(|reason| FailedRun {
                 index,
-                name: scenario.name,
-                seed: scenario.seed,
+                name: name.clone(),
+                seed: *seed,
                 reason,
             }));
             Ok::<(), std::convert::Infallible>(())
@@ -160,28 +193,40 @@ impl Campaign {
     }
 }
 
-/// Plays a scenario in virtual time and keeps of it what `reduce` returns.
+/// The loops of a scenario of one drive.
+#[must_use]
+pub fn of_one_loop(scenario: Scenario) -> Vec<Setup> {
+    vec![Setup::new(scenario, catalogue())]
+}
+
+/// Plays the loops of a scenario in virtual time and keeps of it what `reduce` returns.
 ///
 /// # Errors
 /// The rig's DBC lacks a signal, or a file could not be written.
+///
+/// # Panics
+/// There is no loop.
 pub fn play_one<T>(
     index: usize,
-    scenario: Scenario,
+    setups: &[Setup],
     watch: &Watch,
     reduce: impl Fn(&CampaignRun<'_>) -> T,
 ) -> Result<T, Box<dyn std::error::Error>> {
-    let setup = Setup::new(scenario, catalogue());
-    let mut capture = Capture::in_memory(ScenarioClock::new(&setup.database)?, watch);
-    let ended = lockstep::simulate(&setup, &mut capture).map(Played::in_virtual_time);
+    let mut capture = Capture::in_memory(ScenarioClock::new(&setups[0].database)?, watch);
+    let ended = lockstep::simulate_loops(setups, &mut capture).map(Played::in_virtual_time);
     let (frames, unrecorded) = capture.finish()?;
     let frames = frames.into_vec();
-    let timeline = timeline::decode(&frames, &setup)?;
-    let verdict = run::verdict(&ended, &timeline, &setup, &unrecorded);
+    let timelines = setups.iter().map(|setup| timeline::decode(&frames, setup));
+    let timelines = timelines.collect::<Result<Vec<_>, _>>()?;
+    let verdicts = setups.iter().zip(&timelines);
+    let verdicts =
+        verdicts.map(|(setup, timeline)| run::verdict(&ended, timeline, setup, &unrecorded));
+    let verdict = judge::whole(setups, &timelines, verdicts.collect());
     Ok(reduce(&CampaignRun {
         index,
-        scenario: &setup.scenario,
+        setups,
         frames: &frames,
-        timeline: &timeline,
+        timelines: &timelines,
         verdict: &verdict,
     }))
 }

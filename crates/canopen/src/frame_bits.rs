@@ -5,6 +5,9 @@ use crate::frame::CanFrame;
 /// Recessive bits between two frames (intermission).
 pub const INTERFRAME_BITS: u32 = 3;
 
+/// Start of frame, identifier, remote request, two reserved bits, length.
+const HEADER_BITS: u32 = 1 + 11 + 1 + 2 + 4;
+
 /// The checksum, stuffed like what stands before it.
 const CRC_BITS: u32 = 15;
 
@@ -42,6 +45,15 @@ pub fn occupied_bits(frame: &CanFrame) -> u32 {
         return 0;
     }
     frame_bits(frame) + INTERFRAME_BITS
+}
+
+/// Bits that a data frame with an identifier of 11 bits takes at most from the bus, whatever its payload: a stuff bit after every
+/// fourth bit from the start of frame to the checksum.
+#[must_use]
+pub fn occupied_bits_max(length_bytes: u8) -> u32 {
+    let data_bits = 8 * u32::from(length_bytes);
+    let stuffed = HEADER_BITS + data_bits + CRC_BITS;
+    stuffed + (stuffed - 1) / 4 + UNSTUFFED_TAIL_BITS + INTERFRAME_BITS
 }
 
 /// Five bytes of header, eight of data, two of checksum; one more lets eight bytes be copied in any case.
@@ -198,6 +210,18 @@ mod tests {
     }
 
     /// The lengths that can-utils computes, see the head of the file.
+    #[test]
+    fn no_payload_takes_more_than_the_most() {
+        assert_eq!([0, 4, 8].map(occupied_bits_max), [55, 95, 135]);
+        for length in 0..=8_u8 {
+            for byte in [0x00, 0xFF, 0x1F, 0xF0, 0x87] {
+                let data = [byte; 8];
+                let frame = CanFrame::new(0x078, &data[..usize::from(length)]);
+                assert!(occupied_bits(&frame) <= occupied_bits_max(length));
+            }
+        }
+    }
+
     #[test]
     fn frames_are_as_long_as_can_utils_says() {
         let table = include_str!("../../../tests/data/frame_lengths.csv");

@@ -3,16 +3,16 @@
 use std::io::{self, Write};
 
 use recording::events::Level;
-use recording::timeline::Timeline;
+use recording::events::TimelineEvent;
 
 /// Writes one row for each event, in the order of time: when, how grave, and what, as the page of a run has them.
 ///
 /// # Errors
 /// The output does not take it.
-pub fn write(output: impl Write, timeline: &Timeline) -> io::Result<()> {
+pub fn write(output: impl Write, events: &[TimelineEvent]) -> io::Result<()> {
     let mut table = csv::Writer::from_writer(output);
     table.write_record(["time_seconds", "level", "text"])?;
-    for event in &timeline.events {
+    for event in events {
         let level = match event.level {
             Level::Info => "info",
             Level::Warning => "warning",

@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use recording::frames::Frames;
-use recording::timeline::Timeline;
+use recording::timeline::{self, OfLoop};
 use recording::work::Way;
 
 /// Where the header block has its place.
@@ -34,11 +34,11 @@ const PATH_SEPARATOR: u16 = b'.' as u16;
 /// The output does not take it.
 pub fn write(
     output: impl Write,
-    timeline: &Timeline,
+    loops: &[OfLoop<'_>],
     frames: &Frames,
     start: Duration,
 ) -> io::Result<()> {
-    write_file(output, &signals(timeline), frames, start)
+    write_file(output, &signals(loops), frames, start)
 }
 
 fn write_file(
@@ -65,22 +65,24 @@ fn write_file(
 
 /// A signal over time.
 struct Signal<'a> {
-    name: &'a str,
+    name: String,
     unit: &'a str,
     values: &'a [f64],
 }
 
 /// All of them, of which the first is the time.
-fn signals(timeline: &Timeline) -> Vec<Signal<'_>> {
-    let signal = |name, unit, values| Signal { name, unit, values };
-    let set_point = &timeline.set_point_millimetres;
-    let mut signals = vec![
-        signal("time", "s", &*timeline.time_seconds),
-        signal("set_point_millimetres", "mm", set_point),
-    ];
-    let columns = timeline.columns.iter();
-    signals.extend(columns.map(|column| signal(&column.name, &column.unit, &column.values)));
-    signals
+fn signals<'a>(loops: &[OfLoop<'a>]) -> Vec<Signal<'a>> {
+    let time = loops.first().map(|(_, timeline)| Signal {
+        name: "time".to_owned(),
+        unit: "s",
+        values: &timeline.time_seconds,
+    });
+    let others = timeline::signals(loops).into_iter().map(|signal| Signal {
+        name: signal.name,
+        unit: signal.unit,
+        values: signal.values,
+    });
+    time.into_iter().chain(others).collect()
 }
 
 /// Each row has one number of every signal.
@@ -198,7 +200,7 @@ impl Mf4File {
         let mut byte = 0;
         let mut channels = Vec::new();
         for signal in signals {
-            channels.push(Channel::float(signal.name, signal.unit, byte));
+            channels.push(Channel::float(&signal.name, signal.unit, byte));
             byte += VALUE_BYTES;
         }
         let records = Records {
@@ -360,7 +362,7 @@ mod tests {
             })
             .collect();
         let signals = ["time", "position"].map(|name| Signal {
-            name,
+            name: name.to_owned(),
             unit: "",
             values: &[0.0, 0.5, 1.0],
         });

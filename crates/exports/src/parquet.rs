@@ -1,27 +1,28 @@
 //! Tables as Apache Parquet, for data frames (pandas, Polars, DuckDB).
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::sync::Arc;
 
 use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical, ZstdLevel};
 use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
-use parquet::file::properties::WriterProperties;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-use recording::timeline::Timeline;
+use recording::timeline::{self, OfLoop};
 use recording::work::Way;
 
 pub use parquet::errors::ParquetError;
 
 /// The cells of a column.
-pub enum Cells {
+pub enum Cells<'a> {
     /// Whole numbers, none of them absent.
     Count(Vec<i64>),
     /// Whole numbers, null where there is none.
     Whole(Vec<Option<i64>>),
     /// Numbers, null where there is none (NaN).
-    Number(Vec<f64>),
+    Number(Cow<'a, [f64]>),
     /// Text, null where there is none.
     Text(Vec<Option<String>>),
 }
@@ -52,31 +53,38 @@ impl<W: Write + Send> ParquetTable<W> {
         let properties = WriterProperties::builder()
             .set_created_by(concat!("canrig ", env!("CARGO_PKG_VERSION")).to_owned())
             .set_compression(Compression::ZSTD(ZstdLevel::default()))
+            .set_statistics_enabled(EnabledStatistics::Chunk)
+            .set_offset_index_disabled(true)
             .build();
         let schema = schema(name, columns)?;
         let writer = SerializedFileWriter::new(output, schema, Arc::new(properties))?;
         Ok(Self(writer))
     }
 
-    /// Appends rows, given by their columns in the table's order.
-    pub fn write(&mut self, columns: &[Cells]) -> Result<(), ParquetError> {
+    /// Appends rows, given by their columns in the table's order; each column is asked for when the one before is written.
+    pub fn write<'a>(
+        &mut self,
+        columns: impl IntoIterator<Item = Cells<'a>>,
+    ) -> Result<(), ParquetError> {
         let mut rows = self.0.next_row_group()?;
         for cells in columns {
             match cells {
-                Cells::Count(cells) => write_values::<Int64Type, W>(&mut rows, cells, None)?,
-                Cells::Whole(cells) => write_column::<Int64Type, W>(&mut rows, cells)?,
+                Cells::Count(cells) => {
+                    write_column::<Int64Type, W, _>(&mut rows, &cells, |cell| Some(*cell))?
+                }
+                Cells::Whole(cells) => {
+                    write_column::<Int64Type, W, _>(&mut rows, &cells, |cell| *cell)?
+                }
                 Cells::Number(cells) => {
-                    let cells: Vec<Option<f64>> = cells
-                        .iter()
-                        .map(|value| (!value.is_nan()).then_some(*value))
-                        .collect();
-                    write_column::<DoubleType, W>(&mut rows, &cells)?;
+                    write_column::<DoubleType, W, _>(&mut rows, &cells, |value| {
+                        (!value.is_nan()).then_some(*value)
+                    })?
                 }
                 Cells::Text(cells) => {
-                    let bytes = |text: &String| ByteArray::from(text.as_bytes().to_vec());
-                    let cells: Vec<Option<ByteArray>> =
-                        cells.iter().map(|text| text.as_ref().map(bytes)).collect();
-                    write_column::<ByteArrayType, W>(&mut rows, &cells)?;
+                    write_column::<ByteArrayType, W, _>(&mut rows, &cells, |text| {
+                        text.as_ref()
+                            .map(|text| ByteArray::from(text.as_bytes().to_vec()))
+                    })?
                 }
             }
         }
@@ -89,23 +97,26 @@ impl<W: Write + Send> ParquetTable<W> {
     }
 }
 
-/// Rows of a run that are written at once.
-const GROUP_ROWS: usize = 1 << 16;
+/// Rows of a run between two places at which a reader can begin. The writer holds what it knows of each group to the end of the
+/// file, so that of ten hours there are few.
+const GROUP_ROWS: usize = 1 << 20;
+/// Cells of a column that are written at once.
+const PIECE_ROWS: usize = 1 << 14;
 
 /// Writes the signals: one row a cycle, the columns of `signals.csv`.
 ///
 /// # Errors
 /// The library or the output refuses.
-pub fn write_signals(output: impl Write + Send, timeline: &Timeline) -> Result<(), ParquetError> {
-    let own = [
-        ("time_seconds", &*timeline.time_seconds),
-        ("set_point_millimetres", &*timeline.set_point_millimetres),
-    ];
-    let signals = timeline
-        .columns
+pub fn write_signals(output: impl Write + Send, loops: &[OfLoop<'_>]) -> Result<(), ParquetError> {
+    let Some((_, timeline)) = loops.first() else {
+        return Ok(());
+    };
+    let signals = timeline::signals(loops);
+    let time = ("time_seconds", &*timeline.time_seconds);
+    let signals = signals
         .iter()
-        .map(|column| (column.name.as_str(), &*column.values));
-    let numbers: Vec<(&str, &[f64])> = own.into_iter().chain(signals).collect();
+        .map(|signal| (signal.name.as_str(), &**signal.values));
+    let numbers: Vec<(&str, &[f64])> = [time].into_iter().chain(signals).collect();
     let names = numbers.iter().map(|(name, _)| (*name, ColumnKind::Number));
     let names: Vec<(&str, ColumnKind)> = [("cycle", ColumnKind::Count)]
         .into_iter()
@@ -121,8 +132,8 @@ pub fn write_signals(output: impl Write + Send, timeline: &Timeline) -> Result<(
         let cycles = cycles.map(|cycle| i64::try_from(*cycle).unwrap_or(i64::MAX));
         let cycles = Cells::Count(cycles.collect());
         let numbers = numbers.iter();
-        let numbers = numbers.map(|(_, values)| Cells::Number(values[group.clone()].to_vec()));
-        table.write(&[cycles].into_iter().chain(numbers).collect::<Vec<_>>())?;
+        let numbers = numbers.map(|(_, values)| Cells::Number(values[group.clone()].into()));
+        table.write([cycles].into_iter().chain(numbers))?;
     }
     table.finish().map(drop)
 }
@@ -149,24 +160,27 @@ fn schema(name: &str, columns: &[(&str, ColumnKind)]) -> Result<TypePtr, Parquet
         .map(Arc::new)
 }
 
-/// A value that is there has the level 1, one that is not 0.
-fn write_column<T: DataType, W: Write + Send>(
+/// A value that is there has the level 1, one that is not 0; a column whose values are all there has no levels.
+fn write_column<T: DataType, W: Write + Send, C>(
     rows: &mut SerializedRowGroupWriter<'_, W>,
-    cells: &[Option<T::T>],
+    cells: &[C],
+    value: impl Fn(&C) -> Option<T::T>,
 ) -> Result<(), ParquetError> {
-    let levels: Vec<i16> = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
-    let there: Vec<T::T> = cells.iter().flatten().cloned().collect();
-    write_values::<T, W>(rows, &there, Some(&levels))
-}
-
-fn write_values<T: DataType, W: Write + Send>(
-    rows: &mut SerializedRowGroupWriter<'_, W>,
-    values: &[T::T],
-    levels: Option<&[i16]>,
-) -> Result<(), ParquetError> {
-    if let Some(mut column) = rows.next_column()? {
-        column.typed::<T>().write_batch(values, levels, None)?;
-        column.close()?;
+    let Some(mut column) = rows.next_column()? else {
+        return Ok(());
+    };
+    let mut levels = Vec::new();
+    let mut there = Vec::new();
+    for piece in cells.chunks(PIECE_ROWS) {
+        levels.clear();
+        there.clear();
+        for cell in piece.iter().map(&value) {
+            levels.push(i16::from(cell.is_some()));
+            there.extend(cell);
+        }
+        column
+            .typed::<T>()
+            .write_batch(&there, Some(&levels), None)?;
     }
-    Ok(())
+    column.close()
 }

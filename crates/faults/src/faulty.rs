@@ -251,8 +251,7 @@ impl<N: Node> Node for Faulty<N> {
     fn filters(&self) -> Vec<Filter> {
         let mut filters = self.node.filters();
         // Scenario time follows from SYNC and statusword.
-        filters.push(Filter::exact(0x080));
-        filters.push(Filter::exact(0x190));
+        filters.extend(self.scenario.filters());
         filters.sort_unstable_by_key(|filter| (filter.id, filter.mask));
         filters.dedup();
         filters

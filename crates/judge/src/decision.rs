@@ -113,7 +113,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
         None => None,
     };
     let is_failed = |metric: &Metric| metric.passed == Some(false);
-    if let Some(reason) = cut_short(evidence.timeline, evidence.scenario) {
+    if let Some(reason) = cut_short(evidence.timeline, evidence.setup) {
         (Outcome::Incomplete, Some(reason))
     } else if metrics.iter().any(is_failed) {
         (Outcome::Fail, None)

@@ -11,12 +11,14 @@
 
 mod chirp;
 mod circumstances;
+mod contour;
 mod decision;
 mod disturbances;
 mod evidence;
 mod excuse;
 mod harmonic;
 mod holds;
+mod loops;
 mod metric;
 mod metrics;
 mod misses;
@@ -34,8 +36,9 @@ pub mod verdict;
 
 pub use chirp::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_responses};
 pub use circumstances::Circumstances;
+pub use contour::{ContourErrors, contour_errors};
 pub use decision::judge;
-pub use metrics::limits;
+pub use loops::{expected_timing, limits, row_of_loop, whole};
 pub use quality::lost_frames;
 pub use steps::SETTLING_BAND;
 pub use timing_decision::judge_timing;

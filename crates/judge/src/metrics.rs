@@ -98,7 +98,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 
 /// The rows of a scenario's verdict that have a limit, in their order; those of `[expect.timing]` are not among them.
 #[must_use]
-pub fn limits(scenario: &Scenario) -> Vec<(String, Limit)> {
+pub(crate) fn limits(scenario: &Scenario) -> Vec<(String, Limit)> {
     let limited = METRICS.iter().filter_map(|metric| {
         let limit = metric.limit(&scenario.expect)?;
         Some((metric.name.to_owned(), limit))

@@ -8,7 +8,6 @@ use recording::stalls::{Stall, Who};
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use rig::external::{External, ExternalNode};
 use rig::setup::Setup;
-use scenario::Scenario;
 use scenario::events::Window;
 
 use crate::circumstances::Circumstances;
@@ -86,15 +85,11 @@ pub(crate) struct Misses {
 
 impl Misses {
     pub(crate) fn new(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) -> Self {
-        let due = due(
-            timeline,
-            &setup.scenario,
-            circumstances.ended_early.as_ref(),
-        );
+        let due = due(timeline, setup, circumstances.ended_early.as_ref());
         let stretches = stretches(timeline, &circumstances.stalls);
         let [sync, position] = [Missing::Sync, Missing::Position]
             .map(|missing| excusing(&stretches, missing, &setup.external));
-        let windows = setup.scenario.fault.windows();
+        let windows = setup.faults();
         let is_faulty = |from: f64, until: f64| {
             windows.iter().any(|fault| {
                 let begins = fault.from_seconds.unwrap_or(f64::NEG_INFINITY);
@@ -227,12 +222,13 @@ fn missed(timeline: &Timeline, due: u64) -> impl Iterator<Item = (u64, Missing)>
 }
 
 /// The cycles that should have been played: all of them where the run was to go on, even if nobody sent a SYNC any more.
-fn due(timeline: &Timeline, scenario: &Scenario, ended_early: Option<&EarlyEnd>) -> u64 {
+fn due(timeline: &Timeline, setup: &Setup, ended_early: Option<&EarlyEnd>) -> u64 {
+    let scenario = &setup.scenario;
     if timeline.zero_seconds.is_none() {
         return 0;
     }
     let was_to_go_on = match ended_early {
-        None => is_recorded_to_its_end(timeline, scenario),
+        None => is_recorded_to_its_end(timeline, setup),
         Some(end) => end.by == EndedBy::Node,
     };
     let cycles = scenario.judged_end_seconds() / timeline.period_seconds;
@@ -255,13 +251,14 @@ fn due(timeline: &Timeline, scenario: &Scenario, ended_early: Option<&EarlyEnd>)
 }
 
 /// Whether frames came until the scenario's end.
-pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, scenario: &Scenario) -> bool {
-    let tolerance = match scenario.fault.is_empty() {
+pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, setup: &Setup) -> bool {
+    let is_sound = setup.scenario.fault.is_empty() && setup.faults_elsewhere.is_empty();
+    let tolerance = match is_sound {
         true => END_PERIODS * timeline.period_seconds,
         false => FAULTY_END_SECONDS,
     };
     timeline.zero_seconds.is_some()
-        && timeline.last_frame_seconds + tolerance >= scenario.duration_seconds
+        && timeline.last_frame_seconds + tolerance >= setup.scenario.duration_seconds
 }
 
 /// The stalls in the time of the timeline.

@@ -11,8 +11,9 @@ use rig::catalogue::Catalogue;
 use rig::setup::Setup;
 use scenario::Scenario;
 
+use crate::metrics::limits;
 use crate::verdict::{Metric, Outcome, Verdict};
-use crate::{Circumstances, judge, limits};
+use crate::{Circumstances, judge};
 
 const OPERATION_ENABLED: f64 = 39.0;
 

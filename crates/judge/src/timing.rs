@@ -1,13 +1,11 @@
 //! How well a run in real time kept its deadlines, and the limits on that.
 
-use std::borrow::Borrow;
 use std::ops::Add;
 use std::time::Duration;
 
 use dbc::SignalMissing;
 use recording::frames::Frames;
 use recording::latency::{Host, Latencies, NodeReport, Quantiles};
-use recording::log::Stamped;
 use recording::stalls::Stall;
 use rig::setup::Setup;
 use scenario::expect::Limit;
@@ -28,7 +26,7 @@ pub struct Timing {
     /// What the controller's loop counted; none of one that is external.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub controller: Option<NodeReport>,
-    /// What the emulator's loop counted; none beside an external drive.
+    /// What the emulator's loop counted, or those of several loops together; none beside an external drive.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plant_emulator: Option<NodeReport>,
     /// From the SYNC to the drive's position.
@@ -42,23 +40,34 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// The timing of a run from its recording and from what the host knows.
+    /// The timing of a run from its recording and from what the host knows. Of several loops each quantile is that of the worst.
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn new(
-        frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
-        setup: &Setup,
-        host: Host,
-    ) -> Result<Self, SignalMissing> {
-        let latencies = Latencies::new(frames, setup)?;
-        let quantiles = |histogram| Quantiles::new(histogram, 1);
-        let duration = Duration::from_secs_f64(setup.scenario.duration_seconds);
+    ///
+    /// # Panics
+    /// There is no loop.
+    pub fn new(frames: &Frames, setups: &[Setup], host: Host) -> Result<Self, SignalMissing> {
+        let of_loops = setups.iter().map(|setup| {
+            let latencies = Latencies::new(frames, setup)?;
+            let quantiles = |histogram| Quantiles::new(histogram, 1);
+            Ok([
+                quantiles(&latencies.sync_to_position),
+                quantiles(&latencies.position_to_command),
+                quantiles(&latencies.round_trip),
+            ])
+        });
+        let of_loops = of_loops.collect::<Result<Vec<_>, _>>()?;
+        let worst = |latency: usize| {
+            let of_each = of_loops.iter().map(|latencies| latencies[latency]);
+            of_each.reduce(Quantiles::worst).unwrap_or_default()
+        };
+        let duration = Duration::from_secs_f64(setups[0].scenario.duration_seconds);
         Ok(Self {
             distrust: distrust(&host, duration),
-            sync_to_position_microseconds: quantiles(&latencies.sync_to_position),
-            position_to_command_microseconds: quantiles(&latencies.position_to_command),
-            round_trip_microseconds: quantiles(&latencies.round_trip),
+            sync_to_position_microseconds: worst(0),
+            position_to_command_microseconds: worst(1),
+            round_trip_microseconds: worst(2),
             controller: host.controller,
             plant_emulator: host.plant_emulator,
         })
@@ -68,8 +77,8 @@ impl Timing {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn again(self, frames: &Frames, setup: &Setup) -> Result<Self, SignalMissing> {
-        let measured = Self::new(frames, setup, Host::default())?;
+    pub fn again(self, frames: &Frames, setups: &[Setup]) -> Result<Self, SignalMissing> {
+        let measured = Self::new(frames, setups, Host::default())?;
         Ok(Self {
             controller: self.controller,
             plant_emulator: self.plant_emulator,

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use recording::ending::EarlyEnd;
-use rig::external::External;
 use rig::setup::Setup;
 use scenario::expect::Requirements;
 use serde::{Deserialize, Serialize};
@@ -64,9 +63,9 @@ pub struct Verdict {
     /// The requirements that the scenario as a whole tests.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub requirements: Requirements,
-    /// The nodes that were not canrig's.
-    #[serde(default, skip_serializing_if = "External::is_empty")]
-    pub external: External,
+    /// The nodes that were not canrig's, by their names.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub external: Vec<String>,
     pub outcome: Outcome,
     /// Why, where the metrics do not show it.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -101,7 +100,7 @@ impl Verdict {
             seed,
             identity: None,
             requirements: Requirements::new(),
-            external: External::default(),
+            external: Vec::new(),
             outcome: Outcome::Incomplete,
             reason: Some(reason.to_owned()),
             frames_lost: 0,
@@ -119,7 +118,7 @@ impl Verdict {
         let scenario = &setup.scenario;
         Self {
             requirements: scenario.requirements.clone(),
-            external: setup.external.clone(),
+            external: setup.external_names(),
             ..Self::incomplete(&scenario.name, scenario.seed, reason)
         }
     }
@@ -155,7 +154,7 @@ fn is_none(frames: &u64) -> bool {
 #[cfg(test)]
 mod tests {
     use rig::catalogue::Catalogue;
-    use rig::external::ExternalNode;
+    use rig::external::{External, ExternalNode};
     use scenario::Scenario;
     use scenario::expect::Limit;
 
@@ -172,7 +171,7 @@ mod tests {
             law: "pid".to_owned(),
             files: [("scenario.toml".to_owned(), "2e".to_owned())].into(),
         });
-        verdict.external = External::new(&[ExternalNode::Drive]).unwrap();
+        verdict.external = vec!["drive".to_owned()];
         let limit = Some(Limit {
             min: Some(0.1),
             max: None,
@@ -193,10 +192,10 @@ mod tests {
             [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
         let external = External::new(&[ExternalNode::Drive]).unwrap();
-        let setup = Setup::new(scenario, &Catalogue::shipped()).on(None, external.clone());
+        let setup = Setup::new(scenario, &Catalogue::shipped()).on(None, external);
         let expected = Verdict {
             requirements: vec!["REQ-1".to_owned()],
-            external,
+            external: vec!["drive".to_owned()],
             ..Verdict::incomplete("step", 7, "killed")
         };
         assert_eq!(Verdict::incomplete_of(&setup, "killed"), expected);

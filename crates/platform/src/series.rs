@@ -5,7 +5,7 @@
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 use std::ptr::{self, NonNull};
 use std::slice;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -194,6 +194,7 @@ impl<T: Pod> SeriesWriter<T> {
         let mapping = Mapping::new(file, self.filed * size_of::<T>())?;
         return_freed();
         Ok(Series {
+            first: 0,
             length: self.filed,
             values: Values::Filed(Arc::new(mapping)),
         })
@@ -209,6 +210,8 @@ impl<T: Pod> Extend<T> for SeriesWriter<T> {
 /// Values in their order, of any number: a slice.
 #[derive(Clone)]
 pub struct Series<T> {
+    /// The first value of the file that is one of the series.
+    first: usize,
     length: usize,
     values: Values<T>,
 }
@@ -227,6 +230,25 @@ impl<T: Pod> Series<T> {
         self
     }
 
+    /// Some of the values; those in a file are not read for it.
+    ///
+    /// # Panics
+    /// The series has no such values.
+    #[must_use]
+    pub fn part(&self, places: Range<usize>) -> Self {
+        match &self.values {
+            Values::Kept(values) => values[places].to_vec().into(),
+            Values::Filed(mapping) => {
+                assert!(places.start <= places.end && places.end <= self.length);
+                Self {
+                    first: self.first + places.start,
+                    length: places.len(),
+                    values: Values::Filed(Arc::clone(mapping)),
+                }
+            }
+        }
+    }
+
     /// Leaves out all but the first values.
     pub fn truncate(&mut self, length: usize) {
         self.length = self.length.min(length);
@@ -238,7 +260,7 @@ impl<T: Pod> Series<T> {
     /// The values in memory, to change them.
     pub fn to_mut(&mut self) -> &mut [T] {
         if let Values::Filed(_) = self.values {
-            self.values = Values::Kept(self.to_vec());
+            *self = self.to_vec().into();
         }
         match &mut self.values {
             Values::Kept(values) => values,
@@ -254,10 +276,11 @@ impl<T: Pod> Deref for Series<T> {
     fn deref(&self) -> &[T] {
         match &self.values {
             Values::Kept(values) => values,
-            // SAFETY: the mapping holds at least so many values, which were written as such: any bytes are one (`Pod`). It
-            // begins at a page, so they are aligned. Nobody else has the file, so they do not change.
+            // SAFETY: the mapping holds at least so many values behind the first, which were written as such: any bytes are one
+            // (`Pod`). It begins at a page, so they are aligned. Nobody else has the file, so they do not change.
             Values::Filed(mapping) => unsafe {
-                slice::from_raw_parts(mapping.begin.cast().as_ptr(), self.length)
+                let begin = mapping.begin.cast::<T>().add(self.first);
+                slice::from_raw_parts(begin.as_ptr(), self.length)
             },
         }
     }
@@ -266,6 +289,7 @@ impl<T: Pod> Deref for Series<T> {
 impl<T: Pod> From<Vec<T>> for Series<T> {
     fn from(values: Vec<T>) -> Self {
         Self {
+            first: 0,
             length: values.len(),
             values: Values::Kept(values),
         }
@@ -416,6 +440,12 @@ mod tests {
             let series = series.finish();
             assert_eq!(*series, expected);
             assert_eq!(*series.clone().truncated(BLOCK + 1), expected[..=BLOCK]);
+            let part = series.part(BLOCK + 3..4 * BLOCK);
+            assert_eq!(*part, expected[BLOCK + 3..4 * BLOCK]);
+            assert_eq!(*part.part(5..9), expected[BLOCK + 8..BLOCK + 12]);
+            let mut changed = part.clone();
+            changed.to_mut()[3] = 7;
+            assert_eq!((changed[3], part[3]), (7, expected[BLOCK + 6]));
             let mut changed = series.clone();
             changed.to_mut()[3] = 7;
             assert_eq!((changed[3], series[3]), (7, 3));

@@ -10,7 +10,7 @@ use zstd::bulk::Compressor;
 use zstd::zstd_safe::CParameter;
 
 use crate::log::{self, Stamped, is_compressed};
-use crate::run_folder::WriteError;
+use crate::write_error::WriteError;
 
 /// So much of a run is compressed at once. A kill loses no more.
 const PIECE: Duration = Duration::from_secs(1);

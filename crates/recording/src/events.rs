@@ -58,7 +58,10 @@ struct EventSignal {
     signal: SignalHandle,
     definition: Signal,
     kind: EventKind,
+    /// Whose it is, as a scenario of one drive names it.
     node: String,
+    /// The same for people, who see all loops.
+    shown: String,
     /// The latest value, and the bits that it was made of.
     last: Option<f64>,
     last_bits: Option<u64>,
@@ -88,10 +91,14 @@ impl EventSignal {
         Some((value, text))
     }
 
-    /// The label of what explains an emergency further.
-    fn cause(&self, stamped: &Stamped) -> Option<&str> {
+    /// The label of what explains an emergency further; where there are several drives, with the number of the node concerned,
+    /// which is the lowest byte.
+    fn cause(&self, stamped: &Stamped) -> Option<String> {
         let (signal, definition) = self.cause.as_ref()?;
-        definition.label(signal.decode(&stamped.frame)?)
+        let value = signal.decode(&stamped.frame)?;
+        let node = value % 256.0;
+        let named = || Some(format!("{} (node {node})", definition.label(value - node)?));
+        definition.label(value).map(str::to_owned).or_else(named)
     }
 }
 
@@ -107,9 +114,10 @@ pub(crate) struct EventReader {
 }
 
 impl EventReader {
-    pub(crate) fn new(database: &Database) -> Self {
+    /// Of several loops each has a reader, which is given its name.
+    pub(crate) fn new(database: &Database, loop_name: Option<&str>) -> Self {
         let messages = database.messages().iter();
-        let signals = messages.filter_map(|message| event_signal(database, message));
+        let signals = messages.filter_map(|message| event_signal(database, message, loop_name));
         Self {
             signals: signals
                 .map(|signal| (signal.signal.raw_id(), signal))
@@ -137,7 +145,7 @@ impl EventReader {
         let Some((value, label)) = signal.read(stamped) else {
             return;
         };
-        let (level, mut text) = describe(signal.kind, &signal.node, value, &label);
+        let (level, mut text) = describe(signal.kind, &signal.shown, value, &label);
         if signal.kind == EventKind::Emergency && value != 0.0 {
             let emergency = emergency(&signal.node, value);
             self.emergencies.push((stamped.time, emergency));
@@ -232,7 +240,11 @@ fn emergency(node: &str, value: f64) -> Emergency {
 }
 
 /// The signal of a message that makes events, if it has one.
-fn event_signal(database: &Database, message: &Message) -> Option<EventSignal> {
+fn event_signal(
+    database: &Database,
+    message: &Message,
+    loop_name: Option<&str>,
+) -> Option<EventSignal> {
     let kinds = [
         ("nmt_state", EventKind::State),
         ("statusword_state", EventKind::State),
@@ -241,23 +253,38 @@ fn event_signal(database: &Database, message: &Message) -> Option<EventSignal> {
     ];
     kinds.into_iter().find_map(|(name, kind)| {
         let path = format!("{}.{name}", message.name);
-        let node = message
-            .name
-            .split('_')
-            .next()
-            .unwrap_or_default()
-            .to_owned();
+        let (node, shown) = node_of(&message.name, loop_name);
         let (signal, definition) = (database.signal(&path)?, database.definition(&path)?.clone());
         Some(EventSignal {
             signal,
             definition,
             kind,
             node,
+            shown,
             last: None,
             last_bits: None,
             cause: cause(database, &message.name),
         })
     })
+}
+
+/// Whose a message is: as a scenario of one drive names the node, and for people. Messages of other loops begin with their names.
+fn node_of(message: &str, loop_name: Option<&str>) -> (String, String) {
+    let shown = |name: &str, node: &str| match node {
+        "drive" => name.to_owned(),
+        node => format!("{name} {node}"),
+    };
+    let of_others = ["drive", "disturbance"].iter().find_map(|node| {
+        let (name, _) = message.split_once(&format!("_{node}_"))?;
+        Some(shown(name, node))
+    });
+    if let Some(other) = of_others {
+        return (other.clone(), other);
+    }
+    let node = message.split('_').next().unwrap_or_default();
+    let own = loop_name.filter(|_| ["drive", "disturbance"].contains(&node));
+    let own = own.map_or_else(|| node.to_owned(), |name| shown(name, node));
+    (node.to_owned(), own)
 }
 
 /// Whose CAN controller a node's number stands for.
@@ -292,6 +319,27 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_node_has_one_name_whichever_loop_sees_it() {
+        let shown = |message, loop_name| node_of(message, loop_name).1;
+        assert_eq!(shown("drive_heartbeat", None), "drive");
+        for (of_x, of_y, name) in [
+            ("drive_heartbeat", "x_1_drive_heartbeat", "x_1"),
+            (
+                "disturbance_emergency",
+                "x_1_disturbance_emergency",
+                "x_1 disturbance",
+            ),
+            ("y_drive_tpdo1", "drive_tpdo1", "y"),
+            ("controller_heartbeat", "controller_heartbeat", "controller"),
+        ] {
+            assert_eq!(shown(of_x, Some("x_1")), name);
+            assert_eq!(shown(of_y, Some("y")), name);
+        }
+        // What a scenario of one drive calls it.
+        assert_eq!(node_of("drive_emergency", Some("y")).0, "drive");
+    }
+
+    #[test]
     fn of_what_the_scenario_does_only_faults_are_warnings() {
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
             [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n\
@@ -299,7 +347,7 @@ mod tests {
             [[disturbance.load]]\nat_seconds = 4.0\nadded_grams = 10.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\nuntil_seconds = 6.0\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let mut reader = EventReader::new(Database::shipped());
+        let mut reader = EventReader::new(Database::shipped(), None);
         let events = reader.take_until(f64::INFINITY, &scenario, Some(Duration::ZERO));
         let levels = events.iter().map(|event| (event.time_seconds, event.level));
         let expected = [

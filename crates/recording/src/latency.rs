@@ -78,12 +78,32 @@ pub struct NodeReport {
     pub late: Vec<[u64; 2]>,
 }
 
+impl NodeReport {
+    /// The report of two nodes together: what they counted, and the worse of their lateness.
+    #[must_use]
+    pub fn beside(self, other: Self) -> Self {
+        let new = Vec::from_iter(
+            (other.refused.into_iter()).filter(|reason| !self.refused.contains(reason)),
+        );
+        let lateness = self.wake_up_lateness_microseconds;
+        Self {
+            ticks: self.ticks + other.ticks,
+            overruns: self.overruns + other.overruns,
+            wake_up_lateness_microseconds: lateness.worst(other.wake_up_lateness_microseconds),
+            frames_dropped: self.frames_dropped + other.frames_dropped,
+            frames_delayed: self.frames_delayed + other.frames_delayed,
+            refused: self.refused.into_iter().chain(new).collect(),
+            late: self.late.into_iter().chain(other.late).collect(),
+        }
+    }
+}
+
 /// What a world in real time knows besides the frames.
 #[derive(Clone, Debug, Default)]
 pub struct Host {
     /// What the controller's loop counted; none of one that is external.
     pub controller: Option<NodeReport>,
-    /// What the emulator's loop counted; none beside an external drive.
+    /// What the emulators' loops counted together; none beside external drives.
     pub plant_emulator: Option<NodeReport>,
     /// By how much the wall clock was stepped in the run.
     pub wall_clock_step: Duration,

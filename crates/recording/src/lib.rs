@@ -30,3 +30,4 @@ pub mod traces;
 pub mod truth;
 pub mod unrecorded;
 pub mod work;
+mod write_error;

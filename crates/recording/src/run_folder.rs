@@ -9,6 +9,8 @@ use sha2::{Digest, Sha256};
 use crate::bus_log::BusLog;
 use crate::text::hexadecimal;
 
+pub use crate::write_error::WriteError;
+
 /// Runs of one scenario, seed and version that one folder may hold.
 const REPEATS_MAX: u32 = 100_000;
 
@@ -36,24 +38,10 @@ pub mod file {
     pub const FRAMES: &str = "frames.dbc";
     /// The rig file as it was used; only in runs on a rig.
     pub const RIG: &str = rig::rig_file::RIG_FILE;
+    /// The folder of the nodes' data sheets; only in runs on a rig that names its nodes.
+    pub const SHEETS: &str = "eds";
     /// The recording for the Rerun viewer.
     pub const RERUN: &str = "run.rrd";
-}
-
-/// A file of a run cannot be written.
-#[derive(Debug, thiserror::Error)]
-#[error("{} cannot be written: {source}", path.display())]
-pub struct WriteError {
-    pub path: PathBuf,
-    pub source: io::Error,
-}
-
-impl WriteError {
-    /// The error of a file, for `map_err`.
-    pub fn at(path: &Path) -> impl FnOnce(io::Error) -> Self {
-        let path = path.to_owned();
-        move |source| Self { path, source }
-    }
 }
 
 #[derive(Debug)]

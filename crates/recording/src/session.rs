@@ -5,11 +5,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use dbc::{Database, DbcError};
+use rig::FILE_BYTES_MAX;
 use rig::catalogue::{Catalogue, name_of_two_columns};
 use rig::external::External;
+use rig::named_nodes::node_sheets;
 use rig::rig_file::{LoadedRig, RigError};
 use rig::setup::Setup;
 use scenario::expect::Expect;
+use scenario::loops::Loops;
 use scenario::{ScenarioError, read_text};
 
 use crate::run_folder::{RunFolder, WriteError, file};
@@ -32,6 +35,17 @@ pub fn write_scenario(folder: &RunFolder, setup: &Setup) -> Result<(), WriteErro
     files_of(setup).try_for_each(|(name, text)| folder.write(name, text.as_bytes()))
 }
 
+/// Writes the EDS of each node of the rig that these loops share.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn write_sheets(folder: &RunFolder, setups: &[Setup]) -> Result<(), WriteError> {
+    node_sheets(setups).into_iter().try_for_each(|sheet| {
+        let name = format!("{}/{}", file::SHEETS, sheet.file_name());
+        folder.write(&name, sheet.text.as_bytes())
+    })
+}
+
 /// Writes the tables that the scenario names, for scenarios in a folder of the folder.
 ///
 /// # Errors
@@ -46,7 +60,8 @@ pub fn write_tables(folder: &RunFolder, setup: &Setup, place: &str) -> Result<()
 pub fn files_of(setup: &Setup) -> impl Iterator<Item = (&str, &str)> {
     let tables = setup.tables.iter();
     let tables = tables.map(|(name, text)| (name.as_str(), text.as_str()));
-    let rig = setup.rig.as_deref();
+    // The scenario of several loops names its rig file.
+    let rig = setup.rig.as_deref().filter(|_| setup.nodes.is_none());
     let eds = rig.and_then(|rig| Some((rig.file.drive.eds.as_deref()?, rig.eds.as_str())));
     let rig = rig.map(|rig| (file::RIG, rig.text.as_str()));
     let scenario = (file::SCENARIO, setup.text.as_str());
@@ -105,6 +120,30 @@ pub fn read_setup(
         // A log beside a scenario: nobody says that it was played on the rig beside it.
         (None, None) => setup,
     })
+}
+
+/// As [`read_setup`], for each loop of a scenario of one loop or of several.
+///
+/// # Errors
+/// As [`read_setup`].
+pub fn read_setups(
+    folder: &Path,
+    external: Option<&[String]>,
+    catalogue: &Catalogue,
+) -> Result<Vec<Setup>, ReadError> {
+    let path = folder.join(file::SCENARIO);
+    let text = read_text(&path, FILE_BYTES_MAX).unwrap_or_default();
+    if !Loops::is_meant(&text) {
+        // A later version may know nodes that this one does not.
+        let external = external.map(|names| External::of_names(names).unwrap_or_default());
+        return read_setup(folder, external, catalogue).map(|setup| vec![setup]);
+    }
+    let external = external.unwrap_or_default();
+    let setups = match read_frames(folder)? {
+        Some(database) => rig::loops::load_recorded(&path, &database, external),
+        None => rig::loops::load(&path, catalogue),
+    };
+    setups.map_err(|error| ReadError::Scenario(Box::new(error)))
 }
 
 /// Reads the limits of another scenario, to hold the recording in a folder against them.

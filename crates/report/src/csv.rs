@@ -4,7 +4,7 @@ use std::fmt;
 use std::io::{self, Write};
 
 use platform::series::Series;
-use recording::timeline::Timeline;
+use recording::timeline::{self, OfLoop};
 use recording::work::Way;
 
 /// Ten to the power of the decimals of a number: one more than the finest signal has.
@@ -12,22 +12,25 @@ const SCALE: f64 = 1e7;
 /// Whole numbers below this are exact.
 const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
 
-/// Writes the table to an output that has a buffer. Names and numbers hold neither comma nor quote, so nothing needs
-/// quoting.
+/// Writes the table of loops that were played at once to an output that has a buffer. Names and numbers hold neither comma nor
+/// quote, so nothing needs quoting.
 ///
 /// # Errors
 /// The output does not take it.
-pub fn write(mut output: impl Write, timeline: &Timeline) -> io::Result<()> {
-    let names = timeline.columns.iter().map(|column| column.name.as_str());
-    let own = ["cycle", "time_seconds", "set_point_millimetres"];
-    let names: Vec<&str> = own.into_iter().chain(names).collect();
+pub fn write(mut output: impl Write, loops: &[OfLoop<'_>]) -> io::Result<()> {
+    let Some((_, first)) = loops.first() else {
+        return Ok(());
+    };
+    let signals = timeline::signals(loops);
+    let own = ["cycle", "time_seconds"].into_iter();
+    let names = own.chain(signals.iter().map(|signal| signal.name.as_str()));
+    let names: Vec<&str> = names.collect();
+    let values = signals.iter().map(|signal| signal.values);
+    let columns: Vec<&Series<f64>> = [&first.time_seconds].into_iter().chain(values).collect();
     writeln!(output, "{}", names.join(","))?;
-    let own = [&timeline.time_seconds, &timeline.set_point_millimetres];
-    let columns = timeline.columns.iter().map(|column| &column.values);
-    let columns: Vec<&Series<f64>> = own.into_iter().chain(columns).collect();
     let mut cells = vec![String::new(); columns.len()];
-    let mut way = Way::new(timeline.cycle.len() as u64);
-    for (row, cycle) in timeline.cycle.iter().enumerate() {
+    let mut way = Way::new(first.cycle.len() as u64);
+    for (row, cycle) in first.cycle.iter().enumerate() {
         way.go(1);
         for (cell, values) in cells.iter_mut().zip(&columns) {
             // Most values hold for many rows.

@@ -4,6 +4,8 @@ use std::thread;
 
 use dbc::SignalMissing;
 
+use judge::verdict::Verdict;
+
 use crate::run::Run;
 use crate::{csv, html, junit};
 use recording::run_folder::{RunFolder, WriteError, file};
@@ -36,41 +38,60 @@ impl ReportError {
     }
 }
 
-/// Writes the files of a judged run, but for the signals of a long one. The recording takes as long as all others, so they are made beside it. The verdict
-/// comes last, since it says that the folder is complete.
+/// Writes the files of a judged run of one loop or more, but for the signals of a long one. The recording takes as long as all
+/// others, so they are made beside it. The verdict comes last, since it says that the folder is complete.
 ///
 /// # Errors
 /// A file cannot be made or written.
-pub fn write_all(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
+pub fn write_all(
+    runs: &[Run<'_>],
+    verdict: &Verdict,
+    folder: &RunFolder,
+) -> Result<(), ReportError> {
     thread::scope(|scope| {
-        let beside = scope.spawn(|| write_tables_and_page(run, folder));
-        let recorded = write_recording(run, folder);
+        let beside = scope.spawn(|| write_tables_and_page(runs, verdict, folder));
+        let recorded = write_recording(runs, verdict, folder);
         beside
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
         recorded
     })?;
-    Ok(folder.write(file::VERDICT, run.verdict.to_json().as_bytes())?)
+    Ok(folder.write(file::VERDICT, verdict.to_json().as_bytes())?)
 }
 
-fn write_tables_and_page(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
-    if !run.is_long {
-        folder.write_with(file::SIGNALS, |output| csv::write(output, run.timeline))?;
+fn write_tables_and_page(
+    runs: &[Run<'_>],
+    verdict: &Verdict,
+    folder: &RunFolder,
+) -> Result<(), ReportError> {
+    if runs.iter().all(|run| !run.is_long) {
+        let loops = runs.iter().map(|run| (run.setup.prefix(), run.timeline));
+        let loops = Vec::from_iter(loops);
+        folder.write_with(file::SIGNALS, |output| csv::write(output, &loops))?;
     }
-    let junit = junit::to_xml(std::slice::from_ref(run.verdict))
+    let junit = junit::to_xml(std::slice::from_ref(verdict))
         .map_err(|error| ReportError::made(file::JUNIT, &error))?;
     folder.write(file::JUNIT, junit.as_bytes())?;
-    let page = html::to_html(run)?;
+    let page = html::to_html(runs, verdict)?;
     Ok(folder.write(file::REPORT, page.as_bytes())?)
 }
 
 #[cfg(feature = "rerun")]
-fn write_recording(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
+fn write_recording(
+    runs: &[Run<'_>],
+    verdict: &Verdict,
+    folder: &RunFolder,
+) -> Result<(), ReportError> {
     let path = folder.path().join(file::RERUN);
-    crate::rerun::write(&path, run).map_err(|error| ReportError::made(file::RERUN, &error))
+    crate::rerun::write(&path, runs, verdict)
+        .map_err(|error| ReportError::made(file::RERUN, &error))
 }
 
 #[cfg(not(feature = "rerun"))]
-fn write_recording(_run: &Run<'_>, _folder: &RunFolder) -> Result<(), ReportError> {
+fn write_recording(
+    _runs: &[Run<'_>],
+    _verdict: &Verdict,
+    _folder: &RunFolder,
+) -> Result<(), ReportError> {
     Ok(())
 }

@@ -8,6 +8,7 @@
 //! the run. It computes no verdict, and it prints nothing: it returns texts, and why they cannot be had. No other crate names
 //! the libraries of these formats (rerun, quick-junit).
 mod bus_timing;
+mod contour;
 pub mod csv;
 mod files;
 pub mod html;

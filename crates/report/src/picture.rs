@@ -2,7 +2,7 @@
 
 use maud::{Markup, PreEscaped, html};
 
-use super::plot::{HEIGHT, Plot, PlotCurve, Shape, WIDTH};
+use super::plot::{HEIGHT, Plot, PlotCurve, WIDTH};
 
 /// Size of one plot with everything round its drawing.
 const PLOT_WIDTH: f64 = 1100.0;
@@ -74,7 +74,7 @@ fn drawn(plot: &Plot<'_>) -> Markup {
 /// What a curve is called, beside a piece of it.
 fn key(place: f64, curve: &PlotCurve<'_>) -> Markup {
     html! {
-        path.(curve.colour.class()).dashed[curve.shape == Shape::Dashed] d=(format!("M{place} -15h26")) {}
+        path.(curve.colour.class()).dashed[curve.shape.is_dashed()] d=(format!("M{place} -15h26")) {}
         text x=(place + 32.0) y="-11" { (curve.label) }
     }
 }
@@ -83,6 +83,7 @@ fn key(place: f64, curve: &PlotCurve<'_>) -> Markup {
 mod tests {
     use super::*;
     use crate::plot::Colour;
+    use crate::plot::Shape;
 
     #[test]
     fn a_picture_names_its_plots_and_curves() {

@@ -6,6 +6,7 @@
 
 mod blueprint;
 mod bus;
+mod contour;
 mod drawing;
 mod file;
 mod groups;
@@ -28,15 +29,19 @@ use re_sdk::{EntityPath, RecordingInfo, SerializationError, StoreId, StoreKind};
 
 use super::Run;
 use judge::verdict::Verdict;
-use recording::timeline::Timeline;
+use rig::setup::Setup;
 
+use blueprint::{Page, Play};
 pub(crate) use bus::BusReader;
 use file::RecordingFile;
-use output::send_static;
-pub(crate) use run_log::{Known, Recording};
+pub(crate) use output::Folder;
+use output::{Output, send_static};
+pub(crate) use run_log::{Known, Recording, log_verdict};
 
-/// Rows of a long run that are logged at once.
-const PIECE_ROWS: usize = 1 << 16;
+/// Rows of a long run that are logged at once, and how many times at most: the table of contents, which is in memory to the end,
+/// has a row for each entity each time.
+const PIECE_ROWS_MIN: usize = 1 << 16;
+const PIECES_MAX: usize = 50;
 
 /// The viewer keeps one layout per application.
 pub(crate) const APPLICATION: &str = "canrig";
@@ -61,36 +66,64 @@ pub enum RerunError {
     Encoding(#[from] EncodeError),
 }
 
-/// Writes the recording as a whole: a reader sees none or a complete one.
+/// Writes the recording as a whole: a reader sees none or a complete one. Of several loops each has a folder.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
-    let Run {
-        setup,
-        timeline,
-        verdict,
-        ..
-    } = *run;
-    let mut bus = BusReader::new(setup, run.is_long)?;
+///
+/// # Panics
+/// There is no loop.
+pub fn write(path: &Path, runs: &[Run<'_>], verdict: &Verdict) -> Result<(), RerunError> {
+    let scenario = &runs[0].setup.scenario;
     let partial = path.with_added_extension("partial");
-    let id = recording_id(timeline, verdict);
+    let id = recording_id(runs, verdict);
     let store = StoreId::new(StoreKind::Recording, APPLICATION, id);
     let mut file = RecordingFile::create(&partial, store)?;
     let properties = RecordingInfo::new()
-        .with_name(setup.scenario.name.as_str())
+        .with_name(scenario.name.as_str())
         .with_start_time(0_i64);
     send_static(&mut file, EntityPath::properties(), &properties)?;
+    let mut pages = Vec::new();
+    let mut end_seconds = 0.0_f64;
+    for run in runs {
+        let mut folder = Folder::of_loop(&mut file, run.setup);
+        let (page, end) = log_loop(&mut folder, run)?;
+        pages.push(page);
+        end_seconds = end_seconds.max(end);
+    }
+    log_verdict(&mut file, scenario, verdict, end_seconds)?;
+    let planes = contour::log(&mut file, runs)?;
+    blueprint::send(&mut file, &pages, &planes, Play::Paused)?;
+    file.finish()?;
+    Ok(fs::rename(partial, path)?)
+}
+
+/// Sends the layout of a run that has just begun, with all that may come.
+pub(crate) fn expect_all(output: &mut dyn Output, setups: &[Setup]) -> Result<(), RerunError> {
+    let pages = setups.iter().map(|setup| Page {
+        setup,
+        groups: groups::expected(setup),
+    });
+    blueprint::send(output, &Vec::from_iter(pages), &[], Play::Following)
+}
+
+/// Logs a loop; what there is to see of it, and when it ended.
+fn log_loop<'a>(output: &mut dyn Output, run: &Run<'a>) -> Result<(Page<'a>, f64), RerunError> {
+    let Run {
+        setup, timeline, ..
+    } = *run;
+    let mut bus = BusReader::new(setup, run.is_long)?;
     let known = match run.is_long {
         false => Known::Whole,
         true => Known::Thinned,
     };
-    let mut recording = Recording::begin(&mut file, setup, known)?;
+    let mut recording = Recording::begin(output, setup, known)?;
     let mut frames = run.frames.iter();
     if run.is_long {
         let rows = timeline.cycle.len();
-        for begin in (0..rows.max(1)).step_by(PIECE_ROWS) {
-            let end = rows.min(begin + PIECE_ROWS);
+        let piece_rows = rows.div_ceil(PIECES_MAX).max(PIECE_ROWS_MIN);
+        for begin in (0..rows.max(1)).step_by(piece_rows) {
+            let end = rows.min(begin + piece_rows);
             let piece = timeline.piece(begin..end);
             let end_seconds = match end == rows {
                 true => f64::INFINITY,
@@ -106,24 +139,23 @@ pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
         });
         recording.log(timeline, &mut bus)?;
     }
-    recording.log_verdict(verdict)?;
-    recording.finish()?;
-    file.finish()?;
-    Ok(fs::rename(partial, path)?)
+    recording.end()
 }
 
 /// Names what was recorded: two recordings of one id would be mixed by a viewer that is open. Runs that differ in
 /// anything differ in the verdict, the events, the position or the current. Against chance 64 bits are enough.
-fn recording_id(timeline: &Timeline, verdict: &Verdict) -> String {
+fn recording_id(runs: &[Run<'_>], verdict: &Verdict) -> String {
     let mut hasher = DefaultHasher::new();
     verdict.to_json().hash(&mut hasher);
-    for event in &timeline.events {
-        event.text.hash(&mut hasher);
-    }
-    let times = timeline.events.iter().map(|event| &event.time_seconds);
-    let values = timeline.position().iter().chain(timeline.current());
-    for value in times.chain(values) {
-        hasher.write_u64(value.to_bits());
+    for Run { timeline, .. } in runs {
+        for event in &timeline.events {
+            event.text.hash(&mut hasher);
+        }
+        let times = timeline.events.iter().map(|event| &event.time_seconds);
+        let values = timeline.position().iter().chain(timeline.current());
+        for value in times.chain(values) {
+            hasher.write_u64(value.to_bits());
+        }
     }
     format!("{:016x}", hasher.finish())
 }

@@ -94,8 +94,11 @@ pub fn node_id(text: &str, sheets: &[DataSheet]) -> Result<u8, DataSheetError> {
             .iter()
             .map(|sheet| sheet.node_name.as_str())
             .collect();
+        let nearest = scenario::nearest(text, names.iter().copied());
+        let meant =
+            nearest.map_or_else(String::new, |name| format!("; did you mean \"{name}\"?"));
         DataSheetError::Unknown(format!(
-            "\"{text}\" is no node: give a number from 1 to 127 (such as 16 or 0x10) or one of {}",
+            "\"{text}\" is no node{meant}\ngive a number from 1 to 127 (such as 16 or 0x10) or one of {}",
             names.join(", ")
         ))
     })
@@ -293,6 +296,8 @@ mod tests {
         for text in ["0", "128", "motor", "-1", "0x"] {
             assert!(node_id(text, &sheets).is_err(), "{text}");
         }
+        let misspelt = node_id("drvie", &sheets).unwrap_err().to_string();
+        assert!(misspelt.contains("did you mean \"drive\"?"), "{misspelt}");
     }
 
     #[test]

@@ -2,15 +2,12 @@
 
 use std::fmt;
 
-use clap::ValueEnum;
-use scenario::Scenario;
 use scenario::fault::FaultWindow;
 use scenario::fault::node::Node;
-use serde::{Deserialize, Serialize};
+use scenario::{Scenario, meant_or_known};
 
 /// A node that may be somebody else's.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize, ValueEnum)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
 pub enum ExternalNode {
     /// The drive, and with it the actuator: the emulator is not started
     Drive,
@@ -21,8 +18,10 @@ pub enum ExternalNode {
 }
 
 impl ExternalNode {
-    /// Its name in messages.
-    fn name(self) -> &'static str {
+    const ALL: [Self; 3] = [Self::Drive, Self::Controller, Self::Fan];
+
+    /// Its name on a bench with one drive.
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Drive => "drive",
             Self::Controller => "controller",
@@ -32,8 +31,7 @@ impl ExternalNode {
 }
 
 /// The nodes of a run that are somebody else's, sorted.
-#[derive(Clone, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
-#[serde(transparent)]
+#[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct External(Vec<ExternalNode>);
 
 impl External {
@@ -54,6 +52,25 @@ impl External {
         Ok(external)
     }
 
+    /// These nodes of a bench with one drive, by their names.
+    ///
+    /// # Errors
+    /// A name is no node's, or why they cannot be external together.
+    pub fn of_names(names: &[String]) -> Result<Self, String> {
+        let known = ExternalNode::ALL.map(ExternalNode::name);
+        let node = |name: &String| {
+            let node = ExternalNode::ALL.into_iter().find(|one| one.name() == name);
+            node.ok_or_else(|| no_such_node(name, &known))
+        };
+        let nodes = names.iter().map(node).collect::<Result<Vec<_>, _>>()?;
+        Self::new(&nodes).map_err(str::to_owned)
+    }
+
+    /// The nodes.
+    pub fn nodes(&self) -> impl Iterator<Item = ExternalNode> {
+        self.0.iter().copied()
+    }
+
     /// The same with the drive external.
     #[must_use]
     pub fn with_drive(self) -> Self {
@@ -63,6 +80,13 @@ impl External {
         let mut nodes = self.0;
         nodes.insert(0, ExternalNode::Drive);
         Self(nodes)
+    }
+
+    /// The same, whose drive is external, with the fan and load module external too.
+    #[must_use]
+    pub(crate) fn with_fan(mut self) -> Self {
+        self.0.push(ExternalNode::Fan);
+        self
     }
 
     /// Whether a node is somebody else's.
@@ -103,6 +127,12 @@ impl External {
             )),
         }
     }
+}
+
+/// What to say of an external node that is not there.
+pub(crate) fn no_such_node(name: &str, known: &[&str]) -> String {
+    let meant = meant_or_known(name, known);
+    format!("--external {name}: there is no such node; {meant}")
 }
 
 /// Where a fault happens: sensor, amplifier, wire and mechanics are the emulated drive's.

@@ -7,10 +7,13 @@
 //! What it does not know: how a run is played, recorded or judged, and the code of plants and laws: whoever plays them hands
 //! in their names and signals. It opens no bus and starts nothing.
 
+pub mod bus_budget;
 pub mod catalogue;
 pub mod data_sheet;
 pub mod error_frames;
 pub mod external;
+pub mod loops;
+pub mod named_nodes;
 pub mod presence;
 pub mod rig_file;
 pub mod setup;

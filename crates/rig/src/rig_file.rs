@@ -115,6 +115,16 @@ impl LoadedRig {
         Self::new(Path::new(RIG_FILE), file, text.to_owned(), eds)
     }
 
+    /// The drive of one node of a rig file with several, as that of a rig file of its own.
+    ///
+    /// # Errors
+    /// Node and EDS do not fit each other.
+    pub fn of_node(path: &Path, file: RigFile, eds: Option<&String>) -> Result<Self, RigError> {
+        let eds = eds.map_or(dbc::DRIVE_EDS, String::as_str).to_owned();
+        let text = file.to_toml();
+        Self::new(path, file, text, eds)
+    }
+
     fn new(path: &Path, file: RigFile, text: String, eds: String) -> Result<Self, RigError> {
         let dictionary = dbc::dictionary(&eds, file.drive.node_id);
         let drive = dictionary

@@ -51,6 +51,7 @@ impl Listener for EventLines {
 fn in_words(step: &PreflightEvent) -> String {
     match step {
         PreflightEvent::Begun => "pre-flight".to_owned(),
+        PreflightEvent::Drive(name) => format!("pre-flight of {name}"),
         PreflightEvent::Checked(check) => format!("pre-flight: {check}"),
         PreflightEvent::Cooling(time) => {
             format!("pre-flight: the wire cools for {} s", time.as_secs_f64())

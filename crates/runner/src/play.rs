@@ -1,5 +1,6 @@
 //! Scenarios played one after the other: what `canrig run` and `canrig simulate` share.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -10,7 +11,7 @@ use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::lines::EventLines;
 use crate::observer::observed;
-use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run};
+use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run_loops};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
 use recording::capture::{Capture, Watch};
@@ -87,22 +88,22 @@ impl ViewerArgs {
 
 /// Where scenarios are played, and which of them.
 pub(crate) trait Testbed {
-    /// Puts a scenario on the rig of the testbed.
+    /// Puts the loops of a scenario on the rig of the testbed.
     ///
     /// # Errors
-    /// Why it cannot be played here.
-    fn prepare(&self, setup: Setup) -> Result<Setup, String>;
+    /// Why they cannot be played here.
+    fn prepare(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String>;
 
     /// What becomes of frames that a viewer is too slow for.
     fn when_full(&self) -> WhenFull;
 
-    /// Plays a scenario.
+    /// Plays the loops of a scenario.
     ///
     /// # Errors
     /// The world failed.
     fn play(
         &self,
-        setup: &Setup,
+        setups: &[Setup],
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError>;
@@ -120,7 +121,7 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
     let mut verdicts = Vec::new();
     for path in &paths {
         let (exit, judged) = match prepared(path, &args.values, testbed, listener) {
-            Ok(setup) => play_one(args, &setup, testbed, listener, &mut viewers),
+            Ok(setups) => play_one(args, &setups, testbed, listener, &mut viewers),
             Err(exit) => (exit, None),
         };
         verdicts.extend(judged.map(|judged| judged.verdict));
@@ -133,27 +134,49 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
     worst
 }
 
-/// A scenario that can be played on the testbed.
+/// The loops of a scenario that can be played on the testbed.
 pub(crate) fn prepared(
     path: &Path,
     values: &ValueArgs,
     testbed: &dyn Testbed,
     listener: &dyn Listener,
-) -> Result<Setup, Exit> {
-    let setup = load(path, &values.overrides)?;
-    testbed.prepare(setup).map_err(|reason| {
+) -> Result<Vec<Setup>, Exit> {
+    let setups = load(path, &values.overrides)?;
+    testbed.prepare(setups).map_err(|reason| {
         listener.on_event(&RunEvent::Failed(format!("{}: {reason}", path.display())));
         Exit::CannotStart
     })
 }
 
+/// Refuses nodes that are somebody else's, in virtual time.
+///
+/// # Errors
+/// Which they are.
+pub(crate) fn refuse_external(setups: &[Setup]) -> Result<(), String> {
+    let external = external_names(setups);
+    match external.is_empty() {
+        true => Ok(()),
+        false => Err(format!(
+            "external: {}: an external node keeps its own time; play on its bus, as in `canrig run SCENARIO --bus can0`, or in virtual time on a rig file without `external`",
+            external.join(", ")
+        )),
+    }
+}
+
+/// The nodes that are somebody else's, by their names.
+pub(crate) fn external_names(setups: &[Setup]) -> Vec<String> {
+    let names = BTreeSet::from_iter(setups.iter().flat_map(Setup::external_names));
+    names.into_iter().collect()
+}
+
 fn play_one(
     args: &PlayArgs,
-    setup: &Setup,
+    setups: &[Setup],
     testbed: &dyn Testbed,
     listener: &dyn Listener,
     viewers: &mut Viewers,
 ) -> (Exit, Option<Judged>) {
+    let setup = &setups[0];
     let (scenario, path) = (&setup.scenario, &setup.path);
     if let Some(sweep) = &scenario.sweep {
         let (runs, path) = (sweep.runs(), path.display());
@@ -165,16 +188,16 @@ fn play_one(
     listener.on_event(&RunEvent::Began {
         duration_seconds: scenario.duration_seconds,
     });
-    let (queues, shows) = viewers.show(setup, testbed.when_full());
+    let (queues, shows) = viewers.show(setups, testbed.when_full());
     let place = RunPlace {
         parent: &args.output,
         is_long: scenario.duration_seconds > args.compress_above,
     };
-    let judged = run(setup, place, &watch, queues, |folder, capture| {
+    let judged = run_loops(setups, place, &watch, queues, |folder, capture| {
         observed(
             || watch.interrupt(),
             || listener.on_event(&RunEvent::Reached(watch.progress())),
-            || testbed.play(setup, folder, capture),
+            || testbed.play(setups, folder, capture),
         )
         .inspect(|_| listener.on_event(&RunEvent::Played))
     });

@@ -11,13 +11,14 @@ use scenario::ScenarioError;
 use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
 use judge::verdict::{Outcome, Verdict};
-use judge::{Circumstances, judge, judge_timing};
+use judge::{Circumstances, expected_timing, judge, judge_timing};
 use recording::ending::EndedBy;
+use recording::events::TimelineEvent;
 use recording::log::{Log, Unread};
 use recording::run_folder::{file, log_in};
-use recording::session::{FramesError, ReadError, read_setup};
+use recording::session::{FramesError, ReadError, read_setups};
 use recording::stalls::{Stall, read_stalls};
-use recording::timeline::{self, Timeline};
+use recording::timeline::{self, OfLoop, Timeline, events_of};
 use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
 use rig::rig_file::RigError;
@@ -112,8 +113,8 @@ impl From<ReadError> for RecordedError {
 pub struct Recorded {
     /// What the user named.
     pub path: PathBuf,
-    /// The scenario that was played.
-    pub setup: Setup,
+    /// The loops of the scenario that was played.
+    pub setups: Vec<Setup>,
     /// The frames.
     pub log: Log,
     /// The verdict of the run; none for a log that canrig has not written.
@@ -163,10 +164,11 @@ impl Recorded {
                 broken: log.unread.broken,
             });
         }
-        let (setup, stored) = match played {
+        let (setups, stored) = match played {
             Some(played) => {
+                let loops = rig::loops::load_any(played, catalogue);
                 let invalid = |error| RecordedError::Scenario(Box::new(error));
-                (Setup::load(played, catalogue).map_err(invalid)?, None)
+                (loops.map_err(invalid)?, None)
             }
             None => read_played(folder, catalogue)?,
         };
@@ -179,7 +181,7 @@ impl Recorded {
         };
         Ok(Self {
             path: path.to_owned(),
-            setup,
+            setups,
             log,
             stored,
             stalls,
@@ -188,30 +190,51 @@ impl Recorded {
         })
     }
 
-    /// The recording, decoded.
+    /// The loop, or the first of several.
+    ///
+    /// # Panics
+    /// Never: every scenario has a loop.
+    #[must_use]
+    pub fn setup(&self) -> &Setup {
+        &self.setups[0]
+    }
+
+    /// The recording, decoded for each loop.
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn timeline(&self) -> Result<Timeline, SignalMissing> {
-        timeline::decode(&self.log.frames, &self.setup)
+    pub fn timelines(&self) -> Result<Vec<Timeline>, SignalMissing> {
+        let setups = self.setups.iter();
+        let timelines = setups.map(|setup| timeline::decode(&self.log.frames, setup));
+        timelines.collect()
+    }
+
+    /// The timelines with what stands before the names of their signals.
+    #[must_use]
+    pub fn named<'a>(&self, timelines: &'a [Timeline]) -> Vec<OfLoop<'a>> {
+        let prefixes = self.setups.iter().map(Setup::prefix);
+        prefixes.zip(timelines).collect()
+    }
+
+    /// What happened, in the order of time; what several loops saw stands once.
+    ///
+    /// # Errors
+    /// As [`Recorded::timelines`].
+    pub fn events(&self) -> Result<Vec<TimelineEvent>, SignalMissing> {
+        let timelines = self.timelines()?;
+        Ok(events_of(&Vec::from_iter(&timelines)))
     }
 
     /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, for its own reason.
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn judge(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
+    pub fn judge(&self, timelines: &[Timeline]) -> Result<Verdict, SignalMissing> {
         let stored = self.stored.as_ref();
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
-        let by_node = ended_early.clone().filter(|end| end.by == EndedBy::Node);
-        let circumstances = Circumstances {
-            unrecorded: self.unrecorded(timeline),
-            ended_early: by_node,
-            stalls: self.stalls.clone(),
-        };
         let mut verdict = Verdict {
             identity: stored.and_then(|stored| stored.identity.clone()),
-            ..judge(timeline, &self.setup, &circumstances)
+            ..judge::whole(&self.setups, timelines, self.verdicts_of_loops(timelines))
         };
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
@@ -224,20 +247,33 @@ impl Recorded {
             verdict.reason = Some(reason);
         }
         if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
-            let timing = timing.again(&self.log.frames, &self.setup)?;
-            judge_timing(
-                &mut verdict,
-                timing,
-                &self.setup.scenario.expect,
-                &self.stalls,
-            );
+            let timing = timing.again(&self.log.frames, &self.setups)?;
+            let expect = expected_timing(&self.setups);
+            judge_timing(&mut verdict, timing, expect, &self.stalls);
         }
         Ok(verdict)
     }
 
+    /// What each loop came to by itself.
+    #[must_use]
+    pub fn verdicts_of_loops(&self, timelines: &[Timeline]) -> Vec<Verdict> {
+        let stored = self.stored.as_ref();
+        let ended_early = stored.and_then(|stored| stored.ended_early.clone());
+        let by_node = ended_early.filter(|end| end.by == EndedBy::Node);
+        let verdicts = self.setups.iter().zip(timelines).map(|(setup, timeline)| {
+            let circumstances = Circumstances {
+                unrecorded: self.unrecorded(timeline),
+                ended_early: by_node.clone(),
+                stalls: self.stalls.clone(),
+            };
+            judge(timeline, setup, &circumstances)
+        });
+        verdicts.collect()
+    }
+
     /// What was on the bus and is not among the frames: what the run noted, and what of its log cannot be read.
     fn unrecorded(&self, timeline: &Timeline) -> Unrecorded {
-        let duration_seconds = self.setup.scenario.duration_seconds;
+        let duration_seconds = self.setup().scenario.duration_seconds;
         let end = (timeline.zero_seconds)
             .and_then(|zero| Duration::try_from_secs_f64(zero + duration_seconds).ok());
         let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
@@ -252,10 +288,10 @@ impl Recorded {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn verdict(&self, timeline: &Timeline) -> Result<Verdict, SignalMissing> {
+    pub fn verdict(&self, timelines: &[Timeline]) -> Result<Verdict, SignalMissing> {
         match &self.stored {
             Some(stored) => Ok(stored.clone()),
-            None => self.judge(timeline),
+            None => self.judge(timelines),
         }
     }
 }
@@ -264,11 +300,11 @@ impl Recorded {
 pub(super) fn read_played(
     folder: &Path,
     catalogue: &Catalogue,
-) -> Result<(Setup, Option<Verdict>), RecordedError> {
+) -> Result<(Vec<Setup>, Option<Verdict>), RecordedError> {
     let verdict = read_verdict(&folder.join(file::VERDICT))?;
-    let external = verdict.as_ref().map(|verdict| verdict.external.clone());
-    let setup = read_setup(folder, external, catalogue)?;
-    Ok((setup, verdict))
+    let external = verdict.as_ref().map(|verdict| verdict.external.as_slice());
+    let setups = read_setups(folder, external, catalogue)?;
+    Ok((setups, verdict))
 }
 
 /// Whether a path that exists is a folder.

@@ -2,6 +2,7 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::slice;
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
@@ -12,15 +13,15 @@ use crate::identity::{NoIdentity, identity};
 use exports::parquet;
 use judge::timing::Timing;
 use judge::verdict::{Identity, Verdict};
-use judge::{Circumstances, judge};
+use judge::{Circumstances, expected_timing, judge};
 use recording::capture::{Capture, Watch};
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::frame_queue::FrameQueue;
 use recording::progress::ProgressReader;
 use recording::run_folder::{RunFolder, WriteError, file};
-use recording::session::write_setup;
+use recording::session::{write_setup, write_sheets};
 use recording::stalls;
-use recording::timeline::{self, Timeline};
+use recording::timeline::{self, OfLoop, Timeline};
 use recording::unrecorded::Unrecorded;
 use report::{ReportError, Run};
 use rig::setup::Setup;
@@ -86,38 +87,65 @@ pub fn run(
     queues: Vec<FrameQueue>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
 ) -> Result<Judged, RunError> {
+    run_loops(slice::from_ref(setup), place, watch, queues, world)
+}
+
+/// As [`run`], for loops that are played at once.
+///
+/// # Errors
+/// As [`run`].
+///
+/// # Panics
+/// There is no loop.
+pub fn run_loops(
+    setups: &[Setup],
+    place: RunPlace<'_>,
+    watch: &Watch,
+    queues: Vec<FrameQueue>,
+    world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
+) -> Result<Judged, RunError> {
+    let setup = &setups[0];
     let identity = identity(setup)?;
     let RunPlace { parent, is_long } = place;
     let folder = create_folder(parent, setup, &identity)?;
+    if setup.nodes.is_some() {
+        write_sheets(&folder, setups)?;
+    }
     let progress = ProgressReader::new(&setup.scenario, &setup.database)?;
     let clock = ScenarioClock::new(&setup.database)?;
     let mut capture = Capture::new(folder.bus_log(is_long)?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
     let (frames, unrecorded) = capture.finish()?;
-    let timeline = timeline::decode(&frames, setup)?;
+    let timelines = setups.iter().map(|setup| timeline::decode(&frames, setup));
+    let timelines = timelines.collect::<Result<Vec<_>, _>>()?;
+    let verdicts = setups.iter().zip(&timelines);
+    let verdicts = verdicts.map(|(setup, timeline)| verdict(&ended, timeline, setup, &unrecorded));
+    let verdicts = Vec::from_iter(verdicts);
     let mut verdict = Verdict {
         identity: Some(identity),
-        ..verdict(&ended, &timeline, setup, &unrecorded)
+        ..judge::whole(setups, &timelines, verdicts.clone())
     };
     if let Ok(Played {
         host: Some(host), ..
     }) = &ended
     {
         folder.write(file::STALLS, stalls::to_csv(&host.stalls).as_bytes())?;
-        let timing = Timing::new(&frames, setup, host.clone())?;
-        judge::judge_timing(&mut verdict, timing, &setup.scenario.expect, &host.stalls);
+        let timing = Timing::new(&frames, setups, host.clone())?;
+        judge::judge_timing(&mut verdict, timing, expected_timing(setups), &host.stalls);
     }
-    let run = Run {
+    let runs = setups.iter().zip(&timelines).zip(&verdicts);
+    let runs = runs.map(|((setup, timeline), verdict)| Run {
         setup,
         frames: &frames,
-        timeline: &timeline,
-        verdict: &verdict,
+        timeline,
+        verdict,
         is_long,
-    };
+    });
     if is_long {
-        write_signals(&folder, &timeline)?;
+        let loops = setups.iter().map(Setup::prefix).zip(&timelines);
+        write_signals(&folder, &Vec::from_iter(loops))?;
     }
-    report::write_all(&run, &folder)?;
+    report::write_all(&Vec::from_iter(runs), &verdict, &folder)?;
     let exit = match &ended {
         Ok(Played {
             end: End::Interrupted,
@@ -134,9 +162,9 @@ pub fn run(
 }
 
 /// Writes the signals of a long run.
-fn write_signals(folder: &RunFolder, timeline: &Timeline) -> Result<(), WriteError> {
+fn write_signals(folder: &RunFolder, loops: &[OfLoop<'_>]) -> Result<(), WriteError> {
     folder.write_with(file::LONG_SIGNALS, |output| {
-        parquet::write_signals(output, timeline).map_err(io::Error::other)
+        parquet::write_signals(output, loops).map_err(io::Error::other)
     })
 }
 

@@ -5,7 +5,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
+use scenario::loops::Loops;
 use scenario::overrides::{OverrideError, overridden};
+use scenario::rig::nodes::Rig;
 use scenario::{Override, ScenarioError, read_text};
 
 use crate::console::print_diagnostic;
@@ -45,11 +47,12 @@ pub enum NoScenario {
     },
 }
 
-/// Reads and checks a scenario with other values: a file, or where there is none, the one that ships by this name.
+/// Reads and checks a scenario with other values, of one loop or of several: a file, or where there is none, the one that ships
+/// by this name.
 ///
 /// # Errors
 /// There is none, or it is not valid.
-pub fn read(path: &Path, overrides: &[Override]) -> Result<Setup, NoScenario> {
+pub fn read(path: &Path, overrides: &[Override]) -> Result<Vec<Setup>, NoScenario> {
     let shipped = shipped::scenario(path);
     if shipped.is_none() && is_bare_name(path) {
         let meant = shipped::meant(&path.to_string_lossy());
@@ -64,18 +67,24 @@ pub fn read(path: &Path, overrides: &[Override]) -> Result<Setup, NoScenario> {
     }
     let text = match shipped {
         Some(ShippedFile { text, .. }) => text.to_owned(),
-        None if overrides.is_empty() => return Ok(Setup::load(path, catalogue())?),
         None => match read_text(path, FILE_BYTES_MAX) {
             Ok(text) => text,
             // It says why.
-            Err(_) => return Ok(Setup::load(path, catalogue())?),
+            Err(_) => return Ok(vec![Setup::load(path, catalogue())?]),
         },
     };
     let text = overridden(text, overrides).map_err(|source| NoScenario::Override {
         path: path.to_owned(),
         source,
     })?;
-    Ok(Setup::parse(path, text, catalogue())?)
+    Ok(match (Loops::is_meant(&text), shipped) {
+        (false, _) => vec![Setup::parse(path, text, catalogue())?],
+        (true, None) => rig::loops::parse_beside(path, text, catalogue())?,
+        (true, Some(shipped)) => {
+            let beside = |name: &str| shipped.beside(name);
+            rig::loops::parse(path, text, beside, catalogue())?
+        }
+    })
 }
 
 /// Reads and checks a rig file, or where there is none, the one that ships by this name.
@@ -99,7 +108,7 @@ fn is_bare_name(path: &Path) -> bool {
 ///
 /// # Errors
 /// The exit code for it.
-pub fn load(path: &Path, overrides: &[Override]) -> Result<Setup, Exit> {
+pub fn load(path: &Path, overrides: &[Override]) -> Result<Vec<Setup>, Exit> {
     read(path, overrides).map_err(|error| {
         print_diagnostic(error);
         Exit::CannotStart
@@ -108,7 +117,11 @@ pub fn load(path: &Path, overrides: &[Override]) -> Result<Setup, Exit> {
 
 /// Rig files lie beside scenarios.
 pub(crate) fn is_scenario(path: &Path) -> bool {
-    !path.ends_with(RIG_FILE)
+    let is_rig = || {
+        let text = read_text(path, FILE_BYTES_MAX);
+        text.is_ok_and(|text| Rig::is_meant(&text))
+    };
+    !path.ends_with(RIG_FILE) && !is_rig()
 }
 
 /// The scenario files that the arguments name: files as they are, folders with everything wanted below them in order.

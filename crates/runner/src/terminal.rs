@@ -106,6 +106,7 @@ impl Listener for Terminal {
 fn in_words(step: &PreflightEvent) -> String {
     match step {
         PreflightEvent::Begun => "pre-flight:".to_owned(),
+        PreflightEvent::Drive(name) => format!(" {name}:"),
         PreflightEvent::Checked(check) => format!("  {check}"),
         PreflightEvent::Cooling(time) => format!("  the wire cools for {} s", time.as_secs_f64()),
     }

@@ -19,7 +19,7 @@ use crate::reference::{Chirp, Reference};
 use crate::scenario::Scenario;
 
 pub(crate) use signals::read_courses;
-pub(crate) use sweep::check as sweep;
+pub(crate) use sweep::{check as sweep, check_on as sweep_on};
 pub(crate) use tables::read_tables;
 
 use limits::{limits, reactions};

@@ -80,9 +80,22 @@ impl<'text> Document<'text> {
         problems
     }
 
+    /// A tree made of parts of this document, whose problems stand in its text.
+    pub(crate) fn with_root(&self, root: DeTable<'text>) -> Self {
+        Self {
+            source: self.source.clone(),
+            root: Spanned::new(self.root.span(), root),
+        }
+    }
+
     /// Removes a top-level key, so that nothing later can see it.
     pub(crate) fn remove(&mut self, key: &str) {
         self.root.get_mut().remove(key);
+    }
+
+    /// Changes the tree; what is moved or copied still knows where it was written.
+    pub(crate) fn rewrite(&mut self, change: impl FnOnce(&mut DeTable<'text>)) {
+        change(self.root.get_mut());
     }
 
     /// The whole document as a table.

@@ -29,8 +29,10 @@ pub struct ScenarioError {
 
 impl ScenarioError {
     pub(crate) fn new(kind: &'static str, file_name: &str, mut problems: Vec<Problem>) -> Self {
-        let problems_total = problems.len();
         problems.sort_by_key(|problem| problem.offset);
+        // What holds for several loops is read once for each of them.
+        problems.dedup_by(|second, first| second.is_same(first));
+        let problems_total = problems.len();
         problems.truncate(PROBLEMS_SHOWN_MAX);
         Self {
             kind,
@@ -121,6 +123,17 @@ pub struct Problem {
 }
 
 impl Problem {
+    fn is_same(&self, other: &Self) -> bool {
+        let parts = |problem: &Self| {
+            (
+                problem.offset,
+                problem.message.clone(),
+                problem.label.clone(),
+            )
+        };
+        parts(self) == parts(other)
+    }
+
     /// Name of the file with the problem: the scenario or a table of it.
     #[must_use]
     pub fn file_name(&self) -> &str {

@@ -114,14 +114,10 @@ impl Scenario {
     /// than four fit are left out.
     #[must_use]
     pub fn judged_sines(&self) -> Vec<JudgedSine> {
-        let mut starts: Vec<f64> = self.reference.starts_seconds().collect();
-        starts.sort_by(f64::total_cmp);
-        let end_seconds = self.judged_end_seconds();
+        let end_of_piece = self.ends_of_pieces();
         let judged = self.reference.sine.iter().filter_map(|sine| {
             let period_seconds = sine.period_seconds;
-            let next = starts.partition_point(|&start| start <= sine.from_seconds);
-            let next = starts.get(next).copied().unwrap_or(end_seconds);
-            let length_seconds = next.min(end_seconds) - sine.from_seconds;
+            let length_seconds = end_of_piece(sine.from_seconds) - sine.from_seconds;
             // A period that ends with the run counts in spite of rounding.
             let periods = libm::floor(length_seconds / period_seconds + 1e-9);
             let until_seconds = sine.from_seconds + periods * period_seconds;
@@ -136,16 +132,12 @@ impl Scenario {
         judged.collect()
     }
 
-    /// The chirps that the metrics judge, in the order of time; those of which fewer than four turns fit are left out.
+    /// The chirps that the metrics judge, in the order of the file; those of which fewer than four turns fit are left out.
     #[must_use]
     pub fn judged_chirps(&self) -> Vec<JudgedChirp> {
-        let mut starts: Vec<f64> = self.reference.starts_seconds().collect();
-        starts.sort_by(f64::total_cmp);
-        let end_seconds = self.judged_end_seconds();
+        let end_of_piece = self.ends_of_pieces();
         let judged = self.reference.chirp.iter().filter_map(|chirp| {
-            let next = starts.partition_point(|&start| start <= chirp.from_seconds);
-            let next = starts.get(next).copied().unwrap_or(end_seconds);
-            let until_seconds = next.min(end_seconds).min(chirp.until_seconds);
+            let until_seconds = end_of_piece(chirp.from_seconds).min(chirp.until_seconds);
             let sweep = chirp.sweep();
             // A turn that ends with the run counts in spite of rounding.
             let turns = libm::floor(sweep.at(until_seconds - chirp.from_seconds).turns + 1e-9);
@@ -228,6 +220,18 @@ impl Scenario {
             .collect();
         events.sort_by(|left, right| left.at_seconds.total_cmp(&right.at_seconds));
         events
+    }
+
+    /// When a piece that starts at a time ends: where the next one starts, or what is judged ends.
+    fn ends_of_pieces(&self) -> impl Fn(f64) -> f64 {
+        let mut starts: Vec<f64> = self.reference.starts_seconds().collect();
+        starts.sort_by(f64::total_cmp);
+        let end_seconds = self.judged_end_seconds();
+        move |from_seconds| {
+            let next = starts.partition_point(|&start| start <= from_seconds);
+            let next = starts.get(next).copied().unwrap_or(end_seconds);
+            next.min(end_seconds)
+        }
     }
 
     /// The starts of all pieces and disturbances, and the ends of disturbances.

@@ -2,6 +2,8 @@
 //!
 //! Syntax first, then keys, types and ranges against the schema, then what only makes sense together.
 
+mod loops;
+mod nodes;
 mod rig;
 
 use std::collections::BTreeMap;
@@ -59,7 +61,7 @@ impl Objection {
 pub struct Texts {
     /// The scenario's file.
     pub scenario: String,
-    /// The tables beside it, by the names that the scenario uses.
+    /// The tables beside it, and the rig file that it names, by the names that the scenario uses.
     pub tables: BTreeMap<String, String>,
 }
 
@@ -162,43 +164,53 @@ impl Scenario {
             let problem = document.problem("name", "this is a rig file, not a scenario", "a rig");
             return Err(fail(vec![problem.with_help(help)]));
         }
+        Self::read(&document, read_table, reading, find_objections).map_err(fail)
+    }
+
+    /// Reads a scenario from its tree.
+    fn read(
+        document: &Document<'_>,
+        read_table: ReadTable<'_>,
+        reading: Reading,
+        find_objections: FindObjections<'_>,
+    ) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
             Reading::ToPlay => Outside::Registered,
             Reading::Recorded => Outside::from_recording(document.root()),
         };
         let (mut scenario, mut problems) =
-            build::<Self>(&document, &outside, "the scenario", &outside.schema()).map_err(fail)?;
+            build::<Self>(document, &outside, "the scenario", &outside.schema())?;
         let (plant, controller) = (&mut scenario.plant.own, &mut scenario.controller.own);
         for (section, own) in [(Section::Plant, plant), (Section::Controller, controller)] {
-            read_own(&document, &outside, section, own, &mut problems);
+            read_own(document, &outside, section, own, &mut problems);
         }
         let control = check::Control {
             duration_seconds: scenario.duration_seconds,
             controller: &scenario.controller,
             reference: &scenario.reference,
         };
-        problems.extend(check::control(&document, &control));
-        problems.extend(check::name(&document, &scenario.name));
-        problems.extend(check::bench(&document, &scenario, &outside));
+        problems.extend(check::control(document, &control));
+        problems.extend(check::name(document, &scenario.name));
+        problems.extend(check::bench(document, &scenario, &outside));
         if !outside.is_recorded() {
             let plant = scenario.plant.name();
-            problems.extend(check::sweep(&document, plant, scenario.sweep.as_mut()));
+            problems.extend(check::sweep(document, plant, scenario.sweep.as_mut()));
         }
         problems.extend(check::read_tables(
-            &document,
+            document,
             &mut scenario.reference,
             &mut scenario.controller,
             read_table,
         ));
         problems.extend(check::read_courses(
-            &document,
+            document,
             &mut scenario.expect.signal,
             scenario.duration_seconds,
             read_table,
         ));
         let objections = find_objections(&scenario).into_iter();
-        problems.extend(objections.map(|objection| objection.problem(&document)));
-        none_of(problems, scenario).map_err(fail)
+        problems.extend(objections.map(|objection| objection.problem(document)));
+        none_of(problems, scenario)
     }
 }
 
@@ -230,34 +242,34 @@ impl ControllerView {
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
+        Self::read(&mut document, read_table).map_err(fail)
+    }
+
+    /// Reads what the controller may know from a scenario's tree.
+    fn read(document: &mut Document<'_>, read_table: ReadTable<'_>) -> Result<Self, Vec<Problem>> {
         let plant = outside::plant_name(document.root());
         for key in HIDDEN_FROM_CONTROLLER {
             document.remove(key);
         }
         let outside = Outside::Registered;
-        let (mut view, mut problems) = build::<Self>(
-            &document,
-            &outside,
-            "the scenario",
-            &schema::CONTROLLER_VIEW,
-        )
-        .map_err(fail)?;
+        let (mut view, mut problems) =
+            build::<Self>(document, &outside, "the scenario", &schema::CONTROLLER_VIEW)?;
         view.plant = plant;
         let own = &mut view.controller.own;
-        read_own(&document, &outside, Section::Controller, own, &mut problems);
+        read_own(document, &outside, Section::Controller, own, &mut problems);
         let control = check::Control {
             duration_seconds: view.duration_seconds,
             controller: &view.controller,
             reference: &view.reference,
         };
-        problems.extend(check::control(&document, &control));
+        problems.extend(check::control(document, &control));
         problems.extend(check::read_tables(
-            &document,
+            document,
             &mut view.reference,
             &mut view.controller,
             read_table,
         ));
-        none_of(problems, view).map_err(fail)
+        none_of(problems, view)
     }
 }
 
@@ -277,14 +289,24 @@ fn parse_beside<T>(
     scenario: String,
     parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
 ) -> Result<(T, Texts), ScenarioError> {
-    let name = path.display().to_string();
     let folder = path.parent().unwrap_or(Path::new(""));
+    reading(path, scenario, |table| read_table(folder, table), parse)
+}
+
+/// Hands a text to `parse` with a reader of its tables, and keeps what was read.
+fn reading<T>(
+    path: &Path,
+    scenario: String,
+    mut read_table: impl FnMut(&str) -> io::Result<String>,
+    parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
+) -> Result<(T, Texts), ScenarioError> {
+    let name = path.display().to_string();
     let mut tables = BTreeMap::new();
     // A table that is named twice is read once.
     let read_table = &mut |name: &str| match tables.get(name) {
         Some(text) => Ok(String::clone(text)),
         None => {
-            let text = read_table(folder, name)?;
+            let text = read_table(name)?;
             tables.insert(name.to_owned(), text.clone());
             Ok(text)
         }

@@ -1,15 +1,19 @@
 //! The JSON Schemas of scenario and rig files: what editors complete from and what the loader checks against.
 
+mod loops;
+
 use std::sync::LazyLock;
 
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::Value;
 
+use crate::loops::Contours;
 use crate::null::TakeNullAway;
 use crate::own;
-use crate::rig::RigFile;
+use crate::rig::{RigFile, nodes};
 use crate::scenario::Scenario;
+use crate::sweep::Swept;
 use crate::view::ControllerView;
 
 /// What scenario files are checked against. To make a schema takes most of the time that loading takes, so each is made once.
@@ -20,6 +24,36 @@ pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(shipped::<Scenario>);
 pub(crate) static CONTROLLER_VIEW: LazyLock<Value> = LazyLock::new(schema_of::<ControllerView>);
 /// What rig files are checked against.
 pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<RigFile>);
+
+/// What rig files of schema 2 are checked against.
+pub(crate) static NODES_RIG: LazyLock<Value> = LazyLock::new(schema_of::<nodes::Rig>);
+
+/// What `[[expect.contour]]` is checked against.
+pub(crate) static CONTOURS: LazyLock<Value> = LazyLock::new(schema_of::<Contours>);
+
+/// What the `[sweep]` of a scenario of schema 2 is checked against.
+pub(crate) static SWEPT: LazyLock<Value> = LazyLock::new(schema_of::<Swept>);
+
+pub(crate) use loops::on_rig;
+
+/// Whether a table of a scenario of one drive has such a key.
+pub(crate) fn is_key(table: &str, key: &str) -> bool {
+    let property = &SCENARIO["properties"][table];
+    let schema = resolve(&SCENARIO, property);
+    schema["properties"].get(key).is_some()
+}
+
+/// The JSON Schema of scenario files of schema 2, as committed in `scenarios/schema_2.json`.
+#[must_use]
+pub fn json_schema_2() -> String {
+    format!("{:#}\n", loops::of_loops())
+}
+
+/// The JSON Schema of rig files of schema 2, as committed in `scenarios/rig_schema_2.json`.
+#[must_use]
+pub fn rig_json_schema_2() -> String {
+    format!("{:#}\n", schema_of::<nodes::Rig>())
+}
 
 /// The JSON Schema of scenario files, as committed in `scenarios/schema.json`.
 #[must_use]
@@ -44,6 +78,16 @@ pub(crate) fn schema_of<T: JsonSchema>() -> Value {
 fn shipped<T: JsonSchema>() -> Value {
     let settings = SchemaSettings::draft07().with_transform(TakeNullAway);
     settings.into_generator().into_root_schema_for::<T>().into()
+}
+
+/// Follows references to the definition that has the keywords; `root` is the whole schema.
+pub(crate) fn resolve<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
+    let target = schema["allOf"].get(0).unwrap_or(schema);
+    let Some(pointer) = target["$ref"].as_str() else {
+        return target;
+    };
+    let pointer = pointer.strip_prefix('#').unwrap_or(pointer);
+    root.pointer(pointer).unwrap_or(&Value::Null)
 }
 
 /// The copy in `scenarios/` is the schema; with UPDATE_SCHEMA it becomes so.

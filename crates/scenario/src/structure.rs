@@ -10,6 +10,7 @@ use crate::document::Document;
 use crate::error::{Problem, Source};
 use crate::nearest::nearest;
 use crate::own::{self, Section};
+use crate::schema::resolve;
 
 /// Everything in the document that the schema does not admit; `what` names the whole for people.
 pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<Problem> {
@@ -239,16 +240,6 @@ fn limit_help(path: &str, schema: &Value, found: &DeValue<'_>) -> Option<String>
     } else {
         None
     }
-}
-
-/// Follows references to the definition that has the keywords; `root` is the whole schema.
-pub(crate) fn resolve<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
-    let target = schema["allOf"].get(0).unwrap_or(schema);
-    let Some(pointer) = target["$ref"].as_str() else {
-        return target;
-    };
-    let pointer = pointer.strip_prefix('#').unwrap_or(pointer);
-    root.pointer(pointer).unwrap_or(&Value::Null)
 }
 
 /// The number that a TOML integer or float stands for.

@@ -6,18 +6,21 @@ use std::path::{Path, PathBuf};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use proptest::prelude::*;
 
+use crate::loops::Loops;
 use crate::{ControllerView, Scenario, ScenarioError};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios")
 }
 
+/// The scenarios of schema 1 that ship.
 fn shipped() -> Vec<PathBuf> {
     let entries = fs::read_dir(folder()).unwrap();
     let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
     files.retain(|path| {
         path.extension()
             .is_some_and(|extension| extension == "toml")
+            && !Loops::is_meant(&fs::read_to_string(path).unwrap())
     });
     files.sort();
     files
@@ -848,6 +851,32 @@ fn all_shipped_scenarios_load_and_name_their_schema() {
             text.starts_with("#:schema ./schema.json\n"),
             "{}",
             path.display()
+        );
+    }
+}
+
+#[test]
+fn all_shipped_rigs_and_scenarios_of_several_drives_name_their_schema() {
+    let schema_of = |folder: &str| {
+        if folder == "." {
+            "./schema_2"
+        } else {
+            "../rig_schema_2"
+        }
+    };
+    for (folder_name, at_least) in [(".", 3), ("rigs", 2)] {
+        let entries = fs::read_dir(folder().join(folder_name)).unwrap();
+        let paths = entries.map(|entry| entry.unwrap().path());
+        let is_toml = |path: &PathBuf| path.extension().is_some_and(|end| end == "toml");
+        let texts = paths
+            .filter(is_toml)
+            .map(|path| fs::read_to_string(path).unwrap());
+        let texts: Vec<String> = texts.filter(|text| Loops::is_meant(text)).collect();
+        let first_line = format!("#:schema {}.json\n", schema_of(folder_name));
+        assert!(texts.len() >= at_least, "{} in {folder_name}", texts.len());
+        assert!(
+            texts.iter().all(|text| text.starts_with(&first_line)),
+            "{folder_name}"
         );
     }
 }

@@ -16,7 +16,7 @@ use rig::setup::Setup;
 
 use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
-use crate::nodes::{CONTROLLER, DRIVE};
+use crate::nodes::{CONTROLLER, drive_name};
 
 /// A bus that was in such a state so shortly before the end is why a node gave up.
 const BUS_TROUBLE: Duration = Duration::from_secs(1);
@@ -41,23 +41,24 @@ const CAUSES_OF_DRIVE: [u8; 5] = [1, 5, 6, 7, 9];
 /// It was not; the error as it came.
 pub(crate) fn end_by_node(
     error: WorldError,
-    setup: &Setup,
+    setups: &[Setup],
     capture: &Capture<'_>,
 ) -> Result<EarlyEnd, WorldError> {
     let seen = Seen {
-        setup,
+        setups,
         frames: capture.frames(),
         zero: capture.zero(),
     };
     match error {
-        WorldError::Silent { node, silence } => Ok(seen.silent(node, silence)),
+        WorldError::Silent { node, silence } => Ok(seen.silent(&node, silence)),
         WorldError::NoStart { patience } => Ok(seen.never_began(patience)),
-        WorldError::Violation(text) => {
-            let when = seen.when();
-            let what = format!("canrig stopped the drive: {text}{when}");
-            Ok(seen.end(DRIVE, None, what))
+        WorldError::Violation { ref drive, .. } => {
+            let what = format!("{error}{}", seen.when());
+            Ok(seen.end(drive, None, what))
         }
-        WorldError::NoStop { ref name, .. } => Ok(seen.end(name, None, error.to_string())),
+        WorldError::NoStop { ref name, .. } => {
+            Ok(seen.end(seen.node(name), None, error.to_string()))
+        }
         WorldError::Process {
             name,
             how,
@@ -69,7 +70,7 @@ pub(crate) fn end_by_node(
             how,
             log,
             doing: Doing::Crashed,
-        } => Ok(seen.end(&name, None, format!("{how}{}{log}", seen.when()))),
+        } => Ok(seen.end(seen.node(&name), None, format!("{how}{}{log}", seen.when()))),
         WorldError::Coordinator(CoordinatorError::Failed { name, reason }) => {
             Ok(seen.gave_up(&name, "gave up", &format!(": {reason}")))
         }
@@ -78,8 +79,19 @@ pub(crate) fn end_by_node(
             patience,
         })) => {
             let what = format!("no answer within {} s{}", patience.as_secs(), seen.when());
-            Ok(seen.end(name, None, what))
+            Ok(seen.end(seen.node(name), None, what))
         }
+        WorldError::Process {
+            name,
+            how,
+            log,
+            doing,
+        } => Err(WorldError::Process {
+            name: seen.words(&name),
+            how,
+            log,
+            doing,
+        }),
         error => Err(error),
     }
 }
@@ -87,12 +99,41 @@ pub(crate) fn end_by_node(
 /// What the recording shows of the end.
 #[derive(Clone, Copy)]
 struct Seen<'a> {
-    setup: &'a Setup,
+    setups: &'a [Setup],
     frames: &'a [Stamped],
     zero: Option<Duration>,
 }
 
-impl Seen<'_> {
+impl<'a> Seen<'a> {
+    /// The node that a participant plays: of a plant's emulator, the drive that moves it.
+    fn node<'b>(&self, participant: &'b str) -> &'b str
+    where
+        'a: 'b,
+    {
+        let plays = |setup: &&Setup| {
+            let names = setup.loop_name.as_ref();
+            names.is_some_and(|names| names.plant == participant)
+        };
+        let mut setups = self.setups.iter();
+        setups.find(plays).map_or(participant, drive_name)
+    }
+
+    /// A participant in a message: of a plant's emulator, with the drive that it plays.
+    fn words(&self, participant: &str) -> String {
+        let drive = self.node(participant);
+        match drive == participant {
+            true => participant.to_owned(),
+            false => format!("emulator of {participant} and its drive {drive}"),
+        }
+    }
+
+    /// The loop of a drive; the first one where no drive has that name.
+    fn setup(&self, drive: &str) -> &'a Setup {
+        let mut setups = self.setups.iter();
+        let of_drive = setups.find(|setup| drive_name(setup) == drive);
+        of_drive.unwrap_or(&self.setups[0])
+    }
+
     /// Scenario time, to the microsecond of the recording; none before the scenario began.
     fn seconds(&self, time: Duration) -> Option<f64> {
         let since = time.checked_sub(self.zero?)?;
@@ -143,8 +184,8 @@ impl Seen<'_> {
         self.last(SYNC_COB_ID.into()).map(|sync| sync.time)
     }
 
-    fn last_position(&self) -> Option<Duration> {
-        let position = self.setup.database.signal(signals::POSITION)?;
+    fn last_position(&self, drive: &str) -> Option<Duration> {
+        let position = self.setup(drive).database.signal(signals::POSITION)?;
         self.last(position.raw_id()).map(|position| position.time)
     }
 
@@ -161,7 +202,7 @@ impl Seen<'_> {
     fn silent(&self, node: &str, silence: Duration) -> EarlyEnd {
         let last = match node {
             CONTROLLER => self.last_sync(),
-            _ => self.last_position(),
+            drive => self.last_position(drive),
         };
         let since = last.and_then(|last| self.seconds(last)).unwrap_or_default();
         EarlyEnd {
@@ -193,17 +234,19 @@ impl Seen<'_> {
         self.end(CONTROLLER, None, what)
     }
 
-    /// A node that gave up by itself; of a controller that gave its drive up, the drive.
+    /// A node that gave up by itself; of a controller that gave a drive up, the drive.
     fn gave_up(&self, name: &str, how: &str, log: &str) -> EarlyEnd {
         let given_up = self.drive_given_up().filter(|_| name == CONTROLLER);
-        let Some(given_up) = given_up else {
+        let Some((drive, given_up)) = given_up else {
             let what = format!("{how}{}{log}", self.when());
-            return self.end(name, self.last_position(), what);
+            let node = self.node(name);
+            return self.end(node, self.last_position(node), what);
         };
+        let setup = self.setup(drive);
         // A drive that was only late may have been heard again since.
-        let position = self.before(given_up).last_position();
+        let position = self.before(given_up).last_position(drive);
         let when = self.when_at(Some(given_up));
-        let patience = SILENT_PERIODS * self.setup.scenario.bus.sync_period();
+        let patience = SILENT_PERIODS * setup.scenario.bus.sync_period();
         let silent = position
             .filter(|position| given_up > *position + patience)
             .and_then(|position| self.seconds(position));
@@ -212,24 +255,33 @@ impl Seen<'_> {
         let what = format!("{silent}the controller gave it up{when} and {how}{log}");
         EarlyEnd {
             at_seconds: Some(self.stamp(given_up)),
-            ..self.end(DRIVE, position, what)
+            ..self.end(drive, position, what)
         }
     }
 
-    /// When the controller gave its drive up, if its last error says that the drive was amiss: its heartbeat, or a cause of the
-    /// controller's own. What goes wrong in a bring-up some node reports at once; it is given up when the time for it is over.
-    fn drive_given_up(&self) -> Option<Duration> {
+    /// Which drive the controller gave up and when, if its last error says that a drive was amiss: its heartbeat, or a cause of
+    /// the controller's own. What goes wrong in a bring-up some node reports at once; it is given up when the time for it is
+    /// over.
+    fn drive_given_up(&self) -> Option<(&'a str, Duration)> {
         let (given_up, emergency) = self
             .errors()
             .rfind(|(stamped, _)| stamped.frame.standard_id() == Some(CONTROLLER_EMCY))?;
-        let [_, cause, ..] = emergency.manufacturer;
+        let [node_id, cause, ..] = emergency.manufacturer;
         let is_of_drive =
             emergency.code == ErrorCode::HEARTBEAT || CAUSES_OF_DRIVE.contains(&cause);
         let noticed = match self.zero {
             None => self.errors().next().map(|(first, _)| first.time),
             Some(_) => Some(given_up.time),
         };
-        noticed.filter(|_| is_of_drive)
+        let drive = match self.setups {
+            [only] => Some(only),
+            several => {
+                let mut several = several.iter();
+                several.find(|setup| setup.place.drive_node_id == node_id)
+            }
+        };
+        let drive = drive.filter(|_| is_of_drive)?;
+        Some((drive_name(drive), noticed?))
     }
 
     /// The errors that nodes reported.
@@ -287,12 +339,12 @@ mod tests {
             frame(36, POSITION, &[0; 8]),
         ];
         let seen = Seen {
-            setup: &setup,
+            setups: &[setup],
             frames: &frames,
             zero: Some(Duration::from_millis(10)),
         };
         let end = seen.gave_up(CONTROLLER, "ended", "");
-        assert_eq!(end.node.as_deref(), Some(DRIVE));
+        assert_eq!(end.node.as_deref(), Some("drive"));
         assert_eq!(
             (end.since_seconds, end.at_seconds),
             (Some(0.001), Some(0.024))

@@ -14,6 +14,7 @@ use tokio::process::{Child, ChildStdin, Command};
 use tokio::time::timeout;
 
 use crate::error::{Doing, WorldError};
+use crate::nodes::{CONTROLLER, PLANT_EMULATOR};
 use recording::run_folder::RunFolder;
 
 /// Lines of a log that a message shows.
@@ -54,8 +55,13 @@ impl NodeProcess {
         let log = folder.path().join(format!("{name}.log"));
         let output = File::create(&log).map_err(fault)?;
         let mut command = process::myself().map_err(fault)?;
+        let role = match name {
+            CONTROLLER | PLANT_EMULATOR => &[name][..],
+            plant => &[PLANT_EMULATOR, "--plant", plant],
+        };
         command
-            .args(["node", name])
+            .arg("node")
+            .args(role)
             .arg("--scenario")
             .arg(folder.scenario());
         if let Some(rig) = folder.rig() {

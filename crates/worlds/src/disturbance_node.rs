@@ -1,103 +1,96 @@
-//! The bench's own node on the bus: it commands the disturbance module 0x11 as the scenario says, and gives the orders
-//! that are faults. Beside a real drive it watches the limits of the rig, and whether anybody else leads.
+//! The bench's own node on the bus: it commands the disturbance modules of all loops as the scenario says, and gives the orders
+//! that are faults. Beside a real drive it watches the limits of the rig.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
 use dbc::{Database, SignalMissing, signals};
-use recording::masters::MasterWatch;
+use rig::external::ExternalNode;
+use rig::setup::Setup;
 use scenario::Scenario;
 use scenario::fault::node::Node as FaultyNode;
 
+use crate::nodes;
 use crate::supervisor::Supervisor;
-use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
+use dbc::scenario_clock::ScenarioClock;
+
+/// Frames for which there is room from the beginning: what stops as many real drives as a rig may have.
+const FRAMES_AT_ONCE: usize = 64;
 
 /// Sends its frames at the scenario's times.
 pub struct DisturbanceProducer {
     clock: ScenarioClock,
-    drive: Filter,
     /// What it will send, each with its scenario time in seconds.
     frames: VecDeque<(f64, CanFrame)>,
-    frame: Option<CanFrame>,
-    supervisor: Option<Supervisor>,
-    masters: Option<MasterWatch>,
-    second_master: Option<String>,
+    /// What it sends now.
+    due: VecDeque<CanFrame>,
+    real_drives: Vec<RealDrive>,
+    /// The name of the drive that violated a limit first, and which limit.
+    violation: Option<(String, String)>,
     is_stopped: bool,
 }
 
 impl DisturbanceProducer {
-    /// A producer that has sent nothing.
+    /// The bench's node on the bus of these loops, which has sent nothing.
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
-        let statusword = database.require(signals::STATUSWORD)?;
-        let mut frames = disturbances(scenario, database)?;
-        let orders = scenario.fault.node.nmt_stop.iter();
-        frames.extend(orders.map(|order| {
-            let node = NodeId::new(order.node.number());
-            (order.at_seconds, NmtCommand::Stop.frame(node))
-        }));
+    ///
+    /// # Panics
+    /// There is no loop.
+    pub fn new(setups: &[Setup]) -> Result<Self, SignalMissing> {
+        let mut frames = Vec::new();
+        for (number, setup) in setups.iter().enumerate() {
+            // On a bus without the module its identifier may be somebody else's.
+            if setup.external.has_fan() {
+                frames.extend(disturbances(&setup.scenario, &setup.database)?);
+            }
+            frames.extend(stop_orders(setup, number == 0));
+        }
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
         Ok(Self {
-            clock: ScenarioClock::new(database)?,
-            drive: Filter {
-                id: statusword.raw_id(),
-                mask: Filter::exact(0).mask,
-            },
+            clock: ScenarioClock::new(&setups[0].database)?,
             frames: frames.into(),
-            frame: None,
-            supervisor: None,
-            masters: None,
-            second_master: None,
+            due: VecDeque::with_capacity(FRAMES_AT_ONCE),
+            real_drives: Vec::new(),
+            violation: None,
             is_stopped: false,
         })
     }
 
-    /// The same with a watch over a real drive.
+    /// The same with a watch over the limits of each real drive. At the first violation all real drives are stopped.
     #[must_use]
-    pub fn with_supervisor(mut self, supervisor: Option<Supervisor>) -> Self {
-        self.supervisor = supervisor;
+    pub(crate) fn watching_real_drives(mut self, setups: &[Setup]) -> Self {
+        let is_real = |setup: &&Setup| setup.external.has(ExternalNode::Drive);
+        let drives = setups.iter().filter(is_real).map(RealDrive::new);
+        self.real_drives = drives.collect();
         self
     }
 
-    /// The same with a watch for a second master, at the first frame of which the drive is stopped.
-    #[must_use]
-    pub fn with_master_watch(mut self, masters: Option<MasterWatch>) -> Self {
-        self.masters = masters;
-        self
+    /// The name of the drive that violated a limit.
+    pub(crate) fn violating_drive(&self) -> Option<&str> {
+        let (drive, _) = self.violation.as_ref()?;
+        Some(drive)
     }
 
-    /// What showed a second master, for people.
-    #[must_use]
-    pub fn second_master(&self) -> Option<&str> {
-        self.second_master.as_deref()
-    }
-
-    fn stop_drive(&mut self) {
-        match &mut self.supervisor {
-            Some(supervisor) => supervisor.stop_drive(),
-            None => {
-                let drive = NodeId::new(FaultyNode::Drive.number());
-                self.frame = Some(NmtCommand::Stop.frame(drive));
-            }
+    fn stop_drives(&mut self) {
+        for drive in &mut self.real_drives {
+            self.due.extend(drive.stop());
         }
     }
 
-    fn watch_masters(&mut self, now: Duration, frame: &CanFrame) {
-        let Some(masters) = self
-            .masters
-            .as_mut()
-            .filter(|_| self.second_master.is_none())
-        else {
+    fn watch_limits(&mut self, now: Duration, frame: &CanFrame) {
+        if self.violation.is_some() {
             return;
-        };
-        masters.on_frame(now, frame);
-        if let Some(found) = masters.found().first() {
-            self.second_master = Some(found.to_string());
-            self.frames.clear();
-            self.stop_drive();
+        }
+        let violation = self.real_drives.iter_mut().find_map(|drive| {
+            let violation = drive.supervisor.as_mut()?.check(now, frame)?;
+            Some((drive.name.clone(), violation.to_string()))
+        });
+        if violation.is_some() {
+            self.violation = violation;
+            self.stop_drives();
         }
     }
 
@@ -106,18 +99,64 @@ impl DisturbanceProducer {
     }
 }
 
+/// A drive that is not the emulator.
+struct RealDrive {
+    /// What messages call it.
+    name: String,
+    node_id: Option<NodeId>,
+    /// Where a rig file says what its limits are.
+    supervisor: Option<Supervisor>,
+}
+
+impl RealDrive {
+    fn new(setup: &Setup) -> Self {
+        let rig = setup.rig.as_ref();
+        Self {
+            name: nodes::drive_name(setup).to_owned(),
+            node_id: NodeId::new(setup.place.drive_node_id),
+            supervisor: rig.map(|rig| Supervisor::new(&rig.file, &rig.drive)),
+        }
+    }
+
+    /// The frames that stop it.
+    fn stop(&self) -> Vec<CanFrame> {
+        match &self.supervisor {
+            Some(supervisor) => supervisor.stop().into(),
+            None => vec![NmtCommand::Stop.frame(self.node_id)],
+        }
+    }
+}
+
+/// NMT stops that are faults of the scenario, each with its scenario time: those of the drive, and of the controller where
+/// nobody else gives them.
+fn stop_orders(setup: &Setup, of_controller: bool) -> Vec<(f64, CanFrame)> {
+    let orders = setup.scenario.fault.node.nmt_stop.iter();
+    let frames = orders.filter_map(|order| {
+        let node = match order.node {
+            FaultyNode::Drive => setup.place.drive_node_id,
+            FaultyNode::Controller if of_controller => order.node.number(),
+            FaultyNode::Controller => return None,
+        };
+        Some((order.at_seconds, NmtCommand::Stop.frame(NodeId::new(node))))
+    });
+    frames.collect()
+}
+
 /// The RPDOs of the disturbance module.
 fn disturbances(
     scenario: &Scenario,
     database: &Database,
 ) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
+    let commands = scenario.disturbance.commands();
+    if commands.is_empty() {
+        return Ok(Vec::new());
+    }
     let convection_factor = database.require(signals::CONVECTION_FACTOR)?;
     let added_load = database.require(signals::ADDED_LOAD)?;
     let mut message = database
         .builder(signals::DISTURBANCE_MESSAGE)
         .ok_or_else(|| SignalMissing::new(signals::DISTURBANCE_MESSAGE))?;
-    let commands = scenario.disturbance.commands().into_iter();
-    let frames = commands.map(|command| {
+    let frames = commands.into_iter().map(|command| {
         message.set(&convection_factor, command.convection_factor);
         message.set(&added_load, command.added_grams);
         (command.at_seconds, message.frame())
@@ -128,44 +167,38 @@ fn disturbances(
 impl Node for DisturbanceProducer {
     /// A node with nothing to send need not know the time.
     fn filters(&self) -> Vec<Filter> {
-        let supervisor = self.supervisor.iter().flat_map(Supervisor::filters);
-        let mut filters: Vec<Filter> = supervisor.collect();
-        filters.extend(self.masters.iter().flat_map(MasterWatch::filters));
-        if !self.frames.is_empty() {
-            filters.extend([Filter::exact(SYNC_COB_ID), self.drive]);
+        let mut filters = Vec::new();
+        for drive in &self.real_drives {
+            filters.extend(drive.supervisor.iter().flat_map(Supervisor::filters));
+        }
+        if !self.frames.is_empty() || !self.real_drives.is_empty() {
+            filters.extend(self.clock.filters());
         }
         filters
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         self.clock.on_frame(now, frame);
-        if let Some(supervisor) = &mut self.supervisor {
-            supervisor.on_frame(now, frame);
-        }
-        self.watch_masters(now, frame);
+        self.watch_limits(now, frame);
     }
 
     fn on_tick(&mut self, now: Duration) {
         if !self.is_due(now) {
             return;
         }
-        self.frame = self.frames.pop_front().map(|(_, frame)| frame);
+        self.due
+            .extend(self.frames.pop_front().map(|(_, frame)| frame));
     }
 
     fn on_stop(&mut self, _now: Duration) {
         self.is_stopped = true;
         self.frames.clear();
-        // Whoever controlled the drive, it is not left running.
-        if let Some(supervisor) = &mut self.supervisor {
-            supervisor.stop_drive();
-        }
+        // Whoever controlled the drives, they are not left running.
+        self.stop_drives();
     }
 
     fn next_frame(&mut self) -> Option<CanFrame> {
-        let supervisor = self.supervisor.as_mut();
-        supervisor
-            .and_then(Supervisor::next_frame)
-            .or_else(|| self.frame.take())
+        self.due.pop_front()
     }
 
     fn next_deadline(&self) -> Option<Duration> {
@@ -175,15 +208,70 @@ impl Node for DisturbanceProducer {
     }
 
     fn progress(&self) -> Progress {
-        let supervisor = self.supervisor.as_ref();
-        if let Some(violation) = supervisor.and_then(Supervisor::violation) {
-            Progress::Failed(violation.to_string())
-        } else if let Some(second_master) = &self.second_master {
-            Progress::Failed(second_master.clone())
+        if let Some((_, violation)) = self.violation.as_ref().filter(|_| self.due.is_empty()) {
+            Progress::Failed(violation.clone())
         } else if self.is_stopped {
             Progress::Stopped
         } else {
             Progress::Running
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use rig::catalogue::Catalogue;
+    use rig::external::External;
+    use rig::rig_file::LoadedRig;
+
+    use super::*;
+
+    /// A real drive with this node-ID, whose limits a rig file has.
+    fn real(node_id: u8) -> Setup {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let rig = format!(
+            "schema = 1\nname = \"bench\"\n[drive]\nnode_id = {node_id}\n[limits]\ncurrent_amperes = 0.9\n\
+             position_millimetres = {{ min = -1.0, max = 45.0 }}\nspeed_millimetres_per_second = 400.0\n"
+        );
+        let rig = Arc::new(LoadedRig::from_text(&rig).unwrap());
+        let external = External::new(&[ExternalNode::Drive]).unwrap();
+        Setup::new(scenario, &Catalogue::shipped()).on(Some(rig), external)
+    }
+
+    fn position(node_id: u16, micrometres: i32) -> CanFrame {
+        let mut data = [0x37, 2, 0, 0, 0, 0, 0, 0];
+        data[2..6].copy_from_slice(&micrometres.to_le_bytes());
+        CanFrame::new(0x180 + node_id, &data)
+    }
+
+    fn sent(bench: &mut DisturbanceProducer) -> Vec<CanFrame> {
+        std::iter::from_fn(|| bench.next_frame()).collect()
+    }
+
+    #[test]
+    fn a_violated_limit_stops_all_real_drives_at_once_and_only_once() {
+        let setups = [real(0x10), real(0x12)];
+        let bench = DisturbanceProducer::new(&setups).unwrap();
+        let mut bench = bench.watching_real_drives(&setups);
+        let stop = [
+            CanFrame::new(0x210, &[2, 0, 0, 0]),
+            CanFrame::new(0x000, &[2, 0x10]),
+            CanFrame::new(0x212, &[2, 0, 0, 0]),
+            CanFrame::new(0x000, &[2, 0x12]),
+        ];
+        let times = (0..).map(|cycle| Duration::from_millis(10) * cycle);
+        let outside = position(0x12, 46_000);
+        for (now, frame) in times.zip([position(0x10, 10_000), outside, outside]) {
+            bench.on_frame(now, &frame);
+        }
+        assert_eq!(bench.progress(), Progress::Running, "until it has sent all");
+        assert_eq!(sent(&mut bench), stop);
+        let Progress::Failed(text) = bench.progress() else {
+            panic!("it goes on")
+        };
+        assert!(text.starts_with("limit of the rig: "), "{text}");
     }
 }

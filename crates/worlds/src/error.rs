@@ -85,7 +85,7 @@ pub enum WorldError {
     #[error("the {node} has been silent for {} s in the middle of the run", silence.as_secs_f64())]
     Silent {
         /// Which node.
-        node: &'static str,
+        node: String,
         /// For how long.
         silence: Duration,
     },
@@ -102,8 +102,13 @@ pub enum WorldError {
     #[error("the bench's own node failed: {0}")]
     Bench(platform::real_time::RunError),
     /// A limit of the rig was violated.
-    #[error("canrig stopped the drive: {0}")]
-    Violation(String),
+    #[error("canrig stopped the {drive}: {violation}")]
+    Violation {
+        /// Of which drive.
+        drive: String,
+        /// Which limit, and by what.
+        violation: String,
+    },
     /// Somebody else leads on this bus.
     #[error("a second master: {0}")]
     SecondMaster(String),

@@ -26,6 +26,7 @@ pub mod preflight;
 mod process_faults;
 pub mod processes;
 pub mod real_time;
+mod second_master;
 mod silence;
 mod stalls;
 mod supervisor;

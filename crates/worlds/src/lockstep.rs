@@ -1,26 +1,25 @@
 //! Virtual time: the coordinator moves the nodes, in this process or in others.
 
+use std::slice;
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::Database;
 use platform::bus::Bus;
 use platform::lockstep::{Local, Participant};
 use scenario::Scenario;
-use scenario::fault::bus::Station;
 
 use crate::blame::end_by_node;
-use crate::bus_model::faults::BusFaults;
+use crate::bus_model::faults::{BusFaults, Seat};
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, STOP_PATIENCE, WorldError};
-use crate::nodes::{self, BENCH, CONTROLLER, PLANT_EMULATOR};
+use crate::nodes::{self, BENCH, CONTROLLER};
 use crate::played::End;
 use recording::capture::Capture;
 use recording::log::Stamped;
 use rig::setup::Setup;
 
-/// Frames of one cycle, those included that come more seldom.
+/// Frames of one loop in one cycle, those included that come more seldom.
 const FRAMES_PER_CYCLE: f64 = 5.0;
 /// Frames for which there is room from the beginning; a longer run gets more as it goes on.
 const FRAMES_EXPECTED_MAX: f64 = 1e6;
@@ -31,11 +30,37 @@ const NO_START: WorldError = WorldError::NoStart {
     patience: START_PATIENCE,
 };
 
-/// One who takes part in a run: a plant emulator, canrig's own node, the manager.
+/// One who takes part in a run.
 pub struct Role<'a> {
     /// Its CAN controller, which the faults of the bus name.
-    pub station: Station,
-    pub participant: &'a mut dyn Participant,
+    seat: Seat,
+    participant: &'a mut dyn Participant,
+}
+
+impl<'a> Role<'a> {
+    /// The drive of a loop, with the plant that it moves.
+    pub fn drive(setup: &Setup, participant: &'a mut dyn Participant) -> Self {
+        Self {
+            seat: Seat::Drive(setup.place.drive_node_id),
+            participant,
+        }
+    }
+
+    /// canrig's own node.
+    pub fn bench(participant: &'a mut dyn Participant) -> Self {
+        Self {
+            seat: Seat::Bench,
+            participant,
+        }
+    }
+
+    /// The manager.
+    pub fn controller(participant: &'a mut dyn Participant) -> Self {
+        Self {
+            seat: Seat::Controller,
+            participant,
+        }
+    }
 }
 
 /// Runs the scenario in this process.
@@ -43,61 +68,64 @@ pub struct Role<'a> {
 /// # Errors
 /// The bench failed, or the recording cannot be written.
 pub fn simulate(setup: &Setup, capture: &mut Capture<'_>) -> Result<End, WorldError> {
-    let played = play_here(setup, capture);
-    played.or_else(|error| end_by_node(error, setup, capture).map(End::ByNode))
+    simulate_loops(slice::from_ref(setup), capture)
 }
 
-fn play_here(setup: &Setup, capture: &mut Capture<'_>) -> Result<End, WorldError> {
-    let scenario = &setup.scenario;
-    let mut plant_emulator = nodes::plant_emulator(scenario)?;
-    let mut bench = DisturbanceProducer::new(scenario, &setup.database)?;
-    let view = scenario.controller_view();
-    let make = move || nodes::controller(&view, None);
-    let mut controller = nodes::faulty_controller(make, &scenario.fault, |_| false)?;
-    let mut plant_emulator = Local::new(PLANT_EMULATOR, &mut *plant_emulator);
+/// As [`simulate`], for several loops at once.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn simulate_loops(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End, WorldError> {
+    let played = play_here(setups, capture);
+    played.or_else(|error| end_by_node(error, setups, capture).map(End::ByNode))
+}
+
+fn play_here(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End, WorldError> {
+    let mut emulators = Vec::new();
+    for setup in setups {
+        let emulator = nodes::plant_emulator_of(setup)?;
+        emulators.push((nodes::emulator_name(setup), emulator));
+    }
+    let mut bench = DisturbanceProducer::new(setups)?;
+    let views = nodes::controller_views(setups);
+    let make = move || nodes::controller_of(&views);
+    let mut controller = nodes::faulty_controller(make, setups, |_| false)?;
+    let emulators = emulators.iter_mut();
+    let mut emulators =
+        Vec::from_iter(emulators.map(|(name, node)| Local::new(*name, &mut **node)));
     let mut bench = Local::new(BENCH, &mut bench);
     let mut controller = Local::new(CONTROLLER, &mut *controller);
-    let roles = vec![
-        Role {
-            station: Station::Drive,
-            participant: &mut plant_emulator,
-        },
-        Role {
-            station: Station::Bench,
-            participant: &mut bench,
-        },
-        Role {
-            station: Station::Controller,
-            participant: &mut controller,
-        },
-    ];
-    play(scenario, roles, capture, None)
+    let drives = setups.iter().zip(&mut emulators);
+    let drives = drives.map(|(setup, one)| Role::drive(setup, one));
+    let others = [Role::bench(&mut bench), Role::controller(&mut controller)];
+    play(setups, drives.chain(others).collect(), capture, None)
 }
 
-/// Plays the scenario with these participants, the manager last: it is the first to stop, since it takes the current away and
+/// Plays the loops with these participants, the manager last: it is the first to stop, since it takes the current away and
 /// stops the others while they still listen. With a `wire` the winner of each arbitration goes on it.
 ///
 /// # Errors
 /// A participant or the wire failed, or the recording cannot be written.
 pub fn play(
-    scenario: &Scenario,
+    setups: &[Setup],
     roles: Vec<Role<'_>>,
     capture: &mut Capture<'_>,
     wire: Option<&mut dyn Bus>,
 ) -> Result<End, WorldError> {
-    let stations = roles.iter().map(|role| role.station).collect();
+    let seats = roles.iter().map(|role| role.seat).collect();
     let names: Vec<String> = roles
         .iter()
         .map(|role| role.participant.name().to_owned())
         .collect();
     let participants = roles.into_iter().map(|role| role.participant);
-    let faults = BusFaults::new(scenario, Database::shipped(), stations)?;
+    let scenario = &setups[0].scenario;
+    let faults = BusFaults::new(setups, seats)?;
     let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants)
         .with_faults(faults);
-    capture.expect(frames_expected(scenario));
+    capture.expect(frames_expected(scenario, setups.len()));
     let mut taps = Taps { capture, wire };
     let end = Duration::from_secs_f64(scenario.duration_seconds);
-    let is_faulty = !scenario.fault.is_empty();
+    let is_faulty = setups.iter().any(|setup| !setup.scenario.fault.is_empty());
     let end = run_until(&mut coordinator, &mut taps, end, is_faulty)?;
     coordinator.settle(&mut taps)?;
     for (index, name) in names.into_iter().enumerate().rev() {
@@ -123,11 +151,12 @@ pub fn play(
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
-    reason = "a positive number below a million"
+    clippy::cast_precision_loss,
+    reason = "positive numbers below a million"
 )]
-fn frames_expected(scenario: &Scenario) -> usize {
+fn frames_expected(scenario: &Scenario, loops: usize) -> usize {
     let cycles = 1e3 * scenario.duration_seconds / scenario.bus.sync_period_milliseconds;
-    (cycles * FRAMES_PER_CYCLE).min(FRAMES_EXPECTED_MAX) as usize
+    (cycles * FRAMES_PER_CYCLE * loops as f64).min(FRAMES_EXPECTED_MAX) as usize
 }
 
 fn run_until(

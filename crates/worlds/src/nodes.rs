@@ -1,15 +1,17 @@
 //! The nodes of the shipped rig, built from a scenario.
 
+use std::sync::Arc;
+
 use ::faults::{FaultKind, FaultPlan, Faulty};
 use canopen::Node;
 use controller::ControllerNode;
-use dbc::Database;
-use plant_emulator::catalogue;
-use scenario::fault::Faults;
+use plant_emulator::{InvalidEmulator, catalogue};
+use scenario::loops::{NodesOfLoop, OneLoop};
 use scenario::{ControllerView, Scenario};
 
 use crate::error::WorldError;
 use rig::rig_file::LoadedRig;
+use rig::setup::Setup;
 
 /// Names of the nodes, for messages and for the command line of their processes.
 pub(crate) const CONTROLLER: &str = "controller";
@@ -23,8 +25,93 @@ pub(crate) const DRIVE: &str = "drive";
 /// # Errors
 /// The scenario's plant cannot be emulated.
 pub fn plant_emulator(scenario: &Scenario) -> Result<Box<dyn Node>, WorldError> {
-    catalogue::emulator(scenario).map_err(|error| WorldError::Node {
-        name: PLANT_EMULATOR.to_owned(),
+    catalogue::emulator(scenario).map_err(|error| no_emulator(PLANT_EMULATOR, &error))
+}
+
+/// The drive of one of several loops, with the plant that it moves.
+///
+/// # Errors
+/// The plant cannot be emulated.
+pub fn plant_emulator_of(setup: &Setup) -> Result<Box<dyn Node>, WorldError> {
+    let Setup {
+        scenario,
+        place,
+        database,
+        ..
+    } = setup;
+    let scenario = Scenario {
+        seed: place.seed(scenario.seed),
+        ..scenario.clone()
+    };
+    let made = catalogue::emulator_at(&scenario, *place, database);
+    made.map_err(|error| no_emulator(emulator_name(setup), &error))
+}
+
+/// The name of the participant that emulates a plant: the plant's where there are several.
+#[must_use]
+pub fn emulator_name(setup: &Setup) -> &str {
+    let plant = setup.loop_name.as_ref().map(|names| names.plant.as_str());
+    plant.unwrap_or(PLANT_EMULATOR)
+}
+
+/// The name of the drive of a loop, as the rig file has it where there are several.
+pub(crate) fn drive_name(setup: &Setup) -> &str {
+    match setup.loop_name {
+        Some(_) => setup.node_names().1,
+        None => DRIVE,
+    }
+}
+
+fn no_emulator(name: &str, error: &InvalidEmulator) -> WorldError {
+    WorldError::Node {
+        name: name.to_owned(),
+        reason: error.to_string(),
+    }
+}
+
+/// What the controller may know of a loop, and of its drive where that is not canrig's.
+pub struct LoopView {
+    view: OneLoop<ControllerView>,
+    rig: Option<Arc<LoadedRig>>,
+}
+
+/// What the controller may know of these loops.
+#[must_use]
+pub fn controller_views(setups: &[Setup]) -> Vec<LoopView> {
+    let views = setups.iter().map(|setup| OneLoop {
+        name: setup
+            .loop_name
+            .as_ref()
+            .map_or_else(String::new, |names| names.name.clone()),
+        place: NodesOfLoop {
+            drive: setup.place.drive_node_id,
+            io: setup.place.disturbance_node_id,
+            truth_every_cycles: setup.place.truth_every_cycles,
+        },
+        scenario: setup.scenario.controller_view(),
+    });
+    on_rigs(views.collect(), setups)
+}
+
+/// The views with what is known of the drives of these loops, which are the same ones.
+#[must_use]
+pub fn on_rigs(views: Vec<OneLoop<ControllerView>>, setups: &[Setup]) -> Vec<LoopView> {
+    let rigs = setups.iter().map(|setup| setup.rig.clone());
+    let views = views.into_iter().zip(rigs);
+    views.map(|(view, rig)| LoopView { view, rig }).collect()
+}
+
+/// The manager with the laws of these loops.
+///
+/// # Errors
+/// A controller cannot be set up.
+pub fn controller_of(loops: &[LoopView]) -> Result<ControllerNode, WorldError> {
+    let loops = loops.iter().map(|LoopView { view, rig }| {
+        let rig = rig.as_deref().map(|rig| (&rig.file, rig.eds.as_str()));
+        (view, rig)
+    });
+    ControllerNode::of_loops(loops).map_err(|error| WorldError::Node {
+        name: CONTROLLER.to_owned(),
         reason: error.to_string(),
     })
 }
@@ -47,21 +134,24 @@ pub fn controller(
     })
 }
 
-/// The manager as it behaves in a scenario with faults, which it cannot see; `is_played_elsewhere` are those that happen
+/// The manager as it behaves where a loop has faults, which it cannot see; `is_played_elsewhere` are those that happen
 /// to its process. `make` makes it, also after a crash.
 ///
 /// # Errors
 /// It cannot be made.
 pub fn faulty_controller(
     make: impl Fn() -> Result<ControllerNode, WorldError> + Send + 'static,
-    faults: &Faults,
+    setups: &[Setup],
     is_played_elsewhere: impl Fn(&FaultKind) -> bool,
 ) -> Result<Box<dyn Node>, WorldError> {
     let node = make()?;
-    if faults.is_empty() {
+    let Some(setup) = first_with_faults(setups) else {
         return Ok(Box::new(node));
-    }
-    let plan = FaultPlan::new(faults, scenario::fault::node::Node::Controller);
+    };
+    let plan = FaultPlan::new(
+        &setup.scenario.fault,
+        scenario::fault::node::Node::Controller,
+    );
     let renew = move |node: &mut ControllerNode| {
         // It could be set up once, so it can again.
         if let Ok(new) = make() {
@@ -69,6 +159,11 @@ pub fn faulty_controller(
         }
     };
     let plan = plan.without(is_played_elsewhere);
-    let faulty = Faulty::new(node, plan, Database::shipped(), renew)?;
+    let faulty = Faulty::new(node, plan, &setup.database, renew)?;
     Ok(Box::new(faulty))
+}
+
+/// The first loop with faults. Those of the controller are in every loop.
+pub(crate) fn first_with_faults(setups: &[Setup]) -> Option<&Setup> {
+    setups.iter().find(|setup| !setup.scenario.fault.is_empty())
 }

@@ -4,8 +4,10 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use faults::{FaultKind, FaultPlan};
-use scenario::Scenario;
+use rig::setup::Setup;
 use scenario::fault::node::Node;
+
+use crate::nodes::first_with_faults;
 
 /// What is done to a process to play a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,8 +26,10 @@ pub(super) enum ProcessAction {
 pub(super) struct ProcessFaults(VecDeque<(Duration, ProcessAction)>);
 
 impl ProcessFaults {
-    pub(super) fn new(scenario: &Scenario) -> Self {
-        let plan = FaultPlan::new(&scenario.fault, Node::Controller);
+    pub(super) fn new(setups: &[Setup]) -> Self {
+        let plan = first_with_faults(setups)
+            .map(|setup| FaultPlan::new(&setup.scenario.fault, Node::Controller))
+            .unwrap_or_default();
         let mut actions: Vec<_> = plan
             .faults
             .iter()
@@ -51,6 +55,9 @@ impl ProcessFaults {
 
 #[cfg(test)]
 mod tests {
+    use rig::catalogue::Catalogue;
+    use scenario::Scenario;
+
     use super::*;
 
     #[test]
@@ -60,7 +67,8 @@ mod tests {
             [[fault.node.hang]]\nfrom_seconds = 1.0\nnode = \"controller\"\n\
             [[fault.node.crash]]\nfrom_seconds = 2.0\nnode = \"drive\"\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let mut actions = ProcessFaults::new(&scenario);
+        let setup = Setup::new(scenario, &Catalogue::shipped());
+        let mut actions = ProcessFaults::new(&[setup]);
         assert_eq!(actions.due(Duration::ZERO), None);
         let all: Vec<_> = std::iter::from_fn(|| actions.due(Duration::from_secs(5))).collect();
         assert_eq!(

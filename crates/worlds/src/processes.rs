@@ -3,13 +3,10 @@
 use std::future::{Future, pending, poll_fn};
 use std::task::Poll;
 
-use dbc::Database;
 use platform::bus::{Bus, BusAddress};
 use platform::lockstep::{Local, LockstepError, Remote, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
-use scenario::Scenario;
-use scenario::fault::bus::Station;
 use tokio::runtime::Runtime;
 
 use crate::blame::end_by_node;
@@ -19,7 +16,7 @@ use crate::coordinator::CoordinatorError;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::WorldError;
 use crate::lockstep::{self, Role};
-use crate::nodes::{BENCH, CONTROLLER, PLANT_EMULATOR};
+use crate::nodes::{self, BENCH, CONTROLLER};
 use crate::played::{End, Played};
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
@@ -88,23 +85,23 @@ pub(super) fn runtime() -> Result<Runtime, WorldError> {
     })
 }
 
-/// Plays the scenario in lock-step, with controller and plant as processes. On a CAN interface the frames cross it.
+/// Plays the loops in lock-step, with the controller and each plant as a process. On a CAN interface the frames cross it.
 ///
 /// # Errors
 /// A process or the bus failed, or the recording cannot be written.
 pub fn in_lockstep(
-    setup: &Setup,
+    setups: &[Setup],
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
 ) -> Result<Played, WorldError> {
-    let played = play(&setup.scenario, folder, capture, bus);
-    let end = played.or_else(|error| end_by_node(error, setup, capture).map(End::ByNode))?;
+    let played = play(setups, folder, capture, bus);
+    let end = played.or_else(|error| end_by_node(error, setups, capture).map(End::ByNode))?;
     Ok(Played::in_virtual_time(end))
 }
 
 fn play(
-    scenario: &Scenario,
+    setups: &[Setup],
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
@@ -127,63 +124,61 @@ fn play(
     let _entered = runtime.enter();
     let mut processes = Vec::new();
     let mut channels = Vec::new();
-    for (name, station) in [
-        (PLANT_EMULATOR, Station::Drive),
-        (CONTROLLER, Station::Controller),
-    ] {
+    let emulators = setups.iter().map(nodes::emulator_name);
+    for name in emulators.chain([CONTROLLER]) {
         let (ours, theirs) = channel().map_err(|source| WorldError::Spawn {
             name: name.to_owned(),
             source,
         })?;
         let process = NodeProcess::spawn(name, folder, address.as_ref(), Some(theirs))?;
         processes.push(process);
-        channels.push((name, station, ours));
+        channels.push((name, ours));
     }
     let mut processes = Processes::new(processes);
     let played = (|| -> Result<End, WorldError> {
         let mut remotes = Vec::new();
-        for (name, station, channel) in channels {
-            let remote = Remote::accept(name, channel).map_err(CoordinatorError::from)?;
-            remotes.push((station, remote));
+        for (name, channel) in channels {
+            remotes.push(Remote::accept(name, channel).map_err(CoordinatorError::from)?);
         }
-        let mut bench = DisturbanceProducer::new(scenario, Database::shipped())?;
+        let mut bench = DisturbanceProducer::new(setups)?;
         let mut bench = Local::new(BENCH, &mut bench);
-        let mut roles: Vec<Role<'_>> = remotes
-            .iter_mut()
-            .map(|(station, remote)| Role {
-                station: *station,
-                participant: remote,
-            })
-            .collect();
-        let bench = Role {
-            station: Station::Bench,
-            participant: &mut bench,
-        };
-        roles.insert(roles.len() - 1, bench);
+        let (emulators, manager) = remotes.split_at_mut(setups.len());
+        let drives = setups.iter().zip(emulators);
+        let drives = drives.map(|(setup, one)| Role::drive(setup, one));
+        let manager = manager.iter_mut().map(|one| Role::controller(one));
         lockstep::play(
-            scenario,
-            roles,
+            setups,
+            drives
+                .chain([Role::bench(&mut bench)])
+                .chain(manager)
+                .collect(),
             capture,
             wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus),
         )
     })();
-    runtime.block_on(async {
-        let error = match played {
-            Ok(end) => {
-                let stopped = processes.stop().await;
-                let mut stopped = stopped.into_iter().map(|(_, stopped)| stopped);
-                return stopped
-                    .try_for_each(|stopped| stopped.map(drop))
-                    .map(|()| end);
-            }
-            // How a process ended says more than that it does not answer.
-            Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
-                name,
-            }))) => processes.early_end_of(&name).await,
-            Err(error) => error,
-        };
-        // Whoever is left has ended before the error is reported, which is the first one.
-        let _ = processes.stop().await;
-        Err(error)
-    })
+    runtime.block_on(with_end(played, &mut processes))
+}
+
+/// How a run ended whose processes are still to be stopped.
+async fn with_end(
+    played: Result<End, WorldError>,
+    processes: &mut Processes,
+) -> Result<End, WorldError> {
+    let error = match played {
+        Ok(end) => {
+            let stopped = processes.stop().await;
+            let mut stopped = stopped.into_iter().map(|(_, stopped)| stopped);
+            return stopped
+                .try_for_each(|stopped| stopped.map(drop))
+                .map(|()| end);
+        }
+        // How a process ended says more than that it does not answer.
+        Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
+            name,
+        }))) => processes.early_end_of(&name).await,
+        Err(error) => error,
+    };
+    // Whoever is left has ended before the error is reported, which is the first one.
+    let _ = processes.stop().await;
+    Err(error)
 }

@@ -6,23 +6,21 @@ use std::time::Duration;
 
 use platform::clock::Clock;
 use platform::real_time::RunError;
-use scenario::disturbance::Disturbance;
 
 use crate::blame::end_by_node;
 use crate::bus_connection::{BusConnection, COLLECT_PERIOD, stop_signal};
 use crate::child::NodeProcess;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, WorldError};
-use crate::nodes::{CONTROLLER, PLANT_EMULATOR};
+use crate::nodes::{CONTROLLER, DRIVE, emulator_name, first_with_faults};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
 use crate::processes::{Processes, runtime};
+use crate::second_master::SecondMasterWatch;
 use crate::silence::SilenceWatch;
 use crate::stalls::StallRecorder;
-use crate::supervisor::Supervisor;
 use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
-use recording::masters::MasterWatch;
 use recording::run_folder::RunFolder;
 use rig::external::ExternalNode;
 use rig::setup::Setup;
@@ -30,13 +28,13 @@ use rig::setup::Setup;
 /// What the controller needs beyond the bring-up until current flows, with some to spare.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Plays the scenario in real time on a bus that is there, with controller and plant as processes unless they are external:
-/// to its end, until a node under test ends it, or until what was recorded is enough.
+/// Plays the loops in real time on a bus that is there, with controller and plants as processes unless they are external:
+/// to their end, until a node under test ends it, or until what was recorded is enough.
 ///
 /// # Errors
 /// The bench or the bus failed, or the recording cannot be written.
 pub fn play(
-    setup: &Setup,
+    setups: &[Setup],
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     connection: &mut BusConnection,
@@ -44,13 +42,14 @@ pub fn play(
 ) -> Result<Played, WorldError> {
     let runtime = runtime()?;
     let _entered = runtime.enter();
-    let mut processes = start_nodes(setup, folder, connection)?;
-    let stalls = StallRecorder::start(setup, &processes)?;
-    let mut bench = bench_node(setup)?;
+    let mut processes = start_nodes(setups, folder, connection)?;
+    let stalls = StallRecorder::start(setups, &processes)?;
+    let mut bench = DisturbanceProducer::new(setups)?.watching_real_drives(setups);
     let mut bus = connection.join(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = stop_signal()?;
+    let mut stopper = Some(stopper);
     let mut run = Run {
-        setup,
+        setups,
         folder,
         connection,
         capture,
@@ -58,7 +57,7 @@ pub fn play(
         stalls: &stalls,
         is_enough,
     };
-    let (end, stopped) = std::thread::scope(|scope| {
+    let (end, ended, stopped) = std::thread::scope(|scope| {
         let bench = scope.spawn(|| platform::real_time::run(&mut bench, &mut *bus, &stop));
         let (end, stopped) = runtime.block_on(async {
             let end = tokio::select! {
@@ -66,6 +65,10 @@ pub fn play(
                 () = ended(&bench) => Ok(End::Interrupted),
                 end = run.follow() => end,
             };
+            if matches!(end, Err(WorldError::SecondMaster(_))) {
+                // The bench stops the drives at once.
+                stopper = None;
+            }
             // However the run went, nothing may stay heated or running.
             (end, run.processes.stop().await)
         });
@@ -73,74 +76,56 @@ pub fn play(
         let bench = bench
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        let end = match bench {
-            Err(RunError::Node(violation)) => Err(WorldError::Violation(violation)),
-            bench => end.and_then(|end| bench.map(|_| end).map_err(WorldError::Bench)),
-        };
-        (end, stopped)
+        (end, bench, stopped)
     });
     connection.collect(capture)?;
-    if let Some(second_master) = bench.second_master() {
-        return Err(WorldError::SecondMaster(second_master.to_owned()));
+    if let Err(second_master @ WorldError::SecondMaster(_)) = end {
+        return Err(second_master);
     }
+    let end = match ended {
+        Err(RunError::Node(violation)) => Err(WorldError::Violation {
+            drive: bench.violating_drive().unwrap_or(DRIVE).to_owned(),
+            violation,
+        }),
+        ended => end.and_then(|end| ended.map(|_| end).map_err(WorldError::Bench)),
+    };
     let (end, mut reports) = with_reports(end, stopped);
+    let mut faults = setups.iter().map(|setup| &setup.scenario.fault.node);
     if let Some(controller) = reports.get_mut(CONTROLLER)
-        && !setup.scenario.fault.node.hang.is_empty()
+        && faults.any(|faults| !faults.hang.is_empty())
     {
         // Suspended on purpose, a loop wakes up late.
         controller.late.clear();
     }
     let stalls = stalls.finish(connection, &mut reports);
-    let end = end.or_else(|error| end_by_node(error, setup, capture).map(End::ByNode))?;
+    let end = end.or_else(|error| end_by_node(error, setups, capture).map(End::ByNode))?;
+    let controller = reports.remove(CONTROLLER);
     Ok(Played {
         end,
         host: Some(Host {
-            controller: reports.remove(CONTROLLER),
-            plant_emulator: reports.remove(PLANT_EMULATOR),
+            controller,
+            plant_emulator: reports.into_values().reduce(NodeReport::beside),
             wall_clock_step: connection.wall_clock_step(),
             stalls,
         }),
     })
 }
 
-/// Starts the nodes that are not external.
+/// Starts the nodes that are not external, the manager last.
 fn start_nodes(
-    setup: &Setup,
+    setups: &[Setup],
     folder: &RunFolder,
     connection: &BusConnection,
 ) -> Result<Processes, WorldError> {
-    let mut processes = Vec::new();
-    for (name, node) in [
-        (PLANT_EMULATOR, ExternalNode::Drive),
-        (CONTROLLER, ExternalNode::Controller),
-    ] {
-        if !setup.external.has(node) {
-            let address = Some(connection.address());
-            processes.push(NodeProcess::spawn(name, folder, address, None)?);
-        }
-    }
-    Ok(Processes::new(processes))
-}
-
-/// The bench's own node, with a supervisor where there is a rig, and a watch for a second master of a drive that is real.
-fn bench_node(setup: &Setup) -> Result<DisturbanceProducer, WorldError> {
-    let mut orders = setup.scenario.clone();
-    if !setup.external.has_fan() {
-        // On a bus without the module its identifier may be somebody else's.
-        orders.disturbance = Disturbance::default();
-    }
-    let supervisor = setup
-        .rig
-        .as_ref()
-        .map(|rig| Supervisor::new(&rig.file, &rig.drive));
-    let watch = |setup: &Setup| {
-        let watch = MasterWatch::new(&setup.scenario, &setup.database, &setup.external);
-        watch.map(MasterWatch::while_they_come)
-    };
-    let has_drive = setup.external.has(ExternalNode::Drive);
-    let masters = has_drive.then(|| watch(setup)).transpose()?;
-    let bench = DisturbanceProducer::new(&orders, &setup.database)?;
-    Ok(bench.with_supervisor(supervisor).with_master_watch(masters))
+    let is_ours = |setup: &&Setup| !setup.external.has(ExternalNode::Drive);
+    let emulators = setups.iter().filter(is_ours).map(emulator_name);
+    // One controller leads all loops.
+    let controller = (setups.iter())
+        .all(|setup| !setup.external.has(ExternalNode::Controller))
+        .then_some(CONTROLLER);
+    let spawn = |name| NodeProcess::spawn(name, folder, Some(connection.address()), None);
+    let processes = emulators.chain(controller).map(spawn);
+    Ok(Processes::new(processes.collect::<Result<_, _>>()?))
 }
 
 /// Waits until the bench's own node has ended: it has stopped the drive, or failed.
@@ -181,7 +166,7 @@ fn report(name: &str, text: &str) -> NodeReport {
 
 /// A run while it goes on.
 struct Run<'a, 'b> {
-    setup: &'a Setup,
+    setups: &'a [Setup],
     folder: &'a RunFolder,
     connection: &'a mut BusConnection,
     capture: &'a mut Capture<'b>,
@@ -194,8 +179,9 @@ impl Run<'_, '_> {
     /// Collects frames until the scenario is over, the user stops it, or something fails.
     async fn follow(&mut self) -> Result<End, WorldError> {
         let clock = Clock::start();
-        let mut silence = SilenceWatch::new(self.setup)?;
-        let mut faults = ProcessFaults::new(&self.setup.scenario);
+        let mut silence = SilenceWatch::new(self.setups)?;
+        let mut second_master = SecondMasterWatch::new(self.setups)?;
+        let mut faults = ProcessFaults::new(self.setups);
         let mut ticks = tokio::time::interval(COLLECT_PERIOD);
         loop {
             tokio::select! {
@@ -204,6 +190,7 @@ impl Run<'_, '_> {
             }
             let now = clock.now();
             self.connection.collect(self.capture)?;
+            second_master.check(self.capture)?;
             if self.capture.is_interrupted() {
                 return Ok(End::Interrupted);
             }
@@ -211,7 +198,7 @@ impl Run<'_, '_> {
                 return Ok(End::Completed);
             }
             self.play_faults(&mut faults).await?;
-            if is_over(self.setup, self.capture.scenario_time(), now)? {
+            if is_over(self.setups, self.capture.scenario_time(), now)? {
                 return Ok(End::Completed);
             }
             silence.check(now, self.capture)?;
@@ -246,25 +233,24 @@ impl Run<'_, '_> {
 /// # Errors
 /// It never will, since it did not begin.
 fn is_over(
-    setup: &Setup,
+    setups: &[Setup],
     scenario_time: Option<Duration>,
     now: Duration,
 ) -> Result<bool, WorldError> {
-    let scenario = &setup.scenario;
-    let patience = start_patience(setup);
+    let scenario = &setups[0].scenario;
+    let patience = start_patience(setups);
     match scenario_time {
         Some(time) => Ok(time >= Duration::from_secs_f64(scenario.duration_seconds)),
         // A fault that keeps the scenario from beginning is seen to its end.
-        None if now > patience && !scenario.fault.is_empty() => Ok(true),
+        None if now > patience && first_with_faults(setups).is_some() => Ok(true),
         None if now > patience => Err(WorldError::NoStart { patience }),
         None => Ok(false),
     }
 }
 
 /// The drive of a rig may take its time, as its controller knows.
-fn start_patience(setup: &Setup) -> Duration {
-    let bring_up = setup.rig.as_ref().map(|rig| rig.file.timeouts.bring_up());
-    bring_up.map_or(START_PATIENCE, |bring_up| {
-        START_PATIENCE.max(bring_up + ENABLE_PATIENCE)
-    })
+fn start_patience(setups: &[Setup]) -> Duration {
+    let rigs = setups.iter().filter_map(|setup| setup.rig.as_ref());
+    let bring_ups = rigs.map(|rig| rig.file.timeouts.bring_up() + ENABLE_PATIENCE);
+    bring_ups.fold(START_PATIENCE, Duration::max)
 }

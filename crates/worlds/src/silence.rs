@@ -9,35 +9,47 @@ use recording::log::Stamped;
 use rig::setup::Setup;
 
 use crate::error::WorldError;
-use crate::nodes::{CONTROLLER, DRIVE};
+use crate::nodes::{CONTROLLER, drive_name, first_with_faults};
 
 /// A node without a frame for so long is gone.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
 /// The same where cycles are long.
 const PERIODS_MAX: u32 = 20;
 
-/// When SYNC, the position and any frame came last, on the bench's clock: the stamps of frames may be stepped.
+/// When SYNC, the positions and any frame came last, on the bench's clock: the stamps of frames may be stepped.
 pub(super) struct SilenceWatch {
-    position_id: u32,
+    drives: Vec<Drive>,
     limit: Duration,
     /// Without faults a node may not be silent; with them, somebody must be heard.
     is_sound: bool,
     taken: usize,
     sync: Duration,
-    position: Duration,
     any: Duration,
 }
 
+struct Drive {
+    name: String,
+    position_id: u32,
+    /// When its position came last.
+    heard: Duration,
+}
+
 impl SilenceWatch {
-    pub(super) fn new(setup: &Setup) -> Result<Self, SignalMissing> {
-        let period = setup.scenario.bus.sync_period();
+    pub(super) fn new(setups: &[Setup]) -> Result<Self, SignalMissing> {
+        let period = setups[0].scenario.bus.sync_period();
+        let drives = setups.iter().map(|setup| {
+            Ok(Drive {
+                name: drive_name(setup).to_owned(),
+                position_id: setup.database.require(signals::POSITION)?.raw_id(),
+                heard: Duration::ZERO,
+            })
+        });
         Ok(Self {
-            position_id: setup.database.require(signals::POSITION)?.raw_id(),
+            drives: drives.collect::<Result<_, _>>()?,
             limit: SILENCE_MAX.max(PERIODS_MAX * period),
-            is_sound: setup.scenario.fault.is_empty(),
+            is_sound: first_with_faults(setups).is_none(),
             taken: 0,
             sync: Duration::ZERO,
-            position: Duration::ZERO,
             any: Duration::ZERO,
         })
     }
@@ -51,17 +63,17 @@ impl SilenceWatch {
         self.hear(now, capture.since(&mut taken));
         self.taken = taken;
         let is_silent = |last: Duration| now.saturating_sub(last) > self.limit;
+        let silent_drive = || self.drives.iter().find(|drive| is_silent(drive.heard));
         let silent = match (capture.zero(), self.is_sound) {
             (None, _) => None,
             (Some(_), true) if is_silent(self.sync) => Some(CONTROLLER),
-            (Some(_), true) if is_silent(self.position) => Some(DRIVE),
-            (Some(_), false) if is_silent(self.any) => Some(CONTROLLER),
-            _ => None,
+            (Some(_), true) => silent_drive().map(|drive| drive.name.as_str()),
+            (Some(_), false) => Some(CONTROLLER).filter(|_| is_silent(self.any)),
         };
         match silent {
             None => Ok(()),
             Some(node) => Err(WorldError::Silent {
-                node,
+                node: node.to_owned(),
                 silence: self.limit,
             }),
         }
@@ -70,10 +82,13 @@ impl SilenceWatch {
     fn hear(&mut self, now: Duration, frames: &[Stamped]) {
         for stamped in frames {
             self.any = now;
-            match stamped.frame.raw_id() {
-                id if id == u32::from(SYNC_COB_ID) => self.sync = now,
-                id if id == self.position_id => self.position = now,
-                _ => {}
+            let id = stamped.frame.raw_id();
+            if id == u32::from(SYNC_COB_ID) {
+                self.sync = now;
+            }
+            let mut drives = self.drives.iter_mut();
+            if let Some(drive) = drives.find(|drive| drive.position_id == id) {
+                drive.heard = now;
             }
         }
     }

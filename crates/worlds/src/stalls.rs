@@ -27,8 +27,8 @@ pub(super) struct StallRecorder {
 impl StallRecorder {
     /// # Errors
     /// No thread can be started.
-    pub(super) fn start(setup: &Setup, processes: &Processes) -> Result<Self, WorldError> {
-        let longer_than = setup.scenario.bus.sync_period() / 2;
+    pub(super) fn start(setups: &[Setup], processes: &Processes) -> Result<Self, WorldError> {
+        let longer_than = setups[0].scenario.bus.sync_period() / 2;
         let watch = StallWatch::start(longer_than).map_err(|source| WorldError::Spawn {
             name: BENCH.to_owned(),
             source,

@@ -4,6 +4,8 @@ use canopen::cia402;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, ObjectDictionary};
+use dbc::data_sheets::TruthPace;
+use dbc::loops::LoopPlace;
 
 use crate::objects::{self, MissingObject};
 use crate::plant::{Plant, SIGNALS_MAX, Signal};
@@ -25,6 +27,9 @@ const THERMAL_PROTECTION: u16 = 0x2110;
 const SIGNALS_IN_TPDO2: usize = 2;
 const TPDO2: [u16; 2] = [0x1801, 0x1A01];
 const TPDO3: [u16; 2] = [0x1802, 0x1A02];
+/// Sub-indices of the transmission type and the SYNC start value (CiA 301, 7.5.2.37).
+const TRANSMISSION_TYPE: u8 = 2;
+const SYNC_START_VALUE: u8 = 6;
 /// COB-ID of TPDO3 less that of TPDO2 (CiA 301, 7.3.5).
 const TPDO3_COB_ID_OFFSET: u32 = 0x100;
 
@@ -196,6 +201,28 @@ pub(crate) fn declare<P: Plant>(dictionary: &mut ObjectDictionary, plant: &P) {
             dictionary,
             &PLANT_SIGNALS[SIGNALS_IN_TPDO2..P::SIGNALS.len()],
         );
+    }
+}
+
+/// Publishes the truth in every so many cycles (transmission type 1 to 240 of CiA 301, 7.5.2.37), the drives of a bus as far as
+/// that may be in different ones.
+pub(crate) fn set_truth_pace(dictionary: &mut ObjectDictionary, place: &LoopPlace) {
+    let TruthPace {
+        every_cycles,
+        sync_start,
+    } = place.truth_pace();
+    let values = [
+        (TRANSMISSION_TYPE, every_cycles),
+        (SYNC_START_VALUE, sync_start),
+    ];
+    for [communication, _] in [TPDO2, TPDO3] {
+        for (sub_index, value) in values {
+            if let Ok(handle) = dictionary.find(communication, sub_index) {
+                let mut entry = dictionary.entry(handle).clone();
+                entry.default = vec![value];
+                dictionary.insert(entry);
+            }
+        }
     }
 }
 

@@ -18,20 +18,9 @@ fn bus() -> Bus {
 
 fn bus_with(tables: [&str; 2]) -> Bus {
     let views = tables.map(view);
-    let plans = views.iter().zip([DRIVE, SECOND]).map(|(view, node_id)| {
-        let rig = RigDrive {
-            node_id: node_id.get(),
-            ..RigDrive::default()
-        };
-        let dictionary = dbc::dictionary(dbc::DRIVE_EDS, rig.node_id).unwrap();
-        LoopPlan {
-            view,
-            drive: DriveLayout::new(dictionary, &rig, 1.0).unwrap(),
-            limits: None,
-        }
-    });
-    let timeouts = Timeouts::default();
-    let controller = ControllerNode::leading(plans.collect(), DISTURBANCE, timeouts);
+    let plans = views.iter().zip([DRIVE, SECOND]);
+    let plans = plans.map(|(view, node_id)| LoopPlan::emulated(view, node_id.get()).unwrap());
+    let controller = ControllerNode::leading(plans.collect(), vec![DISTURBANCE]);
     Bus {
         controller: controller.unwrap(),
         second: Some(drive(SECOND)),
@@ -203,4 +192,16 @@ fn each_loop_explains_itself_in_frames_of_its_own() {
         i32::from_le_bytes([a, b, c, d])
     });
     assert_eq!(micrometres, [10_000, 12_000]);
+}
+
+#[test]
+fn a_drive_can_have_the_node_id_that_the_module_of_the_shipped_rig_has() {
+    let law = || catalogue::law(&view(FIRST_CURRENT).controller).unwrap();
+    let watched = |io_nodes: &[NodeId]| {
+        let dictionary = dictionary(&[law(), law()], io_nodes).unwrap();
+        dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY)
+    };
+    assert_eq!(watched(&[]), Some(0));
+    assert_eq!(watched(&[DISTURBANCE]), Some(0x0011_0064));
+    assert_eq!(watched(&[SECOND]), Some(0x0012_0064));
 }

@@ -79,18 +79,19 @@ pub struct SweepArgs {
 /// Does what the command line says.
 #[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
-    let setup = match scenarios::load(&args.scenario, &args.values.overrides) {
-        Ok(setup) => setup,
+    let setups = match scenarios::load(&args.scenario, &args.values.overrides) {
+        Ok(setups) => setups,
         Err(exit) => return exit,
     };
-    play(args, &setup).unwrap_or_else(|error| {
+    play(args, &setups).unwrap_or_else(|error| {
         print_error(&format!("canrig: {error}"));
         error.exit()
     })
 }
 
-fn play(args: &SweepArgs, setup: &Setup) -> Result<Exit, SweepError> {
-    let plan = SweepPlan::new(setup)?;
+fn play(args: &SweepArgs, setups: &[Setup]) -> Result<Exit, SweepError> {
+    let plan = SweepPlan::new(setups)?;
+    let setup = &setups[0];
     let folder = open_folder(&args.output, setup, &plan, args.shard)?;
     let header = Header::new(&plan, &identity(setup)?, args.shard);
     let (mut store, found) = Store::open(folder.path(), &header)?;
@@ -117,7 +118,7 @@ fn play(args: &SweepArgs, setup: &Setup) -> Result<Exit, SweepError> {
     let on_done = |done: usize| report("reached", done);
     play_rest(&plan, args.shard, &campaign, &mut store, &on_done)?;
     store.finish()?;
-    let exit = finish(&folder, setup, &plan, shown)?;
+    let exit = finish(&folder, setups, &plan, shown)?;
     report("ended", args.shard.cases(plan.runs()).len());
     Ok(exit)
 }
@@ -201,8 +202,8 @@ fn play_rest(
 /// What a case comes to.
 fn played(plan: &SweepPlan, number: usize, watch: &Watch) -> Result<SweepRow, String> {
     let case = plan.case(number);
-    let scenario = match case.scenario() {
-        Ok(scenario) => scenario,
+    let loops = match case.loops() {
+        Ok(loops) => loops,
         Err(reason) => {
             return Ok(SweepRow::without_verdict(
                 number,
@@ -212,7 +213,7 @@ fn played(plan: &SweepPlan, number: usize, watch: &Watch) -> Result<SweepRow, St
             ));
         }
     };
-    let row = campaign::play_one(number, scenario, watch, |played| {
+    let row = campaign::play_one(number, &loops, watch, |played| {
         SweepRow::from_verdict(number, &case.id, played.verdict)
     });
     row.map_err(|error| error.to_string())

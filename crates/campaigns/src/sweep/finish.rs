@@ -35,11 +35,11 @@ pub(super) enum FinishError {
 /// Makes tables, page and scenarios of a folder's rows, and prints where they are. Whatever was made before is made again.
 pub(super) fn finish(
     folder: &RunFolder,
-    setup: &Setup,
+    setups: &[Setup],
     plan: &SweepPlan,
     shown: Shown,
 ) -> Result<Exit, FinishError> {
-    let summary = Summary::read(plan, &setup.scenario, folder.path())?;
+    let summary = Summary::read(plan, setups, folder.path())?;
     let metrics = summary.metrics();
     let tables = Tables {
         plan,
@@ -49,7 +49,7 @@ pub(super) fn finish(
     folder.write_with(tables::CSV, |output| tables.write_csv(output))?;
     folder.write_with(tables::PARQUET, |output| tables.write_parquet(output))?;
     if !summary.failing.is_empty() {
-        write_tables(folder, setup, FAILING)?;
+        write_tables(folder, &setups[0], FAILING)?;
     }
     for failing in &summary.failing {
         let case = plan.case(failing.case);

@@ -101,18 +101,19 @@ pub fn merge(args: &MergeArgs) -> Exit {
         ));
         return Exit::CannotStart;
     }
-    let setup = match scenarios::load(&first.join(file::SCENARIO), &[]) {
-        Ok(setup) => setup,
+    let setups = match scenarios::load(&first.join(file::SCENARIO), &[]) {
+        Ok(setups) => setups,
         Err(exit) => return exit,
     };
-    merged(args, &setup).unwrap_or_else(|error| {
+    merged(args, &setups).unwrap_or_else(|error| {
         print_error(&format!("canrig: {error}"));
         error.exit()
     })
 }
 
-fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
-    let plan = SweepPlan::new(setup)?;
+fn merged(args: &MergeArgs, setups: &[Setup]) -> Result<Exit, MergeError> {
+    let plan = SweepPlan::new(setups)?;
+    let setup = &setups[0];
     let header = Header::new(&plan, &identity(setup)?, Shard::WHOLE);
     let mut parts = open(&args.shards, &header)?;
     let folder = open_folder(&args.output, setup, &plan, Shard::WHOLE)?;
@@ -139,7 +140,7 @@ fn merged(args: &MergeArgs, setup: &Setup) -> Result<Exit, MergeError> {
         true => Shown::Failures,
         false => Shown::All,
     };
-    Ok(finish(&folder, setup, &plan, shown)?)
+    Ok(finish(&folder, setups, &plan, shown)?)
 }
 
 /// Opens the parts, which must be of this sweep and played by this program.
@@ -242,7 +243,7 @@ mod tests {
     fn parts_that_contradict_each_other_are_refused() {
         let scenario = Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
         let setup = Setup::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
-        let plan = SweepPlan::new(&setup).unwrap();
+        let plan = SweepPlan::new(&[setup]).unwrap();
         let half = |number| Shard { number, of: 2 };
         let folders = [
             part(&plan, half(1), ["a", "c"]),

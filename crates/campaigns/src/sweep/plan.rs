@@ -5,11 +5,13 @@ use std::io;
 
 use faults::Stream;
 use scenario::Scenario;
+use scenario::loops::Loops;
 use scenario::overrides::set;
 use scenario::sweep::{Axis, Distribution};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
+use crate::campaign::of_one_loop;
 use recording::text::hexadecimal;
 use rig::setup::Setup;
 
@@ -30,6 +32,8 @@ pub struct SweepPlan {
     draws: usize,
     runs: usize,
     id: String,
+    /// The loops of a scenario of schema 2, with which its cases share what their frames mean.
+    base: Vec<Setup>,
 }
 
 /// One case of a sweep.
@@ -41,6 +45,7 @@ pub struct SweepCase<'a> {
     /// The scenario as a file of its own.
     pub text: String,
     tables: &'a BTreeMap<String, String>,
+    base: &'a [Setup],
 }
 
 /// Why there is no sweep.
@@ -54,18 +59,27 @@ pub enum PlanError {
 }
 
 impl SweepPlan {
-    /// The sweep of a scenario file.
+    /// The sweep of a scenario file with these loops.
     ///
     /// # Errors
     /// It has none.
-    pub fn new(setup: &Setup) -> Result<Self, PlanError> {
+    ///
+    /// # Panics
+    /// There is no loop.
+    pub fn new(setups: &[Setup]) -> Result<Self, PlanError> {
+        let setup = &setups[0];
         let Some(sweep) = &setup.scenario.sweep else {
             return Err(PlanError::NoSweep(setup.path.display().to_string()));
         };
         let mut document: Table = setup.text.parse().expect("the loader has read it");
         document.remove("sweep");
         let drawn = sweep.distributions().into_iter();
+        let base = match Loops::is_meant(&setup.text) {
+            true => setups.to_vec(),
+            false => Vec::new(),
+        };
         Ok(Self {
+            base,
             name: setup.scenario.name.clone(),
             document,
             id: id(
@@ -176,6 +190,7 @@ impl SweepPlan {
             id,
             text: document.to_string(),
             tables: &self.tables,
+            base: &self.base,
         }
     }
 
@@ -205,16 +220,28 @@ impl SweepPlan {
 }
 
 impl SweepCase<'_> {
-    /// The scenario, which the values may have made invalid.
+    /// The scenario of the loop, or of the first of several.
+    ///
+    /// # Errors
+    /// As [`SweepCase::loops`].
+    pub fn scenario(&self) -> Result<Scenario, String> {
+        Ok(self.loops()?.swap_remove(0).scenario)
+    }
+
+    /// The loops of the scenario, which the values may have made invalid.
     ///
     /// # Errors
     /// The first thing that is wrong in it.
-    pub fn scenario(&self) -> Result<Scenario, String> {
+    pub fn loops(&self) -> Result<Vec<Setup>, String> {
         let table = |name: &str| {
             let text = self.tables.get(name).cloned();
             text.ok_or_else(|| io::ErrorKind::NotFound.into())
         };
-        Scenario::parse(&self.text, "case", table).map_err(|error| {
+        let loops = match self.base {
+            [] => Scenario::parse(&self.text, "case", table).map(of_one_loop),
+            base => rig::loops::varied(base, &self.text, table),
+        };
+        loops.map_err(|error| {
             let first = error.problems().first();
             first.map_or_else(|| error.to_string(), ToString::to_string)
         })
@@ -265,7 +292,7 @@ mod tests {
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let setup = Setup::new(scenario, catalogue()).from_file("s.toml", text);
-        SweepPlan::new(&setup).unwrap()
+        SweepPlan::new(&[setup]).unwrap()
     }
 
     const GRID: &str = "draws = 2\n[[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15]\n\
@@ -299,7 +326,7 @@ mod tests {
     fn a_case_is_the_scenario_with_its_values() {
         let plan = plan(GRID);
         let case = plan.case(11);
-        let scenario = case.scenario().unwrap();
+        let scenario = &case.loops().unwrap()[0].scenario;
         assert_eq!(scenario.name, "s, case 11");
         assert_eq!(scenario.reference.hold[0].position_millimetres, 15.0);
         assert_eq!(scenario.plant.sensor.resolution_bits, 10);
@@ -368,7 +395,7 @@ mod tests {
             "draws = 50\n[[sweep.normal]]\nkey = \"plant.mechanics.load_kilograms\"\nmean = 0.01\nstandard_deviation = 0.01\n",
         );
         let reasons: Vec<String> = (1..=50)
-            .filter_map(|number| plan.case(number).scenario().err())
+            .filter_map(|number| plan.case(number).loops().err())
             .collect();
         assert!((2..30).contains(&reasons.len()), "{reasons:?}");
         assert!(reasons[0].contains("out of range"), "{}", reasons[0]);

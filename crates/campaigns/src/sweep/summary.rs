@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use scenario::Scenario;
+use rig::setup::Setup;
 use scenario::expect::Limit;
 
 use super::plan::SweepPlan;
@@ -79,7 +79,7 @@ struct Survey {
 }
 
 impl Survey {
-    fn read(plan: &SweepPlan, scenario: &Scenario, folder: &Path) -> Result<Self, StoreError> {
+    fn read(plan: &SweepPlan, setups: &[Setup], folder: &Path) -> Result<Self, StoreError> {
         let mut survey = Self {
             runs: 0,
             ended: BTreeMap::new(),
@@ -90,13 +90,13 @@ impl Survey {
         for row in store::read(folder)?.1 {
             survey.add(plan, row?);
         }
-        survey.add_limited(scenario);
+        survey.add_limited(setups);
         Ok(survey)
     }
 
     /// The rows with a limit that never had a value in any case.
-    fn add_limited(&mut self, scenario: &Scenario) {
-        for (name, _) in judge::limits(scenario) {
+    fn add_limited(&mut self, setups: &[Setup]) {
+        for (name, _) in judge::limits(setups) {
             if !self.metrics.contains(&name) {
                 self.metrics.push(name);
             }
@@ -130,16 +130,16 @@ impl Summary {
     /// Of the rows in a folder.
     pub(super) fn read(
         plan: &SweepPlan,
-        scenario: &Scenario,
+        setups: &[Setup],
         folder: &Path,
     ) -> Result<Self, StoreError> {
-        let survey = Survey::read(plan, scenario, folder)?;
+        let survey = Survey::read(plan, setups, folder)?;
         let keys = plan.ways().map(|(key, way)| (key.to_owned(), way));
         Ok(Self {
             name: plan.name().to_owned(),
             runs: survey.runs,
             runs_of_whole: plan.runs(),
-            spreads: spreads(&survey, scenario, folder)?,
+            spreads: spreads(&survey, setups, folder)?,
             ended: survey.ended,
             keys: keys.collect(),
             failing: survey.failing,
@@ -171,10 +171,10 @@ impl Summary {
 /// The distributions of all metrics, by as many passes over the rows as keep within memory.
 fn spreads(
     survey: &Survey,
-    scenario: &Scenario,
+    setups: &[Setup],
     folder: &Path,
 ) -> Result<Vec<MetricSpread>, StoreError> {
-    let limits: BTreeMap<String, Limit> = judge::limits(scenario).into_iter().collect();
+    let limits: BTreeMap<String, Limit> = judge::limits(setups).into_iter().collect();
     let group = (VALUES_MAX / survey.runs.max(1)).max(1);
     let mut spreads = Vec::new();
     for names in survey.metrics.chunks(group) {

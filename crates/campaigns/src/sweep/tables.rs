@@ -83,13 +83,13 @@ impl Tables<'_> {
             if group.is_empty() {
                 break;
             }
-            table.write(&self.group(&group))?;
+            table.write(self.group(&group))?;
         }
         table.finish()?.flush()
     }
 
     /// The columns of some rows.
-    fn group(&self, rows: &[SweepRow]) -> Vec<Cells> {
+    fn group(&self, rows: &[SweepRow]) -> Vec<Cells<'static>> {
         let whole = |number: u64| i64::try_from(number).ok();
         let text =
             |cell: fn(&SweepRow) -> Option<String>| Cells::Text(rows.iter().map(cell).collect());
@@ -165,7 +165,7 @@ mod tests {
             let text = format!("{first}{rest}");
             let setup = Setup::new(Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap(), catalogue())
                 .from_file("s.toml", TEXT.to_owned());
-            let plan = SweepPlan::new(&setup).unwrap();
+            let plan = SweepPlan::new(&[setup]).unwrap();
             let metrics = [text.clone()];
             let tables = Tables { plan: &plan, metrics: &metrics, folder: Path::new("") };
             let mut row = SweepRow::without_verdict(1, &text, Ended::Fail, text.clone());
@@ -189,7 +189,7 @@ mod tests {
 
     /// What the scenario of a case has where the keys point.
     fn keys(plan: &SweepPlan, case: usize) -> [f64; 2] {
-        let scenario = plan.case(case).scenario().unwrap();
+        let scenario = &plan.case(case).loops().unwrap()[0].scenario;
         let hold = &scenario.reference.hold[0];
         let load = scenario.plant.mechanics.load_kilograms;
         [hold.position_millimetres, load]
@@ -199,9 +199,10 @@ mod tests {
     fn a_row_of_either_table_has_the_keys_of_its_own_case() {
         let scenario = Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
         let setup = Setup::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
-        let plan = SweepPlan::new(&setup).unwrap();
+        let identity = identity(&setup).unwrap();
+        let plan = SweepPlan::new(&[setup]).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let header = Header::new(&plan, &identity(&setup).unwrap(), Shard::WHOLE);
+        let header = Header::new(&plan, &identity, Shard::WHOLE);
         let (mut store, _) = Store::open(folder.path(), &header).unwrap();
         let row = |case| {
             let id = &plan.case(case).id;
@@ -232,7 +233,7 @@ mod tests {
         let [Cells::Number(holds), Cells::Number(loads)] = &columns[2..4] else {
             panic!("the third and the fourth column are keys")
         };
-        for (case, cells) in (1..).zip(holds.iter().zip(loads)) {
+        for (case, cells) in (1..).zip(holds.iter().zip(&**loads)) {
             assert_eq!([*cells.0, *cells.1], keys(&plan, case), "case {case}");
         }
     }

@@ -5,20 +5,21 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use faults::Stream;
-use scenario::Scenario;
+use scenario::ScenarioError;
+use scenario::loops::Loops;
+use scenario::rig::nodes::Rig;
 
-use super::draw;
+use super::draw::{self, Nodes};
 use super::invariants::{BrokenInvariant, violation};
 use super::shrink::{TortureCase, from_failed_run};
 use crate::campaign::Campaign;
 use recording::capture::Watch;
 use rig::setup::Setup;
-use runner::console::{print, print_error};
+use runner::console::{print, print_diagnostic, print_error};
 use runner::exit::Exit;
 use runner::run::RUNS;
-use runner::run::{RunPlace, run};
+use runner::run::{RunPlace, run_loops};
 use runner::scenarios;
-use worlds::catalogue::catalogue;
 use worlds::{Played, lockstep};
 
 /// Failing cases that are shrunk; more of them have the same cause more often than not.
@@ -54,18 +55,27 @@ pub struct TortureArgs {
 /// Draws and plays the mixes, and prints what broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
-    let setup = match scenarios::load(&args.scenario, &[]) {
-        Ok(setup) => setup,
+    let setups = match scenarios::load(&args.scenario, &[]) {
+        Ok(setups) => setups,
         Err(exit) => return exit,
     };
-    let case = |index: usize| draw_case(args, &setup, index);
+    let nodes = match nodes(&setups) {
+        Ok(nodes) => nodes,
+        Err(error) => {
+            print_diagnostic(error);
+            return Exit::CannotStart;
+        }
+    };
+    let case = |index: usize| draw_case(args, &setups[0], &nodes, index);
     // The first one shows whether the scenario is fit for this at all.
-    if let Err(reason) = case(0).and_then(|case| case.scenario()) {
+    if let Err(reason) = case(0).and_then(|case| case.loops()) {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
         return Exit::CannotStart;
     }
-    let scenarios = (0..args.runs).map_while(|index| case(index).ok()?.scenario().ok());
-    let results = Campaign::on_all_cores(!args.quiet).play(scenarios, violation);
+    let scenarios = (0..args.runs).map_while(|index| case(index).ok()?.loops().ok());
+    // Several threads ask it: behind the end there is nothing.
+    let scenarios = scenarios.fuse();
+    let results = Campaign::on_all_cores(!args.quiet).play_loops(scenarios, violation);
     let Ok(results) = results else {
         return Exit::Interrupted;
     };
@@ -96,16 +106,26 @@ pub fn torture(args: &TortureArgs) -> Exit {
     }
 }
 
+/// Who can fail.
+fn nodes(setups: &[Setup]) -> Result<Nodes, ScenarioError> {
+    let setup = &setups[0];
+    if !Loops::is_meant(&setup.text) {
+        return Ok(Nodes::of_one_drive(&setup.scenario.plant));
+    }
+    let rig = Rig::of_scenario(&setup.text, &setup.tables)?;
+    Ok(Nodes::of_rig(&rig, setups))
+}
+
 /// The scenario with a mix that follows from the seed and the number of the run alone.
-fn draw_case(args: &TortureArgs, setup: &Setup, index: usize) -> Result<TortureCase, String> {
-    let Scenario {
-        plant,
-        duration_seconds,
-        ..
-    } = &setup.scenario;
+fn draw_case(
+    args: &TortureArgs,
+    setup: &Setup,
+    nodes: &Nodes,
+    index: usize,
+) -> Result<TortureCase, String> {
     let mut stream = Stream::named(args.seed, &format!("torture.{index}"));
-    let faults = draw::mix(&mut stream, plant, *duration_seconds);
-    TortureCase::new(&setup.text, faults, stream.bits())
+    let faults = draw::mix(&mut stream, nodes, setup.scenario.duration_seconds);
+    TortureCase::new(&setup.text, &setup.tables, faults, stream.bits())
 }
 
 /// Shrinks the first failing case of each invariant, then further ones.
@@ -133,14 +153,14 @@ fn shrink_all(
 
 /// Plays the case once more into a run folder, whose scenario reproduces its log.
 fn keep(case: &TortureCase, output: &Path) -> Result<std::path::PathBuf, String> {
-    let setup = Setup::new(case.scenario()?, catalogue()).from_file("torture.toml", case.text());
+    let setups = case.loops()?;
     let (watch, taps) = (Watch::default(), Vec::new());
     let place = RunPlace {
         parent: output,
         is_long: false,
     };
-    let judged = run(&setup, place, &watch, taps, |_, capture| {
-        lockstep::simulate(&setup, capture).map(Played::in_virtual_time)
+    let judged = run_loops(&setups, place, &watch, taps, |_, capture| {
+        lockstep::simulate_loops(&setups, capture).map(Played::in_virtual_time)
     });
     judged
         .map(|judged| judged.folder)
@@ -169,6 +189,9 @@ fn summary(args: &TortureArgs, played: usize, broken: &[(usize, BrokenInvariant)
 
 #[cfg(test)]
 mod tests {
+    use scenario::Scenario;
+    use worlds::catalogue::catalogue;
+
     use super::*;
 
     #[test]
@@ -185,7 +208,9 @@ mod tests {
                 output: RUNS.into(),
                 quiet: true,
             };
-            let case = draw_case(&args, &setup, index).unwrap().scenario().unwrap();
+            let nodes = nodes(std::slice::from_ref(&setup)).unwrap();
+            let case = draw_case(&args, &setup, &nodes, index).unwrap();
+            let case = &case.loops().unwrap()[0].scenario;
             (case.seed, format!("{:?}", case.fault))
         };
         let first = drawn(1, 0);

@@ -1,7 +1,10 @@
 //! Draws faults. What is drawn covers all kinds, with parameters from harmless to severe (chosen, not measured).
 
+use dbc::loops::LoopPlace;
 use faults::Stream;
+use rig::setup::Setup;
 use scenario::plant::Plant;
+use scenario::rig::nodes::{EMULATED_NODE_ID_MAX, Rig};
 use toml::{Table, Value};
 
 /// Faults in one mix at most.
@@ -44,15 +47,114 @@ const INSTANT: [(&str, &str); 2] = [("node", "restart"), ("node", "nmt_stop")];
 const BOOT: [&str; 3] = ["late_boot", "wrong_identity", "wrong_node_id"];
 const BOOT_PROBABILITY: f64 = 0.1;
 
-/// Identifiers that matter: SYNC, TPDO1, RPDO1, heartbeats.
-const IDENTIFIERS: [i64; 5] = [0x080, 0x190, 0x210, 0x701, 0x710];
-const STATIONS: [&str; 3] = ["controller", "drive", "bench"];
+/// Who can fail, by the names that the scenario has for them.
+pub(super) struct Nodes {
+    controller: String,
+    drives: Vec<Drive>,
+    /// Whether faults of drives say of which one: those of a scenario of one drive do not.
+    are_named: bool,
+}
 
-/// A mix of faults for a run of some length, as far as they mean something to the plant: the `[fault]` table.
-pub(super) fn mix(stream: &mut Stream, plant: &Plant, duration_seconds: f64) -> Table {
-    let lasting = LASTING
-        .iter()
-        .filter(|(group, kind)| *group != "plant" || plant.faults().contains(kind));
+struct Drive {
+    name: String,
+    node_id: u8,
+    /// Faults that mean something to its plant.
+    plant_faults: &'static [&'static str],
+}
+
+impl Nodes {
+    /// Those of a scenario of schema 1.
+    pub(super) fn of_one_drive(plant: &Plant) -> Self {
+        let drive = Drive {
+            name: "drive".to_owned(),
+            node_id: LoopPlace::SHIPPED.drive_node_id,
+            plant_faults: plant.faults(),
+        };
+        Self {
+            controller: "controller".to_owned(),
+            drives: vec![drive],
+            are_named: false,
+        }
+    }
+
+    /// Those of a rig, with the loops of a scenario on it.
+    pub(super) fn of_rig(rig: &Rig, setups: &[Setup]) -> Self {
+        let loops = rig.loops.values().zip(setups);
+        let drives = loops.filter_map(|(one, setup)| {
+            Some(Drive {
+                name: one.drives.first()?.clone(),
+                node_id: setup.place.drive_node_id,
+                plant_faults: setup.scenario.plant.faults(),
+            })
+        });
+        Self {
+            controller: rig.controller().map_or("", |(name, _)| name).to_owned(),
+            drives: drives.collect(),
+            are_named: true,
+        }
+    }
+
+    fn nodes(&self) -> Vec<&str> {
+        let drives = self.drives.iter().map(|drive| drive.name.as_str());
+        [self.controller.as_str()]
+            .into_iter()
+            .chain(drives)
+            .collect()
+    }
+
+    /// Who has a CAN controller.
+    fn stations(&self) -> Vec<&str> {
+        self.nodes().into_iter().chain([BENCH]).collect()
+    }
+
+    /// Identifiers that matter: SYNC, TPDO1, RPDO1, heartbeats.
+    fn identifiers(&self) -> Vec<u32> {
+        let of = |base: u32| {
+            self.drives
+                .iter()
+                .map(move |drive| base + u32::from(drive.node_id))
+        };
+        let pdos = of(0x180).chain(of(0x200));
+        [0x080]
+            .into_iter()
+            .chain(pdos)
+            .chain([0x701])
+            .chain(of(0x700))
+            .collect()
+    }
+
+    /// The identifiers with which plants publish the truth begin above this: no node may forge that.
+    fn below_truth(&self) -> u32 {
+        let lowest = self.drives.iter().map(|drive| drive.node_id).min();
+        0x6A0 + u32::from(lowest.unwrap_or_default()) - 1
+    }
+
+    fn has_fault(&self, (group, kind): &(&str, &str)) -> bool {
+        *group != "plant"
+            || self
+                .drives
+                .iter()
+                .any(|drive| drive.plant_faults.contains(kind))
+    }
+
+    /// The drive whose part fails.
+    fn draw(&self, stream: &mut Stream, group: &str, kind: &str) -> Option<Value> {
+        if !self.are_named {
+            return None;
+        }
+        let drives = self.drives.iter();
+        let able = drives.filter(|drive| group != "plant" || drive.plant_faults.contains(&kind));
+        let able = Vec::from_iter(able);
+        Some(pick(stream, &able).name.clone().into())
+    }
+}
+
+/// canrig's own node.
+const BENCH: &str = "bench";
+
+/// A mix of faults for a run of some length, as far as they mean something to the plants: the `[fault]` table.
+pub(super) fn mix(stream: &mut Stream, nodes: &Nodes, duration_seconds: f64) -> Table {
+    let lasting = LASTING.iter().filter(|kind| nodes.has_fault(kind));
     let kinds: Vec<_> = lasting
         .map(|kind| (kind, true))
         .chain(INSTANT.iter().map(|kind| (kind, false)))
@@ -60,7 +162,7 @@ pub(super) fn mix(stream: &mut Stream, plant: &Plant, duration_seconds: f64) -> 
     let mut faults = Table::new();
     for _ in 0..1 + stream.below(FAULTS_MAX) {
         let (&(group, kind), is_lasting) = *pick(stream, &kinds);
-        let mut fault = parameters(stream, group, kind);
+        let mut fault = parameters(stream, nodes, group, kind);
         let from = tenth_milliseconds(stream.uniform() * 0.8 * duration_seconds);
         if is_lasting {
             fault.insert("from_seconds".to_owned(), from.into());
@@ -77,7 +179,7 @@ pub(super) fn mix(stream: &mut Stream, plant: &Plant, duration_seconds: f64) -> 
     }
     if stream.happens(BOOT_PROBABILITY) {
         let kind = *pick(stream, &BOOT);
-        let fault = boot(stream, kind);
+        let fault = boot(stream, nodes, kind);
         push(&mut faults, "node", kind, fault);
     }
     faults
@@ -98,40 +200,40 @@ fn push(faults: &mut Table, group: &str, kind: &str, fault: Table) {
 }
 
 /// What a kind has besides its time.
-fn parameters(stream: &mut Stream, group: &str, kind: &str) -> Table {
+fn parameters(stream: &mut Stream, nodes: &Nodes, group: &str, kind: &str) -> Table {
     let mut table = Table::new();
+    let stations = nodes.stations();
     let mut set = |key: &str, value: Value| {
         table.insert(key.to_owned(), value);
     };
     match kind {
         "lose" => {
-            set("receiver", (*pick(stream, &STATIONS)).into());
-            hits(stream, &mut set);
+            set("receiver", (*pick(stream, &stations)).into());
+            hits(stream, nodes, &mut set);
         }
         "delay" => {
-            set("sender", (*pick(stream, &STATIONS)).into());
+            set("sender", (*pick(stream, &stations)).into());
             set("delay_milliseconds", between(stream, 0.1, 20.0));
-            hits(stream, &mut set);
+            hits(stream, nodes, &mut set);
         }
         "duplicate" | "reorder" => {
-            set("sender", (*pick(stream, &STATIONS)).into());
-            hits(stream, &mut set);
+            set("sender", (*pick(stream, &stations)).into());
+            hits(stream, nodes, &mut set);
         }
         "corrupt" => {
-            set("sender", (*pick(stream, &STATIONS)).into());
+            set("sender", (*pick(stream, &stations)).into());
             set("inverted_bits", whole(stream, 1, 8));
-            hits(stream, &mut set);
+            hits(stream, nodes, &mut set);
         }
         "bit_error" => {
             if stream.happens(0.5) {
-                set("sender", (*pick(stream, &STATIONS)).into());
+                set("sender", (*pick(stream, &stations)).into());
             }
-            hits(stream, &mut set);
+            hits(stream, nodes, &mut set);
         }
-        // Below the identifier with which the plant publishes the truth: no node may forge that.
-        "babble" => set("identifier", whole(stream, 1, 0x6AF)),
+        "babble" => set("identifier", whole(stream, 1, nodes.below_truth())),
         "load" => {
-            set("identifier", whole(stream, 0x181, 0x6AF));
+            set("identifier", whole(stream, 0x181, nodes.below_truth()));
             set("period_milliseconds", between(stream, 0.2, 5.0));
         }
         "slow_cycle" => set("delay_milliseconds", between(stream, 0.1, 20.0)),
@@ -152,8 +254,14 @@ fn parameters(stream: &mut Stream, group: &str, kind: &str) -> Table {
         }
         _ => {}
     }
-    if group == "node" {
-        set("node", (*pick(stream, &STATIONS[..2])).into());
+    match group {
+        "node" => set("node", (*pick(stream, &nodes.nodes())).into()),
+        "bus" => {}
+        _ => {
+            if let Some(drive) = nodes.draw(stream, group, kind) {
+                set("node", drive);
+            }
+        }
     }
     if kind == "crash" && stream.happens(0.3) {
         set("output", "hold".into());
@@ -162,29 +270,39 @@ fn parameters(stream: &mut Stream, group: &str, kind: &str) -> Table {
 }
 
 /// A fault of the boot.
-fn boot(stream: &mut Stream, kind: &str) -> Table {
+fn boot(stream: &mut Stream, nodes: &Nodes, kind: &str) -> Table {
     let mut table = Table::new();
+    if kind != "late_boot"
+        && let Some(drive) = nodes.draw(stream, "node", kind)
+    {
+        table.insert("node".to_owned(), drive);
+    }
     match kind {
         "late_boot" => {
-            let node = *pick(stream, &STATIONS[..2]);
+            let node = *pick(stream, &nodes.nodes());
             table.insert("node".to_owned(), node.into());
             table.insert("delay_seconds".to_owned(), between(stream, 0.0, 12.0));
         }
         "wrong_identity" => {
             table.insert("product_code".to_owned(), whole(stream, 0, u32::MAX));
         }
-        // Not the controller's own.
+        // Not the controller's own, nor that of another drive.
         _ => {
-            table.insert("node_id".to_owned(), whole(stream, 2, 127));
+            let lowest = if nodes.are_named {
+                EMULATED_NODE_ID_MAX + 1
+            } else {
+                2
+            };
+            table.insert("node_id".to_owned(), whole(stream, lowest.into(), 127));
         }
     }
     table
 }
 
 /// Which frames are hit, how often, how many in a row.
-fn hits(stream: &mut Stream, set: &mut impl FnMut(&str, Value)) {
+fn hits(stream: &mut Stream, nodes: &Nodes, set: &mut impl FnMut(&str, Value)) {
     if stream.happens(0.7) {
-        set("identifier", (*pick(stream, &IDENTIFIERS)).into());
+        set("identifier", (*pick(stream, &nodes.identifiers())).into());
     }
     set("probability", between(stream, 0.01, 1.0));
     set("burst_frames", whole(stream, 1, 60));
@@ -210,7 +328,7 @@ fn tenth_milliseconds(seconds: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
+    use std::collections::{BTreeMap, BTreeSet};
 
     use scenario::Scenario;
 
@@ -224,11 +342,14 @@ mod tests {
     fn every_mix_is_valid_and_all_kinds_are_drawn() {
         let mut drawn = BTreeSet::new();
         for seed in 0..1000 {
-            let faults = mix(&mut Stream::new(seed), &Plant::default(), 2.0);
-            let case = TortureCase::new(BASE, faults, seed).unwrap();
-            let scenario = case
-                .scenario()
-                .unwrap_or_else(|problems| panic!("{problems}"));
+            let faults = mix(
+                &mut Stream::new(seed),
+                &Nodes::of_one_drive(&Plant::default()),
+                2.0,
+            );
+            let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
+            let loops = case.loops().unwrap_or_else(|problems| panic!("{problems}"));
+            let scenario = &loops[0].scenario;
             let windows = scenario.fault.windows();
             assert!((1..=5).contains(&windows.len()));
             drawn.extend(
@@ -258,11 +379,14 @@ mod tests {
         let scenario = Scenario::parse(&base, "t.toml", |_| unreachable!("no table")).unwrap();
         let mut drawn = BTreeSet::new();
         for seed in 0..300 {
-            let faults = mix(&mut Stream::new(seed), &scenario.plant, 2.0);
-            let case = TortureCase::new(&base, faults, seed).unwrap();
-            let scenario = case
-                .scenario()
-                .unwrap_or_else(|problems| panic!("{problems}"));
+            let faults = mix(
+                &mut Stream::new(seed),
+                &Nodes::of_one_drive(&scenario.plant),
+                2.0,
+            );
+            let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
+            let loops = case.loops().unwrap_or_else(|problems| panic!("{problems}"));
+            let scenario = &loops[0].scenario;
             drawn.extend(scenario.fault.windows().iter().map(|one| one.place.kind));
         }
         assert!(drawn.contains("dropped_load") && !drawn.contains("ageing"));
@@ -270,7 +394,13 @@ mod tests {
 
     #[test]
     fn a_seed_gives_one_mix() {
-        let draw = |seed| mix(&mut Stream::new(seed), &Plant::default(), 2.0);
+        let draw = |seed| {
+            mix(
+                &mut Stream::new(seed),
+                &Nodes::of_one_drive(&Plant::default()),
+                2.0,
+            )
+        };
         assert_eq!(draw(1), draw(1));
         assert_ne!(draw(1), draw(2));
     }

@@ -43,8 +43,25 @@ fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
 /// The first invariant that a run broke.
 #[must_use]
 pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
-    verdict_reached(played)
-        .or_else(|| truth_is_complete(played))
+    let loops = played.setups.iter().zip(played.timelines);
+    let mut broken = loops.filter_map(|(setup, timeline)| {
+        let of_loop = CampaignRun {
+            setups: std::slice::from_ref(setup),
+            timelines: std::slice::from_ref(timeline),
+            ..*played
+        };
+        let BrokenInvariant { invariant, text } = violation_of_loop(&of_loop)?;
+        let text = match &setup.loop_name {
+            Some(names) => format!("{}: {text}", names.name),
+            None => text,
+        };
+        violated(invariant, text)
+    });
+    verdict_reached(played).or_else(|| broken.next())
+}
+
+fn violation_of_loop(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
+    truth_is_complete(played)
         .or_else(|| not_too_hot(played))
         .or_else(|| no_current_before_the_start(played))
         .or_else(|| {
@@ -53,7 +70,9 @@ pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
         })
         .or_else(|| {
             let what = ("manager", "heartbeat of the manager");
-            no_current_without(what, is_of_manager, HEARTBEAT_SECONDS_MAX, played)
+            let drive = played.setups[0].place.drive_node_id;
+            let is_it = |frame: &CanFrame| is_of_manager(frame, drive);
+            no_current_without(what, is_it, HEARTBEAT_SECONDS_MAX, played)
         })
 }
 
@@ -71,7 +90,7 @@ fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 
 /// The recording is complete: the plant publishes from the first message to the end.
 fn truth_is_complete(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
-    let truth = &played.timeline.truth;
+    let truth = &played.timeline().truth;
     let gap = truth
         .windows(2)
         .find(|pair| pair[1].time_seconds - pair[0].time_seconds > TRUTH_SECONDS_MAX)?;
@@ -84,11 +103,11 @@ fn truth_is_complete(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 
 /// Of another plant nobody knows how hot it may be.
 fn not_too_hot(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
-    if played.scenario.plant.name() != SMA_ACTUATOR {
+    if played.scenario().plant.name() != SMA_ACTUATOR {
         return None;
     }
     let is_hot = |truth: &&PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
-    let hot = played.timeline.truth.iter().find(is_hot)?;
+    let hot = played.timeline().truth.iter().find(is_hot)?;
     let (celsius, time) = (hot.peak_temperature_celsius, hot.time_seconds);
     violated(
         "temperature",
@@ -98,7 +117,7 @@ fn not_too_hot(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 
 /// Before scenario time 0 nobody commands a current; a run that a fault of the boot prevents never comes to it.
 fn no_current_before_the_start(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
-    let timeline = played.timeline;
+    let timeline = played.timeline();
     let is_before =
         |truth: &&PlantTruth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
     let heated = |truth: &&PlantTruth| truth.current_amperes > 0.0;
@@ -118,7 +137,7 @@ fn no_current_without(
     seconds_max: f64,
     played: &CampaignRun<'_>,
 ) -> Option<BrokenInvariant> {
-    let timeline = played.timeline;
+    let timeline = played.timeline();
     let zero = Duration::from_secs_f64(timeline.zero_seconds?);
     let is_it = |stamped: &&Stamped| is_it(&stamped.frame);
     let since_zero = |stamped: &Stamped| stamped.time.as_secs_f64() - zero.as_secs_f64();
@@ -138,13 +157,13 @@ fn no_current_without(
         while let Some(next) = times.next_if(|next| *next <= time) {
             last = f64::max(last, next);
         }
-        let is_over = time > played.scenario.duration_seconds;
+        let is_over = time > played.scenario().duration_seconds;
         let silent = time - last;
         let heats = truth.current_amperes != 0.0;
         if heats
             && !is_over
             && silent > seconds_max
-            && !is_excused(played.scenario, time, seconds_max)
+            && !is_excused(played.scenario(), time, seconds_max)
         {
             let (milliseconds, amperes) = (silent * 1e3, truth.current_amperes);
             return violated(
@@ -160,8 +179,8 @@ fn no_current_without(
 }
 
 /// The manager's heartbeat, or its order to start, from which on the drive waits for it.
-fn is_of_manager(frame: &CanFrame) -> bool {
-    let start = NmtCommand::Start.frame(NodeId::new(Node::Drive.number()));
+fn is_of_manager(frame: &CanFrame, drive: u8) -> bool {
+    let start = NmtCommand::Start.frame(NodeId::new(drive));
     frame.standard_id() == Some(CONTROLLER_HEARTBEAT) || *frame == start
 }
 
@@ -188,7 +207,7 @@ fn is_excused(scenario: &Scenario, time_seconds: f64, seconds_max: f64) -> bool 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::campaign::play_one;
+    use crate::campaign::{of_one_loop, play_one};
     use recording::capture::Watch;
     use recording::timeline::Timeline;
 
@@ -203,13 +222,13 @@ mod tests {
     fn broken(change: impl Fn(&mut Vec<Stamped>, &mut Timeline)) -> Option<String> {
         let text = format!("{BASE}{HARMLESS}");
         let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let found = play_one(0, scenario, &Watch::default(), |played| {
-            let (mut frames, mut timeline) = (played.frames.to_vec(), played.timeline.clone());
+        let found = play_one(0, &of_one_loop(scenario), &Watch::default(), |played| {
+            let (mut frames, mut timeline) = (played.frames.to_vec(), played.timeline().clone());
             assert!(timeline.truth.len() > 50);
             change(&mut frames, &mut timeline);
             violation(&CampaignRun {
                 frames: &frames,
-                timeline: &timeline,
+                timelines: &[timeline],
                 ..*played
             })
         });
@@ -251,7 +270,7 @@ mod tests {
             sync.ends_with(" ms after the last SYNC (limit 55 ms)"),
             "{sync}"
         );
-        let manager = found(&without(is_of_manager));
+        let manager = found(&without(|frame| is_of_manager(frame, Node::Drive.number())));
         assert!(manager.starts_with("manager: "), "{manager}");
         assert!(
             manager.ends_with("heartbeat of the manager (limit 105 ms)"),

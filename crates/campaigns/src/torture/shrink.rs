@@ -1,12 +1,17 @@
 //! Makes a failing scenario as small as it can be while it still breaks the same invariant.
 
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 
+use rig::setup::Setup;
 use scenario::Scenario;
+use scenario::loops::Loops;
 use toml::{Table, Value};
 
 use super::invariants::{BrokenInvariant, violation};
 use crate::campaign::{Campaign, FailedRun};
+use worlds::catalogue::catalogue;
 
 /// Plays that shrinking may cost.
 const PLAYS_MAX: usize = 400;
@@ -15,20 +20,33 @@ const PLAYS_MAX: usize = 400;
 #[derive(Clone, Debug, PartialEq)]
 pub struct TortureCase {
     document: Table,
+    /// The rig file that it names, by that name.
+    files: BTreeMap<String, String>,
 }
 
 impl TortureCase {
     /// The base scenario with other faults and without limits.
     ///
     /// # Errors
-    /// The text is no TOML, or the scenario has tables in other files.
-    pub fn new(base: &str, faults: Table, seed: u64) -> Result<Self, String> {
+    /// The text is no TOML.
+    pub fn new(
+        base: &str,
+        files: &BTreeMap<String, String>,
+        faults: Table,
+        seed: u64,
+    ) -> Result<Self, String> {
         let mut document: Table = base.parse().map_err(|error| format!("{error}"))?;
         document.remove("expect");
         document.insert("fault".to_owned(), Value::Table(faults));
         let seed = i64::try_from(seed % (1 << 53)).unwrap_or_default();
         document.insert("seed".to_owned(), seed.into());
-        Ok(Self { document })
+        let rig = document.get("rig").and_then(Value::as_str);
+        let rig = rig.and_then(|rig| files.get_key_value(rig));
+        let files = rig.map(|(name, text)| (name.clone(), text.clone()));
+        Ok(Self {
+            document,
+            files: files.into_iter().collect(),
+        })
     }
 
     /// The scenario's text.
@@ -37,29 +55,35 @@ impl TortureCase {
         self.document.to_string()
     }
 
-    /// The scenario.
+    /// The loops of the scenario.
     ///
     /// # Errors
     /// What the loader finds wrong; tables in other files are not read.
-    pub fn scenario(&self) -> Result<Scenario, String> {
-        let no_tables = |_: &str| {
+    pub fn loops(&self) -> Result<Vec<Setup>, String> {
+        let read_file = |name: &str| {
             let text = "torture cannot play a scenario with tables in files; write its set-points and currents as holds, steps and ramps";
-            Err(std::io::Error::other(text))
+            let rig = self.files.get(name).cloned();
+            rig.ok_or_else(|| std::io::Error::other(text))
         };
-        Scenario::parse(&self.text(), "torture", no_tables)
-            .map_err(|error| format!("{:?}", miette::Report::new(error)))
+        let (path, text) = (Path::new("torture.toml"), self.text());
+        let loops = match Loops::is_meant(&text) {
+            true => rig::loops::parse(path, text, read_file, catalogue()),
+            false => Scenario::parse(&text, "torture", read_file)
+                .map(|scenario| vec![Setup::new(scenario, catalogue()).from_file(path, text)]),
+        };
+        loops.map_err(|error| format!("{:?}", miette::Report::new(error)))
     }
 
     /// The invariant that it breaks, a panic among them.
     #[must_use]
     pub fn violation(&self) -> Option<BrokenInvariant> {
-        let scenario = self.scenario().ok()?;
+        let loops = self.loops().ok()?;
         let campaign = Campaign {
             threads: 1,
             is_shown: false,
         };
         let played = catch_unwind(AssertUnwindSafe(|| {
-            campaign.play(std::iter::once(scenario), violation)
+            campaign.play_loops(std::iter::once(loops), violation)
         }));
         match played.ok()?.ok()?.pop()? {
             Ok(violation) => violation,
@@ -238,11 +262,11 @@ mod tests {
 
     #[test]
     fn what_is_not_needed_is_left_out_and_the_rest_still_fails() {
-        let case = TortureCase::new(BASE, FAULTS.parse().unwrap(), 7).unwrap();
+        let case = TortureCase::new(BASE, &BTreeMap::new(), FAULTS.parse().unwrap(), 7).unwrap();
         assert_eq!(case.violation().unwrap().invariant, "temperature");
         let shrunk = case.shrunk("temperature");
         assert_eq!(shrunk.violation().unwrap().invariant, "temperature");
-        let scenario = shrunk.scenario().unwrap();
+        let scenario = &shrunk.loops().unwrap()[0].scenario;
         let windows = scenario.fault.windows();
         let kinds: Vec<_> = windows.iter().map(|window| window.place.kind).collect();
         assert_eq!(kinds, ["stuck_on", "ageing"], "{}", shrunk.text());
@@ -258,8 +282,8 @@ mod tests {
             "[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0",
             "[[reference.table]]\nfrom_seconds = 0.0\nfile = \"x.csv\"",
         );
-        let case = TortureCase::new(&base, Table::new(), 7).unwrap();
-        let reason = case.scenario().unwrap_err();
+        let case = TortureCase::new(&base, &BTreeMap::new(), Table::new(), 7).unwrap();
+        let reason = case.loops().unwrap_err();
         assert!(
             reason.contains("cannot play a scenario with tables in files"),
             "{reason}"

@@ -7,6 +7,7 @@ use recording::log::Stamped;
 use recording::stalls::What;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
+use scenario::Scenario;
 
 use super::*;
 

@@ -309,11 +309,7 @@ fn numbers<'a>(fit: &Fit<'_>, found: &'a Solution) -> IdentificationNumbers<'a> 
     IdentificationNumbers {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
-        parameters: fit
-            .parameters
-            .iter()
-            .map(|parameter| parameter.symbol)
-            .collect(),
+        parameters: fit.symbols(),
         start: &found.start,
         values: found.statistics.values(),
         second_optimiser: found.check.as_ref().map(|check| check.values.as_slice()),

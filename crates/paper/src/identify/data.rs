@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use dbc::{Database, SignalMissing, signals};
 use plant_emulator::sma::Inputs;
+use scenario::loops::Loops;
 use scenario::plant::Sensor;
 use scenario::rig::RigFile;
 use scenario::{Scenario, ScenarioError, Texts};
@@ -14,9 +15,9 @@ use scenario::{Scenario, ScenarioError, Texts};
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::{self, Stamped};
 use recording::run_folder::log_in;
-use recording::session::{FramesError, ReadError, read_setup};
+use recording::session::{FramesError, ReadError, read_setups};
 use recording::timeline::{self, Timeline};
-use rig::external::External;
+use rig::FILE_BYTES_MAX;
 use rig::rig_file::RigError;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
@@ -73,6 +74,11 @@ pub enum RecordingFault {
         "its plant is `{0}`; identification knows the equations of the shape-memory-alloy wire only"
     )]
     OtherPlant(String),
+    /// Several drives.
+    #[error(
+        "it is of {0} loops; identification explains one wire behind one drive, so play a scenario of one loop and take its recording"
+    )]
+    SeveralLoops(usize),
     /// A log without its scenario.
     #[error(
         "a log alone does not hold the cycle time and the sensor; name the scenario that was played with --scenario"
@@ -226,18 +232,12 @@ impl IdentificationData {
             at(RecordingFault::Read { name, source })
         })?;
         let (log, mut setup) = if metadata.is_dir() {
-            let external = Some(External::default());
-            let setup =
-                read_setup(path, external, catalogue()).map_err(|error| at(error.into()))?;
-            (log_in(path), setup)
+            let setups =
+                read_setups(path, Some(&[]), catalogue()).map_err(|error| at(error.into()))?;
+            (log_in(path), only_loop(setups).map_err(at)?)
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
-            let (scenario, Texts { tables, .. }) =
-                Scenario::load_with_text(scenario, |_| Vec::new())
-                    .map_err(|error| at(RecordingFault::Scenario(Box::new(error))))?;
-            let mut setup = Setup::new(scenario, catalogue()).with_database(shipped());
-            setup.tables = tables;
-            (path.to_owned(), setup)
+            (path.to_owned(), setup_of(scenario).map_err(at)?)
         };
         if let Some(loaded) = &setup.rig {
             setup.scenario.plant.sensor = sensor_of(&loaded.file);
@@ -285,7 +285,7 @@ impl IdentificationData {
             currents_amperes: Vec::new(),
         };
         let disturbances = Disturbances::new(timeline);
-        let grid = cycles_per_sample(timeline.period_seconds);
+        let grid = timeline.cycles_in(GRID_SECONDS);
         for (row, current_amperes) in flowed(timeline).into_iter().enumerate().skip(1) {
             let inputs = Inputs {
                 current_amperes,
@@ -326,6 +326,27 @@ impl IdentificationData {
     pub fn sensor_step_metres(&self) -> f64 {
         sensor_step_millimetres(&self.sensor) * 1e-3
     }
+}
+
+/// What was played on the emulated rig, by the scenario's file.
+fn setup_of(path: &Path) -> Result<Setup, RecordingFault> {
+    let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
+    let invalid = |error| RecordingFault::Scenario(Box::new(error));
+    if Loops::is_meant(&text) {
+        return only_loop(rig::loops::load(path, catalogue()).map_err(invalid)?);
+    }
+    let loaded = Scenario::load_with_text(path, |_| Vec::new());
+    let (scenario, Texts { tables, .. }) = loaded.map_err(invalid)?;
+    let mut setup = Setup::new(scenario, catalogue()).with_database(shipped());
+    setup.tables = tables;
+    Ok(setup)
+}
+
+fn only_loop(setups: Vec<Setup>) -> Result<Setup, RecordingFault> {
+    let count = setups.len();
+    let mut setups = setups.into_iter();
+    let only = setups.next().filter(|_| count == 1);
+    only.ok_or(RecordingFault::SeveralLoops(count))
 }
 
 /// What the frames of the SMA actuator under a shipped law mean.
@@ -389,18 +410,6 @@ fn sensor_of(rig: &RigFile) -> Sensor {
 
 fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
     sensor.span_millimetres / f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24))
-}
-
-/// Every how many cycles a position is compared.
-fn cycles_per_sample(period_seconds: f64) -> u64 {
-    let cycles = libm::round(GRID_SECONDS / period_seconds).clamp(1.0, 1e6);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped just above"
-    )]
-    let cycles = cycles as u64;
-    cycles
 }
 
 fn read(path: &Path) -> Result<Vec<Stamped>, RecordingFault> {

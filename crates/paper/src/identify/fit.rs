@@ -39,6 +39,13 @@ const ONE_SIDED_DIFFERENCE: f64 = 1e-5;
 const CENTRAL_DIFFERENCE: f64 = 3e-4;
 
 impl<'a> Fit<'a> {
+    /// The symbols of what is sought.
+    #[must_use]
+    pub fn symbols(&self) -> Vec<&'static str> {
+        let parameters = self.parameters.iter();
+        parameters.map(|parameter| parameter.symbol).collect()
+    }
+
     /// The question, to be answered with the emulator's accuracy.
     #[must_use]
     pub fn new(

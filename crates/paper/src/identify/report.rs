@@ -216,11 +216,7 @@ fn explanation(fit: &Fit<'_>, found: &Solution) -> String {
 
 /// What else may be sought: parameters that no current balance and no temperature can stand in for.
 fn advice(fit: &Fit<'_>) -> String {
-    let symbols: Vec<&str> = fit
-        .parameters
-        .iter()
-        .map(|parameter| parameter.symbol)
-        .collect();
+    let symbols = fit.symbols();
     let more: Vec<&str> = MECHANICAL
         .into_iter()
         .filter(|symbol| !symbols.contains(symbol))
@@ -393,8 +389,7 @@ fn shift_warning(fit: &Fit<'_>, found: &Solution) -> Option<String> {
 
 fn correlation_table(fit: &Fit<'_>, found: &Solution) -> Table {
     let mut table = empty_table();
-    let symbols = fit.parameters.iter().map(|parameter| parameter.symbol);
-    table.set_header(std::iter::once("").chain(symbols));
+    table.set_header(std::iter::once("").chain(fit.symbols()));
     for (parameter, row) in fit.parameters.iter().zip(&found.statistics.correlations) {
         let cells = row.iter().map(|correlation| format!("{correlation:+.3}"));
         table.add_row(std::iter::once(parameter.symbol.to_owned()).chain(cells));

@@ -177,11 +177,7 @@ pub fn descend(
 }
 
 fn no_derivative(fit: &Fit<'_>) -> SearchError {
-    let symbols: Vec<&str> = fit
-        .parameters
-        .iter()
-        .map(|parameter| parameter.symbol)
-        .collect();
+    let symbols = fit.symbols();
     SearchError::NoDerivative(symbols.join(", "))
 }
 

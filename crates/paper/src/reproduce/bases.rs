@@ -48,7 +48,7 @@ pub(super) fn plants() -> SweepPlan {
     let text = include_str!("../../../../scenarios/sweeps/plants.toml");
     let setup = Setup::new(parse("plants.toml", text), catalogue())
         .from_file("plants.toml", text.to_owned());
-    SweepPlan::new(&setup).expect("a test plays every plant")
+    SweepPlan::new(&[setup]).expect("a test plays every plant")
 }
 
 /// A plant that no law has as its model: the first of [`plants`].

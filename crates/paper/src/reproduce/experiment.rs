@@ -267,7 +267,7 @@ impl PlannedRun {
             scenario: self.scenario.clone(),
             verdict: played.verdict.clone(),
             signals: window.map_or_else(Signals::default, |window| {
-                Signals::new(played.timeline, window)
+                Signals::new(played.timeline(), window)
             }),
             measurement: (self.keep == Keep::IdentificationData).then(measurement),
         }

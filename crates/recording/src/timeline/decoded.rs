@@ -144,7 +144,7 @@ impl Timeline {
     /// and after all rows. How busy the bus was is that of the whole recording.
     #[must_use]
     pub fn piece(&self, rows: Range<usize>) -> Self {
-        let part = |values: &[f64]| Series::from(values[rows.clone()].to_vec());
+        let part = |values: &Series<f64>| values.part(rows.clone());
         let begins = |row: usize| self.time_seconds.get(row).copied();
         let from = begins(rows.start).filter(|_| rows.start > 0);
         let until = begins(rows.end);
@@ -158,7 +158,7 @@ impl Timeline {
             values: part(&column.values),
         });
         Self {
-            cycle: self.cycle[rows.clone()].to_vec().into(),
+            cycle: self.cycle.part(rows.clone()),
             time_seconds: part(&self.time_seconds),
             set_point_millimetres: part(&self.set_point_millimetres),
             columns: columns.collect(),
@@ -169,6 +169,19 @@ impl Timeline {
             second_masters: self.second_masters.clone(),
             ..*self
         }
+    }
+
+    /// Cycles in so much time, at least one.
+    #[must_use]
+    pub fn cycles_in(&self, seconds: f64) -> u64 {
+        let cycles = (seconds / self.period_seconds).round().clamp(1.0, 1e6);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped just above"
+        )]
+        let cycles = cycles as u64;
+        cycles
     }
 
     /// Cycles that never began or in which the drive was silent, by all that were due.
@@ -186,6 +199,57 @@ impl Timeline {
         let (due, served) = (self.cycles_due as f64, served as f64);
         100.0 * (due - served) / due
     }
+}
+
+/// The timeline of a loop, with what stands before the names of its signals: nothing where it is the only one.
+pub type OfLoop<'a> = (String, &'a Timeline);
+
+/// A signal over all cycles, by the name that it has among those of all loops.
+#[derive(Clone, Debug)]
+pub struct SignalRows<'a> {
+    /// Its name.
+    pub name: String,
+    /// Its unit; empty for a number without one.
+    pub unit: &'a str,
+    /// Its value per cycle.
+    pub values: &'a Series<f64>,
+}
+
+/// The signals of loops that were played at once: of each its set-point, then what was on the bus.
+#[must_use]
+pub fn signals<'a>(loops: &[OfLoop<'a>]) -> Vec<SignalRows<'a>> {
+    let of_loop = |(prefix, timeline): &OfLoop<'a>| {
+        let set_point = (
+            "set_point_millimetres",
+            "mm",
+            &timeline.set_point_millimetres,
+        );
+        let columns = timeline.columns.iter();
+        let columns = columns.map(|column| (&*column.name, &*column.unit, &column.values));
+        let signals = [set_point].into_iter().chain(columns);
+        let signals = signals.map(|(name, unit, values)| SignalRows {
+            name: format!("{prefix}{name}"),
+            unit,
+            values,
+        });
+        Vec::from_iter(signals)
+    };
+    loops.iter().flat_map(of_loop).collect()
+}
+
+/// The events of loops that were played at once, in the order of time; what several of them saw stands once.
+#[must_use]
+pub fn events_of(loops: &[&Timeline]) -> Vec<TimelineEvent> {
+    let events = loops.iter().flat_map(|timeline| &timeline.events);
+    let mut events = Vec::from_iter(events.cloned());
+    if loops.len() > 1 {
+        events.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
+        events.dedup_by(|later, earlier| {
+            let is_then = later.time_seconds.total_cmp(&earlier.time_seconds).is_eq();
+            is_then && later.text == earlier.text
+        });
+    }
+    events
 }
 
 /// Scenario time at which a cycle begins.

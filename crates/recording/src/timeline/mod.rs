@@ -5,5 +5,7 @@ mod decoded;
 mod reader;
 mod traffic;
 
-pub use decoded::{Column, TIME_TOLERANCE_SECONDS, Timeline};
+pub use decoded::{
+    Column, OfLoop, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, events_of, signals,
+};
 pub use reader::{TimelineReader, decode};

@@ -71,7 +71,8 @@ impl TimelineReader {
         let (scenario, database) = (&setup.scenario, &*setup.database);
         let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
         let end = Duration::from_secs_f64(scenario.duration_seconds);
-        let events = EventReader::new(database);
+        let loop_name = setup.loop_name.as_ref().map(|names| names.name.as_str());
+        let events = EventReader::new(database, loop_name);
         let losses = LossReader::new(scenario, database);
         let truth = TruthReader::new(database)?;
         let fan = FanReader::new(database)?;

@@ -1,13 +1,27 @@
 //! The section on the bus: its load, its times, and what the nodes counted.
 
+use dbc::SignalMissing;
 use maud::{Markup, html};
 
 use crate::bus_timing::{BusTiming, DurationSpread, histogram};
 use crate::plot::{Colour, Extent, Plot, Shape};
 use crate::run::Run;
 use judge::timing::Timing;
+use judge::verdict::Verdict;
 
-pub(super) fn section(timing: &BusTiming, run: &Run<'_>) -> Markup {
+/// All loops share the bus; each has answers and commands of its own.
+pub(super) fn section(runs: &[Run<'_>], verdict: &Verdict) -> Result<Markup, SignalMissing> {
+    let first = &runs[0];
+    let scenario = &first.setup.scenario;
+    let timings = runs.iter().map(|run| {
+        let (end, bitrate) = (
+            scenario.duration_seconds,
+            scenario.bus.bitrate_kilobits_per_second,
+        );
+        BusTiming::new(run.frames, end, bitrate, &run.setup.database)
+    });
+    let timings = timings.collect::<Result<Vec<_>, _>>()?;
+    let timing = &timings[0];
     let mut load = Plot::over_time("Bus load", "%");
     load.extent = Extent::FromZero;
     load.draw(
@@ -17,11 +31,17 @@ pub(super) fn section(timing: &BusTiming, run: &Run<'_>) -> Markup {
         &timing.load_seconds,
         &timing.load_percent,
     );
-    let sets = [
-        ("SYNC to SYNC", &timing.cycles),
-        ("SYNC to the drive's answer", &timing.answers),
-        ("SYNC to the controller's command", &timing.commands),
-    ];
+    let mut sets = vec![("SYNC to SYNC".to_owned(), &timing.cycles)];
+    for (run, timing) in runs.iter().zip(&timings) {
+        let [answer, command] = match &run.setup.loop_name {
+            None => ["the drive's answer", "the controller's command"].map(str::to_owned),
+            Some(names) => {
+                ["the answer of", "the command to"].map(|what| format!("{what} {}", names.name))
+            }
+        };
+        sets.push((format!("SYNC to {answer}"), &timing.answers));
+        sets.push((format!("SYNC to {command}"), &timing.commands));
+    }
     let bars: Vec<_> = sets
         .iter()
         .map(|(_, durations)| histogram(durations))
@@ -33,9 +53,9 @@ pub(super) fn section(timing: &BusTiming, run: &Run<'_>) -> Markup {
         plot.draw("cycles", Colour::Measured, Shape::Area, edges, heights);
         plot.render()
     };
-    html! {
+    Ok(html! {
         h2 { "Bus and timing" }
-        p.soft { "Scenario time 0 to " (run.setup.scenario.duration_seconds) " s, by the stamps of the recorder." }
+        p.soft { "Scenario time 0 to " (scenario.duration_seconds) " s, by the stamps of the recorder." }
         div.wide { table {
             thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
             tbody { @for (name, durations) in &sets { @if let Some(spread) = DurationSpread::new(durations) { tr {
@@ -43,12 +63,12 @@ pub(super) fn section(timing: &BusTiming, run: &Run<'_>) -> Markup {
                 @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (value) } }
             } } } }
         } }
-        @if let Some(timing) = &run.verdict.timing { (host(timing)) }
+        @if let Some(timing) = &verdict.timing { (host(timing)) }
         div.plots.even {
             (load.render())
             @for ((name, _), bars) in sets.iter().zip(&bars) { (bars_plot(name, bars)) }
         }
-    }
+    })
 }
 
 /// What the nodes' loops counted, which the recording does not show.

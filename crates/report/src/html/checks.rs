@@ -35,7 +35,7 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
         .collect();
     html! {
         @if !drawn.is_empty() {
-            h2 { "Checked signals" }
+            (super::heading(run, "Checked signals"))
             div.plots.even { @for one in &drawn { (plot(one).render()) } }
             p.soft { "Green: where the signal must stay or get, and when." }
         }

@@ -4,58 +4,79 @@
 
 mod bus;
 mod checks;
+mod contour;
 mod response;
 mod signals;
 
 use dbc::SignalMissing;
 use maud::{Markup, html};
 
-use crate::bus_timing::BusTiming;
 use crate::page;
 use crate::run::Run;
+use judge::verdict::Verdict;
 use recording::events::{Level, TimelineEvent};
 use recording::run_folder::file;
+use recording::timeline::events_of;
 use rig::external::ExternalNode;
 
 /// Events that are listed; a run with more of them has one cause, which the first ones show.
 const EVENTS_MAX: usize = 300;
 
-/// The page. It depends on nothing but the recording and the verdict.
+/// The page of a run of one loop or more, with the verdict of all of them. It depends on nothing but the recording and the
+/// verdict.
 ///
 /// # Errors
 /// The database lacks a signal that the bench needs.
-pub fn to_html(run: &Run<'_>) -> Result<String, SignalMissing> {
-    let (scenario, database) = (&run.setup.scenario, &*run.setup.database);
-    let timing = BusTiming::new(
-        run.frames,
-        scenario.duration_seconds,
-        scenario.bus.bitrate_kilobits_per_second,
-        database,
-    )?;
+///
+/// # Panics
+/// There is no loop.
+pub fn to_html(runs: &[Run<'_>], verdict: &Verdict) -> Result<String, SignalMissing> {
+    let first = &runs[0];
+    let scenario = &first.setup.scenario;
+    let timelines = Vec::from_iter(runs.iter().map(|run| run.timeline));
     let body = html! {
-        (head(run))
+        (head(first, verdict))
         h2 { "Verdict" }
-        @if run.verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
-        @else { (page::metrics(&run.verdict.metrics, run.verdict.outcome)) }
-        @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
-        @else { (signals::section(run)) }
-        (response::section(run))
-        (checks::section(run))
-        (bus::section(&timing, run))
-        (events(&run.timeline.events))
+        @if verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
+        @else { (page::metrics(&verdict.metrics, verdict.outcome)) }
+        @for contour in first.setup.contours.iter() { (contour::section(contour, runs)) }
+        @for run in runs { (of_loop(run)) }
+        (bus::section(runs, verdict)?)
+        (events(&events_of(&timelines)))
         h2 { "Scenario" }
-        details open { summary { (file::SCENARIO) } pre { (run.setup.text) } }
-        (again(run.is_long))
+        details open { summary { (file::SCENARIO) } pre { (first.setup.text) } }
+        @for (name, text) in first.setup.tables.iter().filter(|(name, _)| name.ends_with(".toml")) {
+            details { summary { (name) } pre { (text) } }
+        }
+        (again(first.is_long))
     };
     Ok(page::page(
-        &format!("{}: {}", scenario.name, run.verdict.outcome.word()),
+        &format!("{}: {}", scenario.name, verdict.outcome.word()),
         &body,
     ))
 }
 
-fn head(run: &Run<'_>) -> Markup {
+/// What a loop did.
+fn of_loop(run: &Run<'_>) -> Markup {
+    html! {
+        @if let Some(names) = &run.setup.loop_name { h2 { "Loop " (names.name) } }
+        @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
+        @else { (signals::section(run)) }
+        (response::section(run))
+        (checks::section(run))
+    }
+}
+
+/// The heading of a part of that.
+fn heading(run: &Run<'_>, text: &str) -> Markup {
+    match run.setup.loop_name {
+        None => html! { h2 { (text) } },
+        Some(_) => html! { h3 { (text) } },
+    }
+}
+
+fn head(run: &Run<'_>, verdict: &Verdict) -> Markup {
     let scenario = &run.setup.scenario;
-    let verdict = run.verdict;
     let law = scenario.controller.law_name();
     html! {
         h1 { (scenario.name) }
@@ -64,28 +85,28 @@ fn head(run: &Run<'_>) -> Markup {
         @if let Some(description) = &scenario.description { p.soft { (description) } }
         dl.facts {
             div { dt { "control law" } dd { (law) } }
-            div { dt { "recorded" } dd { (recorded(run)) } }
+            div { dt { "recorded" } dd { (recorded(run, verdict)) } }
             div { dt { "cycle" } dd { (scenario.bus.sync_period_milliseconds) " ms" } }
             div { dt { "bus" } dd { (scenario.bus.bitrate_kilobits_per_second) " kbit/s" } }
             div { dt { "frames" } dd { (run.frames.len()) } }
             div { dt { "seed" } dd { (verdict.seed) } }
             div { dt { "canrig" } dd { (verdict.version) } }
             @if !verdict.requirements.is_empty() { div { dt { "requirements" } dd { (verdict.requirements.join(", ")) } } }
-            @if !verdict.external.is_empty() { div { dt { "external" } dd { (verdict.external) } } }
+            @if !verdict.external.is_empty() { div { dt { "external" } dd { (verdict.external.join(", ")) } } }
         }
-        @if verdict.external.has(ExternalNode::Drive) {
+        @if run.setup.external.has(ExternalNode::Drive) {
             p.soft { "Wire temperature, martensite fraction and true position are not available: the drive is external, and only the emulator knows them." }
         }
     }
 }
 
 /// How much was recorded, and why no more.
-fn recorded(run: &Run<'_>) -> String {
+fn recorded(run: &Run<'_>, verdict: &Verdict) -> String {
     let (reached, planned) = (
         run.timeline.end_seconds(),
         run.setup.scenario.duration_seconds,
     );
-    let end = run.verdict.ended_early.as_ref().map(ToString::to_string);
+    let end = verdict.ended_early.as_ref().map(ToString::to_string);
     // The end of a node's log stands in the reason.
     let reason = end.as_deref().and_then(|end| end.lines().next());
     let why = reason.map_or_else(String::new, |why| format!(": {why}"));

@@ -22,7 +22,7 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
     let points = || responses.iter().flatten();
     html! {
         @if points().next().is_some() {
-            h2 { "Frequency response" }
+            (super::heading(run, "Frequency response"))
             p.soft { "Position against set-point, by the turns of the chirp. Bandwidth is where the gain first falls below " (CUT_OFF_GAIN) "." }
             div.plots.even { @for curve in CURVES { (drawn(curve, &responses)) } }
             details { summary { "as numbers" } div.wide { table {

@@ -4,7 +4,7 @@ use dbc::signals::WIRE_TEMPERATURE;
 use dbc::{Database, signals};
 use maud::{Markup, html};
 use scenario::Scenario;
-use scenario::events::JudgedStep;
+use scenario::events::{JudgedStep, Window};
 
 use crate::plot::{Colour, Extent, Patch, Plot, Shape};
 use crate::run::Run;
@@ -13,8 +13,10 @@ use judge::SETTLING_BAND;
 use platform::series::Series;
 use recording::timeline::{Column, Timeline};
 
-/// Steps and disturbances that get a plot of their own.
+/// Steps and disturbances that get a plot of their own; and so many sines.
 const CLOSE_UPS_MAX: usize = 4;
+/// A judged sine of a larger share of the run can be seen in the plot of all of it.
+const SINE_SHARE_MAX: f64 = 0.1;
 /// What is seen of a step: before it, and at most after it.
 const BEFORE_SECONDS: f64 = 0.1;
 const AFTER_STEP_SECONDS: f64 = 1.0;
@@ -29,7 +31,8 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
         .map(|(wanted, measured)| wanted - measured)
         .collect();
     let mut in_time = vec![position(run)];
-    in_time.extend(close_ups(run));
+    let (close_ups, left_out) = close_ups(run);
+    in_time.extend(close_ups);
     let mut error_plot = Plot::over_time("Error", "mm");
     error_plot.draw(
         "set-point − measured",
@@ -63,14 +66,15 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
         plot.patches.extend(disturbances(&run.setup.scenario));
     }
     html! {
-        h2 { "Position" }
+        (super::heading(run, "Position"))
         div.plots { (in_time[0].render()) }
-        h2 { "Signals" }
+        (super::heading(run, "Signals"))
         div.plots.even {
             @for plot in &in_time[1..] { (plot.render()) }
             @if has_wire { (hysteresis(timeline).render()) }
         }
         p.soft { "Green: settling band of a step. Yellow: a disturbance acts." }
+        @if left_out > 0 { p.soft { (left_out) " more judged steps, disturbances or sines are not drawn by themselves; the Rerun viewer shows each in " code { "run.rrd" } "." } }
     }
 }
 
@@ -210,38 +214,63 @@ fn position<'a>(run: &Run<'a>) -> Plot<'a> {
     plot
 }
 
-/// The position round each step and each disturbance.
-fn close_ups<'a>(run: &Run<'a>) -> Vec<Plot<'a>> {
-    let steps = run.setup.scenario.judged_steps().into_iter().map(|step| {
-        let until = step
-            .window
-            .until_seconds
-            .min(step.window.from_seconds + AFTER_STEP_SECONDS);
-        let title = format!("Step to {} mm", step.to_millimetres);
-        (title, step.window.from_seconds, until)
+/// What is judged of a run, as a stretch of time with a title.
+type Stretch = (String, f64, f64);
+
+/// The position round each step and each disturbance, and in the judged periods of sines in a long run; and how many more of
+/// them there are.
+fn close_ups<'a>(run: &Run<'a>) -> (Vec<Plot<'a>>, usize) {
+    let end = run.timeline.end_seconds();
+    let reached = |stretches: Vec<Stretch>| {
+        let reached = stretches.into_iter().filter(|(_, from, _)| *from < end);
+        reached.collect::<Vec<_>>()
+    };
+    let [sudden, sines] = [sudden(&run.setup.scenario), sines(&run.setup.scenario)].map(reached);
+    let left_out = [&sudden, &sines].map(|stretches| stretches.len().saturating_sub(CLOSE_UPS_MAX));
+    let shown = [sudden, sines]
+        .into_iter()
+        .flat_map(|stretches| stretches.into_iter().take(CLOSE_UPS_MAX));
+    let plots = shown.map(|(title, from, until)| {
+        let mut plot = position(run);
+        plot.title = title;
+        plot.x_range = Some((from, until.min(end)));
+        plot
     });
-    let disturbances = run
-        .setup
-        .scenario
+    (plots.collect(), left_out.iter().sum())
+}
+
+/// Steps and disturbances.
+fn sudden(scenario: &Scenario) -> Vec<Stretch> {
+    let steps = scenario.judged_steps().into_iter().map(|step| {
+        let from = step.window.from_seconds;
+        let until = step.window.until_seconds.min(from + AFTER_STEP_SECONDS);
+        (format!("Step to {} mm", step.to_millimetres), from, until)
+    });
+    let disturbances = scenario
         .disturbance_windows()
         .into_iter()
         .map(|disturbance| {
+            let title = format!("Disturbance: {}", disturbance.text);
             let until = disturbance.window.until_seconds + AFTER_DISTURBANCE_SECONDS;
-            (
-                format!("Disturbance: {}", disturbance.text),
-                disturbance.window.from_seconds,
-                until,
-            )
+            (title, disturbance.window.from_seconds, until)
         });
-    let end = run.timeline.end_seconds();
-    let reached = steps.chain(disturbances).filter(|(_, from, _)| *from < end);
-    let close_ups = reached.take(CLOSE_UPS_MAX).map(|(title, from, until)| {
-        let mut plot = position(run);
-        plot.title = title;
-        plot.x_range = Some(((from - BEFORE_SECONDS).max(0.0), until.min(end)));
-        plot
+    let before = |(title, from, until): Stretch| (title, (from - BEFORE_SECONDS).max(0.0), until);
+    steps.chain(disturbances).map(before).collect()
+}
+
+/// Sines whose judged periods are too short a part of the run to be seen in it.
+fn sines(scenario: &Scenario) -> Vec<Stretch> {
+    let share =
+        |window: Window| (window.until_seconds - window.from_seconds) / scenario.duration_seconds;
+    let short = scenario
+        .judged_sines()
+        .into_iter()
+        .filter(|sine| share(sine.window) < SINE_SHARE_MAX);
+    let stretches = short.map(|sine| {
+        let title = format!("Judged periods of the sine of {} s", sine.period_seconds);
+        (title, sine.window.from_seconds, sine.window.until_seconds)
     });
-    close_ups.collect()
+    stretches.collect()
 }
 
 fn settling_band(step: &JudgedStep) -> Patch {

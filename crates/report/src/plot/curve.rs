@@ -40,8 +40,21 @@ pub enum Shape {
     Dashed,
     /// In a plane: x goes to and fro.
     Path,
+    /// In a plane, broken: for what is wanted.
+    DashedPath,
     /// An area down to the lower edge.
     Area,
+}
+
+impl Shape {
+    /// Whether it is in a plane.
+    pub(super) fn is_path(self) -> bool {
+        matches!(self, Self::Path | Self::DashedPath)
+    }
+
+    pub(crate) fn is_dashed(self) -> bool {
+        matches!(self, Self::Dashed | Self::DashedPath)
+    }
 }
 
 /// A curve of a plot.
@@ -57,7 +70,7 @@ impl PlotCurve<'_> {
     /// The points that a stretch of x shows. In the plane all are shown.
     pub(super) fn within(&self, stretch: Option<(f64, f64)>) -> (&[f64], &[f64]) {
         match stretch {
-            Some((from, until)) if self.shape != Shape::Path => {
+            Some((from, until)) if !self.shape.is_path() => {
                 let first = self.x.partition_point(|x| *x < from);
                 let end = self.x.partition_point(|x| *x <= until);
                 (&self.x[first..end], &self.y[first..end])
@@ -89,4 +102,6 @@ pub enum Extent {
     Typical,
     /// Everything; the values are decimal logarithms.
     Logarithmic,
+    /// Everything, and as much in both directions: a circle is round.
+    Plane,
 }

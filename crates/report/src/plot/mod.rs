@@ -94,14 +94,14 @@ impl<'a> Plot<'a> {
             .map(|curve| curve.label.as_str())
             .collect();
         html! {
-            figure.plot {
+            figure.plot.square[self.extent == Extent::Plane] {
                 figcaption {
                     strong { (self.title) }
                     @if !self.y_unit.is_empty() { " (" (self.y_unit) ")" }
                     @if drawing.is_cut { ", peaks cut" }
                     span.legend {
                         @for curve in &self.curves {
-                            span { i.(curve.colour.class()).dashed[curve.shape == Shape::Dashed] {} (curve.label) }
+                            span { i.(curve.colour.class()).dashed[curve.shape.is_dashed()] {} (curve.label) }
                         }
                     }
                 }

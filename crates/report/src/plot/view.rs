@@ -28,6 +28,9 @@ impl View {
         extent: Extent,
         x_range: Option<(f64, f64)>,
     ) -> Self {
+        if extent == Extent::Plane {
+            return Self::of_plane(curves);
+        }
         let x = x_range.unwrap_or_else(|| with_room(all_x(curves)));
         let shown = || curves.iter().map(|curve| curve.within(x_range).1);
         let range = shown().fold(NOTHING, extended);
@@ -43,7 +46,8 @@ impl View {
                 ((low - margin, high + margin), false)
             }
             Extent::FromZero => (with_margin_above(extended(range, &[0.0])), false),
-            Extent::Logarithmic => (with_margin_above(range), false),
+            // Of a plane both ranges have been found.
+            Extent::Logarithmic | Extent::Plane => (with_margin_above(range), false),
             Extent::Typical => {
                 // Of a long run every second, third … value says what is typical; its extremes are known.
                 let stride = shown().map(<[f64]>::len).sum::<usize>() / TYPICAL_MAX + 1;
@@ -54,6 +58,24 @@ impl View {
             }
         };
         Self { x, y, is_cut }
+    }
+
+    /// The edges of a square that shows everything.
+    fn of_plane(curves: &[PlotCurve<'_>]) -> Self {
+        let all = |values: for<'c> fn(&PlotCurve<'c>) -> &'c [f64]| {
+            with_room(curves.iter().map(values).fold(NOTHING, extended))
+        };
+        let (x, y) = (all(|curve| curve.x), all(|curve| curve.y));
+        let half = (x.1 - x.0).max(y.1 - y.0) * (0.5 + MARGIN);
+        let around = |(low, high): (f64, f64)| {
+            let middle = f64::midpoint(low, high);
+            (middle - half, middle + half)
+        };
+        Self {
+            x: around(x),
+            y: around(y),
+            is_cut: false,
+        }
     }
 
     /// Per cent from the left.
@@ -114,12 +136,14 @@ impl View {
         let (x, y) = curve.within(Some(self.x));
         let scale = self.scale();
         let lines = match curve.shape {
-            Shape::Path => decimate::path(x.iter().zip(y).map(|(x, y)| scale.place(*x, *y))),
+            shape if shape.is_path() => {
+                decimate::path(x.iter().zip(y).map(|(x, y)| scale.place(*x, *y)))
+            }
             _ => decimate::over_time(x, y, &scale),
         };
         let class = curve.colour.class();
         let (more, close) = match curve.shape {
-            Shape::Dashed => (" dashed", false),
+            Shape::Dashed | Shape::DashedPath => (" dashed", false),
             Shape::Area => (" area", true),
             Shape::Line | Shape::Path => ("", false),
         };

@@ -18,6 +18,7 @@ use re_sdk_types::blueprint::components::{
 use re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use re_sdk_types::datatypes::{Bool, Float32, Range1D, Range2D, Uuid};
 
+use super::contour::Plane;
 use super::output::{Output, begin};
 use super::times::RUN_TIME;
 use super::{APPLICATION, RerunError, drawing, groups, hysteresis};
@@ -34,11 +35,17 @@ pub(crate) enum Play {
     Following,
 }
 
-/// Sends the layout.
+/// What there is to see of a loop.
+pub(crate) struct Page<'a> {
+    pub(super) setup: &'a Setup,
+    pub(super) groups: BTreeSet<&'a str>,
+}
+
+/// Sends the layout: of several loops each has a tab, behind those of what several of them do together.
 pub(super) fn send(
     output: &mut dyn Output,
-    setup: &Setup,
-    groups: &BTreeSet<&str>,
+    pages: &[Page<'_>],
+    planes: &[Plane],
     play: Play,
 ) -> Result<()> {
     let store = StoreId::new(StoreKind::Blueprint, APPLICATION, "canrig layout");
@@ -46,11 +53,11 @@ pub(super) fn send(
     let mut layout = Layout {
         output,
         store: store.clone(),
-        setup,
+        folder: "",
         play,
         places: 0,
     };
-    layout.build(groups)?;
+    layout.build(pages, planes)?;
     let show = BlueprintActivationCommand {
         blueprint_id: store,
         make_active: true,
@@ -69,13 +76,38 @@ struct Place {
 struct Layout<'a> {
     output: &'a mut dyn Output,
     store: StoreId,
-    setup: &'a Setup,
+    /// The loop's, where there are several.
+    folder: &'a str,
     play: Play,
     places: u8,
 }
 
-impl Layout<'_> {
-    fn build(&mut self, groups: &BTreeSet<&str>) -> Result<()> {
+impl<'a> Layout<'a> {
+    fn build(&mut self, pages: &'a [Page<'a>], planes: &[Plane]) -> Result<()> {
+        let mut tabs = Vec::new();
+        for plane in planes {
+            tabs.push(self.drawing(&plane.title, &plane.group, plane.bounds, 1.0)?);
+        }
+        for page in pages {
+            let name = page.setup.loop_name.as_ref();
+            self.folder = name.map_or("", |names| names.name.as_str());
+            tabs.push(self.page(page)?);
+        }
+        self.folder = "";
+        let root = match <[Place; 1]>::try_from(tabs) {
+            Ok([only]) => only,
+            Err(tabs) => {
+                let loops = self.container(ContainerKind::Tabs, tabs, 2.4)?;
+                let verdict = self.view("TextDocument", "Verdict", "verdict", 1.0)?;
+                self.container(ContainerKind::Horizontal, vec![loops, verdict], 1.0)?
+            }
+        };
+        self.viewport(&root)
+    }
+
+    /// All that is seen of a loop.
+    fn page(&mut self, page: &Page<'_>) -> Result<Place> {
+        let groups = &page.groups;
         let has = |group| groups.contains(group);
         let mut left = vec![self.plot("Position (mm)", "position", 2.2)?];
         if has("error") {
@@ -108,29 +140,31 @@ impl Layout<'_> {
         if has(groups::HYSTERESIS) {
             middle.push(self.hysteresis(1.7)?);
         }
-        for view in groups::own_views(self.setup) {
+        for view in groups::own_views(page.setup) {
             if has(view.style.group) {
                 middle.push(self.plot(&view.title, view.style.group, 1.0)?);
             }
         }
         let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
         let load = self.plot("Bus load (%)", "bus", 0.8)?;
-        let rig = match drawing::bounds(&self.setup.scenario) {
+        let rig = match drawing::bounds(&page.setup.scenario) {
             Some(bounds) => Some(self.drawing("Rig", "rig", bounds, 2.0)?),
             None => None,
         };
         let events = self.event_log("events", 1.1)?;
-        let verdict = self.view("TextDocument", "Verdict", "verdict", 1.4)?;
+        let verdict = match self.folder {
+            "" => Some(self.view("TextDocument", "Verdict", "verdict", 1.4)?),
+            _ => None,
+        };
 
         let mut columns = vec![self.container(ContainerKind::Vertical, left, 3.0)?];
         if !middle.is_empty() {
             columns.push(self.container(ContainerKind::Vertical, middle, 2.2)?);
         }
-        let right = [timing, load, events, verdict];
-        let right = rig.into_iter().chain(right).collect();
+        let right = [timing, load, events];
+        let right = rig.into_iter().chain(right).chain(verdict).collect();
         columns.push(self.container(ContainerKind::Vertical, right, 2.2)?);
-        let root = self.container(ContainerKind::Horizontal, columns, 1.0)?;
-        self.viewport(&root)
+        self.container(ContainerKind::Horizontal, columns, 1.0)
     }
 
     /// Signals of one group over time; the time axes of all plots move together.
@@ -190,12 +224,20 @@ impl Layout<'_> {
         let path = format!("view/{id}");
         let view = ViewBlueprint::new(class)
             .with_display_name(title)
-            .with_space_origin(format!("/{group}"));
+            .with_space_origin(self.origin(group));
         self.log(&path, &view)?;
         // Without it the viewer shows nothing.
         let contents = ViewContents::new([QueryExpression("$origin/**".into())]);
         self.log(&format!("{path}/ViewContents"), &contents)?;
         Ok(Place { id, path, share })
+    }
+
+    /// Where the entities of a group are.
+    fn origin(&self, group: &str) -> String {
+        match self.folder {
+            "" => format!("/{group}"),
+            name => format!("/{name}/{group}"),
+        }
     }
 
     fn container(
@@ -211,6 +253,10 @@ impl Layout<'_> {
             .map(|place| IncludedContent(place.path.as_str().into()));
         let shares = contents.iter().map(|place| Float32(place.share));
         let container = ContainerBlueprint::new(kind).with_contents(included);
+        let container = match self.folder {
+            "" => container,
+            name => container.with_display_name(name),
+        };
         let container = match kind {
             ContainerKind::Horizontal => container.with_col_shares(shares.map(ColumnShare)),
             ContainerKind::Vertical => container.with_row_shares(shares.map(RowShare)),

@@ -6,13 +6,14 @@ use std::time::Duration;
 
 use super::groups::line;
 use super::output::{Output, send_scalars, send_static};
-use super::run_log::THINNED_SECONDS;
 use super::times::{self, Moment};
 use super::{RerunError, groups};
 use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
 use rig::setup::Setup;
 
+/// Of a long run, the extremes of so much time are logged.
+pub(super) const THINNED_SECONDS: f64 = 0.1;
 /// Stretch of time over which a load is a mean.
 const LOAD_STRETCH_SECONDS: f64 = 0.1;
 /// The signals in the group [`groups::TIMING`], with their names in the legend and their colours.

@@ -203,7 +203,9 @@ fn signals(timeline: &Timeline) -> Option<(&[f64], &[f64])> {
             .iter()
             .zip(fraction)
             .any(|(t, f)| t.is_finite() && f.is_finite());
-        is_there.then_some((&**temperature, &**fraction))
+        // Nodes send 0 for what they do not have.
+        let is_used = is_there && groups::is_used(temperature);
+        is_used.then_some((&**temperature, &**fraction))
     })
 }
 

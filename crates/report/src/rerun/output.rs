@@ -6,6 +6,7 @@ use re_sdk::{
     AsComponents, EntityPath, RecordingStream, SerializedComponentColumn, StoreId, TimePoint,
 };
 use re_sdk_types::archetypes::Scalars;
+use rig::setup::Setup;
 
 use super::{APPLICATION, RerunError};
 
@@ -27,6 +28,34 @@ impl Output for RecordingStream {
     fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError> {
         self.record_msg(message);
         Ok(())
+    }
+}
+
+/// An output for one of several loops, whose entities are in a folder of the loop's name.
+pub(crate) struct Folder<'a> {
+    output: &'a mut dyn Output,
+    name: Option<&'a str>,
+}
+
+impl<'a> Folder<'a> {
+    /// For the only loop it is the output itself.
+    pub(crate) fn of_loop(output: &'a mut dyn Output, setup: &'a Setup) -> Self {
+        let name = setup.loop_name.as_ref().map(|names| names.name.as_str());
+        Self { output, name }
+    }
+}
+
+impl Output for Folder<'_> {
+    fn send(&mut self, chunk: Chunk) -> Result<(), RerunError> {
+        let Some(name) = self.name else {
+            return self.output.send(chunk);
+        };
+        let path = EntityPath::from(name).join(chunk.entity_path());
+        self.output.send(chunk.clone_with_new_entity_path(path))
+    }
+
+    fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError> {
+        self.output.send_message(message)
     }
 }
 

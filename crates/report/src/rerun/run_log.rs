@@ -1,6 +1,7 @@
 //! Logs a run, as a whole or piece by piece.
 
 use std::collections::BTreeSet;
+use std::iter::repeat_n;
 
 use re_sdk::EntityPath;
 use re_sdk::log::TimeColumn;
@@ -11,8 +12,8 @@ use scenario::Scenario;
 use scenario::events::DisturbanceCommand;
 
 use super::RerunError;
-use super::blueprint::{self, Play};
-use super::bus::{self, BusReader};
+use super::blueprint::Page;
+use super::bus::{self, BusReader, THINNED_SECONDS};
 use super::drawing::Drawing;
 use super::groups::{self, OwnView, Style, held, line};
 use super::hysteresis::{self, Hysteresis};
@@ -21,27 +22,13 @@ use super::times;
 use crate::terminal;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
+use platform::series::Series;
 use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
 use rig::setup::Setup;
 
 /// A signal that changes in fewer than one of so many rows has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
-
-/// Of a long run, the extremes of so much time are logged.
-pub(super) const THINNED_SECONDS: f64 = 0.1;
-
-/// Rows of so much time.
-fn thinned_rows(period_seconds: f64) -> usize {
-    let rows = libm::round(THINNED_SECONDS / period_seconds).clamp(1.0, 1e6);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped just above"
-    )]
-    let rows = rows as usize;
-    rows
-}
 
 /// How much of a run is known when its signals are logged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,8 +42,8 @@ pub(crate) enum Known {
 }
 
 /// A run on its way to a file or a viewer.
-pub(crate) struct Recording<'a> {
-    output: &'a mut dyn Output,
+pub(crate) struct Recording<'o, 'a> {
+    output: &'o mut dyn Output,
     setup: &'a Setup,
     scenario: &'a Scenario,
     known: Known,
@@ -74,10 +61,10 @@ pub(crate) struct Recording<'a> {
     end_seconds: f64,
 }
 
-impl<'a> Recording<'a> {
+impl<'o, 'a> Recording<'o, 'a> {
     /// A recording with nothing in it but what never changes.
     pub(crate) fn begin(
-        output: &'a mut dyn Output,
+        output: &'o mut dyn Output,
         setup: &'a Setup,
         known: Known,
     ) -> Result<Self, RerunError> {
@@ -104,12 +91,6 @@ impl<'a> Recording<'a> {
         })
     }
 
-    /// Sends the layout of a run that has just begun, with all that may come.
-    pub(crate) fn expect_all(&mut self) -> Result<(), RerunError> {
-        let groups = groups::expected(self.setup);
-        blueprint::send(self.output, self.setup, &groups, Play::Following)
-    }
-
     /// Logs a piece of the run.
     pub(crate) fn log(
         &mut self,
@@ -122,7 +103,7 @@ impl<'a> Recording<'a> {
             drawing.log(self.output, timeline)?;
         }
         self.log_settling_bands(timeline)?;
-        self.log_events(timeline.period_seconds, &timeline.events)?;
+        log_events(self.output, timeline.period_seconds, &timeline.events)?;
         let last_event = timeline
             .events
             .last()
@@ -132,37 +113,17 @@ impl<'a> Recording<'a> {
         bus.log(self.output)
     }
 
-    /// Sends the layout of what there is.
-    pub(crate) fn finish(mut self) -> Result<(), RerunError> {
+    /// The end of a loop, at a time: what there is to see of it.
+    pub(crate) fn end(mut self) -> Result<(Page<'a>, f64), RerunError> {
+        self.hysteresis.log_path(self.output)?;
         if self.hysteresis.is_there() {
             self.groups.insert(groups::HYSTERESIS);
         }
-        blueprint::send(self.output, self.setup, &self.groups, Play::Paused)
-    }
-
-    /// The end: the verdict as a page, as the last event, and as the recording's properties.
-    pub(crate) fn log_verdict(&mut self, verdict: &Verdict) -> Result<(), RerunError> {
-        self.hysteresis.log_path(self.output)?;
-        let page = TextDocument::from_markdown(page(verdict));
-        send_static(self.output, "verdict", &page)?;
-        let event = TimelineEvent {
-            time_seconds: self.end_seconds,
-            level: match verdict.outcome {
-                Outcome::Pass => Level::Info,
-                Outcome::Fail => Level::Error,
-                _ => Level::Warning,
-            },
-            text: format!("verdict: {}", verdict.outcome.word()),
+        let page = Page {
+            setup: self.setup,
+            groups: self.groups,
         };
-        let period_seconds = self.scenario.bus.sync_period_milliseconds / 1e3;
-        self.log_events(period_seconds, &[event])?;
-        let text = |text: &str| Text(text.into());
-        let properties = AnyValues::default()
-            .with_component::<Text>("outcome", [text(verdict.outcome.word())])
-            .with_component::<Text>("seed", [text(&verdict.seed.to_string())])
-            .with_component::<Text>("canrig_version", [text(&verdict.version)]);
-        let path = EntityPath::properties().join(&EntityPath::from("run"));
-        send_static(self.output, path, &properties)
+        Ok((page, self.end_seconds))
     }
 
     /// Set-point, error, disturbances and all signals of the bus.
@@ -171,7 +132,7 @@ impl<'a> Recording<'a> {
             .set_point_millimetres
             .iter()
             .zip(timeline.position());
-        let error: Vec<f64> = samples
+        let error: Series<f64> = samples
             .map(|(set_point, position)| set_point - position)
             .collect();
         let scenario = self.scenario;
@@ -179,20 +140,21 @@ impl<'a> Recording<'a> {
         let grams = asked(scenario, timeline, 0.0, |command| command.added_grams);
         let own = [
             ("set_point_millimetres", &*timeline.set_point_millimetres),
-            ("error_millimetres", &error),
-            ("scenario_convection_factor", &factors),
-            ("scenario_added_load_grams", &grams),
+            ("error_millimetres", &*error),
+            ("scenario_convection_factor", &*factors),
+            ("scenario_added_load_grams", &*grams),
         ];
         let columns = timeline
             .columns
             .iter()
             .map(|column| (column.name.as_str(), &*column.values));
+        let stretch = usize::try_from(timeline.cycles_in(THINNED_SECONDS)).unwrap_or(usize::MAX);
         // Most signals have the same rows, so the times are made once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in own.into_iter().chain(columns) {
             let style = self.style(name, values);
             let rows = match self.known {
-                Known::Thinned => Rows::extremes(values, thinned_rows(timeline.period_seconds)),
+                Known::Thinned => Rows::extremes(values, stretch),
                 known => Rows::new(values, style.group, known),
             };
             let numbers = rows.numbers();
@@ -267,26 +229,55 @@ impl<'a> Recording<'a> {
         }
         Ok(())
     }
+}
 
-    /// What happened.
-    fn log_events(
-        &mut self,
-        period_seconds: f64,
-        events: &[TimelineEvent],
-    ) -> Result<(), RerunError> {
-        if events.is_empty() {
-            return Ok(());
-        }
-        let moments = events
-            .iter()
-            .map(|event| times::moment_at(event.time_seconds, period_seconds));
-        let texts = events.iter().map(|event| event.text.as_str());
-        let rows = TextLog::update_fields()
-            .with_many_text(texts)
-            .with_many_level(events.iter().map(level))
-            .columns_of_unit_batches()?;
-        send_rows(self.output, "events", times::columns(moments), rows)
+/// The end of a run, at a time: the verdict as a page, as the last event, and as the recording's properties.
+pub(crate) fn log_verdict(
+    output: &mut dyn Output,
+    scenario: &Scenario,
+    verdict: &Verdict,
+    end_seconds: f64,
+) -> Result<(), RerunError> {
+    let page = TextDocument::from_markdown(page(verdict));
+    send_static(output, "verdict", &page)?;
+    let event = TimelineEvent {
+        time_seconds: end_seconds,
+        level: match verdict.outcome {
+            Outcome::Pass => Level::Info,
+            Outcome::Fail => Level::Error,
+            _ => Level::Warning,
+        },
+        text: format!("verdict: {}", verdict.outcome.word()),
+    };
+    let period_seconds = scenario.bus.sync_period_milliseconds / 1e3;
+    log_events(output, period_seconds, &[event])?;
+    let text = |text: &str| Text(text.into());
+    let properties = AnyValues::default()
+        .with_component::<Text>("outcome", [text(verdict.outcome.word())])
+        .with_component::<Text>("seed", [text(&verdict.seed.to_string())])
+        .with_component::<Text>("canrig_version", [text(&verdict.version)]);
+    let path = EntityPath::properties().join(&EntityPath::from("run"));
+    send_static(output, path, &properties)
+}
+
+/// What happened.
+fn log_events(
+    output: &mut dyn Output,
+    period_seconds: f64,
+    events: &[TimelineEvent],
+) -> Result<(), RerunError> {
+    if events.is_empty() {
+        return Ok(());
     }
+    let moments = events
+        .iter()
+        .map(|event| times::moment_at(event.time_seconds, period_seconds));
+    let texts = events.iter().map(|event| event.text.as_str());
+    let rows = TextLog::update_fields()
+        .with_many_text(texts)
+        .with_many_level(events.iter().map(level))
+        .columns_of_unit_batches()?;
+    send_rows(output, "events", times::columns(moments), rows)
 }
 
 /// The verdict as Markdown.
@@ -318,10 +309,10 @@ fn asked(
     timeline: &Timeline,
     before: f64,
     output: fn(&DisturbanceCommand) -> f64,
-) -> Vec<f64> {
+) -> Series<f64> {
     let commands = scenario.disturbance.commands();
     if commands.iter().all(|command| output(command) == before) {
-        return vec![f64::NAN; timeline.cycle.len()];
+        return repeat_n(f64::NAN, timeline.cycle.len()).collect();
     }
     let at = |time: &f64| {
         let begun = commands

@@ -15,6 +15,8 @@ use re_sdk_types::archetypes::{Scalars, SeriesLines};
 use super::groups::Style;
 use super::run_log::Rows;
 use super::times::{CYCLE, RUN_TIME};
+use recording::timeline::Timeline;
+
 use super::*;
 use judge::{Circumstances, judge};
 use recording::frames::Frames;
@@ -155,7 +157,12 @@ fn written() -> (tempfile::TempDir, std::path::PathBuf, Timeline) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let (frames, timeline, verdict) = made_up_run();
-    write(&path, &run(&setup(), &frames, &timeline, &verdict)).unwrap();
+    write(
+        &path,
+        &[run(&setup(), &frames, &timeline, &verdict)],
+        &verdict,
+    )
+    .unwrap();
     (folder, path, timeline)
 }
 
@@ -275,11 +282,19 @@ fn the_file_is_complete_or_not_there() {
     assert!(!folder.path().join("run.rrd.partial").exists());
     let (frames, timeline, verdict) = made_up_run();
     let nowhere = folder.path().join("missing").join("run.rrd");
-    let written = write(&nowhere, &run(&setup(), &frames, &timeline, &verdict));
+    let written = write(
+        &nowhere,
+        &[run(&setup(), &frames, &timeline, &verdict)],
+        &verdict,
+    );
     assert!(written.is_err());
     // Where the new one cannot grow beside it, the old one stays.
     fs::create_dir(folder.path().join("run.rrd.partial")).unwrap();
-    let written = write(&path, &run(&setup(), &frames, &timeline, &verdict));
+    let written = write(
+        &path,
+        &[run(&setup(), &frames, &timeline, &verdict)],
+        &verdict,
+    );
     assert!(written.is_err() && fs::read(&path).unwrap() == bytes);
 }
 
@@ -307,7 +322,7 @@ fn a_long_run_is_thinned_and_keeps_its_peaks_its_events_and_its_times() {
         is_long: true,
         ..run(&setup, &frames, &timeline, &verdict)
     };
-    write(&path, &run).unwrap();
+    write(&path, std::slice::from_ref(&run), &verdict).unwrap();
     let series = scalars(&path);
     let position = &series["/position/position_millimetres"];
     assert!(position.len() < timeline.cycle.len() / 10, "{position:?}");

@@ -12,12 +12,13 @@ use re_sdk::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 use rtrb::Consumer;
 
 use super::{Show, ViewerAddress};
-use crate::rerun::{APPLICATION, BusReader, Known, Recording, RerunError};
+use crate::rerun::{self, APPLICATION, BusReader, Folder, Known, Recording, RerunError};
 use judge::verdict::Verdict;
 use recording::frame_queue::{FrameQueue, WhenFull};
 use recording::log::Stamped;
 use recording::timeline::TimelineReader;
 use rig::setup::Setup;
+use scenario::Scenario;
 
 /// How often what was heard is sent.
 const PIECE_PERIOD: Duration = Duration::from_millis(100);
@@ -43,17 +44,17 @@ impl Show {
     /// Begins to show a run; its frames go into the queue.
     pub(super) fn start(
         address: &ViewerAddress,
-        setup: &Setup,
+        setups: &[Setup],
         when_full: WhenFull,
     ) -> (FrameQueue, Self) {
         let (queue, frames, dropped) = FrameQueue::new(when_full);
         let (verdict, judged) = mpsc::channel();
         let (end, ended) = mpsc::channel();
-        let (url, setup) = (address.url(), setup.clone());
+        let (url, setups) = (address.url(), setups.to_vec());
         std::thread::spawn(move || {
             scheduling::step_back();
-            let shown = connect(&url, &setup.scenario.name).and_then(|stream| {
-                let shown = follow(stream.clone(), &setup, frames, &judged);
+            let shown = connect(&url, &setups[0].scenario.name).and_then(|stream| {
+                let shown = follow(stream.clone(), &setups, frames, &judged);
                 // What it is dropped for would have to be sent first, to somebody who takes nothing.
                 if shown.is_err() {
                     std::mem::forget(stream);
@@ -88,33 +89,62 @@ fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
     Ok(stream)
 }
 
-/// Logs pieces until the run's end of the ring is dropped, then the verdict.
+/// A loop on its way to the viewer.
+struct Shown<'o, 'a> {
+    scenario: &'a Scenario,
+    reader: TimelineReader,
+    bus: BusReader,
+    recording: Recording<'o, 'a>,
+}
+
+impl<'o, 'a> Shown<'o, 'a> {
+    fn new(output: &'o mut Folder<'_>, setup: &'a Setup) -> Result<Self, LiveError> {
+        Ok(Self {
+            scenario: &setup.scenario,
+            reader: TimelineReader::new(setup)?,
+            bus: BusReader::new(setup, false)?,
+            recording: Recording::begin(output, setup, Known::SoFar)?,
+        })
+    }
+
+    fn observe(&mut self, stamped: &Stamped) {
+        self.reader.on_frame(stamped);
+        self.bus.observe(stamped);
+    }
+
+    /// Logs what came since the last time.
+    fn log(&mut self, is_last: bool) -> Result<(), LiveError> {
+        let piece = match is_last {
+            true => self.reader.take_rest(self.scenario)?,
+            false => self.reader.take_piece(self.scenario)?,
+        };
+        Ok(self.recording.log(&piece, &mut self.bus)?)
+    }
+}
+
+/// Logs pieces until the run's end of the ring is dropped, then the verdict. Of several loops each has a folder.
 fn follow(
     stream: RecordingStream,
-    setup: &Setup,
+    setups: &[Setup],
     mut frames: Consumer<Stamped>,
     judged: &Receiver<Verdict>,
 ) -> Result<(), LiveError> {
-    let mut reader = TimelineReader::new(setup)?;
-    let mut bus = BusReader::new(setup, false)?;
-    // Another handle of the same stream.
-    let mut output = stream.clone();
-    let mut recording = Recording::begin(&mut output, setup, Known::SoFar)?;
-    recording.expect_all()?;
+    // Other handles of the same stream.
+    let mut outputs = vec![stream.clone(); setups.len()];
+    let folders = outputs.iter_mut().zip(setups);
+    let mut folders = Vec::from_iter(folders.map(|(output, setup)| Folder::of_loop(output, setup)));
+    let shown = folders.iter_mut().zip(setups);
+    let shown = shown.map(|(folder, setup)| Shown::new(folder, setup));
+    let mut shown = shown.collect::<Result<Vec<_>, _>>()?;
+    rerun::expect_all(&mut stream.clone(), setups)?;
     loop {
         let is_last = frames.is_abandoned() && frames.slots() <= PIECE_FRAMES_MAX;
         let is_behind = frames.slots() > PIECE_FRAMES_MAX;
         let new = frames.slots().min(PIECE_FRAMES_MAX);
         for stamped in frames.read_chunk(new).into_iter().flatten() {
-            reader.on_frame(&stamped);
-            bus.observe(&stamped);
+            shown.iter_mut().for_each(|one| one.observe(&stamped));
         }
-        let piece = if is_last {
-            reader.take_rest(&setup.scenario)?
-        } else {
-            reader.take_piece(&setup.scenario)?
-        };
-        recording.log(&piece, &mut bus)?;
+        shown.iter_mut().try_for_each(|one| one.log(is_last))?;
         flush(&stream)?;
         if is_last {
             break;
@@ -123,8 +153,14 @@ fn follow(
             sleep(PIECE_PERIOD);
         }
     }
+    let mut end_seconds = 0.0_f64;
+    for one in shown {
+        let (_, end) = one.recording.end()?;
+        end_seconds = end_seconds.max(end);
+    }
     if let Ok(verdict) = judged.recv() {
-        recording.log_verdict(&verdict)?;
+        let scenario = &setups[0].scenario;
+        rerun::log_verdict(&mut stream.clone(), scenario, &verdict, end_seconds)?;
     }
     flush(&stream)
 }

@@ -58,14 +58,14 @@ impl Viewers {
         self.addresses.is_empty()
     }
 
-    /// Begins to show a run in each viewer: where its frames go, and how to end.
+    /// Begins to show a run with all its loops in each viewer: where its frames go, and how to end.
     #[must_use]
     #[cfg(feature = "rerun")]
-    pub fn show(&self, setup: &Setup, when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
+    pub fn show(&self, setups: &[Setup], when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
         let started = self
             .addresses
             .iter()
-            .map(|address| Show::start(address, setup, when_full));
+            .map(|address| Show::start(address, setups, when_full));
         let (queues, shows) = started.unzip();
         (queues, Shows(shows))
     }
@@ -73,7 +73,7 @@ impl Viewers {
     /// Without the SDK there are no viewers.
     #[must_use]
     #[cfg(not(feature = "rerun"))]
-    pub fn show(&self, _setup: &Setup, _when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
+    pub fn show(&self, _setups: &[Setup], _when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
         (Vec::new(), Shows::default())
     }
 }

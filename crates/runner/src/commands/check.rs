@@ -3,15 +3,23 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use comfy_table::CellAlignment;
 use scenario::Override;
+use scenario::loops::Loops;
 use scenario::rig::RigFile;
+use scenario::rig::nodes::Rig;
 
 use crate::console::{print, print_error, usage_error};
 use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::scenarios::{read, read_rig, scenario_files};
 use crate::shipped;
+use report::terminal::empty_table;
 use rig::FILE_BYTES_MAX;
+use rig::bus_budget::BusBudget;
+use rig::loops::check_rig;
+use rig::setup::Setup;
+use worlds::catalogue::catalogue;
 
 /// Arguments of `check`.
 #[derive(Args, Debug)]
@@ -33,7 +41,10 @@ pub fn check(args: &CheckArgs) -> Exit {
     let mut worst = Exit::Pass;
     for path in paths {
         match checked(&path, &args.values.overrides) {
-            Ok(name) => print(&format!("{}: valid ({name})", path.display())),
+            Ok(Valid { name, bus }) => {
+                print(&format!("{}: valid ({name})", path.display()));
+                bus.iter().for_each(|bus| print(&arithmetic(bus)));
+            }
             Err(error) => {
                 print_error(&format!("{error:?}"));
                 worst = worst.max(Exit::CannotStart);
@@ -43,16 +54,65 @@ pub fn check(args: &CheckArgs) -> Exit {
     worst
 }
 
-/// The name of a valid scenario or rig file.
-fn checked(path: &Path, overrides: &[Override]) -> miette::Result<String> {
+/// A valid scenario or rig file.
+struct Valid {
+    name: String,
+    /// What the nodes send, where a rig file of schema 2 says it.
+    bus: Option<BusBudget>,
+}
+
+fn checked(path: &Path, overrides: &[Override]) -> miette::Result<Valid> {
     let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
+    if Rig::is_meant(&text) {
+        let (rig, bus) = check_rig(&text, &path.display().to_string(), catalogue())?;
+        let name = format!("rig: {}", rig.name);
+        return Ok(Valid {
+            name,
+            bus: Some(bus),
+        });
+    }
     if RigFile::is_meant(&text) || shipped::rig(path).is_some() {
         let loaded = read_rig(path)?;
-        return Ok(format!("rig: {}", loaded.file.name));
+        let name = format!("rig: {}", loaded.file.name);
+        return Ok(Valid { name, bus: None });
     }
-    let scenario = read(path, overrides)?.scenario;
-    Ok(match &scenario.sweep {
+    let setups = read(path, overrides)?;
+    let Setup {
+        scenario,
+        text,
+        tables,
+        ..
+    } = &setups[0];
+    let bus = Loops::is_meant(text).then(|| Rig::of_scenario(text, tables));
+    let bus = bus.transpose()?.map(|rig| BusBudget::new(&rig, &setups));
+    let name = match &scenario.sweep {
         Some(sweep) => format!("{}, {} runs in a sweep", scenario.name, sweep.runs()),
-        None => scenario.name,
-    })
+        None => scenario.name.clone(),
+    };
+    Ok(Valid { name, bus })
+}
+
+/// What is on the bus in a cycle, and whether it fits.
+fn arithmetic(bus: &BusBudget) -> String {
+    let mut table = empty_table(["node", "sends", "bits", "comes in"]);
+    for share in &bus.shares {
+        let (node, what) = (share.node.as_str(), share.what.as_str());
+        let comes = match share.every_cycles {
+            1 => "every cycle".to_owned(),
+            every => format!("one cycle in {every}"),
+        };
+        table.add_row([node, what, &format!("{:.0}", share.bits), &comes]);
+    }
+    let bits = table.column_mut(2).expect("it has four columns");
+    bits.set_cell_alignment(CellAlignment::Right);
+    let (period, bitrate) = (bus.period_milliseconds, bus.bitrate_kilobits_per_second);
+    let (available, load) = (bus.available_bits(), bus.load_percent());
+    let (needed, shortest) = (bus.needed_bits(), bus.period_milliseconds_min());
+    format!(
+        "{table}\n\
+         Bits are counted with as many stuff bits as a frame can have.\n\
+         {period} ms at {bitrate} kbit/s are {available:.0} bits between two SYNCs. The fullest cycle needs {needed:.0} of them; \
+         over many cycles the load is {load:.0} %.\n\
+         The shortest sync_period_milliseconds that fits is {shortest:.1}.\n"
+    )
 }

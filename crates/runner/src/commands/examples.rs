@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use scenario::schema::{json_schema, rig_json_schema};
+use scenario::schema::{json_schema, json_schema_2, rig_json_schema, rig_json_schema_2};
 use toml::Table;
 
 use crate::console::{print, print_bytes, print_error, usage_error};
@@ -34,7 +34,7 @@ pub fn examples(args: &ExamplesArgs) -> Exit {
     };
     match (&args.to, chosen.as_slice()) {
         (Some(folder), []) => copied(folder, &files().collect::<Vec<_>>()),
-        (Some(folder), chosen) => copied(folder, chosen),
+        (Some(folder), chosen) => copied(folder, &with_what_they_name(chosen)),
         (None, []) => {
             let names = files().map(|file| file.name().len());
             let width = names.max().unwrap_or_default();
@@ -59,11 +59,22 @@ fn named(name: &str) -> Result<ShippedFile, String> {
     })
 }
 
-/// What a file is, for people: the name in it.
+/// What a file is, for people: the name in it, or whose it is.
 fn title(file: &ShippedFile) -> String {
     let document: Table = file.text.parse().unwrap_or_default();
     let name = document.get("name").and_then(toml::Value::as_str);
-    name.unwrap_or("the texts of the requirements").to_owned()
+    let user = || files().find(|other| other.names(file));
+    match (name, user()) {
+        (Some(name), _) => name.to_owned(),
+        (None, Some(user)) => format!("a table of {}", user.name()),
+        (None, None) => "the texts of the requirements".to_owned(),
+    }
+}
+
+/// The files, and those that they name: rig files and tables.
+fn with_what_they_name(chosen: &[ShippedFile]) -> Vec<ShippedFile> {
+    let is_named = |file: &ShippedFile| chosen.iter().any(|one| one == file || one.names(file));
+    files().filter(is_named).collect()
 }
 
 fn copied(folder: &Path, files: &[ShippedFile]) -> Exit {
@@ -93,10 +104,20 @@ fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), (PathBuf, io::Error)
         let text = text.replacen("../../scenarios/rig_schema.json", "../rig_schema.json", 1);
         write(&folder.join(place), &text)?;
     }
-    for (place, text) in [
+    let of_one_drive = [
         ("schema.json", json_schema()),
         ("rig_schema.json", rig_json_schema()),
-    ] {
+    ];
+    let of_nodes = [
+        ("schema_2.json", json_schema_2()),
+        ("rig_schema_2.json", rig_json_schema_2()),
+    ];
+    let is_named = |place: &str| {
+        let mut heads = files.iter().filter_map(|file| file.text.lines().next());
+        heads.any(|head| head.ends_with(&format!("/{place}")))
+    };
+    let of_nodes = of_nodes.into_iter().filter(|(place, _)| is_named(place));
+    for (place, text) in of_one_drive.into_iter().chain(of_nodes) {
         match write(&folder.join(place), &text) {
             Err((_, error)) if error.kind() == io::ErrorKind::AlreadyExists => {}
             written => written?,

@@ -113,29 +113,30 @@ fn conversion<'a>(
     let frames = &recorded.log.frames;
     Ok(match args.format {
         Format::Csv => {
-            let timeline = recorded.timeline()?;
-            Box::new(move |output| csv::write(output, &timeline))
+            let timelines = recorded.timelines()?;
+            Box::new(move |output| csv::write(output, &recorded.named(&timelines)))
         }
         Format::Frames => frame_table(recorded, args.message.as_deref())?,
         Format::Events => {
-            let timeline = recorded.timeline()?;
-            Box::new(move |output| events::write(output, &timeline))
+            let events = recorded.events()?;
+            Box::new(move |output| events::write(output, &events))
         }
         Format::Asc => Box::new(move |output| asc::write(output, frames)),
         Format::Blf => Box::new(move |output| blf::write(output, frames)),
         Format::Mf4 => {
-            let (timeline, zero) = (recorded.timeline()?, zero(recorded)?);
-            Box::new(move |output| mf4::write(output, &timeline, frames, zero))
+            let (timelines, zero) = (recorded.timelines()?, zero(recorded)?);
+            Box::new(move |output| mf4::write(output, &recorded.named(&timelines), frames, zero))
         }
         Format::Mcap => {
-            let (events, zero) = (recorded.timeline()?.events, zero(recorded)?);
-            let database = &*recorded.setup.database;
+            let (events, zero) = (recorded.events()?, zero(recorded)?);
+            let database = &*recorded.setup().database;
             Box::new(move |output| mcap::write(output, frames, database, &events, zero))
         }
         Format::Parquet => {
-            let timeline = recorded.timeline()?;
+            let timelines = recorded.timelines()?;
             Box::new(move |output| {
-                parquet::write_signals(output, &timeline).map_err(io::Error::other)
+                let loops = recorded.named(&timelines);
+                parquet::write_signals(output, &loops).map_err(io::Error::other)
             })
         }
     })
@@ -145,7 +146,7 @@ fn frame_table<'a>(
     recorded: &'a Recorded,
     message: Option<&str>,
 ) -> Result<Conversion<'a>, RecordedError> {
-    let (frames, database) = (&recorded.log.frames, &*recorded.setup.database);
+    let (frames, database) = (&recorded.log.frames, &*recorded.setup().database);
     let zero = zero(recorded)?;
     Ok(match message {
         None => Box::new(move |output| frames::write_all(output, frames, database, zero)),
@@ -159,7 +160,7 @@ fn frame_table<'a>(
 
 /// When scenario time began, on the clock of the frames; their own time 0 if it never did.
 fn zero(recorded: &Recorded) -> Result<Duration, SignalMissing> {
-    let mut clock = ScenarioClock::new(&recorded.setup.database)?;
+    let mut clock = ScenarioClock::new(&recorded.setup().database)?;
     let mut frames = recorded.log.frames.iter();
     frames.any(|stamped| clock.on_frame(stamped.time, &stamped.frame));
     Ok(clock.zero().unwrap_or_default())

@@ -73,10 +73,10 @@ fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
     let played = args.scenario.as_deref().filter(|_| !path.is_dir());
     let mut recorded = Recorded::load(path, played, catalogue())?;
     if let Some(limits) = limits {
-        recorded.setup.scenario.expect = read_limits(path, limits, catalogue())?;
+        recorded.setups[0].scenario.expect = read_limits(path, limits, catalogue())?;
     }
-    let timeline = recorded.timeline()?;
-    let verdict = recorded.judge(&timeline)?;
+    let timelines = recorded.timelines()?;
+    let verdict = recorded.judge(&timelines)?;
     Ok((recorded, verdict))
 }
 
@@ -87,7 +87,7 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     if viewers.is_empty() {
         return;
     }
-    let (mut queues, shows) = viewers.show(&recorded.setup, WhenFull::Wait);
+    let (mut queues, shows) = viewers.show(&recorded.setups, WhenFull::Wait);
     let frames = &recorded.log.frames;
     let begin = frames
         .iter()

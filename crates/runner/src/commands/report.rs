@@ -40,19 +40,22 @@ pub fn report(args: &ReportArgs) -> Exit {
             Err(error) => return refuse(error),
         }
     }
-    let pages = runs.iter().map(|(recorded, timeline, verdict)| {
-        let page = Run {
-            setup: &recorded.setup,
+    let pages = runs.iter().map(|(recorded, timelines, verdict)| {
+        let verdicts = recorded.verdicts_of_loops(timelines);
+        let loops = recorded.setups.iter().zip(timelines).zip(&verdicts);
+        let loops = loops.map(|((setup, timeline), verdict)| Run {
+            setup,
             frames: &recorded.log.frames,
             timeline,
             verdict,
             is_long: recorded.is_long,
-        };
+        });
+        let loops = Vec::from_iter(loops);
         let place = match &args.output {
             Some(output) if runs.len() == 1 => output.clone(),
             _ => recorded.path.join(file::REPORT),
         };
-        html::to_html(&page).map(|text| (place, text))
+        html::to_html(&loops, verdict).map(|text| (place, text))
     });
     let pages: Vec<_> = pages.collect();
     drop(bar);
@@ -73,21 +76,21 @@ pub fn report(args: &ReportArgs) -> Exit {
     }
 }
 
-fn read(path: &Path) -> Result<(Recorded, Timeline, Verdict), RecordedError> {
+fn read(path: &Path) -> Result<(Recorded, Vec<Timeline>, Verdict), RecordedError> {
     require_run(path)?;
     let recorded = Recorded::load(path, None, catalogue())?;
-    let timeline = recorded.timeline()?;
-    let verdict = recorded.verdict(&timeline)?;
-    Ok((recorded, timeline, verdict))
+    let timelines = recorded.timelines()?;
+    let verdict = recorded.verdict(&timelines)?;
+    Ok((recorded, timelines, verdict))
 }
 
-fn together(runs: &[(Recorded, Timeline, Verdict)], output: &Path) -> String {
+fn together(runs: &[(Recorded, Vec<Timeline>, Verdict)], output: &Path) -> String {
     let runs: Vec<overview::ListedRun<'_>> = runs
         .iter()
-        .map(|(recorded, timeline, verdict)| overview::ListedRun {
+        .map(|(recorded, timelines, verdict)| overview::ListedRun {
             folder: folder_name(&recorded.path),
             page: link(output, &recorded.path.join(file::REPORT)),
-            timeline,
+            timeline: &timelines[0],
             verdict,
         })
         .collect();

@@ -7,17 +7,19 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use platform::bus::BusAddress;
 use platform::scheduling;
-use scenario::Scenario;
+use scenario::loops::Loops;
+use scenario::{Scenario, read_text};
 
 use crate::console::{print_diagnostic, print_error, usage_error};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::observer::observed;
-use crate::play::{PlayArgs, Testbed, play_all, prepared};
+use crate::play::{PlayArgs, Testbed, external_names, play_all, prepared, refuse_external};
 use crate::scenarios::{is_scenario, read_rig, scenario_files};
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
+use rig::FILE_BYTES_MAX;
 use rig::external::{External, ExternalNode};
 use rig::rig_file::{LoadedRig, RigError};
 use rig::setup::Setup;
@@ -26,6 +28,10 @@ use worlds::preflight::{Preflight, PreflightEvent};
 use worlds::{
     BusChoice, BusPlace, End, Played, RunBus, Vigil, WorldError, choose_bus, processes, real_time,
 };
+
+/// What `--dry-run` is for.
+const NOTHING_TO_CHECK: &str =
+    "--dry-run needs --external drive or --rig: it checks a drive that canrig does not emulate";
 
 /// Arguments of `run`.
 #[derive(Args, Debug)]
@@ -39,10 +45,11 @@ pub struct RunArgs {
     /// The clock of the processes
     #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
     pub clock: ClockChoice,
-    /// Nodes that canrig does not start but expects on the bus, such as a real drive; several with commas. A limit on a
-    /// value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
-    #[arg(long, value_enum, value_name = "NODE", value_delimiter = ',')]
-    pub external: Vec<ExternalNode>,
+    /// Nodes that canrig does not start but expects on the bus, such as a real drive; several with commas: `drive`,
+    /// `controller`, `fan`, or the names of a scenario's rig. A fan needs its drive too, since a real fan cannot cool an emulated
+    /// wire. A limit on a value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
+    #[arg(long, value_name = "NODE", value_delimiter = ',')]
+    pub external: Vec<String>,
     /// The rig file of a real drive, or the name of one that ships: its bus, objects, scaling, time-outs and hard limits. It makes the drive external.
     /// Without it, --external drive reads `rig.toml` beside the first scenario, where there is one
     #[arg(long, value_name = "FILE")]
@@ -90,6 +97,9 @@ struct RunPlan<'a> {
     /// Between two scenarios.
     vigil: Cell<Option<Vigil>>,
     clock: ClockChoice,
+    /// As the user names them.
+    names: Vec<String>,
+    /// The same on a bench with one drive.
     external: External,
     rig: Option<Arc<LoadedRig>>,
     preflight: Preflight,
@@ -99,7 +109,11 @@ struct RunPlan<'a> {
 impl<'a> RunPlan<'a> {
     /// Finds rig and bus, and refuses what does not go together.
     fn resolve(args: &RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
-        let external = External::new(&args.external).map_err(usage_error)?;
+        let external = External::of_names(&args.external);
+        let external = match names_rigs(args) {
+            true => external.unwrap_or_default(),
+            false => external.map_err(|reason| usage_error(&reason))?,
+        };
         let rig = rig_of(args, &external).map_err(|error| {
             print_diagnostic(error);
             Exit::CannotStart
@@ -125,6 +139,7 @@ impl<'a> RunPlan<'a> {
             _place: place,
             vigil: Cell::new(None),
             clock: args.clock,
+            names: args.external.clone(),
             external,
             rig: rig.map(Arc::new),
             preflight: Preflight::new(!args.no_heating),
@@ -144,8 +159,7 @@ impl<'a> RunPlan<'a> {
         };
         self.note(format!("bus: {} · clock: {clock}", self.bus));
         if !self.external.is_empty() {
-            let external = &self.external;
-            self.note(format!("external: {external} (expected on the bus)"));
+            self.announce_external(&self.external.to_string());
         }
         if self.clock == ClockChoice::RealTime
             && let Some(refusal) = refused_priority()
@@ -156,6 +170,10 @@ impl<'a> RunPlan<'a> {
             let (name, path) = (&rig.file.name, rig.path.display());
             self.note(format!("rig: {name} ({path})"));
         }
+    }
+
+    fn announce_external(&self, names: &str) {
+        self.note(format!("external: {names} (expected on the bus)"));
     }
 
     /// Tools find the only embedded bus by themselves; of several, and of a private one, each has its address.
@@ -172,17 +190,18 @@ impl<'a> RunPlan<'a> {
     /// Opens the bus, makes the pre-flight of a drive that is external, and plays the scenario.
     fn in_real_time(
         &self,
-        setup: &Setup,
+        setups: &[Setup],
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
         self.vigil.take().map_or(Ok(()), Vigil::end)?;
         let mut line = BusConnection::open(&self.bus)?;
         self.announce_address(line.address());
-        let ended = match self.run_preflight(setup, folder.path(), &mut line, capture.watch()) {
+        let preflight = self.run_preflight(setups, folder.path(), &mut line, capture.watch());
+        let ended = match preflight {
             Ok(End::Completed) => {
                 line.discard();
-                real_time::play(setup, folder, capture, &mut line, &mut |_| false)
+                real_time::play(setups, folder, capture, &mut line, &mut |_| false)
             }
             Ok(end) => Ok(Played { end, host: None }),
             Err(error) => Err(error),
@@ -191,16 +210,16 @@ impl<'a> RunPlan<'a> {
         line.close(capture)?;
         // Where a controller may have been lost, its silence is what takes the current away.
         let is_orderly = matches!(&ended, Ok(played) if played.end == End::Completed)
-            && setup.scenario.fault.is_empty();
+            && (setups.iter()).all(|setup| setup.scenario.fault.is_empty());
         if is_orderly {
-            self.keep_place(&address);
+            self.keep_place(&setups[0], &address);
         }
         ended
     }
 
     /// Until the next scenario, on a bus that outlives this one. What is wrong with that bus is for the next scenario to say.
-    fn keep_place(&self, address: &BusAddress) {
-        let is_manager = !self.external.has(ExternalNode::Controller);
+    fn keep_place(&self, setup: &Setup, address: &BusAddress) {
+        let is_manager = !setup.external.has(ExternalNode::Controller);
         let is_lasting = matches!(self.bus, RunBus::Interface(_));
         if is_manager && is_lasting {
             self.vigil.set(Vigil::begin(address).ok());
@@ -209,13 +228,13 @@ impl<'a> RunPlan<'a> {
 
     fn run_preflight(
         &self,
-        setup: &Setup,
+        setups: &[Setup],
         parent: &Path,
         line: &mut BusConnection,
         watch: &Watch,
     ) -> Result<End, WorldError> {
         let report = |step: &PreflightEvent| self.on_step(step);
-        (self.preflight).make(setup, parent, &self.bus, line, watch, &report)
+        (self.preflight).make(setups, parent, &self.bus, line, watch, &report)
     }
 
     /// The pre-flight of the first scenario, which stands for all: they share rig and bus.
@@ -227,15 +246,19 @@ impl<'a> RunPlan<'a> {
         let Some(path) = paths.first() else {
             return usage_error("no scenario is named");
         };
-        let setup = match prepared(path, &args.play.values, self, self.listener) {
-            Ok(setup) => setup,
+        let setups = match prepared(path, &args.play.values, self, self.listener) {
+            Ok(setups) => setups,
             Err(exit) => return exit,
         };
+        let has_drive = |setup: &Setup| setup.external.has(ExternalNode::Drive);
+        if !setups.iter().any(has_drive) {
+            return usage_error(NOTHING_TO_CHECK);
+        }
         let watch = Watch::default();
         let made = || {
             let mut line = BusConnection::open(&self.bus)?;
             self.announce_address(line.address());
-            self.run_preflight(&setup, &args.play.output, &mut line, &watch)
+            self.run_preflight(&setups, &args.play.output, &mut line, &watch)
         };
         match observed(|| watch.interrupt(), || (), made) {
             Ok(End::Completed) => Exit::Pass,
@@ -255,17 +278,43 @@ impl<'a> RunPlan<'a> {
     }
 }
 
-impl Testbed for RunPlan<'_> {
-    fn prepare(&self, setup: Setup) -> Result<Setup, String> {
-        let setup = setup.on(self.rig.clone(), self.external.clone());
-        let scenario = &setup.scenario;
-        let is_lockstep = self.clock == ClockChoice::Lockstep;
-        admits(scenario, &self.bus, is_lockstep)?;
-        self.external.admits(scenario)?;
-        if let Some(rig) = &self.rig {
-            rig.admits(scenario)?;
+impl RunPlan<'_> {
+    /// The loops of a scenario that names its rig itself.
+    fn prepare_loops(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String> {
+        if self.rig.is_some() {
+            return Err("the scenario names its rig: leave --rig out".to_owned());
         }
-        Ok(setup)
+        let setups = rig::loops::with_external(setups, &self.names)?;
+        if self.clock == ClockChoice::Lockstep {
+            refuse_external(&setups)?;
+        }
+        let external = external_names(&setups);
+        if !external.is_empty() {
+            self.announce_external(&external.join(", "));
+        }
+        Ok(setups)
+    }
+}
+
+impl Testbed for RunPlan<'_> {
+    fn prepare(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String> {
+        let has_rig = setups.iter().any(|setup| setup.nodes.is_some());
+        let setups = match has_rig {
+            true => self.prepare_loops(setups)?,
+            false => {
+                let on = |setup: Setup| setup.on(self.rig.clone(), self.external.clone());
+                setups.into_iter().map(on).collect()
+            }
+        };
+        for setup in &setups {
+            let scenario = &setup.scenario;
+            admits(scenario, &self.bus, self.clock)?;
+            setup.external.admits(scenario)?;
+            if let Some(rig) = &setup.rig {
+                rig.admits(scenario)?;
+            }
+        }
+        Ok(setups)
     }
 
     fn when_full(&self) -> WhenFull {
@@ -277,13 +326,13 @@ impl Testbed for RunPlan<'_> {
 
     fn play(
         &self,
-        setup: &Setup,
+        setups: &[Setup],
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
         match self.clock {
-            ClockChoice::RealTime => self.in_real_time(setup, folder, capture),
-            ClockChoice::Lockstep => processes::in_lockstep(setup, folder, capture, &self.bus),
+            ClockChoice::RealTime => self.in_real_time(setups, folder, capture),
+            ClockChoice::Lockstep => processes::in_lockstep(setups, folder, capture, &self.bus),
         }
     }
 }
@@ -294,29 +343,36 @@ fn rig_of(args: &RunArgs, external: &External) -> Result<Option<LoadedRig>, RigE
         return read_rig(path).map(Some);
     }
     let first = args.play.scenarios.first();
-    match first.filter(|_| external.has(ExternalNode::Drive)) {
+    let first = first.filter(|_| external.has(ExternalNode::Drive) && !names_rigs(args));
+    match first {
         Some(folder) if folder.is_dir() => LoadedRig::in_folder(folder),
         Some(file) => LoadedRig::in_folder(file.parent().unwrap_or(Path::new(""))),
         None => Ok(None),
     }
 }
 
+/// Whether a scenario that the arguments name names its rig by itself.
+fn names_rigs(args: &RunArgs) -> bool {
+    let paths = scenario_files(&args.play.scenarios, is_scenario).unwrap_or_default();
+    let mut texts = paths.iter().map(|path| read_text(path, FILE_BYTES_MAX));
+    texts.any(|text| text.is_ok_and(|text| Loops::is_meant(&text)))
+}
+
 /// Refuses arguments that do not go together.
 fn refuse(args: &RunArgs, external: &External) -> Result<(), &'static str> {
-    if args.clock == ClockChoice::Lockstep && !external.is_empty() {
+    let has_external = !external.is_empty() || !args.external.is_empty();
+    if args.clock == ClockChoice::Lockstep && has_external {
         return Err("--external needs --clock real-time: an external node keeps its own time");
     }
-    if args.dry_run && !external.has(ExternalNode::Drive) {
-        return Err(
-            "--dry-run needs --external drive or --rig: it checks a drive that canrig does not emulate",
-        );
+    if args.dry_run && !external.has(ExternalNode::Drive) && !names_rigs(args) {
+        return Err(NOTHING_TO_CHECK);
     }
     Ok(())
 }
 
 /// Faults of the bus need the modelled one; no real bus delays or loses frames on demand.
-fn admits(scenario: &Scenario, bus: &RunBus, is_lockstep: bool) -> Result<(), String> {
-    let is_modelled = is_lockstep && matches!(bus, RunBus::Embedded { .. });
+fn admits(scenario: &Scenario, bus: &RunBus, clock: ClockChoice) -> Result<(), String> {
+    let is_modelled = clock == ClockChoice::Lockstep && matches!(bus, RunBus::Embedded { .. });
     if is_modelled || scenario.fault.bus.is_empty() {
         return Ok(());
     }

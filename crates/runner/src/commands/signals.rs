@@ -5,13 +5,15 @@ use std::sync::Arc;
 
 use clap::Args;
 use dbc::{Database, Message, Signal};
-use scenario::Scenario;
+use scenario::loops::Loops;
+use scenario::{Scenario, ScenarioError, read_text};
 use serde::Serialize;
 
 use crate::console::print;
 use crate::exit::Exit;
 use crate::recorded::{RecordedError, read_played, refuse, require_run};
 use report::terminal;
+use rig::FILE_BYTES_MAX;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
 
@@ -123,11 +125,18 @@ pub fn signals(args: &SignalsArgs) -> Exit {
 fn database_of(source: &Path) -> Result<Arc<Database>, RecordedError> {
     if source.is_dir() {
         require_run(source)?;
-        return Ok(read_played(source, catalogue())?.0.database);
+        let (setups, _) = read_played(source, catalogue())?;
+        return Ok(Arc::clone(&setups[0].database));
     }
-    let scenario =
-        Scenario::load(source).map_err(|error| RecordedError::Scenario(Box::new(error)))?;
-    Ok(Setup::new(scenario, catalogue()).database)
+    let of_scenario = || -> Result<_, ScenarioError> {
+        let text = read_text(source, FILE_BYTES_MAX).unwrap_or_default();
+        match Loops::is_meant(&text) {
+            true => Ok(rig::loops::load(source, catalogue())?.swap_remove(0)),
+            false => Ok(Setup::new(Scenario::load(source)?, catalogue())),
+        }
+    };
+    let setup = of_scenario().map_err(|error| RecordedError::Scenario(Box::new(error)))?;
+    Ok(setup.database)
 }
 
 /// Every signal that a frame carries, in the order of the identifiers.

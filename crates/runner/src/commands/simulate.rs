@@ -4,7 +4,7 @@ use clap::Args;
 
 use crate::event::RunEvent;
 use crate::exit::Exit;
-use crate::play::{PlayArgs, Testbed, play_all};
+use crate::play::{PlayArgs, Testbed, play_all, refuse_external};
 use recording::capture::Capture;
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
@@ -31,8 +31,9 @@ pub fn simulate(args: &SimulateArgs) -> Exit {
 struct OneProcess;
 
 impl Testbed for OneProcess {
-    fn prepare(&self, setup: Setup) -> Result<Setup, String> {
-        Ok(setup)
+    fn prepare(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String> {
+        refuse_external(&setups)?;
+        Ok(setups)
     }
 
     fn when_full(&self) -> WhenFull {
@@ -41,11 +42,11 @@ impl Testbed for OneProcess {
 
     fn play(
         &self,
-        setup: &Setup,
+        setups: &[Setup],
         _folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
-        lockstep::simulate(setup, capture).map(Played::in_virtual_time)
+        lockstep::simulate_loops(setups, capture).map(Played::in_virtual_time)
     }
 }
 

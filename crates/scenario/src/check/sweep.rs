@@ -12,14 +12,18 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::nearest;
 use crate::plant::SMA_ACTUATOR;
-use crate::structure::{broken_limit, resolve};
+use crate::rig::nodes::Rig;
+use crate::schema::resolve;
+use crate::structure::broken_limit;
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
 use crate::{schema, sweep};
 
 use super::plant::is_about_a_wire;
 
-/// Tables that are not swept: the format's own, and checks, whose names in the verdict hold their windows and limits.
-const NOT_SWEPT: [&str; 4] = ["schema", "sweep", "expect.signal", "expect.sequence"];
+/// Tables of the format itself, which are not swept.
+const NOT_SWEPT: [&str; 2] = ["schema", "sweep"];
+/// Checks, which are not swept either: their names in the verdict hold their windows and limits.
+const CHECKS: [&str; 2] = [".signal", ".sequence"];
 
 /// Everything that is wrong with the sweep of a scenario with this plant. Notes in it which keys are whole numbers.
 pub(crate) fn check(
@@ -30,10 +34,41 @@ pub(crate) fn check(
     let Some(sweep) = sweep else {
         return Vec::new();
     };
+    let example = match plant {
+        SMA_ACTUATOR => "plant.mechanics.load_kilograms",
+        _ => "plant.sensor.resolution_bits",
+    };
+    let keys = Keys::new(&schema::SCENARIO, document).of_plant(plant);
+    check_keys(document, (plant, example), keys, sweep)
+}
+
+/// As [`check`], of a scenario on a rig.
+pub(crate) fn check_on(
+    document: &Document<'_>,
+    rig: &Rig,
+    sweep: Option<&mut Sweep>,
+) -> Vec<Problem> {
+    let Some(sweep) = sweep else {
+        return Vec::new();
+    };
+    let schema = schema::on_rig(rig);
+    let keys = Keys::new(&schema, document);
+    let of_plants = keys.0.keys().find(|key| key.starts_with("plant."));
+    let example = of_plants.map_or_else(|| "seed".to_owned(), String::clone);
+    check_keys(document, (SMA_ACTUATOR, &example), keys, sweep)
+}
+
+fn check_keys(
+    document: &Document<'_>,
+    (plant, example): (&str, &str),
+    keys: Keys<'_>,
+    sweep: &mut Sweep,
+) -> Vec<Problem> {
     let mut checker = Checker {
         document,
         plant,
-        keys: Keys::new(&schema::SCENARIO, document, plant),
+        example,
+        keys,
         has_few_runs: sweep.runs() <= RUNS_MAX,
         seen: BTreeSet::new(),
         problems: Vec::new(),
@@ -65,13 +100,18 @@ pub(crate) fn check(
 struct Keys<'a>(BTreeMap<String, &'a Value>);
 
 impl<'a> Keys<'a> {
-    fn new(schema: &'a Value, document: &Document<'_>, plant: &str) -> Self {
+    fn new(schema: &'a Value, document: &Document<'_>) -> Self {
         let mut keys = Self(BTreeMap::new());
         keys.collect(schema, schema, document, "", "");
-        if plant != SMA_ACTUATOR {
-            keys.0.retain(|key, _| !is_about_a_wire(key));
-        }
         keys
+    }
+
+    /// Those that mean something to a plant.
+    fn of_plant(mut self, plant: &str) -> Self {
+        if plant != SMA_ACTUATOR {
+            self.0.retain(|key, _| !is_about_a_wire(key));
+        }
+        self
     }
 
     /// Collects what is below a table: `key` is its path as users write it, `path` as the document does.
@@ -89,7 +129,9 @@ impl<'a> Keys<'a> {
                 parent => format!("{parent}.{name}"),
             };
             let (key, path) = (below(key), below(path));
-            if NOT_SWEPT.contains(&key.as_str()) {
+            let is_check =
+                key.starts_with("expect.") && CHECKS.iter().any(|check| key.ends_with(check));
+            if is_check || NOT_SWEPT.contains(&key.as_str()) {
                 continue;
             }
             let schema = resolve(root, property);
@@ -132,6 +174,8 @@ struct Checker<'a, 'text> {
     document: &'a Document<'text>,
     /// The plant's name.
     plant: &'a str,
+    /// A key for people.
+    example: &'a str,
     keys: Keys<'a>,
     /// False where the values of ranges are too many to be looked at.
     has_few_runs: bool,
@@ -262,10 +306,7 @@ impl<'a> Checker<'a, '_> {
                 false => format!("`{key}` is no number of this scenario"),
             };
             let problem = self.document.source.problem(span, message, label);
-            let example = match self.plant {
-                SMA_ACTUATOR => "plant.mechanics.load_kilograms",
-                _ => "plant.sensor.resolution_bits",
-            };
+            let example = self.example;
             let help = format!(
                 "a key is the dotted path of a number, such as {example} or reference.step[0].position_millimetres; \
                  the entry of a list, and the table of the law or plant, must be in the file"

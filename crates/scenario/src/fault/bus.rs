@@ -161,6 +161,8 @@ faults! {
 
 /// What faults of frames have in common.
 pub trait OfFrames: Lasting {
+    /// Whose frames are hit, or who misses them; everybody's without.
+    fn station(&self) -> Option<Station>;
     /// Which frames; all without.
     fn identifier(&self) -> Option<u16>;
     /// Of each of them, where no burst goes on.
@@ -170,8 +172,12 @@ pub trait OfFrames: Lasting {
 }
 
 macro_rules! of_frames {
-    ($($fault:ident),*) => {
+    ($($fault:ident by $station:ident),*) => {
         $(impl OfFrames for $fault {
+            fn station(&self) -> Option<Station> {
+                self.$station.into()
+            }
+
             fn identifier(&self) -> Option<u16> {
                 self.identifier
             }
@@ -186,4 +192,11 @@ macro_rules! of_frames {
         })*
     };
 }
-of_frames!(Lose, Delay, Duplicate, Reorder, Corrupt, BitError);
+of_frames!(
+    Lose by receiver,
+    Delay by sender,
+    Duplicate by sender,
+    Reorder by sender,
+    Corrupt by sender,
+    BitError by sender
+);

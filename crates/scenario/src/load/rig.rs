@@ -49,6 +49,15 @@ impl RigFile {
         none_of(problems, rig).map_err(fail)
     }
 
+    /// Its text.
+    ///
+    /// # Panics
+    /// Never: all of it has a form in TOML.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("tables of plain data")
+    }
+
     /// Whether a text is meant as a rig file: no scenario has one of these tables.
     #[must_use]
     pub fn is_meant(text: &str) -> bool {
@@ -83,13 +92,28 @@ fn check(document: &Document<'_>, rig: &RigFile) -> Vec<Problem> {
         let label = "drive, and fan and load module, have the same";
         problems.push(document.problem(path, message, label));
     }
+    problems.extend(check_drive(document, rig, str::to_owned));
+    problems
+}
+
+/// What the schema cannot say of the drive; `place` is where a key of a rig file of one drive stands in this file.
+pub(super) fn check_drive(
+    document: &Document<'_>,
+    rig: &RigFile,
+    place: impl Fn(&str) -> String,
+) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    let mut object = |path: &str, message: &str, label: &str| {
+        problems.push(document.problem(&place(path), message, label));
+    };
+    let drive = &rig.drive;
     if drive
         .eds
         .as_ref()
         .is_some_and(|eds| !table::is_inside_folder(eds))
     {
         let message = "the EDS must lie in the rig file's folder";
-        problems.push(document.problem("drive.eds", message, "no absolute path, no `..`"));
+        object("drive.eds", message, "no absolute path, no `..`");
     }
     let objects = [
         ("drive.command.object", &drive.command.object, false),
@@ -102,20 +126,20 @@ fn check(document: &Document<'_>, rig: &RigFile) -> Vec<Problem> {
             && !is_absent
         {
             let message = format!("\"{text}\" names no object");
-            problems.push(document.problem(path, message, reason));
+            object(path, &message, reason);
         }
     }
     let per_millimetre = drive.position.units_per_millimetre;
     if per_millimetre.abs() < 1e-6 {
         let path = "drive.position.units_per_millimetre";
         let message = "a position that does not change with the load";
-        problems.push(document.problem(path, message, "must not be 0"));
+        object(path, message, "must not be 0");
     }
     let range = rig.limits.position_millimetres;
     if range.min >= range.max {
         let message = "no position is within the limits";
         let label = format!("min {} is not below max {}", range.min, range.max);
-        problems.push(document.problem("limits.position_millimetres", message, label));
+        object("limits.position_millimetres", message, &label);
     }
     let timeouts = &rig.timeouts;
     let (period, lost) = (
@@ -126,7 +150,7 @@ fn check(document: &Document<'_>, rig: &RigFile) -> Vec<Problem> {
         let path = "timeouts.drive_lost_milliseconds";
         let message = "the drive is lost between two heartbeats";
         let label = format!("must be above the heartbeat period of {period} ms");
-        problems.push(document.problem(path, message, label));
+        object(path, message, &label);
     }
     problems
 }

@@ -291,12 +291,12 @@ pub struct DriveLayout {
 }
 
 impl DriveLayout {
-    /// The drive that canrig emulates, by the objects of its EDS.
+    /// A drive that canrig emulates, by the objects of its EDS.
     ///
     /// # Errors
     /// As [`DriveLayout::new`].
-    pub fn emulated(dictionary: ObjectDictionary) -> Result<Self, DriveError> {
-        Self::new(dictionary, &RigDrive::default(), RATED_CURRENT_AMPERES)
+    pub fn emulated(dictionary: ObjectDictionary, rig: &RigDrive) -> Result<Self, DriveError> {
+        Self::new(dictionary, rig, RATED_CURRENT_AMPERES)
     }
 
     /// A drive by the objects of its EDS with their defaults, what the rig file says of it, and the largest current that
@@ -500,7 +500,7 @@ mod tests {
     }
 
     fn emulated() -> DriveLayout {
-        DriveLayout::emulated(objects(DRIVE_EDS, 0x10)).unwrap()
+        DriveLayout::emulated(objects(DRIVE_EDS, 0x10), &RigDrive::default()).unwrap()
     }
 
     #[test]
@@ -540,7 +540,7 @@ mod tests {
     #[test]
     fn an_object_that_is_not_mapped_is_mapped_and_one_that_is_not_there_is_refused() {
         let text = DRIVE_EDS.replace("0x60640020", "0x60780010");
-        let drive = DriveLayout::emulated(objects(&text, 0x10)).unwrap();
+        let drive = DriveLayout::emulated(objects(&text, 0x10), &RigDrive::default()).unwrap();
         let wanted = [0x6041_0010, 0x6064_0020, 0x6078_0010];
         assert_eq!(drive.feedback.entries, wanted);
         let mut rig = RigDrive::default();
@@ -567,7 +567,7 @@ mod tests {
                 &format!("DefaultValue={was}\n"),
                 &format!("DefaultValue={cob_id}\n"),
             );
-            let error = DriveLayout::emulated(objects(&text, 0x10))
+            let error = DriveLayout::emulated(objects(&text, 0x10), &RigDrive::default())
                 .unwrap_err()
                 .to_string();
             assert!(error.contains(cob_id) && error.contains(place), "{error}");

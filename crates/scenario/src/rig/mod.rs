@@ -4,6 +4,7 @@
 
 pub mod drive;
 pub mod limits;
+pub mod nodes;
 #[cfg(test)]
 mod tests;
 

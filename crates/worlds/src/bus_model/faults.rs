@@ -1,14 +1,18 @@
 //! Faults of the bus: what happens to frames at their sender's gateway, on the wire and at a receiver, and foreign nodes.
 
 use std::collections::VecDeque;
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use canopen::CanFrame;
+use dbc::SignalMissing;
+use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
-use dbc::{Database, SignalMissing};
 use faults::Stream;
-use scenario::Scenario;
-use scenario::fault::bus::{BitError, Corrupt, Delay, Duplicate, Lose, OfFrames, Reorder, Station};
+use rig::setup::Setup;
+use scenario::fault::bus::{
+    self, BitError, Corrupt, Delay, Duplicate, Lose, OfFrames, Reorder, Station,
+};
 use scenario::fault::{Lasting, Place};
 
 use super::error_state::{Activity, ErrorState};
@@ -16,33 +20,76 @@ use super::error_state::{Activity, ErrorState};
 /// Frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
 const SEND_FRAMES_MAX: usize = 32;
 
-/// COB-ID of `plant_truth`.
-const TRUTH_COB_ID: u16 = 0x6B0;
+/// COB-IDs of `plant_truth` of all emulated drives.
+const TRUTH_COB_IDS: RangeInclusive<u16> = 0x6A1..=0x6BF;
 
 /// A frame and the time from which it waits.
 type Timed = (Duration, CanFrame);
+
+/// Who has a CAN controller of its own on a bus of several loops.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(crate) enum Seat {
+    /// The manager.
+    Controller,
+    /// The drive with this node-ID, and the disturbance module on the same CAN controller.
+    Drive(u8),
+    /// canrig's own node.
+    Bench,
+}
+
+impl Seat {
+    /// What a loop that is there calls so.
+    fn new(station: Station, place: &LoopPlace) -> Self {
+        match station {
+            Station::Controller => Self::Controller,
+            Station::Drive => Self::Drive(place.drive_node_id),
+            Station::Bench => Self::Bench,
+        }
+    }
+}
 
 /// A fault that hits frames, with its random numbers.
 #[derive(Debug)]
 struct Hitting<F> {
     fault: F,
+    /// Whom; everybody without.
+    seat: Option<Seat>,
     stream: Stream,
     /// How many more of the present burst.
     burst_left: u32,
 }
 
 impl<F: OfFrames + Clone> Hitting<F> {
-    fn all(faults: &[F], kind: &'static str, seed: u64) -> Vec<Self> {
-        let faults = faults.iter().cloned().enumerate();
-        let hitting = faults.map(|(index, fault)| {
-            let group = "bus";
-            Self {
-                fault,
-                stream: Stream::for_fault(seed, &Place { group, kind, index }),
-                burst_left: 0,
+    /// The faults of all loops, each once: those of a drive are its loop's, all others are in every loop.
+    fn all(
+        setups: &[Setup],
+        kind: &'static str,
+        of: impl Fn(&bus::BusFaults) -> &Vec<F>,
+    ) -> Vec<Self> {
+        let mut hitting = Vec::new();
+        for (number, setup) in setups.iter().enumerate() {
+            let Setup {
+                scenario, place, ..
+            } = setup;
+            for (index, fault) in of(&scenario.fault.bus).iter().enumerate() {
+                let is_of_loop = fault.station() == Some(Station::Drive);
+                if number > 0 && !is_of_loop {
+                    continue;
+                }
+                let seed = match is_of_loop {
+                    true => place.seed(scenario.seed),
+                    false => scenario.seed,
+                };
+                let group = "bus";
+                hitting.push(Self {
+                    fault: fault.clone(),
+                    seat: fault.station().map(|station| Seat::new(station, place)),
+                    stream: Stream::for_fault(seed, &Place { group, kind, index }),
+                    burst_left: 0,
+                });
             }
-        });
-        hitting.collect()
+        }
+        hitting
     }
 
     /// Whether this frame is hit; each matching frame is asked about once.
@@ -101,7 +148,7 @@ impl Foreign {
 /// All that goes wrong with the bus.
 #[derive(Debug)]
 pub(crate) struct BusFaults {
-    stations: Vec<Station>,
+    seats: Vec<Seat>,
     lose: Vec<Hitting<Lose>>,
     delay: Vec<Hitting<Delay>>,
     duplicate: Vec<Hitting<Duplicate>>,
@@ -117,38 +164,39 @@ pub(crate) struct BusFaults {
 }
 
 impl BusFaults {
-    /// The faults of a scenario for these participants; none where nothing goes wrong.
+    /// The faults of the loops for these participants; none where nothing goes wrong.
     ///
     /// # Errors
     /// The database has no statusword, from which scenario time follows.
-    pub(crate) fn new(
-        scenario: &Scenario,
-        database: &Database,
-        stations: Vec<Station>,
-    ) -> Result<Option<Self>, SignalMissing> {
-        let (faults, seed) = (&scenario.fault.bus, scenario.seed);
-        if faults.is_empty() {
+    pub(crate) fn new(setups: &[Setup], seats: Vec<Seat>) -> Result<Option<Self>, SignalMissing> {
+        let mut loops = setups.iter().map(|setup| &setup.scenario.fault.bus);
+        if loops.all(bus::BusFaults::is_empty) {
             return Ok(None);
         }
-        let babble = faults
+        let Setup {
+            scenario, database, ..
+        } = &setups[0];
+        // Of no drive, so every loop has them.
+        let foreign = &scenario.fault.bus;
+        let babble = foreign
             .babble
             .iter()
             .map(|fault| Foreign::new(fault, fault.identifier, 0.0));
-        let load = faults.load.iter();
+        let load = foreign.load.iter();
         let load =
             load.map(|fault| Foreign::new(fault, fault.identifier, fault.period_milliseconds));
         Ok(Some(Self {
-            lose: Hitting::all(&faults.lose, "lose", seed),
-            delay: Hitting::all(&faults.delay, "delay", seed),
-            duplicate: Hitting::all(&faults.duplicate, "duplicate", seed),
-            reorder: Hitting::all(&faults.reorder, "reorder", seed),
-            corrupt: Hitting::all(&faults.corrupt, "corrupt", seed),
-            bit_error: Hitting::all(&faults.bit_error, "bit_error", seed),
+            lose: Hitting::all(setups, "lose", |faults| &faults.lose),
+            delay: Hitting::all(setups, "delay", |faults| &faults.delay),
+            duplicate: Hitting::all(setups, "duplicate", |faults| &faults.duplicate),
+            reorder: Hitting::all(setups, "reorder", |faults| &faults.reorder),
+            corrupt: Hitting::all(setups, "corrupt", |faults| &faults.corrupt),
+            bit_error: Hitting::all(setups, "bit_error", |faults| &faults.bit_error),
             foreign: babble.chain(load).collect(),
-            held: vec![Vec::new(); stations.len()],
-            states: vec![ErrorState::default(); stations.len()],
+            held: vec![Vec::new(); seats.len()],
+            states: vec![ErrorState::default(); seats.len()],
             clock: ScenarioClock::new(database)?,
-            stations,
+            seats,
         }))
     }
 
@@ -182,24 +230,24 @@ impl BusFaults {
         let Some(seconds) = self.seconds(time) else {
             return vec![(time, frame)];
         };
-        let station = self.stations[index];
-        for corrupt in of_sender(&mut self.corrupt, |fault| fault.sender == station) {
+        let seat = self.seats[index];
+        for corrupt in of_seat(&mut self.corrupt, seat) {
             if corrupt.hits(seconds, &frame) {
                 frame = inverted(&frame, corrupt.fault.inverted_bits, &mut corrupt.stream);
             }
         }
         let mut leaves = time;
-        for delay in of_sender(&mut self.delay, |fault| fault.sender == station) {
+        for delay in of_seat(&mut self.delay, seat) {
             if delay.hits(seconds, &frame) {
                 leaves += Duration::from_secs_f64(delay.fault.delay_milliseconds * 1e-3);
             }
         }
         let mut copies = 1;
-        for duplicate in of_sender(&mut self.duplicate, |fault| fault.sender == station) {
+        for duplicate in of_seat(&mut self.duplicate, seat) {
             copies += usize::from(duplicate.hits(seconds, &frame));
         }
         let mut is_overtaken = false;
-        for reorder in of_sender(&mut self.reorder, |fault| fault.sender == station) {
+        for reorder in of_seat(&mut self.reorder, seat) {
             is_overtaken |= reorder.hits(seconds, &frame);
         }
         if is_overtaken {
@@ -216,10 +264,10 @@ impl BusFaults {
         let Some(seconds) = self.seconds(time) else {
             return false;
         };
-        let station = self.stations[index];
+        let seat = self.seats[index];
         let mut is_missed = false;
         // Each is asked, so that none depends on another.
-        for lose in of_sender(&mut self.lose, |fault| fault.receiver == station) {
+        for lose in of_seat(&mut self.lose, seat) {
             is_missed |= lose.hits(seconds, frame);
         }
         is_missed
@@ -234,10 +282,9 @@ impl BusFaults {
         bits: u32,
     ) -> Option<u32> {
         let seconds = self.seconds(time).filter(|_| !is_truth(frame))?;
-        let station = self.stations[index];
-        let is_of = |fault: &BitError| fault.sender.is_none_or(|sender| sender == station);
+        let seat = self.seats[index];
         let mut disturbed = None;
-        for error in of_sender(&mut self.bit_error, is_of) {
+        for error in of_seat(&mut self.bit_error, seat) {
             if error.hits(seconds, frame) {
                 let place = error.stream.below(u64::from(bits));
                 disturbed = Some(1 + u32::try_from(place).unwrap_or_default());
@@ -286,10 +333,10 @@ impl BusFaults {
     /// The number of a participant's node, for its error messages.
     #[must_use]
     pub(crate) fn node_number(&self, index: usize) -> u8 {
-        match self.stations[index] {
-            Station::Controller => 0x01,
-            Station::Drive => 0x10,
-            Station::Bench => 0,
+        match self.seats[index] {
+            Seat::Controller => 0x01,
+            Seat::Drive(node_id) => node_id,
+            Seat::Bench => 0,
         }
     }
 }
@@ -298,7 +345,8 @@ impl BusFaults {
 /// wire.
 #[must_use]
 pub(crate) fn is_truth(frame: &CanFrame) -> bool {
-    frame.standard_id() == Some(TRUTH_COB_ID)
+    let id = frame.standard_id();
+    id.is_some_and(|id| TRUTH_COB_IDS.contains(&id))
 }
 
 fn insert(outbox: &mut VecDeque<Timed>, time: Duration, frame: CanFrame) {
@@ -306,11 +354,10 @@ fn insert(outbox: &mut VecDeque<Timed>, time: Duration, frame: CanFrame) {
     outbox.insert(place, (time, frame));
 }
 
-fn of_sender<'a, F>(
-    faults: &'a mut [Hitting<F>],
-    is_of: impl Fn(&F) -> bool + 'a,
-) -> impl Iterator<Item = &'a mut Hitting<F>> {
-    faults.iter_mut().filter(move |one| is_of(&one.fault))
+/// The faults that hit a participant.
+fn of_seat<F>(faults: &mut [Hitting<F>], seat: Seat) -> impl Iterator<Item = &mut Hitting<F>> {
+    let is_meant = move |one: &&mut Hitting<F>| one.seat.is_none_or(|own| own == seat);
+    faults.iter_mut().filter(is_meant)
 }
 
 /// The frame with some bits of its payload inverted.

@@ -10,8 +10,10 @@ mod interface;
 mod interview;
 mod phase;
 
-use std::cell::Cell;
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::path::Path;
+use std::slice;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -28,6 +30,7 @@ use crate::bus_connection::BusConnection;
 use crate::bus_place::Vigil;
 use crate::catalogue::catalogue;
 use crate::error::WorldError;
+use crate::nodes::drive_name;
 use crate::played::End;
 use crate::real_time;
 use heating::Heating;
@@ -51,16 +54,19 @@ const HEARTBEAT_PATIENCE: Duration = Duration::from_millis(50);
 pub enum PreflightEvent {
     /// It begins.
     Begun,
+    /// The checks of one of several drives begin.
+    Drive(String),
     /// Something was checked.
     Checked(Check),
     /// The wire cools before the scenario.
     Cooling(Duration),
 }
 
-/// The pre-flight of one command: made once, before its first scenario.
+/// The pre-flight of one command: made once for each drive, before its first scenario.
 pub struct Preflight {
     may_heat: bool,
-    is_made: Cell<bool>,
+    /// Of which drives it was made.
+    made: RefCell<BTreeSet<String>>,
 }
 
 impl Preflight {
@@ -69,37 +75,69 @@ impl Preflight {
     pub fn new(may_heat: bool) -> Self {
         Self {
             may_heat,
-            is_made: Cell::new(false),
+            made: RefCell::default(),
         }
     }
 
-    /// Makes the checks, unless they have been made or the drive is the emulator; a folder in `parent` keeps what was on the
-    /// bus while the drive was led.
+    /// Makes the checks of each drive that is not the emulator, unless they have been made; a folder in `parent` keeps what was
+    /// on the bus while a drive was led.
     ///
     /// # Errors
     /// The check that failed, or why it could not be made.
     pub fn make(
         &self,
-        setup: &Setup,
+        setups: &[Setup],
         parent: &Path,
         bus: &RunBus,
         connection: &mut BusConnection,
         watch: &Watch,
         report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
-        if self.is_made.replace(true) || !setup.external.has(ExternalNode::Drive) {
+        let is_external = |setup: &&Setup| setup.external.has(ExternalNode::Drive);
+        let setups = Vec::from_iter(setups.iter().filter(is_external));
+        let is_new = |setup: &&Setup| self.made.borrow_mut().insert(who(setup));
+        let setups = Vec::from_iter(setups.into_iter().filter(is_new));
+        let Some(first) = setups.first() else {
             return Ok(End::Completed);
-        }
+        };
         report(&PreflightEvent::Begun);
-        let bit_rate = setup.scenario.bus.bitrate_kilobits_per_second;
+        let bit_rate = first.scenario.bus.bitrate_kilobits_per_second;
         pass(interface::checks(bus, bit_rate), report)?;
-        if setup.external.has(ExternalNode::Controller) {
+        if first.external.has(ExternalNode::Controller) {
             let text = "left to the external controller, which leads it";
             pass(vec![Check::open("drive", text)], report)?;
             return Ok(End::Completed);
         }
+        for setup in setups {
+            let session = Session {
+                parent,
+                connection,
+                watch,
+            };
+            if self.check_drive(setup, session, report)? == End::Interrupted {
+                return Ok(End::Interrupted);
+            }
+        }
+        Ok(End::Completed)
+    }
+
+    /// The checks of one drive.
+    fn check_drive(
+        &self,
+        setup: &Setup,
+        session: Session<'_>,
+        report: &dyn Fn(&PreflightEvent),
+    ) -> Result<End, WorldError> {
+        if setup.loop_name.is_some() {
+            report(&PreflightEvent::Drive(drive_name(setup).to_owned()));
+        }
         let rig = self.rig(setup)?;
         let mut interview = interview(&rig, &setup.external)?;
+        let Session {
+            parent,
+            connection,
+            watch,
+        } = session;
         connection.run_node(&mut interview, watch)?;
         if watch.is_interrupted() {
             return Ok(End::Interrupted);
@@ -114,7 +152,7 @@ impl Preflight {
         passed?;
         let session = Session {
             parent,
-            connection,
+            connection: &mut *connection,
             watch,
         };
         let end = heat(&rig, setup, session, report)?;
@@ -130,11 +168,17 @@ impl Preflight {
     fn rig(&self, setup: &Setup) -> Result<Arc<LoadedRig>, WorldError> {
         let mut rig = match &setup.rig {
             Some(rig) => LoadedRig::clone(rig),
-            None => emulated(&setup.scenario)?,
+            None => emulated(setup)?,
         };
         rig.file.preflight.heating &= self.may_heat;
         Ok(Arc::new(rig))
     }
+}
+
+/// Which drive it is: scenarios of one command may name several rigs.
+fn who(setup: &Setup) -> String {
+    let rig = setup.rig.as_deref().map_or("", |rig| rig.text.as_str());
+    format!("{} {rig}", setup.place.drive_node_id)
 }
 
 /// Reports the checks, up to the first that failed.
@@ -183,7 +227,13 @@ fn heat(
         heating.follow(capture);
         heating.is_over()
     };
-    let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
+    let ended = real_time::play(
+        slice::from_ref(&ramp),
+        &folder,
+        &mut capture,
+        connection,
+        &mut is_enough,
+    );
     await_stopped(connection, &mut capture, &mut heating)?;
     capture.finish()?;
     let ended = match ended.map(|played| played.end) {
@@ -207,10 +257,11 @@ fn interview(rig: &LoadedRig, external: &External) -> Result<Interview, WorldErr
 }
 
 /// What is known of the emulated drive, and the limits that its wire has.
-fn emulated(scenario: &Scenario) -> Result<LoadedRig, WorldError> {
-    let bus = &scenario.bus;
+fn emulated(setup: &Setup) -> Result<LoadedRig, WorldError> {
+    let bus = &setup.scenario.bus;
+    let node_id = setup.place.drive_node_id;
     let text = format!(
-        "schema = 1\nname = \"the emulated drive\"\n[bus]\nbitrate_kilobits_per_second = {}\n\
+        "schema = 1\nname = \"the emulated drive\"\n[drive]\nnode_id = {node_id}\n[bus]\nbitrate_kilobits_per_second = {}\n\
          sync_period_milliseconds = {:?}\n[limits]\ncurrent_amperes = 1.0\n\
          position_millimetres = {{ min = -2.0, max = 59.5 }}\nspeed_millimetres_per_second = 500.0\n",
         bus.bitrate_kilobits_per_second, bus.sync_period_milliseconds

@@ -115,21 +115,18 @@ type Page<'a> = Option<(&'a Path, String)>;
 fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> {
     let [a, b] = [&args.a, &args.b].map(|path| -> Result<_, RecordedError> {
         let recorded = Recorded::load(path, None, catalogue())?;
-        let timeline = recorded.timeline()?;
-        let verdict = recorded.judge(&timeline)?;
-        Ok((recorded, timeline, verdict))
+        let timelines = recorded.timelines()?;
+        let verdict = recorded.judge(&timelines)?;
+        Ok((recorded, timelines, verdict))
     });
-    let ((a, a_timeline, a_verdict), (b, b_timeline, b_verdict)) = (a?, b?);
+    let ((a, a_timelines, a_verdict), (b, b_timelines, b_verdict)) = (a?, b?);
+    let (a_loops, b_loops) = (a.named(&a_timelines), b.named(&b_timelines));
     let tolerances = Tolerances {
         given: &args.tolerance,
         time_seconds: args.time_tolerance / 1e3,
     };
-    (tolerances.check(&a_timeline, [&a_verdict, &b_verdict])).map_err(CompareError::NoSuchName)?;
-    let mut comparison = compare_runs(
-        &tolerances,
-        (&a_timeline, &a_verdict),
-        (&b_timeline, &b_verdict),
-    );
+    (tolerances.check(&a_loops, [&a_verdict, &b_verdict])).map_err(CompareError::NoSuchName)?;
+    let mut comparison = compare_runs(&tolerances, (&a_loops, &a_verdict), (&b_loops, &b_verdict));
     for recorded in [&a, &b] {
         let path = recorded.path.display();
         let remarks = recorded
@@ -144,7 +141,7 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> 
         let names = [&a, &b].map(|recorded| recorded.path.display().to_string());
         (
             place,
-            page::to_html(&comparison, &names, [&a_timeline, &b_timeline]),
+            page::to_html(&comparison, &names, [&a_loops, &b_loops]),
         )
     });
     Ok((comparison, page))

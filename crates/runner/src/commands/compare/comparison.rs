@@ -7,28 +7,40 @@ use super::difference::{Comparison, MetricDifference, SignalDifference};
 use super::shared::{Shared, SignalDeviation, outside};
 use super::tolerance::{SET_POINT, Tolerances};
 use judge::verdict::{Metric, Verdict};
-use recording::timeline::Timeline;
+use recording::timeline::{OfLoop, Timeline};
 
 /// What the controller publishes of itself comes with every tenth cycle only, so it may be that much later.
 const PUBLISHED_BY_CONTROLLER: [&str; 2] = ["reference_", "estimated_"];
 const CONTROLLER_CYCLES: usize = 10;
 
-/// Compares two runs. The names in the tolerances were checked before.
+/// Compares two runs, each with its loops. The names in the tolerances were checked before.
+///
+/// # Panics
+/// A run has no loop.
 pub(super) fn compare_runs(
     tolerances: &Tolerances<'_>,
-    (a, a_verdict): (&Timeline, &Verdict),
-    (b, b_verdict): (&Timeline, &Verdict),
+    (a, a_verdict): (&[OfLoop<'_>], &Verdict),
+    (b, b_verdict): (&[OfLoop<'_>], &Verdict),
 ) -> Comparison {
-    let shared = Shared::of(a, b);
-    let mut remarks = shared.remarks(a, b);
-    if a.period_seconds != b.period_seconds {
+    // Its loops share the cycles of a run.
+    let (one, other) = (a[0].1, b[0].1);
+    let shared = Shared::of(one, other);
+    let mut remarks = shared.remarks(one, other);
+    if one.period_seconds != other.period_seconds {
         remarks.push(format!(
             "the cycles differ: {} s and {} s, so nothing can be compared",
-            a.period_seconds, b.period_seconds
+            one.period_seconds, other.period_seconds
         ));
     }
+    remarks.extend(remark_on_loops(a, b));
     let is_whole = remarks.is_empty();
-    let signals = signals(tolerances, &shared, a, b);
+    let mut signals = Vec::new();
+    for (name, one) in a {
+        if let Some((_, other)) = b.iter().find(|(other, _)| other == name) {
+            signals.extend(signals_of_loop(tolerances, &shared, name, [*one, *other]));
+        }
+    }
+    signals.sort_by(|left, right| right.weight().total_cmp(&left.weight()));
     let metrics = metrics(tolerances, a_verdict, b_verdict);
     Comparison {
         agrees: is_whole
@@ -41,17 +53,33 @@ pub(super) fn compare_runs(
     }
 }
 
-/// The signals that both runs have, what differs most by its tolerance first.
-fn signals(
+/// What is wrong if the runs have not the same loops.
+fn remark_on_loops(a: &[OfLoop<'_>], b: &[OfLoop<'_>]) -> Option<String> {
+    let [a, b] = [a, b].map(|loops| {
+        let names = loops.iter().map(|(prefix, _)| prefix.trim_end_matches('.'));
+        Vec::from_iter(names).join(", ")
+    });
+    let words = |names: &str| match names {
+        "" => "one".to_owned(),
+        names => names.to_owned(),
+    };
+    (a != b).then(|| {
+        let (a, b) = (words(&a), words(&b));
+        format!("the runs have not the same loops: A has {a}, B has {b}")
+    })
+}
+
+/// The signals that both runs have of a loop.
+fn signals_of_loop(
     tolerances: &Tolerances<'_>,
     shared: &Shared,
-    a: &Timeline,
-    b: &Timeline,
+    prefix: &str,
+    [a, b]: [&Timeline; 2],
 ) -> Vec<SignalDifference> {
     let (a_set_point, b_set_point) = (&a.set_point_millimetres, &b.set_point_millimetres);
     let set_point = signal(
         tolerances,
-        (SET_POINT, "mm"),
+        (prefix, SET_POINT, "mm"),
         shared,
         a_set_point,
         b_set_point,
@@ -59,7 +87,7 @@ fn signals(
     let mut signals = vec![set_point];
     for column in &a.columns {
         if let Some(other) = b.column(&column.name) {
-            let what = (column.name.as_str(), column.unit.as_str());
+            let what = (prefix, column.name.as_str(), column.unit.as_str());
             let none;
             let other = match column.is_used() == other.is_used() {
                 true => &other.values,
@@ -72,19 +100,18 @@ fn signals(
             signals.push(signal(tolerances, what, shared, &column.values, other));
         }
     }
-    signals.sort_by(|left, right| right.weight().total_cmp(&left.weight()));
     signals
 }
 
 fn signal(
     tolerances: &Tolerances<'_>,
-    (name, unit): (&str, &str),
+    (prefix, name, unit): (&str, &str, &str),
     shared: &Shared,
     a: &[f64],
     b: &[f64],
 ) -> SignalDifference {
     let [a, b] = shared.values(a, b);
-    let tolerance = tolerances.of_signal(name, unit);
+    let tolerance = tolerances.of_signal(prefix, name, unit);
     let is_published = PUBLISHED_BY_CONTROLLER
         .iter()
         .any(|start| name.starts_with(start));
@@ -94,7 +121,7 @@ fn signal(
     let differences = one.iter().zip(&other).map(|(one, other)| one.max(*other));
     let deviation = SignalDeviation::of(&a, &b, shared.period_seconds);
     let mut difference = SignalDifference {
-        name: name.to_owned(),
+        name: format!("{prefix}{name}"),
         unit: unit.to_owned(),
         tolerance: tolerance.is_finite().then_some(tolerance),
         largest: None,
@@ -174,7 +201,10 @@ mod tests {
             given: &[],
             time_seconds: 0.0,
         };
-        let compared = |a, b| compare_runs(&tolerances, (a, &verdict), (b, &verdict));
+        let compared = |a, b| {
+            let [a, b] = [a, b].map(|timeline| [(String::new(), timeline)]);
+            compare_runs(&tolerances, (&a, &verdict), (&b, &verdict))
+        };
         let same = compared(&whole, &whole);
         assert_eq!((same.agrees, same.remarks.len()), (true, 0));
         // One cycle more or less is no difference, half of the run is.

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 
 use super::difference::{Comparison, MetricDifference, SignalDifference};
 use platform::series::Series;
-use recording::timeline::Timeline;
+use recording::timeline::{self, OfLoop};
 use report::page;
 use report::plot::{Colour, Patch, Plot, Shape};
 use report::terminal;
@@ -144,7 +144,7 @@ fn result(agrees: bool) -> Cell {
 pub(super) fn to_html(
     comparison: &Comparison,
     names: &[String; 2],
-    runs: [&Timeline; 2],
+    runs: [&[OfLoop<'_>]; 2],
 ) -> String {
     let class = if comparison.agrees { "pass" } else { "fail" };
     let body = html! {
@@ -165,42 +165,44 @@ pub(super) fn to_html(
 }
 
 /// The position first, then what diverges most; under each signal the difference.
-fn plots(comparison: &Comparison, [a, b]: [&Timeline; 2]) -> Vec<Markup> {
-    let find = |name: &str| comparison.signals.iter().find(|signal| signal.name == name);
-    let position = find("position_millimetres");
-    let diverging = comparison
-        .signals
-        .iter()
-        .filter(|signal| !signal.agrees() && signal.name != "position_millimetres");
-    let shown = position.into_iter().chain(diverging.take(PLOTS_MAX));
+fn plots(comparison: &Comparison, [a, b]: [&[OfLoop<'_>]; 2]) -> Vec<Markup> {
+    let is_position = |signal: &&SignalDifference| {
+        let name = signal.name.rsplit('.').next();
+        name == Some("position_millimetres")
+    };
+    let positions = comparison.signals.iter().filter(is_position);
+    let others = comparison.signals.iter();
+    let diverging = others.filter(|signal| !signal.agrees() && !is_position(signal));
+    let shown = positions.chain(diverging.take(PLOTS_MAX));
     let plots = shown.flat_map(|signal| [both(signal, [a, b]), difference(signal, [a, b])]);
     plots.collect()
 }
 
-fn values<'a>(run: &'a Timeline, signal: &SignalDifference) -> &'a [f64] {
-    match run.column(&signal.name) {
-        Some(column) => &column.values,
-        None => &run.set_point_millimetres,
-    }
+fn values<'a>(run: &[OfLoop<'a>], signal: &SignalDifference) -> &'a [f64] {
+    let mut signals = timeline::signals(run).into_iter();
+    let found = signals.find(|rows| rows.name == signal.name);
+    found.map_or(&[], |rows| rows.values)
 }
 
-fn both(signal: &SignalDifference, [a, b]: [&Timeline; 2]) -> Markup {
+fn both(signal: &SignalDifference, [a, b]: [&[OfLoop<'_>]; 2]) -> Markup {
     let mut plot = Plot::over_time(signal.name.as_str(), &signal.unit);
     for (label, colour, run) in [("A", Colour::Run(0), a), ("B", Colour::Run(3), b)] {
         let values = values(run, signal);
-        plot.draw(label, colour, Shape::Line, &run.time_seconds, values);
+        plot.draw(label, colour, Shape::Line, &run[0].1.time_seconds, values);
     }
     plot.patches.extend(apart(signal));
     plot.render()
 }
 
 /// B less A at the cycles of A, within the tolerance or not.
-fn difference(signal: &SignalDifference, [a, b]: [&Timeline; 2]) -> Markup {
+fn difference(signal: &SignalDifference, [a, b]: [&[OfLoop<'_>]; 2]) -> Markup {
+    let [a_values, b_values] = [a, b].map(|run| values(run, signal));
+    let (a, b) = (a[0].1, b[0].1);
     let at = |cycle| {
         let row = b.cycle.binary_search(cycle).ok()?;
-        values(b, signal).get(row).copied()
+        b_values.get(row).copied()
     };
-    let rows = a.cycle.iter().zip(values(a, signal));
+    let rows = a.cycle.iter().zip(a_values);
     let differences: Series<f64> = rows
         .map(|(cycle, value)| at(cycle).unwrap_or(f64::NAN) - value)
         .collect();

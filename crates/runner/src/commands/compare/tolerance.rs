@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use judge::verdict::Verdict;
-use recording::timeline::Timeline;
+use recording::timeline::OfLoop;
 
 /// The name under which the set-point is compared; it shows whether both runs wanted the same.
 pub(super) const SET_POINT: &str = "set_point_millimetres";
@@ -75,16 +75,18 @@ impl Tolerances<'_> {
     /// Refuses a name that nothing has: it is mistyped.
     pub(super) fn check(
         &self,
-        timeline: &Timeline,
+        loops: &[OfLoop<'_>],
         verdicts: [&Verdict; 2],
     ) -> Result<(), UnknownName> {
+        let has_signal = |(prefix, timeline): &OfLoop<'_>, name: &str| {
+            let own = name.strip_prefix(prefix).unwrap_or(name);
+            let mut columns = timeline.columns.iter();
+            own == SET_POINT || columns.any(|column| column.name == own || column.unit == name)
+        };
         let is_known = |name: &str| {
-            let has_signal = timeline
-                .columns
-                .iter()
-                .any(|column| column.name == name || column.unit == name);
-            let metrics = verdicts.iter().flat_map(|verdict| &verdict.metrics);
-            has_signal || name == SET_POINT || metrics.into_iter().any(|metric| metric.name == name)
+            let mut metrics = verdicts.iter().flat_map(|verdict| &verdict.metrics);
+            loops.iter().any(|one| has_signal(one, name))
+                || metrics.any(|metric| metric.name == name)
         };
         match self.given.iter().find(|given| !is_known(&given.name)) {
             Some(unknown) => Err(UnknownName(unknown.name.clone())),
@@ -97,8 +99,9 @@ impl Tolerances<'_> {
         given.map(|given| given.value)
     }
 
-    /// The tolerance of a signal: the user's for it, the user's for its unit, or the default.
-    pub(super) fn of_signal(&self, name: &str, unit: &str) -> f64 {
+    /// The tolerance of a signal: the user's for it, or for it in all loops, the user's for its unit, or the default.
+    pub(super) fn of_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
+        let of_loop = self.given(&format!("{prefix}{name}"));
         let of_unit = || {
             let named = Some(unit).filter(|unit| !unit.is_empty());
             named.and_then(|unit| self.given(unit))
@@ -111,7 +114,8 @@ impl Tolerances<'_> {
                 known.map_or(f64::INFINITY, |(_, tolerance)| *tolerance)
             }
         };
-        self.given(name).or_else(of_unit).unwrap_or_else(default)
+        let given = of_loop.or_else(|| self.given(name));
+        given.or_else(of_unit).unwrap_or_else(default)
     }
 
     pub(super) fn of_metric(&self, name: &str, values: [Option<f64>; 2]) -> f64 {
@@ -144,12 +148,20 @@ mod tests {
             given: &given,
             time_seconds: 0.0,
         };
-        let of_signal = |name, unit| tolerances.of_signal(name, unit);
+        let of_signal = |name, unit| tolerances.of_signal("", name, unit);
         assert_eq!(of_signal("position_millimetres", "mm"), 2.0);
         assert_eq!(of_signal("true_position_millimetres", "mm"), 0.5);
         assert_eq!(of_signal("martensite_fraction", ""), 0.02);
         assert_eq!(of_signal("current_amperes", "A"), f64::INFINITY);
         assert_eq!(of_signal("saturation_on_stop", ""), f64::INFINITY);
+        let given = ["position_millimetres=2", "x.position_millimetres=3"];
+        let given = given.map(|text| text.parse().unwrap());
+        let of_loops = Tolerances {
+            given: &given,
+            time_seconds: 0.0,
+        };
+        let of_loop = |prefix| of_loops.of_signal(prefix, "position_millimetres", "mm");
+        assert_eq!([of_loop("x."), of_loop("y.")], [3.0, 2.0]);
         assert_eq!(
             tolerances.of_metric("settling_time_seconds", [Some(0.1), None]),
             0.01

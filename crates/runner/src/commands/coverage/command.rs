@@ -84,9 +84,9 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     let mut all: BTreeMap<String, Requirement> = BTreeMap::new();
     let is_listed = args.requirements.is_none();
     for folder in &args.runs {
-        let (setup, verdict) = read(folder)?;
-        for (id, rows) in demanded(&setup) {
-            let untimed = untimed(&setup, verdict.as_ref());
+        let (setups, verdict) = read(folder)?;
+        for (id, rows) in demanded(&setups) {
+            let untimed = untimed(&setups, verdict.as_ref());
             let outcome = |row: &Option<String>| match row {
                 Some(row) if untimed.contains(row) => Outcome::Inconclusive,
                 row => outcome_of(row.as_deref(), verdict.as_ref()),
@@ -98,7 +98,7 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
             let requirement = all
                 .entry(id.clone())
                 .or_insert_with(|| Requirement::new(id, is_listed));
-            requirement.add(&setup.scenario.name, &rows, folder);
+            requirement.add(&setups[0].scenario.name, &rows, folder);
         }
     }
     for (id, text) in args.requirements.as_deref().map_or(Ok(vec![]), read_list)? {
@@ -110,19 +110,29 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     Ok(all.into_values().collect())
 }
 
-/// The scenario of a run folder and its verdict; none for a run that was killed.
-fn read(folder: &Path) -> Result<(Setup, Option<Verdict>), RecordedError> {
+/// The loops of a run folder's scenario and its verdict; none for a run that was killed.
+fn read(folder: &Path) -> Result<(Vec<Setup>, Option<Verdict>), RecordedError> {
     require_run(folder)?;
     read_played(folder, catalogue())
 }
 
 /// Each requirement of a scenario with the rows that test it; none stands for the scenario as a whole.
-fn demanded(setup: &Setup) -> BTreeMap<String, Vec<Option<String>>> {
+fn demanded(setups: &[Setup]) -> BTreeMap<String, Vec<Option<String>>> {
     let mut demanded: BTreeMap<String, Vec<Option<String>>> = BTreeMap::new();
+    let setup = &setups[0];
     for id in &setup.scenario.requirements {
         demanded.entry(id.clone()).or_default().push(None);
     }
-    for (row, requirements) in setup.scenario.expect.requirements_of_rows() {
+    let of_loops = setups.iter().flat_map(|setup| {
+        let rows = setup.scenario.expect.requirements_of_rows().into_iter();
+        rows.map(|(row, ids)| (judge::row_of_loop(setup, &row), ids))
+    });
+    let of_contours = setup.contours.iter().flat_map(|contour| {
+        let tested = contour.rows().into_iter();
+        let tested = tested.filter(|(_, limit)| limit.is_some());
+        tested.map(|(row, _)| (row, contour.requirements.clone()))
+    });
+    for (row, requirements) in of_loops.chain(of_contours) {
         for id in requirements {
             demanded.entry(id).or_default().push(Some(row.clone()));
         }
@@ -131,12 +141,14 @@ fn demanded(setup: &Setup) -> BTreeMap<String, Vec<Option<String>>> {
 }
 
 /// The rows on timing that a verdict does not have, since the run was in virtual time.
-fn untimed(setup: &Setup, verdict: Option<&Verdict>) -> Vec<String> {
+fn untimed(setups: &[Setup], verdict: Option<&Verdict>) -> Vec<String> {
     let is_untimed = verdict.is_some_and(|verdict| {
         let is_decided = matches!(verdict.outcome, Outcome::Pass | Outcome::Fail);
         is_decided && verdict.timing.is_none()
     });
-    let rows = setup.scenario.expect.timing.rows();
+    let rows = setups
+        .iter()
+        .flat_map(|setup| setup.scenario.expect.timing.rows());
     rows.filter(|_| is_untimed).collect()
 }
 

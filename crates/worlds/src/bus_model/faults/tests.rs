@@ -1,5 +1,8 @@
 //! The gateway and the receiver, without a bus.
 
+use rig::catalogue::Catalogue;
+use scenario::Scenario;
+
 use super::*;
 
 /// The faults of these tables for one drive, with scenario time begun at 0.
@@ -8,8 +11,8 @@ fn faults(tables: &str) -> BusFaults {
         "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
     );
     let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-    let database = Database::shipped();
-    let mut faults = BusFaults::new(&scenario, database, vec![Station::Drive])
+    let setup = Setup::new(scenario, &Catalogue::shipped());
+    let mut faults = BusFaults::new(&[setup], vec![Seat::Drive(0x10)])
         .unwrap()
         .unwrap();
     faults.observe(

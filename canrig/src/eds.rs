@@ -1,0 +1,49 @@
+//! `canrig eds`: the data sheet of each node of a rig, as files for other programs.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use rig::named_nodes::{NodeSheet, node_sheets};
+use runner::console::{print, print_error};
+use runner::exit::Exit;
+use runner::named::setups_of;
+
+/// Arguments of `eds`.
+#[derive(Args, Debug)]
+pub(crate) struct EdsArgs {
+    /// Whose nodes: a rig file, a scenario, or the folder of a run
+    #[arg(value_name = "RIG")]
+    pub rig: PathBuf,
+    /// Write the files to this folder; nothing is overwritten
+    #[arg(long, value_name = "FOLDER")]
+    pub to: PathBuf,
+}
+
+/// Writes the EDS of each node, and prints which it wrote.
+#[must_use]
+pub(crate) fn eds(args: &EdsArgs) -> Exit {
+    let setups = match setups_of(&args.rig) {
+        Ok(setups) => setups,
+        Err(exit) => return exit,
+    };
+    for sheet in node_sheets(&setups) {
+        let path = args.to.join(sheet.file_name());
+        if let Err(error) = write(&path, &sheet) {
+            print_error(&format!(
+                "canrig: {} cannot be written: {error}",
+                path.display()
+            ));
+            return Exit::BenchFailed;
+        }
+        let id = sheet.node_id;
+        print(&format!("{}  node {id} (0x{id:02X})", path.display()));
+    }
+    Exit::Pass
+}
+
+fn write(path: &Path, sheet: &NodeSheet) -> io::Result<()> {
+    fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
+    File::create_new(path)?.write_all(sheet.text.as_bytes())
+}

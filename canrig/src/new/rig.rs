@@ -1,0 +1,97 @@
+//! `canrig new rig`: a rig file of two drives, and a scenario that is played on it as it is.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use recording::run_folder::write_whole;
+use scenario::own::is_name;
+
+use super::{NewError, make, new_folder};
+
+/// What stands in the files for the rig's name.
+const NAME: &str = "my_rig";
+const RIG: &str = include_str!("rig/rig.toml");
+const SCENARIO: &str = include_str!("rig/scenario.toml");
+
+/// The rig to write.
+#[derive(Args, Debug)]
+pub(crate) struct RigArgs {
+    /// Name of the rig and of its file: small letters, digits and underscores
+    pub name: String,
+    /// Folder of the files, which must not be there yet [default: NAME]
+    #[arg(long, value_name = "FOLDER")]
+    pub path: Option<PathBuf>,
+}
+
+/// Writes the files, and returns what to do with them.
+pub(super) fn written(args: &RigArgs) -> Result<String, NewError> {
+    let name = &args.name;
+    if !is_name(name) {
+        return Err(NewError::RigName(name.clone()));
+    }
+    let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
+    new_folder(&folder)?;
+    for (file, text) in files(name) {
+        make(&folder.join(file), |path| {
+            write_whole(path, |output| output.write_all(text.as_bytes()))
+        })?;
+    }
+    let folder = folder.display();
+    Ok(format!(
+        "{folder} holds a rig of two drives and a scenario. Check and play them:\n  canrig check {folder}\n  canrig simulate {folder}/{name}_steps.toml"
+    ))
+}
+
+/// The files: how they are called, and what is in them.
+fn files(name: &str) -> [(String, String); 2] {
+    let renamed = |text: &str| text.replace(NAME, name);
+    [
+        (format!("{name}.toml"), renamed(RIG)),
+        (format!("{name}_steps.toml"), renamed(SCENARIO)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use rig::loops::load;
+    use scenario::rig::nodes::Rig;
+    use worlds::catalogue::catalogue;
+
+    use super::*;
+
+    fn args(folder: &std::path::Path, name: &str) -> RigArgs {
+        RigArgs {
+            name: name.to_owned(),
+            path: Some(folder.join("deep/down")),
+        }
+    }
+
+    #[test]
+    fn a_rig_is_written_once_and_its_scenario_is_valid() {
+        let folder = tempfile::tempdir().unwrap();
+        let args = args(folder.path(), "gantry");
+        let said = written(&args).unwrap();
+        assert!(said.contains("deep/down/gantry_steps.toml"), "{said}");
+        let folder = folder.path().join("deep/down");
+        let loops = load(&folder.join("gantry_steps.toml"), catalogue()).unwrap();
+        assert_eq!(loops.len(), 2);
+        let rig = fs::read_to_string(folder.join("gantry.toml")).unwrap();
+        assert_eq!(Rig::parse(&rig, "gantry.toml").unwrap().name, "gantry");
+        assert!(!rig.contains("my_"), "{rig}");
+        let again = written(&args).unwrap_err();
+        assert!(matches!(again, NewError::Exists(_)), "{again}");
+    }
+
+    #[test]
+    fn what_can_be_no_name_is_refused_and_nothing_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["", "Gantry", "../gantry", "two axes"] {
+            let error = written(&args(folder.path(), name)).unwrap_err();
+            assert!(matches!(error, NewError::RigName(_)), "{error}");
+        }
+        assert!(!folder.path().join("deep").exists());
+    }
+}

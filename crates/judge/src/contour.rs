@@ -1,0 +1,149 @@
+//! How near several loops together stay to the path of their set-points.
+
+use recording::timeline::Timeline;
+use scenario::loops::Contour;
+
+use crate::metric::Metric;
+
+/// The nearest point of the path is looked for among the set-points of so much time before and after the sample.
+const SEARCH_SECONDS: f64 = 0.5;
+
+/// The rows of a contour: longest distance from the path, and its RMS. `axes` are the timelines of its loops.
+///
+/// The path is the line through the set-points of the cycles. The error of a sample is the distance of the measured point from
+/// the nearest point of the path: an axis that is late on a path makes none as long as it stays on it.
+pub(crate) fn contour(contour: &Contour, axes: &[&Timeline], end_seconds: f64) -> Vec<Metric> {
+    let ContourErrors { errors, .. } = contour_errors(contour, axes, end_seconds);
+    let value = |reduce: fn(&[f64]) -> f64| match errors.is_empty() {
+        true => Err("no sample of all axes in the window".to_owned()),
+        false => Ok(reduce(&errors)),
+    };
+    let values = [value(longest), value(rms)];
+    let rows = contour.rows().into_iter().zip(values);
+    let rows = rows.map(|((name, limit), value)| Metric {
+        requirements: contour.requirements.clone(),
+        ..Metric::new(name, value, limit)
+    });
+    rows.collect()
+}
+
+fn longest(errors: &[f64]) -> f64 {
+    errors.iter().copied().fold(0.0, f64::max)
+}
+
+fn rms(errors: &[f64]) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "samples of one run")]
+    let count = errors.len() as f64;
+    (errors.iter().map(|error| error * error).sum::<f64>() / count).sqrt()
+}
+
+/// How far the samples of a contour's window are from the path.
+#[derive(Clone, Debug, Default)]
+pub struct ContourErrors {
+    /// When.
+    pub time_seconds: Vec<f64>,
+    /// How far, in millimetres.
+    pub errors: Vec<f64>,
+}
+
+/// The distances of all samples of the window from the path. `axes` are the timelines of the contour's loops.
+#[must_use]
+pub fn contour_errors(contour: &Contour, axes: &[&Timeline], end_seconds: f64) -> ContourErrors {
+    let mut found = ContourErrors::default();
+    let Some(first) = axes.first() else {
+        return found;
+    };
+    let until = contour.until_seconds.unwrap_or(end_seconds);
+    let rows = axes.iter().map(|axis| axis.time_seconds.len()).min();
+    let times = &first.time_seconds[..rows.unwrap_or(0)];
+    let set_points = axes.iter().map(|axis| &*axis.set_point_millimetres);
+    let path = Path {
+        axes: set_points.collect(),
+        times,
+    };
+    for (row, time) in times.iter().enumerate() {
+        let is_inside = (contour.from_seconds..until).contains(time);
+        let point = axes.iter().map(|axis| axis.position()[row]);
+        let point = Vec::from_iter(point);
+        if is_inside && point.iter().all(|value| !value.is_nan()) {
+            found.time_seconds.push(*time);
+            found.errors.push(path.distance(&point, *time));
+        }
+    }
+    found
+}
+
+struct Path<'a> {
+    /// The set-points of each axis.
+    axes: Vec<&'a [f64]>,
+    times: &'a [f64],
+}
+
+impl Path<'_> {
+    /// The distance of a point from the path round a time.
+    fn distance(&self, point: &[f64], time: f64) -> f64 {
+        let begin = self
+            .times
+            .partition_point(|other| *other < time - SEARCH_SECONDS);
+        let end = self
+            .times
+            .partition_point(|other| *other <= time + SEARCH_SECONDS);
+        let pieces =
+            (begin..end).map(|row| self.distance_from_piece(point, row, (row + 1).min(end - 1)));
+        pieces.fold(f64::INFINITY, f64::min)
+    }
+
+    /// The distance of a point from the straight line between the set-points of two rows.
+    fn distance_from_piece(&self, point: &[f64], from: usize, to: usize) -> f64 {
+        let coordinates = || {
+            self.axes.iter().zip(point).map(|(axis, measured)| {
+                let (start, end) = (axis[from], axis[to]);
+                (end - start, measured - start)
+            })
+        };
+        let length_squared: f64 = coordinates().map(|(along, _)| along * along).sum();
+        let projected: f64 = coordinates()
+            .map(|(along, from_start)| along * from_start)
+            .sum();
+        let share = match length_squared > 0.0 {
+            true => (projected / length_squared).clamp(0.0, 1.0),
+            false => 0.0,
+        };
+        let squares = coordinates().map(|(along, from_start)| (from_start - share * along).powi(2));
+        squares.sum::<f64>().sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The example of `docs/reference/metrics.md`.
+    #[test]
+    fn an_axis_that_is_late_on_the_path_makes_no_error() {
+        let path = Path {
+            axes: vec![&[30.0, 40.0, 40.0], &[30.0, 30.0, 30.0]],
+            times: &[0.0, 0.1, 0.2],
+        };
+        for (point, wanted) in [
+            ([36.0, 30.2], 0.2),
+            ([36.0, 30.0], 0.0),
+            ([29.7, 29.6], 0.5),
+            ([40.3, 30.4], 0.5),
+        ] {
+            let distance = path.distance(&point, 0.1);
+            assert!((distance - wanted).abs() < 1e-9, "{point:?}: {distance}");
+        }
+    }
+
+    #[test]
+    fn a_path_that_comes_back_is_no_short_cut() {
+        let path = Path {
+            axes: vec![&[0.0, 10.0, 10.0, 0.0], &[0.0, 0.0, 10.0, 0.0]],
+            times: &[0.0, 0.4, 0.8, 1.2],
+        };
+        // It is near the last piece, which lies more than half a second ahead.
+        let distance = path.distance(&[4.0, 4.0], 0.2);
+        assert!((distance - 4.0).abs() < 1e-9, "{distance}");
+    }
+}

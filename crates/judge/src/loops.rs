@@ -1,0 +1,211 @@
+//! The verdict of several loops that were played at once.
+
+use recording::ending::EarlyEnd;
+use recording::timeline::Timeline;
+use rig::setup::Setup;
+use scenario::expect::{Expect, Limit};
+use scenario::loops::{BUS_METRICS, Contour};
+
+use crate::contour::contour;
+use crate::metric::Metric;
+use crate::metrics;
+use crate::verdict::{Outcome, Verdict};
+
+/// The name in the whole verdict of a row of one loop: rows of several loops begin with the loop's name, what all loops share
+/// stands once.
+#[must_use]
+pub fn row_of_loop(setup: &Setup, row: &str) -> String {
+    let is_timing = setup.scenario.expect.timing.rows().any(|name| name == row);
+    match is_timing || BUS_METRICS.contains(&row) {
+        true => row.to_owned(),
+        false => format!("{}{row}", setup.prefix()),
+    }
+}
+
+/// The rows of a verdict that have limits, in their order, as far as they do not hang on the timing.
+#[must_use]
+pub fn limits(setups: &[Setup]) -> Vec<(String, Limit)> {
+    let of_loops = setups.iter().flat_map(|setup| {
+        let limits = metrics::limits(&setup.scenario).into_iter();
+        limits.map(|(row, limit)| (row_of_loop(setup, &row), limit))
+    });
+    let contours = setups.first().map(|setup| setup.contours.iter());
+    let contours = contours.into_iter().flatten().flat_map(Contour::rows);
+    let contours = contours.filter_map(|(row, limit)| Some((row, limit?)));
+    of_loops.chain(contours).collect()
+}
+
+/// What is expected of the timing, which all loops share: that of the first loop of which anything is.
+///
+/// # Panics
+/// There is no loop.
+#[must_use]
+pub fn expected_timing(setups: &[Setup]) -> &Expect {
+    let mut expected = setups.iter().map(|setup| &setup.scenario.expect);
+    let first = expected.find(|expect| !expect.timing.is_empty());
+    first.unwrap_or(&setups[0].scenario.expect)
+}
+
+/// The verdict of all loops, each with its timeline and its own verdict: that of the only one, or those of several with what is
+/// expected of them together.
+///
+/// # Panics
+/// There is no loop.
+#[must_use]
+pub fn whole(setups: &[Setup], timelines: &[Timeline], verdicts: Vec<Verdict>) -> Verdict {
+    let names = setups.iter().filter_map(|setup| setup.loop_name.as_ref());
+    let names = Vec::from_iter(names.map(|names| names.name.clone()));
+    if names.is_empty() {
+        return verdicts.into_iter().next().expect("there is a loop");
+    }
+    let axes = |contour: &Contour| {
+        let places = contour
+            .loops
+            .iter()
+            .map(|name| names.iter().position(|other| other == name));
+        Vec::from_iter(places.flatten().filter_map(|place| timelines.get(place)))
+    };
+    let end_seconds = setups[0].scenario.duration_seconds;
+    let contours = setups[0].contours.iter();
+    let contours = contours.flat_map(|one| contour(one, &axes(one), end_seconds));
+    let contours = contours.collect();
+    joined(names.into_iter().zip(verdicts).collect(), contours)
+}
+
+/// Joins the verdicts of loops, each with the loop's name, and what was found of several of them together. Rows begin with the
+/// name of their loop; what all loops share stands once.
+///
+/// # Panics
+/// There is no loop.
+#[must_use]
+fn joined(loops: Vec<(String, Verdict)>, contours: Vec<Metric>) -> Verdict {
+    let outcome = loops.iter().map(|(_, verdict)| verdict.outcome);
+    let missed = contours
+        .iter()
+        .filter(|metric| metric.passed == Some(false));
+    let outcome = outcome
+        .chain(missed.map(|_| Outcome::Fail))
+        .max_by_key(gravity);
+    let reasons = loops.iter().filter_map(|(name, verdict)| {
+        let reason = verdict.reason.as_ref()?;
+        Some(format!("{name}: {reason}"))
+    });
+    let reasons = Vec::from_iter(reasons);
+    let ended_early = first_end(&loops);
+    let mut shared: Vec<Metric> = Vec::new();
+    let mut metrics = Vec::new();
+    let mut losses = Vec::new();
+    let mut external: Vec<String> = Vec::new();
+    let mut whole = None;
+    for (name, verdict) in loops {
+        let strangers = verdict.external.iter();
+        let strangers = strangers.filter(|name| !external.contains(name));
+        external.extend(Vec::from_iter(strangers.cloned()));
+        for metric in verdict.metrics.iter().cloned() {
+            if !BUS_METRICS.contains(&metric.name.as_str()) {
+                let name = format!("{name}.{}", metric.name);
+                metrics.push(Metric { name, ..metric });
+            } else if shared.iter().all(|other| other.name != metric.name) || metric.limit.is_some()
+            {
+                shared.retain(|other| other.name != metric.name);
+                shared.push(metric);
+            }
+        }
+        losses.extend(verdict.losses.iter().map(|loss| format!("{name}: {loss}")));
+        whole.get_or_insert(verdict);
+    }
+    metrics.extend(contours);
+    metrics.extend(shared);
+    Verdict {
+        outcome: outcome.expect("there is a loop"),
+        reason: (!reasons.is_empty()).then(|| reasons.join("; ")),
+        ended_early,
+        metrics,
+        losses,
+        external,
+        ..whole.expect("there is a loop")
+    }
+}
+
+/// A failure counts whatever else is open.
+fn gravity(outcome: &Outcome) -> u8 {
+    match outcome {
+        Outcome::Pass => 0,
+        Outcome::Inconclusive => 1,
+        Outcome::Incomplete => 2,
+        Outcome::Fail => 3,
+    }
+}
+
+/// The end that came first.
+fn first_end(loops: &[(String, Verdict)]) -> Option<EarlyEnd> {
+    let ends = loops
+        .iter()
+        .filter_map(|(_, verdict)| verdict.ended_early.clone());
+    let at = |end: &EarlyEnd| end.at_seconds.unwrap_or(f64::INFINITY);
+    ends.min_by(|left, right| at(left).total_cmp(&at(right)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn verdict(outcome: Outcome, metrics: &[(&str, f64)]) -> Verdict {
+        let limit = Some(Limit {
+            min: None,
+            max: Some(10.0),
+        });
+        let rows = metrics
+            .iter()
+            .map(|(name, value)| Metric::new(*name, Ok(*value), limit));
+        Verdict {
+            outcome,
+            reason: (outcome != Outcome::Pass).then(|| "because".to_owned()),
+            metrics: rows.collect(),
+            ..Verdict::incomplete("two", 1, "")
+        }
+    }
+
+    fn two(x: Outcome, y: Outcome) -> Vec<(String, Verdict)> {
+        let metrics = [("overshoot_percent", 1.0), ("bus_load_percent", 9.0)];
+        [("x", x), ("y", y)]
+            .map(|(name, outcome)| (name.to_owned(), verdict(outcome, &metrics)))
+            .into()
+    }
+
+    #[test]
+    fn rows_have_the_names_of_their_loops_and_those_of_the_bus_stand_once() {
+        let whole = joined(two(Outcome::Pass, Outcome::Pass), Vec::new());
+        let names = Vec::from_iter(whole.metrics.iter().map(|metric| metric.name.as_str()));
+        assert_eq!(
+            names,
+            [
+                "x.overshoot_percent",
+                "y.overshoot_percent",
+                "bus_load_percent"
+            ]
+        );
+        assert_eq!((whole.outcome, whole.reason), (Outcome::Pass, None));
+    }
+
+    #[test]
+    fn one_loop_fails_all() {
+        use Outcome::{Fail, Incomplete, Inconclusive, Pass};
+        for (x, y, all) in [
+            (Pass, Fail, Fail),
+            (Fail, Inconclusive, Fail),
+            (Inconclusive, Pass, Inconclusive),
+            (Inconclusive, Incomplete, Incomplete),
+        ] {
+            assert_eq!(joined(two(x, y), Vec::new()).outcome, all);
+        }
+        let reason = joined(two(Pass, Fail), Vec::new()).reason;
+        assert_eq!(reason.as_deref(), Some("y: because"));
+        let limit = Some(Limit {
+            min: None,
+            max: Some(0.3),
+        });
+        let contour = Metric::new("x_y.contour_error_millimetres_max", Ok(0.4), limit);
+        assert_eq!(joined(two(Pass, Pass), vec![contour]).outcome, Fail);
+    }
+}

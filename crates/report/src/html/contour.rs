@@ -1,0 +1,42 @@
+//! The section on loops that keep to a path together: the path in the plane, and how far from it they were.
+
+use maud::{Markup, html};
+use scenario::loops::Contour;
+
+use crate::contour::{Axis, axes, window};
+use crate::plot::{Colour, Extent, Plot, Shape};
+use crate::run::Run;
+use judge::contour_errors;
+
+pub(super) fn section(contour: &Contour, runs: &[Run<'_>]) -> Markup {
+    let axes = axes(contour, runs);
+    let timelines = Vec::from_iter(axes.iter().map(|(_, run)| run.timeline));
+    let end_seconds = runs[0].setup.scenario.duration_seconds;
+    let found = contour_errors(contour, &timelines, end_seconds);
+    let mut distance = Plot::over_time("Distance from the path", "mm");
+    distance.extent = Extent::FromZero;
+    let (time, errors) = (&found.time_seconds, &found.errors);
+    distance.draw("contour error", Colour::Measured, Shape::Line, time, errors);
+    html! {
+        h2 { "Path of " (contour.loops.join(", ")) }
+        div.plots.even {
+            @for pair in axes.windows(2) { (plane(contour, &pair[0], &pair[1]).render()) }
+            (distance.render())
+        }
+    }
+}
+
+/// What two loops did in the contour's window, one over the other.
+fn plane<'a>(contour: &Contour, across: &Axis<'a>, up: &Axis<'a>) -> Plot<'a> {
+    let rows = window(contour, &[*across, *up]);
+    let [x, y] = [across, up].map(|(_, run)| run.timeline);
+    let title = format!("{} over {}", up.0, across.0);
+    let mut plot = Plot::over_time(title, "mm");
+    plot.x_label = "mm";
+    plot.extent = Extent::Plane;
+    let [right, high] = [x, y].map(|axis| &axis.position()[rows.clone()]);
+    plot.draw("measured", Colour::Measured, Shape::Path, right, high);
+    let [right, high] = [x, y].map(|axis| &axis.set_point_millimetres[rows.clone()]);
+    plot.draw("set-point", Colour::Wanted, Shape::DashedPath, right, high);
+    plot
+}

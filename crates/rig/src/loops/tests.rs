@@ -1,0 +1,113 @@
+use std::fs;
+
+use canopen::CanFrame;
+
+use super::*;
+
+const SERVO: &str = include_str!("../../../../tests/foreign/servo.eds");
+const SCENARIO: &str = "schema = 2\nname = \"two servos\"\nrig = \"rigs/two.toml\"\nduration_seconds = 4.0\n\
+    [controller.all.open_loop]\n";
+const TWO_AXES: &str = include_str!("../../../worlds/tests/data/two_axes_rig.toml");
+
+fn servo(name: &str, node_id: u8) -> String {
+    format!(
+        "[node.{name}]\nkind = \"drive\"\nnode_id = {node_id}\nexternal = true\neds = \"sheets/servo.eds\"\n\
+         mode_of_operation = -1\ncommand = {{ object = \"0x2200\", units_per_ampere = 10000.0 }}\n\
+         position = {{ object = \"0x2100:01\", units_per_millimetre = -40.0, units_at_stop = 5000.0 }}\n\
+         current = {{ object = \"0x2201\" }}\n[node.{name}.limits]\ncurrent_amperes = 1.0\n\
+         position_millimetres = {{ min = -1.0, max = 45.0 }}\nspeed_millimetres_per_second = 600.0\n\
+         [loop.{name}]\nfeedback = \"{name}.position\"\ndrives = [\"{name}\"]\n"
+    )
+}
+
+fn two_servos(second: u8) -> String {
+    let head = "schema = 2\nname = \"two servos\"\n[bus]\nsync_period_milliseconds = 5.0\n\
+        [node.controller]\nkind = \"controller\"\nnode_id = 1\n";
+    head.to_owned() + &servo("x", 0x20) + &servo("y", second)
+}
+
+/// The loops of a scenario on this rig, in a folder of their own.
+fn loaded(rig: &str) -> Result<Vec<Setup>, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name);
+    fs::create_dir_all(place("rigs/sheets")).unwrap();
+    fs::write(place("rigs/two.toml"), rig).unwrap();
+    fs::write(place("rigs/sheets/servo.eds"), SERVO).unwrap();
+    fs::write(place("two.toml"), SCENARIO).unwrap();
+    let loaded = load(&place("two.toml"), &Catalogue::shipped());
+    loaded.map_err(|error| format!("{:?}", miette::Report::new(error)))
+}
+
+#[test]
+fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
+    let setups = loaded(&two_servos(0x22)).unwrap();
+    assert_eq!(setups.len(), 2);
+    for (setup, name, node_id) in [(&setups[0], "x", 0x20), (&setups[1], "y", 0x22)] {
+        assert_eq!(setup.external_names(), [name]);
+        let rig = setup.rig.as_ref().unwrap();
+        assert_eq!(rig.drive.node_id().get(), node_id);
+        assert_eq!(rig.drive.mode_of_operation(), -1);
+        assert!((rig.file.limits.current_amperes - 1.0).abs() < 1e-12);
+        // Its text is a rig file of one drive.
+        let read = scenario::rig::RigFile::parse(&rig.text, "x.toml").unwrap();
+        assert_eq!(read, rig.file);
+        let position = setup.database.require("drive_tpdo1.position_millimetres");
+        let feedback = rig.drive.feedback_id();
+        assert_eq!(position.as_ref().unwrap().raw_id(), u32::from(feedback));
+        assert!(setup.database.message("plant_truth").unwrap().is_silent());
+        assert_eq!(setup.tables["rigs/sheets/servo.eds"], SERVO);
+    }
+    let id = |name: &str| setups[0].database.message(name).unwrap().raw_id;
+    assert_eq!(id("y_drive_heartbeat"), 0x722);
+    assert_eq!(id("y_controller_tpdo1"), 0x1A1);
+    let frame = CanFrame::new(0x722, &[5]);
+    assert!(setups[1].database.message_of(&frame).unwrap().name == "drive_heartbeat");
+}
+
+#[test]
+fn what_an_external_drive_cannot_be_is_refused() {
+    // TPDO1 of node 0x21 is where the second loop explains itself.
+    let refused = loaded(&two_servos(0x21)).unwrap_err();
+    assert!(refused.contains("send under one identifier"), "{refused}");
+    let strange = two_servos(0x22).replacen("0x2100:01", "0x2345:01", 1);
+    let refused = loaded(&strange).unwrap_err();
+    assert!(refused.contains("the drive `x` cannot be led"), "{refused}");
+    assert!(refused.contains("no object 0x2345:01"), "{refused}");
+    let elsewhere = two_servos(0x22).replacen("sheets/servo.eds", "sheets/none.eds", 1);
+    let refused = loaded(&elsewhere).unwrap_err();
+    assert!(
+        refused.contains("the EDS of `x` cannot be read"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn an_emulated_drive_may_be_somebody_else_s() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("two_axes_rig.toml");
+    fs::write(&path, TWO_AXES).unwrap();
+    let plants = [("dc_motor", &[][..])].into_iter();
+    let catalogue = Catalogue::new(plants, std::iter::empty(), |_| None);
+    let setups = of_rig(&path, &catalogue).unwrap();
+    let truth = |setups: &[Setup]| {
+        let names = ["plant_truth", "y_plant_truth"];
+        names.map(|name| setups[0].database.message(name).unwrap().is_silent())
+    };
+    assert_eq!(truth(&setups), [false, false]);
+    let external = |names: &[&str]| {
+        let names = names.iter().map(ToString::to_string);
+        with_external(setups.clone(), &Vec::from_iter(names))
+    };
+    let y = external(&["y"]).unwrap();
+    assert_eq!(truth(&y), [false, true]);
+    let names = y.iter().map(Setup::external_names);
+    assert_eq!(Vec::from_iter(names), [vec![], vec!["y".to_owned()]]);
+    let controller = external(&["controller"]).unwrap();
+    assert!(
+        controller
+            .iter()
+            .all(|setup| setup.external.has(ExternalNode::Controller))
+    );
+    let unknown = external(&["controler"]).unwrap_err();
+    assert!(unknown.contains("did you mean `controller`?"), "{unknown}");
+}

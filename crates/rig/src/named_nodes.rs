@@ -1,0 +1,131 @@
+//! The nodes of a bench by name: the data sheet of each, and its frames.
+
+use canopen::eds;
+use dbc::loops::NodesByName;
+use dbc::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
+
+use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
+use crate::setup::Setup;
+
+const CONTROLLER_NODE_ID: u8 = 0x01;
+
+/// The EDS of one node.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct NodeSheet {
+    /// What the rig calls the node.
+    pub name: String,
+    /// Its node-ID.
+    pub node_id: u8,
+    /// The EDS.
+    pub text: String,
+}
+
+impl NodeSheet {
+    /// The name of its file.
+    #[must_use]
+    pub fn file_name(&self) -> String {
+        format!("{}.eds", self.name)
+    }
+}
+
+/// The EDS of each node of these loops, which share a bus, in the order of the node-IDs.
+#[must_use]
+pub fn node_sheets(setups: &[Setup]) -> Vec<NodeSheet> {
+    let mut sheets = Vec::from_iter(setups.iter().flat_map(of_loop));
+    sheets.sort_by_key(|sheet| sheet.node_id);
+    sheets.dedup_by_key(|sheet| sheet.node_id);
+    sheets
+}
+
+fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
+    let (controller, drive, disturbance) = setup.node_names();
+    let sheet = |name: &str, node_id, eds, pace| NodeSheet {
+        name: name.to_owned(),
+        node_id,
+        text: data_sheets::of_node(eds, name, node_id, pace),
+    };
+    let place = &setup.place;
+    let drive = match &setup.rig {
+        // The maker's, who says nothing of this rig.
+        Some(rig) => NodeSheet {
+            name: drive.to_owned(),
+            node_id: rig.drive.node_id().get(),
+            text: rig.eds.clone(),
+        },
+        None => {
+            let pace = Some(place.truth_pace());
+            sheet(drive, place.drive_node_id, DRIVE_EDS, pace)
+        }
+    };
+    let module = match &setup.rig {
+        Some(rig) => Some(rig.file.fan.node_id),
+        None => place.disturbance_node_id,
+    };
+    let module = disturbance.zip(module);
+    let module = module.map(|(name, node_id)| sheet(name, node_id, DISTURBANCE_EDS, None));
+    let controller = sheet(controller, CONTROLLER_NODE_ID, CONTROLLER_EDS, None);
+    [controller, drive].into_iter().chain(module)
+}
+
+/// The nodes of a bench as tools know them.
+#[derive(Clone, Debug)]
+pub struct NamedNodes {
+    /// Their data sheets.
+    pub sheets: Vec<DataSheet>,
+    /// What their frames mean, each message by the name of its node.
+    pub database: Database,
+}
+
+impl NamedNodes {
+    /// Those of the rig that ships.
+    #[must_use]
+    pub fn shipped() -> Self {
+        Self {
+            sheets: rig_data_sheets(),
+            database: Database::shipped().clone(),
+        }
+    }
+
+    /// Those of these loops, which share a bus.
+    ///
+    /// # Errors
+    /// An EDS is wrong.
+    ///
+    /// # Panics
+    /// There is no loop.
+    pub fn of(setups: &[Setup]) -> Result<Self, DataSheetError> {
+        let sheets = node_sheets(setups).into_iter().map(|sheet| {
+            let file = sheet.file_name();
+            let NodeSheet {
+                name,
+                node_id,
+                text,
+            } = sheet;
+            let parsed = eds::parse(&text, node_id).map_err(|error| DataSheetError::Eds {
+                path: file.clone().into(),
+                error: Box::new(error),
+            });
+            Ok(DataSheet {
+                name: file,
+                node_name: name,
+                node_id,
+                dictionary: parsed?.dictionary,
+            })
+        });
+        let names = setups.iter().map(|setup| {
+            let (_, drive, disturbance) = setup.node_names();
+            let of_loop = setup.loop_name.as_ref();
+            NodesByName {
+                of_loop: of_loop.map_or("", |names| &names.name),
+                drive,
+                disturbance,
+            }
+        });
+        let first = &setups[0];
+        let (controller, ..) = first.node_names();
+        Ok(Self {
+            sheets: sheets.collect::<Result<_, DataSheetError>>()?,
+            database: first.database.by_node(controller, &Vec::from_iter(names)),
+        })
+    }
+}

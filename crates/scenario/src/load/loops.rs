@@ -1,0 +1,444 @@
+//! A scenario of schema 2 is split by loop: what is tried in one loop is a scenario of one drive, as all that plays and judges
+//! a loop knows it.
+//!
+//! The tree of the file is split, before any type is made of it, so that everything still knows where it stands. What the rig
+//! file says stands, for errors, at the scenario's key `rig`: it was checked by itself before.
+
+mod contours;
+mod expect;
+mod read;
+mod sweep;
+
+use std::ops::Range;
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::document::Document;
+use crate::error::Problem;
+use crate::nearest::meant_or_known;
+use crate::rig::nodes::{NodeKind, Rig};
+use crate::schema;
+
+/// The law of all loops.
+const ALL: &str = "all";
+/// The limits of several loops together.
+const CONTOUR: &str = "contour";
+/// Keys of a scenario that hold for all loops.
+const SHARED: [&str; 5] = [
+    "name",
+    "description",
+    "requirements",
+    "seed",
+    "duration_seconds",
+];
+/// Keys that are split between the loops.
+const SPLIT: [&str; 8] = [
+    "schema",
+    "rig",
+    "controller",
+    "plant",
+    "reference",
+    "disturbance",
+    "fault",
+    "sweep",
+];
+const EXPECT: &str = "expect";
+/// What the nodes of a loop are called in a scenario of one drive.
+const DRIVE: &str = "drive";
+const CONTROLLER: &str = "controller";
+/// canrig's own node, which no rig file names.
+const BENCH: &str = "bench";
+/// Keys that name a node.
+const OF_NODES: [&str; 3] = ["node", "sender", "receiver"];
+
+/// The number of the format of scenarios with several loops.
+const SCHEMA: &str = "2";
+/// The number of the format of scenarios with one drive, into which they are split.
+const SCHEMA_OF_ONE: &str = "1";
+
+/// Keys of a drive's parts in a rig file, and in a scenario of one drive.
+const SENSOR: [(&str, &str); 3] = [
+    ("max", "span_millimetres"),
+    ("resolution_bits", "resolution_bits"),
+    ("noise_rms", "noise_millimetres_rms"),
+];
+const AMPLIFIER: [(&str, &str); 3] = [
+    ("min", "current_amperes_min"),
+    ("max", "current_amperes_max"),
+    ("resolution_bits", "resolution_bits"),
+];
+
+/// Splits a scenario's tree into those of the rig's loops, by their names. `schema_1` is the number of the format of one drive.
+pub(super) struct Splitter<'a, 'text> {
+    pub(super) scenario: &'a Document<'text>,
+    pub(super) rig: &'a Rig,
+    pub(super) rig_tree: &'a DeTable<'text>,
+    pub(super) schema_1: DeValue<'text>,
+}
+
+/// A scenario's tree for each loop, and what is wrong with how the scenario names them.
+pub(super) type Split<'text> = (Vec<(String, DeTable<'text>)>, Vec<Problem>);
+
+impl<'text> Splitter<'_, 'text> {
+    pub(super) fn split(&self) -> Split<'text> {
+        let mut problems = self.strangers();
+        let mut trees = Vec::new();
+        for name in self.rig.loops.keys() {
+            match self.tree(name) {
+                Ok(tree) => trees.push((name.clone(), tree)),
+                Err(problem) => problems.push(problem),
+            }
+        }
+        (trees, problems)
+    }
+
+    fn root(&self) -> &DeTable<'text> {
+        self.scenario.root()
+    }
+
+    fn table<'b>(&self, value: &'b Spanned<DeValue<'text>>) -> Option<&'b DeTable<'text>> {
+        value.get_ref().as_table()
+    }
+
+    fn is_only_loop(&self) -> bool {
+        self.rig.loops.len() == 1
+    }
+
+    /// The drive that a loop leads.
+    fn drive(&self, name: &str) -> &str {
+        let drives = &self.rig.loops[name].drives;
+        drives.first().map_or("", String::as_str)
+    }
+
+    fn tree(&self, name: &str) -> Result<DeTable<'text>, Problem> {
+        let mut tree = DeTable::new();
+        for (key, value) in self.root() {
+            if SHARED.contains(&key.get_ref().as_ref()) {
+                tree.insert(key.clone(), value.clone());
+            }
+        }
+        let span = self.scenario.span("rig");
+        let key = |name: &'static str| Spanned::new(span.clone(), name.into());
+        tree.insert(
+            key("schema"),
+            Spanned::new(span.clone(), self.schema_1.clone()),
+        );
+        if let Some(bus) = self.rig_tree.get("bus") {
+            tree.insert(key("bus"), placed(bus, &span));
+        }
+        tree.insert(key("controller"), self.law(name)?);
+        tree.insert(key("plant"), self.plant(name, &span));
+        for section in ["reference", "disturbance", "fault"] {
+            if let Some(value) = self.root().get(section) {
+                let mut kept = value.clone();
+                self.keep(kept.get_mut(), name, section);
+                tree.insert(key(section), kept);
+            }
+        }
+        if let Some(expect) = self.expect(name) {
+            tree.insert(key(EXPECT), expect);
+        }
+        Ok(tree)
+    }
+
+    /// `[controller.LOOP.LAW]`, else `[controller.all.LAW]`; where there is one loop, `[controller.LAW]` too.
+    fn law(&self, name: &str) -> Result<Spanned<DeValue<'text>>, Problem> {
+        let laws = self.root().get(CONTROLLER);
+        let of = |key: &str| self.table(laws?)?.get(key).cloned();
+        let only = || laws.filter(|_| !self.is_by_loop(CONTROLLER)).cloned();
+        of(name).or_else(|| of(ALL)).or_else(only).ok_or_else(|| {
+            let message = format!("no law closes the loop `{name}`");
+            let label =
+                format!("[controller.{name}.LAW] is missing, and so is [controller.{ALL}.LAW]");
+            self.scenario.problem(CONTROLLER, message, label)
+        })
+    }
+
+    /// Whether the tables of a section have the names of loops: where there is one loop, they need not.
+    fn is_by_loop(&self, section: &str) -> bool {
+        let keys = self.scenario.keys(section);
+        let is_name = |key: &&str| *key == ALL || self.rig.loops.contains_key(*key);
+        !self.is_only_loop() || keys.iter().any(is_name)
+    }
+
+    /// The plant that a loop's drive moves, with what the scenario says of it, and the drive's own parts.
+    fn plant(&self, name: &str, span: &Range<usize>) -> Spanned<DeValue<'text>> {
+        let drive = self.drive(name);
+        let plant = self.rig.plant_of(drive).unwrap_or_default();
+        let of = |root: &DeTable<'text>| self.table(root.get("plant")?)?.get(plant).cloned();
+        let of_rig = of(self.rig_tree).map(|models| placed(&models, span).into_inner());
+        let mut models = match of_rig {
+            Some(DeValue::Table(models)) => models,
+            _ => DeTable::new(),
+        };
+        if let Some(DeValue::Table(own)) = of(self.root()).map(Spanned::into_inner) {
+            override_with(&mut models, &own);
+        }
+        // The model of the paper has no name in a scenario of one drive.
+        let mut table = match models.remove("sma").map(Spanned::into_inner) {
+            Some(DeValue::Table(sma)) => sma,
+            _ => models,
+        };
+        let key = |name: &'static str| Spanned::new(span.clone(), name.into());
+        for (part, names) in [("sensor", &SENSOR[..]), ("amplifier", &AMPLIFIER)] {
+            if let Some(values) = self.part(drive, part, names, span) {
+                table.insert(key(part), values);
+            }
+        }
+        Spanned::new(span.clone(), DeValue::Table(table))
+    }
+
+    /// A part of a drive as a scenario of one drive has it.
+    fn part(
+        &self,
+        drive: &str,
+        part: &str,
+        names: &[(&str, &'static str)],
+        span: &Range<usize>,
+    ) -> Option<Spanned<DeValue<'text>>> {
+        let node = self.table(self.table(self.rig_tree.get("node")?)?.get(drive)?)?;
+        let values = self.table(node.get(part)?)?;
+        let entries = names.iter().filter_map(|(name, of_one_drive)| {
+            let key = Spanned::new(span.clone(), (*of_one_drive).into());
+            Some((key, placed(values.get(*name)?, span)))
+        });
+        Some(Spanned::new(
+            span.clone(),
+            DeValue::Table(entries.collect()),
+        ))
+    }
+
+    /// Keeps the entries of the arrays that are for this loop, however deep the arrays are: `reference.step`, `fault.sensor.stuck`.
+    fn keep(&self, value: &mut DeValue<'text>, name: &str, path: &str) {
+        match value {
+            DeValue::Table(table) => {
+                for (key, below) in table.iter_mut() {
+                    let path = format!("{path}.{}", key.get_ref());
+                    self.keep(below.get_mut(), name, &path);
+                }
+            }
+            DeValue::Array(array) => {
+                let entries = array.iter().cloned();
+                let kept = entries.filter_map(|entry| self.of_loop(entry, name, path));
+                *array = kept.collect();
+            }
+            _ => {}
+        }
+    }
+
+    /// An entry as it is in a scenario of one drive, if it is for this loop.
+    fn of_loop(
+        &self,
+        mut entry: Spanned<DeValue<'text>>,
+        name: &str,
+        path: &str,
+    ) -> Option<Spanned<DeValue<'text>>> {
+        let DeValue::Table(table) = entry.get_mut() else {
+            return Some(entry);
+        };
+        // A fault is of a node.
+        if path.starts_with("reference.")
+            && let Some(wanted) = table.remove("loop")
+        {
+            return (wanted.get_ref().as_str() == Some(name)).then_some(entry);
+        }
+        let is_named = path.starts_with("fault.node.") || path.starts_with("fault.bus.");
+        let mut is_of_loop = path.starts_with("fault.bus.") || self.is_only_loop();
+        for key in OF_NODES {
+            let Some(value) = table.get_mut(key) else {
+                continue;
+            };
+            let node = value.get_ref().as_str().unwrap_or_default();
+            let role = match is_bench(node, path) {
+                true => Some(BENCH),
+                false => self.role(node, name),
+            };
+            is_of_loop = role.is_some();
+            match role {
+                Some(role) if is_named && !is_of_drive_alone(path) => {
+                    *value.get_mut() = DeValue::String(role.into());
+                }
+                _ => drop(table.remove(key)),
+            }
+        }
+        is_of_loop.then_some(entry)
+    }
+
+    /// What a node is to a loop; none for a node of another one.
+    fn role(&self, node: &str, name: &str) -> Option<&'static str> {
+        let kind = self.rig.node.get(node)?.kind;
+        match kind {
+            NodeKind::Controller => Some(CONTROLLER),
+            NodeKind::Drive => (node == self.drive(name)).then_some(DRIVE),
+            NodeKind::Io => self.rig.acts_on(node, self.drive(name)).then_some(DRIVE),
+        }
+    }
+
+    /// Loops and nodes that the scenario names and the rig does not have.
+    fn strangers(&self) -> Vec<Problem> {
+        let mut problems = self.strange_keys();
+        let nodes = Vec::from_iter(self.rig.node.keys().map(String::as_str));
+        let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
+        for (section, by, known) in [
+            ("reference", "loop", &loops),
+            ("disturbance", "node", &nodes),
+            ("fault", "node", &nodes),
+        ] {
+            if let Some(value) = self.root().get(section) {
+                self.look(value, section, by, known, &mut problems);
+            }
+        }
+        for section in [CONTROLLER, EXPECT] {
+            problems.extend(self.strange_tables(section, &loops));
+        }
+        problems.extend(self.misplaced(&loops));
+        problems
+    }
+
+    /// Keys that no scenario on a rig has.
+    fn strange_keys(&self) -> Vec<Problem> {
+        let known = Vec::from_iter(SHARED.into_iter().chain(SPLIT).chain([EXPECT]));
+        let keys = self.root().keys();
+        let strange = keys.filter(|key| !known.contains(&key.get_ref().as_ref()));
+        let problems = strange.map(|key| {
+            let name: &str = key.get_ref();
+            let message = format!("a scenario on a rig has no `{name}`");
+            (self.scenario.source).problem(key.span(), message, meant_or_known(name, &known))
+        });
+        problems.collect()
+    }
+
+    /// `[controller.NAME]` and `[expect.NAME]` of no loop.
+    fn strange_tables(&self, section: &str, loops: &[&str]) -> Vec<Problem> {
+        if !self.is_by_loop(section) {
+            return Vec::new();
+        }
+        let is_known = |key: &&str| {
+            loops.contains(key) || *key == ALL || section == EXPECT && expect::is_of_all(key)
+        };
+        let keys = self.scenario.keys(section).into_iter();
+        let strange = keys.filter(|key| !is_known(key));
+        let problems = strange.map(|key| {
+            let span = self.scenario.key_span(&format!("{section}.{key}"));
+            let problem = |message: String, label: String| {
+                (self.scenario.source).problem(span.clone(), message, label)
+            };
+            if schema::is_key(section, key) {
+                let first = loops.first().copied().unwrap_or_default();
+                let message = format!("`{key}` of which loop?");
+                let label =
+                    format!("write [{section}.{first}], or [{section}.{ALL}] for all loops");
+                return problem(message, label);
+            }
+            let message = format!("the rig has no loop `{key}`");
+            problem(message, meant_or_known(key, loops))
+        });
+        problems.collect()
+    }
+
+    fn look(
+        &self,
+        value: &Spanned<DeValue<'text>>,
+        path: &str,
+        by: &str,
+        known: &[&str],
+        problems: &mut Vec<Problem>,
+    ) {
+        match value.get_ref() {
+            DeValue::Table(table) if is_entry(path) => {
+                problems.extend(self.stranger(table, path, by, known));
+            }
+            DeValue::Table(table) => {
+                for (key, below) in table {
+                    let path = format!("{path}.{}", key.get_ref());
+                    self.look(below, &path, by, known, problems);
+                }
+            }
+            DeValue::Array(array) => {
+                for (place, below) in array.iter().enumerate() {
+                    self.look(below, &format!("{path}.{place}"), by, known, problems);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn stranger(
+        &self,
+        table: &DeTable<'text>,
+        path: &str,
+        by: &str,
+        known: &[&str],
+    ) -> Option<Problem> {
+        let keys = if by == "node" {
+            &OF_NODES[..]
+        } else {
+            &["loop"]
+        };
+        let Some((by, named)) = keys.iter().find_map(|key| Some((key, table.get(*key)?))) else {
+            let is_clear = self.is_only_loop() || path.starts_with("fault.bus.");
+            let message = format!("for which {by}?");
+            let label = format!("`{by}` is missing; known are: {}", known.join(", "));
+            return (!is_clear).then(|| self.scenario.problem(path, message, label));
+        };
+        let name = named.get_ref().as_str().unwrap_or_default();
+        (!known.contains(&name) && !is_bench(name, path)).then(|| {
+            let message = format!("the rig has no {by} `{name}`");
+            let label = meant_or_known(name, known);
+            self.scenario
+                .problem(&format!("{path}.{by}"), message, label)
+        })
+    }
+}
+
+/// Whether a fault of the bus is that of canrig's own node.
+fn is_bench(node: &str, path: &str) -> bool {
+    path.starts_with("fault.bus.") && node == BENCH
+}
+
+/// Faults of a drive that a scenario of one drive need not name.
+fn is_of_drive_alone(path: &str) -> bool {
+    ["fault.node.wrong_identity", "fault.node.wrong_node_id"].contains(&path)
+}
+
+/// Puts what a scenario says in place of what the rig file says, down to the last table.
+fn override_with<'text>(table: &mut DeTable<'text>, own: &DeTable<'text>) {
+    for (key, value) in own {
+        let name: &str = key.get_ref();
+        match (table.get_mut(name).map(Spanned::get_mut), value.get_ref()) {
+            (Some(DeValue::Table(below)), DeValue::Table(own)) => override_with(below, own),
+            _ => {
+                table.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+/// Whether a path ends in the place of an array.
+fn is_entry(path: &str) -> bool {
+    let last = path.rsplit('.').next().unwrap_or_default();
+    last.parse::<usize>().is_ok()
+}
+
+/// A value of another file, as if it stood here.
+fn placed<'text>(value: &Spanned<DeValue<'text>>, span: &Range<usize>) -> Spanned<DeValue<'text>> {
+    let inner = match value.get_ref() {
+        DeValue::Table(table) => {
+            let entries = table.iter().map(|(key, below)| {
+                let key = Spanned::new(span.clone(), key.get_ref().clone());
+                (key, placed(below, span))
+            });
+            DeValue::Table(entries.collect())
+        }
+        DeValue::Array(array) => {
+            let entries = array.iter().map(|below| placed(below, span));
+            DeValue::Array(entries.collect())
+        }
+        other => other.clone(),
+    };
+    Spanned::new(span.clone(), inner)
+}
+
+#[cfg(test)]
+mod tests;

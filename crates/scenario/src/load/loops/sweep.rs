@@ -1,0 +1,29 @@
+//! What varies in a scenario of several loops.
+
+use crate::check;
+use crate::document::Document;
+use crate::error::Problem;
+use crate::load::{build, none_of};
+use crate::outside::Outside;
+use crate::rig::nodes::Rig;
+use crate::schema;
+use crate::sweep::{Sweep, Swept};
+
+const SWEEP: &str = "sweep";
+
+/// The `[sweep]` of a scenario on a rig, whose keys are those of the scenario.
+pub(super) fn read_sweep(
+    scenario: &Document<'_>,
+    rig: &Rig,
+) -> Result<Option<Sweep>, Vec<Problem>> {
+    let Some(entry) = scenario.root().get_key_value(SWEEP) else {
+        return Ok(None);
+    };
+    let tree = [(entry.0.clone(), entry.1.clone())];
+    let document = scenario.with_root(tree.into_iter().collect());
+    let place = "the scenario";
+    let (Swept { mut sweep }, mut problems) =
+        build::<Swept>(&document, &Outside::Registered, place, &schema::SWEPT)?;
+    problems.extend(check::sweep_on(scenario, rig, sweep.as_mut()));
+    none_of(problems, sweep)
+}

@@ -1,0 +1,492 @@
+use std::fs;
+
+use super::*;
+use crate::error::ScenarioError;
+use crate::loops::{Loops, OneLoop};
+use crate::scenario::Scenario;
+
+const RIG: &str = r#"
+schema = 2
+name = "two axes"
+[bus]
+sync_period_milliseconds = 2.0
+[defaults.drive]
+amplifier = { rated = 1.0, min = -1.0, max = 1.0 }
+sensor = { unit = "millimetres", min = 0.0, max = 60.0, resolution_bits = 16 }
+[plant.gantry_x.dc_motor]
+[plant.gantry_y.dc_motor]
+load_kilograms = 0.5
+[node.controller]
+kind = "controller"
+node_id = 1
+[node.x]
+kind = "drive"
+node_id = 0x10
+amplifier.port = "gantry_x.current_amperes"
+sensor.port = "gantry_x.position_metres"
+[node.y]
+kind = "drive"
+node_id = 0x12
+amplifier.port = "gantry_y.current_amperes"
+sensor = { port = "gantry_y.position_metres", resolution_bits = 12 }
+[loop.x]
+feedback = "x.position"
+drives = ["x"]
+[loop.y]
+feedback = "y.position"
+drives = ["y"]
+"#;
+
+const SCENARIO: &str = r#"
+schema = 2
+name = "two moves"
+rig = "rig.toml"
+duration_seconds = 3.0
+[controller.all.pid]
+[plant.gantry_x.dc_motor]
+load_kilograms = 0.3
+[[reference.hold]]
+loop = "x"
+at_seconds = 1.0
+position_millimetres = 20.0
+[[reference.hold]]
+loop = "y"
+at_seconds = 2.0
+position_millimetres = 10.0
+[[fault.sensor.noise]]
+node = "y"
+from_seconds = 2.5
+noise_millimetres_rms = 0.1
+[[fault.node.hang]]
+node = "x"
+from_seconds = 1.5
+[[fault.node.hang]]
+node = "controller"
+from_seconds = 1.6
+until_seconds = 1.61
+[expect.x]
+tracking_error_millimetres_rms = { max = 0.2 }
+"#;
+
+fn load_text(scenario: &str, rig: &str) -> Result<Loops<Scenario>, String> {
+    let loaded = load_files(scenario, rig);
+    loaded.map_err(|error| crate::without_colours(&error))
+}
+
+fn load_files(scenario: &str, rig: &str) -> Result<Loops<Scenario>, ScenarioError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scenario.toml");
+    fs::write(&path, scenario).unwrap();
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let loaded = Loops::load(&path, |_| Vec::new(), |_| None);
+    loaded.map(|(loops, _)| loops)
+}
+
+#[test]
+fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
+    let loops = load_text(SCENARIO, RIG).unwrap();
+    let [x, y] = &loops.loops[..] else {
+        panic!("{loops:?}")
+    };
+    assert_eq!(
+        (x.name.as_str(), x.place.drive, x.place.io),
+        ("x", 0x10, None)
+    );
+    assert_eq!(
+        (y.name.as_str(), y.place.drive, y.place.io),
+        ("y", 0x12, None)
+    );
+    for one in [x, y] {
+        assert_eq!(one.scenario.name, "two moves");
+        assert!((one.scenario.bus.sync_period_milliseconds - 2.0).abs() < 1e-12);
+        assert!((one.scenario.plant.amplifier.current_amperes_min + 1.0).abs() < 1e-12);
+        assert!(one.scenario.controller.pid.is_some());
+        assert_eq!(one.scenario.reference.hold.len(), 1);
+    }
+    let load = |one: &OneLoop<Scenario>| one.scenario.plant.load_kilograms();
+    assert_eq!((load(x), load(y)), (Some(0.3), Some(0.5)));
+    assert_eq!(x.scenario.plant.sensor.resolution_bits, 16);
+    assert_eq!(y.scenario.plant.sensor.resolution_bits, 12);
+    assert_eq!(x.scenario.fault.sensor.noise.len(), 0);
+    assert_eq!(y.scenario.fault.sensor.noise.len(), 1);
+    // What happens to the controller happens to all loops.
+    assert_eq!(x.scenario.fault.node.hang.len(), 2);
+    assert_eq!(y.scenario.fault.node.hang.len(), 1);
+    assert!(x.scenario.expect.tracking_error_millimetres_rms.is_some());
+    assert!(y.scenario.expect.tracking_error_millimetres_rms.is_none());
+}
+
+#[test]
+fn the_controller_sees_of_all_loops_what_it_may_know() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scenario.toml");
+    fs::write(&path, SCENARIO).unwrap();
+    fs::write(folder.path().join("rig.toml"), RIG).unwrap();
+    let loops = Loops::load_view(&path).unwrap();
+    let scenarios = load_text(SCENARIO, RIG).unwrap();
+    for (view, one) in loops.loops.iter().zip(&scenarios.loops) {
+        assert_eq!(view.scenario, one.scenario.controller_view());
+    }
+}
+
+#[test]
+fn what_a_scenario_names_wrongly_is_underlined_once() {
+    for (right, wrong, said) in [
+        ("loop = \"y\"", "loop = \"z\"", "the rig has no loop `z`"),
+        ("node = \"y\"", "node = \"yy\"", "did you mean `y`?"),
+        ("loop = \"y\"\n", "", "for which loop?"),
+        (
+            "[controller.all.pid]",
+            "[controller.x.pid]",
+            "no law closes the loop `y`",
+        ),
+        ("[expect.x]", "[expect.z]", "the rig has no loop `z`"),
+        // Then it is the rig that ships.
+        ("rig = \"rig.toml\"\n", "", "the rig has no loop `x`"),
+        ("\"rig.toml\"", "3", "`rig` must be a string"),
+        (
+            "\"rig.toml\"",
+            "\"../rig.toml\"",
+            "must lie in the scenario's folder",
+        ),
+        (
+            "\"rig.toml\"",
+            "\"rig.dbc\"",
+            "a rig file cannot be called `rig.dbc`",
+        ),
+        (
+            "\"rig.toml\"",
+            "\"./scenario.toml\"",
+            "`./scenario.toml` is this scenario itself",
+        ),
+        (
+            "duration_seconds",
+            "duration_second",
+            "did you mean `duration_seconds`?",
+        ),
+        ("[expect.x]", "[bus]", "a scenario on a rig has no `bus`"),
+        ("rig.toml", "ring.toml", "ring.toml does not exist"),
+        (
+            "duration_seconds = 3.0",
+            "duration_seconds = -3.0",
+            "-3 is out of range",
+        ),
+        (
+            "load_kilograms = 0.3",
+            "load_kilogram = 0.3",
+            "did you mean `load_kilograms`?",
+        ),
+    ] {
+        let text = SCENARIO.replacen(right, wrong, 1);
+        let error = load_text(&text, RIG).unwrap_err();
+        assert!(error.contains(said), "{wrong}: {error}");
+        assert_eq!(error.matches(said).count(), 1, "{wrong}: {error}");
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_rig_names_both_places() {
+    for (right, wrong, said) in [
+        (
+            "node_id = 0x12",
+            "node_id = 0x10",
+            "`x` and `y` have the same node-ID 16",
+        ),
+        (
+            "node_id = 0x12",
+            "node_id = 0x20",
+            "the emulated node `y` cannot have the node-ID 32",
+        ),
+        (
+            "drives = [\"y\"]",
+            "drives = []",
+            "nothing moves the loop `y`",
+        ),
+        (
+            "drives = [\"y\"]",
+            "drives = [\"x\"]",
+            "the drive `x` is in two loops",
+        ),
+        (
+            "kind = \"controller\"",
+            "kind = \"io\"",
+            "nobody leads the drives",
+        ),
+        (
+            "gantry_y.current",
+            "gantry_x.current",
+            "two nodes drive the port",
+        ),
+        (
+            "gantry_y.current",
+            "gantry_z.current",
+            "there is no plant `gantry_z`",
+        ),
+        ("[loop.y]", "[loop.all]", "a loop cannot be called `all`"),
+        (
+            "[plant.gantry_y.dc_motor]",
+            "[plant.x.dc_motor]",
+            "`x` is the name of two things",
+        ),
+    ] {
+        let error = load_text(SCENARIO, &RIG.replacen(right, wrong, 1)).unwrap_err();
+        assert!(error.contains(said), "{wrong}: {error}");
+    }
+}
+
+#[test]
+fn a_rig_that_could_be_misread_is_refused() {
+    for (right, wrong, said) in [
+        (
+            "[node.controller]",
+            "[node.bench]",
+            "a node cannot be called `bench`",
+        ),
+        ("[loop.y]", "[loop.pid]", "a loop cannot be called `pid`"),
+        (
+            "[loop.y]",
+            "[loop.contour]",
+            "a loop cannot be called `contour`",
+        ),
+        (
+            "[loop.y]",
+            "[loop.sine_gain]",
+            "a loop cannot be called `sine_gain`",
+        ),
+        (
+            "[loop.y]",
+            "[loop.requirements]",
+            "a loop cannot be called `requirements`",
+        ),
+        ("[loop.y]", "[loop.Y]", "`Y` can be no name of a loop"),
+        (
+            "node_id = 1",
+            "node_id = 2",
+            "the controller `controller` has the node-ID 2",
+        ),
+        (
+            "port = \"gantry_y.position",
+            "port = \"gantry_x.position",
+            "the drive `y` moves `gantry_y` and measures `gantry_x`",
+        ),
+        (
+            "[plant.gantry_y.dc_motor]",
+            "[plant.gantry_z.dc_motor]\n[plant.gantry_y.dc_motor]",
+            "no drive moves the plant `gantry_z`",
+        ),
+        ("schema = 2", "schema = 1", "`schema` = 1 is out of range"),
+        (
+            "[loop.x]",
+            "[controller.all.pid]\n[loop.x]",
+            "this is a scenario, not a rig file",
+        ),
+        ("[bus]", "[limits]\n[bus]", "this is a rig file of schema 1"),
+    ] {
+        let error = load_text(SCENARIO, &RIG.replacen(right, wrong, 1)).unwrap_err();
+        assert!(error.contains(said), "{wrong}: {error}");
+    }
+}
+
+#[test]
+fn both_places_are_underlined() {
+    for (right, wrong, labels) in [
+        ("node_id = 0x12", "node_id = 0x10", ["here", "and here"]),
+        ("drives = [\"y\"]", "drives = [\"x\"]", ["here", "and here"]),
+        (
+            "[node.x]",
+            "[node.second]\nkind = \"controller\"\nnode_id = 2\n[node.x]",
+            ["the first one", "a second one"],
+        ),
+        (
+            "[plant.gantry_y.dc_motor]",
+            "[plant.x.dc_motor]",
+            ["a plant here", "a node here"],
+        ),
+        (
+            "[node.x]",
+            "[node.fan]\nkind = \"io\"\nnode_id = 0x11\noutputs.convection_factor = \"gantry_x.convection_factor\"\n\
+             [node.load]\nkind = \"io\"\nnode_id = 0x13\noutputs.added_load_grams = \"gantry_x.added_load_kilograms\"\n[node.x]",
+            ["the first one", "the second one"],
+        ),
+    ] {
+        let error = load_text(SCENARIO, &RIG.replacen(right, wrong, 1)).unwrap_err();
+        for label in labels {
+            assert!(error.contains(&format!("─ {label}")), "{wrong}: {error}");
+        }
+    }
+    let io = "[node.io]\nkind = \"io\"\nnode_id = 0x20\n\
+        outputs.convection_factor = \"gantry_x.convection_factor\"\n[node.x]";
+    let error = load_text(SCENARIO, &RIG.replacen("[node.x]", io, 1)).unwrap_err();
+    assert!(error.contains("`io` cannot have the node-ID 32"), "{error}");
+}
+
+#[test]
+fn a_rig_file_is_no_scenario() {
+    let error = load_text(RIG, RIG).unwrap_err();
+    assert!(
+        error.contains("this is a rig file, not a scenario"),
+        "{error}"
+    );
+    assert!(Rig::is_meant(RIG) && !Rig::is_meant(SCENARIO));
+}
+
+#[test]
+fn what_is_expected_of_the_bus_stands_beside_the_loops() {
+    let whole = "[expect]\nbus_load_percent = { max = 60.0 }\n\
+        [expect.timing]\nframes_delayed = { max = 0.0 }\n\
+        [expect.requirements]\nbus_load_percent = [\"REQ-1\"]\n\
+        [expect.all]\ntracking_error_millimetres_rms = { min = 0.1, max = 0.5 }\nsafe_state = true\n\
+        [expect.all.requirements]\nsafe_state = [\"REQ-2\"]\n[expect.x]";
+    let loops = load_text(&SCENARIO.replace("[expect.x]", whole), RIG).unwrap();
+    let [x, y] = &loops.loops[..] else {
+        panic!("{loops:?}")
+    };
+    let (x, y) = (&x.scenario.expect, &y.scenario.expect);
+    assert!(x.bus_load_percent.is_some() && !x.timing.is_empty());
+    assert!(y.bus_load_percent.is_none() && y.timing.is_empty());
+    let rms = |expect: &crate::expect::Expect| {
+        let limit = expect.tracking_error_millimetres_rms.unwrap();
+        (limit.min, limit.max)
+    };
+    // A limit of a loop's own is the whole limit.
+    assert_eq!(
+        (rms(x), rms(y)),
+        ((None, Some(0.2)), (Some(0.1), Some(0.5)))
+    );
+    assert_eq!((x.safe_state, y.safe_state), (Some(true), Some(true)));
+    let rows = x.requirements_of_rows().into_keys();
+    assert!(rows.eq(["bus_load_percent", "safe_state"]));
+    assert!(y.requirements_of_rows().into_keys().eq(["safe_state"]));
+}
+
+#[test]
+fn what_is_expected_in_the_wrong_place_is_shown_the_right_one() {
+    for (wrong, said) in [
+        (
+            "[expect.x]\nbus_load_percent = { max = 6.0 }",
+            "`bus_load_percent` is of the whole bus",
+        ),
+        (
+            "[expect.y.timing]\nframes_delayed = { max = 0.0 }\n[expect.x]",
+            "move it to [expect]",
+        ),
+        (
+            "[expect]\nsafe_state = true\n[expect.x]",
+            "write [expect.x], or [expect.all]",
+        ),
+        (
+            "[expect.requirements]\nsafe_state = [\"R\"]\n[expect.x]",
+            "`safe_state` of which loop?",
+        ),
+        ("[controller.pid]\n[expect.x]", "`pid` of which loop?"),
+    ] {
+        let error = load_text(&SCENARIO.replace("[expect.x]", wrong), RIG).unwrap_err();
+        assert!(error.contains(said), "{wrong}: {error}");
+        assert_eq!(error.matches(said).count(), 1, "{wrong}: {error}");
+    }
+}
+
+const SWEEP: &str = "[sweep]\ndraws = 2\n\
+    [[sweep.list]]\nkey = \"reference.hold[1].position_millimetres\"\nvalues = [5, 15]\n\
+    [[sweep.uniform]]\nkey = \"plant.gantry_y.dc_motor.load_kilograms\"\nfrom = 0.3\nto = 0.5\n\
+    [[sweep.uniform]]\nkey = \"expect.x.tracking_error_millimetres_rms.max\"\nfrom = 0.3\nto = 0.5\n\
+    [[sweep.uniform]]\nkey = \"controller.all.pid.proportional_amperes_per_metre\"\nfrom = 0.3\nto = 0.5\n\
+    [expect.x]";
+
+#[test]
+fn a_sweep_varies_what_has_the_names_of_the_rig() {
+    let scenario = SCENARIO.replace("[expect.x]", SWEEP);
+    let loops = load_text(&scenario, RIG).unwrap();
+    let sweep = loops.loops[0].scenario.sweep.as_ref().unwrap();
+    assert_eq!(sweep.runs(), 4);
+    for (right, wrong, said) in [
+        (
+            "gantry_y.dc",
+            "gantry_z.dc",
+            "did you mean `plant.gantry_y.dc_motor.load_kilograms`?",
+        ),
+        (
+            "controller.all.pid.p",
+            "controller.x.pid.p",
+            "no number of this scenario",
+        ),
+        ("hold[1]", "hold[2]", "no number of this scenario"),
+        ("draws", "drawn", "did you mean `draws`?"),
+        (
+            "values = [5",
+            "values = [95",
+            "`reference.hold[1].position_millimetres` = 95 is out of range",
+        ),
+    ] {
+        let error = load_text(&scenario.replacen(right, wrong, 1), RIG).unwrap_err();
+        assert!(error.contains(said), "{wrong}: {error}");
+    }
+}
+
+#[test]
+fn a_scenario_without_a_rig_is_played_on_the_one_that_ships() {
+    let text = "schema = 2\nname = \"step\"\nduration_seconds = 3.0\n[controller.pid]\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+        [plant.wire.sma.mechanics]\nload_kilograms = 0.05\n\
+        [[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
+        [expect]\nsafe_state = true\n";
+    let load = |text: &str| {
+        let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+        let path = std::path::Path::new("step.toml");
+        Loops::parse(path, text.to_owned(), none, |_| Vec::new(), |_| None)
+    };
+    let (loops, texts) = load(text).unwrap();
+    let [one] = &loops.loops[..] else {
+        panic!("{loops:?}")
+    };
+    let of_one_drive = text
+        .replace("schema = 2", "schema = 1")
+        .replace("wire.sma.", "");
+    let scenario = Scenario::parse(&of_one_drive, "step.toml", |_| unreachable!("no table"));
+    assert_eq!(one.scenario, scenario.unwrap());
+    assert!(texts.tables.is_empty());
+    for (flat, by_loop) in [
+        ("[controller.pid]", "[controller.position.pid]"),
+        ("[controller.pid]", "[controller.all.pid]"),
+        ("[expect]", "[expect.position]"),
+    ] {
+        let (named, _) = load(&text.replace(flat, by_loop)).unwrap();
+        assert_eq!(named.loops[0].scenario, one.scenario, "{by_loop}");
+    }
+}
+
+/// What would be said of each of them is not said.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "whoever waits for the answer has a clock"
+)]
+#[test]
+fn a_rig_with_a_hundred_thousand_nodes_is_refused_at_once() {
+    let begun = std::time::Instant::now();
+    for (table, max) in [("node", 127), ("plant", 127), ("loop", 8)] {
+        let names = (0..100_000).map(|number| format!("n{number}={{}}\n"));
+        let names = names.collect::<String>();
+        let rig = format!("schema=2\nname=\"r\"\n[{table}]\n{names}");
+        let error = load_files(SCENARIO, &rig).unwrap_err();
+        let [problem] = error.problems() else {
+            panic!("{error}")
+        };
+        let text = format!("{problem:?}");
+        assert!(
+            text.contains(&format!("100000 entries in [{table}]")),
+            "{text}"
+        );
+        assert!(text.contains(&format!("at most {max}")), "{text}");
+    }
+    assert!(begun.elapsed().as_secs() < 3, "{:?}", begun.elapsed());
+    let long = format!("{RIG}#{}", "x".repeat(1 << 20));
+    let error = load_text(SCENARIO, &long).unwrap_err();
+    assert!(error.contains("longer than"), "{error}");
+}
+
+#[test]
+fn a_scenario_says_by_its_number_what_it_is() {
+    assert!(Loops::is_meant(SCENARIO));
+    assert!(!Loops::is_meant("schema = 1\n"));
+    assert!(!Loops::is_meant("schema ="));
+}

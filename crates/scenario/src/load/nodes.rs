@@ -1,0 +1,570 @@
+//! Reads rig files of schema 2, and finds what the schema cannot say: who is wired to what, and whether it fits.
+
+mod served;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::rig::check_drive;
+use super::{SCENARIO_BYTES_MAX, build, read_text};
+use crate::document::Document;
+use crate::error::{Problem, ScenarioError, Source};
+use crate::outside::Outside;
+use crate::own::is_name;
+use crate::rig::nodes::{
+    EMULATED_NODE_ID_MAX, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigLoop, RigNode, SHIPPED,
+    SHIPPED_NAME,
+};
+use crate::{meant_or_known, schema};
+
+/// What the file is for people.
+pub(super) const KIND: &str = "rig file";
+/// Names that a loop cannot have: they stand where a loop's name would.
+const NOT_A_LOOP: [&str; 2] = ["all", "contour"];
+/// A name that no node can have: faults of the bus call canrig's own node so.
+const NOT_A_NODE: &str = "bench";
+/// Tables of a scenario in which loops have theirs beside other keys.
+const BESIDE_LOOPS: [&str; 2] = ["controller", "expect"];
+/// Tables of names, each with how many it may have.
+const TABLES: [(&str, usize); 3] = [
+    ("plant", NODES_MAX),
+    ("node", NODES_MAX),
+    ("loop", LOOPS_MAX),
+];
+const CURRENT_PORT: &str = "current_amperes";
+const POSITION_PORT: &str = "position_metres";
+const FAN_PORT: &str = "convection_factor";
+const LOAD_PORT: &str = "added_load_kilograms";
+/// The signal of a drive that a loop can follow.
+const POSITION: &str = "position";
+
+impl Rig {
+    /// Reads a rig file, with the very text that was read.
+    ///
+    /// # Errors
+    /// The file cannot be read, or everything that is wrong in it.
+    pub fn load_with_text(path: &Path) -> Result<(Self, String), ScenarioError> {
+        let name = path.display().to_string();
+        let text = read_text(path, SCENARIO_BYTES_MAX)
+            .map_err(|error| ScenarioError::unreadable(KIND, &name, &error))?;
+        Self::parse(&text, &name).map(|rig| (rig, text))
+    }
+
+    /// The rig of a scenario that was read: one of the files that it names, or the one that ships.
+    ///
+    /// # Errors
+    /// It is not among the files, or not valid.
+    pub fn of_scenario(
+        scenario: &str,
+        files: &BTreeMap<String, String>,
+    ) -> Result<Self, ScenarioError> {
+        let document: toml::Table = scenario.parse().unwrap_or_default();
+        match document.get("rig").and_then(toml::Value::as_str) {
+            Some(name) => Self::parse(files.get(name).map_or("", String::as_str), name),
+            None => Self::parse(SHIPPED, SHIPPED_NAME),
+        }
+    }
+
+    /// Whether a text is meant as a rig file of schema 2.
+    #[must_use]
+    pub fn is_meant(text: &str) -> bool {
+        let document = Document::parse(Source::new("", text), text);
+        document.is_ok_and(|document| is_meant(&document))
+    }
+
+    /// Reads a rig file from text; `file_name` names it in errors.
+    ///
+    /// # Errors
+    /// Everything that is wrong in the text.
+    pub fn parse(text: &str, file_name: &str) -> Result<Self, ScenarioError> {
+        Self::read(text, file_name).map(|(rig, _)| rig)
+    }
+
+    /// As [`Rig::parse`], with the tree from which it was made.
+    pub(super) fn read<'text>(
+        text: &'text str,
+        file_name: &str,
+    ) -> Result<(Self, Document<'text>), ScenarioError> {
+        let fail = |problems| fail(file_name, problems);
+        let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
+        if let Some(problem) = no_rig(&document).or_else(|| too_many(&document)) {
+            return Err(fail(vec![problem]));
+        }
+        document.rewrite(spread_defaults);
+        let outside = Outside::Registered;
+        let (rig, mut problems) =
+            build::<Self>(&document, &outside, "the rig file", &schema::NODES_RIG).map_err(fail)?;
+        let check = Check {
+            document: &document,
+            rig: &rig,
+        };
+        problems.extend(check.problems());
+        match problems.is_empty() {
+            true => Ok((rig, document)),
+            false => Err(fail(problems)),
+        }
+    }
+}
+
+/// An error of a rig file.
+pub(super) fn fail(file_name: &str, problems: Vec<Problem>) -> ScenarioError {
+    ScenarioError::new(KIND, file_name, problems)
+}
+
+/// Whether a document is meant as a rig file of schema 2: no scenario has one of these tables.
+pub(super) fn is_meant(document: &Document<'_>) -> bool {
+    ["node", "loop"].iter().any(|table| document.has(table)) && !document.has("controller")
+}
+
+/// Another kind of file.
+fn no_rig(document: &Document<'_>) -> Option<Problem> {
+    if super::rig::is_meant(document) {
+        let message = "this is a rig file of schema 1, which is of one drive";
+        let problem = document.problem("schema", message, "no schema 2");
+        let help = "scenarios of schema 1 are played on it: canrig run SCENARIO --rig FILE";
+        return Some(problem.with_help(help));
+    }
+    document.has("controller").then(|| {
+        let problem = document.problem("name", "this is a scenario, not a rig file", "a scenario");
+        problem.with_help("a rig file has [plant], [node] and [loop]")
+    })
+}
+
+/// More of something than any rig has; then nothing else is said.
+fn too_many(document: &Document<'_>) -> Option<Problem> {
+    let counts = TABLES.iter().map(|(table, max)| {
+        let names = document
+            .spanned(table)
+            .and_then(|value| value.get_ref().as_table());
+        (table, names.map_or(0, DeTable::len), max)
+    });
+    let mut excess = counts.filter(|(_, count, max)| count > max);
+    excess.next().map(|(table, count, max)| {
+        let message = format!("{count} entries in [{table}]");
+        document.problem(table, message, format!("a rig has at most {max}"))
+    })
+}
+
+/// Gives each drive what it does not say itself. What is copied still knows where it was written.
+fn spread_defaults(root: &mut DeTable<'_>) {
+    let defaults = root
+        .get("defaults")
+        .and_then(|value| value.get_ref().as_table());
+    let Some(drive) = defaults.and_then(|table| table.get("drive")).cloned() else {
+        return;
+    };
+    let nodes = root.get_mut("node").map(Spanned::get_mut);
+    let Some(DeValue::Table(nodes)) = nodes else {
+        return;
+    };
+    for (_, node) in nodes.iter_mut() {
+        let is_drive = |table: &DeTable<'_>| {
+            let kind = table.get("kind").and_then(|kind| kind.get_ref().as_str());
+            kind == Some("drive")
+        };
+        let (DeValue::Table(node), DeValue::Table(defaults)) = (node.get_mut(), drive.get_ref())
+        else {
+            continue;
+        };
+        if is_drive(node) {
+            fill(node, defaults);
+        }
+    }
+}
+
+/// Adds what is missing, down to the last table.
+pub(super) fn fill<'text>(table: &mut DeTable<'text>, defaults: &DeTable<'text>) {
+    for (key, default) in defaults {
+        match (table.get_mut(key.get_ref().as_ref()), default.get_ref()) {
+            (None, _) => {
+                table.insert(key.clone(), default.clone());
+            }
+            (Some(value), DeValue::Table(defaults)) => {
+                if let DeValue::Table(value) = value.get_mut() {
+                    fill(value, defaults);
+                }
+            }
+            (Some(_), _) => {}
+        }
+    }
+}
+
+struct Check<'a> {
+    document: &'a Document<'a>,
+    rig: &'a Rig,
+}
+
+impl Check<'_> {
+    fn problems(&self) -> Vec<Problem> {
+        let mut problems = Vec::from_iter(crate::check::name(self.document, &self.rig.name));
+        problems.extend(self.names());
+        problems.extend(self.models());
+        problems.extend(self.node_ids());
+        problems.extend(self.controllers());
+        problems.extend(self.nodes());
+        problems.extend(self.externals());
+        problems.extend(self.ports());
+        problems.extend(self.loops());
+        // Of what is not whole, more would be said than is wrong.
+        if problems.is_empty() {
+            problems.extend(self.unserved());
+        }
+        problems
+    }
+
+    fn problem(&self, path: &str, message: String, label: impl Into<String>) -> Problem {
+        let span = self.document.key_span(path);
+        self.document.source.problem(span, message, label)
+    }
+
+    /// Each name is one that others can use, and stands for one thing.
+    fn names(&self) -> Vec<Problem> {
+        let rig = self.rig;
+        let named = [
+            ("plant", Vec::from_iter(rig.plant.keys())),
+            ("node", Vec::from_iter(rig.node.keys())),
+            ("loop", Vec::from_iter(rig.loops.keys())),
+        ];
+        let mut problems = Vec::new();
+        let mut taken: BTreeMap<&str, String> = BTreeMap::new();
+        for (kind, names) in named {
+            for name in names {
+                let path = format!("{kind}.{name}");
+                if !is_name(name) {
+                    let message = format!("`{name}` can be no name of a {kind}");
+                    let label = "small letters, digits and underscores, a letter first";
+                    problems.push(self.problem(&path, message, label));
+                }
+                let is_word = NOT_A_LOOP.contains(&name.as_str())
+                    || BESIDE_LOOPS.iter().any(|table| schema::is_key(table, name));
+                if kind == "loop" && is_word || kind == "node" && name == NOT_A_NODE {
+                    let message = format!("a {kind} cannot be called `{name}`");
+                    problems.push(self.problem(
+                        &path,
+                        message,
+                        "this word has a meaning in scenarios",
+                    ));
+                }
+                let own_drive = |one: &RigLoop| one.drives.contains(name);
+                let is_named_after_drive =
+                    kind == "loop" && rig.loops.get(name).is_some_and(own_drive);
+                if let Some(first) = taken.get(name.as_str()).filter(|_| !is_named_after_drive) {
+                    let message = format!("`{name}` is the name of two things");
+                    let place = self.document.key_span(first);
+                    let problem = self.problem(&path, message, format!("a {kind} here"));
+                    let first = first.split('.').next().unwrap_or_default();
+                    problems.push(problem.with_place(place, &format!("a {first} here")));
+                }
+                taken.entry(name).or_insert(path);
+            }
+        }
+        problems
+    }
+
+    fn models(&self) -> Vec<Problem> {
+        let wrong = self.rig.plant.iter().filter(|(_, plant)| {
+            usize::from(plant.sma.is_some()) + usize::from(plant.dc_motor.is_some()) != 1
+        });
+        let problems = wrong.map(|(name, _)| {
+            let message = format!("the plant `{name}` needs one model");
+            let label = format!("write one of [plant.{name}.sma] and [plant.{name}.dc_motor]");
+            self.problem(&format!("plant.{name}"), message, label)
+        });
+        problems.collect()
+    }
+
+    fn node_ids(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let mut taken: BTreeMap<u8, &str> = BTreeMap::new();
+        for (name, node) in &self.rig.node {
+            let id = node.node_id;
+            let path = format!("node.{name}.node_id");
+            if let Some(other) = taken.get(&id) {
+                let message = format!("`{other}` and `{name}` have the same node-ID {id}");
+                let problem = self.document.problem(&path, message, "here");
+                let first = self.document.span(&format!("node.{other}.node_id"));
+                problems.push(problem.with_place(first, "and here"));
+            }
+            if id > EMULATED_NODE_ID_MAX && !node.external {
+                let message = format!("the emulated node `{name}` cannot have the node-ID {id}");
+                let label = format!("at most {EMULATED_NODE_ID_MAX} (0x{EMULATED_NODE_ID_MAX:X})");
+                let problem = self.document.problem(&path, message, label);
+                problems.push(problem.with_help(
+                    "the second SDO channel and the truth frames of an emulated node have identifiers of nodes 32 and 64 further on",
+                ));
+            }
+            taken.entry(id).or_insert(name);
+        }
+        problems
+    }
+
+    fn controllers(&self) -> Vec<Problem> {
+        let mut controllers = self.of_kind(NodeKind::Controller);
+        match (controllers.next(), controllers.next()) {
+            (Some(_), None) => Vec::new(),
+            (None, _) => {
+                let message = "nobody leads the drives".to_owned();
+                let problem = self.problem("node", message, "no node has kind = \"controller\"");
+                vec![problem]
+            }
+            (Some(first), Some(second)) => {
+                let message = "a bus has one controller".to_owned();
+                let path = format!("node.{second}.kind");
+                let problem = self.document.problem(&path, message, "a second one");
+                let first = self.document.span(&format!("node.{first}.kind"));
+                vec![problem.with_place(first, "the first one")]
+            }
+        }
+    }
+
+    fn of_kind(&self, kind: NodeKind) -> impl Iterator<Item = &str> {
+        let nodes = self.rig.node.iter();
+        nodes
+            .filter(move |(_, node)| node.kind == kind)
+            .map(|(name, _)| name.as_str())
+    }
+
+    /// Each node has what its kind needs, and nothing else.
+    fn nodes(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        for (name, node) in &self.rig.node {
+            let parts = [
+                ("amplifier", node.amplifier.is_some(), NodeKind::Drive),
+                ("sensor", node.sensor.is_some(), NodeKind::Drive),
+                ("outputs", node.outputs.is_some(), NodeKind::Io),
+            ];
+            for (part, is_there, kind) in parts {
+                let path = format!("node.{name}");
+                match (is_there, kind == node.kind) {
+                    (true, false) => {
+                        let message = format!("`{name}` can have no {part}");
+                        let label = "of another kind of node";
+                        problems.push(self.problem(&format!("{path}.{part}"), message, label));
+                    }
+                    // Who knows the plant of a drive that is somebody else's?
+                    (false, true) if node.external => {}
+                    (false, true) => {
+                        let message = format!("`{name}` lacks its {part}");
+                        let label = format!("[node.{name}.{part}] is missing");
+                        problems.push(self.problem(&path, message, label));
+                    }
+                    _ => {}
+                }
+            }
+        }
+        problems
+    }
+
+    /// Who is somebody else's, and what canrig must know of it.
+    fn externals(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        for (name, node) in &self.rig.node {
+            let path = format!("node.{name}");
+            match (node.external, node.kind) {
+                (false, _) | (true, NodeKind::Io) => {
+                    problems.extend(node.keys_of_external().map(|key| {
+                        let message = format!("`{name}` can have no {key}");
+                        let label = "only an external drive has";
+                        self.problem(&format!("{path}.{key}"), message, label)
+                    }));
+                }
+                (true, NodeKind::Controller) => {
+                    let message = "a rig file's controller is canrig's".to_owned();
+                    let path = format!("{path}.external");
+                    let problem = self.document.problem(&path, message, "here");
+                    problems.push(problem.with_help(
+                        "to test one of your own, leave this out and play with --external controller",
+                    ));
+                }
+                (true, NodeKind::Drive) => problems.extend(self.external_drive(name)),
+            }
+            if node.kind == NodeKind::Io {
+                problems.extend(self.io_beside_external(name));
+            }
+        }
+        problems
+    }
+
+    fn external_drive(&self, name: &str) -> Vec<Problem> {
+        let path = format!("node.{name}");
+        let Some(rig) = self.rig.rig_file_of(name) else {
+            let message = format!("`{name}` lacks its limits");
+            let label = format!("[node.{name}.limits] is missing: an external drive needs them");
+            return vec![self.problem(&path, message, label)];
+        };
+        check_drive(self.document, &rig, |key| {
+            format!("{path}.{}", key.strip_prefix("drive.").unwrap_or(key))
+        })
+    }
+
+    /// A real fan cannot cool an emulated wire, nor an emulated one a real wire.
+    fn io_beside_external(&self, name: &str) -> Option<Problem> {
+        let is_other = |(drive, node): &(&String, &RigNode)| {
+            self.rig.acts_on(name, drive) && node.external != self.rig.node[name].external
+        };
+        let (drive, node) = self.rig.node.iter().find(is_other)?;
+        let (message, label) = match node.external {
+            true => (
+                format!("`{name}` acts on the plant of `{drive}`, which nobody emulates"),
+                format!("`{drive}` is external: `{name}` must be so too, or have no port there"),
+            ),
+            false => (
+                format!("`{name}` cannot act on an emulated plant"),
+                format!("it is external, and `{drive}` is not"),
+            ),
+        };
+        Some(self.problem(&format!("node.{name}"), message, label))
+    }
+
+    /// Each port exists, and has one that drives it.
+    fn ports(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let mut driven: BTreeMap<&str, String> = BTreeMap::new();
+        for (name, node) in &self.rig.node {
+            let amplifier = node
+                .amplifier
+                .as_ref()
+                .map(|part| ("amplifier.port", &part.port, CURRENT_PORT));
+            let sensor = node
+                .sensor
+                .as_ref()
+                .map(|part| ("sensor.port", &part.port, POSITION_PORT));
+            let outputs = node.outputs.as_ref();
+            let fan = outputs.map(|part| {
+                (
+                    "outputs.convection_factor",
+                    &part.convection_factor,
+                    FAN_PORT,
+                )
+            });
+            let load = outputs.map(|part| {
+                (
+                    "outputs.added_load_grams",
+                    &part.added_load_grams,
+                    LOAD_PORT,
+                )
+            });
+            for (key, port, wanted) in [amplifier, sensor, fan, load].into_iter().flatten() {
+                let path = format!("node.{name}.{key}");
+                let Some(port) = port else {
+                    if node.kind == NodeKind::Drive && !node.external {
+                        let message = format!("`{name}` is wired to no plant");
+                        let label = format!("`{key}` is missing, as in \"PLANT.{wanted}\"");
+                        problems.push(self.problem(&path, message, label));
+                    }
+                    continue;
+                };
+                problems.extend(self.port(&path, port, wanted));
+                if wanted == POSITION_PORT {
+                    continue;
+                }
+                if let Some(first) = driven.get(port.as_str()) {
+                    let message = format!("two nodes drive the port `{port}`");
+                    let place = self.document.span(first);
+                    let problem = self.document.problem(&path, message, "this one");
+                    problems.push(problem.with_place(place, "and this one"));
+                }
+                driven.entry(port).or_insert(path);
+            }
+        }
+        problems
+    }
+
+    fn port(&self, path: &str, port: &str, wanted: &str) -> Option<Problem> {
+        let (plant, name) = port.split_once('.').unwrap_or((port, ""));
+        if !self.rig.plant.contains_key(plant) {
+            let message = format!("there is no plant `{plant}`");
+            return Some(self.unknown(path, message, plant, self.rig.plant.keys()));
+        }
+        (name != wanted).then(|| {
+            let message = format!("the plant `{plant}` has no such port here: `{name}`");
+            let label = format!("write \"{plant}.{wanted}\"");
+            self.document.problem(path, message, label)
+        })
+    }
+
+    fn unknown<'a>(
+        &self,
+        path: &str,
+        message: String,
+        name: &str,
+        known: impl Iterator<Item = &'a String>,
+    ) -> Problem {
+        let known = Vec::from_iter(known.map(String::as_str));
+        let label = meant_or_known(name, &known);
+        self.document.problem(path, message, label)
+    }
+
+    /// Each loop has drives, each drive one loop.
+    fn loops(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let mut led: BTreeMap<&str, String> = BTreeMap::new();
+        for (name, one) in &self.rig.loops {
+            let path = format!("loop.{name}.drives");
+            if one.drives.is_empty() {
+                let message = format!("nothing moves the loop `{name}`");
+                problems.push(
+                    self.document
+                        .problem(&path, message, "a loop needs a drive"),
+                );
+            }
+            for (place, drive) in one.drives.iter().enumerate() {
+                let path = format!("{path}.{place}");
+                problems.extend(self.drive(&path, drive));
+                if let Some(first) = led.get(drive.as_str()) {
+                    let message = format!("the drive `{drive}` is in two loops");
+                    let first = self.document.span(first);
+                    let problem = self.document.problem(&path, message, "here");
+                    problems.push(problem.with_place(first, "and here"));
+                }
+                led.entry(drive).or_insert(path);
+            }
+            problems.extend(self.feedback(name, &one.feedback, &one.drives));
+        }
+        for drive in self.of_kind(NodeKind::Drive) {
+            if !led.contains_key(drive) {
+                let message = format!("no loop leads the drive `{drive}`");
+                let label = format!("name it in `drives` of a loop, as in drives = [\"{drive}\"]");
+                problems.push(self.problem(&format!("node.{drive}"), message, label));
+            }
+        }
+        problems
+    }
+
+    fn drive(&self, path: &str, name: &str) -> Option<Problem> {
+        match self.rig.node.get(name) {
+            Some(node) if node.kind == NodeKind::Drive => None,
+            Some(_) => {
+                let message = format!("`{name}` is no drive");
+                Some(
+                    self.document
+                        .problem(path, message, "a loop is moved by drives"),
+                )
+            }
+            None => {
+                let message = format!("there is no node `{name}`");
+                Some(self.unknown(path, message, name, self.rig.node.keys()))
+            }
+        }
+    }
+
+    fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {
+        let (node, signal) = feedback.split_once('.').unwrap_or((feedback, ""));
+        let path = format!("loop.{name}.feedback");
+        if !drives.iter().any(|drive| drive == node) {
+            let message =
+                format!("the loop `{name}` follows `{feedback}`, which is not of its drives");
+            let of_drives = drives.iter().map(|drive| format!("\"{drive}.{POSITION}\""));
+            let label = format!("write {}", Vec::from_iter(of_drives).join(" or "));
+            return Some(self.document.problem(&path, message, label));
+        }
+        (signal != POSITION).then(|| {
+            let message = format!("a drive has no signal `{signal}` that a loop can follow");
+            let label = format!("write \"{node}.{POSITION}\"");
+            self.document.problem(&path, message, label)
+        })
+    }
+}

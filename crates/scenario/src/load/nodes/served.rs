@@ -1,0 +1,125 @@
+//! What a rig file can say and this bench does not serve.
+
+use super::Check;
+use crate::error::Problem;
+use crate::rig::nodes::{NodeKind, Outputs, plant_of_port};
+
+/// The node-ID of every controller.
+const CONTROLLER_NODE_ID: u8 = 1;
+
+impl Check<'_> {
+    pub(super) fn unserved(&self) -> Vec<Problem> {
+        let mut problems = Vec::from_iter(self.other_controller());
+        problems.extend(self.loops_of_several_drives());
+        problems.extend(self.split_drives());
+        problems.extend(self.split_outputs());
+        problems.extend(self.second_outputs());
+        problems.extend(self.idle_plants());
+        problems
+    }
+
+    fn other_controller(&self) -> Option<Problem> {
+        let (name, node) = self.rig.controller()?;
+        (node.node_id != CONTROLLER_NODE_ID).then(|| {
+            let path = format!("node.{name}.node_id");
+            let message = format!("the controller `{name}` has the node-ID {}", node.node_id);
+            let label = format!("must be {CONTROLLER_NODE_ID}");
+            self.document.problem(&path, message, label)
+        })
+    }
+
+    fn loops_of_several_drives(&self) -> Vec<Problem> {
+        let several = self
+            .rig
+            .loops
+            .iter()
+            .filter(|(_, one)| one.drives.len() > 1);
+        let problems = several.map(|(name, one)| {
+            let path = format!("loop.{name}.drives");
+            let message = format!("{} drives move the loop `{name}`", one.drives.len());
+            self.document
+                .problem(&path, message, "one drive for each loop")
+        });
+        problems.collect()
+    }
+
+    /// Drives that move one plant and measure another.
+    fn split_drives(&self) -> Vec<Problem> {
+        let drives = self.rig.node.iter().filter_map(|(name, node)| {
+            let sensor = node.sensor.as_ref()?.port.as_deref()?;
+            let (measured, moved) = (plant_of_port(sensor)?, self.rig.plant_of(name)?);
+            (measured != moved).then(|| {
+                let path = format!("node.{name}.sensor.port");
+                let message =
+                    format!("the drive `{name}` moves `{moved}` and measures `{measured}`");
+                let problem = self
+                    .document
+                    .problem(&path, message, "the plant that it measures");
+                let moves = self.document.span(&format!("node.{name}.amplifier.port"));
+                problem.with_place(moves, "the plant that it moves")
+            })
+        });
+        drives.collect()
+    }
+
+    /// Io nodes whose outputs act on two plants, or on none.
+    fn split_outputs(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        for (name, outputs) in self.outputs() {
+            let path = format!("node.{name}.outputs");
+            let fan = outputs.convection_factor.as_deref().and_then(plant_of_port);
+            let load = outputs.added_load_grams.as_deref().and_then(plant_of_port);
+            let message = match (fan, load) {
+                (None, None) => format!("`{name}` acts on no plant"),
+                (Some(fan), Some(load)) if fan != load => {
+                    format!("`{name}` acts on `{fan}` and on `{load}`")
+                }
+                _ => continue,
+            };
+            problems.push(self.problem(&path, message, "one plant for each io node"));
+        }
+        problems
+    }
+
+    /// Io nodes that share a plant.
+    fn second_outputs(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let mut firsts: Vec<(&str, &str)> = Vec::new();
+        for (name, outputs) in self.outputs() {
+            let Some(plant) = outputs.plant() else {
+                continue;
+            };
+            match firsts.iter().find(|(_, other)| *other == plant) {
+                None => firsts.push((name, plant)),
+                Some((first, _)) => {
+                    let message = format!("`{first}` and `{name}` both act on `{plant}`");
+                    let problem = self.problem(&format!("node.{name}"), message, "the second one");
+                    let first = self.document.key_span(&format!("node.{first}"));
+                    problems.push(problem.with_place(first, "the first one"));
+                }
+            }
+        }
+        problems
+    }
+
+    fn outputs(&self) -> impl Iterator<Item = (&str, &Outputs)> {
+        let nodes = self.rig.node.iter();
+        nodes.filter_map(|(name, node)| Some((name.as_str(), node.outputs.as_ref()?)))
+    }
+
+    fn idle_plants(&self) -> Vec<Problem> {
+        let drives = Vec::from_iter(self.of_kind(NodeKind::Drive));
+        let is_moved = |plant: &str| {
+            drives
+                .iter()
+                .any(|drive| self.rig.plant_of(drive) == Some(plant))
+        };
+        let idle = self.rig.plant.keys().filter(|plant| !is_moved(plant));
+        let problems = idle.map(|plant| {
+            let message = format!("no drive moves the plant `{plant}`");
+            let label = format!("write amplifier.port = \"{plant}.current_amperes\" into a drive");
+            self.problem(&format!("plant.{plant}"), message, label)
+        });
+        problems.collect()
+    }
+}

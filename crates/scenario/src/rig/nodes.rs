@@ -1,0 +1,396 @@
+//! Rig files of schema 2: the nodes on the bus by name, the plants that they move, and the loops that the controller closes.
+//!
+//! A rig file says what is on the bench, a scenario what is tried on it.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    CommandObject, CurrentObject, Limits, PositionObject, Preflight, RigBus, RigDrive, RigFan,
+    RigFile, Timeouts,
+};
+use crate::bus::Bus;
+use crate::plant::{DcMotor, Heat, Mechanics, Phase};
+
+/// The largest node-ID of an emulated node. Its second SDO channel and its truth frames have identifiers that are the first
+/// ones of nodes 32 and 64 further on.
+pub const EMULATED_NODE_ID_MAX: u8 = 0x1F;
+/// More nodes than that have no node-ID.
+pub const NODES_MAX: usize = 127;
+/// Loops for which the controller has objects and identifiers.
+pub const LOOPS_MAX: usize = 8;
+
+/// The rig that scenarios are played on that name none.
+pub const SHIPPED: &str = include_str!("sma_actuator.toml");
+/// What it is called, for people.
+pub const SHIPPED_NAME: &str = "sma_actuator.toml";
+
+/// One rig file.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "NodesRig")]
+pub struct Rig {
+    /// Version of the format; 2.
+    #[schemars(range(min = 2, max = 2))]
+    pub schema: u32,
+    /// Which rig this is, in a few words.
+    #[schemars(length(min = 1, max = 200))]
+    pub name: String,
+    /// What one should know of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub description: Option<String>,
+    /// The bus and its cycle; scenarios on this rig have no `[bus]`.
+    #[serde(default)]
+    pub bus: Bus,
+    /// What several nodes share. A node's own keys come before these.
+    #[serde(default, skip_serializing_if = "Defaults::is_empty")]
+    pub defaults: Defaults,
+    /// The plants by name, each with the table of its model: `[plant.NAME.MODEL]`.
+    #[serde(default)]
+    pub plant: BTreeMap<String, PlantModel>,
+    /// The nodes by name.
+    pub node: BTreeMap<String, RigNode>,
+    /// The loops by name.
+    #[serde(rename = "loop")]
+    pub loops: BTreeMap<String, RigLoop>,
+}
+
+impl Rig {
+    /// The plant that a drive moves.
+    #[must_use]
+    pub fn plant_of(&self, drive: &str) -> Option<&str> {
+        let amplifier = self.node.get(drive)?.amplifier.as_ref()?;
+        plant_of_port(amplifier.port.as_deref()?)
+    }
+
+    /// The drive that a loop leads; empty for no loop of this rig.
+    #[must_use]
+    pub fn drive_of_loop(&self, name: &str) -> &str {
+        let drive = self.loops.get(name).and_then(|one| one.drives.first());
+        drive.map_or("", String::as_str)
+    }
+
+    /// The plant that a loop moves; empty for no loop of this rig.
+    #[must_use]
+    pub fn plant_of_loop(&self, name: &str) -> &str {
+        self.plant_of(self.drive_of_loop(name)).unwrap_or_default()
+    }
+
+    /// Whether an io node acts on the plant that a drive moves.
+    #[must_use]
+    pub fn acts_on(&self, io: &str, drive: &str) -> bool {
+        let outputs = self.node.get(io).and_then(|node| node.outputs.as_ref());
+        let plant = self.plant_of(drive);
+        plant.is_some() && outputs.is_some_and(|outputs| outputs.plant() == plant)
+    }
+
+    /// The name of the controller.
+    #[must_use]
+    pub fn controller(&self) -> Option<(&str, &RigNode)> {
+        let mut nodes = self.node.iter();
+        let found = nodes.find(|(_, node)| node.kind == NodeKind::Controller);
+        found.map(|(name, node)| (name.as_str(), node))
+    }
+
+    /// What is known of a drive that is not canrig's, as the rig file of a bench with one drive has it; none for a drive that
+    /// canrig emulates.
+    #[must_use]
+    pub fn rig_file_of(&self, drive: &str) -> Option<RigFile> {
+        let node = self.node.get(drive).filter(|node| node.external)?;
+        let Bus {
+            bitrate_kilobits_per_second,
+            sync_period_milliseconds,
+        } = self.bus;
+        let fan = RigFan::default();
+        let free = match node.node_id == fan.node_id {
+            true => RigDrive::default().node_id,
+            false => fan.node_id,
+        };
+        let io = self.io_of(drive).map(|(_, io)| io.node_id);
+        let emulated = RigDrive::default();
+        Some(RigFile {
+            schema: 1,
+            name: drive.to_owned(),
+            description: None,
+            bus: RigBus {
+                interface: None,
+                bitrate_kilobits_per_second,
+                sync_period_milliseconds,
+            },
+            drive: RigDrive {
+                node_id: node.node_id,
+                eds: node.eds.clone(),
+                mode_of_operation: node.mode_of_operation.unwrap_or(emulated.mode_of_operation),
+                command: node.command.clone().unwrap_or_default(),
+                position: node.position.clone().unwrap_or_default(),
+                current: node.current.clone().unwrap_or_default(),
+            },
+            fan: RigFan {
+                node_id: io.unwrap_or(free),
+            },
+            limits: node.limits?,
+            timeouts: node.timeouts.unwrap_or_default(),
+            preflight: node.preflight.unwrap_or_default(),
+        })
+    }
+
+    /// The io node that acts on the plant of a drive.
+    #[must_use]
+    pub fn io_of(&self, drive: &str) -> Option<(&str, &RigNode)> {
+        let mut nodes = self.node.iter();
+        let found = nodes.find(|(name, _)| self.acts_on(name, drive));
+        found.map(|(name, node)| (name.as_str(), node))
+    }
+}
+
+pub(crate) fn plant_of_port(port: &str) -> Option<&str> {
+    port.split_once('.').map(|(plant, _)| plant)
+}
+
+/// What several nodes share.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Defaults {
+    /// What each drive has, unless its own table says otherwise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drive: Option<DriveDefaults>,
+}
+
+impl Defaults {
+    fn is_empty(&self) -> bool {
+        self.drive.is_none()
+    }
+}
+
+/// What each drive has, unless its own table says otherwise.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DriveDefaults {
+    /// The amplifier.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub amplifier: Option<Amplifier>,
+    /// The sensor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<Sensor>,
+    /// How often: the truth about the plant is published in every so many cycles, which leaves room on the bus; 1 if absent.
+    #[schemars(range(min = 1, max = 240))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth_every_cycles: Option<u8>,
+}
+
+/// A plant: exactly one model with its parameters.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(extend("minProperties" = 1, "maxProperties" = 1))]
+pub struct PlantModel {
+    /// The shape-memory-alloy actuator of the paper.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sma: Option<Sma>,
+    /// A DC motor with gearbox, which lifts a load against a spring.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dc_motor: Option<DcMotor>,
+}
+
+/// The shape-memory-alloy actuator.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Sma {
+    /// Heat balance of the wire, Eq. (1).
+    pub heat: Heat,
+    /// Phase transformation, Eq. (2).
+    pub phase: Phase,
+    /// Wire mechanics and motion, Eq. (3)-(9).
+    pub mechanics: Mechanics,
+}
+
+/// What a node is.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NodeKind {
+    /// SYNC producer, NMT master, and the laws of all loops. A bus has one.
+    Controller,
+    /// An emulated CiA 402 drive with amplifier and sensor.
+    Drive,
+    /// An emulated CiA 401 node with outputs that act on plants: fan and load.
+    Io,
+}
+
+/// A node on the bus.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "NodesRigNode")]
+pub struct RigNode {
+    /// What it is.
+    pub kind: NodeKind,
+    /// Its node-ID.
+    #[schemars(range(min = 1, max = 127))]
+    pub node_id: u8,
+    /// Of a drive: the amplifier and the port of the plant that it drives.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub amplifier: Option<Amplifier>,
+    /// Of a drive: the sensor and the port of the plant that it reads.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<Sensor>,
+    /// Of a drive: the truth about the plant is published in every so many cycles, which leaves room on the bus; 1 if absent.
+    #[schemars(range(min = 1, max = 240))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub truth_every_cycles: Option<u8>,
+    /// Of an io node: which of its outputs acts on which port of a plant.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub outputs: Option<Outputs>,
+    /// The node is somebody else's: canrig expects it on the bus. A drive then needs `limits`, and an io node acts on the plant
+    /// of an external drive.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub external: bool,
+    /// Of an external drive: its EDS, beside the rig file; that of the emulated drive if left out.
+    #[schemars(length(min = 1, max = 200))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub eds: Option<String>,
+    /// Of an external drive: written to 0x6060 before it is enabled; 10, cyclic synchronous torque, if left out. Negative modes
+    /// are the maker's own.
+    #[schemars(range(min = -128, max = 127))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mode_of_operation: Option<i8>,
+    /// Of an external drive: where the current command goes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub command: Option<CommandObject>,
+    /// Of an external drive: where the position comes from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position: Option<PositionObject>,
+    /// Of an external drive: where the measured current comes from; `object = ""` if it sends none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub current: Option<CurrentObject>,
+    /// Of an external drive: hard limits, which apply whatever a scenario says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits: Option<Limits>,
+    /// Of an external drive: how long drive and controller wait for each other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub timeouts: Option<Timeouts>,
+    /// Of an external drive: what is tried on it before the first scenario.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub preflight: Option<Preflight>,
+}
+
+impl RigNode {
+    /// The keys of an external drive that it has.
+    pub(crate) fn keys_of_external(&self) -> impl Iterator<Item = &'static str> {
+        let keys = [
+            ("eds", self.eds.is_some()),
+            ("mode_of_operation", self.mode_of_operation.is_some()),
+            ("command", self.command.is_some()),
+            ("position", self.position.is_some()),
+            ("current", self.current.is_some()),
+            ("limits", self.limits.is_some()),
+            ("timeouts", self.timeouts.is_some()),
+            ("preflight", self.preflight.is_some()),
+        ];
+        let present = keys.into_iter().filter(|(_, is_there)| *is_there);
+        present.map(|(key, _)| key)
+    }
+}
+
+/// The amplifier of a drive.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(rename = "NodesRigAmplifier")]
+pub struct Amplifier {
+    /// The port that it drives, as in `"wire.current_amperes"`.
+    #[schemars(length(min = 1, max = 200))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub port: Option<String>,
+    /// The rated current (0x6075), in amperes; emulated drives have 1.
+    #[schemars(range(min = 1.0, max = 1.0))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rated: Option<f64>,
+    /// The smallest current, in amperes: 0, or below it for an amplifier that drives both ways.
+    #[schemars(range(min = -1.0, max = 0.0))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// The largest current, in amperes.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+    /// Resolution of its digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille.
+    #[schemars(range(min = 0, max = 24))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub resolution_bits: Option<u32>,
+}
+
+/// The sensor of a drive.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(rename = "NodesRigSensor")]
+pub struct Sensor {
+    /// The port that it reads, as in `"wire.position_metres"`.
+    #[schemars(length(min = 1, max = 200))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub port: Option<String>,
+    /// The unit of the other keys.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<Unit>,
+    /// The lowest position that its converter can give; 0.
+    #[schemars(range(min = 0.0, max = 0.0))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// The highest position that its converter can give, in millimetres.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+    /// Resolution of its converter.
+    #[schemars(range(min = 1, max = 24))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub resolution_bits: Option<u32>,
+    /// Standard deviation of normal noise before conversion, in millimetres.
+    #[schemars(range(min = 0.0, max = 10.0))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_rms: Option<f64>,
+}
+
+/// The unit of a position.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unit {
+    /// Millimetres.
+    #[default]
+    Millimetres,
+}
+
+/// The outputs of an io node.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Outputs {
+    /// The port on which its fan acts, as in `"wire.convection_factor"`.
+    #[schemars(length(min = 1, max = 200))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub convection_factor: Option<String>,
+    /// The port on which its load acts, as in `"wire.added_load_kilograms"`.
+    #[schemars(length(min = 1, max = 200))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub added_load_grams: Option<String>,
+}
+
+impl Outputs {
+    /// The plant on which they act.
+    pub(crate) fn plant(&self) -> Option<&str> {
+        let ports = [&self.convection_factor, &self.added_load_grams];
+        ports
+            .into_iter()
+            .flatten()
+            .find_map(|port| plant_of_port(port))
+    }
+}
+
+/// A loop that the controller closes.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "NodesRigLoop")]
+pub struct RigLoop {
+    /// The signal that follows the set-point, as in `"drive.position"`.
+    #[schemars(length(min = 1, max = 200))]
+    pub feedback: String,
+    /// The drives that move it.
+    #[schemars(length(min = 1, max = 8))]
+    pub drives: Vec<String>,
+}

@@ -1,0 +1,269 @@
+//! The schema of scenarios of schema 2, composed of that of one drive: what is tried in each loop is a scenario of one drive.
+
+use serde_json::{Map, Value, json};
+
+use super::schema_of;
+use crate::loops::Contours;
+use crate::rig::nodes::{PlantModel, Rig};
+use crate::scenario::Scenario;
+
+/// Tables whose entries say for which loop they are, and those that say for which node.
+const OF_LOOPS: &str = "Reference";
+const OF_NODES: [&str; 6] = [
+    "Disturbance",
+    "BusFaults",
+    "NodeFaults",
+    "SensorFaults",
+    "AmplifierFaults",
+    "PlantFaults",
+];
+/// Keys that name a node already, each with what it names in a scenario of one drive.
+const NAMING: [&str; 3] = ["node", "sender", "receiver"];
+/// What a loop's name is for.
+const ALL: &str = "all";
+
+/// The schema of scenarios on any rig.
+pub(super) fn of_loops() -> Value {
+    let mut schema = with_names(schema_of::<Scenario>());
+    let laws = properties(&schema, "Controller");
+    let limits = with_contours(&mut schema);
+    let models = plants(&mut schema);
+    schema["properties"]["controller"] = json!({
+        "description": "The laws: `[controller.LOOP.LAW]`, or `[controller.all.LAW]` for one law over all loops.",
+        "type": "object",
+        "properties": laws,
+        "additionalProperties": {"$ref": "#/definitions/Controller"},
+        "minProperties": 1,
+    });
+    schema["properties"]["expect"] = json!({
+        "description": "Limits: `[expect.LOOP]` for a loop, `[expect.all]` for each of them; those of the bus in `[expect]` itself.",
+        "type": "object",
+        "properties": limits,
+        "additionalProperties": {"$ref": "#/definitions/Expect"},
+    });
+    schema["properties"]["plant"] = json!({
+        "description": "Parameters that differ from those of the rig file: `[plant.NAME.MODEL]`.",
+        "type": "object",
+        "additionalProperties": models,
+    });
+    schema
+}
+
+/// The schema of scenarios on a rig: with the names of its loops and plants.
+pub(crate) fn on_rig(rig: &Rig) -> Value {
+    let mut schema = of_loops();
+    for (section, definition) in [("controller", "Controller"), ("expect", "Expect")] {
+        let below = &mut schema["properties"][section];
+        let names = rig.loops.keys().map(String::as_str).chain([ALL]);
+        for name in names {
+            below["properties"][name] = reference(definition);
+        }
+        below["default"] = json!({});
+    }
+    let plants = rig.plant.iter().map(|(name, plant)| {
+        let (model, definition) = match plant.dc_motor {
+            Some(_) => ("dc_motor", "DcMotor"),
+            None => ("sma", "Sma"),
+        };
+        let parameters = json!({"allOf": [reference(definition)], "default": {}});
+        let plant = json!({"type": "object", "default": {}, "properties": {model: parameters}});
+        (name.clone(), plant)
+    });
+    let plants = Map::from_iter(plants);
+    schema["properties"]["plant"] = json!({"type": "object", "default": {}, "properties": plants});
+    schema
+}
+
+fn reference(definition: &str) -> Value {
+    json!({"$ref": format!("#/definitions/{definition}")})
+}
+
+fn properties(schema: &Value, definition: &str) -> Value {
+    schema["definitions"][definition]["properties"].clone()
+}
+
+/// Lets entries name their loop or their node, and the scenario its rig.
+fn with_names(mut schema: Value) -> Value {
+    for (table, key, text) in [(
+        OF_LOOPS,
+        "loop",
+        "The loop; needed where there are several.",
+    )]
+    .into_iter()
+    .chain(OF_NODES.map(|table| {
+        (
+            table,
+            "node",
+            "The node; needed where there are several drives.",
+        )
+    })) {
+        for entry in entries(&schema, table) {
+            let properties = &mut schema["definitions"][entry]["properties"];
+            let is_named = NAMING.iter().any(|name| properties.get(name).is_some());
+            if !is_named || key == "loop" {
+                properties[key] = json!({"description": text, "type": "string"});
+            }
+        }
+    }
+    for (definition, text) in [
+        ("Node", "The name of a node."),
+        (
+            "Station",
+            "The name of a node; `bench` is canrig's own node.",
+        ),
+    ] {
+        schema["definitions"][definition] = json!({"description": text, "type": "string"});
+    }
+    let of_rig = json!({
+        "description": "The rig file beside this one; the SMA actuator if absent.",
+        "type": "string",
+        "minLength": 1,
+        "maxLength": 200,
+    });
+    if let Some(properties) = schema["properties"].as_object_mut() {
+        properties.remove("bus");
+        properties.insert("rig".to_owned(), of_rig);
+    }
+    let number = &mut schema["properties"]["schema"];
+    number["description"] = "Version of the format; 2.".into();
+    number["minimum"] = 2.into();
+    number["maximum"] = 2.into();
+    schema
+}
+
+/// The definitions of a table's arrays.
+fn entries(schema: &Value, table: &str) -> Vec<String> {
+    let arrays = schema["definitions"][table]["properties"].as_object();
+    let names = arrays.into_iter().flatten().filter_map(|(_, array)| {
+        let name = array["items"]["$ref"].as_str()?.rsplit('/').next()?;
+        Some(name.to_owned())
+    });
+    names.collect()
+}
+
+/// The limits of one loop, and of several together.
+fn with_contours(schema: &mut Value) -> Value {
+    let contours = schema_of::<Contours>();
+    let mut limits = properties(schema, "Expect");
+    limits["contour"] = contours["properties"]["contour"].clone();
+    add_definitions(schema, &contours);
+    limits
+}
+
+/// What a plant of a rig may be.
+fn plants(schema: &mut Value) -> Value {
+    let model = schema_of::<PlantModel>();
+    add_definitions(schema, &model);
+    json!({
+        "type": "object",
+        "properties": model["properties"],
+        "additionalProperties": false,
+        "maxProperties": 1,
+    })
+}
+
+fn add_definitions(schema: &mut Value, other: &Value) {
+    let added = other["definitions"].as_object().into_iter().flatten();
+    for (name, definition) in added {
+        if schema["definitions"].get(name).is_none() {
+            schema["definitions"][name] = definition.clone();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::document::Document;
+    use crate::error::Source;
+    use crate::schema::{assert_committed, json_schema_2, rig_json_schema_2};
+    use crate::structure;
+
+    #[test]
+    fn the_committed_schemas_are_current() {
+        assert_committed("schema_2.json", &json_schema_2());
+        assert_committed("rig_schema_2.json", &rig_json_schema_2());
+    }
+
+    const SCENARIO: &str = r#"
+schema = 2
+name = "two moves"
+rig = "rig.toml"
+duration_seconds = 3.0
+[controller.all.pid]
+[controller.x.pid]
+proportional_amperes_per_metre = 3.0
+[plant.gantry_x.dc_motor]
+load_kilograms = 0.3
+[[reference.hold]]
+loop = "x"
+at_seconds = 1.0
+position_millimetres = 20.0
+[[disturbance.fan]]
+node = "module"
+from_seconds = 1.0
+until_seconds = 2.0
+convection_factor = 2.0
+[[fault.sensor.noise]]
+node = "y"
+from_seconds = 2.5
+noise_millimetres_rms = 0.1
+[[fault.bus.lose]]
+receiver = "y"
+from_seconds = 1.0
+[[fault.node.hang]]
+node = "x"
+from_seconds = 1.0
+[expect]
+bus_load_percent = { max = 60.0 }
+[expect.x]
+overshoot_percent = { max = 60.0 }
+[[expect.contour]]
+loops = ["x", "y"]
+contour_error_millimetres_max = { max = 0.3 }
+"#;
+
+    fn problems(text: &str) -> String {
+        let document = Document::parse(Source::new("s.toml", text), text).unwrap();
+        let problems = structure::check(&document, "the scenario", &of_loops());
+        problems
+            .iter()
+            .map(|problem| format!("{problem:?}"))
+            .collect()
+    }
+
+    #[test]
+    fn an_editor_knows_what_has_names() {
+        assert_eq!(problems(SCENARIO), "");
+        for (right, wrong, said) in [
+            ("schema = 2", "schema = 1", "`schema` = 1 is out of range"),
+            (
+                "loop = \"x\"",
+                "loop = 3",
+                "`reference.hold.loop` must be a string",
+            ),
+            ("node = \"y\"", "nod = \"y\"", "did you mean `node`?"),
+            (
+                "receiver = \"y\"",
+                "reciever = \"y\"",
+                "did you mean `receiver`?",
+            ),
+            ("overshoot", "overshot", "did you mean `overshoot_percent`?"),
+            (
+                "proportional",
+                "proportionel",
+                "did you mean `proportional_amperes",
+            ),
+            (
+                "load_kilograms",
+                "lod_kilograms",
+                "did you mean `load_kilograms`?",
+            ),
+            ("dc_motor", "dc_moter", "did you mean `dc_motor`?"),
+            ("rig = ", "bus = {}\nrig = ", "unknown key `bus`"),
+        ] {
+            let found = problems(&SCENARIO.replacen(right, wrong, 1));
+            assert!(found.contains(said), "{wrong}: {found}");
+        }
+    }
+}

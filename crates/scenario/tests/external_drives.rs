@@ -1,0 +1,98 @@
+//! Drives of a rig file of schema 2 that are somebody else's.
+
+use scenario::rig::nodes::Rig;
+
+const RIG: &str = r#"
+schema = 2
+name = "a bench"
+
+[plant.wire.sma]
+
+[node.controller]
+kind = "controller"
+node_id = 1
+
+[node.real]
+kind = "drive"
+node_id = 0x30
+external = true
+mode_of_operation = -1
+amplifier.port = "wire.current_amperes"
+command = { object = "0x2200", units_per_ampere = 10000.0 }
+
+[node.real.limits]
+current_amperes = 0.9
+position_millimetres = { min = -1.0, max = 45.0 }
+speed_millimetres_per_second = 400.0
+
+[loop.lift]
+feedback = "real.position"
+drives = ["real"]
+"#;
+const FAN: &str = "\n[node.fan]\nkind = \"io\"\nnode_id = 17\noutputs.convection_factor = \"wire.convection_factor\"\n";
+
+fn refused(text: &str) -> String {
+    let Err(error) = Rig::parse(text, "rig.toml") else {
+        panic!("a wrong rig is read");
+    };
+    format!("{:?}", miette::Report::new(error))
+}
+
+#[test]
+fn an_external_drive_is_described_as_in_a_rig_file_of_one_drive() {
+    let rig = Rig::parse(RIG, "rig.toml").unwrap();
+    let file = rig.rig_file_of("real").unwrap();
+    assert_eq!(
+        (file.drive.node_id, file.drive.mode_of_operation),
+        (0x30, -1)
+    );
+    assert_eq!(file.drive.command.object, "0x2200");
+    assert_eq!(file.drive.position.object, "0x6064");
+    assert_eq!(file.bus.of_scenario(), rig.bus);
+    assert!(rig.rig_file_of("controller").is_none());
+    // It needs no plant: nobody emulates it.
+    let alone = RIG.replace("[plant.wire.sma]", "");
+    let alone = alone.replace("amplifier.port = \"wire.current_amperes\"", "");
+    Rig::parse(&alone, "rig.toml").unwrap();
+}
+
+#[test]
+fn what_an_external_drive_needs_and_others_cannot_have_is_named() {
+    let without = |table: &str| {
+        let start = RIG.find(table).unwrap();
+        let end = RIG[start..].find("[loop").unwrap() + start;
+        RIG[..start].to_owned() + &RIG[end..]
+    };
+    for (text, words) in [
+        (without("[node.real.limits]"), "`real` lacks its limits"),
+        (
+            RIG.replace("external = true", ""),
+            "`real` can have no mode_of_operation",
+        ),
+        (
+            RIG.replace("node_id = 1\n", "node_id = 1\nexternal = true\n"),
+            "controller is canrig's",
+        ),
+        (
+            RIG.replace("\"0x2200\"", "\"2200\""),
+            "\"2200\" names no object",
+        ),
+        (
+            RIG.replace("min = -1.0", "min = 50.0"),
+            "no position is within the limits",
+        ),
+        (
+            RIG.replace("external = true", "external = true\neds = \"../servo.eds\""),
+            "the EDS must lie in the rig file's folder",
+        ),
+        (RIG.to_owned() + FAN, "which nobody emulates"),
+        (
+            RIG.replace("external = true", "").replace("0x30", "0x13"),
+            "`real` can have no limits",
+        ),
+    ] {
+        let refused = refused(&text);
+        assert!(refused.contains(words), "{words} in {refused}");
+    }
+    Rig::parse(&(RIG.to_owned() + FAN + "external = true\n"), "rig.toml").unwrap();
+}

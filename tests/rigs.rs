@@ -1,0 +1,193 @@
+//! Rig files of schema 2, and what is played on them, as a user meets them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::support::{canrig, only_run, output, scenario};
+
+fn program(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    command.args(args);
+    command
+}
+
+/// A rig of two drives with its scenario, as `canrig new rig` writes them.
+fn new_rig(folder: &Path) -> PathBuf {
+    let rig = folder.join("gantry");
+    let (code, stdout, stderr) = output(program(&["new", "rig", "gantry", "--path"]).arg(&rig));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    rig
+}
+
+/// Changes the text of a file.
+fn edit(path: &Path, from: &str, to: &str) {
+    let text = fs::read_to_string(path).unwrap();
+    assert!(text.contains(from), "{text}");
+    fs::write(path, text.replace(from, to)).unwrap();
+}
+
+fn verdict(run: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(run.join("verdict.json")).unwrap()).unwrap()
+}
+
+fn metric(verdict: &Value, name: &str) -> f64 {
+    let metrics = verdict["metrics"].as_array().unwrap();
+    let metric = metrics.iter().find(|metric| metric["name"] == name);
+    metric.unwrap_or_else(|| panic!("{name}: {verdict}"))["value"]
+        .as_f64()
+        .unwrap()
+}
+
+#[test]
+fn a_new_rig_is_checked_with_its_arithmetic_and_its_scenario_passes() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = new_rig(folder.path());
+    let (code, stdout, stderr) = output(program(&["check"]).arg(&rig));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    for said in [
+        "gantry.toml: valid (rig: gantry)",
+        "gantry_steps.toml: valid (gantry, two steps)",
+        "command to b (RPDO1)",
+        "2 ms at 1000 kbit/s are 2000 bits",
+        "The shortest sync_period_milliseconds that fits is ",
+    ] {
+        assert!(stdout.contains(said), "{said}: {stdout}");
+    }
+    let runs = folder.path().join("runs");
+    let steps = rig.join("gantry_steps.toml");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&steps));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let value = "reference.step[1].position_millimetres=30";
+    let runs = folder.path().join("set");
+    let set = output(canrig(&runs, "simulate").arg(&steps).args(["--set", value]));
+    assert_eq!(set.0, Some(0), "{}{}", set.1, set.2);
+    let verdict = verdict(&only_run(&runs));
+    let highest = metric(&verdict, "b.position_millimetres_max");
+    assert!((29.0..31.0).contains(&highest), "{highest}");
+}
+
+#[test]
+fn a_rig_that_does_not_fit_is_refused_with_the_period_that_would() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = new_rig(folder.path());
+    let file = rig.join("gantry.toml");
+    edit(
+        &file,
+        "sync_period_milliseconds = 2.0",
+        "sync_period_milliseconds = 0.5",
+    );
+    for path in [&file, &rig.join("gantry_steps.toml")] {
+        let (code, _, stderr) = output(program(&["check"]).arg(path));
+        assert_eq!(code, Some(3), "{stderr}");
+        for said in [
+            "gantry.toml is not a valid rig file",
+            "do not fit between two SYNCs",
+            "of 500 bits between two SYNCs",
+            "write sync_period_milliseconds = ",
+        ] {
+            assert!(stderr.contains(said), "{said}: {stderr}");
+        }
+    }
+}
+
+#[test]
+fn a_sweep_has_the_names_of_the_loops() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = new_rig(folder.path());
+    let steps = rig.join("gantry_steps.toml");
+    let sweep = "[sweep]\ndraws = 2\n\
+        [[sweep.list]]\nkey = \"controller.all.pid.set_point_weight\"\nvalues = [0.377, 0.38]\n\
+        [[sweep.uniform]]\nkey = \"plant.axis_b.dc_motor.load_kilograms\"\nfrom = 0.5\nto = 0.6\n\n[expect]\n";
+    edit(&steps, "[expect]\n", sweep);
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "sweep").arg(&steps));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let table = fs::read_to_string(only_run(&runs).join("runs.csv")).unwrap();
+    let mut lines = table.lines();
+    let header = lines.next().unwrap();
+    for column in [
+        "controller.all.pid.set_point_weight",
+        "plant.axis_b.dc_motor.load_kilograms",
+        "a.overshoot_percent",
+        "b.overshoot_percent",
+        "bus_load_percent",
+    ] {
+        assert!(
+            header.split(',').any(|cell| cell == column),
+            "{column}: {header}"
+        );
+    }
+    let place = header
+        .split(',')
+        .position(|cell| cell == "b.current_amperes_rms")
+        .unwrap();
+    let currents = lines.map(|line| line.split(',').nth(place).unwrap().to_owned());
+    let currents = Vec::from_iter(currents);
+    assert_eq!(currents.len(), 4);
+    assert_ne!(
+        currents[0], currents[1],
+        "another load takes another current"
+    );
+}
+
+#[test]
+fn torture_draws_faults_of_each_node() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = new_rig(folder.path());
+    let steps = rig.join("gantry_steps.toml");
+    let runs = folder.path().join("runs");
+    let mut command = canrig(&runs, "torture");
+    let (code, stdout, stderr) = output(command.arg(&steps).args(["--runs", "30", "--quiet"]));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    assert!(
+        stdout.contains("30 runs with seed 1: all invariants held"),
+        "{stdout}"
+    );
+}
+
+#[test]
+fn the_rig_that_ships_is_a_rig_file_like_any_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = fs::read_to_string(scenario("step.toml")).unwrap();
+    let text = text.replace("schema = 1", "schema = 2");
+    let of_nodes = folder.path().join("step.toml");
+    fs::write(&of_nodes, text).unwrap();
+    let play = |path: &Path, name: &str| {
+        let runs = folder.path().join(name);
+        let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(path));
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+        only_run(&runs)
+    };
+    let one = play(&scenario("step.toml"), "one");
+    let other = play(&of_nodes, "other");
+    for file in ["bus.log", "signals.csv", "frames.dbc"] {
+        let read = |run: &Path| fs::read(run.join(file)).unwrap();
+        assert!(read(&one) == read(&other), "{file}");
+    }
+    let verdict = |run: &Path| {
+        let mut verdict = verdict(run);
+        // It has the hash of the scenario's file.
+        verdict.as_object_mut().unwrap().remove("identity");
+        verdict
+    };
+    assert_eq!(verdict(&one), verdict(&other));
+    let (code, stdout, stderr) = output(program(&["replay"]).arg(&other));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+}
+
+#[test]
+fn identification_says_that_it_knows_one_drive() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = new_rig(folder.path());
+    let runs = folder.path().join("runs");
+    output(canrig(&runs, "simulate").arg(rig.join("gantry_steps.toml")));
+    let (code, _, stderr) = output(program(&["identify"]).arg(only_run(&runs)));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        stderr.contains("it is of 2 loops; identification explains one wire"),
+        "{stderr}"
+    );
+}
