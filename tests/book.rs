@@ -383,6 +383,22 @@ fn every_command_is_described() {
     }
 }
 
+/// Each error code that a node may send stands on its page.
+#[test]
+fn every_emergency_is_described() {
+    let page = Page::read(root().join("docs/reference/emergencies.md"));
+    let source = fs::read_to_string(root().join("crates/canopen/src/emcy.rs")).unwrap();
+    let codes = source.lines().filter_map(|line| {
+        let (_, code) = line.trim().split_once(": Self = Self(")?;
+        code.strip_suffix(");")
+    });
+    let codes = Vec::from_iter(codes);
+    assert!(codes.len() > 10, "{codes:?}");
+    for code in codes {
+        assert!(page.text.contains(&format!("| `{code}` |")), "{code}");
+    }
+}
+
 /// What the page says of an example, as its recording gives it.
 #[track_caller]
 fn check(example: &str, exit: i32, expected: &[(&str, f64)]) {

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::support::{canrig, only_run, output, scenario};
+use crate::support::{canrig, only_run, output, root, scenario};
 
 const PLAYED: &str = "schema = 1\nname = \"checked\"\nseed = 7\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
     [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
@@ -168,6 +168,25 @@ fn every_signal_is_listed_with_unit_sender_message_and_range() {
             .iter()
             .any(|signal| signal["path"] == "drive_tpdo1.position_millimetres")
     );
+}
+
+/// Each name is listed with the loop in whose `[[expect.LOOP.signal]]` it stands, and is found there.
+#[test]
+fn the_signals_of_several_loops_are_listed_by_loop() {
+    let scenario = root().join("scenarios/two_axes_circle.toml");
+    let (code, stdout, stderr) = signals(&["--json"], Some(&scenario));
+    assert_eq!(code, Some(0), "{stderr}");
+    let listed: Vec<serde_json::Value> = serde_json::from_str(&stdout).unwrap();
+    let loops_of = |path: &str| {
+        let same = listed.iter().filter(|signal| signal["path"] == path);
+        Vec::from_iter(same.map(|signal| signal["loop"].as_str()))
+    };
+    let sample = loops_of("drive_tpdo1.position_millimetres");
+    assert_eq!(sample, [Some("x"), Some("y")]);
+    assert_eq!(loops_of("controller_heartbeat.nmt_state"), [None]);
+    assert!(loops_of("y_drive_tpdo1.position_millimetres").is_empty());
+    let (_, table, _) = signals(&[], Some(&scenario));
+    assert!(table.contains("In [[expect.LOOP.signal]] write"), "{table}");
 }
 
 /// A scenario with a wrong name is the one whose author needs the list; a run's frames are those of its `frames.dbc`.

@@ -31,16 +31,23 @@ pub(crate) fn eds(args: &EdsArgs) -> Exit {
     for sheet in node_sheets(&setups) {
         let path = args.to.join(sheet.file_name());
         if let Err(error) = write(&path, &sheet) {
-            print_error(&format!(
-                "canrig: {} cannot be written: {error}",
-                path.display()
-            ));
+            print_error(&format!("canrig: {}", explain(&path, &error)));
             return Exit::BenchFailed;
         }
         let id = sheet.node_id;
         print(&format!("{}  node {id} (0x{id:02X})", path.display()));
     }
     Exit::Pass
+}
+
+fn explain(path: &Path, error: &io::Error) -> String {
+    let path = path.display();
+    match error.kind() {
+        io::ErrorKind::AlreadyExists => {
+            format!("{path} is there already; remove it, or name another folder with --to")
+        }
+        _ => format!("{path} cannot be written: {error}"),
+    }
 }
 
 fn write(path: &Path, sheet: &NodeSheet) -> io::Result<()> {

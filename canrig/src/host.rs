@@ -209,8 +209,12 @@ fn run_on_bus(node: &mut dyn Node, args: &NodeArgs) -> Result<(), Failure> {
     let is_real_time = args.host.lockstep.is_none();
     // Before the bus: who enters a private one loses the right to the priority, but not the priority.
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
+    let filters = match is_real_time {
+        true => node.filters(),
+        false => node.filters_as_configured(),
+    };
     let mut bus = match &args.host.bus {
-        Some(address) => Some(platform::open(address, &node.filters()).map_err(Failure::of_bus)?),
+        Some(address) => Some(platform::open(address, &filters).map_err(Failure::of_bus)?),
         None => None,
     };
     let bus = bus.as_mut().map(|bus| &mut **bus as &mut dyn Bus);

@@ -58,6 +58,30 @@ pub struct Signal {
 }
 
 impl Message {
+    /// A signal of it by its name.
+    #[must_use]
+    pub fn signal(&self, name: &str) -> Option<&Signal> {
+        self.signals.iter().find(|signal| signal.name == name)
+    }
+
+    /// A handle for one of its signals.
+    #[must_use]
+    pub fn handle(&self, signal: &Signal) -> SignalHandle {
+        let payload_bytes = signal.coding.payload_bytes();
+        // A signal that no payload has is longer than any.
+        let is_somewhere = payload_bytes <= size_of::<u64>();
+        SignalHandle {
+            raw_id: self.raw_id,
+            payload_bytes,
+            mask: if is_somewhere {
+                signal.coding.occupied_bits()
+            } else {
+                0
+            },
+            coding: signal.coding,
+        }
+    }
+
     /// Whether no frame carries it.
     #[must_use]
     pub fn is_silent(&self) -> bool {
@@ -315,21 +339,8 @@ impl Database {
     /// A handle for a signal, by `message.signal`.
     #[must_use]
     pub fn signal(&self, path: &str) -> Option<SignalHandle> {
-        self.find(path).map(|(message, signal)| {
-            let payload_bytes = signal.coding.payload_bytes();
-            // A signal that no payload has is longer than any.
-            let is_somewhere = payload_bytes <= size_of::<u64>();
-            SignalHandle {
-                raw_id: message.raw_id,
-                payload_bytes,
-                mask: if is_somewhere {
-                    signal.coding.occupied_bits()
-                } else {
-                    0
-                },
-                coding: signal.coding,
-            }
-        })
+        self.find(path)
+            .map(|(message, signal)| message.handle(signal))
     }
 
     /// As [`Database::signal`], for a signal that must be there.
@@ -363,8 +374,7 @@ impl Database {
     fn find(&self, path: &str) -> Option<(&Message, &Signal)> {
         let (message, signal) = path.split_once('.')?;
         let message = self.message(message)?;
-        let found = message.signals.iter().find(|found| found.name == signal);
-        found.map(|signal| (message, signal))
+        Some((message, message.signal(signal)?))
     }
 }
 

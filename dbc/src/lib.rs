@@ -20,7 +20,9 @@
 //! ```
 #![warn(missing_docs)]
 
-use std::sync::LazyLock;
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::sync::{LazyLock, Mutex, PoisonError};
 
 use canopen::ObjectDictionary;
 use canopen::eds::{self, EdsError};
@@ -69,8 +71,28 @@ pub fn dictionary(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError>
         Some(place) => {
             postcard::from_bytes(READ[place]).expect("written by the build script from this type")
         }
-        None => eds::parse(text, node_id)?.dictionary,
+        None => parsed(text, node_id)?,
     })
+}
+
+/// Those of the shipped texts for other nodes than theirs, each read once.
+static OF_OTHER_NODES: Mutex<BTreeMap<(usize, u8), ObjectDictionary>> = Mutex::new(BTreeMap::new());
+
+fn parsed(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
+    let parse = || Ok(eds::parse(text, node_id)?.dictionary);
+    let Some(place) = data_sheets::SHIPPED
+        .iter()
+        .position(|shipped| shipped.2 == text)
+    else {
+        return parse();
+    };
+    let mut parsed = OF_OTHER_NODES
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
+    match parsed.entry((place, node_id)) {
+        Entry::Occupied(known) => Ok(known.get().clone()),
+        Entry::Vacant(unknown) => Ok(unknown.insert(parse()?).clone()),
+    }
 }
 
 impl Database {

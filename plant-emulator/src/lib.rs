@@ -29,6 +29,7 @@ mod truth;
 use std::time::Duration;
 
 use ::faults::{FaultPlan, Faulty};
+use canopen::device::PDOS_AND_SDOS;
 use canopen::eds::EdsError;
 use canopen::services::InvalidPdo;
 use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earlier};
@@ -48,6 +49,17 @@ const IDENTITY: u16 = 0x1018;
 const PRODUCT_CODE: u8 = 2;
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
 const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
+
+/// What is below and above [`PDOS_AND_SDOS`]: NMT, SYNC, EMCY and TIME; heartbeats and LSS.
+fn other_services() -> [Filter; 4] {
+    [
+        (0x000, 0x700),
+        (0x100, 0x780),
+        (0x680, 0x780),
+        (0x700, 0x700),
+    ]
+    .map(|(id, mask)| Filter::block(id, mask))
+}
 
 /// Why there can be no emulator.
 #[derive(Debug, thiserror::Error)]
@@ -278,6 +290,24 @@ impl<P: Plant> Node for PlantEmulator<P> {
         filters.sort_unstable_by_key(|filter| (filter.id, filter.mask));
         filters.dedup();
         filters
+    }
+
+    /// Everything but the PDOs and SDOs of others. With faults there is more that is read.
+    fn filters_as_configured(&self) -> Vec<Filter> {
+        let DriveNode::Sound(drive) = &self.drive else {
+            return self.filters();
+        };
+        let is_read = |id: &u16| {
+            let mut disturbance = self.disturbance.iter();
+            drive.reads(*id) || disturbance.any(|module| module.reads(*id))
+        };
+        let own = PDOS_AND_SDOS.filter(is_read).map(Filter::exact);
+        let others = [Filter::REMOTE, Filter::EXTENDED, Filter::ERRORS];
+        other_services()
+            .into_iter()
+            .chain(others)
+            .chain(own)
+            .collect()
     }
 
     /// The PDOs of the manager and the own ones, as far as they wait for the SYNC or nobody here listens to them. With

@@ -216,8 +216,7 @@ pub fn play_one<T>(
     let ended = lockstep::simulate_loops(setups, &mut capture).map(Played::in_virtual_time);
     let (frames, unrecorded) = capture.finish()?;
     let frames = frames.into_vec();
-    let timelines = setups.iter().map(|setup| timeline::decode(&frames, setup));
-    let timelines = timelines.collect::<Result<Vec<_>, _>>()?;
+    let timelines = timeline::decode_loops(&frames, setups)?;
     let verdicts = setups.iter().zip(&timelines);
     let verdicts =
         verdicts.map(|(setup, timeline)| run::verdict(&ended, timeline, setup, &unrecorded));

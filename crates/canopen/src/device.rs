@@ -8,6 +8,7 @@
 //! passive and overrun raise their EMCY.
 
 use std::borrow::Cow;
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use crate::application::{Application, CommunicationLoss};
@@ -22,6 +23,9 @@ use crate::sdo_channels::SdoServers;
 use crate::sdo_server::Access;
 use crate::services::{InvalidPdo, Services};
 use crate::sync::{Reception, Sync};
+
+/// Identifiers of PDOs and SDOs (CiA 301, 7.3.5). Below and above are those of other services.
+pub const PDOS_AND_SDOS: RangeInclusive<u16> = 0x180..=0x67F;
 
 const ERROR_BEHAVIOUR: u16 = 0x1029;
 
@@ -111,6 +115,17 @@ impl<A: Application> Device<A> {
             .iter()
             .filter(|rpdo| rpdo.listens_to(pdo_id));
         listening.all(|rpdo| rpdo.is_silent() && !self.services.has_tpdos_that_follow_changes())
+    }
+
+    /// True when the device does something with a data frame of this identifier, as it is configured now: PDOs and SDOs
+    /// that nobody listens to are dropped, everything else is looked at.
+    #[must_use]
+    pub fn reads(&self, id: u16) -> bool {
+        let services = &self.services;
+        !PDOS_AND_SDOS.contains(&id)
+            || services.sync.listens_to(id)
+            || self.sdo.listens_to(id)
+            || services.rpdos.iter().any(|rpdo| rpdo.listens_to(id))
     }
 
     fn objects(&mut self) -> Objects<'_, A> {

@@ -152,6 +152,27 @@ impl Filter {
         mask: ERROR_FLAG | 0x1FFF_FFFF,
     };
 
+    /// Accepts every remote frame.
+    pub const REMOTE: Self = Self {
+        id: REMOTE_FLAG,
+        mask: REMOTE_FLAG,
+    };
+
+    /// Accepts every frame with a 29-bit identifier.
+    pub const EXTENDED: Self = Self {
+        id: EXTENDED_FLAG,
+        mask: EXTENDED_FLAG,
+    };
+
+    /// Accepts frames whose 11-bit identifier equals `id` in the bits of `mask`.
+    #[must_use]
+    pub fn block(id: u16, mask: u16) -> Self {
+        Self {
+            id: u32::from(id),
+            mask: EXTENDED_FLAG | u32::from(mask),
+        }
+    }
+
     /// Accepts data frames with this 11-bit identifier only.
     #[must_use]
     pub fn exact(id: u16) -> Self {
@@ -183,6 +204,24 @@ pub struct FilterSet {
 
 impl FilterSet {
     const WORDS: usize = 0x800 / 64;
+
+    /// Accepts what one of these sets does.
+    #[must_use]
+    pub fn union<'a>(sets: impl IntoIterator<Item = &'a Self>) -> Self {
+        let mut all = Self::from(Vec::new());
+        for set in sets {
+            let fresh = set
+                .filters
+                .iter()
+                .filter(|filter| !all.filters.contains(filter));
+            let fresh = Vec::from_iter(fresh.copied());
+            all.filters.extend(fresh);
+            for (word, other) in all.standard.iter_mut().zip(*set.standard) {
+                *word |= other;
+            }
+        }
+        all
+    }
 
     /// The filters.
     #[must_use]

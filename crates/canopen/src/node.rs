@@ -42,6 +42,12 @@ pub trait Node {
     /// The identifiers that the node listens to; everything else may be withheld from it.
     fn filters(&self) -> Vec<Filter>;
 
+    /// The same in a run in which nobody configures the node to listen to other identifiers, as in lock-step: what it would
+    /// not read is not delivered.
+    fn filters_as_configured(&self) -> Vec<Filter> {
+        self.filters()
+    }
+
     /// A promise that lets lock-step deliver frames late: a frame that passes one of these makes the node neither queue
     /// a frame nor want an earlier tick. Frames of which no such thing is known are not among them.
     fn silent_filters(&self) -> Vec<Filter> {

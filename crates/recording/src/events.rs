@@ -8,6 +8,7 @@ use rig::error_frames::{self, ErrorMessage};
 use scenario::Scenario;
 use scenario::expect::Emergency;
 
+use crate::identifiers::ByIdentifier;
 use crate::log::Stamped;
 
 /// An error of the bus that was silent for so long begins anew.
@@ -104,8 +105,7 @@ impl EventSignal {
 
 /// Reads events from frames: every change of a state, every NMT command, every emergency.
 pub(crate) struct EventReader {
-    /// By the raw identifier of their messages.
-    signals: BTreeMap<u32, EventSignal>,
+    signals: ByIdentifier<EventSignal>,
     events: Vec<(Duration, Level, String)>,
     emergencies: Vec<(Duration, Emergency)>,
     /// When each was last seen.
@@ -131,7 +131,7 @@ impl EventReader {
 
     /// The identifiers of the messages that make events; errors of the bus make some besides.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
-        self.signals.keys().copied()
+        self.signals.raw_ids()
     }
 
     pub(crate) fn on_frame(&mut self, stamped: &Stamped) {
@@ -139,7 +139,7 @@ impl EventReader {
             self.on_error_frame(stamped.time, message);
             return;
         }
-        let Some(signal) = self.signals.get_mut(&stamped.frame.raw_id()) else {
+        let Some(signal) = self.signals.get_mut(stamped.frame.raw_id()) else {
             return;
         };
         let Some((value, label)) = signal.read(stamped) else {
@@ -252,12 +252,11 @@ fn event_signal(
         ("error_code", EventKind::Emergency),
     ];
     kinds.into_iter().find_map(|(name, kind)| {
-        let path = format!("{}.{name}", message.name);
+        let definition = message.signal(name)?;
         let (node, shown) = node_of(&message.name, loop_name);
-        let (signal, definition) = (database.signal(&path)?, database.definition(&path)?.clone());
         Some(EventSignal {
-            signal,
-            definition,
+            signal: message.handle(definition),
+            definition: definition.clone(),
             kind,
             node,
             shown,

@@ -16,6 +16,7 @@ pub mod events;
 mod fan;
 pub mod frame_queue;
 pub mod frames;
+mod identifiers;
 pub mod latency;
 pub mod log;
 mod losses;

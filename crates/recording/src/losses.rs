@@ -1,6 +1,5 @@
 //! What fell silent: SYNC, the drive's position, heartbeats; by the recording alone.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use canopen::CanFrame;
@@ -8,6 +7,7 @@ use dbc::Database;
 use scenario::Scenario;
 
 use crate::events::{Level, TimelineEvent};
+use crate::identifiers::ByIdentifier;
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
 const PERIODS_MAX: u32 = 20;
@@ -38,10 +38,8 @@ struct Watched {
 
 /// Watches from the start of the scenario to its end.
 pub(crate) struct LossReader {
-    /// By the raw identifier of their messages.
-    watched: BTreeMap<u32, Watched>,
+    watched: ByIdentifier<Watched>,
     end: Duration,
-    latest: Duration,
     events: Vec<TimelineEvent>,
 }
 
@@ -64,21 +62,13 @@ impl LossReader {
         Self {
             watched: watched.collect(),
             end: Duration::from_secs_f64(scenario.duration_seconds),
-            latest: Duration::ZERO,
             events: Vec::new(),
         }
     }
 
     /// The identifiers of the messages that are watched.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
-        self.watched.keys().copied()
-    }
-
-    /// Takes the scenario time of every frame.
-    pub(crate) fn pass(&mut self, scenario_time: Duration) {
-        if scenario_time <= self.end {
-            self.latest = scenario_time;
-        }
+        self.watched.raw_ids()
     }
 
     /// Takes a frame of a message that is watched.
@@ -86,7 +76,7 @@ impl LossReader {
         if time > self.end {
             return;
         }
-        let Some(watched) = self.watched.get_mut(&frame.raw_id()) else {
+        let Some(watched) = self.watched.get_mut(frame.raw_id()) else {
             return;
         };
         let last = watched.last.replace(time).unwrap_or_default();
@@ -100,11 +90,11 @@ impl LossReader {
         }
     }
 
-    /// All losses, those that last among them.
-    pub(crate) fn take_all(&mut self) -> Vec<TimelineEvent> {
+    /// All losses, those that last among them; `latest` is the scenario time of the last frame of all before the end.
+    pub(crate) fn take_all(&mut self, latest: Duration) -> Vec<TimelineEvent> {
         for watched in self.watched.values() {
             let Some(last) = watched.last else { continue };
-            if self.latest.saturating_sub(last) > watched.limit {
+            if latest.saturating_sub(last) > watched.limit {
                 let text = format!("loss: no {} from here on", watched.what);
                 self.events.push(event(last, Level::Error, text));
             }

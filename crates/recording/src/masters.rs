@@ -70,9 +70,23 @@ pub struct MasterWatch {
     end: Duration,
     rates: Vec<Rate>,
     nmt: Option<Nmt>,
+    order: Order,
+}
+
+/// Whether time ran backwards by more than a clock is ever stepped in a run: then how often somebody sends is not known.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Order {
     latest: Duration,
-    /// Time ran backwards by more than a clock is ever stepped in a run: how often somebody sends is not known.
-    is_out_of_order: bool,
+    is_lost: bool,
+}
+
+impl Order {
+    /// Takes the time of every frame.
+    #[inline]
+    pub(crate) fn pass(&mut self, time: Duration) {
+        self.is_lost |= time + BACKLOG_MAX < self.latest;
+        self.latest = self.latest.max(time);
+    }
 }
 
 impl MasterWatch {
@@ -130,8 +144,7 @@ impl MasterWatch {
                 .map(|rate| rate.of_slow_nodes(slow_seconds))
                 .collect(),
             nmt: (is_watched && is_ours).then(|| Nmt::new(scenario, database)),
-            latest: Duration::ZERO,
-            is_out_of_order: false,
+            order: Order::default(),
         })
     }
 
@@ -139,10 +152,26 @@ impl MasterWatch {
     pub fn on_frame(&mut self, time: Duration, frame: &CanFrame) {
         self.clock.on_frame(time, frame);
         let scenario_time = self.clock.scenario_time(time);
+        self.order.pass(time);
         self.on_frame_at(time, scenario_time, frame);
     }
 
-    /// As [`MasterWatch::on_frame`], where the scenario time of the frame is known.
+    /// Knows the order of all frames from somebody else.
+    pub(crate) fn set_order(&mut self, order: Order) {
+        self.order = order;
+    }
+
+    /// The identifiers of the messages that are watched.
+    pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        let rates = self.rates.iter().map(|rate| rate.raw_id);
+        let nmt = self.nmt.iter().flat_map(|_| {
+            let heartbeats = HEARTBEATS..HEARTBEATS + 0x80;
+            [NMT_COB_ID, SYNC_COB_ID].into_iter().chain(heartbeats)
+        });
+        rates.chain(nmt.map(u32::from))
+    }
+
+    /// Takes a frame of a message that is watched, whose scenario time is known.
     #[inline]
     pub(crate) fn on_frame_at(
         &mut self,
@@ -150,8 +179,6 @@ impl MasterWatch {
         scenario_time: Option<Duration>,
         frame: &CanFrame,
     ) {
-        self.is_out_of_order |= time + BACKLOG_MAX < self.latest;
-        self.latest = self.latest.max(time);
         let id = frame.raw_id();
         let scenario_time = scenario_time.filter(|time| *time < self.end);
         if let Some(rate) = self.rates.iter_mut().find(|rate| rate.raw_id == id) {
@@ -174,7 +201,7 @@ impl MasterWatch {
     /// What was seen of a second master, the first of it first.
     #[must_use]
     pub fn found(&self) -> Vec<SecondMaster> {
-        if self.is_out_of_order {
+        if self.order.is_lost {
             return Vec::new();
         }
         let rates = self

@@ -79,6 +79,12 @@ impl TraceReader {
         }
     }
 
+    /// The identifiers of the messages that are read.
+    pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        let collected = self.collected.iter();
+        collected.map(|collected| collected.handle.raw_id())
+    }
+
     pub(crate) fn is_empty(&self) -> bool {
         self.collected.is_empty()
     }

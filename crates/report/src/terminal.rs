@@ -101,11 +101,11 @@ pub fn table(verdict: &Verdict) -> String {
 }
 
 /// A table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them.
-pub fn empty_table<const N: usize>(header: [&str; N]) -> Table {
+pub fn empty_table<'a>(header: impl IntoIterator<Item = &'a str>) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_header(header);
+    table.set_header(Vec::from_iter(header));
     if std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty()) {
         table.force_no_tty();
     }

@@ -204,9 +204,7 @@ impl Recorded {
     /// # Errors
     /// The database lacks a signal that the bench needs.
     pub fn timelines(&self) -> Result<Vec<Timeline>, SignalMissing> {
-        let setups = self.setups.iter();
-        let timelines = setups.map(|setup| timeline::decode(&self.log.frames, setup));
-        timelines.collect()
+        timeline::decode_loops(&self.log.frames, &self.setups)
     }
 
     /// The timelines with what stands before the names of their signals.

@@ -116,8 +116,7 @@ pub fn run_loops(
     let mut capture = Capture::new(folder.bus_log(is_long)?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
     let (frames, unrecorded) = capture.finish()?;
-    let timelines = setups.iter().map(|setup| timeline::decode(&frames, setup));
-    let timelines = timelines.collect::<Result<Vec<_>, _>>()?;
+    let timelines = timeline::decode_loops(&frames, setups)?;
     let verdicts = setups.iter().zip(&timelines);
     let verdicts = verdicts.map(|(setup, timeline)| verdict(&ended, timeline, setup, &unrecorded));
     let verdicts = Vec::from_iter(verdicts);

@@ -164,6 +164,16 @@ impl Scenario {
             let problem = document.problem("name", "this is a rig file, not a scenario", "a rig");
             return Err(fail(vec![problem.with_help(help)]));
         }
+        if document.has("rig") {
+            let message = "a scenario of schema 1 is of one drive, and names no rig file";
+            let problem = document.problem("rig", message, "is of schema 2");
+            let problem = match document.has("schema") {
+                true => problem.with_place(document.span("schema"), "not 2"),
+                false => problem,
+            };
+            let help = "write schema = 2, or play the scenario by: canrig run SCENARIO --rig FILE";
+            return Err(fail(vec![problem.with_help(help)]));
+        }
         Self::read(&document, read_table, reading, find_objections).map_err(fail)
     }
 

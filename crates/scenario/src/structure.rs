@@ -146,11 +146,19 @@ impl<'a> Checker<'a> {
     }
 
     fn array(&mut self, path: &str, span: Range<usize>, array: &DeArray<'_>, schema: &'a Value) {
-        if let Some(limit) = schema["maxItems"].as_u64()
-            && array.len() as u64 > limit
-        {
-            let message = format!("`{path}` has {} entries", array.len());
-            self.report(span, message, format!("at most {limit} are admitted"));
+        let fewest = schema["minItems"].as_u64().unwrap_or(0);
+        let most = schema["maxItems"].as_u64().unwrap_or(u64::MAX);
+        let count = array.len() as u64;
+        if !(fewest..=most).contains(&count) {
+            let message = match count {
+                1 => format!("`{path}` has 1 entry"),
+                _ => format!("`{path}` has {count} entries"),
+            };
+            let label = match count < fewest {
+                true => format!("at least {fewest} are needed"),
+                false => format!("at most {most} are admitted"),
+            };
+            self.report(span, message, label);
             return;
         }
         for (place, element) in array.iter().enumerate() {

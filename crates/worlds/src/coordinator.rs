@@ -18,6 +18,7 @@ use platform::lockstep::{Answer, Audience, LockstepError, Participant};
 use crate::bus_model::error_state::{Activity, SEQUENCE_BITS};
 use crate::bus_model::faults::{BusFaults, is_truth};
 use crate::bus_model::{BusModel, SUSPEND_BITS};
+use crate::listeners::Listeners;
 
 /// Frames that one participant may have waiting; more means that the bus cannot carry what it sends.
 const QUEUE_LIMIT: usize = 10_000;
@@ -74,8 +75,16 @@ pub enum CoordinatorError {
 /// A frame and the time from which it waits, or at which it arrived.
 type Timed = (Duration, CanFrame);
 
+/// A time in nanoseconds. The times of all participants are compared at every event, and one number is compared faster than the
+/// two of a `Duration`.
+type Nanos = u64;
+
 /// The time of what will not happen by itself.
-const NEVER: Duration = Duration::MAX;
+const NEVER: Nanos = Nanos::MAX;
+
+fn nanos(time: Duration) -> Nanos {
+    Nanos::try_from(time.as_nanos()).unwrap_or(NEVER)
+}
 
 struct Slot<'a> {
     participant: &'a mut dyn Participant,
@@ -95,12 +104,12 @@ struct Slot<'a> {
     suspended_until: Duration,
     /// Its last answer.
     answer: Answer,
-    /// From when on its first waiting frame takes part in the arbitration. Asked at every event, like the next, while
+    /// From when on its first waiting frame takes part in the arbitration. Asked at every event, like the next two, while
     /// few events change them.
-    sends_at: Duration,
+    sends_at: Nanos,
     /// The earliest time at which it may queue something that is not known yet; [`NEVER`] when it has stopped or when only
     /// a frame can wake it.
-    may_queue_at: Duration,
+    may_queue_at: Nanos,
 }
 
 impl<'a> Slot<'a> {
@@ -133,19 +142,24 @@ impl<'a> Slot<'a> {
             Progress::Running => self.answer.next_deadline,
             _ => None,
         };
-        self.may_queue_at = queues_at.unwrap_or(NEVER);
+        self.may_queue_at = queues_at.map_or(NEVER, nanos);
         let first = self.outbox.front();
-        self.sends_at = first.map_or(NEVER, |(time, _)| (*time).max(self.suspended_until));
+        self.sends_at = first.map_or(NEVER, |(time, _)| nanos((*time).max(self.suspended_until)));
     }
 
-    /// Takes a frame from the bus, if it is for this participant.
+    /// When something is next to be done for it.
+    fn due_at(&self) -> Nanos {
+        self.sends_at.min(self.may_queue_at)
+    }
+
+    /// Takes a frame from the bus that it accepts.
     #[inline]
     fn receive(&mut self, time: Duration, frame: &CanFrame) {
-        if self.accepted.accepts(frame) && self.answer.progress == Progress::Running {
+        if self.answer.progress == Progress::Running {
             self.inbox.push((time, *frame));
             if !self.silent.accepts(frame) {
                 self.has_answerable = true;
-                self.may_queue_at = time;
+                self.may_queue_at = nanos(time);
             }
         }
     }
@@ -171,6 +185,9 @@ struct InFlight {
 /// The participants, the bus between them and the time.
 pub(crate) struct Coordinator<'a> {
     slots: Vec<Slot<'a>>,
+    /// When something is next to be done for each of them, for the look at all that each event takes.
+    due: Vec<Nanos>,
+    listeners: Listeners,
     bus: BusModel,
     faults: Option<BusFaults>,
     in_flight: Option<InFlight>,
@@ -193,12 +210,14 @@ impl<'a> Coordinator<'a> {
             slots[index].audience = audience;
         }
         Self {
+            due: slots.iter().map(Slot::due_at).collect(),
+            listeners: Listeners::new(slots.iter().map(|slot| slot.accepted.clone()).collect()),
             slots,
             bus: BusModel::new(bitrate_kilobits_per_second),
             faults: None,
             in_flight: None,
             now: Duration::ZERO,
-            horizon: NEVER,
+            horizon: Duration::MAX,
         }
     }
 
@@ -229,17 +248,19 @@ impl<'a> Coordinator<'a> {
             self.pass(&passed, wire)?;
             return Ok(Some(self.now));
         }
-        let next = self.slots.iter().fold(NEVER, |next, slot| {
-            next.min(slot.sends_at).min(slot.may_queue_at)
-        });
-        let next = self.next_fault().min(next);
+        let next = self
+            .due
+            .iter()
+            .fold(self.next_fault(), |next, due| next.min(*due));
         if next == NEVER {
             return Ok(None);
         }
+        let next = Duration::from_nanos(next);
         self.now = self.now.max(next).max(self.bus.free_at());
         self.recover(wire)?;
+        let now = nanos(self.now);
         for index in 0..self.slots.len() {
-            if self.slots[index].may_queue_at <= self.now {
+            if self.due[index] <= now && self.slots[index].may_queue_at <= now {
                 self.ask(index)?;
             }
         }
@@ -291,9 +312,11 @@ impl<'a> Coordinator<'a> {
 
     /// The lowest identifier among the first frames of all outboxes goes on the bus.
     fn arbitrate(&mut self) {
-        let slots = self.slots.iter().enumerate();
-        let waiting = slots.filter(|(_, slot)| slot.sends_at <= self.now);
-        let firsts = waiting.filter_map(|(index, slot)| Some((index, slot.outbox.front()?)));
+        let now = nanos(self.now);
+        let due = self.due.iter().enumerate().filter(|(_, due)| **due <= now);
+        let waiting = due.filter(|(index, _)| self.slots[*index].sends_at <= now);
+        let firsts =
+            waiting.filter_map(|(index, _)| Some((index, self.slots[index].outbox.front()?)));
         let winner = firsts
             .map(|(index, (_, frame))| (arbitration_key(frame), index))
             .min();
@@ -321,6 +344,7 @@ impl<'a> Coordinator<'a> {
         });
         let Some((bits, is_passive)) = disturbed else {
             self.slots[sender].remove_first();
+            self.due[sender] = self.slots[sender].due_at();
             self.transmit(Some(sender), frame);
             return;
         };
@@ -354,9 +378,10 @@ impl<'a> Coordinator<'a> {
             wire.put(now, &passed.frame, passed.occupied_bits)?;
         }
         let Some(faults) = &mut self.faults else {
-            for (index, slot) in self.slots.iter_mut().enumerate() {
+            for index in self.listeners.of(&passed.frame) {
                 if Some(index) != passed.sender {
-                    slot.receive(self.now, &passed.frame);
+                    self.slots[index].receive(self.now, &passed.frame);
+                    self.due[index] = self.slots[index].due_at();
                 }
             }
             return Ok(());
@@ -408,8 +433,11 @@ impl<'a> Coordinator<'a> {
             if after != before {
                 let message = state.message(number, false);
                 wire.put(now, &message, 0)?;
-                slot.receive(self.now, &message);
+                if slot.accepted.accepts(&message) {
+                    slot.receive(self.now, &message);
+                }
             }
+            self.due[index] = slot.due_at();
         }
         Ok(())
     }
@@ -427,7 +455,10 @@ impl<'a> Coordinator<'a> {
                 let number = faults.node_number(index);
                 let message = faults.states[index].message(number, true);
                 wire.put(now, &message, 0)?;
-                slot.receive(self.now, &message);
+                if slot.accepted.accepts(&message) {
+                    slot.receive(self.now, &message);
+                    self.due[index] = slot.due_at();
+                }
             }
         }
         Ok(())
@@ -439,7 +470,7 @@ impl<'a> Coordinator<'a> {
     }
 
     /// When a fault next does something by itself.
-    fn next_fault(&self) -> Duration {
+    fn next_fault(&self) -> Nanos {
         let Some(faults) = &self.faults else {
             return NEVER;
         };
@@ -450,7 +481,7 @@ impl<'a> Coordinator<'a> {
             .map(|state| state.recovers_at(sequence));
         let free_at = self.now.max(self.bus.free_at());
         let foreign = faults.next_foreign(free_at);
-        earliest(recoveries.chain([foreign])).unwrap_or(NEVER)
+        earliest(recoveries.chain([foreign])).map_or(NEVER, nanos)
     }
 
     /// Gives a participant what has arrived for it and lets it go as far as nobody can reach it.
@@ -464,7 +495,7 @@ impl<'a> Coordinator<'a> {
     /// that frame arrives later.
     fn unreachable_until(&self, index: usize) -> Duration {
         let receiver = &self.slots[index];
-        let mut next = self.horizon.min(self.now + LOOK_AHEAD_MAX);
+        let mut next = nanos(self.horizon.min(self.now + LOOK_AHEAD_MAX));
         if let Some(faults) = &self.faults {
             if faults.forbids_look_ahead() {
                 return self.now;
@@ -482,7 +513,7 @@ impl<'a> Coordinator<'a> {
                 next = next.min(slot.may_queue_at);
             }
         }
-        next.max(self.now)
+        self.now.max(Duration::from_nanos(next))
     }
 
     fn advance(
@@ -506,6 +537,7 @@ impl<'a> Coordinator<'a> {
             Some(faults) => faults.queue(index, &slot.answer.frames, &mut slot.outbox),
         }
         slot.look_ahead();
+        self.due[index] = slot.due_at();
         if let Progress::Failed(reason) = &slot.answer.progress {
             return Err(CoordinatorError::Failed {
                 name: slot.participant.name().to_owned(),
@@ -527,7 +559,6 @@ fn audience(slots: &[Slot<'_>], index: usize) -> Audience {
         let others = slots.iter().enumerate().filter(|(at, _)| *at != index);
         others.map(|(_, slot)| slot)
     };
-    let accepted = others().flat_map(|other| other.accepted.filters());
     let is_silent = |filter: &&Filter| {
         let frame = CanFrame::from_raw(filter.id, 0, [0; 8]);
         frame.is_some_and(|frame| {
@@ -536,7 +567,7 @@ fn audience(slots: &[Slot<'_>], index: usize) -> Audience {
     };
     let silent = others().flat_map(|other| other.silent.filters());
     Audience {
-        accepted: accepted.copied().collect::<Vec<_>>().into(),
+        accepted: FilterSet::union(others().map(|other| &other.accepted)),
         silent: silent.filter(is_silent).copied().collect::<Vec<_>>().into(),
     }
 }

@@ -63,7 +63,7 @@ pub enum FollowError {
 /// Steps `node` as the coordinator at the other end of `channel` says, until the node has stopped.
 ///
 /// With a `wire` every announced frame is received from it, and the wire's copy is what the node gets; the wire must be
-/// opened with the node's filters and without its own frames. The coordinator puts the frames on it.
+/// opened with the node's filters as it is configured, and without its own frames. The coordinator puts the frames on it.
 ///
 /// # Errors
 /// When the coordinator is gone or breaks the protocol, when the wire does not carry what was announced, when the node
@@ -99,7 +99,7 @@ struct Follower<'a> {
 impl Follower<'_> {
     fn run(&mut self, node: &mut dyn Node) -> Result<(), FollowError> {
         let hello = Hello {
-            filters: node.filters(),
+            filters: node.filters_as_configured(),
             silent_filters: node.silent_filters(),
             next_deadline: node.next_deadline(),
         };
@@ -193,7 +193,7 @@ impl<'a> Wire<'a> {
     fn new(bus: &'a mut dyn Bus, node: &dyn Node) -> Self {
         Self {
             bus,
-            filters: node.filters(),
+            filters: node.filters_as_configured(),
             own: Vec::with_capacity(FRAMES_MAX),
         }
     }

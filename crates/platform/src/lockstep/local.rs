@@ -24,7 +24,7 @@ impl<'a> Local<'a> {
     pub fn new(name: impl Into<String>, node: &'a mut dyn Node) -> Self {
         Self {
             name: name.into(),
-            filters: node.filters(),
+            filters: node.filters_as_configured(),
             silent_filters: node.silent_filters(),
             stepper: Stepper::new(node),
             node,

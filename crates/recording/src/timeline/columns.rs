@@ -24,6 +24,11 @@ impl Columns {
         Ok(Self(messages))
     }
 
+    /// The identifiers of the messages.
+    pub(super) fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        self.0.iter().map(|message| message.raw_id)
+    }
+
     pub(super) fn reserve(&mut self, rows: usize) {
         for message in &mut self.0 {
             for signal in &mut message.signals {

@@ -2,10 +2,11 @@
 
 mod columns;
 mod decoded;
+mod passing;
 mod reader;
 mod traffic;
 
 pub use decoded::{
     Column, OfLoop, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, events_of, signals,
 };
-pub use reader::{TimelineReader, decode};
+pub use reader::{TimelineReader, decode, decode_loops};

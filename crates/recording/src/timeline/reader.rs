@@ -1,11 +1,10 @@
 //! Decodes frames, cycle by cycle.
 
 use std::borrow::Borrow;
-use std::collections::BTreeSet;
-use std::iter;
 use std::time::Duration;
+use std::{iter, slice};
 
-use dbc::scenario_clock::ScenarioClock;
+use dbc::scenario_clock::SYNC_COB_ID;
 use dbc::{SignalMissing, signals};
 use platform::series::{Series, SeriesWriter};
 use rig::setup::Setup;
@@ -13,9 +12,10 @@ use scenario::Scenario;
 
 use super::columns::Columns;
 use super::decoded::{Column, Timeline, cycle_start_seconds};
-use super::traffic::Traffic;
+use super::passing::{Passed, Passing};
 use crate::events::EventReader;
 use crate::fan::FanReader;
+use crate::identifiers::Identifiers;
 use crate::log::Stamped;
 use crate::losses::LossReader;
 use crate::masters::MasterWatch;
@@ -30,22 +30,54 @@ pub fn decode(
     frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
     setup: &Setup,
 ) -> Result<Timeline, SignalMissing> {
-    let mut reader = TimelineReader::new(setup)?;
+    let timelines = decode_loops(frames, slice::from_ref(setup))?;
+    Ok(timelines.into_iter().next().expect("one for each loop"))
+}
+
+/// As [`decode`], for loops that were played at once on one bus: a timeline for each. Most frames are of one loop only.
+///
+/// # Errors
+/// As [`decode`].
+pub fn decode_loops(
+    frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
+    setups: &[Setup],
+) -> Result<Vec<Timeline>, SignalMissing> {
+    let readers = setups.iter().map(TimelineReader::new);
+    let mut readers = readers.collect::<Result<Vec<_>, _>>()?;
     let frames = frames.into_iter();
-    reader.reserve(frames.size_hint().0);
+    let expected = frames.size_hint().0;
+    readers
+        .iter_mut()
+        .for_each(|reader| reader.reserve(expected));
+    let Some((first, others)) = readers.split_first_mut() else {
+        return Ok(Vec::new());
+    };
     for stamped in frames {
-        reader.on_frame(stamped.borrow());
+        let stamped = stamped.borrow();
+        let passed = first.pass(stamped);
+        for reader in &mut *others {
+            if !reader.passing.is_like(&first.passing) {
+                reader.passing.on_frame(stamped);
+            }
+            reader.read(stamped, passed);
+        }
     }
-    reader.take_rest(&setup.scenario)
+    for reader in others {
+        if reader.passing.is_like(&first.passing) {
+            reader.passing = first.passing.clone();
+        }
+    }
+    let timelines = readers.iter_mut().zip(setups);
+    timelines
+        .map(|(reader, setup)| reader.take_rest(&setup.scenario))
+        .collect()
 }
 
 /// Decodes the frames of a run as they come.
 pub struct TimelineReader {
-    clock: ScenarioClock,
+    passing: Passing,
     period: Duration,
     end: Duration,
-    /// What the traffic is judged on ends here.
-    judged_end: Duration,
     /// Scenario time of the latest SYNC.
     latest_sync: Duration,
     end_cycle: u64,
@@ -53,11 +85,15 @@ pub struct TimelineReader {
     losses: LossReader,
     truth: TruthReader,
     fan: FanReader,
-    /// Raw identifiers of the messages that events, losses, the truth and the fan are read from.
-    rare: BTreeSet<u32>,
+    /// The messages that make events. Those of other loops are among them, but of most frames only a state is looked at.
+    eventful: Identifiers,
+    /// The messages that losses, the truth and the fan are read from.
+    rare: Identifiers,
+    /// The messages that all but events is read from. Where a rig has several loops, most frames are those of others.
+    own: Identifiers,
+    /// All messages that something is read from.
+    all: Identifiers,
     traces: TraceReader,
-    last_frame: Duration,
-    traffic: Traffic,
     masters: MasterWatch,
     columns: Columns,
     cycle: SeriesWriter<u64>,
@@ -76,29 +112,35 @@ impl TimelineReader {
         let losses = LossReader::new(scenario, database);
         let truth = TruthReader::new(database)?;
         let fan = FanReader::new(database)?;
-        let rare = events
-            .raw_ids()
-            .chain(losses.raw_ids())
-            .chain([truth.raw_id()])
-            .chain(fan.raw_ids())
-            .collect();
+        let rare = losses.raw_ids().chain([truth.raw_id()]);
+        let rare = Vec::from_iter(rare.chain(fan.raw_ids()));
+        let traces = TraceReader::new(setup);
+        let masters = MasterWatch::new(scenario, database, &setup.external)?;
+        let columns = Columns::new(database)?;
+        let own = [u32::from(SYNC_COB_ID)]
+            .into_iter()
+            .chain(traces.raw_ids())
+            .chain(masters.raw_ids())
+            .chain(columns.raw_ids())
+            .chain(rare.iter().copied());
+        let own = Vec::from_iter(own);
         Ok(Self {
-            clock: ScenarioClock::new(database)?,
+            passing: Passing::new(setup)?,
             period,
             end,
-            judged_end: Duration::from_secs_f64(scenario.judged_end_seconds()),
             latest_sync: Duration::ZERO,
             end_cycle: cycles(end, period),
-            rare,
+            eventful: events.raw_ids().collect(),
+            all: events.raw_ids().chain(own.iter().copied()).collect(),
+            own: own.into_iter().collect(),
+            rare: rare.into_iter().collect(),
             events,
             losses,
             truth,
             fan,
-            traces: TraceReader::new(setup),
-            last_frame: Duration::ZERO,
-            traffic: Traffic::new(scenario),
-            masters: MasterWatch::new(scenario, database, &setup.external)?,
-            columns: Columns::new(database)?,
+            traces,
+            masters,
+            columns,
             cycle: SeriesWriter::default(),
             cycles_due: 0,
         })
@@ -114,20 +156,38 @@ impl TimelineReader {
 
     /// Takes every frame of the bus in order.
     pub fn on_frame(&mut self, stamped: &Stamped) {
+        self.pass(stamped);
+    }
+
+    #[inline]
+    fn pass(&mut self, stamped: &Stamped) -> Passed {
+        let passed = self.passing.on_frame(stamped);
+        self.read(stamped, passed);
+        passed
+    }
+
+    /// Takes what is read of a frame.
+    #[inline]
+    fn read(&mut self, stamped: &Stamped, passed: Passed) {
+        let id = stamped.frame.raw_id();
+        if !self.all.has(id) {
+            return;
+        }
+        if self.eventful.has(id) {
+            self.events.on_frame(stamped);
+        }
+        if self.own.has(id) {
+            self.on_own_frame(stamped, passed);
+        }
+    }
+
+    /// Takes a frame of a message that is read in each cycle, or watched.
+    fn on_own_frame(&mut self, stamped: &Stamped, passed: Passed) {
         let frame = &stamped.frame;
-        let is_sync = self.clock.on_frame(stamped.time, frame);
-        let time = self.clock.scenario_time(stamped.time);
-        self.last_frame = stamped.time;
+        let Passed { time, is_sync } = passed;
         self.masters.on_frame_at(stamped.time, time, frame);
-        if let Some(time) = time {
-            self.losses.pass(time);
-        }
-        if frame.is_error() || self.rare.contains(&frame.raw_id()) {
+        if self.rare.has(frame.raw_id()) {
             self.on_rare_frame(stamped, time);
-        }
-        if time.is_none_or(|time| time < self.judged_end) {
-            let bits = stamped.occupied_bits;
-            self.traffic.on_frame(frame, stamped.time, bits);
         }
         let is_late = time.is_some_and(|time| self.is_late(time));
         // How the nodes stop after the scenario's end is no part of its last cycle.
@@ -151,7 +211,6 @@ impl TimelineReader {
 
     /// Takes a frame for those that read few: most frames are cyclic and none of theirs.
     fn on_rare_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
-        self.events.on_frame(stamped);
         if let Some(time) = time {
             self.losses.on_frame(&stamped.frame, time);
         }
@@ -183,7 +242,7 @@ impl TimelineReader {
     pub fn take_piece(&mut self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
         let closed = self.cycle.len().saturating_sub(1);
         let mut piece = self.take_rows(closed, scenario)?;
-        let zero = self.clock.zero();
+        let zero = self.passing.clock.zero();
         piece.events = self.events.take_until(piece.end_seconds(), scenario, zero);
         Ok(piece)
     }
@@ -194,9 +253,10 @@ impl TimelineReader {
     /// The database lacks a signal that the bench needs.
     pub fn take_rest(&mut self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
         let mut rest = self.take_rows(self.cycle.len(), scenario)?;
-        let zero = self.clock.zero();
+        let zero = self.passing.clock.zero();
         rest.events = self.events.take_until(f64::INFINITY, scenario, zero);
-        rest.events.extend(self.losses.take_all());
+        rest.events
+            .extend(self.losses.take_all(self.passing.latest));
         rest.events
             .sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
         rest.emergencies = self.events.emergencies(zero);
@@ -214,8 +274,12 @@ impl TimelineReader {
             .map(|cycle| cycle_start_seconds(*cycle, period_seconds))
             .collect();
         let columns = self.columns.take_rows(rows);
-        let zero = self.clock.zero();
-        let since_zero = self.last_frame.saturating_sub(zero.unwrap_or_default());
+        self.masters.set_order(self.passing.order);
+        let zero = self.passing.clock.zero();
+        let since_zero = self
+            .passing
+            .last_frame
+            .saturating_sub(zero.unwrap_or_default());
         Ok(Timeline {
             period_seconds,
             set_point_millimetres: set_points(scenario, &time_seconds),
@@ -233,8 +297,8 @@ impl TimelineReader {
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             last_frame_seconds: since_zero.as_secs_f64(),
             second_masters: self.masters.found(),
-            bus_load_percent: self.traffic.load_percent(),
-            sync_interval_milliseconds_max: self.traffic.sync_interval_milliseconds_max(),
+            bus_load_percent: self.passing.traffic.load_percent(),
+            sync_interval_milliseconds_max: self.passing.traffic.sync_interval_milliseconds_max(),
         })
     }
 }
@@ -267,7 +331,7 @@ fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Series<f64> {
 mod tests {
     use canopen::CanFrame;
     use dbc::SignalHandle;
-    use dbc::scenario_clock::{STATUSWORD, SYNC_COB_ID};
+    use dbc::scenario_clock::STATUSWORD;
     use proptest::prelude::*;
     use rig::catalogue::Catalogue;
 

@@ -7,6 +7,7 @@ use dbc::scenario_clock::SYNC_COB_ID;
 use scenario::Scenario;
 
 /// Counts the bits of all frames and measures the time between SYNCs.
+#[derive(Clone)]
 pub(super) struct Traffic {
     bitrate_kilobits_per_second: f64,
     first_sync: Option<Duration>,

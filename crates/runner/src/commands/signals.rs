@@ -37,6 +37,9 @@ pub struct SignalsArgs {
 /// One signal as it is listed.
 #[derive(Debug, Serialize)]
 struct ListedSignal<'a> {
+    /// The loop in whose `[[expect.LOOP.signal]]` the name stands; none where there is one loop, or where all have it.
+    #[serde(rename = "loop", skip_serializing_if = "Option::is_none")]
+    of_loop: Option<&'a str>,
     /// The name that no other signal has: `message.signal`.
     path: String,
     signal: &'a str,
@@ -55,11 +58,12 @@ struct ListedSignal<'a> {
 }
 
 impl<'a> ListedSignal<'a> {
-    fn of(message: &'a Message, signal: &'a Signal) -> Self {
+    fn of(of_loop: Option<&'a str>, message: &'a Message, signal: &'a Signal) -> Self {
         let coding = &signal.coding;
         let physical = |raw: i64| raw as f64 * coding.factor + coding.offset;
         let labels = signal.labels.iter();
         Self {
+            of_loop,
             path: format!("{}.{}", message.name, signal.name),
             signal: &signal.name,
             unit: &signal.unit,
@@ -100,17 +104,37 @@ fn in_words(limit: f64) -> String {
     }
 }
 
+/// The frames as one loop knows them.
+struct Frames {
+    of_loop: Option<String>,
+    database: Arc<Database>,
+}
+
+impl Frames {
+    fn of(setup: Setup) -> Self {
+        Self {
+            of_loop: setup.loop_name.map(|names| names.name),
+            database: setup.database,
+        }
+    }
+}
+
 /// Lists the signals.
 #[must_use]
 pub fn signals(args: &SignalsArgs) -> Exit {
-    let database = match &args.source {
-        None => Ok(Arc::new(Database::shipped().clone())),
-        Some(source) => database_of(source),
+    let frames = match &args.source {
+        None => Ok(vec![Frames {
+            of_loop: None,
+            database: Arc::new(Database::shipped().clone()),
+        }]),
+        Some(source) => {
+            setups_of(source).map(|setups| Vec::from_iter(setups.into_iter().map(Frames::of)))
+        }
     };
-    match database {
+    match frames {
         Err(error) => refuse(error),
-        Ok(database) => {
-            let signals = listed(&database);
+        Ok(frames) => {
+            let signals = listed(&frames);
             print(&match args.json {
                 true => serde_json::to_string_pretty(&signals).expect("plain data"),
                 false => table(&signals),
@@ -120,51 +144,81 @@ pub fn signals(args: &SignalsArgs) -> Exit {
     }
 }
 
-/// What the frames of a run folder or of a scenario mean. The signals that a scenario names need not be there: whoever
-/// looks for the right name has a wrong one in the file.
-fn database_of(source: &Path) -> Result<Arc<Database>, RecordedError> {
+/// The loops of a run folder or of a scenario. The signals that a scenario names need not be there: whoever looks for the right
+/// name has a wrong one in the file.
+fn setups_of(source: &Path) -> Result<Vec<Setup>, RecordedError> {
     if source.is_dir() {
         require_run(source)?;
-        let (setups, _) = read_played(source, catalogue())?;
-        return Ok(Arc::clone(&setups[0].database));
+        return Ok(read_played(source, catalogue())?.0);
     }
     let of_scenario = || -> Result<_, ScenarioError> {
         let text = read_text(source, FILE_BYTES_MAX).unwrap_or_default();
         match Loops::is_meant(&text) {
-            true => Ok(rig::loops::load(source, catalogue())?.swap_remove(0)),
-            false => Ok(Setup::new(Scenario::load(source)?, catalogue())),
+            true => rig::loops::load(source, catalogue()),
+            false => Ok(vec![Setup::new(Scenario::load(source)?, catalogue())]),
         }
     };
-    let setup = of_scenario().map_err(|error| RecordedError::Scenario(Box::new(error)))?;
-    Ok(setup.database)
+    of_scenario().map_err(|error| RecordedError::Scenario(Box::new(error)))
 }
 
-/// Every signal that a frame carries, in the order of the identifiers.
-fn listed(database: &Database) -> Vec<ListedSignal<'_>> {
-    let audible = database
-        .messages()
-        .iter()
-        .filter(|message| !message.is_silent());
-    let signals = audible.flat_map(|message| {
+/// Every signal that a frame carries, in the order of the identifiers, loop by loop: first those that all loops have.
+fn listed(loops: &[Frames]) -> Vec<ListedSignal<'_>> {
+    let is_shared = |message: &Message| {
+        let mut others = loops.iter();
+        others.all(|frames| frames.database.message(&message.name) == Some(message))
+    };
+    let shared = loops.iter().take(1).flat_map(|frames| {
+        let messages = frames.database.messages().iter();
+        messages
+            .filter(|message| is_shared(message))
+            .map(|message| (None, message))
+    });
+    let own = loops.iter().flat_map(|frames| {
+        let messages = frames.database.messages().iter();
+        let own = messages
+            .filter(|message| !is_shared(message) && !is_of_another(message, frames, loops));
+        own.map(|message| (frames.of_loop.as_deref(), message))
+    });
+    let audible = shared
+        .chain(own)
+        .filter(|(_, message)| !message.is_silent());
+    let signals = audible.flat_map(|(of_loop, message)| {
         let signals = message.signals.iter();
-        signals.map(move |signal| ListedSignal::of(message, signal))
+        signals.map(move |signal| ListedSignal::of(of_loop, message, signal))
     });
     signals.collect()
 }
 
+/// Whether a message is that of another loop, whose name is before its own.
+fn is_of_another(message: &Message, own: &Frames, loops: &[Frames]) -> bool {
+    let mut others = loops.iter().filter(|frames| frames.of_loop != own.of_loop);
+    others.any(|frames| {
+        let name = frames.of_loop.as_deref();
+        let end = name.and_then(|name| message.name.strip_prefix(name));
+        end.is_some_and(|end| end.starts_with('_'))
+    })
+}
+
 fn table(signals: &[ListedSignal<'_>]) -> String {
-    let mut table = terminal::empty_table(["signal", "unit", "sender", "message", "range"]);
+    let has_loops = signals.iter().any(|signal| signal.of_loop.is_some());
+    let columns = ["signal", "unit", "sender", "message", "range"];
+    let mut table = match has_loops {
+        true => terminal::empty_table(["loop"].into_iter().chain(columns)),
+        false => terminal::empty_table(columns),
+    };
     for signal in signals {
-        table.add_row([
-            signal.signal,
-            signal.unit,
-            signal.sender.unwrap_or("–"),
-            signal.message,
-            &signal.range(),
-        ]);
+        let range = signal.range();
+        let sender = signal.sender.unwrap_or("–");
+        let cells = [signal.signal, signal.unit, sender, signal.message, &range];
+        let of_loop = has_loops.then(|| signal.of_loop.unwrap_or("all"));
+        table.add_row(of_loop.into_iter().chain(cells));
     }
+    let place = match has_loops {
+        true => "[[expect.LOOP.signal]]",
+        false => "[[expect.signal]]",
+    };
     format!(
-        "{table}\n{} signals. In [[expect.signal]] write the name of one as `signal`, or as `message.signal` where several \
+        "{table}\n{} signals. In {place} write the name of one as `signal`, or as `message.signal` where several \
          messages have it.",
         signals.len()
     )

@@ -293,7 +293,12 @@ impl<'text> Splitter<'_, 'text> {
             problems.extend(self.strange_tables(section, &loops));
         }
         problems.extend(self.misplaced(&loops));
-        problems
+        if self.root().contains_key("rig") {
+            return problems;
+        }
+        let help = "this scenario names no rig file, so its rig is the one that ships; another: rig = \"FILE.toml\"";
+        let problems = problems.into_iter().map(|problem| problem.with_help(help));
+        problems.collect()
     }
 
     /// Keys that no scenario on a rig has.

@@ -46,6 +46,12 @@ fn wrong_contour(
         let label = meant_or_known(name, &known);
         return Some(document.problem(&format!("{path}.loops.{place}"), message, label));
     }
+    let is_repeated = |(place, name): &(usize, &String)| contour.loops[..*place].contains(name);
+    if let Some((place, name)) = contour.loops.iter().enumerate().find(is_repeated) {
+        let message = format!("the loop `{name}` is an axis of this contour twice");
+        let path = format!("{path}.loops.{place}");
+        return Some(document.problem(&path, message, "each loop is one axis"));
+    }
     let limits = [
         contour.contour_error_millimetres_max,
         contour.contour_error_millimetres_rms,

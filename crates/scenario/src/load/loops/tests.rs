@@ -143,6 +143,11 @@ fn what_a_scenario_names_wrongly_is_underlined_once() {
         ("[expect.x]", "[expect.z]", "the rig has no loop `z`"),
         // Then it is the rig that ships.
         ("rig = \"rig.toml\"\n", "", "the rig has no loop `x`"),
+        (
+            "rig = \"rig.toml\"\n",
+            "",
+            "this scenario names no rig file, so its rig is the one that ships",
+        ),
         ("\"rig.toml\"", "3", "`rig` must be a string"),
         (
             "\"rig.toml\"",
@@ -489,4 +494,40 @@ fn a_scenario_says_by_its_number_what_it_is() {
     assert!(Loops::is_meant(SCENARIO));
     assert!(!Loops::is_meant("schema = 1\n"));
     assert!(!Loops::is_meant("schema ="));
+}
+
+#[test]
+fn a_contour_needs_two_loops_each_once() {
+    let limited = |loops: &str| {
+        let limit = "contour_error_millimetres_max = { max = 0.3 }";
+        format!("{SCENARIO}[[expect.contour]]\nloops = {loops}\n{limit}\n")
+    };
+    assert_eq!(
+        load_text(&limited("[\"x\", \"y\"]"), RIG)
+            .unwrap()
+            .contours
+            .len(),
+        1
+    );
+    for (loops, said) in [
+        ("[\"x\"]", "at least 2 are needed"),
+        (
+            "[\"x\", \"x\"]",
+            "the loop `x` is an axis of this contour twice",
+        ),
+        ("[\"x\", \"z\"]", "the rig has no loop `z`"),
+    ] {
+        let error = load_text(&limited(loops), RIG).unwrap_err();
+        assert!(error.contains(said), "{said}: {error}");
+    }
+}
+
+#[test]
+fn a_scenario_of_schema_1_that_names_a_rig_is_told_so_and_nothing_else() {
+    let text = SCENARIO.replacen("schema = 2", "schema = 1", 1);
+    let error = Scenario::parse(&text, "scenario.toml", |_| unreachable!()).unwrap_err();
+    let error = crate::without_colours(&error);
+    let said = "a scenario of schema 1 is of one drive, and names no rig file";
+    assert!(error.contains(said), "{error}");
+    assert_eq!(error.matches("help:").count(), 1, "{error}");
 }

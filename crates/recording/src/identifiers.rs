@@ -1,0 +1,103 @@
+//! Which frames somebody reads, and what for: looked up for every frame of a recording.
+
+use std::collections::BTreeMap;
+
+/// Identifiers of 11 bits.
+const STANDARD: usize = 0x800;
+
+/// A set of identifiers. Those of more than 11 bits, error frames among them, are always in it.
+#[derive(Clone, Debug)]
+pub(crate) struct Identifiers([u64; STANDARD / 64]);
+
+impl Identifiers {
+    #[inline]
+    pub(crate) fn has(&self, raw_id: u32) -> bool {
+        let id = raw_id as usize;
+        self.0
+            .get(id / 64)
+            .is_none_or(|bits| bits >> (id % 64) & 1 == 1)
+    }
+}
+
+impl FromIterator<u32> for Identifiers {
+    fn from_iter<T: IntoIterator<Item = u32>>(raw_ids: T) -> Self {
+        let mut all = [0; STANDARD / 64];
+        for raw_id in raw_ids {
+            let id = raw_id as usize;
+            if let Some(bits) = all.get_mut(id / 64) {
+                *bits |= 1 << (id % 64);
+            }
+        }
+        Self(all)
+    }
+}
+
+/// Values by the identifiers of messages.
+pub(crate) struct ByIdentifier<T> {
+    /// In the order of the identifiers.
+    values: Vec<(u32, T)>,
+    /// By identifier of 11 bits, one more than the place of its value; 0 for none.
+    standard: Box<[u16; STANDARD]>,
+}
+
+impl<T> ByIdentifier<T> {
+    pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        self.values.iter().map(|(raw_id, _)| *raw_id)
+    }
+
+    pub(crate) fn values(&self) -> impl Iterator<Item = &T> {
+        self.values.iter().map(|(_, value)| value)
+    }
+
+    #[inline]
+    pub(crate) fn get_mut(&mut self, raw_id: u32) -> Option<&mut T> {
+        let place = match self.standard.get(raw_id as usize) {
+            Some(place) => usize::from(place.checked_sub(1)?),
+            None => (self
+                .values
+                .binary_search_by_key(&raw_id, |(raw_id, _)| *raw_id))
+            .ok()?,
+        };
+        self.values.get_mut(place).map(|(_, value)| value)
+    }
+}
+
+impl<T> FromIterator<(u32, T)> for ByIdentifier<T> {
+    /// Of two values of one identifier the later is kept.
+    fn from_iter<I: IntoIterator<Item = (u32, T)>>(values: I) -> Self {
+        let values = BTreeMap::from_iter(values).into_iter();
+        let values = Vec::from_iter(values);
+        let mut standard = Box::new([0; STANDARD]);
+        for (place, (raw_id, _)) in (1..=u16::MAX).zip(&values) {
+            if let Some(known) = standard.get_mut(*raw_id as usize) {
+                *known = place;
+            }
+        }
+        Self { values, standard }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_put_in_and_what_is_longer_is_in_it() {
+        let ids = Identifiers::from_iter([0x000, 0x190]);
+        let has = [0x000, 0x190, 0x191, 0x7FF, 0x800, 0x2000_0004].map(|id| ids.has(id));
+        assert_eq!(has, [true, true, false, false, true, true]);
+    }
+
+    #[test]
+    fn a_value_is_found_by_its_identifier_whatever_its_length() {
+        let mut values = ByIdentifier::from_iter([(0x9000_0190, 'c'), (0x190, 'a'), (0x7FF, 'b')]);
+        assert_eq!(
+            Vec::from_iter(values.raw_ids()),
+            [0x190, 0x7FF, 0x9000_0190]
+        );
+        assert_eq!(Vec::from_iter(values.values()), [&'a', &'b', &'c']);
+        let found =
+            [0x190, 0x7FF, 0x9000_0190, 0x000, 0x9000_0191].map(|id| values.get_mut(id).copied());
+        assert_eq!(found, [Some('a'), Some('b'), Some('c'), None, None]);
+    }
+}

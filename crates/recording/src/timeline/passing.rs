@@ -1,0 +1,71 @@
+//! What is read from all frames, whatever they are: time, order, and how busy the bus was.
+
+use std::time::Duration;
+
+use dbc::SignalMissing;
+use dbc::scenario_clock::ScenarioClock;
+use rig::setup::Setup;
+
+use super::traffic::Traffic;
+use crate::log::Stamped;
+use crate::masters::Order;
+
+/// Looks at every frame once, also where several loops read them.
+#[derive(Clone)]
+pub(super) struct Passing {
+    pub(super) clock: ScenarioClock,
+    pub(super) order: Order,
+    pub(super) traffic: Traffic,
+    /// When the last frame came, on the recording's clock.
+    pub(super) last_frame: Duration,
+    /// Scenario time of the last one before the scenario's end.
+    pub(super) latest: Duration,
+    end: Duration,
+    /// What the traffic is judged on ends here.
+    judged_end: Duration,
+}
+
+/// A frame's place in scenario time.
+#[derive(Clone, Copy)]
+pub(super) struct Passed {
+    /// None before the scenario began.
+    pub(super) time: Option<Duration>,
+    /// It is a SYNC of the scenario.
+    pub(super) is_sync: bool,
+}
+
+impl Passing {
+    pub(super) fn new(setup: &Setup) -> Result<Self, SignalMissing> {
+        let scenario = &setup.scenario;
+        Ok(Self {
+            clock: ScenarioClock::new(&setup.database)?,
+            order: Order::default(),
+            traffic: Traffic::new(scenario),
+            last_frame: Duration::ZERO,
+            latest: Duration::ZERO,
+            end: Duration::from_secs_f64(scenario.duration_seconds),
+            judged_end: Duration::from_secs_f64(scenario.judged_end_seconds()),
+        })
+    }
+
+    /// Whether another loop's sees the same. On one bus only what is judged may end at other times.
+    pub(super) fn is_like(&self, other: &Self) -> bool {
+        self.judged_end == other.judged_end
+    }
+
+    #[inline]
+    pub(super) fn on_frame(&mut self, stamped: &Stamped) -> Passed {
+        let is_sync = self.clock.on_frame(stamped.time, &stamped.frame);
+        let time = self.clock.scenario_time(stamped.time);
+        self.last_frame = stamped.time;
+        self.order.pass(stamped.time);
+        if let Some(time) = time.filter(|time| *time <= self.end) {
+            self.latest = time;
+        }
+        if time.is_none_or(|time| time < self.judged_end) {
+            let bits = stamped.occupied_bits;
+            self.traffic.on_frame(&stamped.frame, stamped.time, bits);
+        }
+        Passed { time, is_sync }
+    }
+}
