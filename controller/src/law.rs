@@ -53,6 +53,20 @@ pub struct Explanation {
     pub switching_part_square_amperes: f64,
 }
 
+impl Explanation {
+    /// The same with positions in another unit.
+    pub(crate) fn times(self, factor: f64) -> Self {
+        Self {
+            reference_position_metres: self.reference_position_metres * factor,
+            reference_velocity_metres_per_second: self.reference_velocity_metres_per_second
+                * factor,
+            estimated_velocity_metres_per_second: self.estimated_velocity_metres_per_second
+                * factor,
+            ..self
+        }
+    }
+}
+
 /// Limits reached in a cycle.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct Saturation {

@@ -22,6 +22,7 @@ use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::N
 use scenario::ControllerView;
 use scenario::loops::OneLoop;
 use scenario::plant::SMA_ACTUATOR;
+use scenario::port::Unit;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::{Limits, RigDrive, RigFile, Timeouts};
 
@@ -30,6 +31,7 @@ use crate::error::ControllerError;
 use crate::explanation::{self, ExplanationObjects};
 use crate::law::Law;
 use crate::node_ids::{CONTROLLER, DISTURBANCE};
+use crate::plausibility::Plausibility;
 use control_loop::ControlLoop;
 pub use drive::ENABLE_TIME;
 use drive::LedDrive;
@@ -108,14 +110,19 @@ impl ControllerNode {
         let loops = loops.map(|(place, (plan, law))| {
             let view = plan.view;
             let is_wire = view.plant == SMA_ACTUATOR;
+            let unit = &view.wiring.unit;
             Ok(ControlLoop {
                 drive: LedDrive::new(
                     plan.drive,
                     sync_period,
                     &plan.timeouts,
                     plan.limits,
-                    is_wire,
+                    Plausibility::new(&view.wiring, is_wire),
                 ),
+                law_units_per_metre: match unit {
+                    Unit::Millimetres => 1.0,
+                    _ => 1e3,
+                },
                 missing_max: plan.timeouts.missing_positions_cycles.into(),
                 trajectory: view.reference.trajectory(),
                 has_set_point: !view.reference.is_empty(),
@@ -157,10 +164,11 @@ struct LoopPlan<'a> {
 
 impl<'a> LoopPlan<'a> {
     fn emulated(view: &'a ControllerView, node_id: u8) -> Result<Self, ControllerError> {
-        let rig = RigDrive {
+        let mut rig = RigDrive {
             node_id,
             ..RigDrive::default()
         };
+        rig.position.units_per_millimetre = view.wiring.unit.counts();
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, node_id)?;
         Ok(Self {
             view,

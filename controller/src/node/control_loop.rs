@@ -22,6 +22,8 @@ pub(super) struct ControlLoop {
     pub(super) has_set_point: bool,
     pub(super) explanation: ExplanationObjects,
     pub(super) sync_period: Duration,
+    /// A law sees metres or, in a loop of another unit, that unit; inside the bench positions are in thousands of it.
+    pub(super) law_units_per_metre: f64,
     /// The drive's position of the present cycle has come.
     pub(super) has_position: bool,
     /// Cycles without a position in a row.
@@ -148,14 +150,17 @@ impl ControlLoop {
         (scenario_time_seconds, set_point): (f64, SetPoint),
         position_metres: f64,
     ) -> f64 {
+        let factor = self.law_units_per_metre;
         let measurement = Measurement {
             scenario_time_seconds,
-            position_metres,
+            position_metres: position_metres * factor,
         };
+        let set_point = set_point.times(factor);
         let period_seconds = self.sync_period.as_secs_f64();
         let command = self.law.step(&measurement, &set_point, period_seconds);
+        let terms = command.explanation.times(1.0 / factor);
         self.explanation
-            .store(services.dictionary_mut(), &command.explanation, &self.law);
+            .store(services.dictionary_mut(), &terms, &self.law);
         command.current_amperes
     }
 }

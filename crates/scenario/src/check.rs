@@ -17,6 +17,7 @@ use crate::error::Problem;
 use crate::outside::Outside;
 use crate::reference::{Chirp, Reference};
 use crate::scenario::Scenario;
+use crate::wiring::Wiring;
 
 pub(crate) use signals::read_courses;
 pub(crate) use sweep::{check as sweep, check_on as sweep_on};
@@ -25,14 +26,12 @@ pub(crate) use tables::read_tables;
 use limits::{limits, reactions};
 use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
 
-/// End of the travel.
-const TRAVEL_MILLIMETRES: f64 = 60.0;
-
 /// What scenario and controller view have in common.
 pub(crate) struct Control<'a> {
     pub(crate) duration_seconds: f64,
     pub(crate) controller: &'a Controller,
     pub(crate) reference: &'a Reference,
+    pub(crate) wiring: &'a Wiring,
 }
 
 /// Checks law, set-point and current profile.
@@ -44,7 +43,7 @@ pub(crate) fn control(document: &Document<'_>, control: &Control<'_>) -> Vec<Pro
         &reference_pieces(control.reference),
         control.duration_seconds,
     ));
-    problems.extend(travel(document, control.reference));
+    problems.extend(travel(document, control.reference, control.wiring));
     problems.extend(chirps(document, control.reference));
     if let Some(open_loop) = &control.controller.open_loop {
         let pieces_of_current = current_pieces(open_loop);
@@ -114,7 +113,8 @@ fn laws(document: &Document<'_>, reference: &Reference) -> Option<Problem> {
 }
 
 /// Sines and chirps within the travel; single positions are in the schema's range already.
-fn travel(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
+fn travel(document: &Document<'_>, reference: &Reference, wiring: &Wiring) -> Vec<Problem> {
+    let ([min, max], symbol) = (wiring.range(), wiring.unit.symbol());
     let sines = reference.sine.iter().enumerate();
     let sines = sines.map(|(index, sine)| {
         let (centre, amplitude) = (sine.centre_millimetres, sine.amplitude_millimetres);
@@ -127,10 +127,10 @@ fn travel(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
     });
     let problem = |(kind, index, centre, amplitude): (&str, usize, f64, f64)| {
         let (lowest, highest) = (centre - amplitude, centre + amplitude);
-        (lowest < 0.0 || highest > TRAVEL_MILLIMETRES).then(|| {
+        (lowest < min || highest > max).then(|| {
             let path = format!("reference.{kind}.{index}.amplitude_millimetres");
-            let label = format!("goes from {lowest} to {highest} mm");
-            let message = format!("the {kind} leaves the travel of 0 to {TRAVEL_MILLIMETRES} mm");
+            let label = format!("goes from {lowest} to {highest} {symbol}");
+            let message = format!("the {kind} leaves the travel of {min} to {max} {symbol}");
             document.problem(&path, message, label)
         })
     };

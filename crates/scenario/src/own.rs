@@ -178,8 +178,26 @@ pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -
     )
 }
 
+/// The schema of the table of a plant from outside.
+pub(crate) fn schema_of_plant(name: &str) -> Value {
+    find(Section::Plant, name).map_or_else(Value::default, |table| table.schema.clone())
+}
+
+/// Puts the tables of plants from outside among the properties of a schema.
+pub(crate) fn describe_plants(properties: &mut Value) {
+    let Some(properties) = properties.as_object_mut() else {
+        return;
+    };
+    for table in tables(Section::Plant) {
+        properties.insert(table.name.to_owned(), table.schema.clone());
+    }
+}
+
 /// Puts the tables from outside into a schema.
 pub(crate) fn describe(schema: &mut Value) {
+    if let Some(models) = schema.pointer_mut("/definitions/PlantModel/properties") {
+        describe_plants(models);
+    }
     for section in Section::ALL {
         let place = format!("/definitions/{}/properties", section.definition());
         let properties = schema.pointer_mut(&place);

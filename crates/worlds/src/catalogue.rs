@@ -12,14 +12,16 @@ use rig::catalogue::Catalogue;
 #[must_use]
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
-        let plants = plants::kinds().map(|kind| (kind.name(), kind.signals()));
-        Catalogue::new(plants, own_laws(), plant_objection)
+        let of_one_axis = plants::kinds();
+        let of_one_axis = of_one_axis.filter_map(|kind| Some((kind.name(), kind.signals()?)));
+        let find_ports = |scenario: &Scenario| plants::ports(scenario).ok();
+        Catalogue::new(of_one_axis, own_laws(), plant_objection, find_ports)
     });
     &CATALOGUE
 }
 
 fn plant_objection(scenario: &Scenario) -> Option<Objection> {
-    let Err(InvalidEmulator::Plant(invalid)) = plants::check(scenario) else {
+    let Err(InvalidEmulator::Plant(invalid)) = plants::plant(scenario) else {
         return None;
     };
     let plant = scenario.plant.name();

@@ -8,6 +8,7 @@ mod contours;
 mod expect;
 mod read;
 mod sweep;
+mod units;
 
 use std::ops::Range;
 
@@ -19,6 +20,7 @@ use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::rig::nodes::{NodeKind, Rig};
 use crate::schema;
+use units::InUnit;
 
 /// The law of all loops.
 const ALL: &str = "all";
@@ -58,8 +60,7 @@ const SCHEMA: &str = "2";
 const SCHEMA_OF_ONE: &str = "1";
 
 /// Keys of a drive's parts in a rig file, and in a scenario of one drive.
-const SENSOR: [(&str, &str); 3] = [
-    ("max", "span_millimetres"),
+const SENSOR: [(&str, &str); 2] = [
     ("resolution_bits", "resolution_bits"),
     ("noise_rms", "noise_millimetres_rms"),
 ];
@@ -139,6 +140,13 @@ impl<'text> Splitter<'_, 'text> {
         if let Some(expect) = self.expect(name) {
             tree.insert(key(EXPECT), expect);
         }
+        let wiring = self.rig.wiring_of(self.drive(name));
+        let units = InUnit {
+            source: &self.scenario.source,
+            unit: &wiring.unit,
+            of_loop: name,
+        };
+        units.rename(&mut tree)?;
         Ok(tree)
     }
 

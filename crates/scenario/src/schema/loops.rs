@@ -2,8 +2,9 @@
 
 use serde_json::{Map, Value, json};
 
-use super::schema_of;
+use super::{entries, schema_of};
 use crate::loops::Contours;
+use crate::own;
 use crate::rig::nodes::{PlantModel, Rig};
 use crate::scenario::Scenario;
 
@@ -61,11 +62,13 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         below["default"] = json!({});
     }
     let plants = rig.plant.iter().map(|(name, plant)| {
-        let (model, definition) = match plant.dc_motor {
-            Some(_) => ("dc_motor", "DcMotor"),
-            None => ("sma", "Sma"),
+        let model = plant.model();
+        let definition = match model {
+            "dc_motor" => reference("DcMotor"),
+            "sma" => reference("Sma"),
+            own => own::schema_of_plant(own),
         };
-        let parameters = json!({"allOf": [reference(definition)], "default": {}});
+        let parameters = json!({"allOf": [definition], "default": {}});
         let plant = json!({"type": "object", "default": {}, "properties": {model: parameters}});
         (name.clone(), plant)
     });
@@ -131,16 +134,6 @@ fn with_names(mut schema: Value) -> Value {
     schema
 }
 
-/// The definitions of a table's arrays.
-fn entries(schema: &Value, table: &str) -> Vec<String> {
-    let arrays = schema["definitions"][table]["properties"].as_object();
-    let names = arrays.into_iter().flatten().filter_map(|(_, array)| {
-        let name = array["items"]["$ref"].as_str()?.rsplit('/').next()?;
-        Some(name.to_owned())
-    });
-    names.collect()
-}
-
 /// The limits of one loop, and of several together.
 fn with_contours(schema: &mut Value) -> Value {
     let contours = schema_of::<Contours>();
@@ -152,7 +145,8 @@ fn with_contours(schema: &mut Value) -> Value {
 
 /// What a plant of a rig may be.
 fn plants(schema: &mut Value) -> Value {
-    let model = schema_of::<PlantModel>();
+    let mut model = schema_of::<PlantModel>();
+    own::describe_plants(&mut model["properties"]);
     add_definitions(schema, &model);
     json!({
         "type": "object",
