@@ -14,6 +14,7 @@ use crate::dc_motor::DcMotor;
 use crate::plant::{Plant, SIGNALS_MAX, Signal};
 use crate::ports::{PlantWithPorts, PortedPlant, SingleAxis};
 use crate::sma::Actuator;
+use crate::sma::pair::SmaPair;
 use crate::{DriveOf, InvalidEmulator, PlantEmulator};
 
 /// Name of the actuator of the paper.
@@ -128,10 +129,13 @@ pub enum InvalidOwnPlant {
     },
 }
 
-static SHIPPED: LazyLock<[Kind; 2]> = LazyLock::new(|| {
+static SHIPPED: LazyLock<[Kind; 3]> = LazyLock::new(|| {
     [
         Kind::of::<Actuator>(|scenario| Ok(scenario.plant.clone())),
         Kind::of::<DcMotor>(|scenario| Ok(scenario.plant.dc_motor.clone().unwrap_or_default())),
+        Kind::with_ports::<SmaPair>(|scenario| {
+            Ok(scenario.plant.sma_pair.clone().unwrap_or_default())
+        }),
     ]
 });
 

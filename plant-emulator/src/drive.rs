@@ -21,7 +21,7 @@ use canopen::{
 use scenario::Scenario;
 
 use objects::{Objects, TARGET_TORQUE};
-pub(crate) use objects::{declare, declare_units, set_truth_pace};
+pub(crate) use objects::{declare, declare_unit, set_truth_pace};
 
 use crate::amplifier::Amplifier;
 use crate::clocked_plant::ClockedPlant;

@@ -276,7 +276,7 @@ impl Parts {
             set_product_code(&mut objects, fault.product_code);
         }
         drive::declare(&mut objects, plant, &wires);
-        drive::declare_units(&mut objects, &scenario.wiring.unit);
+        drive::declare_unit(&mut objects, &scenario.wiring.unit);
         drive::set_truth_pace(&mut objects, place);
         Ok(Self {
             node_id,

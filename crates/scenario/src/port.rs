@@ -335,16 +335,6 @@ impl Unit {
         prefix << 24 | unit << 16
     }
 
-    /// The SI unit of the drive's velocities (0x60A9): that of its positions by the second.
-    #[must_use]
-    pub fn si_velocity(&self) -> u32 {
-        const SECOND: u32 = 0x03;
-        match self.si_position() {
-            0 => 0,
-            position => position | SECOND << 8,
-        }
-    }
-
     /// A name of the bench, which has the unit of a position, as it is for this unit: `position_millimetres` is `position_degrees`.
     #[must_use]
     pub fn rename(&self, name: &str) -> String {
@@ -464,7 +454,6 @@ mod tests {
     fn the_codes_are_those_of_cia_303_2() {
         assert_eq!(Unit::Millimetres.si_position(), 0xFA01_0000);
         assert_eq!(Unit::Degrees.si_position(), 0xFD41_0000);
-        assert_eq!(Unit::Degrees.si_velocity(), 0xFD41_0300);
-        assert_eq!(Unit::Own("litres".to_owned()).si_velocity(), 0);
+        assert_eq!(Unit::Own("litres".to_owned()).si_position(), 0);
     }
 }

@@ -26,7 +26,6 @@ const PLANT_SIGNALS: [u16; SIGNALS_MAX] = [0x2101, 0x2102, 0x2104, 0x2105, 0x210
 const TRUE_POSITION: u16 = 0x2103;
 const THERMAL_PROTECTION: u16 = 0x2110;
 const SI_UNIT_POSITION: u16 = 0x60A8;
-const SI_UNIT_VELOCITY: u16 = 0x60A9;
 
 /// How many of a plant's signals go with the true position into TPDO2.
 const SIGNALS_IN_TPDO2: usize = 2;
@@ -221,24 +220,14 @@ pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, w
     }
 }
 
-/// Says in which units positions and velocities are (0x60A8, 0x60A9), where the data sheet does not.
-pub(crate) fn declare_units(dictionary: &mut ObjectDictionary, unit: &Unit) {
+/// Says in which unit positions are (0x60A8), where the data sheet does not.
+pub(crate) fn declare_unit(dictionary: &mut ObjectDictionary, unit: &Unit) {
     if *unit == Unit::Millimetres {
         return;
     }
-    for (index, name, code) in [
-        (SI_UNIT_POSITION, "SI unit position", unit.si_position()),
-        (SI_UNIT_VELOCITY, "SI unit velocity", unit.si_velocity()),
-    ] {
-        let bytes = code.to_le_bytes().to_vec();
-        let entry = Entry::new(
-            index,
-            0,
-            name,
-            DataType::Unsigned32,
-            Access::ReadOnly,
-            bytes,
-        );
+    if let Ok(handle) = dictionary.find(SI_UNIT_POSITION, 0) {
+        let mut entry = dictionary.entry(handle).clone();
+        entry.default = unit.si_position().to_le_bytes().to_vec();
         dictionary.insert(entry);
     }
 }

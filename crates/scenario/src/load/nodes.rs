@@ -301,7 +301,7 @@ impl Check<'_> {
         });
         let problems = wrong.map(|(name, _)| {
             let message = format!("the plant `{name}` needs one model");
-            let label = format!("write one of [plant.{name}.sma] and [plant.{name}.dc_motor]");
+            let label = format!("write one of [plant.{name}.sma], [plant.{name}.dc_motor] and [plant.{name}.sma_pair]");
             self.problem(&format!("plant.{name}"), message, label)
         });
         problems.collect()

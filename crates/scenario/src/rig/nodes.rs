@@ -13,7 +13,7 @@ use super::{
 };
 use crate::bus::Bus;
 use crate::own::Own;
-use crate::plant::{DcMotor, Heat, Mechanics, Phase};
+use crate::plant::{DcMotor, Heat, Mechanics, Phase, SmaPair};
 use crate::port::Unit;
 use crate::wiring::{Plausible, Wiring};
 
@@ -240,6 +240,9 @@ pub struct PlantModel {
     /// A DC motor with gearbox, which lifts a load against a spring.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dc_motor: Option<DcMotor>,
+    /// A joint that two shape-memory-alloy wires turn, one each way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sma_pair: Option<SmaPair>,
     /// The table of a model from outside, under its own name.
     #[serde(flatten, skip_deserializing)]
     #[schemars(skip)]
@@ -250,10 +253,11 @@ impl PlantModel {
     /// The name of its model.
     #[must_use]
     pub fn model(&self) -> &str {
-        match (&self.own, &self.dc_motor) {
-            (Some(own), _) => own.name(),
-            (None, Some(_)) => "dc_motor",
-            (None, None) => "sma",
+        match (&self.own, &self.dc_motor, &self.sma_pair) {
+            (Some(own), _, _) => own.name(),
+            (None, Some(_), _) => "dc_motor",
+            (None, None, Some(_)) => "sma_pair",
+            (None, None, None) => "sma",
         }
     }
 }

@@ -66,6 +66,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         let definition = match model {
             "dc_motor" => reference("DcMotor"),
             "sma" => reference("Sma"),
+            "sma_pair" => reference("SmaPair"),
             own => own::schema_of_plant(own),
         };
         let parameters = json!({"allOf": [definition], "default": {}});
