@@ -106,6 +106,7 @@ impl ControllerNode {
             .map(|plan| catalogue::law(&plan.view.controller));
         let laws = laws.collect::<Result<Vec<_>, _>>()?;
         let dictionary = dictionary(&laws, &io_nodes)?;
+        let further = further_drives(&plans);
         let loops = plans.into_iter().zip(laws).enumerate();
         let loops = loops.map(|(place, (plan, law))| {
             let view = plan.view;
@@ -128,6 +129,8 @@ impl ControllerNode {
                 has_set_point: !view.reference.is_empty(),
                 explanation: ExplanationObjects::find(&dictionary, &law, place)?,
                 law,
+                further: further[place].clone(),
+                is_led: view.wiring.led_by.is_some(),
                 sync_period,
                 has_position: false,
                 missing: 0,
@@ -151,6 +154,21 @@ impl ControllerNode {
     pub fn statistics(&self) -> Statistics {
         self.device.application().statistics
     }
+}
+
+/// For each loop the places of those that stand for the further drives which its law leads, in their order.
+fn further_drives(plans: &[LoopPlan<'_>]) -> Vec<Vec<usize>> {
+    let of_leader = |leader: &LoopPlan<'_>| {
+        let own_id = leader.drive.node_id().get();
+        let led = plans.iter().enumerate().filter_map(|(place, plan)| {
+            let by = plan.view.wiring.led_by?;
+            (by.first == own_id).then_some((by.place, place))
+        });
+        let mut led = Vec::from_iter(led);
+        led.sort_unstable();
+        Vec::from_iter(led.into_iter().map(|(_, place)| place))
+    };
+    plans.iter().map(of_leader).collect()
 }
 
 /// A loop that is to be closed.

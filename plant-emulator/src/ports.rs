@@ -118,6 +118,11 @@ pub fn ports_of<P: Plant>() -> Ports {
     let position = Port::output("position_metres", TRAVEL_METRES)
         .with_comment("What the position sensor sees.");
     let signals = P::SIGNALS.iter().map(port_of);
+    let further = P::FURTHER.iter().map(|signal| Port {
+        // A port without a range is not published.
+        range: [f64::NEG_INFINITY, f64::INFINITY],
+        ..port_of(signal)
+    });
     Ports {
         inputs: vec![
             Port::input("current_amperes", CURRENT_RANGE)
@@ -127,7 +132,11 @@ pub fn ports_of<P: Plant>() -> Ports {
                 .with_comment("Multiplies the convection to the air."),
             Port::input("added_load_kilograms", LOAD_RANGE).with_comment("Added to the load."),
         ],
-        outputs: [position].into_iter().chain(signals).collect(),
+        outputs: [position]
+            .into_iter()
+            .chain(signals)
+            .chain(further)
+            .collect(),
     }
 }
 
@@ -164,7 +173,7 @@ impl<P: Plant> PortedPlant for SingleAxis<P> {
             return;
         };
         *position = self.plant.position_metres();
-        for (value, signal) in signals.iter_mut().zip(P::SIGNALS) {
+        for (value, signal) in signals.iter_mut().zip(P::SIGNALS.iter().chain(P::FURTHER)) {
             *value = (signal.value)(&self.plant);
         }
     }

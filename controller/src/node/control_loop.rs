@@ -24,6 +24,10 @@ pub(super) struct ControlLoop {
     pub(super) sync_period: Duration,
     /// A law sees metres or, in a loop of another unit, that unit; inside the bench positions are in thousands of it.
     pub(super) law_units_per_metre: f64,
+    /// The places of the loops that stand for the further drives which its law leads, in their order.
+    pub(super) further: Vec<usize>,
+    /// Whether the law of another loop leads its drive.
+    pub(super) is_led: bool,
     /// The drive's position of the present cycle has come.
     pub(super) has_position: bool,
     /// Cycles without a position in a row.
@@ -77,13 +81,14 @@ impl ControlLoop {
         Err((implausible.unwrap_or(Cause::NoPosition), text))
     }
 
-    /// The drive's sample of a cycle: the law's turn. A second one in a cycle is late or forged and passed over.
+    /// The drive's sample of a cycle: the law's turn. A second one in a cycle is late or forged and passed over. True if the law has
+    /// commanded.
     pub(super) fn on_sample(
         &mut self,
         services: &mut Services,
         number: u64,
         feedback: &Feedback,
-    ) -> Result<(), Failure> {
+    ) -> Result<bool, Failure> {
         let state = State::from_statusword(feedback.statusword);
         if state != Some(State::OperationEnabled) {
             let state = state_words(feedback.statusword);
@@ -93,7 +98,7 @@ impl ControlLoop {
             return Err((Cause::DriveNotEnabled, text));
         }
         if self.has_position {
-            return Ok(());
+            return Ok(false);
         }
         let limits = self.drive.limits.as_mut();
         if let Some(violation) = limits.and_then(|limits| limits.check(services.now(), feedback)) {
@@ -101,13 +106,16 @@ impl ControlLoop {
         }
         let reference = self.reference(number);
         if !self.is_plausible(feedback.position_metres, &reference.1)? {
-            return Ok(());
+            return Ok(false);
         }
         (self.has_position, self.missing) = (true, 0);
+        if self.is_led {
+            return Ok(false);
+        }
         let current_amperes = self.step(services, reference, feedback.position_metres);
         let controlword = DriveCommand::EnableOperation.controlword();
         self.drive.command(services, controlword, current_amperes);
-        Ok(())
+        Ok(true)
     }
 
     fn is_plausible(

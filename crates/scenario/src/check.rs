@@ -11,7 +11,7 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
-use crate::controller::Controller;
+use crate::controller::{Controller, drives_led_by};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::outside::Outside;
@@ -36,7 +36,8 @@ pub(crate) struct Control<'a> {
 
 /// Checks law, set-point and current profile.
 pub(crate) fn control(document: &Document<'_>, control: &Control<'_>) -> Vec<Problem> {
-    let mut problems = Vec::from_iter(laws(document, control.reference));
+    let mut problems = Vec::from_iter(laws(document, control));
+    problems.extend(drives_of_law(document, control.wiring));
     problems.extend(pieces(
         document,
         "reference",
@@ -82,7 +83,8 @@ pub(crate) fn bench(
 }
 
 /// Exactly one law, and a set-point for a closed loop.
-fn laws(document: &Document<'_>, reference: &Reference) -> Option<Problem> {
+fn laws(document: &Document<'_>, control: &Control<'_>) -> Option<Problem> {
+    let reference = control.reference;
     const HELP: &str = "exactly one table such as [controller.sliding_mode] chooses the law";
     match document.keys("controller").as_slice() {
         [] => {
@@ -110,6 +112,27 @@ fn laws(document: &Document<'_>, reference: &Reference) -> Option<Problem> {
             Some(problem.with_help(HELP))
         }
     }
+}
+
+/// A law leads as many drives as its loop has.
+fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
+    let keys = document.keys("controller");
+    let [law] = keys.as_slice() else { return None };
+    // A profile is that of the first drive; the others have no current.
+    if *law == "open_loop" {
+        return None;
+    }
+    let led = drives_led_by(law);
+    let drives = |count: usize| match count {
+        1 => "one drive".to_owned(),
+        count => format!("{count} drives"),
+    };
+    (led != wiring.leads).then(|| {
+        let span = document.key_span(&format!("controller.{law}"));
+        let message = format!("the law `{law}` leads {}", drives(led));
+        let label = format!("the loop has {}", drives(wiring.leads));
+        document.source.problem(span, message, label)
+    })
 }
 
 /// Sines and chirps within the travel; single positions are in the schema's range already.

@@ -89,6 +89,8 @@ pub struct OwnTable {
     name: &'static str,
     /// Faults of `[[fault.plant.…]]` that mean something to the plant.
     faults: &'static [&'static str],
+    /// Of a law: how many drives it leads.
+    drives: usize,
     schema: Value,
     check: fn(Spanned<DeValue<'_>>) -> Result<(), toml::de::Error>,
 }
@@ -107,6 +109,7 @@ impl OwnTable {
         Self {
             name,
             faults: &[],
+            drives: 1,
             schema,
             check: |value| P::deserialize(ValueDeserializer::from(value)).map(drop),
         }
@@ -116,6 +119,12 @@ impl OwnTable {
     #[must_use]
     pub fn with_faults(self, faults: &'static [&'static str]) -> Self {
         Self { faults, ..self }
+    }
+
+    /// The same for a law that leads so many drives.
+    #[must_use]
+    pub fn leading(self, drives: usize) -> Self {
+        Self { drives, ..self }
     }
 
     pub(crate) fn name(&self) -> &'static str {
@@ -157,6 +166,11 @@ fn find(section: Section, name: &str) -> Option<&'static OwnTable> {
 /// The faults of `[[fault.plant.…]]` that mean something to a plant from outside.
 pub(crate) fn faults_of(plant: &str) -> &'static [&'static str] {
     find(Section::Plant, plant).map_or(&[], |table| table.faults)
+}
+
+/// How many drives a law from outside leads.
+pub(crate) fn drives_led_by(law: &str) -> usize {
+    find(Section::Controller, law).map_or(1, |table| table.drives)
 }
 
 /// Parts of a plant's rig, which stand beside a plant's own table.

@@ -35,6 +35,19 @@ pub struct Wiring {
     pub is_second: bool,
     /// What a position can be.
     pub plausible: Option<Plausible>,
+    /// How many drives its law leads.
+    pub leads: usize,
+    /// Of a drive that the law of another one leads.
+    pub led_by: Option<LedBy>,
+}
+
+/// Which law leads a drive that has none of its own.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct LedBy {
+    /// The node-ID of the first drive of the loop.
+    pub first: u8,
+    /// Its place among the drives of the loop, from 1 on: the first one leads.
+    pub place: usize,
 }
 
 impl Default for Wiring {
@@ -51,6 +64,8 @@ impl Default for Wiring {
             beside: Vec::new(),
             is_second: false,
             plausible: None,
+            leads: 1,
+            led_by: None,
         }
     }
 }

@@ -112,6 +112,7 @@ impl Rig {
             rig: &rig,
         };
         problems.extend(check.problems());
+        rig.add_led_drives();
         match problems.is_empty() {
             true => Ok((rig, document)),
             false => Err(fail(problems)),
@@ -627,11 +628,11 @@ impl Check<'_> {
     fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {
         let (node, signal) = feedback.split_once('.').unwrap_or((feedback, ""));
         let path = format!("loop.{name}.feedback");
-        if !drives.iter().any(|drive| drive == node) {
+        if drives.first().is_none_or(|first| first != node) {
             let message =
-                format!("the loop `{name}` follows `{feedback}`, which is not of its drives");
-            let of_drives = drives.iter().map(|drive| format!("\"{drive}.{POSITION}\""));
-            let label = format!("write {}", Vec::from_iter(of_drives).join(" or "));
+                format!("the loop `{name}` follows `{feedback}`, which is not of its first drive");
+            let first = drives.first().map_or("", String::as_str);
+            let label = format!("write \"{first}.{POSITION}\"");
             return Some(self.document.problem(&path, message, label));
         }
         (signal != POSITION).then(|| {

@@ -15,7 +15,7 @@ use crate::bus::Bus;
 use crate::own::Own;
 use crate::plant::{DcMotor, Heat, Mechanics, Phase, SmaPair};
 use crate::port::Unit;
-use crate::wiring::{Plausible, Wiring};
+use crate::wiring::{LedBy, Plausible, Wiring};
 
 /// The largest node-ID of an emulated node. Its second SDO channel and its truth frames have identifiers that are the first
 /// ones of nodes 32 and 64 further on.
@@ -75,6 +75,32 @@ impl Rig {
         drive.map_or("", String::as_str)
     }
 
+    /// Adds what stands for each drive of a loop besides its first one; see [`RigLoop::led_by`].
+    pub(crate) fn add_led_drives(&mut self) {
+        let mut led = Vec::new();
+        for (name, one) in &self.loops {
+            led.extend(one.drives.iter().skip(1).map(|drive| {
+                let of_drive = RigLoop {
+                    feedback: format!("{drive}.position"),
+                    drives: vec![drive.clone()],
+                    led_by: Some(name.clone()),
+                };
+                (drive.clone(), of_drive)
+            }));
+        }
+        self.loops.extend(led);
+    }
+
+    /// The law that leads a drive which is not the first one of its loop.
+    fn led_by(&self, drive: &str) -> Option<LedBy> {
+        let leader = self.loops.get(drive)?.led_by.as_deref()?;
+        let drives = &self.loops.get(leader)?.drives;
+        Some(LedBy {
+            first: self.node.get(drives.first()?)?.node_id,
+            place: drives.iter().position(|other| other == drive)?,
+        })
+    }
+
     /// The plant that a loop moves; empty for no loop of this rig.
     #[must_use]
     pub fn plant_of_loop(&self, name: &str) -> &str {
@@ -98,6 +124,13 @@ impl Rig {
             name.as_str() != drive && plant.is_some() && self.plant_of(name) == plant
         });
         others.map(move |(_, node)| (node, Some(node.node_id) < own_id))
+    }
+
+    /// How many drives the law leads whose first drive this is.
+    fn drives_led_from(&self, drive: &str) -> usize {
+        let mut loops = self.loops.values().filter(|one| one.led_by.is_none());
+        let own = loops.find(|one| one.drives.first().is_some_and(|first| first == drive));
+        own.map_or(1, |one| one.drives.len())
     }
 
     /// How a drive is wired.
@@ -129,6 +162,8 @@ impl Rig {
                 .collect(),
             is_second: self.drives_beside(drive).any(|(_, is_before)| is_before),
             plausible: node.plausible,
+            leads: self.drives_led_from(drive),
+            led_by: self.led_by(drive),
         }
     }
 
@@ -472,7 +507,11 @@ pub struct RigLoop {
     /// The signal that follows the set-point, as in `"drive.position"`.
     #[schemars(length(min = 1, max = 200))]
     pub feedback: String,
-    /// The drives that move it.
+    /// The drives that move it, in the order in which its law commands them. The loop follows the first one's position.
     #[schemars(length(min = 1, max = 8))]
     pub drives: Vec<String>,
+    /// What the loader adds for each further drive of a loop: it is played, recorded and judged under its own name, and led by the
+    /// law of this loop.
+    #[serde(skip)]
+    pub led_by: Option<String>,
 }
