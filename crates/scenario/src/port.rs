@@ -244,6 +244,23 @@ pub fn conversion(from: &str, to: &str) -> Option<f64> {
     (from.of == to.of).then_some(from.size / to.size)
 }
 
+/// Keys and metrics that have the unit of a position.
+const NAMES_OF_POSITIONS: [&str; 13] = [
+    "position_millimetres",
+    "centre_millimetres",
+    "amplitude_millimetres",
+    "offset_millimetres",
+    "rate_millimetres_per_second",
+    "noise_millimetres_rms",
+    "height_millimetres",
+    "steady_state_error_millimetres",
+    "tracking_error_millimetres_rms",
+    "sine_offset_millimetres",
+    "maximum_deviation_millimetres",
+    "position_millimetres_max",
+    "hunting_millimetres",
+];
+
 /// The unit in which a loop counts its position: of its set-points, its limits, and what is recorded of it.
 ///
 /// Inside the bench a position is in thousands of the unit, which are metres where the unit is the millimetre. So one code serves
@@ -344,15 +361,12 @@ impl Unit {
         }
     }
 
-    /// The other way round: as the bench calls it.
+    /// The other way round: as the bench calls it. What is no name of a position stays as it is, whatever its unit.
     #[must_use]
     pub fn canonical(&self, name: &str) -> String {
-        match self {
-            Self::Millimetres => name.to_owned(),
-            // The phase of a sine is in degrees, whatever the loop is in.
-            _ if name == "sine_phase_degrees" => name.to_owned(),
-            unit => exchanged(name, unit.word(), Self::Millimetres.word()),
-        }
+        let mut names = NAMES_OF_POSITIONS.iter();
+        let canonical = names.find(|known| self.rename(known) == name);
+        canonical.copied().unwrap_or(name).to_owned()
     }
 }
 
@@ -423,19 +437,27 @@ mod tests {
                 "tracking_error_millimetres_rms",
                 "tracking_error_degrees_rms",
             ),
-            (
-                "drive_tpdo1.position_millimetres",
-                "drive_tpdo1.position_degrees",
-            ),
-            ("speed_millimetres_per_second", "speed_degrees_per_second"),
+            ("rate_millimetres_per_second", "rate_degrees_per_second"),
             ("overshoot_percent", "overshoot_percent"),
             ("sine_phase_degrees", "sine_phase_degrees"),
-            ("kilomillimetres", "kilomillimetres"),
         ] {
             assert_eq!(degrees.rename(name), of_degrees);
             assert_eq!(degrees.canonical(of_degrees), name);
             assert_eq!(Unit::Millimetres.rename(name), name);
         }
+        assert_eq!(degrees.rename("kilomillimetres"), "kilomillimetres");
+        let path = degrees.rename("drive_tpdo1.position_millimetres");
+        assert_eq!(path, "drive_tpdo1.position_degrees");
+        // A limit on a temperature is none on the position, even where that is a temperature.
+        let celsius = Unit::Own("celsius".to_owned());
+        assert_eq!(
+            celsius.canonical("temperature_celsius"),
+            "temperature_celsius"
+        );
+        assert_eq!(
+            celsius.canonical("position_celsius"),
+            "position_millimetres"
+        );
     }
 
     #[test]

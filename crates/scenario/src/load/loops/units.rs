@@ -14,8 +14,6 @@ const LAW: &str = "controller";
 const PER_METRE: &str = "per_metre";
 /// Units that a name might have by mistake.
 const UNITS: [&str; 3] = ["millimetres", "degrees", "revolutions"];
-/// Names that have such a word and no position in it.
-const NO_POSITION: [&str; 1] = ["sine_phase_degrees"];
 
 /// The names of one loop.
 pub(super) struct InUnit<'a> {
@@ -65,13 +63,12 @@ impl InUnit<'_> {
     /// A name whose unit is that of another kind of loop.
     fn check(&self, key: &Spanned<toml::de::DeString<'_>>) -> Result<(), Problem> {
         let (name, unit): (&str, _) = (key.get_ref(), self.unit);
-        if NO_POSITION.contains(&name) {
-            return Ok(());
-        }
         let others = UNITS.into_iter().filter(|other| *other != unit.word());
         let wrong = others.map(Unit::of_word).find_map(|other| {
-            let right = unit.rename(&other.canonical(name));
-            (right != name && right.contains(unit.word())).then_some(right)
+            let canonical = other.canonical(name);
+            (canonical != name || other == Unit::Millimetres)
+                .then(|| unit.rename(&canonical))
+                .filter(|right| right != name)
         });
         let Some(right) = wrong else {
             return Ok(());
