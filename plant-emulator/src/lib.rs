@@ -245,6 +245,12 @@ impl DriveNode {
             .min()
     }
 
+    fn overhear(&mut self, frame: &CanFrame) {
+        if let Self::Faulty(faulty, _) = self {
+            faulty.overhear(frame);
+        }
+    }
+
     fn next_frame(&mut self) -> Option<CanFrame> {
         let frame = self.as_node_mut().next_frame();
         match self {
@@ -497,9 +503,18 @@ impl Node for PlantEmulator {
     }
 
     fn next_frame(&mut self) -> Option<CanFrame> {
-        let frame = self.drives.iter_mut().find_map(DriveNode::next_frame);
+        let mut drives = self.drives.iter_mut().enumerate();
+        let sent = drives.find_map(|(place, drive)| Some((place, drive.next_frame()?)));
+        if let Some((sender, frame)) = sent {
+            for (place, drive) in self.drives.iter_mut().enumerate() {
+                if place != sender {
+                    drive.overhear(&frame);
+                }
+            }
+            return Some(frame);
+        }
         let mut modules = self.modules.iter_mut();
-        frame.or_else(|| modules.find_map(|module| module.device.next_frame()))
+        modules.find_map(|module| module.device.next_frame())
     }
 
     fn next_deadline(&self) -> Option<Duration> {
