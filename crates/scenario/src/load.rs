@@ -323,7 +323,7 @@ impl ControllerView {
 /// Problems of a loop in its own unit.
 fn in_unit(problems: Vec<Problem>, unit: &Unit) -> Vec<Problem> {
     let problems = problems.into_iter();
-    let problems = problems.map(|problem| problem.renamed(|text| unit.rename(text)));
+    let problems = problems.map(|problem| problem.renamed(|text| unit.rename_keys(text)));
     problems.collect()
 }
 

@@ -361,6 +361,29 @@ impl Unit {
         }
     }
 
+    /// As [`Unit::rename`], for words with keys in them, among them gains of laws, which are by one of the unit.
+    #[must_use]
+    pub fn rename_keys(&self, text: &str) -> String {
+        let text = self.rename(text);
+        if *self == Self::Millimetres {
+            return text;
+        }
+        let gains = ["amperes_per_", "ampere_seconds_per_"];
+        gains.into_iter().fold(text, |text, gain| {
+            let own = format!("{gain}{}", self.singular());
+            text.replace(&format!("{gain}metre"), &own)
+        })
+    }
+
+    /// One of it, in words.
+    #[must_use]
+    pub fn singular(&self) -> &str {
+        match self.word() {
+            "celsius" => "celsius",
+            word => word.strip_suffix('s').unwrap_or(word),
+        }
+    }
+
     /// The other way round: as the bench calls it. What is no name of a position stays as it is, whatever its unit.
     #[must_use]
     pub fn canonical(&self, name: &str) -> String {
@@ -448,6 +471,10 @@ mod tests {
         assert_eq!(degrees.rename("kilomillimetres"), "kilomillimetres");
         let path = degrees.rename("drive_tpdo1.position_millimetres");
         assert_eq!(path, "drive_tpdo1.position_degrees");
+        assert_eq!(
+            degrees.rename_keys("`proportional_amperes_per_metre` of position_millimetres"),
+            "`proportional_amperes_per_degree` of position_degrees"
+        );
         // A limit on a temperature is none on the position, even where that is a temperature.
         let celsius = Unit::Own("celsius".to_owned());
         assert_eq!(

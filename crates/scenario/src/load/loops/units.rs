@@ -83,7 +83,7 @@ impl InUnit<'_> {
         let DeValue::Table(table) = value else {
             return;
         };
-        let per_unit = format!("per_{}", singular(self.unit.word()));
+        let per_unit = format!("per_{}", self.unit.singular());
         for (mut key, mut below) in std::mem::take(table) {
             let name: &str = key.get_ref();
             if name.contains(&per_unit) {
@@ -93,13 +93,5 @@ impl InUnit<'_> {
             self.gains(below.get_mut());
             table.insert(key, below);
         }
-    }
-}
-
-/// One of a unit.
-fn singular(word: &str) -> &str {
-    match word {
-        "celsius" => word,
-        _ => word.strip_suffix('s').unwrap_or(word),
     }
 }
