@@ -15,6 +15,7 @@ use crate::plant::{Plant, SIGNALS_MAX, Signal};
 use crate::ports::{PlantWithPorts, PortedPlant, SingleAxis};
 use crate::sma::Actuator;
 use crate::sma::pair::SmaPair;
+use crate::wires::Wires;
 use crate::{DriveOf, InvalidEmulator, PlantEmulator};
 
 /// Name of the actuator of the paper.
@@ -213,6 +214,19 @@ pub fn kinds() -> impl Iterator<Item = &'static Kind> {
 /// It makes no sense.
 pub fn plant(scenario: &Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> {
     (kind_of(scenario)?.make)(scenario)
+}
+
+/// Looks whether the plant that a scenario chooses makes sense and, where no rig file wires it, has the ports of a plant of one axis.
+///
+/// # Errors
+/// It makes none, or has others.
+pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
+    let ports = ports(scenario)?;
+    let is_wired = !scenario.wiring.input.is_empty();
+    if !is_wired {
+        Wires::new(&ports, &scenario.wiring)?;
+    }
+    Ok(())
 }
 
 /// The ports of the plant that a scenario chooses.

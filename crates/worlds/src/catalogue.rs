@@ -21,10 +21,22 @@ pub fn catalogue() -> &'static Catalogue {
 }
 
 fn plant_objection(scenario: &Scenario) -> Option<Objection> {
-    let Err(InvalidEmulator::Plant(invalid)) = plants::plant(scenario) else {
-        return None;
-    };
     let plant = scenario.plant.name();
+    let invalid = match plants::check(scenario) {
+        Err(InvalidEmulator::Plant(invalid)) => invalid,
+        Err(InvalidEmulator::UnknownPort(_) | InvalidEmulator::Unit { .. }) => {
+            return Some(Objection {
+                path: format!("plant.{plant}"),
+                message: format!("the plant `{plant}` needs a rig file"),
+                label: "its ports are not those of one axis".to_owned(),
+                help: Some(
+                    "write schema = 2, and rig = \"FILE.toml\" for a rig file that wires its ports"
+                        .to_owned(),
+                ),
+            });
+        }
+        _ => return None,
+    };
     let path = match invalid.parameter() {
         Some(parameter) => format!("plant.{plant}.{parameter}"),
         None => format!("plant.{plant}"),
