@@ -44,7 +44,7 @@ impl<N: Node> Counted<N> {
 /// Controller and rig on a bus without delay.
 struct World {
     controller: Counted<ControllerNode>,
-    rig: Counted<PlantEmulator<Actuator>>,
+    rig: Counted<PlantEmulator>,
     now: Duration,
     to_controller: VecDeque<CanFrame>,
     to_rig: VecDeque<CanFrame>,
@@ -59,7 +59,7 @@ impl World {
         let scenario = Scenario::load(&path).unwrap();
         Self {
             controller: Counted::new(ControllerNode::new(&view).unwrap()),
-            rig: Counted::new(PlantEmulator::new(&scenario, &scenario.plant).unwrap()),
+            rig: Counted::new(PlantEmulator::new::<Actuator>(&scenario, &scenario.plant).unwrap()),
             now: Duration::ZERO,
             // The bus itself must not count.
             to_controller: VecDeque::with_capacity(4096),

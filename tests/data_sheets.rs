@@ -60,7 +60,7 @@ impl Sheet {
                 let view = scenario.controller_view();
                 Box::new(controller::ControllerNode::new(&view).unwrap())
             }
-            _ => Box::new(PlantEmulator::<Actuator>::new(&scenario, &scenario.plant).unwrap()),
+            _ => Box::new(PlantEmulator::new::<Actuator>(&scenario, &scenario.plant).unwrap()),
         };
         let mut bench = Bench {
             node,

@@ -279,7 +279,7 @@ impl platform::lockstep::Participant for Asked<'_> {
 fn roles<'a, P: Participant>(setup: &Setup, participants: &'a mut [P; 3]) -> Vec<Role<'a>> {
     let [plant_emulator, bench, controller] = participants;
     vec![
-        Role::drive(setup, plant_emulator),
+        Role::plant(std::slice::from_ref(setup), plant_emulator),
         Role::bench(bench),
         Role::controller(controller),
     ]

@@ -7,6 +7,7 @@ use controller::catalogue;
 use controller::law::{Command, Law, Measurement};
 use gungraun::{Callgrind, EventKind, LibraryBenchmarkConfig};
 use plant_emulator::PlantEmulator;
+use plant_emulator::ports::CURRENT;
 use plant_emulator::sma::Actuator;
 use scenario::Scenario;
 use scenario::controller::Controller;
@@ -70,7 +71,7 @@ pub fn law_in_a_hold(controller: &Controller) -> (Law, Cycle) {
 
 /// The rig with its drive, and the time of its latest event.
 pub struct Bench {
-    emulator: PlantEmulator<Actuator>,
+    emulator: PlantEmulator,
     now: Duration,
     counter: u8,
 }
@@ -83,7 +84,8 @@ impl Bench {
     pub fn heated() -> Self {
         let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
         let scenario = Scenario::parse(SCENARIO, "bench.toml", no_table).expect("it is valid");
-        let emulator = PlantEmulator::new(&scenario, &scenario.plant).expect("the plant is valid");
+        let emulator =
+            PlantEmulator::new::<Actuator>(&scenario, &scenario.plant).expect("the plant is valid");
         let mut bench = Self {
             emulator,
             now: Duration::ZERO,
@@ -98,7 +100,7 @@ impl Bench {
             bench.sync();
         }
         assert!(
-            bench.emulator.inputs().current_amperes > 0.4,
+            bench.emulator.inputs()[CURRENT] > 0.4,
             "the drive is enabled"
         );
         bench

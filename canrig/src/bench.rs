@@ -6,9 +6,10 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use controller::catalogue::{InvalidOwnLaw, OwnLaw, register_laws};
-use controller::law::ControlLaw;
+use controller::law::{ControlLaw, LawOfSeveral};
 use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, register_plants};
 use plant_emulator::plant::Plant;
+use plant_emulator::ports::PlantWithPorts;
 use platform::terminal::printable;
 
 use crate::cli::{self, Cli};
@@ -49,6 +50,18 @@ impl Bench {
     /// A plant more, which scenarios choose by a table `[plant.NAME]`.
     pub fn plant<P: Plant>(mut self) -> Self {
         self.plants.push(OwnPlant::of::<P>());
+        self
+    }
+
+    /// A plant with ports more, which rig files choose by a table `[plant.NAME.MODEL]`.
+    pub fn plant_with_ports<P: PlantWithPorts>(mut self) -> Self {
+        self.plants.push(OwnPlant::with_ports::<P>());
+        self
+    }
+
+    /// A law of several drives more, which scenarios choose by a table `[controller.NAME]`.
+    pub fn law_of_several<L: LawOfSeveral>(mut self) -> Self {
+        self.laws.push(OwnLaw::of_several::<L>());
         self
     }
 

@@ -24,7 +24,7 @@ use runner::console::{print, print_error};
 use runner::exit::Exit;
 use worlds::catalogue::catalogue;
 use worlds::nodes::{
-    controller, controller_of, emulator_name, faulty_controller, on_rigs, plant_emulator,
+    controller, controller_of, emulator_names, faulty_controller, on_rigs, plant_emulator,
     plant_emulator_of,
 };
 
@@ -149,11 +149,10 @@ fn is_of_process(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
 fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
     if let Some(plant) = &args.plant {
         let setups = setups_of_loops(args)?;
-        let is_it = |setup: &&Setup| emulator_name(setup) == plant;
-        let setup = setups.iter().find(is_it);
-        let setup =
-            setup.ok_or_else(|| Failure::of_setup(format!("there is no plant `{plant}`")))?;
-        return plant_emulator_of(setup).map_err(Failure::of_setup);
+        if !emulator_names(&setups).contains(&plant.as_str()) {
+            return Err(Failure::of_setup(format!("there is no plant `{plant}`")));
+        }
+        return plant_emulator_of(&setups, plant).map_err(Failure::of_setup);
     }
     let scenario = Scenario::load(&args.scenario).map_err(Failure::of_setup)?;
     plant_emulator(&scenario).map_err(Failure::of_setup)

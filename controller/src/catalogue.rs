@@ -7,9 +7,10 @@ use scenario::controller::Controller;
 use scenario::own::{Own, OwnTable, Section, is_name};
 use scenario::registration::{InvalidOwn, register};
 
-use crate::law::{ControlLaw, Law};
+use crate::law::{ControlLaw, Law, LawOfSeveral};
 use crate::open_loop::OpenLoop;
 use crate::pid::Pid;
+use crate::pid_pair::PidPair;
 use crate::sliding_mode::SlidingMode;
 use crate::sliding_mode_paper::SlidingModePaper;
 
@@ -44,6 +45,19 @@ impl OwnLaw {
             terms: L::TERMS.iter().map(|term| term.described()).collect(),
             table: OwnTable::new::<L::Config>(L::NAME),
             make: |own| Ok(Law::of::<L>(&own.parameters()?)),
+        }
+    }
+}
+
+impl OwnLaw {
+    /// The law `L`, which leads several drives.
+    #[must_use]
+    pub fn of_several<L: LawOfSeveral>() -> Self {
+        Self {
+            name: L::NAME,
+            terms: L::TERMS.iter().map(|term| term.described()).collect(),
+            table: OwnTable::new::<L::Config>(L::NAME).leading(L::DRIVES),
+            make: |own| Ok(Law::of_several::<L>(&own.parameters()?)),
         }
     }
 }
@@ -147,6 +161,7 @@ pub fn law(controller: &Controller) -> Result<Law, LawError> {
         (controller.sliding_mode.as_ref()).map(Law::of::<SlidingMode>),
         (controller.sliding_mode_paper.as_ref()).map(Law::of::<SlidingModePaper>),
         controller.pid.as_ref().map(Law::of::<Pid>),
+        (controller.pid_pair.as_ref()).map(Law::of_several::<PidPair>),
         controller.open_loop.as_ref().map(Law::of::<OpenLoop>),
     ];
     let own = controller.own.as_ref().map(own_law).transpose()?;

@@ -53,6 +53,20 @@ pub struct Explanation {
     pub switching_part_square_amperes: f64,
 }
 
+impl Explanation {
+    /// The same with positions in another unit.
+    pub(crate) fn times(self, factor: f64) -> Self {
+        Self {
+            reference_position_metres: self.reference_position_metres * factor,
+            reference_velocity_metres_per_second: self.reference_velocity_metres_per_second
+                * factor,
+            estimated_velocity_metres_per_second: self.estimated_velocity_metres_per_second
+                * factor,
+            ..self
+        }
+    }
+}
+
 /// Limits reached in a cycle.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct Saturation {
@@ -147,6 +161,11 @@ trait Step: fmt::Debug + Send {
         period_seconds: f64,
     ) -> Command;
 
+    /// The current of one more drive that it leads, from 1 on, after the latest step.
+    fn further_amperes(&self, _place: usize) -> f64 {
+        0.0
+    }
+
     fn terms(&self) -> Vec<LawTerm>;
 
     fn terms_count(&self) -> usize;
@@ -178,6 +197,85 @@ impl<L: ControlLaw> Step for Running<L> {
     }
 }
 
+/// A control law of a loop with several drives; as [`ControlLaw`], with a current for each of them.
+pub trait LawOfSeveral: fmt::Debug + Send + 'static {
+    /// Its name, and that of its table in a scenario.
+    const NAME: &'static str;
+    /// How many drives it leads.
+    const DRIVES: usize;
+    /// Its parameters: what a scenario's table is read into.
+    type Config: Parameters;
+    /// What it remembers from cycle to cycle.
+    type State: Copy + fmt::Debug + Send;
+
+    /// As [`ControlLaw::TERMS`].
+    const TERMS: &'static [Term<Self::State>] = &[];
+
+    /// Works out the constants.
+    fn new(config: &Self::Config) -> Self;
+
+    /// The memory before the first cycle.
+    fn start(&self) -> Self::State;
+
+    /// Writes the currents that act from the next cycle on, in the order of the loop's drives, and says why. The measurement is
+    /// that of the first drive. Allocates nothing; finite for any measurement.
+    fn step(
+        &self,
+        state: &mut Self::State,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+        currents_amperes: &mut [f64],
+    ) -> Explanation;
+}
+
+/// A law of several drives with its memory.
+#[derive(Debug)]
+struct RunningSeveral<L: LawOfSeveral> {
+    law: L,
+    state: L::State,
+    currents_amperes: Vec<f64>,
+}
+
+impl<L: LawOfSeveral> Step for RunningSeveral<L> {
+    fn step(
+        &mut self,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+    ) -> Command {
+        let currents = &mut self.currents_amperes;
+        let explanation = self.law.step(
+            &mut self.state,
+            measurement,
+            set_point,
+            period_seconds,
+            currents,
+        );
+        Command {
+            current_amperes: currents.first().copied().unwrap_or_default(),
+            explanation,
+        }
+    }
+
+    fn further_amperes(&self, place: usize) -> f64 {
+        let current = self.currents_amperes.get(place);
+        current.copied().unwrap_or_default()
+    }
+
+    fn terms(&self) -> Vec<LawTerm> {
+        L::TERMS.iter().map(Term::described).collect()
+    }
+
+    fn terms_count(&self) -> usize {
+        L::TERMS.len()
+    }
+
+    fn term_value(&self, place: usize) -> f64 {
+        (L::TERMS[place].value)(&self.state)
+    }
+}
+
 /// What the controller node runs.
 #[derive(Debug)]
 pub struct Law(Box<dyn Step>);
@@ -189,6 +287,24 @@ impl Law {
         let law = L::new(config);
         let state = law.start();
         Self(Box::new(Running { law, state }))
+    }
+
+    /// As [`Law::of`], for a law that leads several drives.
+    #[must_use]
+    pub fn of_several<L: LawOfSeveral>(config: &L::Config) -> Self {
+        let law = L::new(config);
+        Self(Box::new(RunningSeveral {
+            state: law.start(),
+            law,
+            currents_amperes: vec![0.0; L::DRIVES],
+        }))
+    }
+
+    /// The current of one more drive that the law leads, after the latest step; `place` counts the loop's drives, the first one is
+    /// 0.
+    #[must_use]
+    pub fn further_amperes(&self, place: usize) -> f64 {
+        sound_current(self.0.further_amperes(place))
     }
 
     /// Its own terms, in their order.

@@ -24,6 +24,7 @@ pub mod nominal_model;
 pub mod observer;
 pub mod open_loop;
 pub mod pid;
+pub mod pid_pair;
 mod plausibility;
 pub mod reference_filter;
 pub mod sliding_mode;

@@ -22,6 +22,7 @@ use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::N
 use scenario::ControllerView;
 use scenario::loops::OneLoop;
 use scenario::plant::SMA_ACTUATOR;
+use scenario::port::Unit;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::{Limits, RigDrive, RigFile, Timeouts};
 
@@ -30,6 +31,7 @@ use crate::error::ControllerError;
 use crate::explanation::{self, ExplanationObjects};
 use crate::law::Law;
 use crate::node_ids::{CONTROLLER, DISTURBANCE};
+use crate::plausibility::Plausibility;
 use control_loop::ControlLoop;
 pub use drive::ENABLE_TIME;
 use drive::LedDrive;
@@ -104,23 +106,31 @@ impl ControllerNode {
             .map(|plan| catalogue::law(&plan.view.controller));
         let laws = laws.collect::<Result<Vec<_>, _>>()?;
         let dictionary = dictionary(&laws, &io_nodes)?;
+        let further = further_drives(&plans);
         let loops = plans.into_iter().zip(laws).enumerate();
         let loops = loops.map(|(place, (plan, law))| {
             let view = plan.view;
             let is_wire = view.plant == SMA_ACTUATOR;
+            let unit = &view.wiring.unit;
             Ok(ControlLoop {
                 drive: LedDrive::new(
                     plan.drive,
                     sync_period,
                     &plan.timeouts,
                     plan.limits,
-                    is_wire,
+                    Plausibility::new(&view.wiring, is_wire),
                 ),
+                law_units_per_metre: match unit {
+                    Unit::Millimetres => 1.0,
+                    _ => 1e3,
+                },
                 missing_max: plan.timeouts.missing_positions_cycles.into(),
                 trajectory: view.reference.trajectory(),
                 has_set_point: !view.reference.is_empty(),
                 explanation: ExplanationObjects::find(&dictionary, &law, place)?,
                 law,
+                further: further[place].clone(),
+                is_led: view.wiring.led_by.is_some(),
                 sync_period,
                 has_position: false,
                 missing: 0,
@@ -146,6 +156,21 @@ impl ControllerNode {
     }
 }
 
+/// For each loop the places of those that stand for the further drives which its law leads, in their order.
+fn further_drives(plans: &[LoopPlan<'_>]) -> Vec<Vec<usize>> {
+    let of_leader = |leader: &LoopPlan<'_>| {
+        let own_id = leader.drive.node_id().get();
+        let led = plans.iter().enumerate().filter_map(|(place, plan)| {
+            let by = plan.view.wiring.led_by?;
+            (by.first == own_id).then_some((by.place, place))
+        });
+        let mut led = Vec::from_iter(led);
+        led.sort_unstable();
+        Vec::from_iter(led.into_iter().map(|(_, place)| place))
+    };
+    plans.iter().map(of_leader).collect()
+}
+
 /// A loop that is to be closed.
 struct LoopPlan<'a> {
     view: &'a ControllerView,
@@ -157,10 +182,11 @@ struct LoopPlan<'a> {
 
 impl<'a> LoopPlan<'a> {
     fn emulated(view: &'a ControllerView, node_id: u8) -> Result<Self, ControllerError> {
-        let rig = RigDrive {
+        let mut rig = RigDrive {
             node_id,
             ..RigDrive::default()
         };
+        rig.position.units_per_millimetre = view.wiring.unit.counts();
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, node_id)?;
         Ok(Self {
             view,

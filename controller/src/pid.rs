@@ -8,8 +8,8 @@ use crate::law::{
     limited_current_from,
 };
 
-/// Positions are taken to lie within this, so that results stay finite; beyond any rig.
-const POSITION_METRES_MAX: f64 = 1.0;
+/// Positions are taken to lie within this, in metres or in the loop's own unit, so that results stay finite; beyond any rig.
+const POSITION_METRES_MAX: f64 = 1e6;
 
 /// The gains.
 #[derive(Clone, Debug)]

@@ -5,38 +5,28 @@
 //!
 //! A position that stands still under a large current is suspicious, too. A wire under it moves, wherever the set-point is.
 //! A motor does not: it holds a load by its current. There only a position that stays away from the set-point while the law
-//! asks for all the current that there is cannot be meant.
+//! asks for all the current that there is cannot be meant. At an end of the travel nothing moves outward, whatever the current.
+//!
+//! What a position can be is data of the drive's node; see [`Plausible`].
+
+use scenario::port::Unit;
+use scenario::wiring::{Plausible, Stall, Wiring};
 
 use crate::cause::Cause;
 use crate::law::CURRENT_AMPERES_MAX;
 
-/// No wire lifts its load so high: the nominal travel is 60 mm, and any load stretches the wire. A converter at the end of
-/// its range is beyond.
-const POSITION_METRES_MAX: f64 = 59.5e-3;
-/// Below the stop there is nothing but noise.
-const POSITION_METRES_MIN: f64 = -2e-3;
-/// Faster than the wire moves: 1 A takes it through its transformation, 60 mm, in 0.2 s.
-const SPEED_METRES_PER_SECOND_MAX: f64 = 0.5;
-/// Noise and quantisation of two samples.
-const JUMP_METRES_MAX: f64 = 2e-3;
-
-/// Mean square of a large current: the continuous current of the drive's protection. No position of the wire needs more:
-/// either the wire moves, or it is at the top.
-const LARGE_SQUARE_AMPERES: f64 = 0.9 * 0.9;
-/// How long it is watched: longer than the nominal wire's time constant of 0.65 s.
-const WATCH_SECONDS: f64 = 1.0;
-/// What counts as motion.
-const MOTION_METRES_MIN: f64 = 1e-3;
-/// From here on the wire may be all austenite.
-const TOP_METRES: f64 = 50e-3;
-/// A motor is away from its set-point from here on.
-const AWAY_METRES: f64 = 1e-3;
+/// A position inside the bench is in thousands of its unit, which are metres where that is the millimetre.
+const THOUSAND: f64 = 1e3;
 
 /// What was measured and commanded lately.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Plausibility {
-    /// Whether the plant is a wire, which a current heats.
-    is_wire: bool,
+    /// In thousands of the unit.
+    plausible: Plausible,
+    /// The ends of the travel, in the same.
+    ends: [f64; 2],
+    /// Of the words for people.
+    symbol: String,
     /// The latest position that can be true.
     last: Option<f64>,
     /// Since then.
@@ -58,9 +48,17 @@ struct Watch {
 }
 
 impl Plausibility {
-    pub(crate) fn new(is_wire: bool) -> Self {
+    /// What the drive's node says of a position; where it says nothing, what is known of the plants that ship.
+    pub(crate) fn new(wiring: &Wiring, is_wire: bool) -> Self {
+        let known = match (&wiring.unit, is_wire) {
+            (Unit::Millimetres, true) => Plausible::WIRE,
+            (Unit::Millimetres, false) => Plausible::MOTOR,
+            _ => Plausible::default(),
+        };
         Self {
-            is_wire,
+            plausible: in_thousands(&wiring.plausible.unwrap_or(known)),
+            ends: wiring.range().map(|end| end / THOUSAND),
+            symbol: wiring.unit.symbol().to_owned(),
             last: None,
             seconds_since: 0.0,
             current_amperes: 0.0,
@@ -85,12 +83,23 @@ impl Plausibility {
         position_metres: f64,
         set_point_metres: f64,
     ) -> Result<(), Cause> {
-        if !(POSITION_METRES_MIN..=POSITION_METRES_MAX).contains(&position_metres) {
+        let Plausible {
+            min,
+            max,
+            rate_max,
+            jump,
+            ..
+        } = self.plausible;
+        let is_inside = position_metres.is_finite()
+            && min.is_none_or(|min| position_metres >= min)
+            && max.is_none_or(|max| position_metres <= max);
+        if !is_inside {
             return Err(Cause::PositionOutsideTravel);
         }
-        let reach = JUMP_METRES_MAX + SPEED_METRES_PER_SECOND_MAX * self.seconds_since;
-        let jump = |last: f64| (position_metres - last).abs();
-        if self.last.is_some_and(|last| jump(last) > reach) {
+        let reach = rate_max.map(|rate| jump.unwrap_or_default() + rate * self.seconds_since);
+        let distance = |last: f64| (position_metres - last).abs();
+        let is_too_far = |last| reach.is_some_and(|reach| distance(last) > reach);
+        if self.last.is_some_and(is_too_far) {
             return Err(Cause::PositionTooFast);
         }
         (self.last, self.seconds_since) = (Some(position_metres), 0.0);
@@ -98,22 +107,25 @@ impl Plausibility {
     }
 
     fn watch(&mut self, position_metres: f64, distance_metres: f64) -> Result<(), Cause> {
+        let Some(stall) = self.plausible.stall else {
+            return Ok(());
+        };
+        let is_outward = self.pushes_outward(position_metres, stall.motion);
         let watch = &mut self.watch;
-        if watch.seconds < WATCH_SECONDS {
+        if watch.seconds < stall.seconds {
             watch.lowest_metres = watch.lowest_metres.min(position_metres);
             watch.highest_metres = watch.highest_metres.max(position_metres);
             watch.distance_metres = watch.distance_metres.min(distance_metres);
             return Ok(());
         }
-        let is_current_large = watch.square_ampere_seconds > LARGE_SQUARE_AMPERES * watch.seconds;
-        let is_still = watch.highest_metres - watch.lowest_metres < MOTION_METRES_MIN;
-        let must_move = match self.is_wire {
-            true => position_metres < TOP_METRES,
-            false => {
-                let is_at_limit = self.current_amperes.abs() >= CURRENT_AMPERES_MAX;
-                is_at_limit && watch.distance_metres >= AWAY_METRES
-            }
-        };
+        let large = stall.current_rms * stall.current_rms;
+        let is_current_large = watch.square_ampere_seconds > large * watch.seconds;
+        let is_still = watch.highest_metres - watch.lowest_metres < stall.motion;
+        let is_at_limit = self.current_amperes.abs() >= CURRENT_AMPERES_MAX;
+        let is_away = |away| is_at_limit && watch.distance_metres >= away;
+        let must_move = !is_outward
+            && stall.below.is_none_or(|below| position_metres < below)
+            && stall.away.is_none_or(is_away);
         *watch = Watch {
             lowest_metres: position_metres,
             highest_metres: position_metres,
@@ -126,19 +138,45 @@ impl Plausibility {
         Ok(())
     }
 
+    /// Whether the plant is at an end of its travel, and the current pushes it on.
+    fn pushes_outward(&self, position_metres: f64, motion_metres: f64) -> bool {
+        let [lowest, highest] = self.ends;
+        (position_metres >= highest - motion_metres && self.current_amperes > 0.0)
+            || (position_metres <= lowest + motion_metres && self.current_amperes < 0.0)
+    }
+
     /// What is wrong with a position that stands still, for people.
     pub(crate) fn frozen_words(&self, position_metres: f64) -> String {
         let still = format!(
-            "the position stands still at {:.1} mm",
-            position_metres * 1e3
+            "the position stands still at {:.1} {}",
+            position_metres * THOUSAND,
+            self.symbol
         );
-        match self.is_wire {
-            true => format!("{still} although the wire is heated"),
-            false => format!(
+        let away = self.plausible.stall.and_then(|stall| stall.away);
+        match away {
+            None => format!("{still} although the wire is heated"),
+            Some(_) => format!(
                 "{still}, away from the set-point, although the law commands the largest current: the plant is jammed or \
                  overloaded, or its sensor is stuck"
             ),
         }
+    }
+}
+
+/// The same in thousands of the unit; to the last bit what the number of metres is.
+fn in_thousands(plausible: &Plausible) -> Plausible {
+    let thousandth = |value: Option<f64>| value.map(|value| value / THOUSAND);
+    Plausible {
+        min: thousandth(plausible.min),
+        max: thousandth(plausible.max),
+        rate_max: thousandth(plausible.rate_max),
+        jump: thousandth(plausible.jump),
+        stall: plausible.stall.map(|stall| Stall {
+            motion: stall.motion / THOUSAND,
+            below: thousandth(stall.below),
+            away: thousandth(stall.away),
+            ..stall
+        }),
     }
 }
 
@@ -159,7 +197,7 @@ mod tests {
         set_point_millimetres: f64,
         samples: impl Iterator<Item = f64>,
     ) -> Vec<Result<(), Cause>> {
-        let mut plausibility = Plausibility::new(is_wire);
+        let mut plausibility = Plausibility::new(&Wiring::default(), is_wire);
         let check = |millimetres: f64| {
             plausibility.advance(PERIOD, current);
             plausibility.check(millimetres * 1e-3, set_point_millimetres * 1e-3)
@@ -223,6 +261,58 @@ mod tests {
             check_plant(false, 1.0, 50.0, late)
                 .iter()
                 .all(Result::is_ok)
+        );
+    }
+
+    /// A motor that pushes against an end of its travel holds there, whatever the law asks for.
+    #[test]
+    fn a_current_that_pushes_outward_at_an_end_is_no_stall() {
+        let stalls = |current, millimetres, set_point| {
+            let samples = (0..3500).map(|_| millimetres);
+            check_plant(false, current, set_point, samples)
+                .iter()
+                .any(Result::is_err)
+        };
+        assert!(!stalls(-1.0, 0.0, -5.0), "down on the stop");
+        assert!(!stalls(1.0, 59.2, 64.0), "up at the top");
+        assert!(stalls(1.0, 0.0, 5.0), "up from the stop");
+        assert!(stalls(-1.0, 59.2, 50.0), "down from the top");
+    }
+
+    #[test]
+    fn what_a_node_says_is_watched_in_its_unit_and_nothing_else() {
+        let watched = |plausible, samples: &[f64]| {
+            let wiring = Wiring {
+                unit: Unit::Degrees,
+                position_min: -60.0,
+                position_max: Some(60.0),
+                plausible,
+                ..Wiring::default()
+            };
+            let mut plausibility = Plausibility::new(&wiring, false);
+            let check = |degrees: &f64| {
+                plausibility.advance(PERIOD, 1.0);
+                plausibility.check(degrees * 1e-3, f64::NAN)
+            };
+            Vec::from_iter(samples.iter().map(check))
+        };
+        assert_eq!(watched(None, &[0.0, 5e3, -5e3]), [Ok(()); 3]);
+        assert!(watched(None, &[f64::NAN])[0].is_err());
+        let plausible = Plausible {
+            min: Some(-62.0),
+            max: Some(62.0),
+            rate_max: Some(1000.0),
+            jump: Some(0.5),
+            stall: None,
+        };
+        assert_eq!(
+            watched(Some(plausible), &[61.0, 62.4, 59.6, 58.0]),
+            [
+                Ok(()),
+                Err(Cause::PositionOutsideTravel),
+                Ok(()),
+                Err(Cause::PositionTooFast)
+            ]
         );
     }
 }

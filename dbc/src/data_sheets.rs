@@ -21,12 +21,27 @@ pub struct TruthPace {
     pub sync_start: u8,
 }
 
+/// Where an emulated drive says in which unit its positions are.
+const SI_UNIT_POSITION: &str = "[60A8]";
+/// What the shipped data sheet says of that in words.
+const MICROMETRES: &str = "Positions count micrometres (0x60A8).";
+
+/// What of a drive's data sheet is the rig's.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct OfDrive {
+    /// When it publishes the truth about its plant.
+    pub truth: TruthPace,
+    /// The unit of its positions (0x60A8, CiA 303-2), with its word, where it is another than the micrometre.
+    pub si_position: Option<(u32, String)>,
+}
+
 /// An EDS for one node of a rig, with the node's name and number in it, and for a drive when it publishes the truth about its
-/// plant.
+/// plant, and in which unit it measures.
 #[must_use]
-pub fn of_node(eds: &str, name: &str, node_id: u8, truth: Option<TruthPace>) -> String {
+pub fn of_node(eds: &str, name: &str, node_id: u8, drive: Option<&OfDrive>) -> String {
+    let si_position = drive.and_then(|drive| drive.si_position.as_ref());
     let own_default = |section: &str| {
-        let truth = truth?;
+        let truth = drive?.truth;
         let is_in = |places: [&str; 2]| places.contains(&section);
         let every = is_in(TRUTH_EVERY).then_some(truth.every_cycles);
         every.or(is_in(TRUTH_START).then_some(truth.sync_start))
@@ -40,6 +55,15 @@ pub fn of_node(eds: &str, name: &str, node_id: u8, truth: Option<TruthPace>) -> 
         let is_default = line.starts_with("DefaultValue=");
         match own_default(section).filter(|_| is_default) {
             Some(value) => text += &format!("DefaultValue={value}"),
+            None if is_default && section == SI_UNIT_POSITION && si_position.is_some() => {
+                let code = si_position.map_or(0, |(code, _)| *code);
+                text += &format!("DefaultValue=0x{code:08X}");
+            }
+            None if line.ends_with(MICROMETRES) && si_position.is_some() => {
+                let unit = si_position.map_or("", |(_, unit)| unit.as_str());
+                let words = format!("Positions are in {unit} as 0x60A8 says.");
+                text += &line.replace(MICROMETRES, &words);
+            }
             None if line.starts_with("FileName=") => text += &format!("FileName={name}.eds"),
             None => text += line,
         }

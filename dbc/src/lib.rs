@@ -132,10 +132,21 @@ mod tests {
             every_cycles: 5,
             sync_start: 3,
         };
-        let text = data_sheets::of_node(DRIVE_EDS, "y", 0x12, Some(pace));
+        let text = data_sheets::of_node(
+            DRIVE_EDS,
+            "y",
+            0x12,
+            Some(&data_sheets::OfDrive {
+                truth: pace,
+                si_position: Some((0xFD41_0000, "degrees".to_owned())),
+            }),
+        );
         let [own, shipped] = [&*text, DRIVE_EDS].map(|text| dictionary(text, 0x12).unwrap());
         assert_eq!(own.unsigned(0x1801, 2), Some(5));
         assert_eq!(own.unsigned(0x1801, 6), Some(3));
+        assert_eq!(own.unsigned(0x60A8, 0), Some(0xFD41_0000));
+        assert_eq!(shipped.unsigned(0x60A8, 0), Some(0xFA01_0000));
+        assert!(text.contains("Positions are in degrees as 0x60A8 says."));
         assert_eq!(own.unsigned(0x1800, 2), shipped.unsigned(0x1800, 2));
         assert_eq!(own.entries().len(), shipped.entries().len());
         assert!(text.contains("\nNodeID=0x12\n") && text.contains("\nFileName=y.eds\n"));

@@ -4,7 +4,9 @@ use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
 use crate::database::{Database, Message, Signal};
 use crate::signals::WIRE_TEMPERATURE;
 
+const TPDO1: &str = "drive_tpdo1";
 const TPDO2: &str = "drive_tpdo2";
+const MILLIMETRES: &str = "mm";
 const TPDO3: &str = "drive_tpdo3";
 /// COB-ID of TPDO3 less that of TPDO2 (CiA 301, 7.3.5).
 const TPDO3_OFFSET: u32 = 0x100;
@@ -71,6 +73,37 @@ impl Database {
             messages.iter_mut().for_each(relabel_without_wire);
         }
         Self::from_messages(messages)
+    }
+}
+
+impl Database {
+    /// The same where the drive's positions are in another unit than millimetres: `rename` gives a signal's name in it, `symbol`
+    /// is how the DBC writes it, and `resolution` what one count of the drive's position is in it.
+    #[must_use]
+    pub fn with_position_unit(
+        &self,
+        symbol: &str,
+        resolution: f64,
+        rename: impl Fn(&str) -> String,
+    ) -> Self {
+        let messages = self.messages().iter().map(|message| {
+            let mut message = message.clone();
+            for signal in &mut message.signals {
+                let name = rename(&signal.name);
+                if name == signal.name || !signal.unit.starts_with(MILLIMETRES) {
+                    continue;
+                }
+                signal.unit = signal.unit.replacen(MILLIMETRES, symbol, 1);
+                if message.name == TPDO1 {
+                    let coding = &mut signal.coding;
+                    (coding.factor, coding.scale) = (resolution, Scale::new(resolution));
+                    coding.range = None;
+                }
+                signal.name = name;
+            }
+            message
+        });
+        Self::from_messages(messages.collect())
     }
 }
 

@@ -4,12 +4,13 @@
 use canrig_fuzz::{Journey, SCENARIO, expect_alive};
 use libfuzzer_sys::fuzz_target;
 use plant_emulator::PlantEmulator;
+use plant_emulator::ports::CURRENT;
 use plant_emulator::sma::Actuator;
 
 fuzz_target!(|bytes: &[u8]| {
-    let mut journey = Journey::new(PlantEmulator::<Actuator>::new(&SCENARIO, &SCENARIO.plant).expect("the plant is valid"));
+    let mut journey = Journey::new(PlantEmulator::new::<Actuator>(&SCENARIO, &SCENARIO.plant).expect("the plant is valid"));
     journey.travel(bytes);
     expect_alive(&mut journey, 0x10, 0x0002_0192);
-    assert_eq!(journey.node.inputs().current_amperes, 0.0);
+    assert_eq!(journey.node.inputs()[CURRENT], 0.0);
     expect_alive(&mut journey, 0x11, 0x0108_0191);
 });

@@ -6,50 +6,53 @@ use canopen::Node;
 use dbc::loops::LoopPlace;
 use dbc::{Database, PlantSignal, Range};
 use scenario::Scenario;
-use scenario::own::{OwnTable, Section, is_name};
+use scenario::own::{OwnTable, Parameters, Section, is_name};
+use scenario::port::Ports;
 use scenario::registration::{InvalidOwn, register};
 
 use crate::dc_motor::DcMotor;
 use crate::plant::{Plant, SIGNALS_MAX, Signal};
+use crate::ports::{PlantWithPorts, PortedPlant, SingleAxis};
 use crate::sma::Actuator;
-use crate::{InvalidEmulator, PlantEmulator};
+use crate::sma::pair::SmaPair;
+use crate::wires::Wires;
+use crate::{DriveOf, InvalidEmulator, PlantEmulator};
 
 /// Name of the actuator of the paper.
 pub const SMA_ACTUATOR: &str = Actuator::NAME;
 
-/// What is made of a scenario.
-type Make<T> = Box<dyn Fn(&Scenario) -> Result<T, InvalidEmulator> + Send + Sync>;
+/// What makes a plant of a scenario's table.
+type Make = Box<dyn Fn(&Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> + Send + Sync>;
 
-/// What makes an emulator of a scenario, where a loop is on a bus with these frames.
-type MakeEmulator = Box<
-    dyn Fn(&Scenario, LoopPlace, &Database) -> Result<Box<dyn Node>, InvalidEmulator> + Send + Sync,
->;
-
-/// A plant by its name: its own signals, and the emulator round it.
+/// A plant by its name, and what makes it.
 pub struct Kind {
     name: &'static str,
-    signals: Vec<PlantSignal>,
-    check: Make<()>,
-    emulator: MakeEmulator,
+    /// What a drive publishes of a plant of one axis, which never changes.
+    signals: Option<Vec<PlantSignal>>,
+    make: Make,
 }
 
 impl Kind {
-    /// `config` gives the plant's parameters in a scenario.
+    /// A plant of one axis; `config` gives its parameters in a scenario.
     fn of<P: Plant>(config: fn(&Scenario) -> Result<P::Config, InvalidEmulator>) -> Self {
-        let check = move |scenario: &Scenario| {
-            P::new(&config(scenario)?)?;
-            Ok(())
-        };
-        let emulator = move |scenario: &Scenario, place, database: &Database| {
-            let config = config(scenario)?;
-            let emulator = PlantEmulator::<P>::at(scenario, &config, place, database)?;
-            Ok(Box::new(emulator) as Box<dyn Node>)
-        };
         Self {
             name: P::NAME,
-            signals: P::SIGNALS.iter().map(described).collect(),
-            check: Box::new(check),
-            emulator: Box::new(emulator),
+            signals: Some(P::SIGNALS.iter().map(described).collect()),
+            make: Box::new(move |scenario| {
+                let plant = P::new(&config(scenario)?)?;
+                Ok(Box::new(SingleAxis::new(plant)))
+            }),
+        }
+    }
+
+    /// A plant with ports of its own.
+    fn with_ports<P: PlantWithPorts>(
+        config: fn(&Scenario) -> Result<P::Config, InvalidEmulator>,
+    ) -> Self {
+        Self {
+            name: P::NAME,
+            signals: None,
+            make: Box::new(move |scenario| Ok(Box::new(P::new(&config(scenario)?)?))),
         }
     }
 
@@ -59,10 +62,10 @@ impl Kind {
         self.name
     }
 
-    /// The plant's own signals, as they are on the bus.
+    /// What a drive publishes of a plant of one axis; none for a plant with ports of its own, where the parameters may say.
     #[must_use]
-    pub fn signals(&self) -> &[PlantSignal] {
-        &self.signals
+    pub fn signals(&self) -> Option<&[PlantSignal]> {
+        self.signals.as_deref()
     }
 }
 
@@ -73,22 +76,32 @@ pub struct OwnPlant {
 }
 
 impl OwnPlant {
-    /// The plant `P`.
+    /// The plant `P`, which is one of one axis.
     #[must_use]
     pub fn of<P: Plant>() -> Self {
-        let parameters = |scenario: &Scenario| {
-            let own = scenario
-                .plant
-                .own
-                .as_ref()
-                .ok_or_else(|| InvalidEmulator::UnknownPlant(P::NAME.to_owned()))?;
-            Ok(own.parameters::<P::Config>()?)
-        };
         Self {
-            kind: Kind::of::<P>(parameters),
+            kind: Kind::of::<P>(|scenario| own_parameters(scenario, P::NAME)),
             table: OwnTable::new::<P::Config>(P::NAME).with_faults(P::FAULTS),
         }
     }
+
+    /// The plant `P`, which has ports of its own.
+    #[must_use]
+    pub fn with_ports<P: PlantWithPorts>() -> Self {
+        Self {
+            kind: Kind::with_ports::<P>(|scenario| own_parameters(scenario, P::NAME)),
+            table: OwnTable::new::<P::Config>(P::NAME).with_faults(P::FAULTS),
+        }
+    }
+}
+
+fn own_parameters<C: Parameters>(scenario: &Scenario, name: &str) -> Result<C, InvalidEmulator> {
+    let own = scenario
+        .plant
+        .own
+        .as_ref()
+        .ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))?;
+    Ok(own.parameters::<C>()?)
 }
 
 /// Why a plant from outside cannot be registered.
@@ -117,10 +130,13 @@ pub enum InvalidOwnPlant {
     },
 }
 
-static SHIPPED: LazyLock<[Kind; 2]> = LazyLock::new(|| {
+static SHIPPED: LazyLock<[Kind; 3]> = LazyLock::new(|| {
     [
         Kind::of::<Actuator>(|scenario| Ok(scenario.plant.clone())),
         Kind::of::<DcMotor>(|scenario| Ok(scenario.plant.dc_motor.clone().unwrap_or_default())),
+        Kind::with_ports::<SmaPair>(|scenario| {
+            Ok(scenario.plant.sma_pair.clone().unwrap_or_default())
+        }),
     ]
 });
 
@@ -131,9 +147,9 @@ static OWN: OnceLock<Vec<Kind>> = OnceLock::new();
 /// # Errors
 /// One of them has a name, parameters or signals that it cannot have.
 pub fn register_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
-    plants
-        .iter()
-        .try_for_each(|plant| check_signals(&plant.kind))?;
+    plants.iter().try_for_each(|plant| {
+        check_signals(plant.kind.name, plant.kind.signals().unwrap_or_default())
+    })?;
     let (kinds, tables) = plants
         .into_iter()
         .map(|plant| (plant.kind, plant.table))
@@ -144,13 +160,13 @@ pub fn register_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
 }
 
 /// Whether the bus can carry a plant's signals.
-fn check_signals(kind: &Kind) -> Result<(), InvalidOwnPlant> {
-    let (plant, count) = (kind.name, kind.signals.len());
+fn check_signals(plant: &'static str, signals: &[PlantSignal]) -> Result<(), InvalidOwnPlant> {
+    let count = signals.len();
     if count > SIGNALS_MAX {
         return Err(InvalidOwnPlant::TooManySignals { plant, count });
     }
-    for (place, signal) in kind.signals.iter().enumerate() {
-        let is_double = kind.signals[..place]
+    for (place, signal) in signals.iter().enumerate() {
+        let is_double = signals[..place]
             .iter()
             .any(|other| other.name == signal.name);
         if let Some(reason) = flaw(signal).or(is_double.then_some("is there twice")) {
@@ -192,12 +208,37 @@ pub fn kinds() -> impl Iterator<Item = &'static Kind> {
     SHIPPED.iter().chain(OWN.get().into_iter().flatten())
 }
 
-/// Looks whether the plant that a scenario chooses makes sense, without an emulator round it.
+/// The plant that a scenario chooses.
 ///
 /// # Errors
-/// It makes none.
+/// It makes no sense.
+pub fn plant(scenario: &Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> {
+    (kind_of(scenario)?.make)(scenario)
+}
+
+/// Looks whether the plant that a scenario chooses makes sense and, where no rig file wires it, has the ports of a plant of one axis.
+///
+/// # Errors
+/// It makes none, or has others.
 pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
-    (kind_of(scenario)?.check)(scenario)
+    let ports = ports(scenario)?;
+    let is_wired = !scenario.wiring.input.is_empty();
+    if !is_wired {
+        Wires::new(&ports, &scenario.wiring)?;
+    }
+    Ok(())
+}
+
+/// The ports of the plant that a scenario chooses.
+///
+/// # Errors
+/// It makes no sense.
+pub fn ports(scenario: &Scenario) -> Result<Ports, InvalidEmulator> {
+    let plant = plant(scenario)?;
+    Ok(Ports {
+        inputs: plant.inputs().to_vec(),
+        outputs: plant.outputs().to_vec(),
+    })
 }
 
 /// The emulator of the plant that a scenario chooses.
@@ -205,19 +246,23 @@ pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
 /// # Errors
 /// The plant makes no sense.
 pub fn emulator(scenario: &Scenario) -> Result<Box<dyn Node>, InvalidEmulator> {
-    emulator_at(scenario, LoopPlace::SHIPPED, Database::shipped())
+    let only = DriveOf {
+        scenario,
+        place: LoopPlace::SHIPPED,
+        database: Database::shipped(),
+    };
+    emulator_of(scenario.plant.name(), &[only])
 }
 
-/// As [`emulator`], where a loop is on a bus with these frames.
+/// The emulator of a plant with these drives, all of which choose the same one; errors call it `name`.
 ///
 /// # Errors
-/// As [`emulator`].
-pub fn emulator_at(
-    scenario: &Scenario,
-    place: LoopPlace,
-    database: &Database,
-) -> Result<Box<dyn Node>, InvalidEmulator> {
-    (kind_of(scenario)?.emulator)(scenario, place, database)
+/// As [`emulator`], and a port that the plant has not.
+pub fn emulator_of(name: &str, drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
+    let first = drives.first().map(|drive| drive.scenario);
+    let first = first.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))?;
+    let emulator = PlantEmulator::of(name, plant(first)?, drives)?;
+    Ok(Box::new(emulator))
 }
 
 fn kind_of(scenario: &Scenario) -> Result<&'static Kind, InvalidEmulator> {
@@ -245,21 +290,27 @@ mod tests {
 
     use super::*;
 
-    fn database(name: &str) -> Database {
-        let kind = kinds().find(|kind| kind.name() == name).unwrap();
-        Database::with_plant(kind.signals())
+    fn scenario(plant: &str) -> Scenario {
+        let head = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let text = format!("{head}{plant}");
+        Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
+    }
+
+    fn signals(plant: &str) -> Vec<PlantSignal> {
+        let scenario = scenario(plant);
+        let kind = kind_of(&scenario).unwrap();
+        kind.signals().unwrap().to_vec()
     }
 
     #[test]
     fn the_actuator_s_frames_are_those_of_the_shipped_dbc() {
-        assert_eq!(&database(SMA_ACTUATOR), Database::shipped());
+        let signals = signals("");
+        assert_eq!(&Database::with_plant(&signals), Database::shipped());
     }
 
     #[test]
     fn the_motor_publishes_its_third_signal_in_tpdo3() {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n\
-                    [controller.open_loop]\n[plant.dc_motor]\nambient_celsius = 31.0\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = scenario("[plant.dc_motor]\nambient_celsius = 31.0\n");
         let mut node = emulator(&scenario).unwrap();
         let started = [(0x000, &[1, 0][..]), (0x080, &[1])];
         node.on_tick(Duration::ZERO);
@@ -268,7 +319,7 @@ mod tests {
             node.on_frame(Duration::from_millis(1), &CanFrame::new(id, data));
         }
         let frames: Vec<_> = std::iter::from_fn(|| node.next_frame()).collect();
-        let database = database("dc_motor");
+        let database = Database::with_plant(&signals("[plant.dc_motor]\n"));
         let value = |path| {
             let signal = database.require(path).unwrap();
             frames.iter().find_map(|frame| signal.decode(frame))
@@ -283,8 +334,9 @@ mod tests {
 
     #[test]
     fn the_shipped_plants_could_come_from_outside() {
-        for kind in kinds() {
-            assert_eq!(check_signals(kind), Ok(()), "{}", kind.name);
+        for table in ["", "[plant.dc_motor]\n"] {
+            let signals = signals(table);
+            assert_eq!(check_signals("shipped", &signals), Ok(()), "{table}");
         }
     }
 

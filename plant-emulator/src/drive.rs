@@ -3,8 +3,8 @@
 //! A command that follows from the sample of one SYNC acts from the next SYNC on: one cycle of delay. The current falls
 //! to 0 on arrival of whatever disables the drive, and by the drive's own timer when communication is lost.
 //!
-//! The drive holds the plant it is wired to and brings it up to date whenever it samples, before the current or a
-//! disturbance changes, and by a deadline of its own. Frames that only wait for a SYNC leave the physics alone.
+//! The drive has the plant that it is wired to in hand while it acts, and brings it up to date whenever it samples, before the
+//! current or a disturbance changes, and by a deadline of its own. Frames that only wait for a SYNC leave the physics alone.
 
 mod objects;
 
@@ -21,15 +21,15 @@ use canopen::{
 use scenario::Scenario;
 
 use objects::{Objects, TARGET_TORQUE};
-pub(crate) use objects::{declare, set_truth_pace};
+pub(crate) use objects::{declare, declare_unit, set_truth_pace};
 
 use crate::amplifier::Amplifier;
 use crate::clocked_plant::ClockedPlant;
 use crate::faults::RigFaults;
 use crate::objects::MissingObject;
-use crate::plant::{Inputs, Plant};
 use crate::sensor::PositionSensor;
 use crate::thermal_protection::ThermalProtection;
+use crate::wires::Wires;
 
 /// Longest pause between two SYNCs (assumed). In it a wire at 1 A warms by less than 10 °C; a host that does not run
 /// the manager for some milliseconds causes no fault.
@@ -47,15 +47,19 @@ const COMMUNICATION_CYCLE_PERIOD: u16 = 0x1006;
 const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
 
 /// The drive's application: what happens round its object dictionary.
-#[derive(Clone, Debug)]
-pub struct Drive<P: Plant> {
-    objects: Objects<P>,
+#[derive(Debug)]
+pub struct Drive {
+    objects: Objects,
     machine: StateMachine,
     sensor: PositionSensor,
     amplifier: Amplifier,
     protection: ThermalProtection,
-    /// The plant and what acts on it; its current is what the amplifier puts out.
-    plant: ClockedPlant<P>,
+    /// The plant and what acts on it, while this drive has it in hand.
+    plant: ClockedPlant,
+    /// The plant's ports to which amplifier and sensor are wired.
+    wires: Wires,
+    /// The time up to which the overload integral was brought, and the plant with it.
+    followed: Duration,
     /// What goes wrong with sensor, amplifier and plant.
     faults: RigFaults,
     /// What the amplifier is commanded.
@@ -82,24 +86,28 @@ pub struct Drive<P: Plant> {
     is_stop_asked: bool,
 }
 
-impl<P: Plant> Drive<P> {
+impl Drive {
     /// The drive wired to a plant, with the objects of a dictionary. The sensor's noise follows from the seed.
     ///
     /// # Errors
     /// An object that the dictionary lacks.
-    pub fn new(
+    pub(crate) fn new(
         scenario: &Scenario,
-        plant: P,
+        plant: ClockedPlant,
+        wires: Wires,
         dictionary: &ObjectDictionary,
     ) -> Result<Self, MissingObject> {
-        let objects = Objects::find(dictionary)?;
+        let objects = Objects::find(dictionary, &wires)?;
         let config = &scenario.plant;
+        let position_min = scenario.wiring.position_min;
         Ok(Self {
             machine: StateMachine::new(),
-            sensor: PositionSensor::new(&config.sensor, scenario.seed),
+            sensor: PositionSensor::new(&config.sensor, scenario.seed).from(position_min),
             amplifier: Amplifier::new(&config.amplifier, objects.rated_amperes(dictionary)),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
-            plant: ClockedPlant::new(plant),
+            plant,
+            wires,
+            followed: Duration::ZERO,
             faults: RigFaults::new(scenario),
             commanded_amperes: 0.0,
             deviates_since: None,
@@ -116,16 +124,24 @@ impl<P: Plant> Drive<P> {
         })
     }
 
-    /// The plant, as far as it has been brought up to date.
-    #[must_use]
-    pub fn plant(&self) -> &P {
-        self.plant.plant()
+    /// The plant on the emulator's own clock; none's where another drive has it in hand.
+    pub(crate) fn plant(&self) -> &ClockedPlant {
+        &self.plant
     }
 
-    /// What acts on the plant.
-    #[must_use]
-    pub fn inputs(&self) -> &Inputs<P::Condition> {
-        self.plant.inputs()
+    /// As [`Drive::plant`], to hand it over.
+    pub(crate) fn plant_mut(&mut self) -> &mut ClockedPlant {
+        &mut self.plant
+    }
+
+    /// What the amplifier puts out.
+    pub(crate) fn current_amperes(&self) -> f64 {
+        self.plant.input(self.wires.input)
+    }
+
+    /// The temperature of what that heats.
+    pub(crate) fn heated_celsius(&self) -> Option<f64> {
+        self.plant.heated_celsius(self.wires.input)
     }
 
     /// The state of the power state machine.
@@ -134,37 +150,21 @@ impl<P: Plant> Drive<P> {
         self.machine.state()
     }
 
-    /// Lets other disturbances act from `now` on.
-    pub(crate) fn disturb(
-        &mut self,
-        now: Duration,
-        convection_factor: f64,
-        added_load_kilograms: f64,
-    ) {
-        let present = self.plant.inputs();
-        let acting = (present.convection_factor, present.added_load_kilograms);
-        if acting == (convection_factor, added_load_kilograms) {
-            return;
+    /// Lets something else act on an input of the plant from `now` on.
+    pub(crate) fn disturb(&mut self, now: Duration, input: usize, value: f64) {
+        if self.plant.input(input) != value {
+            self.advance_to(now);
+            self.plant.set_input(input, value);
         }
-        let inputs = Inputs {
-            convection_factor,
-            added_load_kilograms,
-            ..*present
-        };
-        self.act_on_plant(now, inputs);
     }
 
-    /// This drive anew, as after power-on, wired to the same rig.
-    pub(crate) fn renew(&mut self, fresh: &Self) {
-        let worn = std::mem::replace(self, fresh.clone());
-        (self.plant, self.faults, self.sensor) = (worn.plant, worn.faults, worn.sensor);
-        self.clock_error = worn.clock_error;
+    /// The rig goes on although its drive begins anew, as after power-on.
+    pub(crate) fn wire_to_rig_of(&mut self, worn: &mut Self) {
+        std::mem::swap(&mut self.plant, &mut worn.plant);
+        std::mem::swap(&mut self.faults, &mut worn.faults);
+        std::mem::swap(&mut self.sensor, &mut worn.sensor);
+        (self.clock_error, self.followed) = (worn.clock_error, worn.followed);
         self.commanded_amperes = worn.commanded_amperes;
-    }
-
-    /// The plant on the emulator's own clock.
-    pub(crate) fn clocked_plant(&self) -> &ClockedPlant<P> {
-        &self.plant
     }
 
     /// The faults of the rig.
@@ -174,7 +174,7 @@ impl<P: Plant> Drive<P> {
 
     /// The next time at which a fault of the rig begins or ends.
     pub(crate) fn next_fault(&self) -> Option<Duration> {
-        self.faults.next_change(self.plant.time())
+        self.faults.next_change(self.followed)
     }
 
     /// How far the node's clock is ahead of the emulator's own, and how far behind.
@@ -199,45 +199,54 @@ impl<P: Plant> Drive<P> {
         (services.now() + behind).saturating_sub(ahead)
     }
 
-    fn act_on_plant(&mut self, now: Duration, inputs: Inputs<P::Condition>) {
-        if inputs != *self.plant.inputs() {
-            self.advance_to(now);
-            self.plant.set_inputs(inputs);
-        }
-    }
-
     /// Commands the amplifier.
     fn set_current(&mut self, now: Duration, commanded_amperes: f64) {
         self.commanded_amperes = commanded_amperes;
-        let inputs = Inputs {
-            current_amperes: self.faults.current_amperes::<P>(now, commanded_amperes),
-            condition: self.faults.condition::<P>(now),
-            ..*self.plant.inputs()
-        };
-        self.act_on_plant(now, inputs);
+        let input = self.wires.input;
+        let mut current_amperes = commanded_amperes;
+        if let Some((faults, time_seconds)) = self.faults.of_plant(now) {
+            if self.plant.is_condition_new(input, faults, time_seconds) {
+                self.advance_to(now);
+                // Borrowed anew: time has passed.
+                if let Some((faults, time_seconds)) = self.faults.of_plant(now) {
+                    self.plant.set_condition(input, faults, time_seconds);
+                }
+            }
+            current_amperes = match self.plant.conducts(input) {
+                true => self.faults.current_amperes(now, commanded_amperes),
+                false => 0.0,
+            };
+        }
+        if self.plant.failure().is_some() {
+            current_amperes = 0.0;
+        }
+        self.disturb(now, input, current_amperes);
     }
 
     /// Brings the plant and the overload integral to `now`.
     fn advance_to(&mut self, now: Duration) {
-        let current_amperes = self.plant.inputs().current_amperes;
-        let elapsed = self.plant.advance_to(now);
+        let elapsed = now.saturating_sub(self.followed);
+        let current_amperes = self.current_amperes();
+        self.plant.advance_to(now);
         self.protection
             .advance(elapsed.as_secs_f64(), current_amperes);
+        self.followed = self.followed.max(now);
     }
 
     /// Samples the sensors into the dictionary.
     fn sample(&mut self, services: &mut Services) {
         let now = self.now(services);
         self.advance_to(now);
-        let true_position = self.plant.plant().position_metres();
+        let true_position = self.plant.output(self.wires.output) * self.wires.metres_per_unit;
         let sensor = &mut self.sensor;
         let convert = |position| sensor.sample(position);
         let counts = self.faults.sense(now, true_position, convert);
         let position = self.sensor.position_metres(counts);
-        let permille = self.amplifier.permille(self.plant.inputs().current_amperes);
+        let permille = self.amplifier.permille(self.current_amperes());
         let dictionary = services.dictionary_mut();
         self.objects.set_position(dictionary, position);
-        self.objects.set_truth(dictionary, self.plant.plant());
+        self.objects
+            .set_truth(dictionary, &self.plant, true_position);
         self.objects.set_current(dictionary, permille);
         self.objects
             .set_utilisation(dictionary, self.protection.utilisation());
@@ -259,6 +268,7 @@ impl<P: Plant> Drive<P> {
 
     fn may_drive(&self, services: &Services) -> bool {
         !self.is_stop_asked
+            && self.plant.failure().is_none()
             && services.nmt_state() == NmtState::Operational
             && self.machine.is_current_allowed()
             && self.objects.mode(services.dictionary()) == CYCLIC_SYNCHRONOUS_TORQUE
@@ -291,7 +301,7 @@ impl<P: Plant> Drive<P> {
 
     /// A current that is not what is commanded, for some time, is a fault, over when it is again.
     fn supervise_current(&mut self, services: &mut Services) {
-        let deviation = self.plant.inputs().current_amperes - self.commanded_amperes;
+        let deviation = self.current_amperes() - self.commanded_amperes;
         if deviation.abs() <= CURRENT_DEVIATION_AMPERES_MAX {
             self.deviates_since = None;
             services.clear_error(ErrorCode::HARDWARE);
@@ -346,7 +356,7 @@ impl<P: Plant> Drive<P> {
     }
 }
 
-impl<P: Plant> Application for Drive<P> {
+impl Application for Drive {
     fn on_reset(&mut self, services: &mut Services, _reset: NmtCommand) {
         self.machine = StateMachine::new();
         self.is_command_cut = false;
@@ -469,7 +479,7 @@ impl<P: Plant> Application for Drive<P> {
 
     fn next_deadline(&self) -> Option<Duration> {
         let (ahead, behind) = self.clock_error;
-        let physics = (self.plant.time() + self.idle_max + ahead).saturating_sub(behind);
+        let physics = (self.followed + self.idle_max + ahead).saturating_sub(behind);
         let manager = self.manager.map(|(_, deadline)| deadline);
         earlier(self.sync_deadline(), earlier(manager, Some(physics)))
     }

@@ -1,11 +1,12 @@
 //! The plant emulator: a plant behind the bus interface of a real drive.
 //!
-//! Comes in: a scenario, and the frames of whoever leads the drive. Goes out: the frames of a drive and of a disturbance
-//! module, and the truth about the plant that no real drive publishes.
+//! Comes in: a scenario, and the frames of whoever leads the drives. Goes out: the frames of the drives and disturbance
+//! modules of a plant, and the truth about the plant that no real drive publishes.
 //!
-//! [`plant`] says what a plant is; [`sma`] is the actuator of the paper and [`dc_motor`] a motor with gearbox, one file for
+//! [`ports`] says what a plant is to the emulator: named inputs and outputs; [`plant`] what a plant of one axis is, which has the
+//! same ports as all of its kind. [`sma`] is the actuator of the paper and [`dc_motor`] a motor with gearbox, one file for
 //! each part of the model; [`catalogue`] lists them with those that a bench from outside brings. [`drive`] and
-//! [`disturbance`] are the two nodes that act on a plant; [`PlantEmulator`] is both of them and the plant as one participant.
+//! [`disturbance`] are the nodes that act on a plant; [`PlantEmulator`] is all of them and the plant as one participant.
 //!
 //! It does not know: control laws, what is expected of a run, and in which world it runs. The platform is named in `main.rs`
 //! only.
@@ -21,10 +22,12 @@ mod faults;
 pub mod integrator;
 mod objects;
 pub mod plant;
+pub mod ports;
 pub mod sensor;
 pub mod sma;
 pub mod thermal_protection;
 mod truth;
+mod wires;
 
 use std::time::Duration;
 
@@ -34,14 +37,18 @@ use canopen::eds::EdsError;
 use canopen::services::InvalidPdo;
 use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earlier};
 
+use clocked_plant::ClockedPlant;
 use dbc::loops::LoopPlace;
 use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
 use drive::Drive;
 pub use objects::MissingObject;
-use plant::{Inputs, InvalidPlant, Plant};
+use plant::{InvalidPlant, Plant};
+use ports::{PortedPlant, Ports, SingleAxis};
+use scenario::Scenario;
 use scenario::fault::node::Output;
 use truth::Truth;
+use wires::Wires;
 
 /// Node-ID of the manager, by the bench's convention.
 const MANAGER_NODE_ID: NodeId = NodeId::new(0x01).expect("1 is in 1 to 127");
@@ -73,6 +80,17 @@ pub enum InvalidEmulator {
     /// The table of a plant from outside is that of another one.
     #[error("plant: {0}")]
     Parameters(#[from] toml::de::Error),
+    /// The plant has no such port.
+    #[error("the plant has no port `{0}`")]
+    UnknownPort(String),
+    /// A sensor cannot have this unit.
+    #[error("the port `{port}` cannot be measured in {unit}")]
+    Unit {
+        /// The port.
+        port: String,
+        /// The unit.
+        unit: String,
+    },
     /// A data sheet cannot be read.
     #[error("EDS of node {node_id}: {error}")]
     Eds {
@@ -95,52 +113,80 @@ pub enum InvalidEmulator {
     Signal(#[from] SignalMissing),
 }
 
-/// The drive with the plant it is wired to, and the disturbance module that acts on the same plant.
+/// One of the drives of a plant: what is tried on it, and where it is on a bus with these frames.
+#[derive(Clone, Copy, Debug)]
+pub struct DriveOf<'a> {
+    /// What is tried.
+    pub scenario: &'a Scenario,
+    /// Where.
+    pub place: LoopPlace,
+    /// The frames.
+    pub database: &'a Database,
+}
+
+/// The drives of a plant with the plant that they are wired to, and the disturbance modules that act on it.
 ///
-/// The plant follows the emulator's own time; see [`drive`]. In a scenario with faults the drive's node may fail; the
+/// The plant follows the emulator's own time; see [`drive`]. In a scenario with faults the node of a drive may fail; the
 /// plant lives on and publishes the truth about itself.
 #[derive(Debug)]
-pub struct PlantEmulator<P: Plant> {
-    drive: DriveNode<P>,
-    /// None where no node acts on the plant besides the drive.
-    disturbance: Option<Device<DisturbanceModule>>,
-    place: LoopPlace,
+pub struct PlantEmulator {
+    /// What errors call the plant.
+    name: String,
+    /// In the order of their node-IDs.
+    drives: Vec<DriveNode>,
+    /// Which of them has the plant in hand.
+    holder: usize,
+    modules: Vec<Module>,
+    /// Node-IDs of drives and modules.
+    node_ids: Vec<u8>,
+}
+
+/// A disturbance module, and the inputs of the plant on which it acts.
+#[derive(Debug)]
+struct Module {
+    device: Device<DisturbanceModule>,
+    fan: Option<usize>,
+    /// How many of the port's unit a kilogram is.
+    load: Option<(usize, f64)>,
 }
 
 /// The drive as a node, in a scenario without faults and in one with them.
 #[derive(Debug)]
 #[expect(
     clippy::large_enum_variant,
-    reason = "there is one, and it lives as long as the program"
+    reason = "there are few, and they live as long as the program"
 )]
-enum DriveNode<P: Plant> {
-    Sound(Device<Drive<P>>),
-    Faulty(Faulty<Device<Drive<P>>>, Truth),
+enum DriveNode {
+    Sound(Device<Drive>),
+    Faulty(Faulty<Device<Drive>>, Truth),
 }
 
-impl<P: Plant> DriveNode<P> {
-    fn new(
-        scenario: &scenario::Scenario,
-        sound: Device<Drive<P>>,
-        place: LoopPlace,
-        database: &Database,
-    ) -> Result<Self, InvalidEmulator> {
-        if scenario.fault.is_empty() {
+impl DriveNode {
+    /// The drive of these parts, which has this plant in hand.
+    fn new(parts: Parts, plant: ClockedPlant, of: &DriveOf<'_>) -> Result<Self, InvalidEmulator> {
+        let sound = parts.device(plant)?;
+        if of.scenario.fault.is_empty() {
             return Ok(Self::Sound(sound));
         }
         let plan = FaultPlan {
-            number: place.drive_node_id,
-            ..FaultPlan::new(&scenario.fault, scenario::fault::node::Node::Drive)
+            number: of.place.drive_node_id,
+            ..FaultPlan::new(&of.scenario.fault, scenario::fault::node::Node::Drive)
         };
-        let fresh = sound.clone();
-        let renew = move |device: &mut Device<Drive<P>>| {
-            let mut drive = device.application().clone();
-            drive.renew(fresh.application());
-            device.clone_from(&fresh);
-            *device.application_mut() = drive;
+        let renew = move |device: &mut Device<Drive>| {
+            // It could be set up once, so it can again.
+            if let Ok(mut fresh) = parts.device(ClockedPlant::none()) {
+                fresh
+                    .application_mut()
+                    .wire_to_rig_of(device.application_mut());
+                *device = fresh;
+            }
         };
-        let faulty = Faulty::new(sound, plan, database, renew)?;
-        Ok(Self::Faulty(faulty, Truth::new(database)?))
+        let faulty = Faulty::new(sound, plan, of.database, renew)?;
+        Ok(Self::Faulty(faulty, Truth::new(of.database)?))
+    }
+
+    fn is_faulty(&self) -> bool {
+        matches!(self, Self::Faulty(..))
     }
 
     fn as_node(&self) -> &dyn Node {
@@ -157,14 +203,14 @@ impl<P: Plant> DriveNode<P> {
         }
     }
 
-    fn device(&self) -> &Device<Drive<P>> {
+    fn device(&self) -> &Device<Drive> {
         match self {
             Self::Sound(device) => device,
             Self::Faulty(faulty, _) => faulty.node(),
         }
     }
 
-    fn drive_mut(&mut self) -> &mut Drive<P> {
+    fn drive_mut(&mut self) -> &mut Drive {
         match self {
             Self::Sound(device) => device.application_mut(),
             Self::Faulty(faulty, _) => faulty.node_mut().application_mut(),
@@ -187,7 +233,7 @@ impl<P: Plant> DriveNode<P> {
             drive.cut_off(now);
         }
         drive.follow(now);
-        truth.observe(now, drive.clocked_plant());
+        truth.observe(now, drive);
     }
 
     /// Before each event: the node's clock, so that the rig knows its own.
@@ -211,6 +257,12 @@ impl<P: Plant> DriveNode<P> {
             .min()
     }
 
+    fn overhear(&mut self, frame: &CanFrame) {
+        if let Self::Faulty(faulty, _) = self {
+            faulty.overhear(frame);
+        }
+    }
+
     fn next_frame(&mut self) -> Option<CanFrame> {
         let frame = self.as_node_mut().next_frame();
         match self {
@@ -220,73 +272,199 @@ impl<P: Plant> DriveNode<P> {
     }
 }
 
-impl<P: Plant> PlantEmulator<P> {
-    /// The emulator of a plant with these parameters in a scenario, with the objects of the shipped data sheets.
-    ///
-    /// # Errors
-    /// A plant that makes no sense, or a data sheet that does not suit.
-    pub fn new(scenario: &scenario::Scenario, config: &P::Config) -> Result<Self, InvalidEmulator> {
-        Self::at(scenario, config, LoopPlace::SHIPPED, Database::shipped())
-    }
+/// What a drive is made of, at the start and after a reboot.
+struct Parts {
+    node_id: NodeId,
+    scenario: Scenario,
+    wires: Wires,
+    objects: ObjectDictionary,
+}
 
-    /// As [`PlantEmulator::new`], where a loop is on a bus with these frames.
-    ///
-    /// # Errors
-    /// As [`PlantEmulator::new`].
-    pub fn at(
-        scenario: &scenario::Scenario,
-        config: &P::Config,
-        place: LoopPlace,
-        database: &Database,
-    ) -> Result<Self, InvalidEmulator> {
-        let plant = P::new(config)?;
+impl Parts {
+    fn new(plant: &ClockedPlant, wires: Wires, of: &DriveOf<'_>) -> Result<Self, InvalidEmulator> {
+        let DriveOf {
+            scenario, place, ..
+        } = of;
         let wrong_id = scenario.fault.node.wrong_node_id.first();
-        let drive_id = wrong_id
+        let node_id = wrong_id
             .and_then(|fault| NodeId::new(fault.node_id))
             .map_or_else(|| node_id(place.drive_node_id), Ok)?;
-        let mut objects = dictionary(drive_id, dbc::DRIVE_EDS)?;
+        let mut objects = dictionary(node_id, dbc::DRIVE_EDS)?;
         if let Some(fault) = scenario.fault.node.wrong_identity.first() {
             set_product_code(&mut objects, fault.product_code);
         }
-        drive::declare(&mut objects, &plant);
-        drive::set_truth_pace(&mut objects, &place);
-        let drive = Drive::new(scenario, plant, &objects)?;
-        let drive = Device::new(drive_id, objects, drive)?;
-        let disturbance = place.disturbance_node_id.map(disturbance).transpose()?;
+        drive::declare(&mut objects, plant, &wires);
+        drive::declare_unit(&mut objects, &scenario.wiring.unit);
+        drive::set_truth_pace(&mut objects, place);
         Ok(Self {
-            drive: DriveNode::new(scenario, drive, place, database)?,
-            disturbance,
-            place,
+            node_id,
+            scenario: Scenario::clone(scenario),
+            wires,
+            objects,
         })
     }
 
-    /// The plant, as far as it has been brought up to date: to the latest SYNC or tick, or later.
-    #[must_use]
-    pub fn plant(&self) -> &P {
-        self.drive.device().application().plant()
-    }
-
-    /// What acts on the plant.
-    #[must_use]
-    pub fn inputs(&self) -> &Inputs<P::Condition> {
-        self.drive.device().application().inputs()
-    }
-
-    /// Passes the disturbance module's outputs on to the plant.
-    fn disturb(&mut self, now: Duration) {
-        let Some(disturbance) = &self.disturbance else {
-            return;
-        };
-        let module = disturbance.application();
-        let (factor, load) = (module.convection_factor(), module.added_load_kilograms());
-        self.drive.drive_mut().disturb(now, factor, load);
+    fn device(&self, plant: ClockedPlant) -> Result<Device<Drive>, InvalidEmulator> {
+        let drive = Drive::new(&self.scenario, plant, self.wires.clone(), &self.objects)?;
+        Ok(Device::new(self.node_id, self.objects.clone(), drive)?)
     }
 }
 
-impl<P: Plant> Node for PlantEmulator<P> {
+impl PlantEmulator {
+    /// The emulator of a plant of one axis with these parameters in a scenario, with the objects of the shipped data sheets.
+    ///
+    /// # Errors
+    /// A plant that makes no sense, or a data sheet that does not suit.
+    pub fn new<P: Plant>(scenario: &Scenario, config: &P::Config) -> Result<Self, InvalidEmulator> {
+        let plant = Box::new(SingleAxis::new(P::new(config)?));
+        let only = DriveOf {
+            scenario,
+            place: LoopPlace::SHIPPED,
+            database: Database::shipped(),
+        };
+        Self::of(P::NAME, plant, &[only])
+    }
+
+    /// The emulator of a plant with these drives; errors call the plant `name`.
+    ///
+    /// # Errors
+    /// A port that the plant has not, or a data sheet that does not suit.
+    pub fn of(
+        name: &str,
+        plant: Box<dyn PortedPlant>,
+        drives: &[DriveOf<'_>],
+    ) -> Result<Self, InvalidEmulator> {
+        let ports = Ports {
+            inputs: plant.inputs().to_vec(),
+            outputs: plant.outputs().to_vec(),
+        };
+        let mut in_hand = ClockedPlant::new(plant);
+        let mut sorted = Vec::from_iter(drives);
+        sorted.sort_by_key(|drive| drive.place.drive_node_id);
+        let (mut nodes, mut modules, mut node_ids) = (Vec::new(), Vec::new(), Vec::new());
+        let mut parts = Vec::new();
+        for of in sorted {
+            let wires = Wires::new(&ports, &of.scenario.wiring)?;
+            node_ids.push(of.place.drive_node_id);
+            if let Some(id) = of.place.disturbance_node_id
+                && !node_ids.contains(&id)
+            {
+                node_ids.push(id);
+                modules.push(Module {
+                    device: disturbance(id)?,
+                    fan: wires.fan,
+                    load: wires.load,
+                });
+            }
+            parts.push((Parts::new(&in_hand, wires, of)?, of));
+        }
+        for (parts, of) in parts {
+            let plant = std::mem::replace(&mut in_hand, ClockedPlant::none());
+            nodes.push(DriveNode::new(parts, plant, of)?);
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            drives: nodes,
+            holder: 0,
+            modules,
+            node_ids,
+        })
+    }
+
+    /// The plant of one axis, if it is of this type, as far as it has been brought up to date: to the latest SYNC or tick, or later.
+    #[must_use]
+    pub fn plant<P: Plant>(&self) -> Option<&P> {
+        self.ported_plant::<SingleAxis<P>>().map(SingleAxis::plant)
+    }
+
+    /// The plant, if it is of this type.
+    #[must_use]
+    pub fn ported_plant<P: PortedPlant>(&self) -> Option<&P> {
+        self.in_hand()?.plant()
+    }
+
+    /// What acts on the plant, in the order of its inputs.
+    #[must_use]
+    pub fn inputs(&self) -> &[f64] {
+        self.in_hand().map_or(&[], ClockedPlant::inputs)
+    }
+
+    fn in_hand(&self) -> Option<&ClockedPlant> {
+        let holder = self.drives.get(self.holder)?;
+        Some(holder.device().application().plant())
+    }
+
+    /// Gives a drive the plant in hand.
+    #[inline]
+    fn hand_over(&mut self, to: usize) {
+        if self.holder != to {
+            self.exchange(to);
+        }
+    }
+
+    fn exchange(&mut self, to: usize) {
+        let (low, high) = (self.holder.min(to), self.holder.max(to));
+        if let Some((before, [second, ..])) = self.drives.split_at_mut_checked(high)
+            && let Some(first) = before.get_mut(low)
+        {
+            let (first, second) = (first.drive_mut(), second.drive_mut());
+            std::mem::swap(first.plant_mut(), second.plant_mut());
+            self.holder = to;
+        }
+    }
+
+    /// Something happens to the modules, then to each drive, in the order of node-IDs; at last the rig follows.
+    fn each(
+        &mut self,
+        now: Duration,
+        of_module: impl Fn(&mut Device<DisturbanceModule>),
+        of_drive: impl Fn(&mut dyn Node),
+    ) {
+        for drive in &mut self.drives {
+            drive.set_clock(now);
+        }
+        for module in &mut self.modules {
+            of_module(&mut module.device);
+        }
+        self.disturb(now);
+        for place in 0..self.drives.len() {
+            self.hand_over(place);
+            of_drive(self.drives[place].as_node_mut());
+        }
+        for place in 0..self.drives.len() {
+            if self.drives[place].is_faulty() {
+                self.hand_over(place);
+                self.drives[place].follow(now);
+            }
+        }
+    }
+
+    /// Passes the outputs of the disturbance modules on to the plant.
+    fn disturb(&mut self, now: Duration) {
+        let Some(holder) = self.drives.get_mut(self.holder) else {
+            return;
+        };
+        for Module { device, fan, load } in &self.modules {
+            let module = device.application();
+            if let Some(input) = fan {
+                holder
+                    .drive_mut()
+                    .disturb(now, *input, module.convection_factor());
+            }
+            if let Some((input, factor)) = load {
+                let load = module.added_load_kilograms() * factor;
+                holder.drive_mut().disturb(now, *input, load);
+            }
+        }
+    }
+}
+
+impl Node for PlantEmulator {
     fn filters(&self) -> Vec<Filter> {
-        let mut filters = self.drive.as_node().filters();
-        filters.extend(self.disturbance.iter().flat_map(Node::filters));
+        let drives = self.drives.iter();
+        let mut filters = Vec::from_iter(drives.flat_map(|drive| drive.as_node().filters()));
+        let modules = self.modules.iter();
+        filters.extend(modules.flat_map(|module| module.device.filters()));
         filters.sort_unstable_by_key(|filter| (filter.id, filter.mask));
         filters.dedup();
         filters
@@ -313,15 +491,16 @@ impl<P: Plant> Node for PlantEmulator<P> {
     /// The PDOs of the manager and the own ones, as far as they wait for the SYNC or nobody here listens to them. With
     /// faults any frame may make the emulator publish the truth.
     fn silent_filters(&self) -> Vec<Filter> {
-        let DriveNode::Sound(drive) = &self.drive else {
+        if self.drives.iter().any(DriveNode::is_faulty) {
             return Vec::new();
-        };
-        let own = [self.place.drive_node_id].into_iter();
-        let own = own.chain(self.place.disturbance_node_id);
+        }
+        let own = self.node_ids.iter().copied();
         let nodes = Vec::from_iter([MANAGER_NODE_ID.get()].into_iter().chain(own));
         let is_silent = |id: &u16| {
-            let mut disturbance = self.disturbance.iter();
-            drive.takes_silently(*id) && disturbance.all(|module| module.takes_silently(*id))
+            let mut drives = self.drives.iter();
+            let mut modules = self.modules.iter();
+            drives.all(|drive| drive.device().takes_silently(*id))
+                && modules.all(|module| module.device.takes_silently(*id))
         };
         let ids = PDO_FUNCTIONS
             .into_iter()
@@ -330,54 +509,68 @@ impl<P: Plant> Node for PlantEmulator<P> {
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        self.drive.set_clock(now);
-        if let Some(disturbance) = &mut self.disturbance {
-            disturbance.on_frame(now, frame);
-        }
-        self.disturb(now);
-        self.drive.as_node_mut().on_frame(now, frame);
-        self.drive.follow(now);
+        self.each(
+            now,
+            |module| module.on_frame(now, frame),
+            |drive| drive.on_frame(now, frame),
+        );
     }
 
     fn on_tick(&mut self, now: Duration) {
-        self.drive.set_clock(now);
-        if let Some(disturbance) = &mut self.disturbance {
-            disturbance.on_tick(now);
-        }
-        self.disturb(now);
-        self.drive.as_node_mut().on_tick(now);
-        self.drive.follow(now);
+        self.each(
+            now,
+            |module| module.on_tick(now),
+            |drive| drive.on_tick(now),
+        );
     }
 
     fn on_stop(&mut self, now: Duration) {
-        self.drive.set_clock(now);
-        if let Some(disturbance) = &mut self.disturbance {
-            disturbance.on_stop(now);
-        }
-        self.disturb(now);
-        self.drive.as_node_mut().on_stop(now);
-        self.drive.follow(now);
+        self.each(
+            now,
+            |module| module.on_stop(now),
+            |drive| drive.on_stop(now),
+        );
     }
 
     fn next_frame(&mut self) -> Option<CanFrame> {
-        self.drive
-            .next_frame()
-            .or_else(|| self.disturbance.as_mut()?.next_frame())
+        let mut drives = self.drives.iter_mut().enumerate();
+        let sent = drives.find_map(|(place, drive)| Some((place, drive.next_frame()?)));
+        if let Some((sender, frame)) = sent {
+            for (place, drive) in self.drives.iter_mut().enumerate() {
+                if place != sender {
+                    drive.overhear(&frame);
+                }
+            }
+            return Some(frame);
+        }
+        let mut modules = self.modules.iter_mut();
+        modules.find_map(|module| module.device.next_frame())
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        let disturbance = self.disturbance.as_ref().and_then(Node::next_deadline);
-        earlier(self.drive.next_deadline(), disturbance)
+        let drives = self.drives.iter().map(DriveNode::next_deadline);
+        let modules = self.modules.iter();
+        let modules = modules.map(|module| module.device.next_deadline());
+        drives.chain(modules).fold(None, earlier)
     }
 
+    /// A plant that cannot go on has failed, whatever its drives say.
     fn progress(&self) -> Progress {
-        let drive = self.drive.as_node().progress();
-        let disturbance = self.disturbance.as_ref();
-        match (drive, disturbance.map_or(Progress::Stopped, Node::progress)) {
-            (Progress::Stopped, Progress::Stopped) => Progress::Stopped,
-            (failed @ Progress::Failed(_), _) | (_, failed @ Progress::Failed(_)) => failed,
-            _ => Progress::Running,
+        if let Some(reason) = self.in_hand().and_then(ClockedPlant::failure) {
+            return Progress::Failed(format!("the plant `{}` cannot go on: {reason}", self.name));
         }
+        let drives = self.drives.iter().map(|drive| drive.as_node().progress());
+        let modules = self.modules.iter();
+        let modules = modules.map(|module| module.device.progress());
+        let mut all = Progress::Stopped;
+        for one in drives.chain(modules) {
+            match one {
+                failed @ Progress::Failed(_) => return failed,
+                Progress::Running => all = Progress::Running,
+                Progress::Stopped => {}
+            }
+        }
+        all
     }
 }
 

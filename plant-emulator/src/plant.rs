@@ -24,6 +24,9 @@ pub trait Plant: Clone + fmt::Debug + Send + 'static {
     /// Its own signals, at most [`SIGNALS_MAX`]: no real drive measures them, the emulated one publishes them at every SYNC.
     const SIGNALS: &'static [Signal<Self>];
 
+    /// What more of it a sensor may measure, by a rig file; nobody publishes it.
+    const FURTHER: &'static [Signal<Self>] = &[];
+
     /// The kinds of `[[fault.plant.…]]` that [`Plant::condition`] looks at; others are refused.
     const FAULTS: &'static [&'static str] = &[];
 

@@ -27,6 +27,8 @@ impl Counts {
 /// The sensor.
 #[derive(Clone, Debug)]
 pub struct PositionSensor {
+    /// What no count stands for.
+    zero_metres: f64,
     /// One count.
     count_metres: f64,
     /// Largest count.
@@ -43,10 +45,20 @@ impl PositionSensor {
     pub fn new(config: &plant::Sensor, seed: u64) -> Self {
         let counts = 1_u32 << config.resolution_bits.clamp(1, RESOLUTION_BITS_MAX);
         Self {
+            zero_metres: 0.0,
             count_metres: config.span_millimetres * 1e-3 / f64::from(counts),
             counts_max: counts - 1,
             noise_metres_rms: config.noise_millimetres_rms * 1e-3,
             stream: Stream::new(seed),
+        }
+    }
+
+    /// The same with its span from another position on than 0.
+    #[must_use]
+    pub fn from(self, position_min_millimetres: f64) -> Self {
+        Self {
+            zero_metres: position_min_millimetres * 1e-3,
+            ..self
         }
     }
 
@@ -56,7 +68,7 @@ impl PositionSensor {
         if self.noise_metres_rms > 0.0 {
             position += self.noise_metres_rms * self.stream.normal();
         }
-        let counts = (position / self.count_metres).round();
+        let counts = ((position - self.zero_metres) / self.count_metres).round();
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -69,7 +81,7 @@ impl PositionSensor {
     /// The position that a number of counts stands for.
     #[must_use]
     pub fn position_metres(&self, counts: Counts) -> f64 {
-        f64::from(counts.0) * self.count_metres
+        f64::from(counts.0) * self.count_metres + self.zero_metres
     }
 }
 

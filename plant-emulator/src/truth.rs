@@ -6,8 +6,7 @@ use std::time::Duration;
 use canopen::CanFrame;
 use dbc::{Database, MessageBuilder, SignalHandle, SignalMissing};
 
-use crate::clocked_plant::ClockedPlant;
-use crate::plant::Plant;
+use crate::drive::Drive;
 
 /// Time between two messages.
 const PERIOD: Duration = Duration::from_millis(10);
@@ -44,12 +43,13 @@ impl Truth {
         })
     }
 
-    /// Looks at the rig after something happened to it. The temperature is monotonic while the inputs are constant, so
+    /// Looks at the rig of a drive after something happened to it. The temperature is monotonic while the inputs are constant, so
     /// its peaks lie where it is looked at.
-    pub(crate) fn observe<P: Plant>(&mut self, now: Duration, plant: &ClockedPlant<P>) {
-        let temperature = plant.plant().temperature_celsius();
+    pub(crate) fn observe(&mut self, now: Duration, drive: &Drive) {
+        // Where nobody knows a temperature, the lowest that there is stands for it.
+        let temperature = drive.heated_celsius().unwrap_or(f64::NEG_INFINITY);
         self.peak_celsius = self.peak_celsius.max(temperature);
-        let current_amperes = plant.inputs().current_amperes;
+        let current_amperes = drive.current_amperes();
         let is_heated = current_amperes != 0.0;
         if is_heated == self.is_heated && now < self.next {
             return;

@@ -483,7 +483,7 @@ fn an_impossible_plant_is_refused_by_name() {
     let mut scenario = manager::scenario();
     scenario.plant.phase.austenite_finish_celsius = 50.0;
     let error =
-        plant_emulator::PlantEmulator::<Actuator>::new(&scenario, &scenario.plant).unwrap_err();
+        plant_emulator::PlantEmulator::new::<Actuator>(&scenario, &scenario.plant).unwrap_err();
     assert_eq!(
         error.to_string(),
         "plant: austenite_start_celsius is 53 °C, it must be below austenite_finish_celsius of 50 °C"

@@ -40,11 +40,21 @@ pub(crate) struct NewArgs {
 #[derive(Debug, Subcommand)]
 pub(crate) enum What {
     /// Write a crate for a plant: something that a current moves, behind the emulated drive
-    Plant(CrateArgs),
+    Plant(PlantArgs),
     /// Write a crate for a control law: from a position and a set-point to a current
     Law(CrateArgs),
     /// Write a rig file of two drives, with a scenario
     Rig(RigArgs),
+}
+
+/// The crate of a plant to write.
+#[derive(Args, Debug)]
+pub(crate) struct PlantArgs {
+    /// A plant with ports of its own, two inputs and three outputs, with the rig file that wires it
+    #[arg(long)]
+    pub ports: bool,
+    #[command(flatten)]
+    pub of: CrateArgs,
 }
 
 /// The crate to write.
@@ -75,6 +85,8 @@ struct Skeleton {
     library: &'static str,
     program: &'static str,
     scenario: &'static str,
+    /// The rig file on which the scenario is played, where that is another than the one that ships.
+    rig: Option<&'static str>,
     readme: &'static str,
 }
 
@@ -85,7 +97,19 @@ const PLANT: Skeleton = Skeleton {
     library: include_str!("plant/lib.rs"),
     program: include_str!("plant/main.rs"),
     scenario: include_str!("plant/scenario.toml"),
+    rig: None,
     readme: include_str!("plant/README.md"),
+};
+
+const PLANT_WITH_PORTS: Skeleton = Skeleton {
+    section: Section::Plant,
+    name: "my_plant",
+    manifest: include_str!("plant/manifest.toml"),
+    library: include_str!("plant/ports/lib.rs"),
+    program: include_str!("plant/ports/main.rs"),
+    scenario: include_str!("plant/ports/scenario.toml"),
+    rig: Some(include_str!("plant/ports/rig.toml")),
+    readme: include_str!("plant/ports/README.md"),
 };
 
 const LAW: Skeleton = Skeleton {
@@ -95,6 +119,7 @@ const LAW: Skeleton = Skeleton {
     library: include_str!("law/lib.rs"),
     program: include_str!("law/main.rs"),
     scenario: include_str!("law/scenario.toml"),
+    rig: None,
     readme: include_str!("law/README.md"),
 };
 
@@ -134,7 +159,10 @@ impl NewError {
 #[must_use]
 pub(crate) fn new(args: &NewArgs) -> Exit {
     let written = match &args.what {
-        What::Plant(args) => written(&PLANT, args).map(|made| made.words(&args.name)),
+        What::Plant(PlantArgs { ports, of }) => {
+            let skeleton = if *ports { &PLANT_WITH_PORTS } else { &PLANT };
+            written(skeleton, of).map(|made| made.words(&of.name))
+        }
         What::Law(args) => written(&LAW, args).map(|made| made.words(&args.name)),
         What::Rig(args) => rig::written(args),
     };
@@ -226,7 +254,7 @@ fn checkout(named: Option<&Path>) -> Result<PathBuf, NewError> {
 
 impl Skeleton {
     /// The files of the crate: where in its folder, and what.
-    fn files(&self, name: &Name, checkout: &Path, profile: &str) -> [(PathBuf, String); 6] {
+    fn files(&self, name: &Name, checkout: &Path, profile: &str) -> Vec<(PathBuf, String)> {
         let renamed = |text: &str| {
             let text = text.replace(self.name, name.snake());
             text.replace(&name::camel(self.name), &name.camel())
@@ -234,14 +262,19 @@ impl Skeleton {
         let checkout = escaped(&checkout.display().to_string());
         let manifest = renamed(self.manifest).replace(CHECKOUT, &checkout) + profile;
         let scenario = format!("scenarios/{}.toml", name.snake());
-        [
+        let rig = self.rig.map(|rig| {
+            let path = format!("scenarios/{}_rig.toml", name.snake());
+            (path.into(), renamed(rig))
+        });
+        let files = [
             ("Cargo.toml".into(), manifest),
             (".gitignore".into(), IGNORED.to_owned()),
             ("README.md".into(), renamed(self.readme)),
             ("src/lib.rs".into(), renamed(self.library)),
             ("src/main.rs".into(), renamed(self.program)),
             (scenario.into(), renamed(self.scenario)),
-        ]
+        ];
+        files.into_iter().chain(rig).collect()
     }
 }
 
@@ -264,13 +297,14 @@ mod tests {
 
     #[test]
     fn a_crate_is_written_once_and_nothing_of_the_skeleton_s_name_is_left() {
-        for skeleton in [&PLANT, &LAW] {
+        for skeleton in [&PLANT, &LAW, &PLANT_WITH_PORTS] {
             let folder = tempfile::tempdir().unwrap();
             let args = args(folder.path(), "swing_arm");
             let written_to = written(skeleton, &args).unwrap().folder;
             let scenario = written_to.join("scenarios/swing_arm.toml");
             let text = fs::read_to_string(&scenario).unwrap();
-            assert!(text.contains(".swing_arm]"), "{text}");
+            let names_it = [".swing_arm]", "swing_arm_rig.toml"];
+            assert!(names_it.iter().any(|name| text.contains(name)), "{text}");
             let program = fs::read_to_string(written_to.join("src/main.rs")).unwrap();
             assert!(program.contains("::<SwingArm>()"), "{program}");
             for (path, text) in skeleton.files(

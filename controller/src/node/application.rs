@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use canopen::cia402::Command as DriveCommand;
 use canopen::emcy::{EmergencyMessage, ErrorCode};
 use canopen::nmt::{NmtCommand, NmtState, NodeId};
 use canopen::sync::Sync;
@@ -57,16 +58,24 @@ impl Application for Controller {
     }
 
     fn on_frame(&mut self, services: &mut Services, frame: &CanFrame) {
-        let mut loops = self.loops.iter_mut();
-        let sample = loops.find_map(|one| Some((one.drive.layout.decode(frame)?, one)));
-        if let Some((feedback, one)) = sample {
+        let mut loops = self.loops.iter().enumerate();
+        let sample = loops.find_map(|(place, one)| Some((one.drive.layout.decode(frame)?, place)));
+        if let Some((feedback, place)) = sample {
+            let one = &mut self.loops[place];
             let node_id = one.drive.node_id();
             let outcome = match self.phase {
                 Phase::BringUp => {
                     one.drive.enable(services, &feedback);
                     Ok(())
                 }
-                Phase::Running(cycle) => one.on_sample(services, cycle.number, &feedback),
+                Phase::Running(cycle) => {
+                    one.on_sample(services, cycle.number, &feedback)
+                        .map(|has_commanded| {
+                            if has_commanded {
+                                self.command_further(services, place);
+                            }
+                        })
+                }
                 _ => Ok(()),
             };
             if let Err((cause, text)) = outcome {
@@ -172,6 +181,17 @@ impl Application for Controller {
 }
 
 impl Controller {
+    /// Commands the further drives that the law of a loop leads.
+    fn command_further(&mut self, services: &mut Services, leader: usize) {
+        let controlword = DriveCommand::EnableOperation.controlword();
+        for number in 0..self.loops[leader].further.len() {
+            let led = self.loops[leader].further[number];
+            let current_amperes = self.loops[leader].law.further_amperes(number + 1);
+            let drive = &mut self.loops[led].drive;
+            drive.command(services, controlword, current_amperes);
+        }
+    }
+
     /// Ends the previous cycle of all loops and begins the next, at its SYNC.
     fn begin_cycle(&mut self, services: &mut Services, cycle: Cycle) {
         let overruns = services.sync_overruns();

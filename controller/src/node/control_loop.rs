@@ -22,6 +22,12 @@ pub(super) struct ControlLoop {
     pub(super) has_set_point: bool,
     pub(super) explanation: ExplanationObjects,
     pub(super) sync_period: Duration,
+    /// A law sees metres or, in a loop of another unit, that unit; inside the bench positions are in thousands of it.
+    pub(super) law_units_per_metre: f64,
+    /// The places of the loops that stand for the further drives which its law leads, in their order.
+    pub(super) further: Vec<usize>,
+    /// Whether the law of another loop leads its drive.
+    pub(super) is_led: bool,
     /// The drive's position of the present cycle has come.
     pub(super) has_position: bool,
     /// Cycles without a position in a row.
@@ -75,13 +81,14 @@ impl ControlLoop {
         Err((implausible.unwrap_or(Cause::NoPosition), text))
     }
 
-    /// The drive's sample of a cycle: the law's turn. A second one in a cycle is late or forged and passed over.
+    /// The drive's sample of a cycle: the law's turn. A second one in a cycle is late or forged and passed over. True if the law has
+    /// commanded.
     pub(super) fn on_sample(
         &mut self,
         services: &mut Services,
         number: u64,
         feedback: &Feedback,
-    ) -> Result<(), Failure> {
+    ) -> Result<bool, Failure> {
         let state = State::from_statusword(feedback.statusword);
         if state != Some(State::OperationEnabled) {
             let state = state_words(feedback.statusword);
@@ -91,7 +98,7 @@ impl ControlLoop {
             return Err((Cause::DriveNotEnabled, text));
         }
         if self.has_position {
-            return Ok(());
+            return Ok(false);
         }
         let limits = self.drive.limits.as_mut();
         if let Some(violation) = limits.and_then(|limits| limits.check(services.now(), feedback)) {
@@ -99,13 +106,16 @@ impl ControlLoop {
         }
         let reference = self.reference(number);
         if !self.is_plausible(feedback.position_metres, &reference.1)? {
-            return Ok(());
+            return Ok(false);
         }
         (self.has_position, self.missing) = (true, 0);
+        if self.is_led {
+            return Ok(false);
+        }
         let current_amperes = self.step(services, reference, feedback.position_metres);
         let controlword = DriveCommand::EnableOperation.controlword();
         self.drive.command(services, controlword, current_amperes);
-        Ok(())
+        Ok(true)
     }
 
     fn is_plausible(
@@ -148,14 +158,17 @@ impl ControlLoop {
         (scenario_time_seconds, set_point): (f64, SetPoint),
         position_metres: f64,
     ) -> f64 {
+        let factor = self.law_units_per_metre;
         let measurement = Measurement {
             scenario_time_seconds,
-            position_metres,
+            position_metres: position_metres * factor,
         };
+        let set_point = set_point.times(factor);
         let period_seconds = self.sync_period.as_secs_f64();
         let command = self.law.step(&measurement, &set_point, period_seconds);
+        let terms = command.explanation.times(1.0 / factor);
         self.explanation
-            .store(services.dictionary_mut(), &command.explanation, &self.law);
+            .store(services.dictionary_mut(), &terms, &self.law);
         command.current_amperes
     }
 }

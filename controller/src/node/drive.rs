@@ -47,7 +47,7 @@ impl LedDrive {
         sync_period: Duration,
         timeouts: &Timeouts,
         limits: Option<&Limits>,
-        is_wire: bool,
+        plausibility: Plausibility,
     ) -> Self {
         let node_id = u32::from(layout.node_id().get());
         Self {
@@ -63,7 +63,7 @@ impl LedDrive {
             last_heard: Duration::ZERO,
             last_statusword: None,
             last_emergency: None,
-            plausibility: Plausibility::new(is_wire),
+            plausibility,
             implausible: None,
             limits: limits.map(|limits| LimitWatch::new(limits, sync_period)),
         }

@@ -94,6 +94,12 @@ impl<N: Node> Faulty<N> {
         &mut self.node
     }
 
+    /// Sees what another node sends that is on the same CAN controller, which does not receive it: scenario time follows from the
+    /// statuswords of all drives.
+    pub fn overhear(&mut self, frame: &CanFrame) {
+        self.scenario.on_frame(self.now, frame);
+    }
+
     /// When the scenario began.
     #[must_use]
     pub fn scenario_zero(&self) -> Option<Duration> {

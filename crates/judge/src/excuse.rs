@@ -1,5 +1,7 @@
 //! What a limit says in a run in which the machine stood still: nothing, where that explains the miss.
 
+use scenario::port::Unit;
+
 use crate::evidence::Evidence;
 use crate::metric::{Metric, meets};
 use crate::metrics::metrics;
@@ -59,6 +61,8 @@ impl Excuse {
         rows: &mut [Metric],
     ) -> Option<String> {
         let before = metrics_before(evidence, self.first_seconds);
+        let unit = &evidence.scenario.wiring.unit;
+        let is_proven = |row: &Metric, old: &Metric| is_proven(row, old, unit);
         let mut opened = Vec::new();
         for row in rows.iter_mut() {
             let old = before.iter().find(|old| old.name == row.name);
@@ -116,7 +120,7 @@ fn metrics_before(evidence: &Evidence<'_>, seconds: f64) -> Vec<Metric> {
 
 /// Whether a limit was missed by what was on the bus before the first stall: by what is the same without all that came later,
 /// or can only have grown.
-fn is_proven(row: &Metric, before: &Metric) -> bool {
+fn is_proven(row: &Metric, before: &Metric, unit: &Unit) -> bool {
     if row.name == NO_EVENT {
         return before.passed == Some(false) && before.remark == row.remark;
     }
@@ -125,7 +129,8 @@ fn is_proven(row: &Metric, before: &Metric) -> bool {
     };
     let is_same = before.value == row.value && before.at_seconds == row.at_seconds;
     let is_beyond = limit.max.is_some_and(|max| value > max);
-    before.passed == Some(false) && (is_same || is_beyond && GROWING.contains(&row.name.as_str()))
+    let name = unit.canonical(&row.name);
+    before.passed == Some(false) && (is_same || is_beyond && GROWING.contains(&name.as_str()))
 }
 
 fn is_of_traffic(row: &Metric) -> bool {

@@ -89,9 +89,11 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     rows.extend(signals::metrics(evidence));
     rows.extend(sequences::metrics(evidence));
     let requirements = expect.requirements_of_rows();
+    let unit = &evidence.scenario.wiring.unit;
     for row in &mut rows {
         let own = requirements.get(&row.name);
         row.requirements = own.cloned().unwrap_or_default();
+        row.name = unit.rename(&row.name);
     }
     rows
 }
@@ -101,7 +103,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 pub(crate) fn limits(scenario: &Scenario) -> Vec<(String, Limit)> {
     let limited = METRICS.iter().filter_map(|metric| {
         let limit = metric.limit(&scenario.expect)?;
-        Some((metric.name.to_owned(), limit))
+        Some((scenario.wiring.unit.rename(metric.name), limit))
     });
     limited
         .chain(signals::limits(scenario))

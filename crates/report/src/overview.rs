@@ -199,7 +199,7 @@ fn positions(runs: &[&ListedRun<'_>]) -> Markup {
         true => first.scenario(),
         false => "Position",
     };
-    let mut plot = Plot::over_time(title, "mm");
+    let mut plot = Plot::over_time(title, first.timeline.unit.symbol());
     for (number, run) in runs.iter().enumerate() {
         let name = match is_alone(run, runs.iter().copied()) {
             true => run.scenario(),

@@ -1,10 +1,11 @@
 //! The plants and laws that a bench knows, and what each pair of them puts on the bus.
 
 use std::collections::BTreeSet;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use dbc::{Database, LawTerm, PlantSignal};
+use dbc::{Database, LawTerm, PlantSignal, Range};
 use scenario::plant::SMA_ACTUATOR;
+use scenario::port::{Port, Ports, Unit};
 use scenario::{Objection, Scenario};
 
 use crate::data_sheet;
@@ -13,26 +14,50 @@ use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
 use dbc::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES};
 
+/// Why a scenario's plant makes no physical sense.
+type FindPlantObjection = fn(&Scenario) -> Option<Objection>;
+
+/// The ports of a scenario's plant; none for a plant that nobody knows here, or that cannot be made.
+type FindPorts = fn(&Scenario) -> Option<Ports>;
+
 /// The plants and laws that scenarios may choose.
 ///
 /// It knows them by what they put on the bus, not by their code: who plays them hands in the rest.
 pub struct Catalogue {
+    /// Plants of one axis, of which a drive always publishes the same.
     pairs: Vec<Pair>,
-    plant_objection: fn(&Scenario) -> Option<Objection>,
+    /// The laws from outside, each with its terms.
+    laws: Vec<(String, Vec<LawTerm>)>,
+    plant_objection: FindPlantObjection,
+    find_ports: FindPorts,
+    /// What other pairs of plants and laws put on the bus, as far as they were asked for.
+    others: Mutex<Vec<(Key, Arc<Frames>)>>,
+}
+
+/// By what the frames of two pairs differ.
+#[derive(PartialEq)]
+struct Key {
+    signals: Vec<PlantSignal>,
+    law: Option<String>,
+    unit: Unit,
 }
 
 impl Catalogue {
-    /// The plants and the laws from outside, each by its name with what it says on the bus; the shipped laws share their
-    /// frames. `plant_objection` says why a scenario's plant makes no physical sense.
+    /// The plants of one axis and the laws from outside, each by its name with what it says on the bus; the shipped laws share
+    /// their frames. `plant_objection` says why a scenario's plant makes no physical sense, and `find_ports` which ports it has.
     #[must_use]
     pub fn new<'a>(
         plants: impl Iterator<Item = (&'a str, &'a [PlantSignal])>,
         own_laws: impl Iterator<Item = (&'a str, &'a [LawTerm])>,
-        plant_objection: fn(&Scenario) -> Option<Objection>,
+        plant_objection: FindPlantObjection,
+        find_ports: FindPorts,
     ) -> Self {
+        let own = own_laws.map(|(name, terms)| (name.to_owned(), terms.to_vec()));
+        let own = Vec::from_iter(own);
         let shipped = (None, &[][..]);
-        let own = own_laws.map(|(name, terms)| (Some(name), terms));
-        let laws = Vec::from_iter([shipped].into_iter().chain(own));
+        let named = own.iter();
+        let named = named.map(|(name, terms)| (Some(name.as_str()), terms.as_slice()));
+        let laws = Vec::from_iter([shipped].into_iter().chain(named));
         let pairs = plants.flat_map(|(plant, signals)| {
             let pairs = laws.iter().map(move |(law, terms)| Pair {
                 plant: plant.to_owned(),
@@ -43,7 +68,10 @@ impl Catalogue {
         });
         Self {
             pairs: pairs.collect(),
+            laws: own,
             plant_objection,
+            find_ports,
+            others: Mutex::default(),
         }
     }
 
@@ -57,31 +85,72 @@ impl Catalogue {
         };
         Self {
             pairs: vec![pair],
+            laws: Vec::new(),
             plant_objection: |_| None,
+            find_ports: |_| None,
+            others: Mutex::default(),
         }
     }
 
     /// What a scenario's plant and law put on the bus.
-    ///
-    /// # Panics
-    /// Never: the loader refuses plants and laws that are not there.
     #[must_use]
-    pub fn frames(&self, scenario: &Scenario) -> &Arc<Frames> {
-        let plant = scenario.plant.name();
+    pub fn frames(&self, scenario: &Scenario) -> Arc<Frames> {
         let law = scenario.controller.own.as_ref().map(|own| own.name());
+        let wiring = &scenario.wiring;
+        let is_plain = wiring.record.is_none() && wiring.unit == Unit::Millimetres;
+        let plant = scenario.plant.name();
         let mut all = self.pairs.iter();
-        let pair = all.find(|pair| pair.plant == plant && pair.law.as_deref() == law);
-        &pair
-            .expect("every pair of a plant and a law has frames")
-            .frames
+        let pair = all.find(|pair| is_plain && pair.plant == plant && pair.law.as_deref() == law);
+        match pair {
+            Some(pair) => Arc::clone(&pair.frames),
+            None => self.other_frames(scenario, law),
+        }
+    }
+
+    /// The ports of a scenario's plant; none where nobody knows them here.
+    #[must_use]
+    pub fn ports(&self, scenario: &Scenario) -> Option<Ports> {
+        (self.find_ports)(scenario)
+    }
+
+    /// What the drive of a scenario publishes of its plant.
+    fn published(&self, scenario: &Scenario) -> Option<Vec<PlantSignal>> {
+        let ports = self.ports(scenario)?;
+        let recorded = scenario.wiring.recorded(&ports).ok()?;
+        Some(
+            recorded
+                .into_iter()
+                .map(|(_, port)| signal_of(port))
+                .collect(),
+        )
+    }
+
+    /// Those of a plant whose drive does not always publish the same; made once.
+    fn other_frames(&self, scenario: &Scenario, law: Option<&str>) -> Arc<Frames> {
+        let key = Key {
+            signals: self.published(scenario).unwrap_or_default(),
+            law: law.map(str::to_owned),
+            unit: scenario.wiring.unit.clone(),
+        };
+        // What is half done there is still right.
+        let mut others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, frames)) = others.iter().find(|(other, _)| *other == key) {
+            return Arc::clone(frames);
+        }
+        let mut laws = self.laws.iter();
+        let terms = laws.find(|(name, _)| Some(name.as_str()) == law);
+        let terms = terms.map_or(&[][..], |(_, terms)| terms);
+        let frames = Arc::new(Frames::in_unit(&key.signals, terms, &key.unit));
+        others.push((key, Arc::clone(&frames)));
+        frames
     }
 
     /// What only a bench knows to be wrong in a scenario: names of signals, and a plant that makes no physical sense. The
     /// names are collected only where the scenario has some.
     #[must_use]
     pub fn objections(&self, scenario: &Scenario) -> Vec<Objection> {
-        let names = || self.frames(scenario).names();
-        let mut objections = SignalNames::objections(scenario, names);
+        let frames = self.frames(scenario);
+        let mut objections = SignalNames::objections(scenario, || frames.names());
         objections.extend((self.plant_objection)(scenario));
         objections
     }
@@ -142,7 +211,13 @@ pub struct Frames {
 
 impl Frames {
     fn new(signals: &[PlantSignal], terms: &[LawTerm]) -> Self {
+        Self::in_unit(signals, terms, &Unit::Millimetres)
+    }
+
+    /// The frames of a drive whose positions are in this unit.
+    fn in_unit(signals: &[PlantSignal], terms: &[LawTerm], unit: &Unit) -> Self {
         let database = Database::with_plant(signals).with_law(terms);
+        let database = in_unit(&database, unit);
         Self {
             law_terms: terms.to_vec(),
             ..Self::from_database(Arc::new(database))
@@ -183,10 +258,30 @@ impl Frames {
     }
 }
 
+/// A port as the bus has it.
+fn signal_of(port: &Port) -> PlantSignal {
+    let [minimum, maximum] = port.range;
+    PlantSignal {
+        name: port.name.clone(),
+        unit: port.symbol.clone(),
+        comment: port.comment.clone(),
+        resolution: 1.0 / port.steps_per_unit,
+        range: Range { minimum, maximum },
+    }
+}
+
+/// The same frames with positions in another unit.
+fn in_unit(database: &Database, unit: &Unit) -> Database {
+    match unit {
+        Unit::Millimetres => database.clone(),
+        unit => database
+            .with_position_unit(unit.symbol(), 1.0 / unit.counts(), |name| unit.rename(name)),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dbc::Range;
 
     fn signal(name: &str) -> PlantSignal {
         PlantSignal {
@@ -212,7 +307,7 @@ mod tests {
         };
         let terms = [term];
         let laws = [("mine", &terms[..])];
-        let catalogue = Catalogue::new(plants.into_iter(), laws.into_iter(), |_| None);
+        let catalogue = Catalogue::new(plants.into_iter(), laws.into_iter(), |_| None, |_| None);
         assert_eq!(catalogue.pairs.len(), 4);
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
@@ -254,7 +349,7 @@ mod tests {
     fn two_signals_of_one_name_are_refused() {
         let double = [signal("position_millimetres")];
         let plants = [("mine", &double[..])];
-        let catalogue = Catalogue::new(plants.into_iter(), [].into_iter(), |_| None);
+        let catalogue = Catalogue::new(plants.into_iter(), [].into_iter(), |_| None, |_| None);
         let refused = "with the plant `mine` and the law `sliding_mode` two signals are called `position_millimetres`";
         assert_eq!(catalogue.check(), Err(refused.to_owned()));
     }

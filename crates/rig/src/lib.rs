@@ -14,6 +14,7 @@ pub mod error_frames;
 pub mod external;
 pub mod loops;
 pub mod named_nodes;
+mod ports;
 pub mod presence;
 pub mod rig_file;
 pub mod setup;

@@ -17,6 +17,7 @@ use crate::FILE_BYTES_MAX;
 use crate::bus_budget::BusBudget;
 use crate::catalogue::Catalogue;
 use crate::external::{External, ExternalNode, no_such_node};
+use crate::ports;
 use crate::rig_file::LoadedRig;
 use crate::setup::{LoopName, NodeNames, Setup};
 
@@ -243,6 +244,9 @@ fn external_with(setup: &Setup, names: &[String]) -> Result<External, &'static s
 
 /// What is wrong with a rig: a drive that cannot be led, nodes that send the same, a cycle that is too short.
 fn objection(loops: &Loops<Scenario>, catalogue: &Catalogue) -> Option<Objection> {
+    if let Some(objection) = ports::objection(loops, catalogue) {
+        return Some(objection);
+    }
     match setups(loops.clone(), catalogue) {
         Ok(setups) => does_not_fit(&BusBudget::new(&loops.rig, &setups)),
         Err(objection) => Some(objection),

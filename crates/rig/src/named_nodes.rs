@@ -1,8 +1,10 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
 use canopen::eds;
+use dbc::data_sheets::OfDrive;
 use dbc::loops::NodesByName;
 use dbc::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
+use scenario::port::Unit;
 
 use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
 use crate::setup::Setup;
@@ -39,10 +41,10 @@ pub fn node_sheets(setups: &[Setup]) -> Vec<NodeSheet> {
 
 fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
     let (controller, drive, disturbance) = setup.node_names();
-    let sheet = |name: &str, node_id, eds, pace| NodeSheet {
+    let sheet = |name: &str, node_id, eds, of_drive: Option<&OfDrive>| NodeSheet {
         name: name.to_owned(),
         node_id,
-        text: data_sheets::of_node(eds, name, node_id, pace),
+        text: data_sheets::of_node(eds, name, node_id, of_drive),
     };
     let place = &setup.place;
     let drive = match &setup.rig {
@@ -53,8 +55,14 @@ fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
             text: rig.eds.clone(),
         },
         None => {
-            let pace = Some(place.truth_pace());
-            sheet(drive, place.drive_node_id, DRIVE_EDS, pace)
+            let unit = &setup.scenario.wiring.unit;
+            let si_position =
+                (*unit != Unit::Millimetres).then(|| (unit.si_position(), unit.word().to_owned()));
+            let of_drive = OfDrive {
+                truth: place.truth_pace(),
+                si_position,
+            };
+            sheet(drive, place.drive_node_id, DRIVE_EDS, Some(&of_drive))
         }
     };
     let module = match &setup.rig {

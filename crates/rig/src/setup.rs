@@ -106,7 +106,7 @@ impl Setup {
     /// A scenario that lies in no file.
     #[must_use]
     pub fn new(scenario: Scenario, catalogue: &Catalogue) -> Self {
-        let frames = Arc::clone(catalogue.frames(&scenario));
+        let frames = catalogue.frames(&scenario);
         Self::with_frames(scenario, frames)
     }
 

@@ -11,12 +11,13 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
-use crate::controller::Controller;
+use crate::controller::{Controller, drives_led_by};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::outside::Outside;
 use crate::reference::{Chirp, Reference};
 use crate::scenario::Scenario;
+use crate::wiring::Wiring;
 
 pub(crate) use signals::read_courses;
 pub(crate) use sweep::{check as sweep, check_on as sweep_on};
@@ -25,26 +26,25 @@ pub(crate) use tables::read_tables;
 use limits::{limits, reactions};
 use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
 
-/// End of the travel.
-const TRAVEL_MILLIMETRES: f64 = 60.0;
-
 /// What scenario and controller view have in common.
 pub(crate) struct Control<'a> {
     pub(crate) duration_seconds: f64,
     pub(crate) controller: &'a Controller,
     pub(crate) reference: &'a Reference,
+    pub(crate) wiring: &'a Wiring,
 }
 
 /// Checks law, set-point and current profile.
 pub(crate) fn control(document: &Document<'_>, control: &Control<'_>) -> Vec<Problem> {
-    let mut problems = Vec::from_iter(laws(document, control.reference));
+    let mut problems = Vec::from_iter(laws(document, control));
+    problems.extend(drives_of_law(document, control.wiring));
     problems.extend(pieces(
         document,
         "reference",
         &reference_pieces(control.reference),
         control.duration_seconds,
     ));
-    problems.extend(travel(document, control.reference));
+    problems.extend(travel(document, control.reference, control.wiring));
     problems.extend(chirps(document, control.reference));
     if let Some(open_loop) = &control.controller.open_loop {
         let pieces_of_current = current_pieces(open_loop);
@@ -83,7 +83,8 @@ pub(crate) fn bench(
 }
 
 /// Exactly one law, and a set-point for a closed loop.
-fn laws(document: &Document<'_>, reference: &Reference) -> Option<Problem> {
+fn laws(document: &Document<'_>, control: &Control<'_>) -> Option<Problem> {
+    let reference = control.reference;
     const HELP: &str = "exactly one table such as [controller.sliding_mode] chooses the law";
     match document.keys("controller").as_slice() {
         [] => {
@@ -113,8 +114,30 @@ fn laws(document: &Document<'_>, reference: &Reference) -> Option<Problem> {
     }
 }
 
+/// A law leads as many drives as its loop has.
+fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
+    let keys = document.keys("controller");
+    let [law] = keys.as_slice() else { return None };
+    // A profile is that of the first drive; the others have no current.
+    if *law == "open_loop" {
+        return None;
+    }
+    let led = drives_led_by(law);
+    let drives = |count: usize| match count {
+        1 => "one drive".to_owned(),
+        count => format!("{count} drives"),
+    };
+    (led != wiring.leads).then(|| {
+        let span = document.key_span(&format!("controller.{law}"));
+        let message = format!("the law `{law}` leads {}", drives(led));
+        let label = format!("the loop has {}", drives(wiring.leads));
+        document.source.problem(span, message, label)
+    })
+}
+
 /// Sines and chirps within the travel; single positions are in the schema's range already.
-fn travel(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
+fn travel(document: &Document<'_>, reference: &Reference, wiring: &Wiring) -> Vec<Problem> {
+    let ([min, max], symbol) = (wiring.range(), wiring.unit.symbol());
     let sines = reference.sine.iter().enumerate();
     let sines = sines.map(|(index, sine)| {
         let (centre, amplitude) = (sine.centre_millimetres, sine.amplitude_millimetres);
@@ -127,10 +150,10 @@ fn travel(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
     });
     let problem = |(kind, index, centre, amplitude): (&str, usize, f64, f64)| {
         let (lowest, highest) = (centre - amplitude, centre + amplitude);
-        (lowest < 0.0 || highest > TRAVEL_MILLIMETRES).then(|| {
+        (lowest < min || highest > max).then(|| {
             let path = format!("reference.{kind}.{index}.amplitude_millimetres");
-            let label = format!("goes from {lowest} to {highest} mm");
-            let message = format!("the {kind} leaves the travel of 0 to {TRAVEL_MILLIMETRES} mm");
+            let label = format!("goes from {lowest} to {highest} {symbol}");
+            let message = format!("the {kind} leaves the travel of {min} to {max} {symbol}");
             document.problem(&path, message, label)
         })
     };

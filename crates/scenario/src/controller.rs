@@ -4,7 +4,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::left_out::is_zero;
-use crate::own::Own;
+use crate::own::{self, Own};
+
+/// Name of the law for two drives that pull against each other.
+const PID_PAIR: &str = "pid_pair";
 
 /// The control law; exactly one of these tables.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -19,6 +22,9 @@ pub struct Controller {
     /// PID with anti-windup.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pid: Option<Pid>,
+    /// PID for two drives that pull against each other.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pid_pair: Option<PidPair>,
     /// A current profile without feedback.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub open_loop: Option<OpenLoop>,
@@ -36,6 +42,7 @@ impl Controller {
             (self.sliding_mode.is_some(), "sliding_mode"),
             (self.sliding_mode_paper.is_some(), "sliding_mode_paper"),
             (self.pid.is_some(), "pid"),
+            (self.pid_pair.is_some(), PID_PAIR),
             (self.open_loop.is_some(), "open_loop"),
         ];
         let chosen = laws.into_iter().find(|(is_chosen, _)| *is_chosen);
@@ -201,6 +208,49 @@ impl Default for Pid {
             derivative_filter_radians_per_second: 300.0,
             current_amperes_min: 0.0,
         }
+    }
+}
+
+/// PID for two drives that pull against each other: the output is added to the current of the first one and taken from that of the
+/// second. In a loop in degrees the gains are by the degree: `proportional_amperes_per_degree`. All values are assumed.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PidPair {
+    /// Proportional gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
+    pub proportional_amperes_per_metre: f64,
+    /// Integral gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
+    pub integral_amperes_per_metre_second: f64,
+    /// Derivative gain.
+    #[schemars(range(min = 0.0, max = 100_000.0))]
+    pub derivative_ampere_seconds_per_metre: f64,
+    /// Pole of the derivative's filter.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
+    pub derivative_filter_radians_per_second: f64,
+    /// Current of both while the output is 0: how stiff they hold.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub co_contraction_amperes: f64,
+}
+
+impl Default for PidPair {
+    fn default() -> Self {
+        Self {
+            proportional_amperes_per_metre: 0.02,
+            integral_amperes_per_metre_second: 0.04,
+            derivative_ampere_seconds_per_metre: 0.004,
+            derivative_filter_radians_per_second: 100.0,
+            co_contraction_amperes: 0.5,
+        }
+    }
+}
+
+/// How many drives a law leads, by the name of its table; one where nothing else is known.
+#[must_use]
+pub fn drives_led_by(law: &str) -> usize {
+    match law {
+        PID_PAIR => 2,
+        law => own::drives_led_by(law),
     }
 }
 

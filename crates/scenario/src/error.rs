@@ -123,6 +123,16 @@ pub struct Problem {
 }
 
 impl Problem {
+    /// The same with other names in its words.
+    pub(crate) fn renamed(self, rename: impl Fn(&str) -> String) -> Self {
+        Self {
+            message: rename(&self.message).into(),
+            label: rename(&self.label).into(),
+            help: self.help.map(|help| rename(&help).into()),
+            ..self
+        }
+    }
+
     fn is_same(&self, other: &Self) -> bool {
         let parts = |problem: &Self| {
             (

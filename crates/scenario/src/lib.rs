@@ -33,6 +33,7 @@ mod outside;
 pub mod overrides;
 pub mod own;
 pub mod plant;
+pub mod port;
 pub mod profile;
 pub mod reference;
 pub mod registration;
@@ -48,6 +49,7 @@ mod text;
 pub mod timing;
 mod view;
 mod window;
+pub mod wiring;
 
 pub use bus::Bus;
 pub use error::{Problem, ScenarioError, without_colours};

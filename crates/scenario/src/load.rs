@@ -6,6 +6,7 @@ mod loops;
 mod nodes;
 mod rig;
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -21,9 +22,12 @@ use crate::error::{Problem, ScenarioError, Source};
 use crate::file::read_text;
 use crate::outside::{self, Outside};
 use crate::own::{Own, Section};
+use crate::plant::Sensor;
+use crate::port::Unit;
 use crate::scenario::Scenario;
 use crate::table::ReadTable;
 use crate::view::{ControllerView, HIDDEN_FROM_CONTROLLER};
+use crate::wiring::Wiring;
 use crate::{schema, structure};
 
 /// Longest scenario file.
@@ -174,7 +178,8 @@ impl Scenario {
             let help = "write schema = 2, or play the scenario by: canrig run SCENARIO --rig FILE";
             return Err(fail(vec![problem.with_help(help)]));
         }
-        Self::read(&document, read_table, reading, find_objections).map_err(fail)
+        let wiring = Wiring::default();
+        Self::read(&document, read_table, reading, find_objections, wiring).map_err(fail)
     }
 
     /// Reads a scenario from its tree.
@@ -183,13 +188,33 @@ impl Scenario {
         read_table: ReadTable<'_>,
         reading: Reading,
         find_objections: FindObjections<'_>,
+        wiring: Wiring,
+    ) -> Result<Self, Vec<Problem>> {
+        let unit = wiring.unit.clone();
+        let read = Self::read_wired(document, read_table, reading, find_objections, wiring);
+        read.map_err(|problems| in_unit(problems, &unit))
+    }
+
+    /// As [`Scenario::read`]; problems have the names of positions in millimetres.
+    fn read_wired(
+        document: &Document<'_>,
+        read_table: ReadTable<'_>,
+        reading: Reading,
+        find_objections: FindObjections<'_>,
+        wiring: Wiring,
     ) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
             Reading::ToPlay => Outside::Registered,
             Reading::Recorded => Outside::from_recording(document.root()),
         };
-        let (mut scenario, mut problems) =
-            build::<Self>(document, &outside, "the scenario", &outside.schema())?;
+        let (mut scenario, mut problems) = build::<Self>(
+            document,
+            &outside,
+            "the scenario",
+            &schema::of_travel(outside.schema(), &wiring),
+        )?;
+        put_range_into(&mut scenario.plant.sensor, &wiring);
+        scenario.wiring = wiring;
         let (plant, controller) = (&mut scenario.plant.own, &mut scenario.controller.own);
         for (section, own) in [(Section::Plant, plant), (Section::Controller, controller)] {
             read_own(document, &outside, section, own, &mut problems);
@@ -198,6 +223,7 @@ impl Scenario {
             duration_seconds: scenario.duration_seconds,
             controller: &scenario.controller,
             reference: &scenario.reference,
+            wiring: &scenario.wiring,
         };
         problems.extend(check::control(document, &control));
         problems.extend(check::name(document, &scenario.name));
@@ -210,6 +236,7 @@ impl Scenario {
             document,
             &mut scenario.reference,
             &mut scenario.controller,
+            &scenario.wiring,
             read_table,
         ));
         problems.extend(check::read_courses(
@@ -252,34 +279,68 @@ impl ControllerView {
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
-        Self::read(&mut document, read_table).map_err(fail)
+        Self::read(&mut document, read_table, Wiring::default()).map_err(fail)
     }
 
     /// Reads what the controller may know from a scenario's tree.
-    fn read(document: &mut Document<'_>, read_table: ReadTable<'_>) -> Result<Self, Vec<Problem>> {
+    fn read(
+        document: &mut Document<'_>,
+        read_table: ReadTable<'_>,
+        wiring: Wiring,
+    ) -> Result<Self, Vec<Problem>> {
+        let unit = wiring.unit.clone();
+        let read = Self::read_wired(document, read_table, wiring);
+        read.map_err(|problems| in_unit(problems, &unit))
+    }
+
+    fn read_wired(
+        document: &mut Document<'_>,
+        read_table: ReadTable<'_>,
+        wiring: Wiring,
+    ) -> Result<Self, Vec<Problem>> {
         let plant = outside::plant_name(document.root());
         for key in HIDDEN_FROM_CONTROLLER {
             document.remove(key);
         }
         let outside = Outside::Registered;
-        let (mut view, mut problems) =
-            build::<Self>(document, &outside, "the scenario", &schema::CONTROLLER_VIEW)?;
-        view.plant = plant;
+        let (mut view, mut problems) = build::<Self>(
+            document,
+            &outside,
+            "the scenario",
+            &schema::of_travel(Cow::Borrowed(&schema::CONTROLLER_VIEW), &wiring),
+        )?;
+        (view.plant, view.wiring) = (plant, wiring);
         let own = &mut view.controller.own;
         read_own(document, &outside, Section::Controller, own, &mut problems);
         let control = check::Control {
             duration_seconds: view.duration_seconds,
             controller: &view.controller,
             reference: &view.reference,
+            wiring: &view.wiring,
         };
         problems.extend(check::control(document, &control));
         problems.extend(check::read_tables(
             document,
             &mut view.reference,
             &mut view.controller,
+            &view.wiring,
             read_table,
         ));
         none_of(problems, view)
+    }
+}
+
+/// Problems of a loop in its own unit.
+fn in_unit(problems: Vec<Problem>, unit: &Unit) -> Vec<Problem> {
+    let problems = problems.into_iter();
+    let problems = problems.map(|problem| problem.renamed(|text| unit.rename_keys(text)));
+    problems.collect()
+}
+
+/// The converter of a sensor goes from the lowest position to the highest.
+fn put_range_into(sensor: &mut Sensor, wiring: &Wiring) {
+    if let Some(max) = wiring.position_max {
+        sensor.span_millimetres = max - wiring.position_min;
     }
 }
 
@@ -355,17 +416,17 @@ pub(crate) fn build<T: DeserializeOwned>(
     }
 }
 
-/// The table from outside in a section of a document, if there is one, and what its own type finds wrong with it.
+/// The table from outside at a path of a document, if there is one, and what its own type finds wrong with it.
 fn own_table(
     document: &Document<'_>,
     outside: &Outside,
     section: Section,
+    path: &str,
 ) -> Option<(Own, Option<Problem>)> {
-    let keys = document.keys(section.key());
+    let keys = document.keys(path);
     let mut names = outside.names(section).into_iter();
     let name = names.find(|name| keys.contains(name))?;
-    let path = format!("{}.{name}", section.key());
-    let value = document.spanned(&path)?;
+    let value = document.spanned(&format!("{path}.{name}"))?;
     let problem = |error: toml::de::Error| {
         let span = error.span().unwrap_or_else(|| value.span());
         (document.source).problem(span, "invalid value", error.message())
@@ -387,7 +448,7 @@ fn read_own(
     into: &mut Option<Own>,
     problems: &mut Vec<Problem>,
 ) {
-    let Some((own, problem)) = own_table(document, outside, section) else {
+    let Some((own, problem)) = own_table(document, outside, section, section.key()) else {
         return;
     };
     *into = Some(own);

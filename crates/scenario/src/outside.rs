@@ -7,8 +7,11 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::own::{self, Section, is_name};
-use crate::plant::{DC_MOTOR, SMA_ACTUATOR};
+use crate::plant::{DC_MOTOR, SMA_ACTUATOR, SMA_PAIR};
 use crate::schema;
+
+/// Models of plants that the format of rig files knows.
+const MODELS: [&str; 3] = ["sma", "dc_motor", "sma_pair"];
 
 /// The tables from outside that a reader of a scenario admits.
 pub(crate) enum Outside {
@@ -26,6 +29,32 @@ impl Outside {
             .into_iter()
             .flat_map(|section| strange_tables(root, section).map(move |name| (section, name)));
         Self::Recorded(tables.collect())
+    }
+
+    /// Those of the rig of a recording: every model of a plant that the format itself does not know.
+    pub(crate) fn from_recorded_rig(root: &DeTable<'_>) -> Self {
+        let plants = root.get(Section::Plant.key());
+        let plants = plants.and_then(|plants| plants.get_ref().as_table());
+        let models = plants.into_iter().flat_map(|plants| plants.values());
+        let models = models.filter_map(|models| models.get_ref().as_table());
+        let names = models.flat_map(|models| models.keys());
+        let names = names.map(|name| name.get_ref().to_string());
+        let strange = names.filter(|name| is_name(name) && !MODELS.contains(&name.as_str()));
+        Self::Recorded(strange.map(|name| (Section::Plant, name)).collect())
+    }
+
+    /// What a rig file with these models is checked against.
+    pub(crate) fn rig_schema(&self) -> Cow<'static, Value> {
+        match self {
+            Self::Registered => Cow::Borrowed(&schema::NODES_RIG),
+            Self::Recorded(models) => {
+                let mut schema = schema::NODES_RIG.clone();
+                for (_, name) in models {
+                    schema["definitions"]["PlantModel"]["properties"][name] = json!({});
+                }
+                Cow::Owned(schema)
+            }
+        }
     }
 
     /// The names of a section's tables.
@@ -88,6 +117,24 @@ impl Outside {
                 }
             }
         }
+        if root.contains_key("node") {
+            self.remove_from_rig(root);
+        }
+    }
+
+    /// As [`Outside::remove_from`], from a rig file, whose plants have names.
+    fn remove_from_rig(&self, root: &mut DeTable<'_>) {
+        let plants = root.get_mut(Section::Plant.key()).map(Spanned::get_mut);
+        let Some(DeValue::Table(plants)) = plants else {
+            return;
+        };
+        for (_, models) in plants.iter_mut() {
+            if let DeValue::Table(models) = models.get_mut() {
+                for name in self.names(Section::Plant) {
+                    models.remove(name);
+                }
+            }
+        }
     }
 }
 
@@ -96,8 +143,9 @@ pub(crate) fn plant_name(root: &DeTable<'_>) -> String {
     let table = root
         .get(Section::Plant.key())
         .and_then(|value| value.get_ref().as_table());
-    let is_motor = table.is_some_and(|table| table.contains_key(DC_MOTOR));
-    let shipped = if is_motor { DC_MOTOR } else { SMA_ACTUATOR };
+    let is = |name: &&str| table.is_some_and(|table| table.contains_key(*name));
+    let shipped = [DC_MOTOR, SMA_PAIR].into_iter().find(is);
+    let shipped = shipped.unwrap_or(SMA_ACTUATOR);
     let mut strange = strange_tables(root, Section::Plant);
     strange.next().unwrap_or_else(|| shipped.to_owned())
 }

@@ -89,6 +89,8 @@ pub struct OwnTable {
     name: &'static str,
     /// Faults of `[[fault.plant.…]]` that mean something to the plant.
     faults: &'static [&'static str],
+    /// Of a law: how many drives it leads.
+    drives: usize,
     schema: Value,
     check: fn(Spanned<DeValue<'_>>) -> Result<(), toml::de::Error>,
 }
@@ -107,6 +109,7 @@ impl OwnTable {
         Self {
             name,
             faults: &[],
+            drives: 1,
             schema,
             check: |value| P::deserialize(ValueDeserializer::from(value)).map(drop),
         }
@@ -116,6 +119,12 @@ impl OwnTable {
     #[must_use]
     pub fn with_faults(self, faults: &'static [&'static str]) -> Self {
         Self { faults, ..self }
+    }
+
+    /// The same for a law that leads so many drives.
+    #[must_use]
+    pub fn leading(self, drives: usize) -> Self {
+        Self { drives, ..self }
     }
 
     pub(crate) fn name(&self) -> &'static str {
@@ -159,6 +168,11 @@ pub(crate) fn faults_of(plant: &str) -> &'static [&'static str] {
     find(Section::Plant, plant).map_or(&[], |table| table.faults)
 }
 
+/// How many drives a law from outside leads.
+pub(crate) fn drives_led_by(law: &str) -> usize {
+    find(Section::Controller, law).map_or(1, |table| table.drives)
+}
+
 /// Parts of a plant's rig, which stand beside a plant's own table.
 const RIG_PARTS: [&str; 5] = ["amplifier", "heat", "mechanics", "phase", "sensor"];
 
@@ -178,8 +192,26 @@ pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -
     )
 }
 
+/// The schema of the table of a plant from outside.
+pub(crate) fn schema_of_plant(name: &str) -> Value {
+    find(Section::Plant, name).map_or_else(Value::default, |table| table.schema.clone())
+}
+
+/// Puts the tables of plants from outside among the properties of a schema.
+pub(crate) fn describe_plants(properties: &mut Value) {
+    let Some(properties) = properties.as_object_mut() else {
+        return;
+    };
+    for table in tables(Section::Plant) {
+        properties.insert(table.name.to_owned(), table.schema.clone());
+    }
+}
+
 /// Puts the tables from outside into a schema.
 pub(crate) fn describe(schema: &mut Value) {
+    if let Some(models) = schema.pointer_mut("/definitions/PlantModel/properties") {
+        describe_plants(models);
+    }
     for section in Section::ALL {
         let place = format!("/definitions/{}/properties", section.definition());
         let properties = schema.pointer_mut(&place);

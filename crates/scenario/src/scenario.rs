@@ -11,6 +11,7 @@ use crate::fault::Faults;
 use crate::plant::Plant;
 use crate::reference::Reference;
 use crate::sweep::Sweep;
+use crate::wiring::Wiring;
 
 /// One scenario file.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -60,4 +61,7 @@ pub struct Scenario {
     /// What `canrig sweep` varies, to make many scenarios of this one; all other commands ignore it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sweep: Option<Sweep>,
+    /// How its drive is wired, put in by the loader.
+    #[serde(skip)]
+    pub wiring: Wiring,
 }

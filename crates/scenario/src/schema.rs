@@ -2,6 +2,7 @@
 
 mod loops;
 
+use std::borrow::Cow;
 use std::sync::LazyLock;
 
 use schemars::JsonSchema;
@@ -15,6 +16,7 @@ use crate::rig::{RigFile, nodes};
 use crate::scenario::Scenario;
 use crate::sweep::Swept;
 use crate::view::ControllerView;
+use crate::wiring::Wiring;
 
 /// What scenario files are checked against. To make a schema takes most of the time that loading takes, so each is made once.
 pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(schema_of::<Scenario>);
@@ -35,6 +37,39 @@ pub(crate) static CONTOURS: LazyLock<Value> = LazyLock::new(schema_of::<Contours
 pub(crate) static SWEPT: LazyLock<Value> = LazyLock::new(schema_of::<Swept>);
 
 pub(crate) use loops::on_rig;
+
+/// The schema of what is tried in a loop, where its set-points have this range: that of its sensor.
+pub(crate) fn of_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a, Value> {
+    if !wiring.is_other_travel() {
+        return schema;
+    }
+    let [min, max] = wiring.range();
+    let mut schema = schema.into_owned();
+    for definition in entries(&schema, "Reference") {
+        let properties = &mut schema["definitions"][definition]["properties"];
+        for (key, range) in [
+            ("position_millimetres", [min, max]),
+            ("centre_millimetres", [min, max]),
+            ("amplitude_millimetres", [0.0, (max - min) / 2.0]),
+        ] {
+            if let Some(property) = properties.get_mut(key) {
+                property["minimum"] = range[0].into();
+                property["maximum"] = range[1].into();
+            }
+        }
+    }
+    Cow::Owned(schema)
+}
+
+/// The definitions of a table's arrays.
+pub(crate) fn entries(schema: &Value, table: &str) -> Vec<String> {
+    let arrays = schema["definitions"][table]["properties"].as_object();
+    let names = arrays.into_iter().flatten().filter_map(|(_, array)| {
+        let name = array["items"]["$ref"].as_str()?.rsplit('/').next()?;
+        Some(name.to_owned())
+    });
+    names.collect()
+}
 
 /// Whether a table of a scenario of one drive has such a key.
 pub(crate) fn is_key(table: &str, key: &str) -> bool {

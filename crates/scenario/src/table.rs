@@ -7,22 +7,27 @@ use std::path::{Component, Path};
 
 use crate::error::{Problem, Source};
 use crate::nearest::nearest;
+use crate::wiring::Wiring;
 
-/// The only header of a set-point.
+/// The only header of a set-point, whose second name has the unit of its loop.
 const HEADER: [&str; 2] = ["time_seconds", "position_millimetres"];
 const ROWS_MAX: usize = 1_000_000;
 /// Columns that are listed when the one that is wanted is none of them.
 const COLUMNS_LISTED_MAX: usize = 50;
-/// The wire's travel.
-const POSITIONS: Values = Values {
-    what: "leaves the travel",
-    range: 0.0..=60.0,
-};
 /// What a profile may command.
 const CURRENTS: Values = Values {
     what: "leaves the range of the current",
     range: 0.0..=1.0,
 };
+
+/// The travel of a loop.
+fn positions(wiring: &Wiring) -> Values {
+    let [min, max] = wiring.range();
+    Values {
+        what: "leaves the travel",
+        range: min..=max,
+    }
+}
 
 /// Gives the text of a table by the name that a scenario uses.
 pub(crate) type ReadTable<'a> = &'a mut dyn FnMut(&str) -> io::Result<String>;
@@ -40,17 +45,19 @@ pub(crate) fn is_inside_folder(path: &str) -> bool {
 /// Reads the rows of a set-point, `(time_seconds, position_millimetres)`; times increase.
 ///
 /// The first problem ends the reading: a table that is wrong is mostly wrong in every row.
-pub(crate) fn parse(name: &str, text: &str) -> Result<Rows, Problem> {
+pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Problem> {
     let reader = Reader::new(name, text);
-    if reader.columns() != HEADER {
-        let label = format!("expected `{}`", HEADER.join(","));
+    let position = wiring.unit.rename(HEADER[1]);
+    let names = [HEADER[0], position.as_str()];
+    if reader.columns() != names {
+        let label = format!("expected `{}`", names.join(","));
         return Err(reader.problem(reader.header, 1, "has the wrong header", label));
     }
     reader.rows(&Columns {
-        names: HEADER,
+        names,
         places: [0, 1],
         count: 2,
-        values: Some(POSITIONS),
+        values: Some(positions(wiring)),
         is_complete: true,
     })
 }

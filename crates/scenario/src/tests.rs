@@ -585,15 +585,12 @@ fn every_problem_of_a_table_has_its_line() {
         ),
     ];
     for (text, line, column, message) in cases {
-        let problem = crate::table::parse("x.csv", &text.replace("HEAD", header)).unwrap_err();
+        let problem = parse_table(&text.replace("HEAD", header)).unwrap_err();
         assert_eq!(problem.to_string(), message);
         assert_eq!(problem.line_and_column(), Some((line, column)), "{message}");
         assert_eq!(problem.file_name(), "x.csv");
     }
-    let rows = crate::table::parse(
-        "x.csv",
-        "\u{feff}time_seconds, position_millimetres\r\n0, 1\r\n\r\n2,3.5\r\n",
-    );
+    let rows = parse_table("\u{feff}time_seconds, position_millimetres\r\n0, 1\r\n\r\n2,3.5\r\n");
     assert_eq!(rows.unwrap(), [(0.0, 1.0), (2.0, 3.5)]);
 }
 
@@ -891,7 +888,7 @@ proptest! {
     fn arbitrary_text_never_panics(text in ".{0,400}") {
         let _ = Scenario::parse(&text, "x.toml", no_tables);
         let _ = ControllerView::parse(&text, "x.toml", no_tables);
-        let _ = crate::table::parse("x.csv", &text);
+        let _ = parse_table(&text);
     }
 
     #[test]
@@ -916,7 +913,7 @@ proptest! {
 
     #[test]
     fn arbitrary_rows_never_panic(rows in "([0-9.,eE+-]|\\n|nan){0,80}") {
-        let _ = crate::table::parse("x.csv", &format!("time_seconds,position_millimetres\n{rows}"));
+        let _ = parse_table(&format!("time_seconds,position_millimetres\n{rows}"));
     }
 }
 
@@ -940,4 +937,8 @@ fn one_kind_of_file_is_not_taken_for_the_other() {
     let error = crate::rig::RigFile::parse(&with(CLOSED), "step.toml").unwrap_err();
     assert_eq!(error.problems().len(), 1, "{}", render(&error));
     assert!(render(&error).contains("this is a scenario, not a rig file"));
+}
+
+fn parse_table(text: &str) -> Result<Vec<(f64, f64)>, crate::Problem> {
+    crate::table::parse("x.csv", text, &crate::wiring::Wiring::default())
 }

@@ -5,6 +5,7 @@ use serde::Deserialize;
 
 use crate::bus::Bus;
 use crate::scenario::Scenario;
+use crate::wiring::Wiring;
 use crate::{controller, reference};
 
 /// A scenario without the plant's parameters, its disturbances and faults, and its limits: a controller cannot use what it cannot see.
@@ -32,6 +33,9 @@ pub struct ControllerView {
     /// wire under current and another of a motor.
     #[serde(skip)]
     pub plant: String,
+    /// How the drive is wired, put in by the loader.
+    #[serde(skip)]
+    pub wiring: Wiring,
 }
 
 /// The keys that the controller's loader takes out of the document before it looks at anything.
@@ -58,6 +62,7 @@ impl Scenario {
             controller: self.controller.clone(),
             reference: self.reference.clone(),
             plant: self.plant.name().to_owned(),
+            wiring: self.wiring.clone(),
         }
     }
 }

@@ -12,17 +12,31 @@ use rig::catalogue::Catalogue;
 #[must_use]
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
-        let plants = plants::kinds().map(|kind| (kind.name(), kind.signals()));
-        Catalogue::new(plants, own_laws(), plant_objection)
+        let of_one_axis = plants::kinds();
+        let of_one_axis = of_one_axis.filter_map(|kind| Some((kind.name(), kind.signals()?)));
+        let find_ports = |scenario: &Scenario| plants::ports(scenario).ok();
+        Catalogue::new(of_one_axis, own_laws(), plant_objection, find_ports)
     });
     &CATALOGUE
 }
 
 fn plant_objection(scenario: &Scenario) -> Option<Objection> {
-    let Err(InvalidEmulator::Plant(invalid)) = plants::check(scenario) else {
-        return None;
-    };
     let plant = scenario.plant.name();
+    let invalid = match plants::check(scenario) {
+        Err(InvalidEmulator::Plant(invalid)) => invalid,
+        Err(InvalidEmulator::UnknownPort(_) | InvalidEmulator::Unit { .. }) => {
+            return Some(Objection {
+                path: format!("plant.{plant}"),
+                message: format!("the plant `{plant}` needs a rig file"),
+                label: "its ports are not those of one axis".to_owned(),
+                help: Some(
+                    "write schema = 2, and rig = \"FILE.toml\" for a rig file that wires its ports"
+                        .to_owned(),
+                ),
+            });
+        }
+        _ => return None,
+    };
     let path = match invalid.parameter() {
         Some(parameter) => format!("plant.{plant}.{parameter}"),
         None => format!("plant.{plant}"),

@@ -38,10 +38,15 @@ pub struct Role<'a> {
 }
 
 impl<'a> Role<'a> {
-    /// The drive of a loop, with the plant that it moves.
-    pub fn drive(setup: &Setup, participant: &'a mut dyn Participant) -> Self {
+    /// The drives of a plant, with the plant that they move. They share a CAN controller, which is the first one's.
+    pub fn plant(setups: &[Setup], participant: &'a mut dyn Participant) -> Self {
+        let name = participant.name();
+        let of_plant = setups
+            .iter()
+            .filter(|setup| nodes::emulator_name(setup) == name);
+        let drives = of_plant.map(|setup| setup.place.drive_node_id);
         Self {
-            seat: Seat::Drive(setup.place.drive_node_id),
+            seat: Seat::Drive(drives.min().unwrap_or_default()),
             participant,
         }
     }
@@ -82,9 +87,8 @@ pub fn simulate_loops(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End
 
 fn play_here(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End, WorldError> {
     let mut emulators = Vec::new();
-    for setup in setups {
-        let emulator = nodes::plant_emulator_of(setup)?;
-        emulators.push((nodes::emulator_name(setup), emulator));
+    for name in nodes::emulator_names(setups) {
+        emulators.push((name, nodes::plant_emulator_of(setups, name)?));
     }
     let mut bench = DisturbanceProducer::new(setups)?;
     let views = nodes::controller_views(setups);
@@ -95,8 +99,8 @@ fn play_here(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End, WorldEr
         Vec::from_iter(emulators.map(|(name, node)| Local::new(*name, &mut **node)));
     let mut bench = Local::new(BENCH, &mut bench);
     let mut controller = Local::new(CONTROLLER, &mut *controller);
-    let drives = setups.iter().zip(&mut emulators);
-    let drives = drives.map(|(setup, one)| Role::drive(setup, one));
+    let drives = emulators.iter_mut();
+    let drives = drives.map(|one| Role::plant(setups, one));
     let others = [Role::bench(&mut bench), Role::controller(&mut controller)];
     play(setups, drives.chain(others).collect(), capture, None)
 }

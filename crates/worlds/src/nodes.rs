@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ::faults::{FaultKind, FaultPlan, Faulty};
 use canopen::Node;
 use controller::ControllerNode;
-use plant_emulator::{InvalidEmulator, catalogue};
+use plant_emulator::{DriveOf, InvalidEmulator, catalogue};
 use scenario::loops::{NodesOfLoop, OneLoop};
 use scenario::{ControllerView, Scenario};
 
@@ -28,23 +28,37 @@ pub fn plant_emulator(scenario: &Scenario) -> Result<Box<dyn Node>, WorldError> 
     catalogue::emulator(scenario).map_err(|error| no_emulator(PLANT_EMULATOR, &error))
 }
 
-/// The drive of one of several loops, with the plant that it moves.
+/// A plant with all drives that move it: those of the loops whose emulator has this name.
 ///
 /// # Errors
 /// The plant cannot be emulated.
-pub fn plant_emulator_of(setup: &Setup) -> Result<Box<dyn Node>, WorldError> {
-    let Setup {
+pub fn plant_emulator_of(setups: &[Setup], name: &str) -> Result<Box<dyn Node>, WorldError> {
+    let drives = setups.iter().filter(|setup| emulator_name(setup) == name);
+    let scenarios = drives.clone().map(|setup| Scenario {
+        seed: setup.place.seed(setup.scenario.seed),
+        ..setup.scenario.clone()
+    });
+    let scenarios = Vec::from_iter(scenarios);
+    let drives = scenarios.iter().zip(drives);
+    let drives = drives.map(|(scenario, setup)| DriveOf {
         scenario,
-        place,
-        database,
-        ..
-    } = setup;
-    let scenario = Scenario {
-        seed: place.seed(scenario.seed),
-        ..scenario.clone()
-    };
-    let made = catalogue::emulator_at(&scenario, *place, database);
-    made.map_err(|error| no_emulator(emulator_name(setup), &error))
+        place: setup.place,
+        database: &setup.database,
+    });
+    let made = catalogue::emulator_of(name, &Vec::from_iter(drives));
+    made.map_err(|error| no_emulator(name, &error))
+}
+
+/// The names of the participants that emulate the plants of these loops, each once.
+#[must_use]
+pub fn emulator_names(setups: &[Setup]) -> Vec<&str> {
+    let mut names = Vec::new();
+    for name in setups.iter().map(emulator_name) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    names
 }
 
 /// The name of the participant that emulates a plant: the plant's where there are several.

@@ -124,8 +124,9 @@ fn play(
     let _entered = runtime.enter();
     let mut processes = Vec::new();
     let mut channels = Vec::new();
-    let emulators = setups.iter().map(nodes::emulator_name);
-    for name in emulators.chain([CONTROLLER]) {
+    let emulators = nodes::emulator_names(setups);
+    let count = emulators.len();
+    for name in emulators.into_iter().chain([CONTROLLER]) {
         let (ours, theirs) = channel().map_err(|source| WorldError::Spawn {
             name: name.to_owned(),
             source,
@@ -142,9 +143,9 @@ fn play(
         }
         let mut bench = DisturbanceProducer::new(setups)?;
         let mut bench = Local::new(BENCH, &mut bench);
-        let (emulators, manager) = remotes.split_at_mut(setups.len());
-        let drives = setups.iter().zip(emulators);
-        let drives = drives.map(|(setup, one)| Role::drive(setup, one));
+        let (emulators, manager) = remotes.split_at_mut(count);
+        let drives = emulators.iter_mut();
+        let drives = drives.map(|one| Role::plant(setups, one));
         let manager = manager.iter_mut().map(|one| Role::controller(one));
         lockstep::play(
             setups,

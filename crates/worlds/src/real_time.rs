@@ -12,7 +12,7 @@ use crate::bus_connection::{BusConnection, COLLECT_PERIOD, stop_signal};
 use crate::child::NodeProcess;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, WorldError};
-use crate::nodes::{CONTROLLER, DRIVE, emulator_name, first_with_faults};
+use crate::nodes::{CONTROLLER, DRIVE, emulator_names, first_with_faults};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
 use crate::processes::{Processes, runtime};
@@ -118,7 +118,8 @@ fn start_nodes(
     connection: &BusConnection,
 ) -> Result<Processes, WorldError> {
     let is_ours = |setup: &&Setup| !setup.external.has(ExternalNode::Drive);
-    let emulators = setups.iter().filter(is_ours).map(emulator_name);
+    let ours = Vec::from_iter(setups.iter().filter(is_ours).cloned());
+    let emulators = emulator_names(&ours).into_iter();
     // One controller leads all loops.
     let controller = (setups.iter())
         .all(|setup| !setup.external.has(ExternalNode::Controller))

@@ -240,3 +240,46 @@ fn a_cycle_that_is_too_short_is_refused_with_the_one_that_fits() {
     let proposed = format!("sync_period_milliseconds = {period:.1}");
     assert!(text.contains(&proposed), "{text}");
 }
+
+fn shipped(name: &str) -> Vec<Setup> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios");
+    rig::loops::load(&folder.join(name), catalogue()).unwrap()
+}
+
+#[test]
+fn two_drives_turn_one_joint_under_one_law() {
+    let setups = shipped("sma_pair_step.toml");
+    let names = setups.iter().map(Setup::prefix);
+    assert_eq!(Vec::from_iter(names), ["angle.", "extensor."]);
+    let timelines = timelines(&setups, &simulated(&setups));
+    let [angle, extensor] = &timelines[..] else {
+        panic!("{} timelines", timelines.len())
+    };
+    // One plant: both sensors see the same angle.
+    assert_eq!(angle.position(), extensor.position());
+    assert!(angle.column("position_degrees").is_some());
+    // 15 degrees to the flexor's side, then 10 to the other.
+    let at = |timeline: &Timeline, seconds: f64| {
+        let row = timeline
+            .time_seconds
+            .partition_point(|time| *time < seconds);
+        (timeline.position()[row], timeline.current()[row])
+    };
+    let (there, back) = (at(angle, 4.9), at(angle, 7.9));
+    assert!(
+        (there.0 - 15.0).abs() < 1.5 && (back.0 + 10.0).abs() < 1.5,
+        "{there:?} {back:?}"
+    );
+    assert!(there.1 > at(extensor, 4.9).1, "the flexor pulls more");
+    assert!(back.1 < at(extensor, 7.9).1, "the extensor pulls more");
+}
+
+#[test]
+fn a_law_takes_the_current_from_all_its_drives_when_one_is_lost() {
+    let setups = shipped("sma_pair_drive_lost.toml");
+    let timelines = timelines(&setups, &simulated(&setups));
+    for timeline in &timelines {
+        let currents = currents_after(timeline, 3.5);
+        assert!(currents.iter().all(|current| *current == 0.0));
+    }
+}

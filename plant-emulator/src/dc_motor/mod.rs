@@ -77,6 +77,12 @@ impl DcMotor {
         self.motion.speed_radians_per_second() * 60.0 / std::f64::consts::TAU
     }
 
+    /// Angle by which the pinion has turned since the load left its stop.
+    #[must_use]
+    pub fn pinion_angle_degrees(&self) -> f64 {
+        self.motion.pinion_angle_radians().to_degrees()
+    }
+
     /// Force of the spring, downwards.
     #[must_use]
     pub fn spring_newtons(&self) -> f64 {
@@ -127,6 +133,15 @@ impl Plant for DcMotor {
             value: Self::spring_newtons,
         },
     ];
+
+    const FURTHER: &'static [Signal<Self>] = &[Signal {
+        name: "pinion_angle_degrees",
+        unit: "deg",
+        comment: "Angle of the pinion, or of a spindle in its place, upwards.",
+        steps_per_unit: 1.0,
+        range: [-32_768.0, 32_767.0],
+        value: Self::pinion_angle_degrees,
+    }];
 
     const FAULTS: &'static [&'static str] = scenario::plant::DcMotor::FAULTS;
 

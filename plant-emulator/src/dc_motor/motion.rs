@@ -13,6 +13,8 @@ const TURNS_MAX: u32 = 4;
 /// The equation of motion and its state.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
+    /// `r`, m.
+    pinion_radius_metres: f64,
     /// `n / r`, 1/m.
     transmission: f64,
     /// `kM n / r`, N/A.
@@ -47,6 +49,7 @@ impl Motion {
         let inertia = config.rotor_inertia_kilogram_square_metres
             + config.gear_inertia_kilogram_square_metres;
         Self {
+            pinion_radius_metres: config.pinion_radius_metres,
             transmission,
             force_per_ampere: config.torque_constant_newton_metres_per_ampere * transmission,
             rotating_kilograms: inertia * transmission * transmission,
@@ -156,6 +159,10 @@ impl Motion {
 
     pub(super) fn speed_radians_per_second(&self) -> f64 {
         self.velocity_metres_per_second * self.transmission
+    }
+
+    pub(super) fn pinion_angle_radians(&self) -> f64 {
+        self.position_metres / self.pinion_radius_metres
     }
 
     pub(super) fn spring_newtons(&self) -> f64 {

@@ -6,10 +6,13 @@ use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, ObjectDictionary};
 use dbc::data_sheets::TruthPace;
 use dbc::loops::LoopPlace;
+use scenario::port::Unit;
 
+use crate::clocked_plant::ClockedPlant;
 use crate::objects::{self, MissingObject};
-use crate::plant::{Plant, SIGNALS_MAX, Signal};
+use crate::plant::SIGNALS_MAX;
 use crate::thermal_protection::Limits;
+use crate::wires::{Published, Wires};
 
 const POSITION_ACTUAL_VALUE: u16 = 0x6064;
 pub(super) const TARGET_TORQUE: u16 = 0x6071;
@@ -22,6 +25,7 @@ const CURRENT_ACTUAL_VALUE: u16 = 0x6078;
 const PLANT_SIGNALS: [u16; SIGNALS_MAX] = [0x2101, 0x2102, 0x2104, 0x2105, 0x2106, 0x2107];
 const TRUE_POSITION: u16 = 0x2103;
 const THERMAL_PROTECTION: u16 = 0x2110;
+const SI_UNIT_POSITION: u16 = 0x60A8;
 
 /// How many of a plant's signals go with the true position into TPDO2.
 const SIGNALS_IN_TPDO2: usize = 2;
@@ -35,7 +39,7 @@ const TPDO3_COB_ID_OFFSET: u32 = 0x100;
 
 /// Handles of the drive's objects.
 #[derive(Clone, Debug)]
-pub(super) struct Objects<P: Plant> {
+pub(super) struct Objects {
     controlword: Handle,
     statusword: Handle,
     mode: Handle,
@@ -46,7 +50,9 @@ pub(super) struct Objects<P: Plant> {
     max_current: Handle,
     torque: Handle,
     current: Handle,
-    signals: Vec<(Handle, &'static Signal<P>)>,
+    signals: Vec<(Handle, Published)>,
+    /// Counts of 0x6064 for what is a metre of a linear axis, and of 0x2103.
+    counts_per_metre: f64,
     true_position: Handle,
     continuous_current: Handle,
     overload_limit: Handle,
@@ -54,16 +60,17 @@ pub(super) struct Objects<P: Plant> {
     rated_current: Handle,
 }
 
-impl<P: Plant> Objects<P> {
-    pub(super) fn find(dictionary: &ObjectDictionary) -> Result<Self, MissingObject> {
+impl Objects {
+    pub(super) fn find(
+        dictionary: &ObjectDictionary,
+        wires: &Wires,
+    ) -> Result<Self, MissingObject> {
         let at = |index, data_type| objects::find(dictionary, index, 0, data_type);
         let protection = |sub_index, data_type| {
             objects::find(dictionary, THERMAL_PROTECTION, sub_index, data_type)
         };
-        let signals = P::SIGNALS
-            .iter()
-            .zip(PLANT_SIGNALS)
-            .map(|(signal, index)| Ok((at(index, data_type(signal))?, signal)));
+        let signals = wires.published.iter().zip(PLANT_SIGNALS);
+        let signals = signals.map(|(one, index)| Ok((at(index, data_type(one))?, *one)));
         Ok(Self {
             controlword: at(cia402::CONTROLWORD, DataType::Unsigned16)?,
             statusword: at(cia402::STATUSWORD, DataType::Unsigned16)?,
@@ -76,6 +83,7 @@ impl<P: Plant> Objects<P> {
             torque: at(TORQUE_ACTUAL_VALUE, DataType::Integer16)?,
             current: at(CURRENT_ACTUAL_VALUE, DataType::Integer16)?,
             signals: signals.collect::<Result<_, _>>()?,
+            counts_per_metre: wires.counts_per_metre,
             true_position: at(TRUE_POSITION, DataType::Integer32)?,
             continuous_current: protection(1, DataType::Unsigned32)?,
             overload_limit: protection(2, DataType::Unsigned32)?,
@@ -148,10 +156,10 @@ impl<P: Plant> Objects<P> {
         objects::store(dictionary, self.mode_display, &mode.to_le_bytes());
     }
 
-    /// 0x6064 in micrometres.
+    /// 0x6064 in micrometres, or what another unit has in their place.
     pub(super) fn set_position(&self, dictionary: &mut ObjectDictionary, position_metres: f64) {
-        let micrometres = objects::rounded_i32(position_metres * 1e6);
-        objects::store(dictionary, self.position, &micrometres.to_le_bytes());
+        let counts = objects::rounded_i32(position_metres * self.counts_per_metre);
+        objects::store(dictionary, self.position, &counts.to_le_bytes());
     }
 
     /// 0x6077 and 0x6078 in permille of the rated values.
@@ -167,12 +175,17 @@ impl<P: Plant> Objects<P> {
         objects::store(dictionary, self.overload_utilisation, &bytes);
     }
 
-    /// The plant's own signals in their steps, 0x2103 in nanometres.
-    pub(super) fn set_truth(&self, dictionary: &mut ObjectDictionary, plant: &P) {
+    /// The plant's own signals in their steps, 0x2103 in nanometres or millionths of another unit.
+    pub(super) fn set_truth(
+        &self,
+        dictionary: &mut ObjectDictionary,
+        plant: &ClockedPlant,
+        position_metres: f64,
+    ) {
         for (handle, signal) in &self.signals {
             objects::store(dictionary, *handle, &raw(signal, plant));
         }
-        let position = objects::rounded_i32(plant.position_metres() * 1e9);
+        let position = objects::rounded_i32(position_metres * 1e9);
         objects::store(dictionary, self.true_position, &position.to_le_bytes());
     }
 }
@@ -183,12 +196,17 @@ pub(super) fn check_mode(dictionary: &ObjectDictionary, mode: i8) -> Result<(), 
     cia402::check_mode(mode, supported.unwrap_or_default())
 }
 
-/// Puts the plant's own signals into the dictionary of the shipped data sheet, and those that TPDO2 has no room for into
-/// a TPDO3.
-pub(crate) fn declare<P: Plant>(dictionary: &mut ObjectDictionary, plant: &P) {
+/// Puts what the drive publishes of its plant into the dictionary of the shipped data sheet, and those that TPDO2 has no room
+/// for into a TPDO3.
+pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, wires: &Wires) {
+    let published = &wires.published;
     for (place, index) in PLANT_SIGNALS.into_iter().enumerate() {
-        let entry = match P::SIGNALS.get(place) {
-            Some(signal) => object(index, signal.name, data_type(signal), raw(signal, plant)),
+        let entry = match published.get(place) {
+            Some(signal) => {
+                let port = plant.ports().get(signal.output);
+                let name = port.map_or("", |port| &port.name);
+                object(index, name, data_type(signal), raw(signal, plant))
+            }
             None if place < SIGNALS_IN_TPDO2 => {
                 object(index, "reserved", DataType::Unsigned16, [0; 2])
             }
@@ -196,11 +214,21 @@ pub(crate) fn declare<P: Plant>(dictionary: &mut ObjectDictionary, plant: &P) {
         };
         dictionary.insert(entry);
     }
-    if P::SIGNALS.len() > SIGNALS_IN_TPDO2 {
-        declare_tpdo3(
-            dictionary,
-            &PLANT_SIGNALS[SIGNALS_IN_TPDO2..P::SIGNALS.len()],
-        );
+    if published.len() > SIGNALS_IN_TPDO2 {
+        let count = published.len().min(SIGNALS_MAX);
+        declare_tpdo3(dictionary, &PLANT_SIGNALS[SIGNALS_IN_TPDO2..count]);
+    }
+}
+
+/// Says in which unit positions are (0x60A8), where the data sheet does not.
+pub(crate) fn declare_unit(dictionary: &mut ObjectDictionary, unit: &Unit) {
+    if *unit == Unit::Millimetres {
+        return;
+    }
+    if let Ok(handle) = dictionary.find(SI_UNIT_POSITION, 0) {
+        let mut entry = dictionary.entry(handle).clone();
+        entry.default = unit.si_position().to_le_bytes().to_vec();
+        dictionary.insert(entry);
     }
 }
 
@@ -276,17 +304,17 @@ fn cob_id(tpdo2: &Entry) -> u32 {
     u32::from_le_bytes(bytes) + TPDO3_COB_ID_OFFSET
 }
 
-fn data_type<P>(signal: &Signal<P>) -> DataType {
-    if signal.is_signed() {
+fn data_type(signal: &Published) -> DataType {
+    if signal.is_signed {
         DataType::Integer16
     } else {
         DataType::Unsigned16
     }
 }
 
-fn raw<P>(signal: &Signal<P>, plant: &P) -> [u8; 2] {
-    let steps = (signal.value)(plant) * signal.steps_per_unit;
-    if signal.is_signed() {
+fn raw(signal: &Published, plant: &ClockedPlant) -> [u8; 2] {
+    let steps = plant.output(signal.output) * signal.steps_per_unit;
+    if signal.is_signed {
         objects::rounded_i16(steps).to_le_bytes()
     } else {
         objects::rounded_u16(steps).to_le_bytes()

@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use scenario::Scenario;
 use scenario::fault::FaultWindow;
+use scenario::fault::plant::PlantFaults;
 
-use crate::plant::Plant;
 use crate::sensor::Counts;
 pub(crate) use sensor::SensorFaults;
 
@@ -69,23 +69,19 @@ impl RigFaults {
         self.sensor.sense(time_seconds, position_metres, convert)
     }
 
-    /// The current that flows in place of what is commanded.
-    pub(crate) fn current_amperes<P: Plant>(&self, now: Duration, commanded_amperes: f64) -> f64 {
-        let Some(time_seconds) = self.time_seconds(now) else {
-            return commanded_amperes;
-        };
-        if !P::conducts(&P::condition(&self.faults.plant, time_seconds)) {
-            return 0.0;
+    /// The current that flows in place of what is commanded, where the plant conducts.
+    pub(crate) fn current_amperes(&self, now: Duration, commanded_amperes: f64) -> f64 {
+        match self.time_seconds(now) {
+            Some(time) => {
+                amplifier::current_amperes(&self.faults.amplifier, time, commanded_amperes)
+            }
+            None => commanded_amperes,
         }
-        amplifier::current_amperes(&self.faults.amplifier, time_seconds, commanded_amperes)
     }
 
-    /// What is wrong with the plant.
-    pub(crate) fn condition<P: Plant>(&self, now: Duration) -> P::Condition {
-        self.time_seconds(now)
-            .map_or_else(P::Condition::default, |time| {
-                P::condition(&self.faults.plant, time)
-            })
+    /// What goes wrong with the plant, and the scenario time; none before it begins and where nothing will go wrong.
+    pub(crate) fn of_plant(&self, now: Duration) -> Option<(&PlantFaults, f64)> {
+        Some((&self.faults.plant, self.time_seconds(now)?))
     }
 
     /// Scenario time; none before it begins and where nothing will go wrong.

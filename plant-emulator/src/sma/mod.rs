@@ -3,6 +3,7 @@
 mod condition;
 mod faults;
 mod heat;
+pub mod pair;
 mod phase;
 mod validity;
 mod wire;

@@ -26,7 +26,7 @@ pub fn check(plant: &Plant) -> Result<(), InvalidPlant> {
     follows("motion", motion, STEP_SECONDS_MAX)
 }
 
-fn check_heat(heat: &scenario::plant::Heat) -> Result<(), InvalidPlant> {
+pub(super) fn check_heat(heat: &scenario::plant::Heat) -> Result<(), InvalidPlant> {
     positive("mass_kilograms_per_metre", heat.mass_kilograms_per_metre)?;
     positive(
         "specific_heat_joules_per_kilogram_kelvin",
@@ -54,7 +54,7 @@ fn check_heat(heat: &scenario::plant::Heat) -> Result<(), InvalidPlant> {
     )
 }
 
-fn check_phase(phase: &scenario::plant::Phase) -> Result<(), InvalidPlant> {
+pub(super) fn check_phase(phase: &scenario::plant::Phase) -> Result<(), InvalidPlant> {
     let branches = [
         (
             "austenite_start_celsius",

@@ -111,6 +111,11 @@ impl Mechanics {
         self.tension_at(martensite_fraction, strain) / self.section_square_metres
     }
 
+    /// `K0 = EA Awire / l0`, Eq. (9): the wire as austenite.
+    pub(super) fn stiffness_newtons_per_metre(&self) -> f64 {
+        self.austenite_stiffness * self.inverse_austenite_length
+    }
+
     /// Fastest rate of Eq. (7), with the load taken off and the wire as stiff as it gets: the natural frequency
     /// `sqrt(K / n² / m)` or the damping's `c / m`, whichever is higher.
     pub(super) fn fastest_rate_per_second(&self) -> f64 {

@@ -35,6 +35,7 @@ pub(crate) fn scenario() -> Scenario {
         plant: scenario::plant::Plant::default(),
         expect: scenario::expect::Expect::default(),
         sweep: None,
+        wiring: scenario::wiring::Wiring::default(),
     }
 }
 
@@ -48,7 +49,7 @@ pub(crate) struct Sample {
 }
 
 pub(crate) struct Manager {
-    emulator: PlantEmulator<Actuator>,
+    emulator: PlantEmulator,
     now: Duration,
     frames: Vec<CanFrame>,
     counter: u8,
@@ -63,7 +64,7 @@ impl Manager {
 
     pub(crate) fn with(scenario: &Scenario) -> Self {
         Self {
-            emulator: PlantEmulator::new(scenario, &scenario.plant)
+            emulator: PlantEmulator::new::<Actuator>(scenario, &scenario.plant)
                 .expect("the default plant is valid"),
             now: Duration::ZERO,
             frames: Vec::new(),
@@ -119,15 +120,24 @@ impl Manager {
     pub(crate) fn actuator_now(&mut self) -> &Actuator {
         self.emulator.on_tick(self.now);
         self.drain();
-        self.emulator.plant()
+        self.actuator()
     }
 
     pub(crate) fn actuator(&self) -> &Actuator {
-        self.emulator.plant()
+        self.emulator.plant().expect("the plant is the actuator")
     }
 
-    pub(crate) fn inputs(&self) -> &Inputs {
-        self.emulator.inputs()
+    pub(crate) fn inputs(&self) -> Inputs {
+        let &[current_amperes, convection_factor, added_load_kilograms] = self.emulator.inputs()
+        else {
+            panic!("a plant of one axis has three inputs");
+        };
+        Inputs {
+            current_amperes,
+            convection_factor,
+            added_load_kilograms,
+            ..Inputs::default()
+        }
     }
 
     pub(crate) fn current_amperes(&self) -> f64 {

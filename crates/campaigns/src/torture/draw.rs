@@ -4,6 +4,7 @@ use dbc::loops::LoopPlace;
 use faults::Stream;
 use rig::setup::Setup;
 use scenario::plant::Plant;
+use scenario::port::Unit;
 use scenario::rig::nodes::{EMULATED_NODE_ID_MAX, Rig};
 use toml::{Table, Value};
 
@@ -60,6 +61,8 @@ struct Drive {
     node_id: u8,
     /// Faults that mean something to its plant.
     plant_faults: &'static [&'static str],
+    /// In which its positions are.
+    unit: Unit,
 }
 
 impl Nodes {
@@ -69,6 +72,7 @@ impl Nodes {
             name: "drive".to_owned(),
             node_id: LoopPlace::SHIPPED.drive_node_id,
             plant_faults: plant.faults(),
+            unit: Unit::Millimetres,
         };
         Self {
             controller: "controller".to_owned(),
@@ -85,6 +89,7 @@ impl Nodes {
                 name: one.drives.first()?.clone(),
                 node_id: setup.place.drive_node_id,
                 plant_faults: setup.scenario.plant.faults(),
+                unit: setup.scenario.wiring.unit.clone(),
             })
         });
         Self {
@@ -127,6 +132,20 @@ impl Nodes {
     fn below_truth(&self) -> u32 {
         let lowest = self.drives.iter().map(|drive| drive.node_id).min();
         0x6A0 + u32::from(lowest.unwrap_or_default()) - 1
+    }
+
+    /// A fault with the names that its drive has for positions.
+    fn in_unit(&self, fault: Table) -> Table {
+        let name = fault.get("node").and_then(Value::as_str);
+        let mut drives = self.drives.iter();
+        let drive = drives.find(|drive| name == Some(drive.name.as_str()));
+        let Some(unit) = drive.map(|drive| &drive.unit) else {
+            return fault;
+        };
+        let fault = fault.into_iter();
+        fault
+            .map(|(key, value)| (unit.rename(&key), value))
+            .collect()
     }
 
     fn has_fault(&self, (group, kind): &(&str, &str)) -> bool {
@@ -175,7 +194,7 @@ pub(super) fn mix(stream: &mut Stream, nodes: &Nodes, duration_seconds: f64) -> 
         } else {
             fault.insert("at_seconds".to_owned(), from.into());
         }
-        push(&mut faults, group, kind, fault);
+        push(&mut faults, group, kind, nodes.in_unit(fault));
     }
     if stream.happens(BOOT_PROBABILITY) {
         let kind = *pick(stream, &BOOT);

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use platform::series::Series;
+use scenario::port::Unit;
 
 use crate::events::{TimedEmergency, TimelineEvent};
 use crate::masters::SecondMaster;
@@ -58,6 +59,8 @@ pub struct Timeline {
     pub cycles_due: u64,
     /// The raw set-point of the scenario per row; NaN where the scenario has none.
     pub set_point_millimetres: Series<f64>,
+    /// The unit of its positions and of their names; `millimetres` in this code stands for it.
+    pub unit: Unit,
     pub columns: Vec<Column>,
     /// What shows that somebody else led the drive too, the first first.
     pub second_masters: Vec<SecondMaster>,
@@ -84,10 +87,11 @@ pub struct Timeline {
 }
 
 impl Timeline {
-    /// A column by its signal's name.
+    /// A column by its signal's name; that of a position may be its name in millimetres too.
     #[must_use]
     pub fn column(&self, name: &str) -> Option<&Column> {
-        self.columns.iter().find(|column| column.name == name)
+        let by = |name: &str| self.columns.iter().find(|column| column.name == name);
+        by(name).or_else(|| by(&self.unit.rename(name)))
     }
 
     /// The measured position in millimetres.
@@ -162,6 +166,7 @@ impl Timeline {
             time_seconds: part(&self.time_seconds),
             set_point_millimetres: part(&self.set_point_millimetres),
             columns: columns.collect(),
+            unit: self.unit.clone(),
             events: self.events.iter().filter(is_inside).cloned().collect(),
             emergencies: Vec::new(),
             truth: Series::default(),
@@ -220,12 +225,12 @@ pub struct SignalRows<'a> {
 pub fn signals<'a>(loops: &[OfLoop<'a>]) -> Vec<SignalRows<'a>> {
     let of_loop = |(prefix, timeline): &OfLoop<'a>| {
         let set_point = (
-            "set_point_millimetres",
-            "mm",
+            timeline.unit.rename("set_point_millimetres"),
+            timeline.unit.symbol(),
             &timeline.set_point_millimetres,
         );
         let columns = timeline.columns.iter();
-        let columns = columns.map(|column| (&*column.name, &*column.unit, &column.values));
+        let columns = columns.map(|column| (column.name.clone(), &*column.unit, &column.values));
         let signals = [set_point].into_iter().chain(columns);
         let signals = signals.map(|(name, unit, values)| SignalRows {
             name: format!("{prefix}{name}"),

@@ -283,10 +283,11 @@ impl TimelineReader {
         Ok(Timeline {
             period_seconds,
             set_point_millimetres: set_points(scenario, &time_seconds),
+            unit: scenario.wiring.unit.clone(),
             cycle,
             time_seconds,
             cycles_due: self.cycles_due,
-            position: place(&columns, signals::POSITION)?,
+            position: place(&columns, &scenario.wiring.unit.rename(signals::POSITION))?,
             current: place(&columns, signals::CURRENT)?,
             columns,
             events: Vec::new(),

@@ -9,24 +9,28 @@ use crate::run::Run;
 /// A curve over frequency: its title, its unit, and what it shows.
 type Curve = (&'static str, &'static str, fn(&FrequencyPoint) -> f64);
 
+/// Stands for the unit of the loop.
+const OWN_UNIT: &str = "position";
+
 const CURVES: [Curve; 3] = [
     ("Gain", "", |point| point.gain),
     ("Phase", "°", |point| point.phase_degrees),
-    ("Mean offset from the set-point", "mm", |point| {
+    ("Mean offset from the set-point", OWN_UNIT, |point| {
         point.offset_millimetres
     }),
 ];
 
 pub(super) fn section(run: &Run<'_>) -> Markup {
+    let symbol = run.timeline.unit.symbol();
     let responses = frequency_responses(run.timeline, run.setup);
     let points = || responses.iter().flatten();
     html! {
         @if points().next().is_some() {
             (super::heading(run, "Frequency response"))
             p.soft { "Position against set-point, by the turns of the chirp. Bandwidth is where the gain first falls below " (CUT_OFF_GAIN) "." }
-            div.plots.even { @for curve in CURVES { (drawn(curve, &responses)) } }
+            div.plots.even { @for curve in CURVES { (drawn(curve, symbol, &responses)) } }
             details { summary { "as numbers" } div.wide { table {
-                thead { tr { th.number { "Hz" } th.number { "gain" } th.number { "phase (°)" } th.number { "offset (mm)" } } }
+                thead { tr { th.number { "Hz" } th.number { "gain" } th.number { "phase (°)" } th.number { "offset (" (symbol) ")" } } }
                 tbody { @for point in points() { tr {
                     td.number { (format!("{:.3}", point.hertz)) }
                     td.number { (format!("{:.3}", point.gain)) }
@@ -38,7 +42,8 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
     }
 }
 
-fn drawn((title, unit, value): Curve, responses: &[FrequencyResponse]) -> Markup {
+fn drawn((title, unit, value): Curve, symbol: &str, responses: &[FrequencyResponse]) -> Markup {
+    let unit = if unit == OWN_UNIT { symbol } else { unit };
     let axes: Vec<(Vec<f64>, Vec<f64>)> = responses
         .iter()
         .map(|points| {

@@ -33,7 +33,7 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
     let mut in_time = vec![position(run)];
     let (close_ups, left_out) = close_ups(run);
     in_time.extend(close_ups);
-    let mut error_plot = Plot::over_time("Error", "mm");
+    let mut error_plot = Plot::over_time("Error", timeline.unit.symbol());
     error_plot.draw(
         "set-point − measured",
         Colour::Measured,
@@ -177,7 +177,7 @@ fn of_another_plant<'a>(
 fn position<'a>(run: &Run<'a>) -> Plot<'a> {
     let timeline = run.timeline;
     let time = &timeline.time_seconds;
-    let mut plot = Plot::over_time("Position", "mm");
+    let mut plot = Plot::over_time("Position", timeline.unit.symbol());
     plot.patches = run
         .setup
         .scenario
@@ -241,10 +241,15 @@ fn close_ups<'a>(run: &Run<'a>) -> (Vec<Plot<'a>>, usize) {
 
 /// Steps and disturbances.
 fn sudden(scenario: &Scenario) -> Vec<Stretch> {
+    let symbol = scenario.wiring.unit.symbol();
     let steps = scenario.judged_steps().into_iter().map(|step| {
         let from = step.window.from_seconds;
         let until = step.window.until_seconds.min(from + AFTER_STEP_SECONDS);
-        (format!("Step to {} mm", step.to_millimetres), from, until)
+        (
+            format!("Step to {} {symbol}", step.to_millimetres),
+            from,
+            until,
+        )
     });
     let disturbances = scenario
         .disturbance_windows()

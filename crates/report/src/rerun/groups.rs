@@ -53,10 +53,7 @@ const STYLES: [(&str, Style<'static>); 21] = [
         "reference_position_",
         if_used("position", "filtered reference", PINK),
     ),
-    (
-        "error_millimetres",
-        always("error", "set-point − measured", SKY),
-    ),
+    ("error_", always("error", "set-point − measured", SKY)),
     ("target_current_", always("current", "commanded", ORANGE)),
     ("current_", always("current", "measured", SKY)),
     ("wire_temperature_", always("temperature", "true", GREEN)),

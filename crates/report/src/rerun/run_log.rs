@@ -138,9 +138,11 @@ impl<'o, 'a> Recording<'o, 'a> {
         let scenario = self.scenario;
         let factors = asked(scenario, timeline, 1.0, |command| command.convection_factor);
         let grams = asked(scenario, timeline, 0.0, |command| command.added_grams);
+        let [set_point, error_name] =
+            ["set_point_millimetres", "error_millimetres"].map(|name| timeline.unit.rename(name));
         let own = [
-            ("set_point_millimetres", &*timeline.set_point_millimetres),
-            ("error_millimetres", &*error),
+            (set_point.as_str(), &*timeline.set_point_millimetres),
+            (error_name.as_str(), &*error),
             ("scenario_convection_factor", &*factors),
             ("scenario_added_load_grams", &*grams),
         ];
@@ -217,7 +219,8 @@ impl<'o, 'a> Recording<'o, 'a> {
             let times = times::columns(moments.into_iter());
             for (side, edge) in [("upper", band), ("lower", -band)] {
                 let number = number + 1;
-                let path = format!("position/settling_band/step_{number}/{side}_millimetres");
+                let unit = &timeline.unit;
+                let path = format!("position/settling_band/step_{number}/{side}_{unit}");
                 if !self.styled.contains(&path) {
                     let look = line("settling band", groups::GREY).with_widths([1.0]);
                     send_static(self.output, path.as_str(), &look)?;

@@ -87,7 +87,7 @@ fn an_emulated_drive_may_be_somebody_else_s() {
     let path = folder.path().join("two_axes_rig.toml");
     fs::write(&path, TWO_AXES).unwrap();
     let plants = [("dc_motor", &[][..])].into_iter();
-    let catalogue = Catalogue::new(plants, std::iter::empty(), |_| None);
+    let catalogue = Catalogue::new(plants, std::iter::empty(), |_| None, |_| None);
     let setups = of_rig(&path, &catalogue).unwrap();
     let truth = |setups: &[Setup]| {
         let names = ["plant_truth", "y_plant_truth"];

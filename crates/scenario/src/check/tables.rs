@@ -7,19 +7,21 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::reference::Reference;
 use crate::table::{self, ReadTable};
+use crate::wiring::Wiring;
 
 /// Reads the tables of the set-point and of the current into their rows, and the nominal model into its place.
 pub(crate) fn read_tables(
     document: &Document<'_>,
     reference: &mut Reference,
     controller: &mut Controller,
+    wiring: &Wiring,
     read_table: ReadTable<'_>,
 ) -> Vec<Problem> {
     let mut problems = Vec::new();
     for (index, entry) in reference.table.iter_mut().enumerate() {
         let path = format!("reference.table.{index}.file");
         let rows = read_beside(document, &path, &entry.file, read_table)
-            .and_then(|text| table::parse(&entry.file, &text));
+            .and_then(|text| table::parse(&entry.file, &text, wiring));
         match rows {
             Ok(rows) => entry.rows = rows,
             Err(problem) => problems.push(problem),

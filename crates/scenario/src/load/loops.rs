@@ -8,6 +8,7 @@ mod contours;
 mod expect;
 mod read;
 mod sweep;
+mod units;
 
 use std::ops::Range;
 
@@ -19,6 +20,7 @@ use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::rig::nodes::{NodeKind, Rig};
 use crate::schema;
+use units::InUnit;
 
 /// The law of all loops.
 const ALL: &str = "all";
@@ -58,8 +60,7 @@ const SCHEMA: &str = "2";
 const SCHEMA_OF_ONE: &str = "1";
 
 /// Keys of a drive's parts in a rig file, and in a scenario of one drive.
-const SENSOR: [(&str, &str); 3] = [
-    ("max", "span_millimetres"),
+const SENSOR: [(&str, &str); 2] = [
     ("resolution_bits", "resolution_bits"),
     ("noise_rms", "noise_millimetres_rms"),
 ];
@@ -101,8 +102,16 @@ impl<'text> Splitter<'_, 'text> {
         value.get_ref().as_table()
     }
 
+    /// Whether one law leads all that there is, so that nothing need say of which loop it is.
     fn is_only_loop(&self) -> bool {
-        self.rig.loops.len() == 1
+        let mut loops = self.rig.loops.values().filter(|one| one.led_by.is_none());
+        loops.next().is_some() && loops.next().is_none()
+    }
+
+    /// Whether a loop stands for a drive that the law of another one leads.
+    fn is_led(&self, name: &str) -> bool {
+        let one = self.rig.loops.get(name);
+        one.is_some_and(|one| one.led_by.is_some())
     }
 
     /// The drive that a loop leads.
@@ -129,7 +138,12 @@ impl<'text> Splitter<'_, 'text> {
         }
         tree.insert(key("controller"), self.law(name)?);
         tree.insert(key("plant"), self.plant(name, &span));
-        for section in ["reference", "disturbance", "fault"] {
+        let sections = match self.is_led(name) {
+            true => &["fault"][..],
+            false => &["reference", "disturbance", "fault"],
+        };
+        for section in sections {
+            let section: &'static str = section;
             if let Some(value) = self.root().get(section) {
                 let mut kept = value.clone();
                 self.keep(kept.get_mut(), name, section);
@@ -139,11 +153,21 @@ impl<'text> Splitter<'_, 'text> {
         if let Some(expect) = self.expect(name) {
             tree.insert(key(EXPECT), expect);
         }
+        let wiring = self.rig.wiring_of(self.drive(name));
+        let units = InUnit {
+            source: &self.scenario.source,
+            unit: &wiring.unit,
+            of_loop: name,
+        };
+        units.rename(&mut tree)?;
         Ok(tree)
     }
 
     /// `[controller.LOOP.LAW]`, else `[controller.all.LAW]`; where there is one loop, `[controller.LAW]` too.
     fn law(&self, name: &str) -> Result<Spanned<DeValue<'text>>, Problem> {
+        if self.is_led(name) {
+            return Ok(self.no_law());
+        }
         let laws = self.root().get(CONTROLLER);
         let of = |key: &str| self.table(laws?)?.get(key).cloned();
         let only = || laws.filter(|_| !self.is_by_loop(CONTROLLER)).cloned();
@@ -153,6 +177,15 @@ impl<'text> Splitter<'_, 'text> {
                 format!("[controller.{name}.LAW] is missing, and so is [controller.{ALL}.LAW]");
             self.scenario.problem(CONTROLLER, message, label)
         })
+    }
+
+    /// What a drive has that the law of another one leads.
+    fn no_law(&self) -> Spanned<DeValue<'text>> {
+        let span = self.scenario.key_span(CONTROLLER);
+        let nothing = Spanned::new(span.clone(), DeValue::Table(DeTable::new()));
+        let key = Spanned::new(span.clone(), "open_loop".into());
+        let law = DeValue::Table([(key, nothing)].into_iter().collect());
+        Spanned::new(span, law)
     }
 
     /// Whether the tables of a section have the names of loops: where there is one loop, they need not.
@@ -244,7 +277,11 @@ impl<'text> Splitter<'_, 'text> {
             return (wanted.get_ref().as_str() == Some(name)).then_some(entry);
         }
         let is_named = path.starts_with("fault.node.") || path.starts_with("fault.bus.");
-        let mut is_of_loop = path.starts_with("fault.bus.") || self.is_only_loop();
+        let is_only_drive = self.rig.loops.len() == 1;
+        let mut is_of_loop = path.starts_with("fault.bus.")
+            || is_only_drive
+            || path.starts_with("reference.") && self.is_only_loop()
+            || path.starts_with("disturbance.") && self.is_only_loop();
         for key in OF_NODES {
             let Some(value) = table.get_mut(key) else {
                 continue;
@@ -382,7 +419,12 @@ impl<'text> Splitter<'_, 'text> {
             &["loop"]
         };
         let Some((by, named)) = keys.iter().find_map(|key| Some((key, table.get(*key)?))) else {
-            let is_clear = self.is_only_loop() || path.starts_with("fault.bus.");
+            let is_only_drive = self.rig.loops.len() == 1;
+            let is_clear = match path {
+                path if path.starts_with("fault.bus.") => true,
+                path if path.starts_with("fault.") => is_only_drive,
+                _ => self.is_only_loop(),
+            };
             let message = format!("for which {by}?");
             let label = format!("`{by}` is missing; known are: {}", known.join(", "));
             return (!is_clear).then(|| self.scenario.problem(path, message, label));

@@ -9,11 +9,12 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::rig::check_drive;
-use super::{SCENARIO_BYTES_MAX, build, read_text};
+use super::{Reading, SCENARIO_BYTES_MAX, build, own_table, read_text};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::outside::Outside;
-use crate::own::is_name;
+use crate::own::{Section, is_name};
+use crate::port::Unit;
 use crate::rig::nodes::{
     EMULATED_NODE_ID_MAX, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigLoop, RigNode, SHIPPED,
     SHIPPED_NAME,
@@ -63,7 +64,10 @@ impl Rig {
     ) -> Result<Self, ScenarioError> {
         let document: toml::Table = scenario.parse().unwrap_or_default();
         match document.get("rig").and_then(toml::Value::as_str) {
-            Some(name) => Self::parse(files.get(name).map_or("", String::as_str), name),
+            Some(name) => {
+                let text = files.get(name).map_or("", String::as_str);
+                Self::read(text, name, Reading::Recorded).map(|(rig, _)| rig)
+            }
             None => Self::parse(SHIPPED, SHIPPED_NAME),
         }
     }
@@ -80,13 +84,14 @@ impl Rig {
     /// # Errors
     /// Everything that is wrong in the text.
     pub fn parse(text: &str, file_name: &str) -> Result<Self, ScenarioError> {
-        Self::read(text, file_name).map(|(rig, _)| rig)
+        Self::read(text, file_name, Reading::ToPlay).map(|(rig, _)| rig)
     }
 
     /// As [`Rig::parse`], with the tree from which it was made.
     pub(super) fn read<'text>(
         text: &'text str,
         file_name: &str,
+        reading: Reading,
     ) -> Result<(Self, Document<'text>), ScenarioError> {
         let fail = |problems| fail(file_name, problems);
         let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
@@ -94,14 +99,20 @@ impl Rig {
             return Err(fail(vec![problem]));
         }
         document.rewrite(spread_defaults);
-        let outside = Outside::Registered;
-        let (rig, mut problems) =
-            build::<Self>(&document, &outside, "the rig file", &schema::NODES_RIG).map_err(fail)?;
+        let outside = match reading {
+            Reading::ToPlay => Outside::Registered,
+            Reading::Recorded => Outside::from_recorded_rig(document.root()),
+        };
+        let schema = outside.rig_schema();
+        let (mut rig, mut problems) =
+            build::<Self>(&document, &outside, "the rig file", &schema).map_err(fail)?;
+        read_models(&document, &outside, &mut rig, &mut problems);
         let check = Check {
             document: &document,
             rig: &rig,
         };
         problems.extend(check.problems());
+        rig.add_led_drives();
         match problems.is_empty() {
             true => Ok((rig, document)),
             false => Err(fail(problems)),
@@ -117,6 +128,25 @@ pub(super) fn fail(file_name: &str, problems: Vec<Problem>) -> ScenarioError {
 /// Whether a document is meant as a rig file of schema 2: no scenario has one of these tables.
 pub(super) fn is_meant(document: &Document<'_>) -> bool {
     ["node", "loop"].iter().any(|table| document.has(table)) && !document.has("controller")
+}
+
+/// Reads the models of plants from outside; what the schema said of them already is not said twice.
+fn read_models(
+    document: &Document<'_>,
+    outside: &Outside,
+    rig: &mut Rig,
+    problems: &mut Vec<Problem>,
+) {
+    for (name, plant) in &mut rig.plant {
+        let path = format!("plant.{name}");
+        let Some((own, problem)) = own_table(document, outside, Section::Plant, &path) else {
+            continue;
+        };
+        plant.own = Some(own);
+        if problems.is_empty() {
+            problems.extend(problem);
+        }
+    }
 }
 
 /// Another kind of file.
@@ -206,6 +236,7 @@ impl Check<'_> {
         problems.extend(self.controllers());
         problems.extend(self.nodes());
         problems.extend(self.externals());
+        problems.extend(self.sensors());
         problems.extend(self.ports());
         problems.extend(self.loops());
         // Of what is not whole, more would be said than is wrong.
@@ -265,12 +296,13 @@ impl Check<'_> {
     }
 
     fn models(&self) -> Vec<Problem> {
-        let wrong = self.rig.plant.iter().filter(|(_, plant)| {
-            usize::from(plant.sma.is_some()) + usize::from(plant.dc_motor.is_some()) != 1
+        let wrong = self.rig.plant.iter().filter(|(name, _)| {
+            let models = self.document.keys(&format!("plant.{name}"));
+            models.len() != 1
         });
         let problems = wrong.map(|(name, _)| {
             let message = format!("the plant `{name}` needs one model");
-            let label = format!("write one of [plant.{name}.sma] and [plant.{name}.dc_motor]");
+            let label = format!("write one of [plant.{name}.sma], [plant.{name}.dc_motor] and [plant.{name}.sma_pair]");
             self.problem(&format!("plant.{name}"), message, label)
         });
         problems.collect()
@@ -473,17 +505,59 @@ impl Check<'_> {
         problems
     }
 
+    /// Which ports a plant has is known to who knows its model.
     fn port(&self, path: &str, port: &str, wanted: &str) -> Option<Problem> {
         let (plant, name) = port.split_once('.').unwrap_or((port, ""));
         if !self.rig.plant.contains_key(plant) {
             let message = format!("there is no plant `{plant}`");
             return Some(self.unknown(path, message, plant, self.rig.plant.keys()));
         }
-        (name != wanted).then(|| {
-            let message = format!("the plant `{plant}` has no such port here: `{name}`");
-            let label = format!("write \"{plant}.{wanted}\"");
+        (!is_name(name)).then(|| {
+            let message = format!("`{port}` names no port");
+            let label =
+                format!("plant and port with a dot between them, as in \"{plant}.{wanted}\"");
             self.document.problem(path, message, label)
         })
+    }
+
+    /// Ranges that begin below where they end, and units that are words.
+    fn sensors(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let drives = self.rig.node.iter();
+        let drives = drives.filter_map(|(name, node)| Some((name, node, node.sensor.as_ref()?)));
+        for (name, node, sensor) in drives {
+            let path = |key: &str| format!("node.{name}.{key}");
+            let unit = sensor.unit();
+            if !is_name(unit.word()) {
+                let message = format!("`{unit}` is no unit");
+                let label = "a word, as names of ports end in: degrees";
+                problems.push(self.document.problem(&path("sensor.unit"), message, label));
+                continue;
+            }
+            if unit != Unit::Millimetres && (sensor.min.is_none() || sensor.max.is_none()) {
+                let message = format!("the sensor of `{name}` has no range");
+                let label = format!("`min` and `max` are missing, in {unit}");
+                problems.push(self.problem(&path("sensor"), message, label));
+                continue;
+            }
+            let plausible = node.plausible.unwrap_or_default();
+            for (part, min, max) in [
+                ("sensor", sensor.min.or(Some(0.0)), sensor.max),
+                ("plausible", plausible.min, plausible.max),
+            ] {
+                let (Some(min), Some(max)) = (min, max) else {
+                    continue;
+                };
+                // What is no number was refused before.
+                if max <= min {
+                    let message = format!("the range of `{name}` ends where it has not begun");
+                    let label = format!("must be above {min}, its lowest");
+                    let path = path(&format!("{part}.max"));
+                    problems.push(self.document.problem(&path, message, label));
+                }
+            }
+        }
+        problems
     }
 
     fn unknown<'a>(
@@ -554,11 +628,11 @@ impl Check<'_> {
     fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {
         let (node, signal) = feedback.split_once('.').unwrap_or((feedback, ""));
         let path = format!("loop.{name}.feedback");
-        if !drives.iter().any(|drive| drive == node) {
+        if drives.first().is_none_or(|first| first != node) {
             let message =
-                format!("the loop `{name}` follows `{feedback}`, which is not of its drives");
-            let of_drives = drives.iter().map(|drive| format!("\"{drive}.{POSITION}\""));
-            let label = format!("write {}", Vec::from_iter(of_drives).join(" or "));
+                format!("the loop `{name}` follows `{feedback}`, which is not of its first drive");
+            let first = drives.first().map_or("", String::as_str);
+            let label = format!("write \"{first}.{POSITION}\"");
             return Some(self.document.problem(&path, message, label));
         }
         (signal != POSITION).then(|| {

@@ -2,6 +2,7 @@
 
 mod dc_motor;
 mod sma;
+mod sma_pair;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -10,11 +11,14 @@ use crate::left_out::is_zero;
 use crate::own::{self, Own};
 pub use dc_motor::DcMotor;
 pub use sma::{Heat, Mechanics, Phase, StressStrain};
+pub use sma_pair::SmaPair;
 
 /// Name of the plant of a scenario without a table of another one: the actuator of the paper.
 pub const SMA_ACTUATOR: &str = "sma_actuator";
 /// Name of the DC motor, and of its table.
 pub(crate) const DC_MOTOR: &str = "dc_motor";
+/// Name of the joint with two wires, and of its table.
+pub const SMA_PAIR: &str = "sma_pair";
 
 /// The rig: a plant with its sensor and its amplifier. Without a plant's own table, such as `[plant.dc_motor]`, it is the SMA
 /// actuator.
@@ -24,6 +28,9 @@ pub struct Plant {
     /// A DC motor in place of the shape-memory-alloy wire.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dc_motor: Option<DcMotor>,
+    /// A joint with two shape-memory-alloy wires, which only a rig file can wire: it has two currents and an angle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sma_pair: Option<SmaPair>,
     /// Heat balance of the wire, Eq. (1).
     pub heat: Heat,
     /// Phase transformation, Eq. (2).
@@ -44,30 +51,32 @@ impl Plant {
     /// The name of the plant that the table describes.
     #[must_use]
     pub fn name(&self) -> &str {
-        match (&self.own, &self.dc_motor) {
-            (Some(own), _) => own.name(),
-            (None, Some(_)) => DC_MOTOR,
-            (None, None) => SMA_ACTUATOR,
+        match (&self.own, &self.dc_motor, &self.sma_pair) {
+            (Some(own), _, _) => own.name(),
+            (None, Some(_), _) => DC_MOTOR,
+            (None, None, Some(_)) => SMA_PAIR,
+            (None, None, None) => SMA_ACTUATOR,
         }
     }
 
     /// The faults of `[[fault.plant.…]]` that mean something to the plant.
     #[must_use]
     pub fn faults(&self) -> &'static [&'static str] {
-        match (&self.own, &self.dc_motor) {
-            (Some(own), _) => own::faults_of(own.name()),
-            (None, Some(_)) => DcMotor::FAULTS,
-            (None, None) => sma::FAULTS,
+        match (&self.own, &self.dc_motor, &self.sma_pair) {
+            (Some(own), _, _) => own::faults_of(own.name()),
+            (None, Some(_), _) => DcMotor::FAULTS,
+            (None, None, Some(_)) => SmaPair::FAULTS,
+            (None, None, None) => sma::FAULTS,
         }
     }
 
     /// What hangs on the plant, without what disturbances add; a plant from outside knows by itself.
     #[must_use]
     pub fn load_kilograms(&self) -> Option<f64> {
-        match (&self.own, &self.dc_motor) {
-            (Some(_), _) => None,
-            (None, Some(motor)) => Some(motor.load_kilograms),
-            (None, None) => Some(self.mechanics.load_kilograms),
+        match (&self.own, &self.dc_motor, &self.sma_pair) {
+            (Some(_), _, _) | (None, None, Some(_)) => None,
+            (None, Some(motor), _) => Some(motor.load_kilograms),
+            (None, None, None) => Some(self.mechanics.load_kilograms),
         }
     }
 }

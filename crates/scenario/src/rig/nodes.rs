@@ -12,7 +12,10 @@ use super::{
     RigFile, Timeouts,
 };
 use crate::bus::Bus;
-use crate::plant::{DcMotor, Heat, Mechanics, Phase};
+use crate::own::Own;
+use crate::plant::{DcMotor, Heat, Mechanics, Phase, SmaPair};
+use crate::port::Unit;
+use crate::wiring::{LedBy, Plausible, Wiring};
 
 /// The largest node-ID of an emulated node. Its second SDO channel and its truth frames have identifiers that are the first
 /// ones of nodes 32 and 64 further on.
@@ -72,18 +75,96 @@ impl Rig {
         drive.map_or("", String::as_str)
     }
 
+    /// Adds what stands for each drive of a loop besides its first one; see [`RigLoop::led_by`].
+    pub(crate) fn add_led_drives(&mut self) {
+        let mut led = Vec::new();
+        for (name, one) in &self.loops {
+            led.extend(one.drives.iter().skip(1).map(|drive| {
+                let of_drive = RigLoop {
+                    feedback: format!("{drive}.position"),
+                    drives: vec![drive.clone()],
+                    led_by: Some(name.clone()),
+                };
+                (drive.clone(), of_drive)
+            }));
+        }
+        self.loops.extend(led);
+    }
+
+    /// The law that leads a drive which is not the first one of its loop.
+    fn led_by(&self, drive: &str) -> Option<LedBy> {
+        let leader = self.loops.get(drive)?.led_by.as_deref()?;
+        let drives = &self.loops.get(leader)?.drives;
+        Some(LedBy {
+            first: self.node.get(drives.first()?)?.node_id,
+            place: drives.iter().position(|other| other == drive)?,
+        })
+    }
+
     /// The plant that a loop moves; empty for no loop of this rig.
     #[must_use]
     pub fn plant_of_loop(&self, name: &str) -> &str {
         self.plant_of(self.drive_of_loop(name)).unwrap_or_default()
     }
 
-    /// Whether an io node acts on the plant that a drive moves.
+    /// Whether an io node acts on the plant that a drive moves. Of several drives of a plant that is said of the first one only.
     #[must_use]
     pub fn acts_on(&self, io: &str, drive: &str) -> bool {
         let outputs = self.node.get(io).and_then(|node| node.outputs.as_ref());
         let plant = self.plant_of(drive);
-        plant.is_some() && outputs.is_some_and(|outputs| outputs.plant() == plant)
+        let is_first = self.drives_beside(drive).all(|(_, is_before)| !is_before);
+        plant.is_some() && is_first && outputs.is_some_and(|outputs| outputs.plant() == plant)
+    }
+
+    /// The other drives of the plant that a drive moves, each with whether its node-ID is the lower one.
+    fn drives_beside<'a>(&'a self, drive: &'a str) -> impl Iterator<Item = (&'a RigNode, bool)> {
+        let plant = self.plant_of(drive);
+        let own_id = self.node.get(drive).map(|node| node.node_id);
+        let others = self.node.iter().filter(move |(name, _)| {
+            name.as_str() != drive && plant.is_some() && self.plant_of(name) == plant
+        });
+        others.map(move |(_, node)| (node, Some(node.node_id) < own_id))
+    }
+
+    /// How many drives the law leads whose first drive this is.
+    fn drives_led_from(&self, drive: &str) -> usize {
+        let mut loops = self.loops.values().filter(|one| one.led_by.is_none());
+        let own = loops.find(|one| one.drives.first().is_some_and(|first| first == drive));
+        own.map_or(1, |one| one.drives.len())
+    }
+
+    /// How a drive is wired.
+    #[must_use]
+    pub fn wiring_of(&self, drive: &str) -> Wiring {
+        let Some(node) = self.node.get(drive) else {
+            return Wiring::default();
+        };
+        let port = |port: &Option<String>| {
+            let (_, name) = port.as_deref()?.split_once('.')?;
+            Some(name.to_owned())
+        };
+        let amplifier_port = |node: &RigNode| port(&node.amplifier.as_ref()?.port);
+        let sensor = node.sensor.clone().unwrap_or_default();
+        let outputs = self.io_of(drive).and_then(|(_, io)| io.outputs.clone());
+        let outputs = outputs.unwrap_or_default();
+        let beside = self.drives_beside(drive);
+        Wiring {
+            input: amplifier_port(node).unwrap_or_default(),
+            output: port(&sensor.port).unwrap_or_default(),
+            unit: sensor.unit(),
+            position_min: sensor.min.unwrap_or_default(),
+            position_max: sensor.max,
+            fan: port(&outputs.convection_factor),
+            load: port(&outputs.added_load_grams),
+            record: node.record.clone(),
+            beside: beside
+                .filter_map(|(other, _)| amplifier_port(other))
+                .collect(),
+            is_second: self.drives_beside(drive).any(|(_, is_before)| is_before),
+            plausible: node.plausible,
+            leads: self.drives_led_from(drive),
+            led_by: self.led_by(drive),
+        }
     }
 
     /// The name of the controller.
@@ -178,6 +259,9 @@ pub struct DriveDefaults {
     #[schemars(range(min = 1, max = 240))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth_every_cycles: Option<u8>,
+    /// What a position can be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plausible: Option<Plausible>,
 }
 
 /// A plant: exactly one model with its parameters.
@@ -191,6 +275,26 @@ pub struct PlantModel {
     /// A DC motor with gearbox, which lifts a load against a spring.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dc_motor: Option<DcMotor>,
+    /// A joint that two shape-memory-alloy wires turn, one each way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sma_pair: Option<SmaPair>,
+    /// The table of a model from outside, under its own name.
+    #[serde(flatten, skip_deserializing)]
+    #[schemars(skip)]
+    pub own: Option<Own>,
+}
+
+impl PlantModel {
+    /// The name of its model.
+    #[must_use]
+    pub fn model(&self) -> &str {
+        match (&self.own, &self.dc_motor, &self.sma_pair) {
+            (Some(own), _, _) => own.name(),
+            (None, Some(_), _) => "dc_motor",
+            (None, None, Some(_)) => "sma_pair",
+            (None, None, None) => "sma",
+        }
+    }
 }
 
 /// The shape-memory-alloy actuator.
@@ -237,6 +341,16 @@ pub struct RigNode {
     #[schemars(range(min = 1, max = 240))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truth_every_cycles: Option<u8>,
+    /// Of a drive: what a position can be. If absent, in millimetres what it can be of the plants that ship; else nothing is
+    /// watched.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plausible: Option<Plausible>,
+    /// Of a drive: the outputs of its plant that it publishes, at most 6, by the names of their ports. If absent: all of a plant
+    /// with one drive; where a plant has several, those whose names begin like that of the drive's input, and of the first drive
+    /// those that are nobody's too.
+    #[schemars(length(max = 6), inner(length(min = 1, max = 64)))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub record: Option<Vec<String>>,
     /// Of an io node: which of its outputs acts on which port of a plant.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outputs: Option<Outputs>,
@@ -327,34 +441,37 @@ pub struct Sensor {
     #[schemars(length(min = 1, max = 200))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
-    /// The unit of the other keys.
+    /// The unit of the other keys, of all positions of the drive and of its loop's set-points and limits: `millimetres` for a
+    /// length, `degrees` or `revolutions` for an angle, else the port's own. `millimetres` if absent.
+    #[schemars(length(min = 1, max = 64))]
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub unit: Option<Unit>,
-    /// The lowest position that its converter can give; 0.
-    #[schemars(range(min = 0.0, max = 0.0))]
+    pub unit: Option<String>,
+    /// The lowest position that its converter can give, and the lowest set-point; 0 if absent.
+    #[schemars(range(min = -1e6, max = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// The highest position that its converter can give, in millimetres.
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    /// The highest position that its converter can give, and the highest set-point; 60 mm if absent.
+    #[schemars(range(min = -1e6, max = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
     /// Resolution of its converter.
     #[schemars(range(min = 1, max = 24))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution_bits: Option<u32>,
-    /// Standard deviation of normal noise before conversion, in millimetres.
+    /// Standard deviation of normal noise before conversion.
     #[schemars(range(min = 0.0, max = 10.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_rms: Option<f64>,
 }
 
-/// The unit of a position.
-#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Unit {
-    /// Millimetres.
-    #[default]
-    Millimetres,
+impl Sensor {
+    /// The unit of its positions.
+    #[must_use]
+    pub fn unit(&self) -> Unit {
+        self.unit
+            .as_deref()
+            .map_or(Unit::Millimetres, Unit::of_word)
+    }
 }
 
 /// The outputs of an io node.
@@ -390,7 +507,11 @@ pub struct RigLoop {
     /// The signal that follows the set-point, as in `"drive.position"`.
     #[schemars(length(min = 1, max = 200))]
     pub feedback: String,
-    /// The drives that move it.
+    /// The drives that move it, in the order in which its law commands them. The loop follows the first one's position.
     #[schemars(length(min = 1, max = 8))]
     pub drives: Vec<String>,
+    /// What the loader adds for each further drive of a loop: it is played, recorded and judged under its own name, and led by the
+    /// law of this loop.
+    #[serde(skip)]
+    pub led_by: Option<String>,
 }

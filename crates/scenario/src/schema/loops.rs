@@ -2,8 +2,10 @@
 
 use serde_json::{Map, Value, json};
 
-use super::schema_of;
+use super::{entries, schema_of};
 use crate::loops::Contours;
+use crate::own;
+use crate::port::Unit;
 use crate::rig::nodes::{PlantModel, Rig};
 use crate::scenario::Scenario;
 
@@ -19,12 +21,14 @@ const OF_NODES: [&str; 6] = [
 ];
 /// Keys that name a node already, each with what it names in a scenario of one drive.
 const NAMING: [&str; 3] = ["node", "sender", "receiver"];
+/// Definitions with names of positions besides those of set-points and of faults of the sensor: limits, and laws with gains.
+const WITH_UNITS: [&str; 3] = ["Expect", "Pid", "PidPair"];
 /// What a loop's name is for.
 const ALL: &str = "all";
 
 /// The schema of scenarios on any rig.
 pub(super) fn of_loops() -> Value {
-    let mut schema = with_names(schema_of::<Scenario>());
+    let mut schema = with_units(with_names(schema_of::<Scenario>()));
     let laws = properties(&schema, "Controller");
     let limits = with_contours(&mut schema);
     let models = plants(&mut schema);
@@ -61,11 +65,14 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         below["default"] = json!({});
     }
     let plants = rig.plant.iter().map(|(name, plant)| {
-        let (model, definition) = match plant.dc_motor {
-            Some(_) => ("dc_motor", "DcMotor"),
-            None => ("sma", "Sma"),
+        let model = plant.model();
+        let definition = match model {
+            "dc_motor" => reference("DcMotor"),
+            "sma" => reference("Sma"),
+            "sma_pair" => reference("SmaPair"),
+            own => own::schema_of_plant(own),
         };
-        let parameters = json!({"allOf": [reference(definition)], "default": {}});
+        let parameters = json!({"allOf": [definition], "default": {}});
         let plant = json!({"type": "object", "default": {}, "properties": {model: parameters}});
         (name.clone(), plant)
     });
@@ -80,6 +87,55 @@ fn reference(definition: &str) -> Value {
 
 fn properties(schema: &Value, definition: &str) -> Value {
     schema["definitions"][definition]["properties"].clone()
+}
+
+/// Lets names of positions, and gains by the metre, end in the units of angles too. Which of them is right is said by the rig file,
+/// as is the range of set-points.
+fn with_units(mut schema: Value) -> Value {
+    let set_points = entries(&schema, OF_LOOPS);
+    let others = entries(&schema, "SensorFaults");
+    let others = others.into_iter().chain(WITH_UNITS.map(str::to_owned));
+    let with_units = Vec::from_iter(set_points.iter().cloned().chain(others));
+    let definitions = schema["definitions"].as_object_mut();
+    let definitions = definitions.into_iter().flatten();
+    for (name, definition) in definitions.filter(|(name, _)| with_units.contains(name)) {
+        let Some(properties) = definition["properties"].as_object_mut() else {
+            continue;
+        };
+        let names = Vec::from_iter(properties.keys().cloned());
+        for key in names {
+            let of_units = [
+                (Unit::Degrees, "per_degree"),
+                (Unit::Revolutions, "per_revolution"),
+            ];
+            let of_units = of_units.map(|(unit, per_unit)| match key.contains("per_metre") {
+                true => key.replacen("per_metre", per_unit, 1),
+                false => unit.rename(&key),
+            });
+            let mut property = properties[&key].clone();
+            if set_points.contains(name) && key.contains("millimetres") {
+                without_range(&mut property);
+                properties.insert(key.clone(), property.clone());
+            }
+            for other in of_units {
+                properties.entry(other).or_insert_with(|| property.clone());
+            }
+        }
+        if let Some(required) = definition["required"].as_array_mut() {
+            let has_unit =
+                |key: &Value| key.as_str().is_some_and(|key| key.contains("millimetres"));
+            required.retain(|key| !has_unit(key));
+        }
+    }
+    schema
+}
+
+fn without_range(property: &mut Value) {
+    for key in ["minimum", "maximum"] {
+        if let Some(property) = property.as_object_mut() {
+            property.remove(key);
+        }
+    }
 }
 
 /// Lets entries name their loop or their node, and the scenario its rig.
@@ -131,16 +187,6 @@ fn with_names(mut schema: Value) -> Value {
     schema
 }
 
-/// The definitions of a table's arrays.
-fn entries(schema: &Value, table: &str) -> Vec<String> {
-    let arrays = schema["definitions"][table]["properties"].as_object();
-    let names = arrays.into_iter().flatten().filter_map(|(_, array)| {
-        let name = array["items"]["$ref"].as_str()?.rsplit('/').next()?;
-        Some(name.to_owned())
-    });
-    names.collect()
-}
-
 /// The limits of one loop, and of several together.
 fn with_contours(schema: &mut Value) -> Value {
     let contours = schema_of::<Contours>();
@@ -152,7 +198,8 @@ fn with_contours(schema: &mut Value) -> Value {
 
 /// What a plant of a rig may be.
 fn plants(schema: &mut Value) -> Value {
-    let model = schema_of::<PlantModel>();
+    let mut model = schema_of::<PlantModel>();
+    own::describe_plants(&mut model["properties"]);
     add_definitions(schema, &model);
     json!({
         "type": "object",

@@ -77,9 +77,10 @@ fn signals_of_loop(
     [a, b]: [&Timeline; 2],
 ) -> Vec<SignalDifference> {
     let (a_set_point, b_set_point) = (&a.set_point_millimetres, &b.set_point_millimetres);
+    let set_point_name = a.unit.rename(SET_POINT);
     let set_point = signal(
         tolerances,
-        (prefix, SET_POINT, "mm"),
+        (prefix, set_point_name.as_str(), a.unit.symbol()),
         shared,
         a_set_point,
         b_set_point,

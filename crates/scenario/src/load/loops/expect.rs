@@ -29,6 +29,8 @@ impl<'text> Splitter<'_, 'text> {
         let expect = self.root().get(EXPECT)?;
         let whole = match self.table(expect) {
             Some(whole) if self.is_by_loop(EXPECT) => whole,
+            // What is expected of the only loop is not of a drive that its law leads besides.
+            _ if self.is_led(name) => return None,
             _ => {
                 let mut kept = expect.clone();
                 if let DeValue::Table(table) = kept.get_mut() {
@@ -37,13 +39,14 @@ impl<'text> Splitter<'_, 'text> {
                 return Some(kept);
             }
         };
-        let mut kept = match whole.get(name).or_else(|| whole.get(ALL)) {
+        let of_all = whole.get(ALL).filter(|_| !self.is_led(name));
+        let mut kept = match whole.get(name).or(of_all) {
             Some(kept) => kept.clone(),
             None => Spanned::new(expect.span(), DeValue::Table(DeTable::new())),
         };
         // What is no table is refused as such.
         if let DeValue::Table(table) = kept.get_mut() {
-            if let Some(all) = whole.get(ALL).and_then(|all| self.table(all)) {
+            if let Some(all) = of_all.and_then(|all| self.table(all)) {
                 add(table, all);
             }
             if self

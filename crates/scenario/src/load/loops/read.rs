@@ -22,6 +22,7 @@ use crate::rig::nodes::{Rig, SHIPPED, SHIPPED_NAME};
 use crate::scenario::Scenario;
 use crate::table::{ReadTable, is_inside_folder};
 use crate::view::ControllerView;
+use crate::wiring::Wiring;
 
 /// What a scenario's file is called in a run folder, beside the files that it names.
 const SCENARIO_FILE: &str = "scenario.toml";
@@ -156,12 +157,12 @@ fn made(
     object: FindObjection<'_>,
 ) -> Result<Loops<Scenario>, ScenarioError> {
     let RigText { text, name, beside } = &files.rig;
-    let (rig, rig_document) = Rig::read(text, name)?;
+    let (rig, rig_document) = Rig::read(text, name, reading)?;
     let sheets = read_sheets(&rig, &rig_document, beside, read_file);
     let sheets = sheets.map_err(|problems| nodes::fail(name, problems))?;
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
-    let read = |document: &mut Document<'_>| {
-        Scenario::read(document, &mut *read_file, reading, &objections)
+    let read = |document: &mut Document<'_>, wiring: Wiring| {
+        Scenario::read(document, &mut *read_file, reading, &objections, wiring)
     };
     let mut loops = read_loops(&files.scenario, rig, &rig_document, read).map_err(fail)?;
     loops.sheets = sheets;
@@ -209,8 +210,10 @@ impl Loops<ControllerView> {
     pub fn load_view(path: &Path) -> Result<Self, ScenarioError> {
         let loops = parse_beside(path, text_of(path)?, |text, name, read_file| {
             let files = Files::parse(text, name, read_file)?;
-            let (rig, rig_document) = Rig::read(&files.rig.text, &files.rig.name)?;
-            let read = |document: &mut Document<'_>| ControllerView::read(document, read_file);
+            let (rig, rig_document) = Rig::read(&files.rig.text, &files.rig.name, Reading::ToPlay)?;
+            let read = |document: &mut Document<'_>, wiring: Wiring| {
+                ControllerView::read(document, read_file, wiring)
+            };
             let loops = read_loops(&files.scenario, rig, &rig_document, read);
             loops.map_err(|problems| ScenarioError::new(KIND, name, problems))
         });
@@ -329,7 +332,7 @@ fn read_loops<'text, T>(
     scenario: &Document<'text>,
     rig: Rig,
     rig_document: &Document<'text>,
-    mut read: impl FnMut(&mut Document<'text>) -> Result<T, Vec<Problem>>,
+    mut read: impl FnMut(&mut Document<'text>, Wiring) -> Result<T, Vec<Problem>>,
 ) -> Result<Loops<T>, Vec<Problem>> {
     let schema = DeValue::parse(SCHEMA_OF_ONE).map(Spanned::into_inner);
     let splitter = Splitter {
@@ -341,7 +344,8 @@ fn read_loops<'text, T>(
     let (trees, mut problems) = splitter.split();
     let mut loops = Vec::new();
     for (name, tree) in trees {
-        match read(&mut scenario.with_root(tree)) {
+        let wiring = rig.wiring_of(rig.drive_of_loop(&name));
+        match read(&mut scenario.with_root(tree), wiring) {
             Ok(scenario) => loops.push(OneLoop {
                 place: rig.place(&name),
                 name,

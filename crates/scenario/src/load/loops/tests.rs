@@ -448,7 +448,16 @@ fn a_scenario_without_a_rig_is_played_on_the_one_that_ships() {
         .replace("schema = 2", "schema = 1")
         .replace("wire.sma.", "");
     let scenario = Scenario::parse(&of_one_drive, "step.toml", |_| unreachable!("no table"));
-    assert_eq!(one.scenario, scenario.unwrap());
+    // A scenario of one drive leaves out what the rig file writes out: its first ports, and what a wire's position can be.
+    let plain = crate::wiring::Wiring::default();
+    assert_eq!(
+        one.scenario.wiring.plausible,
+        Some(crate::wiring::Plausible::WIRE)
+    );
+    assert_eq!(one.scenario.wiring.range(), plain.range());
+    let mut found = one.scenario.clone();
+    found.wiring = plain;
+    assert_eq!(found, scenario.unwrap());
     assert!(texts.tables.is_empty());
     for (flat, by_loop) in [
         ("[controller.pid]", "[controller.position.pid]"),
@@ -530,4 +539,152 @@ fn a_scenario_of_schema_1_that_names_a_rig_is_told_so_and_nothing_else() {
     let said = "a scenario of schema 1 is of one drive, and names no rig file";
     assert!(error.contains(said), "{error}");
     assert_eq!(error.matches("help:").count(), 1, "{error}");
+}
+
+const JOINT_RIG: &str = r#"
+schema = 2
+name = "joint"
+[bus]
+sync_period_milliseconds = 2.0
+[defaults.drive]
+sensor = { port = "joint.angle_degrees", unit = "degrees", min = -60.0, max = 60.0 }
+[plant.joint.sma_pair]
+[node.hand]
+kind = "controller"
+node_id = 1
+[node.flexor]
+kind = "drive"
+node_id = 0x10
+amplifier.port = "joint.flexor_current_amperes"
+[node.extensor]
+kind = "drive"
+node_id = 0x12
+amplifier.port = "joint.extensor_current_amperes"
+[loop.angle]
+feedback = "flexor.position"
+drives = ["flexor", "extensor"]
+"#;
+
+const JOINT: &str = r#"
+schema = 2
+name = "a step"
+rig = "rig.toml"
+duration_seconds = 3.0
+[controller.pid_pair]
+proportional_amperes_per_degree = 0.03
+[[reference.step]]
+at_seconds = 1.0
+position_degrees = -20.0
+[[fault.sensor.offset]]
+node = "extensor"
+from_seconds = 2.0
+offset_degrees = 5.0
+[expect.angle]
+steady_state_error_degrees = { max = 1.0 }
+"#;
+
+#[test]
+fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
+    let loops = load_text(JOINT, JOINT_RIG).unwrap();
+    let [angle, extensor] = &loops.loops[..] else {
+        panic!("{loops:?}")
+    };
+    assert_eq!(
+        [&*angle.name, &*extensor.name],
+        ["angle", "extensor"],
+        "the second drive is played under its own name"
+    );
+    let (leader, led) = (&angle.scenario.wiring, &extensor.scenario.wiring);
+    assert_eq!((leader.leads, leader.led_by), (2, None));
+    let by = crate::wiring::LedBy {
+        first: 0x10,
+        place: 1,
+    };
+    assert_eq!((led.leads, led.led_by), (1, Some(by)));
+    assert!(led.is_second && !leader.is_second);
+    assert!(angle.scenario.controller.pid_pair.is_some());
+    assert!(extensor.scenario.controller.open_loop.is_some());
+    assert!(extensor.scenario.reference.is_empty());
+    assert_eq!(angle.scenario.fault.sensor.offset.len(), 0);
+    assert_eq!(extensor.scenario.fault.sensor.offset.len(), 1);
+}
+
+#[test]
+fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
+    let loops = load_text(JOINT, JOINT_RIG).unwrap();
+    let angle = &loops.loops[0].scenario;
+    assert_eq!(angle.wiring.unit.word(), "degrees");
+    assert_eq!(angle.wiring.range(), [-60.0, 60.0]);
+    let law = angle.controller.pid_pair.as_ref().unwrap();
+    assert!((law.proportional_amperes_per_metre - 0.03).abs() < 1e-12);
+    assert!((angle.reference.step[0].position_millimetres + 20.0).abs() < 1e-12);
+    assert!(angle.expect.steady_state_error_millimetres.is_some());
+    assert!((angle.plant.sensor.span_millimetres - 120.0).abs() < 1e-12);
+    for (right, wrong, said) in [
+        (
+            "position_degrees",
+            "position_millimetres",
+            "write `position_degrees`",
+        ),
+        (
+            "offset_degrees",
+            "offset_revolutions",
+            "write `offset_degrees`",
+        ),
+        (
+            "error_degrees",
+            "error_millimetres",
+            "write `steady_state_error_degrees`",
+        ),
+        (
+            "= -20.0",
+            "= -70.0",
+            "`reference.step.position_degrees` = -70 is out of range",
+        ),
+        (
+            "proportional_amperes_per_degree",
+            "proportinal_amperes_per_degree",
+            "did you mean `proportional_amperes_per_degree`?",
+        ),
+        (
+            "[controller.pid_pair]",
+            "[controller.pid]",
+            "the law `pid` leads one drive",
+        ),
+        ("node = \"extensor\"\n", "", "for which node?"),
+    ] {
+        let error = load_text(&JOINT.replacen(right, wrong, 1), JOINT_RIG).unwrap_err();
+        assert!(error.contains(said), "{wrong}: {error}");
+    }
+    for (right, wrong, said) in [
+        (
+            ", min = -60.0, max = 60.0",
+            "",
+            "`min` and `max` are missing, in degrees",
+        ),
+        (
+            "min = -60.0, max = 60.0",
+            "min = 60.0, max = -60.0",
+            "must be above 60, its lowest",
+        ),
+        ("unit = \"degrees\"", "unit = \"°\"", "`°` is no unit"),
+        (
+            "flexor.position",
+            "extensor.position",
+            "which is not of its first drive",
+        ),
+        (
+            "joint.extensor_current",
+            "joint.flexor_current",
+            "two nodes drive the port",
+        ),
+        (
+            "\"joint.extensor_current_amperes\"",
+            "\"joint\"",
+            "`joint` names no port",
+        ),
+    ] {
+        let error = load_text(JOINT, &JOINT_RIG.replacen(right, wrong, 1)).unwrap_err();
+        assert!(error.contains(said), "{wrong}: {error}");
+    }
 }

@@ -28,17 +28,25 @@ impl Check<'_> {
         })
     }
 
+    /// A drive whose law leads others must be canrig's, and so must they: the rig file of another one has one loop.
     fn loops_of_several_drives(&self) -> Vec<Problem> {
         let several = self
             .rig
             .loops
             .iter()
             .filter(|(_, one)| one.drives.len() > 1);
-        let problems = several.map(|(name, one)| {
-            let path = format!("loop.{name}.drives");
-            let message = format!("{} drives move the loop `{name}`", one.drives.len());
-            self.document
-                .problem(&path, message, "one drive for each loop")
+        let problems = several.flat_map(|(name, one)| {
+            let drives = one.drives.iter().enumerate();
+            let external = drives.filter(|(_, drive)| {
+                let node = self.rig.node.get(*drive);
+                node.is_some_and(|node| node.external)
+            });
+            external.map(move |(place, drive)| {
+                let path = format!("loop.{name}.drives.{place}");
+                let message = format!("the external drive `{drive}` is one of several of a loop");
+                self.document
+                    .problem(&path, message, "needs a loop of its own")
+            })
         });
         problems.collect()
     }
@@ -117,7 +125,7 @@ impl Check<'_> {
         let idle = self.rig.plant.keys().filter(|plant| !is_moved(plant));
         let problems = idle.map(|plant| {
             let message = format!("no drive moves the plant `{plant}`");
-            let label = format!("write amplifier.port = \"{plant}.current_amperes\" into a drive");
+            let label = format!("write amplifier.port = \"{plant}.PORT\" into a drive");
             self.problem(&format!("plant.{plant}"), message, label)
         });
         problems.collect()

@@ -1,0 +1,364 @@
+//! Whether the drives and io nodes of a rig file are wired to ports that its plants have.
+
+use scenario::loops::{Loops, OneLoop};
+use scenario::own::is_name;
+use scenario::port::{Direction, Port, Ports, Unit, conversion};
+use scenario::wiring::RECORDED_MAX;
+use scenario::{Objection, Scenario, nearest};
+
+use crate::catalogue::Catalogue;
+
+/// More ports than that no plant has.
+const PORTS_MAX: usize = 256;
+/// Bits of a port that is published, and of the frames that have room for them.
+const BITS: usize = 16;
+/// Ports that are listed where the one that is wanted is none of them.
+const LISTED_MAX: usize = 20;
+
+/// What is wrong with how a rig is wired; the first thing.
+pub(crate) fn objection(loops: &Loops<Scenario>, catalogue: &Catalogue) -> Option<Objection> {
+    loops
+        .loops
+        .iter()
+        .find_map(|one| of_loop(loops, one, catalogue))
+}
+
+fn of_loop(
+    loops: &Loops<Scenario>,
+    one: &OneLoop<Scenario>,
+    catalogue: &Catalogue,
+) -> Option<Objection> {
+    let rig = &loops.rig;
+    let drive = rig.drive_of_loop(&one.name);
+    if rig.node.get(drive)?.external {
+        return None;
+    }
+    let ports = catalogue.ports(&one.scenario)?;
+    let wired = Wired {
+        drive,
+        io: rig.io_of(drive).map(|(name, _)| name),
+        plant: rig.plant_of(drive)?,
+        ports: &ports,
+        scenario: &one.scenario,
+    };
+    let objection = wired
+        .plant_objection()
+        .or_else(|| wired.amplifier())
+        .or_else(|| wired.sensor())
+        .or_else(|| wired.io())
+        .or_else(|| wired.record());
+    objection
+}
+
+/// The drive of a loop, its plant and the io node that acts on it.
+struct Wired<'a> {
+    drive: &'a str,
+    io: Option<&'a str>,
+    plant: &'a str,
+    ports: &'a Ports,
+    scenario: &'a Scenario,
+}
+
+impl Wired<'_> {
+    /// A plant whose ports are none.
+    fn plant_objection(&self) -> Option<Objection> {
+        let Ports { inputs, outputs } = self.ports;
+        let count = inputs.len() + outputs.len();
+        let at_plant = |message: String, label: String| {
+            let path = format!("plant.{}", self.plant);
+            Some(objection_at(path, message, label))
+        };
+        let plant = self.plant;
+        if count > PORTS_MAX {
+            let message = format!("the plant `{plant}` has {count} ports");
+            return at_plant(message, format!("at most {PORTS_MAX}"));
+        }
+        let all = Vec::from_iter(inputs.iter().chain(outputs));
+        for (place, port) in all.iter().enumerate() {
+            let name = &port.name;
+            let [min, max] = port.range;
+            let is_second = all[..place].iter().any(|other| other.name == *name);
+            let reason = match () {
+                () if !is_name(name) => "needs a name of small letters, digits and underscores",
+                () if is_second => "is there twice",
+                () if min.is_nan() || max.is_nan() || min >= max => {
+                    "has a range that ends where it has not begun"
+                }
+                () if !(port.steps_per_unit > 0.0 && port.steps_per_unit.is_finite()) => {
+                    "needs a number of steps per unit above 0"
+                }
+                () => continue,
+            };
+            let message = format!("the port `{name}` of the plant `{plant}` {reason}");
+            return at_plant(message, "this plant".to_owned());
+        }
+        None
+    }
+
+    /// The port of this name, which goes this way.
+    fn find(&self, path: &str, name: &str, direction: Direction) -> Result<&Port, Objection> {
+        let [right, wrong] = match direction {
+            Direction::Input => [&self.ports.inputs, &self.ports.outputs],
+            Direction::Output => [&self.ports.outputs, &self.ports.inputs],
+        };
+        if let Some(port) = right.iter().find(|port| port.name == name) {
+            return Ok(port);
+        }
+        let names = || right.iter().map(|port| port.name.as_str());
+        let listed = Vec::from_iter(names().take(LISTED_MAX)).join(", ");
+        let plant = self.plant;
+        if let Some(other) = wrong.iter().find(|port| port.name == name) {
+            let message = format!(
+                "the port `{plant}.{name}` is an {}, and an {direction} is needed here",
+                other.direction
+            );
+            let label = format!("{direction}s of `{plant}`: {listed}");
+            return Err(objection_at(path.to_owned(), message, label));
+        }
+        let message = format!("the plant `{plant}` has no port `{name}`");
+        let label = match nearest(name, names()) {
+            Some(meant) => format!("did you mean \"{plant}.{meant}\"?"),
+            None => format!("{direction}s of `{plant}`: {listed}"),
+        };
+        Err(objection_at(path.to_owned(), message, label))
+    }
+
+    fn amplifier(&self) -> Option<Objection> {
+        let path = format!("node.{}.amplifier.port", self.drive);
+        let name = &self.scenario.wiring.input;
+        match self.find(&path, name, Direction::Input) {
+            Err(objection) => Some(objection),
+            Ok(port) if port.unit == "amperes" => None,
+            Ok(port) => {
+                let message = format!("an amplifier cannot drive `{}`", port.name);
+                let label = match port.unit.as_str() {
+                    "" => "a number without a unit, not amperes".to_owned(),
+                    unit => format!("it is in {unit}, not in amperes"),
+                };
+                Some(objection_at(path, message, label))
+            }
+        }
+    }
+
+    fn sensor(&self) -> Option<Objection> {
+        let path = format!("node.{}.sensor.port", self.drive);
+        let wiring = &self.scenario.wiring;
+        let port = match self.find(&path, &wiring.output, Direction::Output) {
+            Ok(port) => port,
+            Err(objection) => return Some(objection),
+        };
+        if wiring.unit.factor_from(&port.unit).is_some() {
+            return None;
+        }
+        let fitting = Unit::of_port(&port.unit);
+        let message = format!("`{}` cannot be measured in {}", port.name, wiring.unit);
+        let units = fitting.iter().map(|unit| format!("unit = \"{unit}\""));
+        let label = match Vec::from_iter(units).join(" or ") {
+            none if none.is_empty() => "it has no unit".to_owned(),
+            units => format!("write {units}"),
+        };
+        let path = format!("node.{}.sensor.unit", self.drive);
+        Some(objection_at(path, message, label))
+    }
+
+    /// Fan and load of the io node that acts on the plant.
+    fn io(&self) -> Option<Objection> {
+        let io = self.io?;
+        let wiring = &self.scenario.wiring;
+        for (key, name, unit) in [
+            ("convection_factor", &wiring.fan, ""),
+            ("added_load_grams", &wiring.load, "kilograms"),
+        ] {
+            let Some(name) = name else { continue };
+            let path = format!("node.{io}.outputs.{key}");
+            let port = match self.find(&path, name, Direction::Input) {
+                Ok(port) => port,
+                Err(objection) => return Some(objection),
+            };
+            if conversion(unit, &port.unit).is_none() {
+                let wanted = if unit.is_empty() {
+                    "a number without a unit"
+                } else {
+                    "a mass"
+                };
+                let message = format!("`{key}` is {wanted}, and `{name}` is none");
+                let label = format!("it is in {}", port.unit);
+                return Some(objection_at(path, message, label));
+            }
+        }
+        None
+    }
+
+    /// What the drive publishes of its plant.
+    fn record(&self) -> Option<Objection> {
+        let wiring = &self.scenario.wiring;
+        let path = format!("node.{}.record", self.drive);
+        if let Some(names) = &wiring.record {
+            let wrong = names.iter().enumerate().find_map(|(place, name)| {
+                let path = format!("{path}.{place}");
+                match self.find(&path, name, Direction::Output) {
+                    Ok(port) if port.has_range() => None,
+                    Ok(port) => {
+                        let message = format!("`{}` cannot be published", port.name);
+                        Some(objection_at(path, message, "it has no range".to_owned()))
+                    }
+                    Err(objection) => Some(objection),
+                }
+            });
+            if wrong.is_some() {
+                return wrong;
+            }
+        }
+        let recorded = wiring.recorded(self.ports).unwrap_or_default();
+        (recorded.len() > RECORDED_MAX).then(|| {
+            let (count, drive) = (recorded.len(), self.drive);
+            let message = format!(
+                "`{drive}` would publish {count} outputs of `{}`: {} bits",
+                self.plant,
+                count * BITS
+            );
+            let label = format!("its frames have room for {}", RECORDED_MAX * BITS);
+            let names = recorded.iter().take(RECORDED_MAX);
+            let names = names.map(|(_, port)| format!("\"{}\"", port.name));
+            let path = match wiring.record {
+                Some(_) => path,
+                None => format!("node.{drive}"),
+            };
+            Objection {
+                help: Some(format!(
+                    "choose up to {RECORDED_MAX}: record = [{}]",
+                    Vec::from_iter(names).join(", ")
+                )),
+                ..objection_at(path, message, label)
+            }
+        })
+    }
+}
+
+fn objection_at(path: String, message: String, label: String) -> Objection {
+    Objection {
+        path,
+        message,
+        label,
+        help: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::wiring::Wiring;
+
+    fn ports() -> Ports {
+        Ports {
+            inputs: vec![
+                Port::input("current_amperes", [-1.0, 1.0]),
+                Port::input("brake_newtons", [0.0, 9.0]),
+            ],
+            outputs: vec![
+                Port::output("angle_degrees", [-60.0, 60.0]),
+                Port::output("winding_celsius", [0.0, 100.0]),
+            ],
+        }
+    }
+
+    fn found(ports: &Ports, change: impl FnOnce(&mut Wiring)) -> Option<String> {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let mut scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        scenario.wiring = Wiring {
+            input: "current_amperes".to_owned(),
+            output: "angle_degrees".to_owned(),
+            unit: Unit::Degrees,
+            fan: None,
+            load: None,
+            ..Wiring::default()
+        };
+        change(&mut scenario.wiring);
+        let wired = Wired {
+            drive: "motor",
+            io: Some("module"),
+            plant: "joint",
+            ports,
+            scenario: &scenario,
+        };
+        let found = wired
+            .plant_objection()
+            .or_else(|| wired.amplifier())
+            .or_else(|| wired.sensor())
+            .or_else(|| wired.io())
+            .or_else(|| wired.record());
+        found.map(|found| format!("{}: {}: {}", found.path, found.message, found.label))
+    }
+
+    #[test]
+    fn wires_to_ports_that_fit_are_passed() {
+        assert_eq!(found(&ports(), |_| {}), None);
+        assert_eq!(
+            found(&ports(), |wiring| wiring.unit = Unit::Revolutions),
+            None
+        );
+    }
+
+    #[test]
+    fn what_is_wired_wrongly_is_named_with_what_would_be_right() {
+        let set = |field: fn(&mut Wiring) -> &mut String, name: &'static str| {
+            found(&ports(), move |wiring| *field(wiring) = name.to_owned()).unwrap()
+        };
+        assert_eq!(
+            set(|wiring| &mut wiring.input, "curent_amperes"),
+            "node.motor.amplifier.port: the plant `joint` has no port `curent_amperes`: did you mean \"joint.current_amperes\"?"
+        );
+        assert_eq!(
+            set(|wiring| &mut wiring.input, "angle_degrees"),
+            "node.motor.amplifier.port: the port `joint.angle_degrees` is an output, and an input is needed here: inputs of `joint`: current_amperes, brake_newtons"
+        );
+        assert_eq!(
+            set(|wiring| &mut wiring.input, "brake_newtons"),
+            "node.motor.amplifier.port: an amplifier cannot drive `brake_newtons`: it is in newtons, not in amperes"
+        );
+        assert_eq!(
+            set(|wiring| &mut wiring.output, "current_amperes"),
+            "node.motor.sensor.port: the port `joint.current_amperes` is an input, and an output is needed here: outputs of `joint`: angle_degrees, winding_celsius"
+        );
+        assert_eq!(
+            found(&ports(), |wiring| wiring.unit = Unit::Millimetres).unwrap(),
+            "node.motor.sensor.unit: `angle_degrees` cannot be measured in millimetres: write unit = \"degrees\" or unit = \"revolutions\""
+        );
+        assert_eq!(
+            found(&ports(), |wiring| wiring.load =
+                Some("brake_newtons".to_owned()))
+            .unwrap(),
+            "node.module.outputs.added_load_grams: `added_load_grams` is a mass, and `brake_newtons` is none: it is in newtons"
+        );
+    }
+
+    #[test]
+    fn ports_that_are_none_are_refused_with_their_plant() {
+        let many = (0..1000).map(|number| Port::output(&format!("a{number}"), [0.0, 1.0]));
+        let mut crowd = ports();
+        crowd.outputs.extend(many);
+        let said = found(&crowd, |_| {}).unwrap();
+        assert_eq!(
+            said,
+            "plant.joint: the plant `joint` has 1004 ports: at most 256"
+        );
+        let mut backwards = ports();
+        backwards.outputs[1].range = [100.0, 0.0];
+        let said = found(&backwards, |_| {}).unwrap();
+        assert!(
+            said.contains("`winding_celsius` of the plant `joint` has a range that ends"),
+            "{said}"
+        );
+        let mut double = ports();
+        double.outputs[1].name = "current_amperes".to_owned();
+        assert!(found(&double, |_| {}).unwrap().contains("is there twice"));
+        let mut seven = ports();
+        let more = (0..7).map(|number| Port::output(&format!("a{number}"), [0.0, 1.0]));
+        seven.outputs.extend(more);
+        let said = found(&seven, |_| {}).unwrap();
+        assert_eq!(
+            said,
+            "node.motor: `motor` would publish 8 outputs of `joint`: 128 bits: its frames have room for 96"
+        );
+    }
+}

@@ -1,0 +1,508 @@
+//! Ports: the named quantities of a plant that drives and io nodes are wired to, and their units.
+
+use std::fmt;
+
+/// Steps that 16 bits have.
+const STEPS_MAX: f64 = 32_767.0;
+
+/// Which way a port goes.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Direction {
+    /// Acts on the plant.
+    Input,
+    /// Is seen of the plant.
+    Output,
+}
+
+impl fmt::Display for Direction {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Input => "input",
+            Self::Output => "output",
+        })
+    }
+}
+
+/// A named quantity of a plant, in the unit in which the plant computes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Port {
+    /// Its name, whose end is the unit: `"flexor_current_amperes"`.
+    pub name: String,
+    /// The unit in words, as the name has it; empty for a number without one.
+    pub unit: String,
+    /// The unit as the DBC writes it.
+    pub symbol: String,
+    /// What it is.
+    pub comment: String,
+    /// Which way it goes.
+    pub direction: Direction,
+    /// Lowest and highest value.
+    pub range: [f64; 2],
+    /// What acts while nobody drives it.
+    pub at_rest: f64,
+    /// Steps of one unit where the port is published in 16 bits: 100 for a resolution of 0.01.
+    pub steps_per_unit: f64,
+}
+
+impl Port {
+    /// An input with this range, which is 0 while nobody drives it. Its unit is the end of its name.
+    #[must_use]
+    pub fn input(name: &str, range: [f64; 2]) -> Self {
+        Self::new(name, Direction::Input, range)
+    }
+
+    /// An output with this range. Its unit is the end of its name.
+    #[must_use]
+    pub fn output(name: &str, range: [f64; 2]) -> Self {
+        Self::new(name, Direction::Output, range)
+    }
+
+    fn new(name: &str, direction: Direction, range: [f64; 2]) -> Self {
+        let unit = unit_in(name);
+        Self {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            symbol: symbol_of(unit).to_owned(),
+            comment: String::new(),
+            direction,
+            range,
+            at_rest: 0.0,
+            steps_per_unit: steps_for(range),
+        }
+    }
+
+    /// The same with what it is, in a sentence.
+    #[must_use]
+    pub fn with_comment(self, comment: &str) -> Self {
+        let comment = comment.to_owned();
+        Self { comment, ..self }
+    }
+
+    /// The same with another unit than the end of its name, in words and as the DBC writes it.
+    #[must_use]
+    pub fn with_unit(self, unit: &str, symbol: &str) -> Self {
+        Self {
+            unit: unit.to_owned(),
+            symbol: symbol.to_owned(),
+            ..self
+        }
+    }
+
+    /// The same with what acts while nobody drives it.
+    #[must_use]
+    pub fn resting_at(self, at_rest: f64) -> Self {
+        Self { at_rest, ..self }
+    }
+
+    /// The same published in so many steps of one unit.
+    #[must_use]
+    pub fn in_steps(self, steps_per_unit: f64) -> Self {
+        Self {
+            steps_per_unit,
+            ..self
+        }
+    }
+
+    /// Whether its range is one: two finite numbers, the lower one first.
+    #[must_use]
+    pub fn has_range(&self) -> bool {
+        let [min, max] = self.range;
+        min.is_finite() && max.is_finite() && min < max
+    }
+}
+
+/// The ports of a plant that was made of its parameters.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Ports {
+    /// What acts on it, in the order of the plant.
+    pub inputs: Vec<Port>,
+    /// What is seen of it, in the order of the plant.
+    pub outputs: Vec<Port>,
+}
+
+impl Ports {
+    /// The place of an input.
+    #[must_use]
+    pub fn input(&self, name: &str) -> Option<usize> {
+        self.inputs.iter().position(|port| port.name == name)
+    }
+
+    /// The place of an output.
+    #[must_use]
+    pub fn output(&self, name: &str) -> Option<usize> {
+        self.outputs.iter().position(|port| port.name == name)
+    }
+}
+
+/// The finest of 1, 2 and 5 times a power of ten whose steps over a range fit 16 bits; 1 where the range is none.
+fn steps_for([min, max]: [f64; 2]) -> f64 {
+    let largest = min.abs().max(max.abs());
+    if !(largest.is_finite() && largest > 0.0) {
+        return 1.0;
+    }
+    let most = STEPS_MAX / largest;
+    let mut power = 1.0;
+    while power > most {
+        power /= 10.0;
+    }
+    while power * 10.0 <= most {
+        power *= 10.0;
+    }
+    let fitting = [5.0, 2.0].into_iter().find(|step| step * power <= most);
+    fitting.unwrap_or(1.0) * power
+}
+
+/// A unit by its word, with what it is one of.
+struct Known {
+    word: &'static str,
+    symbol: &'static str,
+    of: &'static str,
+    /// How many of the first unit of its kind one is.
+    size: f64,
+}
+
+const fn known(word: &'static str, symbol: &'static str, of: &'static str, size: f64) -> Known {
+    Known {
+        word,
+        symbol,
+        of,
+        size,
+    }
+}
+
+/// Units that names end in.
+const KNOWN: [Known; 31] = [
+    known("metres", "m", "length", 1.0),
+    known("millimetres", "mm", "length", 1e-3),
+    known("micrometres", "um", "length", 1e-6),
+    known("degrees", "deg", "angle", 1.0),
+    known("revolutions", "rev", "angle", 360.0),
+    known("radians", "rad", "angle", 180.0 / std::f64::consts::PI),
+    known("kilograms", "kg", "mass", 1.0),
+    known("grams", "g", "mass", 1e-3),
+    known("amperes", "A", "current", 1.0),
+    known("milliamperes", "mA", "current", 1e-3),
+    known("volts", "V", "voltage", 1.0),
+    known("ohms", "Ohm", "resistance", 1.0),
+    known("watts", "W", "power", 1.0),
+    known("joules", "J", "energy", 1.0),
+    known("newtons", "N", "force", 1.0),
+    known("newton_metres", "Nm", "torque", 1.0),
+    known("pascals", "Pa", "pressure", 1.0),
+    known("bar", "bar", "pressure", 1e5),
+    known("celsius", "degC", "temperature", 1.0),
+    known("kelvins", "K", "temperature difference", 1.0),
+    known("seconds", "s", "time", 1.0),
+    known("hertz", "Hz", "frequency", 1.0),
+    known("percent", "%", "share", 1.0),
+    known("litres", "l", "volume", 1.0),
+    known("metres_per_second", "m/s", "speed", 1.0),
+    known("millimetres_per_second", "mm/s", "speed", 1e-3),
+    known("degrees_per_second", "deg/s", "turning speed", 1.0),
+    known("revolutions_per_minute", "rpm", "turning speed", 6.0),
+    known("revolutions_per_second", "rev/s", "turning speed", 360.0),
+    known(
+        "radians_per_second",
+        "rad/s",
+        "turning speed",
+        180.0 / std::f64::consts::PI,
+    ),
+    known("litres_per_minute", "l/min", "flow", 1.0),
+];
+
+fn find(word: &str) -> Option<&'static Known> {
+    KNOWN.iter().find(|known| known.word == word)
+}
+
+/// The unit that is the end of a name; empty where none is.
+#[must_use]
+pub fn unit_in(name: &str) -> &str {
+    let is_end = |known: &&Known| {
+        let before = name.strip_suffix(known.word);
+        before.is_some_and(|before| before.is_empty() || before.ends_with('_'))
+    };
+    let longest = KNOWN
+        .iter()
+        .filter(is_end)
+        .max_by_key(|known| known.word.len());
+    longest.map_or("", |known| &name[name.len() - known.word.len()..])
+}
+
+/// A unit as the DBC writes it; the word itself where it has no other form.
+#[must_use]
+pub fn symbol_of(word: &str) -> &str {
+    find(word).map_or(word, |known| known.symbol)
+}
+
+/// What one of the unit `from` is in the unit `to`; none where they are of different kinds.
+#[must_use]
+pub fn conversion(from: &str, to: &str) -> Option<f64> {
+    if from == to {
+        return Some(1.0);
+    }
+    let (from, to) = (find(from)?, find(to)?);
+    (from.of == to.of).then_some(from.size / to.size)
+}
+
+/// Keys and metrics that have the unit of a position.
+const NAMES_OF_POSITIONS: [&str; 13] = [
+    "position_millimetres",
+    "centre_millimetres",
+    "amplitude_millimetres",
+    "offset_millimetres",
+    "rate_millimetres_per_second",
+    "noise_millimetres_rms",
+    "height_millimetres",
+    "steady_state_error_millimetres",
+    "tracking_error_millimetres_rms",
+    "sine_offset_millimetres",
+    "maximum_deviation_millimetres",
+    "position_millimetres_max",
+    "hunting_millimetres",
+];
+
+/// The unit in which a loop counts its position: of its set-points, its limits, and what is recorded of it.
+///
+/// Inside the bench a position is in thousands of the unit, which are metres where the unit is the millimetre. So one code serves
+/// every unit, and only the file at one end and the names at the other end have it.
+#[derive(Clone, Debug, Default, Eq, PartialEq)]
+pub enum Unit {
+    /// Millimetres.
+    #[default]
+    Millimetres,
+    /// Degrees.
+    Degrees,
+    /// Revolutions.
+    Revolutions,
+    /// That of the port itself, by its word.
+    Own(String),
+}
+
+impl Unit {
+    /// The unit of a word.
+    #[must_use]
+    pub fn of_word(word: &str) -> Self {
+        match word {
+            "millimetres" => Self::Millimetres,
+            "degrees" => Self::Degrees,
+            "revolutions" => Self::Revolutions,
+            own => Self::Own(own.to_owned()),
+        }
+    }
+
+    /// Its word.
+    #[must_use]
+    pub fn word(&self) -> &str {
+        match self {
+            Self::Millimetres => "millimetres",
+            Self::Degrees => "degrees",
+            Self::Revolutions => "revolutions",
+            Self::Own(word) => word,
+        }
+    }
+
+    /// As plots and the DBC write it.
+    #[must_use]
+    pub fn symbol(&self) -> &str {
+        symbol_of(self.word())
+    }
+
+    /// The units in which a port of this unit can be measured, the best known first.
+    #[must_use]
+    pub fn of_port(port_unit: &str) -> Vec<Self> {
+        let fits = |unit: &Self| conversion(port_unit, unit.word()).is_some();
+        let known = [Self::Millimetres, Self::Degrees, Self::Revolutions];
+        let mut fitting = Vec::from_iter(known.into_iter().filter(fits));
+        if fitting.is_empty() && !port_unit.is_empty() {
+            fitting.push(Self::Own(port_unit.to_owned()));
+        }
+        fitting
+    }
+
+    /// What a value of a port is inside the bench: thousands of this unit. None where the port's unit is of another kind.
+    #[must_use]
+    pub fn factor_from(&self, port_unit: &str) -> Option<f64> {
+        match (self, port_unit) {
+            // To the last bit.
+            (Self::Millimetres, "metres") => Some(1.0),
+            _ => conversion(port_unit, self.word()).map(|factor| factor * 1e-3),
+        }
+    }
+
+    /// Counts of the drive's position object (0x6064) for one unit: micrometres, thousandths of a degree, millionths of a
+    /// revolution.
+    #[must_use]
+    pub fn counts(&self) -> f64 {
+        match self {
+            Self::Revolutions => 1e6,
+            _ => 1e3,
+        }
+    }
+
+    /// The SI unit of the drive's positions (0x60A8, CiA 303-2): prefix and unit. 0 for a unit without a code.
+    #[must_use]
+    pub fn si_position(&self) -> u32 {
+        let (prefix, unit): (u32, u32) = match self {
+            Self::Millimetres => (0xFA, 0x01),
+            Self::Degrees => (0xFD, 0x41),
+            Self::Revolutions => (0xFA, 0xB4),
+            Self::Own(word) if word == "celsius" => (0xFD, 0x2D),
+            Self::Own(_) => return 0,
+        };
+        prefix << 24 | unit << 16
+    }
+
+    /// A name of the bench, which has the unit of a position, as it is for this unit: `position_millimetres` is `position_degrees`.
+    #[must_use]
+    pub fn rename(&self, name: &str) -> String {
+        match self {
+            Self::Millimetres => name.to_owned(),
+            unit => exchanged(name, Self::Millimetres.word(), unit.word()),
+        }
+    }
+
+    /// As [`Unit::rename`], for words with keys in them, among them gains of laws, which are by one of the unit.
+    #[must_use]
+    pub fn rename_keys(&self, text: &str) -> String {
+        let text = self.rename(text);
+        if *self == Self::Millimetres {
+            return text;
+        }
+        let gains = ["amperes_per_", "ampere_seconds_per_"];
+        gains.into_iter().fold(text, |text, gain| {
+            let own = format!("{gain}{}", self.singular());
+            text.replace(&format!("{gain}metre"), &own)
+        })
+    }
+
+    /// One of it, in words.
+    #[must_use]
+    pub fn singular(&self) -> &str {
+        match self.word() {
+            "celsius" => "celsius",
+            word => word.strip_suffix('s').unwrap_or(word),
+        }
+    }
+
+    /// The other way round: as the bench calls it. What is no name of a position stays as it is, whatever its unit.
+    #[must_use]
+    pub fn canonical(&self, name: &str) -> String {
+        let mut names = NAMES_OF_POSITIONS.iter();
+        let canonical = names.find(|known| self.rename(known) == name);
+        canonical.copied().unwrap_or(name).to_owned()
+    }
+}
+
+impl fmt::Display for Unit {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.word())
+    }
+}
+
+/// A name with one of its words in place of another.
+fn exchanged(name: &str, word: &str, by: &str) -> String {
+    let is_end = |rest: &str| !rest.starts_with(char::is_alphanumeric);
+    let mut found = String::with_capacity(name.len());
+    let mut rest = name;
+    while let Some(place) = rest.find(word) {
+        let (before, behind) = (&rest[..place], &rest[place + word.len()..]);
+        found += before;
+        let is_start = !found.ends_with(char::is_alphanumeric);
+        found += if is_start && is_end(behind) { by } else { word };
+        rest = behind;
+    }
+    found + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unit_is_the_end_of_a_name() {
+        for (name, unit) in [
+            ("current_amperes", "amperes"),
+            (
+                "motor_speed_revolutions_per_minute",
+                "revolutions_per_minute",
+            ),
+            ("spindle_revolutions", "revolutions"),
+            ("brake_newton_metres", "newton_metres"),
+            ("martensite_fraction", ""),
+            ("metres", "metres"),
+            ("parametres", ""),
+        ] {
+            assert_eq!(unit_in(name), unit, "{name}");
+        }
+    }
+
+    #[test]
+    fn units_of_one_kind_are_converted_and_others_are_not() {
+        assert_eq!(conversion("metres", "millimetres"), Some(1000.0));
+        assert_eq!(conversion("degrees", "revolutions"), Some(1.0 / 360.0));
+        assert_eq!(conversion("degrees", "millimetres"), None);
+        assert_eq!(conversion("bogus", "bogus"), Some(1.0));
+        assert_eq!(Unit::Millimetres.factor_from("metres"), Some(1.0));
+        assert_eq!(Unit::Degrees.factor_from("degrees"), Some(1e-3));
+        assert_eq!(Unit::Degrees.factor_from("metres"), None);
+        assert_eq!(Unit::of_port("radians"), [Unit::Degrees, Unit::Revolutions]);
+        let celsius = Unit::Own("celsius".to_owned());
+        assert_eq!(Unit::of_port("celsius"), [celsius]);
+        assert_eq!(Unit::of_port(""), []);
+    }
+
+    #[test]
+    fn names_take_the_unit_of_their_loop() {
+        let degrees = Unit::Degrees;
+        for (name, of_degrees) in [
+            ("position_millimetres", "position_degrees"),
+            (
+                "tracking_error_millimetres_rms",
+                "tracking_error_degrees_rms",
+            ),
+            ("rate_millimetres_per_second", "rate_degrees_per_second"),
+            ("overshoot_percent", "overshoot_percent"),
+            ("sine_phase_degrees", "sine_phase_degrees"),
+        ] {
+            assert_eq!(degrees.rename(name), of_degrees);
+            assert_eq!(degrees.canonical(of_degrees), name);
+            assert_eq!(Unit::Millimetres.rename(name), name);
+        }
+        assert_eq!(degrees.rename("kilomillimetres"), "kilomillimetres");
+        let path = degrees.rename("drive_tpdo1.position_millimetres");
+        assert_eq!(path, "drive_tpdo1.position_degrees");
+        assert_eq!(
+            degrees.rename_keys("`proportional_amperes_per_metre` of position_millimetres"),
+            "`proportional_amperes_per_degree` of position_degrees"
+        );
+        // A limit on a temperature is none on the position, even where that is a temperature.
+        let celsius = Unit::Own("celsius".to_owned());
+        assert_eq!(
+            celsius.canonical("temperature_celsius"),
+            "temperature_celsius"
+        );
+        assert_eq!(
+            celsius.canonical("position_celsius"),
+            "position_millimetres"
+        );
+    }
+
+    #[test]
+    fn the_steps_of_a_range_fit_16_bits_and_are_as_fine_as_they_can_be() {
+        for (range, steps) in [
+            ([-60.0, 60.0], 500.0),
+            ([0.0, 1.0], 20_000.0),
+            ([-1e6, 1e6], 0.02),
+            ([0.0, f64::INFINITY], 1.0),
+        ] {
+            assert!((steps_for(range) / steps - 1.0).abs() < 1e-9, "{range:?}");
+        }
+    }
+
+    #[test]
+    fn the_codes_are_those_of_cia_303_2() {
+        assert_eq!(Unit::Millimetres.si_position(), 0xFA01_0000);
+        assert_eq!(Unit::Degrees.si_position(), 0xFD41_0000);
+        assert_eq!(Unit::Own("litres".to_owned()).si_position(), 0);
+    }
+}

@@ -1,0 +1,290 @@
+//! How the drive of a loop is wired to its plant, as the rig file says.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::port::{Port, Ports, Unit};
+
+/// Outputs that a drive can publish: what fits TPDO2, beside the true position, and TPDO3.
+pub const RECORDED_MAX: usize = 6;
+/// The travel where no sensor says another range, in millimetres.
+const TRAVEL_MILLIMETRES: f64 = 60.0;
+
+/// What the rig file says of the drive of a loop; that of the shipped rig where nothing else is said.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wiring {
+    /// The input of the plant that its amplifier drives; the plant's first one if empty.
+    pub input: String,
+    /// The output of the plant that its sensor reads; the plant's first one if empty.
+    pub output: String,
+    /// The unit of its positions.
+    pub unit: Unit,
+    /// The lowest position that its sensor gives, in that unit.
+    pub position_min: f64,
+    /// The highest one; none where the port's range says.
+    pub position_max: Option<f64>,
+    /// The inputs of the plant on which the fan and the load of its io node act.
+    pub fan: Option<String>,
+    /// As `fan`, for the load.
+    pub load: Option<String>,
+    /// The outputs of the plant that it publishes; those that are its own where nothing is said.
+    pub record: Option<Vec<String>>,
+    /// The inputs that other drives drive on the same plant, and whether one of them comes first.
+    pub beside: Vec<String>,
+    /// Whether another drive of the plant has a lower node-ID.
+    pub is_second: bool,
+    /// What a position can be.
+    pub plausible: Option<Plausible>,
+    /// How many drives its law leads.
+    pub leads: usize,
+    /// Of a drive that the law of another one leads.
+    pub led_by: Option<LedBy>,
+}
+
+/// Which law leads a drive that has none of its own.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct LedBy {
+    /// The node-ID of the first drive of the loop.
+    pub first: u8,
+    /// Its place among the drives of the loop, from 1 on: the first one leads.
+    pub place: usize,
+}
+
+impl Default for Wiring {
+    fn default() -> Self {
+        Self {
+            input: String::new(),
+            output: String::new(),
+            unit: Unit::Millimetres,
+            position_min: 0.0,
+            position_max: None,
+            fan: Some("convection_factor".to_owned()),
+            load: Some("added_load_kilograms".to_owned()),
+            record: None,
+            beside: Vec::new(),
+            is_second: false,
+            plausible: None,
+            leads: 1,
+            led_by: None,
+        }
+    }
+}
+
+impl Wiring {
+    /// The lowest and the highest position of the sensor, in its unit, within which set-points lie.
+    #[must_use]
+    pub fn range(&self) -> [f64; 2] {
+        let max = self.position_max.unwrap_or(TRAVEL_MILLIMETRES);
+        [self.position_min, max]
+    }
+
+    /// Whether set-points have another range or another unit than those of schema 1.
+    #[must_use]
+    pub fn is_other_travel(&self) -> bool {
+        self.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
+    }
+
+    /// The place of the output that the sensor reads.
+    #[must_use]
+    pub fn measured(&self, ports: &Ports) -> Option<usize> {
+        match self.output.as_str() {
+            "" => Some(0).filter(|_| !ports.outputs.is_empty()),
+            name => ports.output(name),
+        }
+    }
+
+    /// The place of the input that the amplifier drives.
+    #[must_use]
+    pub fn driven(&self, ports: &Ports) -> Option<usize> {
+        match self.input.as_str() {
+            "" => Some(0).filter(|_| !ports.inputs.is_empty()),
+            name => ports.input(name),
+        }
+    }
+
+    /// The outputs that the drive publishes: those that the rig file names, else those that are its own. Where a plant has one
+    /// drive, all are, less what its sensor reads. Where it has several, those are a drive's whose names begin like that of its
+    /// input, and all that are nobody's are the first one's. What has no range is not published.
+    ///
+    /// # Errors
+    /// A name that is no output.
+    pub fn recorded<'a>(&self, ports: &'a Ports) -> Result<Vec<(usize, &'a Port)>, String> {
+        let places = match &self.record {
+            Some(names) => {
+                let place = |name: &String| ports.output(name).ok_or_else(|| name.clone());
+                names.iter().map(place).collect::<Result<Vec<_>, _>>()?
+            }
+            None => self.own_outputs(ports),
+        };
+        let ports = places
+            .into_iter()
+            .map(|place| (place, &ports.outputs[place]));
+        Ok(ports.collect())
+    }
+
+    fn own_outputs(&self, ports: &Ports) -> Vec<usize> {
+        let measured = self.measured(ports);
+        let driven = self.driven(ports).map(|place| &ports.inputs[place]);
+        let own = driven.map_or("", |port| beginning(&port.name));
+        let is_own = |port: &Port| match beginning(&port.name) {
+            _ if self.beside.is_empty() => true,
+            name if name == own => true,
+            name => !self.is_second && self.beside.iter().all(|other| beginning(other) != name),
+        };
+        let all = ports.outputs.iter().enumerate();
+        let own = all
+            .filter(|(place, port)| Some(*place) != measured && port.has_range() && is_own(port));
+        own.map(|(place, _)| place).collect()
+    }
+}
+
+/// The first word of a name.
+fn beginning(name: &str) -> &str {
+    name.split('_').next().unwrap_or_default()
+}
+
+/// What a measured position can be: one that cannot is no position, and too many in a row end the run. Positions are in the
+/// sensor's unit, rates in it per second. What is left out is not watched.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Plausible {
+    /// The lowest position that can be true.
+    #[schemars(range(min = -1e9, max = 1e9))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// The highest position that can be true.
+    #[schemars(range(min = -1e9, max = 1e9))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+    /// The fastest motion, per second.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate_max: Option<f64>,
+    /// What noise and quantisation of two samples may add to it; 0 if absent.
+    #[schemars(range(min = 0.0, max = 1e9))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub jump: Option<f64>,
+    /// When a position that stands still under a large current is not meant.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stall: Option<Stall>,
+}
+
+/// A position that stands still under a large current. It is never one at an end of the travel, from which the current pushes
+/// outward.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stall {
+    /// The current is large from this RMS on, in amperes.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
+    pub current_rms: f64,
+    /// How long it is watched, in seconds.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 3_600.0))]
+    pub seconds: f64,
+    /// Less than this is no motion.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
+    pub motion: f64,
+    /// Only below this position: above it the plant may be at the end of what a current does.
+    #[schemars(range(min = -1e9, max = 1e9))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub below: Option<f64>,
+    /// Only where the position stays away from the set-point by this much, at the largest current: for a plant that a current
+    /// holds, as a motor does.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub away: Option<f64>,
+}
+
+impl Plausible {
+    /// That of the shape-memory-alloy wire of the paper, in millimetres. No wire lifts its load higher: the nominal travel is
+    /// 60 mm, and any load stretches the wire. 1 A takes it through 60 mm in 0.2 s. The continuous current of the drive's
+    /// protection, 0.9 A, is more than any position needs: either the wire moves, or it is at the top. It is watched for longer
+    /// than the nominal wire's time constant of 0.65 s.
+    pub const WIRE: Self = Self {
+        min: Some(-2.0),
+        max: Some(59.5),
+        rate_max: Some(500.0),
+        jump: Some(2.0),
+        stall: Some(Stall {
+            current_rms: 0.9,
+            seconds: 1.0,
+            motion: 1.0,
+            below: Some(50.0),
+            away: None,
+        }),
+    };
+
+    /// That of another plant in the shipped rig's travel, in millimetres: its current may hold it anywhere.
+    pub const MOTOR: Self = Self {
+        stall: Some(Stall {
+            current_rms: 0.9,
+            seconds: 1.0,
+            motion: 1.0,
+            below: None,
+            away: Some(1.0),
+        }),
+        ..Self::WIRE
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn joint() -> Ports {
+        let input = |name| Port::input(name, [0.0, 1.0]);
+        let output = |name| Port::output(name, [-90.0, 90.0]);
+        Ports {
+            inputs: ["flexor_current_amperes", "extensor_current_amperes"]
+                .map(input)
+                .into(),
+            outputs: [
+                "angle_degrees",
+                "flexor_temperature_celsius",
+                "extensor_temperature_celsius",
+                "speed_degrees_per_second",
+            ]
+            .map(output)
+            .into(),
+        }
+    }
+
+    fn wiring(input: &str, beside: &[&str], is_second: bool) -> Wiring {
+        Wiring {
+            input: input.to_owned(),
+            output: "angle_degrees".to_owned(),
+            unit: Unit::Degrees,
+            beside: beside.iter().map(|name| (*name).to_owned()).collect(),
+            is_second,
+            ..Wiring::default()
+        }
+    }
+
+    #[test]
+    fn each_output_is_published_by_one_drive() {
+        let names = |wiring: &Wiring| {
+            let ports = joint();
+            let recorded = wiring.recorded(&ports).unwrap().into_iter();
+            Vec::from_iter(recorded.map(|(_, port)| port.name.clone()))
+        };
+        let [flexor, extensor] = ["flexor_current_amperes", "extensor_current_amperes"];
+        assert_eq!(
+            names(&wiring(flexor, &[extensor], false)),
+            ["flexor_temperature_celsius", "speed_degrees_per_second"]
+        );
+        assert_eq!(
+            names(&wiring(extensor, &[flexor], true)),
+            ["extensor_temperature_celsius"]
+        );
+        assert_eq!(names(&wiring(flexor, &[], false)).len(), 3);
+        let named = Wiring {
+            record: Some(vec!["speed_degrees_per_second".to_owned()]),
+            ..wiring(flexor, &[], false)
+        };
+        assert_eq!(names(&named), ["speed_degrees_per_second"]);
+        let wrong = Wiring {
+            record: Some(vec!["speed".to_owned()]),
+            ..named
+        };
+        assert_eq!(wrong.recorded(&joint()).unwrap_err(), "speed");
+    }
+}

@@ -1,0 +1,428 @@
+//! A joint that two wires turn, one each way: two currents in, an angle out. The wire that is not heated goes slack.
+//!
+//! Each wire is that of the actuator: heat, Eq. (1), phase, Eq. (2), and tension, Eq. (9). What is between them is the joint:
+//! `J θ̈ + c θ̇ = r (T_flexor − T_extensor) − r m g`, with an added load on a cord round the same pulley, which pulls towards the
+//! extensor's side.
+
+use scenario::fault::plant::PlantFaults;
+use scenario::plant::{self, Mechanics as MechanicsConfig, SmaPair as Config};
+use scenario::port::{Port, Ports};
+
+use super::condition::Condition;
+use super::faults::condition;
+use super::heat::{HeatBalance, Heating};
+use super::phase::Transformation;
+use super::validity::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check_heat, check_phase};
+use super::wire::Mechanics;
+use crate::integrator::runge_kutta_4;
+use crate::plant::{InvalidPlant, follows, not_negative, positive};
+use crate::ports::{PlantWithPorts, PortedPlant};
+
+/// `g`, m/s².
+const GRAVITY: f64 = 9.806_65;
+/// By so much of a step the steps together may be longer, as the actuator's.
+const STEP_EXCESS: f64 = 0.1;
+
+const FLEXOR: usize = 0;
+const EXTENSOR: usize = 1;
+/// Which way each wire turns the joint.
+const SIGNS: [f64; 2] = [1.0, -1.0];
+
+/// Places of the inputs; the currents of the wires come first, in their order.
+const CONVECTION_FACTOR: usize = 2;
+const ADDED_LOAD: usize = 3;
+
+/// A wire without what it moves.
+#[derive(Clone, Debug)]
+struct Wire {
+    phase: Transformation,
+    temperature_celsius: f64,
+    condition: Condition,
+}
+
+/// The joint with its wires.
+#[derive(Clone, Debug)]
+pub struct SmaPair {
+    heat: HeatBalance,
+    mechanics: Mechanics,
+    wires: [Wire; 2],
+    /// `r`, m.
+    radius: f64,
+    /// `J`, kg m².
+    inertia: f64,
+    /// `c`, N m s.
+    damping: f64,
+    /// Contraction of both wires in the middle, m.
+    middle: f64,
+    /// The stops, in radians from the middle.
+    stop: f64,
+    /// `θ`, towards the flexor's side.
+    angle_radians: f64,
+    /// `θ̇`.
+    speed_radians_per_second: f64,
+    ports: Ports,
+}
+
+/// What acts in a step.
+struct Acting {
+    heating: [Heating; 2],
+    /// `m`, kg.
+    load: f64,
+}
+
+impl SmaPair {
+    /// The joint in its middle, without current and as warm as cooling element and air make the wires, all martensite.
+    fn with(config: &Config) -> Self {
+        let heat = HeatBalance::new(&config.heat);
+        let wire = Wire {
+            phase: Transformation::new(&config.phase),
+            temperature_celsius: heat.equilibrium_celsius(0.0, 1.0),
+            condition: Condition::default(),
+        };
+        let mechanics = mechanics(config);
+        Self {
+            mechanics: Mechanics::new(&mechanics),
+            wires: [wire.clone(), wire],
+            radius: config.pulley_radius_millimetres * 1e-3,
+            inertia: config.inertia_kilogram_square_metres,
+            damping: config.damping_newton_metre_seconds,
+            middle: 0.5 * mechanics.recoverable_strain * mechanics.wire_length_metres,
+            stop: config.stop_degrees.to_radians(),
+            angle_radians: 0.0,
+            speed_radians_per_second: 0.0,
+            ports: ports(config),
+            heat,
+        }
+    }
+
+    /// `T` of a wire at a temperature, an angle and on its present branch; a slack one pulls nothing.
+    fn tension_newtons(&self, place: usize, celsius: f64, angle_radians: f64) -> f64 {
+        let wire = &self.wires[place];
+        if wire.condition.is_wire_broken {
+            return 0.0;
+        }
+        let contraction = self.middle + SIGNS[place] * self.radius * angle_radians;
+        let fraction = wire.phase.martensite_fraction(celsius);
+        let factor = wire.condition.recoverable_strain_factor;
+        self.mechanics
+            .tension_newtons(fraction, contraction, factor)
+    }
+
+    fn is_jammed(&self) -> bool {
+        let mut wires = self.wires.iter();
+        wires.any(|wire| wire.condition.is_pulley_jammed)
+    }
+
+    /// Whether the joint rests on a stop, against which it is pushed.
+    fn is_resting(&self, angle: f64, speed: f64, acceleration: f64) -> bool {
+        let side = angle.signum();
+        angle.abs() >= self.stop && speed * side >= 0.0 && acceleration * side >= 0.0
+    }
+
+    /// `(dT/dt, dT/dt, θ̇, θ̈)`.
+    fn derivative(
+        &self,
+        &[flexor, extensor, angle, speed]: &[f64; 4],
+        acting: &Acting,
+    ) -> [f64; 4] {
+        let celsius = [flexor, extensor];
+        let rate = |place: usize| {
+            self.heat
+                .rate_kelvin_per_second(celsius[place], &acting.heating[place])
+        };
+        let tension = |place: usize| self.tension_newtons(place, celsius[place], angle);
+        let pull = tension(FLEXOR) - tension(EXTENSOR) - acting.load * GRAVITY;
+        let inertia = self.inertia + acting.load * self.radius * self.radius;
+        let acceleration = (self.radius * pull - self.damping * speed) / inertia;
+        let rates = [rate(FLEXOR), rate(EXTENSOR)];
+        match self.is_jammed() || self.is_resting(angle, speed, acceleration) {
+            true => [rates[0], rates[1], 0.0, 0.0],
+            false => [rates[0], rates[1], speed, acceleration],
+        }
+    }
+
+    fn acting(&self, inputs: &[f64]) -> Acting {
+        let heating = [FLEXOR, EXTENSOR].map(|place| {
+            let factor = self.wires[place].condition.resistance_factor;
+            let current = inputs[place] * libm::sqrt(factor);
+            self.heat.heating(current, inputs[CONVECTION_FACTOR])
+        });
+        Acting {
+            heating,
+            load: inputs[ADDED_LOAD].max(0.0),
+        }
+    }
+
+    /// One step. Each wire's branch follows the sign of its `dT/dt`, which constant inputs never change. An impact on a stop is
+    /// inelastic.
+    fn advance(&mut self, duration_seconds: f64, acting: &Acting) {
+        for (wire, heating) in self.wires.iter_mut().zip(&acting.heating) {
+            let rate = (self.heat).rate_kelvin_per_second(wire.temperature_celsius, heating);
+            wire.phase.follow(rate, wire.temperature_celsius);
+        }
+        let state = [
+            self.wires[FLEXOR].temperature_celsius,
+            self.wires[EXTENSOR].temperature_celsius,
+            self.angle_radians,
+            self.speed_radians_per_second,
+        ];
+        let [flexor, extensor, angle, speed] =
+            runge_kutta_4(state, duration_seconds, |_, state| {
+                self.derivative(state, acting)
+            });
+        self.wires[FLEXOR].temperature_celsius = flexor;
+        self.wires[EXTENSOR].temperature_celsius = extensor;
+        let is_stopped = angle.abs() > self.stop || self.is_jammed();
+        self.angle_radians = angle.clamp(-self.stop, self.stop);
+        self.speed_radians_per_second = if is_stopped { 0.0 } else { speed };
+    }
+
+    /// An upper limit of how fast the joint moves: both wires austenite.
+    fn fastest_rate_per_second(&self) -> f64 {
+        let stiffness = 2.0 * self.mechanics.stiffness_newtons_per_metre();
+        let natural = libm::sqrt(stiffness * self.radius * self.radius / self.inertia);
+        natural.max(self.damping / self.inertia)
+    }
+}
+
+/// The wire as the actuator's equations have it, where it moves what it pulls as far as it contracts.
+fn mechanics(config: &Config) -> MechanicsConfig {
+    MechanicsConfig {
+        austenite_modulus_pascals: config.austenite_modulus_pascals,
+        wire_diameter_metres: config.wire_diameter_millimetres * 1e-3,
+        wire_length_metres: config.wire_length_millimetres * 1e-3,
+        recoverable_strain: config.recoverable_strain,
+        inner_pulley_radius_metres: 1.0,
+        outer_pulley_radius_metres: 1.0,
+        ..MechanicsConfig::default()
+    }
+}
+
+fn ports(config: &Config) -> Ports {
+    let current = |name| Port::input(name, [0.0, 1.0]).with_comment("Current through the wire.");
+    let temperature = |name| {
+        Port::output(name, [-273.15, 327.67])
+            .in_steps(1e2)
+            .with_comment("Temperature of the wire.")
+    };
+    let tension = |name| {
+        Port::output(name, [0.0, 655.35])
+            .in_steps(1e2)
+            .with_comment("Tension of the wire; 0 where it is slack.")
+    };
+    let stop = config.stop_degrees;
+    Ports {
+        inputs: vec![
+            current("flexor_current_amperes"),
+            current("extensor_current_amperes"),
+            Port::input("convection_factor", [0.0, 32.767])
+                .resting_at(1.0)
+                .with_comment("Multiplies the convection to the air."),
+            Port::input("added_load_kilograms", [0.0, 3.276_7])
+                .with_comment("Hangs on the pulley and pulls towards the extensor's side."),
+        ],
+        outputs: vec![
+            Port::output("angle_degrees", [-stop, stop])
+                .with_comment("Angle of the joint, towards the flexor's side."),
+            temperature("flexor_temperature_celsius"),
+            tension("flexor_tension_newtons"),
+            temperature("extensor_temperature_celsius"),
+            tension("extensor_tension_newtons"),
+            Port::output("speed_degrees_per_second", [-3_276.8, 3_276.7])
+                .in_steps(10.0)
+                .with_comment("Speed of the joint."),
+        ],
+    }
+}
+
+impl PortedPlant for SmaPair {
+    fn inputs(&self) -> &[Port] {
+        &self.ports.inputs
+    }
+
+    fn outputs(&self) -> &[Port] {
+        &self.ports.outputs
+    }
+
+    fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
+        if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
+            return;
+        }
+        let acting = self.acting(inputs);
+        let steps = libm::ceil(duration_seconds / STEP_SECONDS_MAX - STEP_EXCESS).max(1.0);
+        let step_seconds = duration_seconds / steps;
+        let mut index = 0.0;
+        while index < steps {
+            self.advance(step_seconds, &acting);
+            index += 1.0;
+        }
+    }
+
+    fn read(&self, outputs: &mut [f64]) {
+        let celsius = |place: usize| self.wires[place].temperature_celsius;
+        let tension =
+            |place: usize| self.tension_newtons(place, celsius(place), self.angle_radians);
+        let values = [
+            self.angle_radians.to_degrees(),
+            celsius(FLEXOR),
+            tension(FLEXOR),
+            celsius(EXTENSOR),
+            tension(EXTENSOR),
+            self.speed_radians_per_second.to_degrees(),
+        ];
+        for (output, value) in outputs.iter_mut().zip(values) {
+            *output = value;
+        }
+    }
+
+    fn heated_celsius(&self, input: usize) -> Option<f64> {
+        let wire = self.wires.get(input)?;
+        Some(wire.temperature_celsius)
+    }
+
+    fn conducts(&self, input: usize) -> bool {
+        let wire = self.wires.get(input);
+        wire.is_none_or(|wire| !wire.condition.is_wire_broken)
+    }
+
+    fn is_condition_new(&self, input: usize, faults: &PlantFaults, time_seconds: f64) -> bool {
+        let wire = self.wires.get(input);
+        wire.is_some_and(|wire| wire.condition != condition(faults, time_seconds))
+    }
+
+    fn set_condition(&mut self, input: usize, faults: &PlantFaults, time_seconds: f64) {
+        if let Some(wire) = self.wires.get_mut(input) {
+            wire.condition = condition(faults, time_seconds);
+        }
+    }
+}
+
+impl PlantWithPorts for SmaPair {
+    const NAME: &'static str = plant::SMA_PAIR;
+    type Config = Config;
+    const FAULTS: &'static [&'static str] = Config::FAULTS;
+
+    fn new(config: &Config) -> Result<Self, InvalidPlant> {
+        check_heat(&config.heat)?;
+        check_phase(&config.phase)?;
+        for (name, value) in [
+            (
+                "pulley_radius_millimetres",
+                config.pulley_radius_millimetres,
+            ),
+            ("wire_length_millimetres", config.wire_length_millimetres),
+            (
+                "wire_diameter_millimetres",
+                config.wire_diameter_millimetres,
+            ),
+            ("recoverable_strain", config.recoverable_strain),
+            (
+                "austenite_modulus_pascals",
+                config.austenite_modulus_pascals,
+            ),
+            (
+                "inertia_kilogram_square_metres",
+                config.inertia_kilogram_square_metres,
+            ),
+            ("stop_degrees", config.stop_degrees),
+        ] {
+            positive(name, value)?;
+        }
+        not_negative(
+            "damping_newton_metre_seconds",
+            config.damping_newton_metre_seconds,
+        )?;
+        let pair = Self::with(config);
+        let heat = pair.heat.rate_per_second(CONVECTION_FACTOR_MAX);
+        follows("heat", heat, STEP_SECONDS_MAX)?;
+        follows("motion", pair.fastest_rate_per_second(), STEP_SECONDS_MAX)?;
+        Ok(pair)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::fault::plant::BrokenWire;
+
+    fn pair() -> SmaPair {
+        SmaPair::new(&Config::default()).unwrap()
+    }
+
+    fn read(pair: &SmaPair) -> [f64; 6] {
+        let mut outputs = [0.0; 6];
+        pair.read(&mut outputs);
+        outputs
+    }
+
+    /// Seconds under the currents of flexor and extensor in still air.
+    fn run(pair: &mut SmaPair, seconds: f64, [flexor, extensor]: [f64; 2], load: f64) {
+        pair.step(seconds, &[flexor, extensor, 1.0, load]);
+    }
+
+    #[test]
+    fn each_wire_turns_the_joint_its_way_and_the_other_one_is_slack() {
+        for (currents, sign) in [([0.8, 0.0], 1.0), ([0.0, 0.8], -1.0)] {
+            let mut pair = pair();
+            run(&mut pair, 5.0, currents, 0.0);
+            let [angle, _, flexor, _, extensor, _] = read(&pair);
+            assert!(angle * sign > 30.0, "{angle}");
+            let slack = if sign > 0.0 { extensor } else { flexor };
+            assert_eq!(slack, 0.0);
+        }
+    }
+
+    #[test]
+    fn both_wires_alike_hold_the_joint_in_its_middle_and_stiffen_it() {
+        let bent = |current| {
+            let mut pair = pair();
+            run(&mut pair, 5.0, [current, current], 0.0);
+            assert!(read(&pair)[0].abs() < 1e-9);
+            run(&mut pair, 5.0, [current, current], 0.2);
+            read(&pair)[0].abs()
+        };
+        let (soft, stiff) = (bent(0.6), bent(0.8));
+        assert!(stiff < soft && soft > 0.0, "{soft} {stiff}");
+    }
+
+    #[test]
+    fn a_broken_wire_pulls_and_conducts_no_more() {
+        let mut pair = pair();
+        let broken = BrokenWire {
+            from_seconds: 1.0,
+            until_seconds: None,
+        };
+        let faults = PlantFaults {
+            broken_wire: vec![broken],
+            ..PlantFaults::default()
+        };
+        assert!(!pair.is_condition_new(FLEXOR, &faults, 0.5));
+        assert!(pair.is_condition_new(FLEXOR, &faults, 1.5));
+        run(&mut pair, 5.0, [0.8, 0.0], 0.0);
+        pair.set_condition(FLEXOR, &faults, 1.5);
+        assert!(!pair.conducts(FLEXOR) && pair.conducts(EXTENSOR));
+        assert_eq!(read(&pair)[2], 0.0);
+    }
+
+    #[test]
+    fn many_short_steps_come_to_the_same_as_one_long_one() {
+        let (mut short, mut long) = (pair(), pair());
+        for _ in 0..2000 {
+            run(&mut short, 1e-3, [0.7, 0.2], 0.05);
+        }
+        run(&mut long, 2.0, [0.7, 0.2], 0.05);
+        for (short, long) in read(&short).into_iter().zip(read(&long)) {
+            assert!((short - long).abs() < 1e-6, "{short} {long}");
+        }
+    }
+
+    #[test]
+    fn a_joint_that_is_too_fast_is_refused() {
+        let config = Config {
+            inertia_kilogram_square_metres: 1e-8,
+            ..Config::default()
+        };
+        let error = SmaPair::new(&config).unwrap_err().to_string();
+        assert!(error.starts_with("motion changes at up to"), "{error}");
+    }
+}

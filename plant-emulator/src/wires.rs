@@ -1,0 +1,114 @@
+//! Which ports of a plant a drive is wired to: their places, found once.
+
+use scenario::port::{Port, Ports, conversion};
+use scenario::wiring::Wiring;
+
+use crate::InvalidEmulator;
+use crate::plant::SIGNALS_MAX;
+
+/// An output that a drive publishes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Published {
+    /// Its place.
+    pub(crate) output: usize,
+    pub(crate) steps_per_unit: f64,
+    /// Whether its 16 bits have a sign.
+    pub(crate) is_signed: bool,
+}
+
+/// The ports of one drive.
+#[derive(Clone, Debug)]
+pub(crate) struct Wires {
+    /// The input that the amplifier drives.
+    pub(crate) input: usize,
+    /// The output that the sensor reads.
+    pub(crate) output: usize,
+    /// What makes the output a position inside the bench.
+    pub(crate) metres_per_unit: f64,
+    /// Counts of 0x6064 for one of those.
+    pub(crate) counts_per_metre: f64,
+    /// What TPDO2 and TPDO3 hold.
+    pub(crate) published: Vec<Published>,
+    /// The input on which the fan of its io node acts.
+    pub(crate) fan: Option<usize>,
+    /// The input on which the load acts, and how many of the port's unit a kilogram is.
+    pub(crate) load: Option<(usize, f64)>,
+}
+
+impl Wires {
+    /// The places of what a rig file names.
+    pub(crate) fn new(ports: &Ports, wiring: &Wiring) -> Result<Self, InvalidEmulator> {
+        let unknown = |name: &str| InvalidEmulator::UnknownPort(name.to_owned());
+        let input = wiring.driven(ports);
+        let output = wiring
+            .measured(ports)
+            .ok_or_else(|| unknown(&wiring.output))?;
+        let factor = wiring.unit.factor_from(&ports.outputs[output].unit);
+        let recorded = wiring
+            .recorded(ports)
+            .map_err(InvalidEmulator::UnknownPort)?
+            .into_iter()
+            .take(SIGNALS_MAX);
+        let place = |name: &Option<String>| {
+            let name = name.as_deref()?;
+            ports.input(name)
+        };
+        let load = place(&wiring.load).and_then(|place| {
+            let factor = conversion("kilograms", &ports.inputs[place].unit)?;
+            Some((place, factor))
+        });
+        Ok(Self {
+            input: input.ok_or_else(|| unknown(&wiring.input))?,
+            output,
+            metres_per_unit: factor.ok_or_else(|| InvalidEmulator::Unit {
+                port: ports.outputs[output].name.clone(),
+                unit: wiring.unit.to_string(),
+            })?,
+            counts_per_metre: wiring.unit.counts() * 1e3,
+            published: recorded
+                .map(|(output, port)| published(output, port))
+                .collect(),
+            fan: place(&wiring.fan),
+            load,
+        })
+    }
+}
+
+fn published(output: usize, port: &Port) -> Published {
+    Published {
+        output,
+        steps_per_unit: port.steps_per_unit,
+        is_signed: port.range[0] < 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::port::Unit;
+
+    #[test]
+    fn a_port_that_is_not_there_and_a_unit_that_does_not_fit_are_refused() {
+        let ports = Ports {
+            inputs: vec![Port::input("flexor_current_amperes", [0.0, 1.0])],
+            outputs: vec![Port::output("angle_degrees", [-60.0, 60.0])],
+        };
+        let wiring = Wiring {
+            unit: Unit::Degrees,
+            ..Wiring::default()
+        };
+        let wires = Wires::new(&ports, &wiring).unwrap();
+        assert!((wires.metres_per_unit - 1e-3).abs() < 1e-18);
+        assert_eq!((wires.fan, wires.load), (None, None));
+        let fails = |wiring: &Wiring| Wires::new(&ports, wiring).unwrap_err().to_string();
+        let wrong = Wiring {
+            input: "flexor_current".to_owned(),
+            ..wiring
+        };
+        assert_eq!(fails(&wrong), "the plant has no port `flexor_current`");
+        assert_eq!(
+            fails(&Wiring::default()),
+            "the port `angle_degrees` cannot be measured in millimetres"
+        );
+    }
+}

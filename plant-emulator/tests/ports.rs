@@ -1,0 +1,189 @@
+//! A plant with ports behind its drives.
+
+use std::time::Duration;
+
+use canopen::{CanFrame, Node, Progress};
+use dbc::Database;
+use dbc::loops::LoopPlace;
+use plant_emulator::ports::{Port, PortedPlant};
+use plant_emulator::{DriveOf, InvalidEmulator, PlantEmulator};
+use scenario::Scenario;
+use scenario::port::Unit;
+use scenario::wiring::Wiring;
+
+/// Two currents add up to an angle by the second; after a time it is no number.
+#[derive(Debug)]
+struct Arm {
+    inputs: [Port; 2],
+    outputs: [Port; 1],
+    angle: f64,
+    seconds: f64,
+    breaks_at_seconds: f64,
+}
+
+impl Arm {
+    fn new(breaks_at_seconds: f64) -> Self {
+        let input = |name| Port::input(name, [-1.0, 1.0]);
+        Self {
+            inputs: [
+                input("left_current_amperes"),
+                input("right_current_amperes"),
+            ],
+            outputs: [Port::output("angle_degrees", [-90.0, 90.0])],
+            angle: 0.0,
+            seconds: 0.0,
+            breaks_at_seconds,
+        }
+    }
+}
+
+impl PortedPlant for Arm {
+    fn inputs(&self) -> &[Port] {
+        &self.inputs
+    }
+
+    fn outputs(&self) -> &[Port] {
+        &self.outputs
+    }
+
+    fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
+        self.angle += (inputs[0] - inputs[1]) * duration_seconds;
+        self.seconds += duration_seconds;
+    }
+
+    fn read(&self, outputs: &mut [f64]) {
+        let is_broken = self.seconds > self.breaks_at_seconds;
+        outputs[0] = if is_broken { f64::NAN } else { self.angle };
+    }
+}
+
+fn scenario(input: &str) -> Scenario {
+    let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+    let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table"));
+    let mut scenario = scenario.expect("it is valid");
+    scenario.plant.sensor.span_millimetres = 180.0;
+    scenario.plant.sensor.resolution_bits = 20;
+    scenario.wiring = Wiring {
+        input: format!("{input}_current_amperes"),
+        output: "angle_degrees".to_owned(),
+        unit: Unit::Degrees,
+        position_min: -90.0,
+        position_max: Some(90.0),
+        ..Wiring::default()
+    };
+    scenario
+}
+
+fn emulator(arm: Arm, scenarios: &[Scenario; 2]) -> Result<PlantEmulator, InvalidEmulator> {
+    let place = |number, drive_node_id| LoopPlace {
+        number,
+        drive_node_id,
+        disturbance_node_id: None,
+        truth_every_cycles: 1,
+    };
+    let [left, right] = scenarios;
+    let drive = |scenario, place| DriveOf {
+        scenario,
+        place,
+        database: Database::shipped(),
+    };
+    let drives = [drive(right, place(1, 0x12)), drive(left, place(0, 0x10))];
+    PlantEmulator::of("arm", Box::new(arm), &drives)
+}
+
+/// An emulator whose drives are enabled and have these currents, and the last position of each.
+struct Bench {
+    emulator: PlantEmulator,
+    now: Duration,
+    counter: u8,
+}
+
+impl Bench {
+    fn enabled(arm: Arm) -> Self {
+        let emulator = emulator(arm, &["left", "right"].map(scenario)).expect("it is valid");
+        let mut bench = Self {
+            emulator,
+            now: Duration::ZERO,
+            counter: 0,
+        };
+        bench.emulator.on_tick(Duration::ZERO);
+        for id in [0x610, 0x612] {
+            bench.deliver(&CanFrame::new(id, &[0x2F, 0x60, 0x60, 0, 10, 0, 0, 0]));
+        }
+        bench.deliver(&CanFrame::new(0x000, &[1, 0]));
+        for controlword in [6, 7, 15] {
+            bench.cycle(controlword, [0, 0]);
+        }
+        bench
+    }
+
+    fn deliver(&mut self, frame: &CanFrame) -> Vec<CanFrame> {
+        self.emulator.on_frame(self.now, frame);
+        std::iter::from_fn(|| self.emulator.next_frame()).collect()
+    }
+
+    /// Commands in permille, then a SYNC; the positions in thousandths of a degree.
+    fn cycle(&mut self, controlword: u8, permille: [i16; 2]) -> Vec<i32> {
+        for (id, permille) in [0x210, 0x212].into_iter().zip(permille) {
+            let [low, high] = permille.to_le_bytes();
+            self.deliver(&CanFrame::new(id, &[controlword, 0, low, high]));
+        }
+        self.now += Duration::from_millis(1);
+        self.counter = self.counter % 240 + 1;
+        let frames = self.deliver(&CanFrame::new(0x080, &[self.counter]));
+        let position = |id| {
+            let frame = frames
+                .iter()
+                .find(|frame| frame.standard_id() == Some(id))?;
+            let bytes = <[u8; 4]>::try_from(&frame.data()[2..6]).ok()?;
+            Some(i32::from_le_bytes(bytes))
+        };
+        [0x190, 0x192].into_iter().filter_map(position).collect()
+    }
+}
+
+#[test]
+fn two_drives_move_one_plant_and_measure_the_same() {
+    let mut bench = Bench::enabled(Arm::new(f64::INFINITY));
+    let mut positions = Vec::new();
+    for _ in 0..2001 {
+        positions = bench.cycle(15, [800, 300]);
+    }
+    assert_eq!(bench.emulator.inputs(), [0.8, 0.3]);
+    let [left, right] = positions[..] else {
+        panic!("{positions:?}");
+    };
+    // Half an ampere for two seconds: one degree, to a count of the sensor.
+    assert!((left - 1000).abs() <= 1, "{left}");
+    assert_eq!(left, right);
+    assert_eq!(bench.emulator.progress(), Progress::Running);
+}
+
+#[test]
+fn a_plant_that_is_no_number_ends_the_run_by_name_and_has_no_current() {
+    let mut bench = Bench::enabled(Arm::new(0.5));
+    for _ in 0..400 {
+        bench.cycle(15, [800, 300]);
+    }
+    assert_eq!(bench.emulator.progress(), Progress::Running);
+    for _ in 0..200 {
+        bench.cycle(15, [800, 300]);
+    }
+    assert_eq!(bench.emulator.inputs(), [0.0, 0.0]);
+    let Progress::Failed(text) = bench.emulator.progress() else {
+        panic!("it goes on");
+    };
+    assert!(
+        text.starts_with("the plant `arm` cannot go on: its port `angle_degrees` is NaN"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_drive_that_is_wired_to_nothing_is_refused() {
+    let error = emulator(Arm::new(1.0), &["left", "middle"].map(scenario)).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "the plant has no port `middle_current_amperes`"
+    );
+}
