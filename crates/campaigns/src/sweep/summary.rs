@@ -6,7 +6,7 @@ use std::path::Path;
 use rig::setup::Setup;
 use scenario::expect::Limit;
 
-use super::plan::SweepPlan;
+use super::cases::Cases;
 use super::row::{Ended, SweepRow};
 use super::store::{self, StoreError};
 use crate::distribution::{quantile, staircase};
@@ -79,7 +79,7 @@ struct Survey {
 }
 
 impl Survey {
-    fn read(plan: &SweepPlan, setups: &[Setup], folder: &Path) -> Result<Self, StoreError> {
+    fn read(cases: &dyn Cases, setups: &[Setup], folder: &Path) -> Result<Self, StoreError> {
         let mut survey = Self {
             runs: 0,
             ended: BTreeMap::new(),
@@ -88,7 +88,7 @@ impl Survey {
             failing: Vec::new(),
         };
         for row in store::read(folder)?.1 {
-            survey.add(plan, row?);
+            survey.add(cases, row?);
         }
         survey.add_limited(setups);
         Ok(survey)
@@ -103,7 +103,7 @@ impl Survey {
         }
     }
 
-    fn add(&mut self, plan: &SweepPlan, row: SweepRow) {
+    fn add(&mut self, cases: &dyn Cases, row: SweepRow) {
         self.runs += 1;
         *self.ended.entry(row.ended).or_default() += 1;
         for name in &row.missed {
@@ -119,7 +119,7 @@ impl Survey {
                 case: row.case,
                 ended: row.ended,
                 why: row.reason.unwrap_or_else(|| row.missed.join(", ")),
-                values: plan.words(row.case),
+                values: cases.words(row.case),
                 id: row.id,
             });
         }
@@ -129,19 +129,18 @@ impl Survey {
 impl Summary {
     /// Of the rows in a folder.
     pub(super) fn read(
-        plan: &SweepPlan,
+        cases: &dyn Cases,
         setups: &[Setup],
         folder: &Path,
     ) -> Result<Self, StoreError> {
-        let survey = Survey::read(plan, setups, folder)?;
-        let keys = plan.ways().map(|(key, way)| (key.to_owned(), way));
+        let survey = Survey::read(cases, setups, folder)?;
         Ok(Self {
-            name: plan.name().to_owned(),
+            name: cases.name().to_owned(),
             runs: survey.runs,
-            runs_of_whole: plan.runs(),
+            runs_of_whole: cases.runs(),
             spreads: spreads(&survey, setups, folder)?,
             ended: survey.ended,
-            keys: keys.collect(),
+            keys: cases.ways(),
             failing: survey.failing,
         })
     }
