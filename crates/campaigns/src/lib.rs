@@ -9,6 +9,7 @@
 //! no bus but the modelled one, and nothing of real time. What is printed goes through the console of `runner`.
 pub mod campaign;
 pub mod distribution;
+pub mod engine;
 mod job_queue;
 pub mod sweep;
 pub mod torture;

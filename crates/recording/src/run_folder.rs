@@ -62,13 +62,19 @@ impl RunFolder {
         Ok(Self { path })
     }
 
+    /// Where the folder `<parent>/<name>-<id>` is, or would be.
+    #[must_use]
+    pub fn path_of(parent: &Path, name: &str, id: &str) -> PathBuf {
+        parent.join(format!("{}-{id}", slug(name)))
+    }
+
     /// Makes or opens the folder `<parent>/<name>-<id>`: work that was broken off goes on where it was. Scenarios
     /// differ by the id.
     ///
     /// # Errors
     /// The folder cannot be made.
     pub fn lasting(parent: &Path, name: &str, id: &str) -> Result<Self, WriteError> {
-        let path = parent.join(format!("{}-{id}", slug(name)));
+        let path = Self::path_of(parent, name, id);
         fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
         Ok(Self { path })
     }
@@ -84,7 +90,7 @@ impl RunFolder {
         id: &str,
         write: impl FnOnce(&Self) -> Result<(), WriteError>,
     ) -> Result<Self, WriteError> {
-        let path = parent.join(format!("{}-{id}", slug(name)));
+        let path = Self::path_of(parent, name, id);
         let folder = Self { path };
         if folder.scenario().exists() {
             return Ok(folder);

@@ -32,8 +32,19 @@ pub(crate) struct Tried {
     pub(crate) node: String,
     /// Rows that were there when it began.
     pub(crate) found: usize,
-    /// Whether it came to its end, or whoever stopped it let it end.
-    pub(crate) has_ended: bool,
+    /// What became of it.
+    pub(crate) fate: Fate,
+}
+
+/// What became of an attempt.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(crate) enum Fate {
+    /// Nobody knows: it is at work, or was killed.
+    Lost,
+    /// It was stopped before its end.
+    Left,
+    /// All rows of the part were there.
+    Ended,
 }
 
 /// Begins an attempt at a part with the rows that others left; or opens the part, where it is whole.
@@ -128,6 +139,11 @@ pub(crate) fn leave(store: &Store, folder: &Path) -> Result<(), StoreError> {
     log(folder, "left", store)
 }
 
+/// Whether a file is that of a part whose attempt has ended.
+pub(crate) fn is_published(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name == FILE)
+}
+
 /// Whether all rows of the part are there.
 pub(crate) fn is_whole(folder: &Path, header: &Header) -> Result<bool, StoreError> {
     let published = folder.join(FILE);
@@ -169,13 +185,16 @@ pub(crate) fn tried(folder: &Path) -> io::Result<Vec<Tried>> {
                 Tried {
                     node: node.to_owned(),
                     found: rows.parse().unwrap_or_default(),
-                    has_ended: false,
+                    fate: Fate::Lost,
                 },
             )),
             _ => {
                 let known = tried.iter_mut().find(|(known, _)| *known == attempt);
                 if let Some((_, one)) = known {
-                    one.has_ended = true;
+                    one.fate = match what {
+                        "ended" => Fate::Ended,
+                        _ => Fate::Left,
+                    };
                 }
             }
         }
@@ -284,7 +303,7 @@ mod tests {
         assert_eq!(whole.len(), 10);
         assert!(is_whole(folder.path(), &ours()).unwrap());
         let tried = tried(folder.path()).unwrap();
-        assert_eq!(tried.iter().filter(|one| one.has_ended).count(), 2);
+        assert_eq!(tried.iter().filter(|one| one.fate == Fate::Ended).count(), 2);
     }
 
     #[test]
@@ -304,8 +323,8 @@ mod tests {
         end(store, folder.path());
         assert_eq!(rows(folder.path()), undisturbed());
         let tried = tried(folder.path()).unwrap();
-        let seen: Vec<_> = tried.iter().map(|one| (one.found, one.has_ended)).collect();
-        assert_eq!(seen, [(0, false), (2, true)]);
+        let seen: Vec<_> = tried.iter().map(|one| (one.found, one.fate)).collect();
+        assert_eq!(seen, [(0, Fate::Lost), (2, Fate::Ended)]);
     }
 
     #[test]

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Shard;
-use super::attempt;
 use super::cases::Cases;
 use super::finish::{FinishError, Shown, finish};
 use super::part::{open_folder, print_found};
@@ -236,16 +235,6 @@ fn add_all(
         }
     }
     Ok(())
-}
-
-/// Whether a part has all its rows.
-pub(crate) fn is_part_whole(
-    folder: &Path,
-    cases: &dyn Cases,
-    identity: &Identity,
-    shard: Shard,
-) -> Result<bool, StoreError> {
-    attempt::is_whole(folder, &Header::new(cases, identity, shard))
 }
 
 /// The first of the missing cases.

@@ -4,7 +4,7 @@
 //! which. `store` has the rows of the cases that are done, in their order and on the disk, which is all that a restart or a
 //! merge needs. `tables` and `summary` are made of the store when all is done, and `command` puts it together.
 
-mod attempt;
+pub(crate) mod attempt;
 pub mod cases;
 pub mod command;
 pub(crate) mod finish;
@@ -14,7 +14,7 @@ pub(crate) mod part;
 pub mod plan;
 pub mod row;
 mod sealed;
-mod shard;
+pub(crate) mod shard;
 pub(crate) mod store;
 pub mod summary;
 mod tables;

@@ -80,10 +80,12 @@ impl TortureCases {
         };
         let draws = text.and_then(|text| Ok(serde_json::from_str(&text)?));
         let draws = draws.map_err(|source| NoTorture::Read { path, source })?;
-        let cases = Self::new(setups, draws);
-        cases
-            .map(Some)
-            .map_err(|error| NoTorture::Scenario(Box::new(error)))
+        Self::drawn(setups, draws).map(Some)
+    }
+
+    /// As [`TortureCases::new`], for a scenario that was read from such a folder or is to be written into one.
+    pub(crate) fn drawn(setups: &[Setup], draws: Draws) -> Result<Self, NoTorture> {
+        Self::new(setups, draws).map_err(|error| NoTorture::Scenario(Box::new(error)))
     }
 
     /// The scenario with the mix of a case, numbered from 1.
