@@ -1,0 +1,185 @@
+"""Engines on one machine, as an ordinary user: Slurm with two nodes, HyperQueue with workers that can be killed."""
+
+import contextlib
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+SLURM = """ClusterName=canrig
+SlurmctldHost={host}(127.0.0.1)
+SlurmctldPort={ports[0]}
+SlurmUser=#{user}
+SlurmdUser=#{user}
+AuthType=auth/none
+CredType=cred/none
+# How long a task that is run again waits, beside a few seconds.
+AuthInfo=cred_expire=2
+MpiDefault=none
+ProctrackType=proctrack/pgid
+TaskPlugin=task/none
+SwitchType=switch/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_Core
+SchedulerParameters=batch_sched_delay=1,sched_min_interval=200000,sched_interval=1
+AccountingStorageType=accounting_storage/none
+JobAcctGatherType=jobacct_gather/none
+StateSaveLocation={folder}/state
+SlurmdSpoolDir={folder}/spool-%n
+SlurmctldPidFile={folder}/slurmctld.pid
+SlurmdPidFile={folder}/slurmd-%n.pid
+SlurmctldLogFile={folder}/slurmctld.log
+SlurmdLogFile={folder}/slurmd-%n.log
+SlurmdTimeout=3
+KillWait=2
+ReturnToService=2
+JobRequeue=1
+NodeName=n[0-1] NodeHostname={host} NodeAddr=127.0.0.1 Port=[{ports[1]}-{ports[2]}] CPUs=1 RealMemory=1000
+PartitionName=short Nodes=n[0-1] Default=YES MaxTime=60 State=UP
+"""
+
+
+def free_ports(count):
+    """Neighbouring ports that nobody uses."""
+    for first in range(17000, 30000, count):
+        try:
+            for port in range(first, first + count):
+                with socket.socket() as probe:
+                    probe.bind(("127.0.0.1", port))
+            return list(range(first, first + count))
+        except OSError:
+            continue
+    raise OSError("no free ports")
+
+
+class Slurm:
+    def __init__(self, work):
+        self.folder = work / "slurm"
+        (self.folder / "state").mkdir(parents=True)
+        text = SLURM.format(host=socket.gethostname().split(".")[0], user=os.getuid(), folder=self.folder, ports=free_ports(3))
+        (self.folder / "slurm.conf").write_text(text)
+        self.environment = {"SLURM_CONF": str(self.folder / "slurm.conf"), "PATH": os.environ["PATH"] + ":/usr/sbin"}
+        self.children = {}
+        self.start("slurmctld", ["slurmctld", "-D"])
+        for node in ("n0", "n1"):
+            self.start_node(node)
+
+    def start(self, name, command):
+        with open(self.folder / f"{name}.out", "a") as output:
+            environment = {**os.environ, **self.environment}
+            self.children[name] = subprocess.Popen(command, env=environment, stdout=output, stderr=output)
+
+    def start_node(self, node):
+        self.start(node, ["slurmd", "-D", "-N", node])
+
+    def command(self, *words):
+        ran = subprocess.run(words, env={**os.environ, **self.environment}, capture_output=True, text=True)
+        return ran.stdout + ran.stderr
+
+    def tasks_on(self, node):
+        return self.command("squeue", "--noheader", "--states=running", f"--nodelist={node}", "--format=%i").split()
+
+    def kill_node(self, node):
+        """Slurm's processes of a node, but not what they started: the machine lives, and nobody hears of it."""
+        self.children[node].kill()
+        self.children[node].wait()
+        spool = str(self.folder / f"spool-{node}")
+        for folder in pathlib.Path("/proc").iterdir():
+            try:
+                name = (folder / "cmdline").read_bytes().decode()
+                if folder.name.isdigit() and name.startswith("slurmstepd") and self.is_of(int(folder.name), spool):
+                    os.kill(int(folder.name), signal.SIGKILL)
+            except (OSError, UnicodeDecodeError):
+                continue
+
+    @staticmethod
+    def is_of(pid, spool):
+        """Whether a process of Slurm has started a script of this node."""
+        for children in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
+            for child in children.read_text().split():
+                folder = pathlib.Path(f"/proc/{child}")
+                environment = (folder / "environ").read_bytes().decode(errors="replace")
+                if f"SLURMD_NODENAME={spool.rsplit('-', 1)[1]}" in environment.split("\0"):
+                    return True
+        return False
+
+    def is_up(self):
+        return self.command("sinfo", "--noheader", "--format=%t").split() == ["idle"]
+
+    def stop(self):
+        self.command("scancel", "--user", str(os.getuid()))
+        for child in self.children.values():
+            child.terminate()
+        for child in self.children.values():
+            try:
+                child.wait(5)
+            except subprocess.TimeoutExpired:
+                child.kill()
+
+
+@contextlib.contextmanager
+def slurm(work):
+    slurm = Slurm(work)
+    try:
+        end = time.monotonic() + 20
+        while not slurm.is_up() and time.monotonic() < end:
+            time.sleep(0.2)
+        yield slurm
+    finally:
+        slurm.stop()
+
+
+# A server with a worker. The wheel has no program for a worker alone, so each worker is a process of its own by fork.
+QUEUE = """
+import sys, time
+from hyperqueue.cluster import LocalCluster, WorkerConfig
+cluster = LocalCluster(server_dir=sys.argv[1])
+for _ in range(2):
+    cluster.start_worker(WorkerConfig(cores=1))
+print("ready", flush=True)
+sys.stdin.read()
+cluster.stop()
+"""
+
+
+class HyperQueue:
+    def __init__(self, work):
+        self.folder = str(work / "hyperqueue")
+        self.environment = {"CANRIG_PYTHON": sys.executable}
+        self.child = subprocess.Popen(
+            [sys.executable, "-c", QUEUE, self.folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        while self.child.stdout.readline().strip() not in ("ready", ""):
+            pass
+
+    def workers(self):
+        """The processes that the server has started."""
+        found = []
+        for children in pathlib.Path(f"/proc/{self.child.pid}/task").glob("*/children"):
+            found += [int(pid) for pid in children.read_text().split()]
+        return found
+
+    def kill_worker(self):
+        workers = self.workers()
+        for pid in workers[:1]:
+            os.kill(pid, signal.SIGKILL)
+        return bool(workers)
+
+    def stop(self):
+        self.child.stdin.close()
+        try:
+            self.child.wait(10)
+        except subprocess.TimeoutExpired:
+            self.child.kill()
+
+
+@contextlib.contextmanager
+def hyperqueue(work):
+    queue = HyperQueue(work)
+    try:
+        yield queue
+    finally:
+        queue.stop()
