@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pathlib
+import pwd
 import signal
 import socket
 import subprocess
@@ -12,8 +13,8 @@ import time
 SLURM = """ClusterName=canrig
 SlurmctldHost={host}(127.0.0.1)
 SlurmctldPort={ports[0]}
-SlurmUser=#{user}
-SlurmdUser=#{user}
+SlurmUser={user}
+SlurmdUser={user}
 AuthType=auth/none
 CredType=cred/none
 # How long a task that is run again waits, beside a few seconds.
@@ -59,7 +60,7 @@ class Slurm:
     def __init__(self, work):
         self.folder = work / "slurm"
         (self.folder / "state").mkdir(parents=True)
-        text = SLURM.format(host=socket.gethostname().split(".")[0], user=os.getuid(), folder=self.folder, ports=free_ports(3))
+        text = SLURM.format(host=socket.gethostname().split(".")[0], user=pwd.getpwuid(os.getuid()).pw_name, folder=self.folder, ports=free_ports(3))
         (self.folder / "slurm.conf").write_text(text)
         self.environment = {"SLURM_CONF": str(self.folder / "slurm.conf"), "PATH": os.environ["PATH"] + ":/usr/sbin"}
         self.children = {}
@@ -132,15 +133,34 @@ def slurm(work):
         slurm.stop()
 
 
-# A server with a worker. The wheel has no program for a worker alone, so each worker is a process of its own by fork.
+# A server with two workers. In the wheel they are threads of the server's process, and nobody can kill one alone: what the
+# server sees of a killed worker, its connection that ends, is done to its socket.
 QUEUE = """
-import sys, time
+import json, os, pathlib, socket, sys
 from hyperqueue.cluster import LocalCluster, WorkerConfig
+
 cluster = LocalCluster(server_dir=sys.argv[1])
 for _ in range(2):
     cluster.start_worker(WorkerConfig(cores=1))
+access = json.loads(pathlib.Path(sys.argv[1], "hq-current", "access.json").read_text())
 print("ready", flush=True)
-sys.stdin.read()
+for _ in sys.stdin:
+    cut = False
+    for descriptor in sorted(map(int, os.listdir("/proc/self/fd"))):
+        try:
+            end = socket.socket(fileno=os.dup(descriptor))
+        except OSError:
+            continue
+        try:
+            is_internet = end.family in (socket.AF_INET, socket.AF_INET6)
+            if is_internet and not cut and end.getpeername()[1] == access["worker"]["port"]:
+                end.shutdown(socket.SHUT_RDWR)
+                cut = True
+        except OSError:
+            pass
+        finally:
+            end.close()
+    print("cut" if cut else "nothing was cut", flush=True)
 cluster.stop()
 """
 
@@ -149,24 +169,16 @@ class HyperQueue:
     def __init__(self, work):
         self.folder = str(work / "hyperqueue")
         self.environment = {"CANRIG_PYTHON": sys.executable}
-        self.child = subprocess.Popen(
-            [sys.executable, "-c", QUEUE, self.folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+        command = [sys.executable, "-c", QUEUE, self.folder]
+        self.child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         while self.child.stdout.readline().strip() not in ("ready", ""):
             pass
 
-    def workers(self):
-        """The processes that the server has started."""
-        found = []
-        for children in pathlib.Path(f"/proc/{self.child.pid}/task").glob("*/children"):
-            found += [int(pid) for pid in children.read_text().split()]
-        return found
-
-    def kill_worker(self):
-        workers = self.workers()
-        for pid in workers[:1]:
-            os.kill(pid, signal.SIGKILL)
-        return bool(workers)
+    def lose_worker(self):
+        """Cuts the connection of a worker to the server."""
+        self.child.stdin.write("cut\n")
+        self.child.stdin.flush()
+        return self.child.stdout.readline().strip() == "cut"
 
     def stop(self):
         self.child.stdin.close()

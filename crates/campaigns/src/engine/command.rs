@@ -11,8 +11,10 @@ use super::round::{RowCounter, Waited, wait};
 use super::{EngineError, EngineKind, Limits};
 use crate::sweep::Shard;
 use crate::sweep::attempt::Fate;
+use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::merge::{CampaignCases, MergeError, merge_parts};
+use crate::sweep::part::PartError;
 use crate::sweep::plan::SweepPlan;
 use crate::sweep::shard::SHARDS_MAX;
 use crate::sweep::store::StoreError;
@@ -28,8 +30,6 @@ use runner::scenarios;
 
 /// Lost parts that are named.
 const NAMED_MAX: usize = 20;
-/// Parts, where nobody says how many.
-const PARTS: usize = 10;
 
 /// Arguments of `submit`.
 #[derive(Args, Debug)]
@@ -48,7 +48,7 @@ pub struct SubmitArgs {
     /// Folder in which the campaign's folder is made, on a disk that all machines of the engine have at the same place
     #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
-    /// Number of parts, each a task of the engine
+    /// Number of parts, each a task of the engine; without it as many as take ten minutes each, by a probe of some runs
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=SHARDS_MAX as i64))]
     pub parts: Option<u16>,
     /// Time that a task may take
@@ -90,6 +90,8 @@ pub struct SubmitArgs {
 enum SubmitError {
     #[error(transparent)]
     Merge(#[from] MergeError),
+    #[error(transparent)]
+    Part(#[from] PartError),
     #[error(transparent)]
     Engine(#[from] EngineError),
     #[error(transparent)]
@@ -137,6 +139,7 @@ impl SubmitError {
     fn exit(&self) -> Exit {
         match self {
             Self::Merge(error) => error.exit(),
+            Self::Part(error) => error.exit(),
             Self::Interrupted { .. } => Exit::Interrupted,
             Self::NothingToResume { .. }
             | Self::Submitted { .. }
@@ -255,12 +258,24 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
         (None, Some(engine)) => Ok(Record {
             program: campaign.identity.program.clone(),
             engine,
-            parts: parts.unwrap_or(PARTS).min(campaign.cases.runs()),
+            parts: match parts {
+                Some(parts) => parts.min(campaign.cases.runs()),
+                None => probed_parts(args, campaign)?,
+            },
             limits: limits(Limits::default()),
             rounds: 0,
             job: None,
         }),
     }
+}
+
+/// As many parts as are worth the start of a task.
+fn probed_parts(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<usize, SubmitError> {
+    let estimate = Estimate::probe(campaign.cases, args.task_cores.unwrap_or(1))?;
+    if !args.quiet && !args.dry_run {
+        print(&estimate.to_string());
+    }
+    Ok(estimate.parts())
 }
 
 /// Submits what is missing until nothing is.
@@ -291,6 +306,7 @@ fn play(
                         logs: campaign.path().join("engine/log"),
                     });
                 }
+                locked().begin_again(campaign, &missing);
                 let submitted = hand_over(campaign, record, missing)?;
                 let (count, id) = (submitted.parts.len(), &submitted.id);
                 if !args.quiet {

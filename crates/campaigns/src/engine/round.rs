@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Mutex, PoisonError};
@@ -50,6 +51,10 @@ pub(super) fn wait(
             period = (period + period / 4).min(PERIOD_MAX);
             let mut counter = counter.lock().unwrap_or_else(PoisonError::into_inner);
             counter.count(campaign);
+            if counter.are_whole(&submitted.parts) {
+                // What the engine still does of it, such as waiting for a node that is lost, changes nothing.
+                return Ok(Waited::Over(BTreeMap::new()));
+            }
             match engine.state(&submitted.id, &file, &submitted.parts) {
                 Ok(state) => {
                     silences = 0;
@@ -100,6 +105,8 @@ struct PartCount {
     files: BTreeMap<PathBuf, (u64, usize)>,
     rows: usize,
     is_whole: bool,
+    /// A file with the rows of the part in which some are damaged: another one will take its place.
+    damaged: Option<u64>,
 }
 
 impl RowCounter {
@@ -117,6 +124,19 @@ impl RowCounter {
         }
     }
 
+    /// Looks anew at parts that are played again, where rows that seemed to be there are none.
+    pub(super) fn begin_again(&mut self, campaign: &SharedCampaign<'_>, parts: &[usize]) {
+        for number in parts {
+            let (number, of) = (*number, self.of);
+            let folder = campaign.part(Shard { number, of });
+            let published = attempt::growing(&folder).unwrap_or_default().into_iter();
+            let damaged = published.filter(|path| attempt::is_published(path));
+            let damaged = damaged.filter_map(|path| inode(&path)).next();
+            let part = self.parts.entry(number).or_default();
+            (part.is_whole, part.damaged) = (false, damaged);
+        }
+    }
+
     /// Looks at what has grown. What cannot be read is looked at the next time.
     pub(super) fn count(&mut self, campaign: &SharedCampaign<'_>) {
         for (number, part) in &mut self.parts {
@@ -127,7 +147,7 @@ impl RowCounter {
             let folder = campaign.part(Shard { number, of });
             let growing = attempt::growing(&folder).unwrap_or_default();
             for path in growing {
-                part.is_whole |= attempt::is_published(&path);
+                part.is_whole |= attempt::is_published(&path) && inode(&path) != part.damaged;
                 let seen = part.files.entry(path.clone()).or_default();
                 if count_lines(&path, seen).is_ok() {
                     // The first line is no row.
@@ -147,9 +167,20 @@ impl RowCounter {
         self.parts.get(&part).map_or(0, |part| part.rows)
     }
 
+    /// Whether these parts have ended.
+    fn are_whole(&self, parts: &[usize]) -> bool {
+        let is_whole = |part| self.parts.get(part).is_some_and(|part| part.is_whole);
+        parts.iter().all(is_whole)
+    }
+
     fn whole(&self) -> usize {
         self.parts.values().filter(|part| part.is_whole).count()
     }
+}
+
+/// What tells a file from another one that took its name.
+fn inode(path: &Path) -> Option<u64> {
+    path.metadata().ok().map(|file| file.ino())
 }
 
 fn count_lines(path: &Path, (offset, lines): &mut (u64, usize)) -> io::Result<()> {

@@ -1,6 +1,8 @@
 //! What a campaign plays: cases, each known by its number alone.
 
 use recording::capture::Watch;
+use rig::setup::Setup;
+use scenario::expect::Limit;
 
 use super::row::SweepRow;
 use crate::campaign::NoResult;
@@ -39,6 +41,11 @@ pub trait Cases: Sync {
 
     /// The row of a case in which the program itself is at fault.
     fn faulty(&self, number: usize, reason: String) -> SweepRow;
+
+    /// The limits that the runs are judged by.
+    fn limits(&self, setups: &[Setup]) -> Vec<(String, Limit)> {
+        judge::limits(setups)
+    }
 
     /// Files, by name and text, that a folder of the campaign has besides the scenario.
     fn files(&self) -> Vec<(&'static str, String)> {

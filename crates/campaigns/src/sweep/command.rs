@@ -6,12 +6,13 @@ use clap::Args;
 
 use super::Shard;
 use super::cases::Cases;
+use super::estimate::Estimate;
 use super::finish::{FinishError, Shown, finish};
 use super::part::{PartArgs, PartError, PartPlay};
 use super::plan::{PlanError, SweepPlan};
 use crate::campaign::Campaign;
 use rig::setup::Setup;
-use runner::console::print_error;
+use runner::console::{print, print_error};
 use runner::exit::Exit;
 use runner::lines::EventLines;
 use runner::play::ValueArgs;
@@ -49,6 +50,9 @@ pub struct SweepArgs {
     pub output: PathBuf,
     #[command(flatten)]
     pub part: PartArgs,
+    /// Play some runs to see what all would take on an engine: parts, time, memory, disk. Nothing is kept
+    #[arg(long, conflicts_with_all = ["shard", "for_engine", "events"])]
+    pub plan: bool,
     /// Number of runs at a time; without it one for each core
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
@@ -77,6 +81,13 @@ pub fn sweep(args: &SweepArgs) -> Exit {
 
 fn play(args: &SweepArgs, setups: &[Setup]) -> Result<Exit, SweepError> {
     let plan = SweepPlan::new(setups)?;
+    if args.plan {
+        let cores = args.threads.unwrap_or(1);
+        let estimate = Estimate::probe(&plan, cores)?;
+        let (file, options) = (args.scenario.display(), estimate.options());
+        print(&format!("{estimate}\ncanrig submit {file} --engine slurm {options}"));
+        return Ok(Exit::Pass);
+    }
     let shard = args.part.shard().map_err(PartError::from)?;
     let shown = match (args.events, args.quiet) {
         (true, _) => Shown::Nothing,

@@ -7,6 +7,8 @@
 pub(crate) mod attempt;
 pub mod cases;
 pub mod command;
+pub mod drivers;
+pub(crate) mod estimate;
 pub(crate) mod finish;
 pub mod merge;
 mod page;

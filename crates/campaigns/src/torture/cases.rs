@@ -8,6 +8,7 @@ use faults::Stream;
 use recording::capture::Watch;
 use rig::setup::Setup;
 use scenario::ScenarioError;
+use scenario::expect::Limit;
 use scenario::loops::Loops;
 use scenario::rig::nodes::Rig;
 use serde::{Deserialize, Serialize};
@@ -200,6 +201,11 @@ impl Cases for TortureCases {
             text: reason,
         };
         self.row(number, None, Some(broken))
+    }
+
+    /// The scenario's own are left out.
+    fn limits(&self, _: &[Setup]) -> Vec<(String, Limit)> {
+        Vec::new()
     }
 
     fn files(&self) -> Vec<(&'static str, String)> {

@@ -10,6 +10,7 @@ use super::shrink::TortureCase;
 use crate::campaign::{Campaign, NoResult, Stopped};
 use crate::sweep::Shard;
 use crate::sweep::cases::Cases;
+use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::part::{PartArgs, PartPlay};
 use crate::sweep::row::SweepRow;
@@ -50,6 +51,9 @@ pub struct TortureArgs {
     pub output: PathBuf,
     #[command(flatten)]
     pub part: PartArgs,
+    /// Play some runs to see what all would take on an engine: parts, time, memory, disk. Nothing is kept
+    #[arg(long, conflicts_with_all = ["shard", "for_engine"])]
+    pub plan: bool,
     /// Number of runs at a time; without it one for each core
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
@@ -81,6 +85,9 @@ pub fn torture(args: &TortureArgs) -> Exit {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
         return Exit::CannotStart;
     }
+    if args.plan {
+        return plan(args, &cases);
+    }
     let mut campaign = Campaign::on_all_cores(!args.quiet);
     campaign.threads = args.threads.map_or(campaign.threads, usize::from);
     match args.part.shard() {
@@ -90,6 +97,22 @@ pub fn torture(args: &TortureArgs) -> Exit {
         }
         Ok(Shard::WHOLE) if !args.part.is_for_engine() => whole(args, campaign, &cases),
         Ok(shard) => part(args, campaign, &cases, &setups[0], shard),
+    }
+}
+
+/// Prints what all runs would take.
+fn plan(args: &TortureArgs, cases: &TortureCases) -> Exit {
+    match Estimate::probe(cases, args.threads.unwrap_or(1)) {
+        Ok(estimate) => {
+            let (file, options) = (args.scenario.display(), estimate.options());
+            let draws = format!("--torture {} --seed {}", args.runs, args.seed);
+            print(&format!("{estimate}\ncanrig submit {file} {draws} --engine slurm {options}"));
+            Exit::Pass
+        }
+        Err(error) => {
+            print_error(&format!("canrig: {error}"));
+            error.exit()
+        }
     }
 }
 
