@@ -343,7 +343,10 @@ mod tests {
         let source = io::Error::from(io::ErrorKind::StorageFull);
         let full = recording::run_folder::WriteError { path, source };
         let machine = NoResult::of(&full);
-        assert!(matches!(&machine, NoResult::Machine(text) if text.contains("bus.log")), "{machine:?}");
+        assert!(
+            matches!(&machine, NoResult::Machine(text) if text.contains("bus.log")),
+            "{machine:?}"
+        );
         let fault = NoResult::of(&"x".parse::<usize>().unwrap_err());
         assert!(matches!(fault, NoResult::Fault(_)), "{fault:?}");
     }

@@ -117,12 +117,25 @@ impl SharedCampaign<'_> {
     }
 
     /// The job of some parts.
-    pub(super) fn job<'a>(&self, folder: &'a Path, record: &'a Record, parts: &'a [usize]) -> Job<'a> {
+    pub(super) fn job<'a>(
+        &self,
+        folder: &'a Path,
+        record: &'a Record,
+        parts: &'a [usize],
+    ) -> Job<'a> {
         let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
-        let mut command = vec![path(PROGRAM), self.cases.kind().to_owned(), path(file::SCENARIO)];
+        let mut command = vec![
+            path(PROGRAM),
+            self.cases.kind().to_owned(),
+            path(file::SCENARIO),
+        ];
         command.extend(self.arguments.iter().cloned());
         command.extend(["--for-engine", "--quiet", "--threads"].map(str::to_owned));
-        command.extend([record.limits.cores.to_string(), "--output".to_owned(), path(PARTS)]);
+        command.extend([
+            record.limits.cores.to_string(),
+            "--output".to_owned(),
+            path(PARTS),
+        ]);
         // With the number of the round, so that no engine takes it for the one before.
         let name = format!("canrig-{}-{}", self.cases.id(), record.rounds + 1);
         Job {

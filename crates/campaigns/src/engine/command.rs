@@ -107,7 +107,9 @@ enum SubmitError {
     },
     #[error("nothing was submitted from here that could be resumed ({} is not there); submit it with --engine", path.display())]
     NothingToResume { path: PathBuf },
-    #[error("this campaign was submitted already ({engine}, job {job}): --resume waits for it; `{cancel}` takes it away, then --resume submits the rest again")]
+    #[error(
+        "this campaign was submitted already ({engine}, job {job}): --resume waits for it; `{cancel}` takes it away, then --resume submits the rest again"
+    )]
     Submitted {
         engine: String,
         job: String,
@@ -131,7 +133,9 @@ enum SubmitError {
         rounds: u32,
         logs: PathBuf,
     },
-    #[error("the job goes on without this command: give it again with --resume and without --engine and --parts, or take the job away with `{cancel}`")]
+    #[error(
+        "the job goes on without this command: give it again with --resume and without --engine and --parts, or take the job away with `{cancel}`"
+    )]
     Interrupted { cancel: String },
 }
 
@@ -166,9 +170,14 @@ pub fn submit(args: &SubmitArgs) -> Exit {
 fn submitted(args: &SubmitArgs, setups: &[Setup]) -> Result<Exit, SubmitError> {
     let cases = cases(args, setups)?;
     let arguments = match args.torture {
-        Some(runs) => ["--runs", &runs.to_string(), "--seed", &args.seed.to_string()]
-            .map(str::to_owned)
-            .into(),
+        Some(runs) => [
+            "--runs",
+            &runs.to_string(),
+            "--seed",
+            &args.seed.to_string(),
+        ]
+        .map(str::to_owned)
+        .into(),
         None => Vec::new(),
     };
     let campaign = SharedCampaign {
@@ -199,7 +208,13 @@ fn submitted(args: &SubmitArgs, setups: &[Setup]) -> Result<Exit, SubmitError> {
         false => Shown::All,
     };
     let parts: Vec<PathBuf> = parts.collect();
-    Ok(merge_parts(&parts, &cases, setups, &campaign.output, shown)?)
+    Ok(merge_parts(
+        &parts,
+        &cases,
+        setups,
+        &campaign.output,
+        shown,
+    )?)
 }
 
 fn cases(args: &SubmitArgs, setups: &[Setup]) -> Result<CampaignCases, MergeError> {
@@ -234,13 +249,18 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
             let program = path.join("engine/canrig");
             Err(SubmitError::Program { program })
         }
-        (Some(Record { job: Some(job), engine, .. }), Some(_)) if !args.dry_run => {
-            Err(SubmitError::Submitted {
-                engine: format!("{engine:?}"),
-                cancel: engine.engine().cancel_words(&job.id),
-                job: job.id,
-            })
-        }
+        (
+            Some(Record {
+                job: Some(job),
+                engine,
+                ..
+            }),
+            Some(_),
+        ) if !args.dry_run => Err(SubmitError::Submitted {
+            engine: format!("{engine:?}"),
+            cancel: engine.engine().cancel_words(&job.id),
+            job: job.id,
+        }),
         // The parts are there as they were cut.
         (Some(known), _) if parts.is_some_and(|wanted| wanted != known.parts) => {
             Err(SubmitError::Parts {
@@ -377,7 +397,9 @@ fn print_missing(
         };
         let rows = counter.rows_of(*number);
         let of = shard.cases(campaign.cases.runs()).len();
-        bar.print(&format!("part {shard}: {why}; {rows} of {of} runs are done"));
+        bar.print(&format!(
+            "part {shard}: {why}; {rows} of {of} runs are done"
+        ));
     }
     if missing.len() > NAMED_MAX {
         bar.print(&format!("and {} more parts", missing.len() - NAMED_MAX));
@@ -398,7 +420,10 @@ fn print_lost(args: &SubmitArgs, campaign: &SharedCampaign<'_>, of: usize) {
             Fate::Lost | Fate::Ended => format!("lost on {}", one.node),
         });
         let words: Vec<String> = words.collect();
-        print(&format!("part {shard}: {}, then run again", words.join(", ")));
+        print(&format!(
+            "part {shard}: {}, then run again",
+            words.join(", ")
+        ));
     }
     if lost.len() > NAMED_MAX {
         print(&format!("and {} more parts", lost.len() - NAMED_MAX));

@@ -162,7 +162,9 @@ fn parsed(said: &str, parts: &[usize]) -> Result<JobState, EngineError> {
         waiting: status.active.saturating_sub(status.ready),
         running: status.ready,
         is_over: end.is_some(),
-        failed: failed.map(|part| (part, format!("failed ({why})"))).collect(),
+        failed: failed
+            .map(|part| (part, format!("failed ({why})")))
+            .collect(),
         why_waiting: None,
     })
 }
@@ -196,7 +198,10 @@ mod tests {
         let (_, text) = Kubernetes.file(&job(Path::new("/shared/c"), &limits));
         let manifest: Value = serde_json::from_str(&text).unwrap();
         let spec = &manifest["spec"];
-        assert_eq!((&spec["completions"], &spec["completionMode"]), (&json!(2), &json!("Indexed")));
+        assert_eq!(
+            (&spec["completions"], &spec["completionMode"]),
+            (&json!(2), &json!("Indexed"))
+        );
         let codes = &spec["podFailurePolicy"]["rules"][1]["onExitCodes"]["values"];
         assert_eq!(*codes, json!([2, 3]));
         let pod = &spec["template"]["spec"];
@@ -204,8 +209,7 @@ mod tests {
         let container = &pod["containers"][0];
         assert_eq!(container["volumeMounts"][0]["mountPath"], "/shared");
         // What the shell makes of it, with a program that prints its arguments.
-        let mut words: Vec<String> =
-            serde_json::from_value(container["command"].clone()).unwrap();
+        let mut words: Vec<String> = serde_json::from_value(container["command"].clone()).unwrap();
         words[2] = words[2].replace("'/shared/my campaign/canrig'", "echo");
         let output = std::process::Command::new(&words[0])
             .args(&words[1..])
@@ -223,7 +227,8 @@ mod tests {
         assert_eq!((state.running, state.waiting, state.is_over), (2, 1, false));
         let failed: Vec<usize> = state.failed.into_keys().collect();
         assert_eq!(failed, [4, 6, 9]);
-        let said = r#"{"status": {"conditions": [{"type": "Failed", "status": "True", "message": "m"}]}}"#;
+        let said =
+            r#"{"status": {"conditions": [{"type": "Failed", "status": "True", "message": "m"}]}}"#;
         assert!(parsed(said, &[]).unwrap().is_over);
         assert!(!parsed("{}", &[]).unwrap().is_over);
         assert!(parsed("no", &[]).is_err());

@@ -1,8 +1,8 @@
 //! Engines: programs of others that run many tasks on many machines, lose some, and run them again. canrig writes a job that an
 //! engine understands, hands it over, and asks how far it is. What a task is, and what of it is left, only `sweep` knows.
 
-pub mod command;
 mod campaign;
+pub mod command;
 mod hyperqueue;
 mod kubernetes;
 mod program;

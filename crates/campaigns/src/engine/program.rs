@@ -90,8 +90,13 @@ mod tests {
     #[test]
     fn what_a_program_says_of_its_failure_is_repeated() {
         let help = "is it installed?";
-        let error = run("/nowhere/sbatch", &[], "", help).unwrap_err().to_string();
-        assert!(error.starts_with("/nowhere/sbatch cannot be started"), "{error}");
+        let error = run("/nowhere/sbatch", &[], "", help)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.starts_with("/nowhere/sbatch cannot be started"),
+            "{error}"
+        );
         assert!(error.ends_with(help), "{error}");
         let error = run("sh", &["-c", "echo queue closed >&2; exit 3"], "", help);
         let error = error.unwrap_err().to_string();

@@ -51,15 +51,12 @@ pub(super) fn wait(
             period = (period + period / 4).min(PERIOD_MAX);
             let mut counter = counter.lock().unwrap_or_else(PoisonError::into_inner);
             counter.count(campaign);
-            if counter.are_whole(&submitted.parts) {
-                // What the engine still does of it, such as waiting for a node that is lost, changes nothing.
-                return Ok(Waited::Over(BTreeMap::new()));
-            }
             match engine.state(&submitted.id, &file, &submitted.parts) {
                 Ok(state) => {
                     silences = 0;
                     bar.show(counter.rows(), &words(&state, &counter));
-                    if state.is_over {
+                    // What the engine still does for parts that are whole, such as running them again, changes nothing.
+                    if state.is_over || counter.are_done(&submitted.parts, &state.failed) {
                         return Ok(Waited::Over(state.failed));
                     }
                 }
@@ -167,10 +164,11 @@ impl RowCounter {
         self.parts.get(&part).map_or(0, |part| part.rows)
     }
 
-    /// Whether these parts have ended.
-    fn are_whole(&self, parts: &[usize]) -> bool {
+    /// Whether each of these parts is whole or has failed.
+    fn are_done(&self, parts: &[usize], failed: &BTreeMap<usize, String>) -> bool {
         let is_whole = |part| self.parts.get(part).is_some_and(|part| part.is_whole);
-        parts.iter().all(is_whole)
+        let mut parts = parts.iter();
+        parts.all(|part| is_whole(part) || failed.contains_key(part))
     }
 
     fn whole(&self) -> usize {

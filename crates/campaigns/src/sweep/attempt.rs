@@ -100,7 +100,11 @@ fn begin(
         .permissions(Permissions::from_mode(0o666))
         .tempfile_in(folder)
         .map_err(failed())?;
-    let mut store = Store::new(file.path().to_owned(), file.reopen().map_err(failed())?, header);
+    let mut store = Store::new(
+        file.path().to_owned(),
+        file.reopen().map_err(failed())?,
+        header,
+    );
     store.take_over(sources).map_err(failed())?;
     // Until here its end, also by an error, removes it.
     file.keep()
@@ -240,7 +244,11 @@ fn node() -> String {
     let named = named.or_else(|| fs::read_to_string(KERNEL_NODE).ok());
     let is_plain = |letter: &char| letter.is_ascii_alphanumeric() || *letter == '-';
     let named = named.unwrap_or_default();
-    let named: String = named.chars().filter(is_plain).take(NODE_CHARACTERS_MAX).collect();
+    let named: String = named
+        .chars()
+        .filter(is_plain)
+        .take(NODE_CHARACTERS_MAX)
+        .collect();
     match named.is_empty() {
         true => "unknown".to_owned(),
         false => named,
@@ -266,7 +274,8 @@ mod tests {
     fn play(store: &mut Store, count: usize) {
         let left = CASES.into_iter().filter(|case| !store.has(*case));
         let left: Vec<usize> = left.take(count).collect();
-        left.iter().for_each(|case| store.append(&row(*case)).unwrap());
+        left.iter()
+            .for_each(|case| store.append(&row(*case)).unwrap());
     }
 
     fn end(mut store: Store, folder: &Path) {
@@ -303,7 +312,10 @@ mod tests {
         assert_eq!(whole.len(), 10);
         assert!(is_whole(folder.path(), &ours()).unwrap());
         let tried = tried(folder.path()).unwrap();
-        assert_eq!(tried.iter().filter(|one| one.fate == Fate::Ended).count(), 2);
+        assert_eq!(
+            tried.iter().filter(|one| one.fate == Fate::Ended).count(),
+            2
+        );
     }
 
     #[test]

@@ -85,7 +85,9 @@ fn play(args: &SweepArgs, setups: &[Setup]) -> Result<Exit, SweepError> {
         let cores = args.threads.unwrap_or(1);
         let estimate = Estimate::probe(&plan, cores)?;
         let (file, options) = (args.scenario.display(), estimate.options());
-        print(&format!("{estimate}\ncanrig submit {file} --engine slurm {options}"));
+        print(&format!(
+            "{estimate}\ncanrig submit {file} --engine slurm {options}"
+        ));
         return Ok(Exit::Pass);
     }
     let shard = args.part.shard().map_err(PartError::from)?;
@@ -110,6 +112,11 @@ fn play(args: &SweepArgs, setups: &[Setup]) -> Result<Exit, SweepError> {
         true => Exit::Pass,
         false => finish(&folder, setups, &plan, shown)?,
     };
-    part.report("ended", &plan, shard.cases(Cases::runs(&plan)).len(), &folder);
+    part.report(
+        "ended",
+        &plan,
+        shard.cases(Cases::runs(&plan)).len(),
+        &folder,
+    );
     Ok(exit)
 }

@@ -72,7 +72,10 @@ impl Sampler {
 
     pub(super) fn add(&mut self, row: &SweepRow) {
         // Torture has no limits: there it is the invariants.
-        let broken = row.missed.iter().filter(|name| !self.limits.contains_key(*name));
+        let broken = row
+            .missed
+            .iter()
+            .filter(|name| !self.limits.contains_key(*name));
         let broken: Vec<(String, f64)> = broken.map(|name| (name.clone(), 1.0)).collect();
         let values = self.limits.iter().filter_map(|(name, limit)| {
             let value = row.metric(name);
@@ -82,12 +85,22 @@ impl Sampler {
         });
         let values: BTreeMap<String, f64> = values.chain(broken.clone()).collect();
         for (name, value) in &values {
-            let badness = self.limits.get(name).map_or(1.0, |limit| badness(*limit, *value));
+            let badness = self
+                .limits
+                .get(name)
+                .map_or(1.0, |limit| badness(*limit, *value));
             let worst = self.worst.entry(name.clone()).or_default();
             let place = worst.partition_point(|one| one.badness >= badness);
             if place < WORST {
                 let (case, value) = (row.case, *value);
-                worst.insert(place, Worst { badness, case, value });
+                worst.insert(
+                    place,
+                    Worst {
+                        badness,
+                        case,
+                        value,
+                    },
+                );
                 worst.truncate(WORST);
             }
         }
@@ -190,7 +203,9 @@ fn ranks(values: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut rest = order.as_slice();
     let mut before = 0;
     while let [first, ..] = rest {
-        let equal = rest.iter().take_while(|place| values[**place] == values[*first]);
+        let equal = rest
+            .iter()
+            .take_while(|place| values[**place] == values[*first]);
         let count = equal.count().max(1);
         #[expect(clippy::cast_precision_loss, reason = "far below 2^53")]
         let rank = before as f64 + (count as f64 - 1.0) / 2.0;
@@ -241,9 +256,11 @@ mod tests {
         assert!((of(&|key| -key) + 1.0).abs() < 1e-12);
         assert_eq!(of(&|_| 7.0), 0.0);
         // Compared with scipy.stats.spearmanr([1, 2, 3, 4, 5], [5, 6, 7, 8, 7]).
-        let [one, other] = [[1., 2., 3., 4., 5.], [5., 6., 7., 8., 7.]].map(|one| ranks(one.into_iter()));
+        let [one, other] =
+            [[1., 2., 3., 4., 5.], [5., 6., 7., 8., 7.]].map(|one| ranks(one.into_iter()));
         assert!((correlation(&one, &other) - 0.820_782_681_668_123_3).abs() < 1e-12);
-        let mut chance: Vec<(u64, f64)> = key.iter().map(|key| (mixed(*key as usize), *key)).collect();
+        let mut chance: Vec<(u64, f64)> =
+            key.iter().map(|key| (mixed(*key as usize), *key)).collect();
         chance.sort_unstable_by_key(|one| one.0);
         let chance = correlation(&key, &Vec::from_iter(chance.into_iter().map(|one| one.1)));
         assert!(chance.abs() < CORRELATION_MIN, "{chance}");

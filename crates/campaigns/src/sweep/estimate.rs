@@ -202,9 +202,17 @@ mod tests {
     fn parts_take_ten_minutes_as_far_as_an_engine_takes_so_many() {
         // 26 000 s.
         let million = estimate(1_000_000, 0.026, 1);
-        assert_eq!(million.options(), "--parts 44 --task-minutes 35 --task-mebibytes 128");
+        assert_eq!(
+            million.options(),
+            "--parts 44 --task-minutes 35 --task-mebibytes 128"
+        );
         let text = million.to_string();
-        for words in ["each of 22728 runs", "7.2 hours of one core", "2.0 GB", "26.0 ms each"] {
+        for words in [
+            "each of 22728 runs",
+            "7.2 hours of one core",
+            "2.0 GB",
+            "26.0 ms each",
+        ] {
             assert!(text.contains(words), "{words}: {text}");
         }
         assert_eq!(estimate(1_000_000, 0.026, 2).parts(), 22);

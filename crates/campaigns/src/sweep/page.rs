@@ -190,7 +190,13 @@ fn scatter(driven: &Driven) -> Markup {
         ..Plot::over_time(key.as_str(), driven.name.as_str())
     };
     plot.draw("runs", Colour::Measured, Shape::Path, &x, &y);
-    plot.draw("the worst", Colour::Estimated, Shape::Path, &worst_x, &worst_y);
+    plot.draw(
+        "the worst",
+        Colour::Estimated,
+        Shape::Path,
+        &worst_x,
+        &worst_y,
+    );
     plot.render()
 }
 

@@ -111,13 +111,17 @@ pub(crate) enum NoPart {
     NoEngine,
     #[error("--shard auto: {name} is \"{value}\", which is no number of a task")]
     NoNumber { name: &'static str, value: String },
-    #[error("--shard auto: {name} says which task this is, but not how many there are; add --shards COUNT")]
+    #[error(
+        "--shard auto: {name} says which task this is, but not how many there are; add --shards COUNT"
+    )]
     NoCount { name: &'static str },
     #[error(
         "--shard auto: the tasks of the array are not evenly spaced; number them from 1 to the count of parts, and add --shards COUNT"
     )]
     Gaps,
-    #[error("--shard auto: {name} makes this task {number} of {of}; number the tasks from {first} to {last}")]
+    #[error(
+        "--shard auto: {name} makes this task {number} of {of}; number the tasks from {first} to {last}"
+    )]
     Outside {
         name: &'static str,
         number: usize,
@@ -381,8 +385,16 @@ mod tests {
         for (variables, shards, text) in [
             (&[][..], None, "no engine runs this command"),
             (&[(KUBERNETES, "3")], None, "add --shards COUNT"),
-            (&[(HYPERQUEUE, "0")], Some(4), "number the tasks from 1 to 4"),
-            (&[(KUBERNETES, "4")], Some(4), "number the tasks from 0 to 3"),
+            (
+                &[(HYPERQUEUE, "0")],
+                Some(4),
+                "number the tasks from 1 to 4",
+            ),
+            (
+                &[(KUBERNETES, "4")],
+                Some(4),
+                "number the tasks from 0 to 3",
+            ),
             (&[(SLURM, "x")], Some(4), "is \"x\", which is no number"),
             (&[(SLURM, "1")], Some(0), "there are 1 to 10000 parts"),
             (&list, None, "not evenly spaced"),

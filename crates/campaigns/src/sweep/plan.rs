@@ -209,7 +209,6 @@ impl SweepPlan {
         let whole = value as i64;
         Value::Integer(whole)
     }
-
 }
 
 impl Cases for SweepPlan {

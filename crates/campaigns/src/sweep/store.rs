@@ -320,7 +320,9 @@ impl Store {
             return Ok(None);
         };
         let line = bytes(&self.file, *place).map_err(read_error(&self.path))?;
-        let row = line.strip_suffix(b"\n").and_then(|line| self.seal.open(line));
+        let row = line
+            .strip_suffix(b"\n")
+            .and_then(|line| self.seal.open(line));
         row.map(Some).ok_or_else(|| StoreError::Damaged {
             path: self.path.clone(),
             line: case,

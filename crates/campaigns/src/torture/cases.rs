@@ -93,12 +93,7 @@ impl TortureCases {
     pub(crate) fn case(&self, number: usize) -> Result<TortureCase, String> {
         let mut stream = self.stream(number);
         let faults = draw::mix(&mut stream, &self.nodes, self.duration_seconds());
-        TortureCase::new(
-            &self.setup.text,
-            &self.setup.tables,
-            faults,
-            stream.bits(),
-        )
+        TortureCase::new(&self.setup.text, &self.setup.tables, faults, stream.bits())
     }
 
     /// It follows from the seed and the number alone.
@@ -263,7 +258,11 @@ mod tests {
             let counted: f64 = values.iter().sum();
             // A fault of the boot has no window.
             let of_boot = windows.len() as f64 - counted;
-            assert!(counted >= 1.0 && of_boot.abs() <= 1.0, "{}", cases.words(number));
+            assert!(
+                counted >= 1.0 && of_boot.abs() <= 1.0,
+                "{}",
+                cases.words(number)
+            );
         }
     }
 }

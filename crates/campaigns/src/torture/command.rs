@@ -106,7 +106,9 @@ fn plan(args: &TortureArgs, cases: &TortureCases) -> Exit {
         Ok(estimate) => {
             let (file, options) = (args.scenario.display(), estimate.options());
             let draws = format!("--torture {} --seed {}", args.runs, args.seed);
-            print(&format!("{estimate}\ncanrig submit {file} {draws} --engine slurm {options}"));
+            print(&format!(
+                "{estimate}\ncanrig submit {file} {draws} --engine slurm {options}"
+            ));
             Exit::Pass
         }
         Err(error) => {
@@ -255,7 +257,11 @@ fn shrink_all(
         first_of.entry(&one.invariant).or_insert(one);
     }
     for one in first_of.into_values().take(SHRUNK_MAX) {
-        let Broken { case: number, invariant, text } = one;
+        let Broken {
+            case: number,
+            invariant,
+            text,
+        } = one;
         print(&format!("run {number}: {invariant}: {text}"));
         let shrunk = case(*number)?.shrunk(invariant);
         let folder = keep(&shrunk, output)?;

@@ -158,7 +158,9 @@ pub(super) fn kinds(nodes: &Nodes) -> Vec<String> {
     let kinds = lasting.chain(&INSTANT).copied();
     let boot = BOOT.into_iter().map(|kind| ("node", kind));
     let kinds = kinds.chain(boot);
-    kinds.map(|(group, kind)| format!("{group}.{kind}")).collect()
+    kinds
+        .map(|(group, kind)| format!("{group}.{kind}"))
+        .collect()
 }
 
 /// A mix of faults for a run of some length, as far as they mean something to the plants: the `[fault]` table.
