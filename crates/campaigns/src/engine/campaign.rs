@@ -75,7 +75,7 @@ impl SharedCampaign<'_> {
         RunFolder::path_of(&self.output, &self.setup.scenario.name, &id)
     }
 
-    /// Makes the folder with all that the tasks need.
+    /// Makes the folder with all that the tasks need. The program is copied before anything was submitted.
     pub(super) fn prepare(&self) -> Result<(), WriteError> {
         let folder = open_folder(&self.output, self.setup, self.cases, Shard::WHOLE)?;
         for name in [ENGINE, LOGS, PARTS] {
@@ -83,7 +83,10 @@ impl SharedCampaign<'_> {
             fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
         }
         let program = folder.path().join(PROGRAM);
-        copy_program(&program).map_err(WriteError::at(&program))
+        match folder.path().join(RECORD).exists() && program.exists() {
+            true => Ok(()),
+            false => copy_program(&program).map_err(WriteError::at(&program)),
+        }
     }
 
     /// What the record says; none where nothing was submitted.
@@ -182,11 +185,8 @@ impl SharedCampaign<'_> {
     }
 }
 
-/// Puts a copy of this program where all machines find it; one that is there is this one, by its record.
+/// Puts a copy of this program where all machines find it.
 fn copy_program(to: &Path) -> io::Result<()> {
-    if to.exists() {
-        return Ok(());
-    }
     let partial = to.with_added_extension("partial");
     fs::copy(RUNNING, &partial)?;
     fs::set_permissions(&partial, fs::Permissions::from_mode(0o755))?;

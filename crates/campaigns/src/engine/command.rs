@@ -115,7 +115,7 @@ enum SubmitError {
         job: String,
         cancel: String,
     },
-    #[error("this campaign was submitted by another canrig; go on with the one that did: {}", program.display())]
+    #[error("this campaign was submitted by another canrig; go on with the one that did, {}, or move its folder away", program.display())]
     Program { program: PathBuf },
     #[error("this campaign has {found} parts, not {wanted}: leave out --parts, or move {} away", path.display())]
     Parts {

@@ -255,6 +255,7 @@ mod tests {
 
     use super::*;
     use crate::sweep::row::{Ended, SweepRow};
+    use runner::machine::{Stopwatch, memory_bytes_max};
     use scenario::Scenario;
     use worlds::catalogue::catalogue;
 
@@ -314,5 +315,92 @@ mod tests {
         let text = format!("case 3 has different results in two parts: {first} and {other}");
         assert_eq!(error.to_string(), text);
         assert_eq!(error.exit(), Exit::CannotStart);
+    }
+
+    /// A sweep of a million runs whose rows are made up: what planning, merging and the report cost.
+    #[test]
+    #[ignore = "takes minutes; prints time and memory"]
+    fn a_million_rows_are_merged_and_reported_in_bounded_memory() {
+        const RUNS: usize = 1_000_000;
+        const PARTS: usize = 40;
+        let text = TEXT.replace(
+            "[sweep]\n",
+            "[expect]\nposition_millimetres_max = { max = 30.0 }\n[sweep]\ndraws = 250000\n",
+        ) + "[[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
+        let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::new(scenario, catalogue()).from_file("s.toml", text);
+        let setups = [setup];
+        let plan = SweepPlan::new(&setups).unwrap();
+        assert_eq!(plan.runs(), RUNS);
+        let identity = identity(&setups[0]).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let watch = Stopwatch::start();
+        let parts: Vec<PathBuf> = (1..=PARTS)
+            .map(|number| {
+                let shard = Shard { number, of: PARTS };
+                let part = open_folder(folder.path(), &setups[0], &plan, shard).unwrap();
+                let header = Header::new(&plan, &identity, shard);
+                let (store, _) = Store::open(part.path(), &header).unwrap();
+                let mut store = store.of_copies();
+                for case in shard.cases(RUNS) {
+                    let [hold, load] = plan.values(case)[..] else {
+                        unreachable!("two keys")
+                    };
+                    let value = hold - 300.0 * (load - 0.04);
+                    let mut row = SweepRow::without_verdict(
+                        case,
+                        "0123456789abcdef",
+                        Ended::Pass,
+                        String::new(),
+                    );
+                    row.reason = None;
+                    row.metrics = (0..11)
+                        .map(|metric| {
+                            (
+                                format!("metric_{metric}_seconds"),
+                                value / f64::from(metric + 1),
+                            )
+                        })
+                        .collect();
+                    row.metrics
+                        .push(("position_millimetres_max".to_owned(), value));
+                    if value > 30.0 {
+                        row.ended = Ended::Fail;
+                        row.missed = vec!["position_millimetres_max".to_owned()];
+                    }
+                    store.append(&row).unwrap();
+                }
+                store.finish().unwrap();
+                part.path().to_owned()
+            })
+            .collect();
+        let mebibytes = || memory_bytes_max().unwrap_or_default() >> 20;
+        println!(
+            "made in {:.1} s, VmHWM {} MiB",
+            watch.elapsed().as_secs_f64(),
+            mebibytes()
+        );
+        let watch = Stopwatch::start();
+        let output = folder.path().join("merged");
+        let campaign = CampaignCases::Sweep(plan);
+        merge_parts(&parts, &campaign, &setups, &output, Shown::All).unwrap();
+        let page = std::fs::read_dir(&output)
+            .unwrap()
+            .next()
+            .unwrap()
+            .unwrap()
+            .path();
+        let size = |name: &str| page.join(name).metadata().unwrap().len();
+        println!(
+            "merged and reported in {:.1} s, VmHWM {} MiB; rows {} MB, page {} kB",
+            watch.elapsed().as_secs_f64(),
+            mebibytes(),
+            size(store::FILE) / 1_000_000,
+            size(file::REPORT) / 1000
+        );
+        assert!(mebibytes() < 400);
+        assert!(size(file::REPORT) < 2_000_000);
+        let page = std::fs::read_to_string(page.join(file::REPORT)).unwrap();
+        assert!(page.contains("What drives it") && page.contains("+0.9"));
     }
 }
