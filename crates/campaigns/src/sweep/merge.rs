@@ -317,6 +317,40 @@ mod tests {
         assert_eq!(error.exit(), Exit::CannotStart);
     }
 
+    /// A part whose rows nobody has played: a metric that follows both keys, and eleven more.
+    fn made_up(folder: &Path, setup: &Setup, plan: &SweepPlan, shard: Shard) -> PathBuf {
+        let part = open_folder(folder, setup, plan, shard).unwrap();
+        let header = Header::new(plan, &identity(setup).unwrap(), shard);
+        let (store, _) = Store::open(part.path(), &header).unwrap();
+        let mut store = store.of_copies();
+        for case in shard.cases(plan.runs()) {
+            let [hold, load] = plan.values(case)[..] else {
+                unreachable!("two keys")
+            };
+            let value = hold - 300.0 * (load - 0.04);
+            let is_missed = value > 30.0;
+            let others = (1..12).map(|number| {
+                (
+                    format!("metric_{number}_seconds"),
+                    value / f64::from(number),
+                )
+            });
+            let own = ("position_millimetres_max".to_owned(), value);
+            let row = SweepRow {
+                case,
+                id: "0123456789abcdef".to_owned(),
+                seed: Some(0),
+                ended: if is_missed { Ended::Fail } else { Ended::Pass },
+                reason: None,
+                missed: is_missed.then(|| own.0.clone()).into_iter().collect(),
+                metrics: others.chain([own]).collect(),
+            };
+            store.append(&row).unwrap();
+        }
+        store.finish().unwrap();
+        part.path().to_owned()
+    }
+
     /// A sweep of a million runs whose rows are made up: what planning, merging and the report cost.
     #[test]
     #[ignore = "takes minutes; prints time and memory"]
@@ -332,48 +366,17 @@ mod tests {
         let setups = [setup];
         let plan = SweepPlan::new(&setups).unwrap();
         assert_eq!(plan.runs(), RUNS);
-        let identity = identity(&setups[0]).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let watch = Stopwatch::start();
-        let parts: Vec<PathBuf> = (1..=PARTS)
-            .map(|number| {
-                let shard = Shard { number, of: PARTS };
-                let part = open_folder(folder.path(), &setups[0], &plan, shard).unwrap();
-                let header = Header::new(&plan, &identity, shard);
-                let (store, _) = Store::open(part.path(), &header).unwrap();
-                let mut store = store.of_copies();
-                for case in shard.cases(RUNS) {
-                    let [hold, load] = plan.values(case)[..] else {
-                        unreachable!("two keys")
-                    };
-                    let value = hold - 300.0 * (load - 0.04);
-                    let mut row = SweepRow::without_verdict(
-                        case,
-                        "0123456789abcdef",
-                        Ended::Pass,
-                        String::new(),
-                    );
-                    row.reason = None;
-                    row.metrics = (0..11)
-                        .map(|metric| {
-                            (
-                                format!("metric_{metric}_seconds"),
-                                value / f64::from(metric + 1),
-                            )
-                        })
-                        .collect();
-                    row.metrics
-                        .push(("position_millimetres_max".to_owned(), value));
-                    if value > 30.0 {
-                        row.ended = Ended::Fail;
-                        row.missed = vec!["position_millimetres_max".to_owned()];
-                    }
-                    store.append(&row).unwrap();
-                }
-                store.finish().unwrap();
-                part.path().to_owned()
-            })
-            .collect();
+        let part = |number| {
+            made_up(
+                folder.path(),
+                &setups[0],
+                &plan,
+                Shard { number, of: PARTS },
+            )
+        };
+        let parts: Vec<PathBuf> = (1..=PARTS).map(part).collect();
         let mebibytes = || memory_bytes_max().unwrap_or_default() >> 20;
         println!(
             "made in {:.1} s, VmHWM {} MiB",

@@ -187,7 +187,7 @@ fn scatter(driven: &Driven) -> Markup {
     let mut plot = Plot {
         x_label: key,
         extent: Extent::All,
-        ..Plot::over_time(key.as_str(), driven.name.as_str())
+        ..Plot::over_time(driven.name.as_str(), "")
     };
     plot.draw("runs", Colour::Measured, Shape::Path, &x, &y);
     plot.draw(
