@@ -191,7 +191,7 @@ fn parts_together_are_the_whole() {
     let (code, _, stderr) = merge(&[folders[0].clone(), folders[1].clone(), only_run(&other)]);
     assert_eq!(code, Some(3), "{stderr}");
     assert!(
-        stderr.contains("is a part of another sweep than"),
+        stderr.contains("is a part of another campaign than"),
         "{stderr}"
     );
 }
@@ -285,4 +285,94 @@ fn other_commands_play_the_scenario_as_it_stands() {
     let (code, stdout, _) = output(check.arg("check").arg(&path));
     assert_eq!(code, Some(0));
     assert!(stdout.contains("swept, 60 runs in a sweep"), "{stdout}");
+}
+
+/// A part as an engine runs it.
+fn task(parts: &Path, path: &Path, variable: (&str, &str)) -> (Option<i32>, String, String) {
+    let mut task = canrig(parts, "sweep");
+    let options = [
+        "--shard",
+        "auto",
+        "--shards",
+        "3",
+        "--for-engine",
+        "--quiet",
+    ];
+    output(task.arg(path).args(options).env(variable.0, variable.1))
+}
+
+#[test]
+fn tasks_of_any_engine_are_parts_and_results_are_success_to_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let undisturbed = results(&whole(folder.path(), &path));
+    let parts = folder.path().join("parts");
+    for variable in [
+        ("SLURM_ARRAY_TASK_ID", "1"),
+        ("HQ_TASK_ID", "2"),
+        ("JOB_COMPLETION_INDEX", "2"),
+        // Once more, and nothing is played.
+        ("SLURM_ARRAY_TASK_ID", "1"),
+    ] {
+        let (code, stdout, stderr) = task(&parts, &path, variable);
+        assert_eq!((code, stdout.as_str(), stderr.as_str()), (Some(0), "", ""));
+    }
+    let merged = folder.path().join("merged");
+    let (code, _, stderr) = output(canrig(&merged, "merge").args(runs(&parts)));
+    assert_eq!(code, Some(1), "{stderr}");
+    assert_eq!(results(&only_run(&merged)), undisturbed);
+
+    let (code, _, stderr) = task(&parts, &path, ("HQ_TASK_ID", "4"));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(stderr.contains("number the tasks from 1 to 3"), "{stderr}");
+}
+
+#[test]
+fn a_plan_plays_some_runs_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "sweep").arg(&path).arg("--plan"));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(
+        stdout.contains("60 runs; 24 of them were played"),
+        "{stdout}"
+    );
+    let last = stdout.lines().next_back().unwrap();
+    assert!(
+        last.starts_with("canrig submit ") && last.contains(" --parts 1 "),
+        "{last}"
+    );
+    assert!(!runs.exists());
+    // What it names can be submitted.
+    let words = last.split(' ').skip(2);
+    let (code, stdout, stderr) = output(canrig(&runs, "submit").args(words).arg("--dry-run"));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stdout.contains("#SBATCH --array=1\n"), "{stdout}");
+    assert!(!runs.exists());
+}
+
+#[test]
+fn torture_in_parts_is_shrunk_when_it_is_merged() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), "");
+    let parts = folder.path().join("parts");
+    for part in ["1/2", "2/2"] {
+        let mut torture = canrig(&parts, "torture");
+        let options = ["--runs", "6", "--shard", part, "--for-engine"];
+        let (code, stdout, stderr) = output(torture.arg(&path).args(options));
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+        assert!(stdout.contains("3 runs with seed 1: "), "{stdout}");
+    }
+    let merged = folder.path().join("merged");
+    let (code, stdout, stderr) = output(canrig(&merged, "merge").args(runs(&parts)));
+    assert!(matches!(code, Some(0 | 1)), "{stdout}{stderr}");
+    assert!(stdout.contains("6 runs: "), "{stdout}");
+    let folders = runs(&merged);
+    let torture = folders
+        .iter()
+        .find(|path| path.join("torture.json").exists());
+    let table = fs::read_to_string(torture.unwrap().join("runs.csv")).unwrap();
+    assert!(table.starts_with("case,id,bus.lose,"), "{table}");
+    assert_eq!(table.lines().count(), 7);
 }

@@ -12,6 +12,7 @@ use crate::schema::{SchemaArgs, schema};
 use crate::tools::monitor::{MonitorArgs, monitor};
 use crate::tools::nodes::{NodesArgs, nodes};
 use crate::tools::sdo::{SdoArgs, sdo};
+use campaigns::engine::command::{SubmitArgs, submit};
 use campaigns::sweep::command::{SweepArgs, sweep};
 use campaigns::sweep::merge::{MergeArgs, merge};
 use campaigns::torture::command::{TortureArgs, torture};
@@ -47,6 +48,8 @@ Examples:
   canrig reproduce                           the paper's experiments, on one page
   canrig torture scenarios/torture.toml      which mixes of faults break an invariant?
   canrig sweep scenarios/sweeps/plants.toml  one run for each combination of values
+  canrig submit big.toml --engine slurm --parts 100
+                                             and on the machines of a cluster
   canrig check scenarios/                    are the files valid?
   canrig signals my.toml                     which signals can [expect] name?
   canrig report runs/* --output all.html     several runs on one page
@@ -91,6 +94,14 @@ Exit codes, of the worst run:
   3 a run is missing or invalid, or a part is that of another sweep
   4 a run broke off, or a file cannot be written · 5 inconclusive · 70 internal error";
 
+const SUBMIT_EXITS: &str = "\
+Exit codes, of the worst run:
+  0 pass · 1 a limit was not met
+  3 the file is invalid, or the campaign was submitted otherwise before
+  4 the engine is not there or refuses, parts were lost too often, a run broke off, or a file cannot be written
+  5 inconclusive · 70 internal error
+  130 interrupted: the job goes on, and --resume waits for it";
+
 /// Tests a controller against a plant over a CAN bus: simulated, in real time, and with real hardware.
 #[derive(Debug, Parser)]
 #[command(version, after_help = EXAMPLES, max_term_width = 100)]
@@ -127,9 +138,12 @@ pub(crate) enum Command {
     /// Play a scenario with each combination of values in its [sweep] table, on all cores; an interrupted sweep is continued
     #[command(after_help = SWEEP_EXITS)]
     Sweep(SweepArgs),
-    /// Merge the parts of a sweep that `sweep --shard` played
+    /// Merge the parts of a sweep, or of torture, that were played with `--shard`
     #[command(after_help = MERGE_EXITS)]
     Merge(MergeArgs),
+    /// Give the parts of a sweep, or of torture, to an engine that runs them on many machines; wait, and merge them
+    #[command(after_help = SUBMIT_EXITS)]
+    Submit(SubmitArgs),
     /// Check scenario and rig files without playing them
     Check(CheckArgs),
     /// List the scenarios and rig files that ship with canrig, print one, or copy them to a folder
@@ -181,6 +195,7 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Torture(args) => torture(&args),
         Command::Sweep(args) => sweep(&args),
         Command::Merge(args) => merge(&args),
+        Command::Submit(args) => submit(&args),
         Command::Check(args) => check(&args),
         Command::Examples(args) => examples(&args),
         Command::Signals(args) => signals(&args),

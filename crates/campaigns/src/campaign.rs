@@ -1,6 +1,8 @@
 //! Many scenarios: each in virtual time within this process, several at a time, with nothing on the disk.
 
 use std::any::Any;
+use std::error::Error;
+use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::thread;
 
@@ -80,6 +82,33 @@ pub struct FailedRun {
     pub reason: String,
 }
 
+/// Why a run came to no result.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoResult {
+    /// The program is at fault. It would be on any machine.
+    #[error("{0}")]
+    Fault(String),
+    /// The machine is: a full disk, no memory, a file that cannot be read. Played again, the run may come to a result.
+    #[error("{0}")]
+    Machine(String),
+}
+
+impl NoResult {
+    /// Whose fault an error is: the machine's where the operating system refused something.
+    fn of(error: &(dyn Error + 'static)) -> Self {
+        let mut cause = Some(error);
+        let mut is_machines = false;
+        while let Some(error) = cause {
+            is_machines |= error.is::<io::Error>();
+            cause = error.source();
+        }
+        match is_machines {
+            true => Self::Machine(error.to_string()),
+            false => Self::Fault(error.to_string()),
+        }
+    }
+}
+
 /// The user stopped the campaign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("interrupted by the user")]
@@ -129,15 +158,15 @@ impl Campaign {
         let bar = RunsBar::new(scenarios.size_hint().1, self.is_shown);
         let mut results = Vec::new();
         let work = |(index, setups): &(usize, Vec<Setup>), watch: &Watch| {
-            play_one(*index, setups, watch, &reduce).map_err(|error| error.to_string())
+            play_one(*index, setups, watch, &reduce)
         };
-        let on_result = |(index, setups): (usize, Vec<Setup>), result: Result<T, String>| {
+        let on_result = |(index, setups): (usize, Vec<Setup>), result: Result<T, NoResult>| {
             let Scenario { name, seed, .. } = &setups[0].scenario;
             results.push(result.map_err(|reason| FailedRun {
                 index,
                 name: name.clone(),
                 seed: *seed,
-                reason,
+                reason: reason.to_string(),
             }));
             Ok::<(), std::convert::Infallible>(())
         };
@@ -157,8 +186,8 @@ impl Campaign {
         &self,
         jobs: impl Iterator<Item = J> + Send,
         bar: &RunsBar,
-        work: impl Fn(&J, &Watch) -> Result<T, String> + Sync,
-        on_result: impl FnMut(J, Result<T, String>) -> Result<(), E> + Send,
+        work: impl Fn(&J, &Watch) -> Result<T, NoResult> + Sync,
+        on_result: impl FnMut(J, Result<T, NoResult>) -> Result<(), E> + Send,
     ) -> Result<(), Stopped<E>> {
         let threads = self.threads.max(1);
         let watches: Vec<Watch> = (0..threads).map(|_| Watch::default()).collect();
@@ -166,7 +195,7 @@ impl Campaign {
         let serve = |watch: &Watch| {
             while let Some((place, job)) = queue.next(watch) {
                 let done = catch_unwind(AssertUnwindSafe(|| work(&job, watch)))
-                    .unwrap_or_else(|panic| Err(message(panic.as_ref())));
+                    .unwrap_or_else(|panic| Err(NoResult::Fault(message(panic.as_ref()))));
                 // A run that was interrupted came to nothing.
                 if watch.is_interrupted() {
                     break;
@@ -202,7 +231,7 @@ pub fn of_one_loop(scenario: Scenario) -> Vec<Setup> {
 /// Plays the loops of a scenario in virtual time and keeps of it what `reduce` returns.
 ///
 /// # Errors
-/// The rig's DBC lacks a signal, or a file could not be written.
+/// The rig's DBC lacks a signal, or the machine failed: then nothing is known of the run.
 ///
 /// # Panics
 /// There is no loop.
@@ -211,12 +240,19 @@ pub fn play_one<T>(
     setups: &[Setup],
     watch: &Watch,
     reduce: impl Fn(&CampaignRun<'_>) -> T,
-) -> Result<T, Box<dyn std::error::Error>> {
-    let mut capture = Capture::in_memory(ScenarioClock::new(&setups[0].database)?, watch);
+) -> Result<T, NoResult> {
+    let fault = |error: &(dyn Error + 'static)| NoResult::of(error);
+    let clock = ScenarioClock::new(&setups[0].database).map_err(|error| fault(&error))?;
+    let mut capture = Capture::in_memory(clock, watch);
     let ended = lockstep::simulate_loops(setups, &mut capture).map(Played::in_virtual_time);
-    let (frames, unrecorded) = capture.finish()?;
+    if let Err(error) = &ended
+        && let machine @ NoResult::Machine(_) = fault(error)
+    {
+        return Err(machine);
+    }
+    let (frames, unrecorded) = capture.finish().map_err(|error| fault(&error))?;
     let frames = frames.into_vec();
-    let timelines = timeline::decode_loops(&frames, setups)?;
+    let timelines = timeline::decode_loops(&frames, setups).map_err(|error| fault(&error))?;
     let verdicts = setups.iter().zip(&timelines);
     let verdicts =
         verdicts.map(|(setup, timeline)| run::verdict(&ended, timeline, setup, &unrecorded));
@@ -300,6 +336,20 @@ mod tests {
     }
 
     #[test]
+    fn what_the_operating_system_refuses_is_the_machines_fault() {
+        let path = "bus.log".into();
+        let source = io::Error::from(io::ErrorKind::StorageFull);
+        let full = recording::run_folder::WriteError { path, source };
+        let machine = NoResult::of(&full);
+        assert!(
+            matches!(&machine, NoResult::Machine(text) if text.contains("bus.log")),
+            "{machine:?}"
+        );
+        let fault = NoResult::of(&"x".parse::<usize>().unwrap_err());
+        assert!(matches!(fault, NoResult::Fault(_)), "{fault:?}");
+    }
+
+    #[test]
     fn results_are_taken_in_order_and_few_wait_for_a_slow_one() {
         let bar = RunsBar::new(None, false);
         let is_first_done = (Mutex::new(false), Condvar::new());
@@ -319,7 +369,7 @@ mod tests {
             Ok(*job)
         };
         let mut taken = Vec::new();
-        let on_result = |job, result: Result<usize, String>| {
+        let on_result = |job, result: Result<usize, NoResult>| {
             assert_eq!(result, Ok(job));
             taken.push(job);
             if job == 200 { Err("full") } else { Ok(()) }

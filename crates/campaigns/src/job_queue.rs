@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use recording::capture::Watch;
 
+use crate::campaign::NoResult;
+
 /// How soon a thread that waits for an earlier run sees that the user stopped it.
 const STOP_PERIOD: Duration = Duration::from_millis(100);
 
@@ -23,7 +25,7 @@ struct QueueState<I, J, T, F, E> {
     given: usize,
     /// Results that were handed on, in the order of their jobs.
     taken: usize,
-    waiting: BTreeMap<usize, (J, Result<T, String>)>,
+    waiting: BTreeMap<usize, (J, Result<T, NoResult>)>,
     on_result: F,
     refusal: Option<E>,
 }
@@ -44,7 +46,7 @@ impl<I, J, T, F, E> QueueState<I, J, T, F, E> {
 impl<I, J, T, F, E> JobQueue<I, J, T, F, E>
 where
     I: Iterator<Item = J>,
-    F: FnMut(J, Result<T, String>) -> Result<(), E>,
+    F: FnMut(J, Result<T, NoResult>) -> Result<(), E>,
 {
     /// A queue that hands results to `on_result` in the order of the jobs. At most `waiting_max` results wait for their turn.
     pub(crate) fn new(jobs: I, on_result: F, waiting_max: usize) -> Self {
@@ -88,7 +90,7 @@ where
     }
 
     /// Hands on a result when its turn comes, and those that waited for it.
-    pub(crate) fn put(&self, place: usize, job: J, done: Result<T, String>) {
+    pub(crate) fn put(&self, place: usize, job: J, done: Result<T, NoResult>) {
         let state = &mut *self.lock();
         state.waiting.insert(place, (job, done));
         while state.refusal.is_none()

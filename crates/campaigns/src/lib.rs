@@ -4,11 +4,13 @@
 //! ([`campaign::Campaign`]); what is kept of it is a row or a broken invariant, so that a million runs need no more memory than a few. Out
 //! go the tables, the page and the failing scenarios of a sweep, or the smallest scenario that breaks an invariant.
 //!
-//! A sweep that was stopped goes on where it ended, and its parts may be played on several machines. This crate does not
-//! know how a run is played or judged, nor how the formats of its tables are written: `worlds`, `judge` and `report` do. It knows
-//! no bus but the modelled one, and nothing of real time. What is printed goes through the console of `runner`.
+//! A campaign that was stopped goes on where it ended, and its parts may be played on several machines: `engine` gives them to
+//! Slurm, HyperQueue or Kubernetes, and submits again what was lost. This crate does not know how a run is played or judged, nor
+//! how the formats of its tables are written: `worlds`, `judge` and `report` do. It knows no bus but the modelled one, and
+//! nothing of real time. What is printed goes through the console of `runner`.
 pub mod campaign;
 pub mod distribution;
+pub mod engine;
 mod job_queue;
 pub mod sweep;
 pub mod torture;

@@ -62,15 +62,55 @@ impl RunFolder {
         Ok(Self { path })
     }
 
+    /// Where the folder `<parent>/<name>-<id>` is, or would be.
+    #[must_use]
+    pub fn path_of(parent: &Path, name: &str, id: &str) -> PathBuf {
+        parent.join(format!("{}-{id}", slug(name)))
+    }
+
     /// Makes or opens the folder `<parent>/<name>-<id>`: work that was broken off goes on where it was. Scenarios
     /// differ by the id.
     ///
     /// # Errors
     /// The folder cannot be made.
     pub fn lasting(parent: &Path, name: &str, id: &str) -> Result<Self, WriteError> {
-        let path = parent.join(format!("{}-{id}", slug(name)));
+        let path = Self::path_of(parent, name, id);
         fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
         Ok(Self { path })
+    }
+
+    /// As [`RunFolder::lasting`], with what `write` writes into it: it appears with all of that at once, also where others, on
+    /// other machines, make the same folder at the same time. One that is there stays as it is.
+    ///
+    /// # Errors
+    /// The folder cannot be made, or `write` failed.
+    pub fn shared(
+        parent: &Path,
+        name: &str,
+        id: &str,
+        write: impl FnOnce(&Self) -> Result<(), WriteError>,
+    ) -> Result<Self, WriteError> {
+        let path = Self::path_of(parent, name, id);
+        let folder = Self { path };
+        if folder.scenario().exists() {
+            return Ok(folder);
+        }
+        fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
+        let partial = format!("{}-{id}.partial", slug(name));
+        let partial = create_numbered(parent, &partial).map_err(WriteError::at(&folder.path))?;
+        let partial = Self { path: partial };
+        let written = write(&partial).and_then(|()| {
+            let renamed = fs::rename(partial.path(), &folder.path);
+            renamed.map_err(WriteError::at(&folder.path))
+        });
+        if written.is_err() {
+            // What is left of it does no harm.
+            let _ = fs::remove_dir_all(partial.path());
+        }
+        match folder.scenario().exists() {
+            true => Ok(folder),
+            false => written.map(|()| folder),
+        }
     }
 
     /// The rig file's copy in the folder; none in runs on the emulated rig.
@@ -244,6 +284,31 @@ mod tests {
         folder.write("file", b"the new one").unwrap();
         assert_eq!(read(), "the new one");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_shared_folder_is_there_with_all_that_is_in_it_or_not_at_all() {
+        let parent = tempfile::tempdir().unwrap();
+        let make = |text: &str| {
+            RunFolder::shared(parent.path(), "run", "1", |folder| {
+                folder.write("table.csv", text.as_bytes())?;
+                assert!(!parent.path().join("run-1").join("table.csv").exists());
+                // Meanwhile somebody else is faster.
+                if text == "slow" {
+                    RunFolder::shared(parent.path(), "run", "1", |other| {
+                        other.write("table.csv", b"fast")?;
+                        other.write(file::SCENARIO, b"")
+                    })?;
+                }
+                folder.write(file::SCENARIO, b"")
+            })
+        };
+        let folder = make("slow").unwrap();
+        let read = || fs::read_to_string(folder.path().join("table.csv")).unwrap();
+        assert_eq!(read(), "fast");
+        make("late").unwrap();
+        assert_eq!(read(), "fast");
+        assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
     }
 
     #[test]

@@ -255,6 +255,44 @@ impl Drop for RunsBar {
     }
 }
 
+/// A bar that shows how many runs of a campaign on other machines are done, how fast, and how its parts stand. It is drawn on a
+/// terminal only.
+pub struct PartsBar {
+    bar: ProgressBar,
+}
+
+impl PartsBar {
+    /// A bar of so many runs, of which some are done.
+    #[must_use]
+    pub fn new(runs: usize, before: usize, is_shown: bool) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(runs as u64), target(is_shown));
+        let style = ProgressStyle::with_template(
+            "{bar:20} {pos} of {len} runs  {per_sec}  {eta} left  {msg}",
+        );
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.set_position(before as u64);
+        bar.reset_eta();
+        Self { bar }
+    }
+
+    /// Moves the bar to a number of runs, with words on the parts.
+    pub fn show(&self, done: usize, parts: &str) {
+        self.bar.set_position(done as u64);
+        self.bar.set_message(printable(parts).into_owned());
+    }
+
+    /// Prints a line above the bar.
+    pub fn print(&self, text: &str) {
+        self.bar.suspend(|| print(text));
+    }
+}
+
+impl Drop for PartsBar {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
 /// A bar that shows how far long work on a recording is, and how much time is left. It is drawn on a terminal only, by a thread
 /// of its own, when the work lasts longer than two seconds.
 pub struct WorkBar {

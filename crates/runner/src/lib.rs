@@ -14,6 +14,7 @@ pub mod event;
 pub mod exit;
 pub mod identity;
 pub mod lines;
+pub mod machine;
 pub mod named;
 pub mod observer;
 mod output;

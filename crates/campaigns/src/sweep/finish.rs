@@ -1,7 +1,7 @@
 //! What is made of the rows when all of them are there.
 
+use super::cases::Cases;
 use super::page;
-use super::plan::SweepPlan;
 use super::store::StoreError;
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
@@ -16,7 +16,7 @@ const FAILING: &str = "failing";
 
 /// What the terminal gets of a sweep.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Shown {
+pub(crate) enum Shown {
     All,
     Failures,
     /// Somebody else reads it.
@@ -25,7 +25,7 @@ pub(super) enum Shown {
 
 /// Why a sweep has no tables.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum FinishError {
+pub(crate) enum FinishError {
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
@@ -33,16 +33,16 @@ pub(super) enum FinishError {
 }
 
 /// Makes tables, page and scenarios of a folder's rows, and prints where they are. Whatever was made before is made again.
-pub(super) fn finish(
+pub(crate) fn finish(
     folder: &RunFolder,
     setups: &[Setup],
-    plan: &SweepPlan,
+    cases: &dyn Cases,
     shown: Shown,
 ) -> Result<Exit, FinishError> {
-    let summary = Summary::read(plan, setups, folder.path())?;
+    let summary = Summary::read(cases, setups, folder.path())?;
     let metrics = summary.metrics();
     let tables = Tables {
-        plan,
+        cases,
         metrics: &metrics,
         folder: folder.path(),
     };
@@ -52,8 +52,7 @@ pub(super) fn finish(
         write_tables(folder, &setups[0], FAILING)?;
     }
     for failing in &summary.failing {
-        let case = plan.case(failing.case);
-        let text = format!("{}{}", preamble(plan, failing), case.text);
+        let text = format!("{}{}", preamble(cases, failing), cases.text(failing.case));
         folder.write(&place(failing), text.as_bytes())?;
     }
     let page = page::to_html(&summary, place);
@@ -72,12 +71,13 @@ fn place(failing: &Failing) -> String {
 }
 
 /// What a reader of a single case must know.
-fn preamble(plan: &SweepPlan, failing: &Failing) -> String {
+fn preamble(cases: &dyn Cases, failing: &Failing) -> String {
     let one_line = |text: &str| text.replace(char::is_control, " ");
     format!(
-        "# Case {} of the sweep \"{}\": {}\n# {}: {}\n\n",
+        "# Case {} of the {} \"{}\": {}\n# {}: {}\n\n",
         failing.case,
-        one_line(plan.name()),
+        cases.kind(),
+        one_line(cases.name()),
         failing.values,
         failing.ended.word(),
         one_line(&failing.why),

@@ -1,17 +1,19 @@
-//! `canrig merge`: the parts of a sweep, put together.
+//! `canrig merge`: the parts of a campaign, put together.
 
-use std::iter::Peekable;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::Shard;
-use super::command::{open_folder, print_found};
+use super::cases::Cases;
 use super::finish::{FinishError, Shown, finish};
+use super::part::{open_folder, print_found};
 use super::plan::{PlanError, SweepPlan};
-use super::row::SweepRow;
-use super::store::{self, Header, Store, StoreError, StoredRows};
-use recording::run_folder::{WriteError, file};
+use super::store::{self, Header, Store, StoreError};
+use crate::torture::cases::{NoTorture, TortureCases};
+use crate::torture::command::shrink_first;
+use judge::verdict::Identity;
+use recording::run_folder::{RunFolder, WriteError, file};
 use rig::setup::Setup;
 use runner::console::print_error;
 use runner::exit::Exit;
@@ -24,9 +26,11 @@ const MISSING_SHOWN_MAX: usize = 10;
 
 /// Why parts cannot be put together.
 #[derive(Debug, thiserror::Error)]
-enum MergeError {
+pub(crate) enum MergeError {
     #[error(transparent)]
     SweepPlan(#[from] PlanError),
+    #[error(transparent)]
+    NoTorture(#[from] NoTorture),
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
@@ -35,7 +39,9 @@ enum MergeError {
     Finish(#[from] FinishError),
     #[error(transparent)]
     NoIdentity(#[from] NoIdentity),
-    #[error("{} is a part of another sweep than {} (other file, tables or version of canrig)", other.display(), first.display())]
+    #[error("a broken invariant cannot be shown by a smaller scenario: {0}")]
+    Shrink(String),
+    #[error("{} is a part of another campaign than {} (other file, tables or version of canrig)", other.display(), first.display())]
     Different { first: PathBuf, other: PathBuf },
     #[error("{} was played by another canrig ({version}, this is {}): play it with the very file of this program, or merge with the one that played it", path.display(), env!("CARGO_PKG_VERSION"))]
     Program { path: PathBuf, version: String },
@@ -46,7 +52,7 @@ enum MergeError {
         other: PathBuf,
     },
     #[error(
-        "{count} of {runs} cases are missing: {cases}. Name all parts, and let `canrig sweep` end those that are not done"
+        "{count} of {runs} cases are missing: {cases}. Name all parts, and play those again that are not done"
     )]
     Missing {
         count: usize,
@@ -56,30 +62,25 @@ enum MergeError {
 }
 
 impl MergeError {
-    fn exit(&self) -> Exit {
+    pub(crate) fn exit(&self) -> Exit {
         match self {
             Self::Write(_)
             | Self::Finish(_)
             | Self::NoIdentity(_)
+            | Self::Shrink(_)
             | Self::Store(StoreError::Write { .. } | StoreError::Busy { .. }) => Exit::BenchFailed,
             _ => Exit::CannotStart,
         }
     }
 }
 
-/// A part that is read.
-struct Part {
-    path: PathBuf,
-    rows: Peekable<StoredRows>,
-}
-
 /// Arguments of `merge`.
 #[derive(Args, Debug)]
 pub struct MergeArgs {
-    /// The folders that `canrig sweep --shard` made
+    /// The folders that `canrig sweep --shard` or `canrig torture --shard` made
     #[arg(required = true, value_name = "SHARD")]
     pub shards: Vec<PathBuf>,
-    /// Folder in which the whole sweep's folder is made
+    /// Folder in which the whole campaign's folder is made
     #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print failures only
@@ -93,8 +94,8 @@ pub fn merge(args: &MergeArgs) -> Exit {
     let [first, ..] = args.shards.as_slice() else {
         return Exit::Usage;
     };
-    let is_sweep = |path: &&PathBuf| path.join(file::SCENARIO).exists();
-    if let Some(other) = args.shards.iter().find(|path| !is_sweep(path)) {
+    let is_campaign = |path: &&PathBuf| path.join(file::SCENARIO).exists();
+    if let Some(other) = args.shards.iter().find(|path| !is_campaign(path)) {
         let (path, name) = (other.display(), file::SCENARIO);
         print_error(&format!(
             "canrig: {path} is no folder of a sweep: there is no {name} in it"
@@ -105,102 +106,147 @@ pub fn merge(args: &MergeArgs) -> Exit {
         Ok(setups) => setups,
         Err(exit) => return exit,
     };
-    merged(args, &setups).unwrap_or_else(|error| {
+    let shown = match args.quiet {
+        true => Shown::Failures,
+        false => Shown::All,
+    };
+    let merged = CampaignCases::of_folder(first, &setups)
+        .and_then(|cases| merge_parts(&args.shards, &cases, &setups, &args.output, shown));
+    merged.unwrap_or_else(|error| {
         print_error(&format!("canrig: {error}"));
         error.exit()
     })
 }
 
-fn merged(args: &MergeArgs, setups: &[Setup]) -> Result<Exit, MergeError> {
-    let plan = SweepPlan::new(setups)?;
-    let setup = &setups[0];
-    let header = Header::new(&plan, &identity(setup)?, Shard::WHOLE);
-    let mut parts = open(&args.shards, &header)?;
-    let folder = open_folder(&args.output, setup, &plan, Shard::WHOLE)?;
-    let (mut store, found) = Store::open(folder.path(), &header)?;
-    print_found(&found, args.quiet);
-    let mut missing = Vec::new();
-    for case in Shard::WHOLE.cases(plan.runs()) {
-        let row = row_of_case(&mut parts, case)?;
-        match row {
-            _ if store.has(case) => {}
-            Some(row) => store.append(&row)?,
-            None => missing.push(case),
-        }
-    }
-    store.finish()?;
-    if !missing.is_empty() {
-        return Err(MergeError::Missing {
-            count: missing.len(),
-            runs: plan.runs(),
-            cases: words(&missing),
-        });
-    }
-    let shown = match args.quiet {
-        true => Shown::Failures,
-        false => Shown::All,
-    };
-    Ok(finish(&folder, setups, &plan, shown)?)
+/// What a campaign is.
+pub(crate) enum CampaignCases {
+    /// One run for each combination of values.
+    Sweep(SweepPlan),
+    /// One run for each mix of faults.
+    Torture(TortureCases),
 }
 
-/// Opens the parts, which must be of this sweep and played by this program.
-fn open(paths: &[PathBuf], expected: &Header) -> Result<Vec<Part>, MergeError> {
-    let open = |path: &PathBuf| {
-        let (header, rows) = store::read(path)?;
+impl CampaignCases {
+    /// Torture where the folder says so, else a sweep.
+    pub(crate) fn of_folder(folder: &Path, setups: &[Setup]) -> Result<Self, MergeError> {
+        Ok(match TortureCases::of_folder(folder, setups)? {
+            Some(torture) => Self::Torture(torture),
+            None => Self::Sweep(SweepPlan::new(setups)?),
+        })
+    }
+
+    /// The cases, whatever they are.
+    pub(crate) fn cases(&self) -> &dyn Cases {
+        match self {
+            Self::Sweep(plan) => plan,
+            Self::Torture(torture) => torture,
+        }
+    }
+}
+
+/// Puts the rows of the parts into the folder of the whole campaign, and makes tables and page of them.
+pub(crate) fn merge_parts(
+    parts: &[PathBuf],
+    campaign: &CampaignCases,
+    setups: &[Setup],
+    output: &Path,
+    shown: Shown,
+) -> Result<Exit, MergeError> {
+    let cases = campaign.cases();
+    let setup = &setups[0];
+    let identity = identity(setup)?;
+    check(parts, cases, &identity)?;
+    let folder = open_folder(output, setup, cases, Shard::WHOLE)?;
+    let header = Header::new(cases, &identity, Shard::WHOLE);
+    let (store, found) = Store::open(folder.path(), &header)?;
+    print_found(&found, shown != Shown::All);
+    let mut store = store.of_copies();
+    add_all(parts, cases, &folder, &mut store)?;
+    store.finish()?;
+    let missing = Shard::WHOLE.cases(cases.runs());
+    let mut missing = missing.filter(|case| !store.has(*case)).peekable();
+    if missing.peek().is_some() {
+        return Err(MergeError::Missing {
+            count: cases.runs() - store.len(),
+            runs: cases.runs(),
+            cases: words(missing),
+        });
+    }
+    drop(missing);
+    drop(store);
+    let exit = finish(&folder, setups, cases, shown)?;
+    if let CampaignCases::Torture(torture) = campaign {
+        shrink_first(folder.path(), torture, output).map_err(MergeError::Shrink)?;
+    }
+    Ok(exit)
+}
+
+/// The parts must be of this campaign and played by this program. One that no machine has ended has no rows yet.
+fn check(parts: &[PathBuf], cases: &dyn Cases, identity: &Identity) -> Result<(), MergeError> {
+    for path in parts.iter().filter(|path| has_rows(path)) {
+        let (header, _) = store::read(path)?;
         let path = path.clone();
-        if header.identity.program != expected.identity.program {
+        if header.identity.program != identity.program {
             return Err(MergeError::Program {
                 path,
                 version: header.version,
             });
         }
-        if (&header.sweep, &header.identity) != (&expected.sweep, &expected.identity) {
-            let first = paths.first().map_or_else(PathBuf::new, PathBuf::clone);
+        if (header.sweep.as_str(), &header.identity) != (cases.id(), identity) {
+            let first = parts[0].clone();
             return Err(MergeError::Different { first, other: path });
         }
-        Ok(Part {
-            path,
-            rows: rows.peekable(),
-        })
-    };
-    paths.iter().map(open).collect()
+    }
+    Ok(())
 }
 
-/// The row of a case; none where no part has it. Parts may have the same one.
-fn row_of_case(parts: &mut [Part], case: usize) -> Result<Option<SweepRow>, MergeError> {
-    let mut found: Option<(&Path, SweepRow)> = None;
-    for part in parts {
-        // An error must come out, too.
-        let is_its_turn =
-            |row: &Result<SweepRow, StoreError>| row.as_ref().map_or(true, |row| row.case == case);
-        let Some(row) = part.rows.next_if(is_its_turn).transpose()? else {
-            continue;
-        };
-        match &found {
-            Some((first, other)) if *other != row => {
-                let (first, other) = ((*first).to_owned(), part.path.clone());
-                return Err(MergeError::Contradiction { case, first, other });
+fn has_rows(part: &Path) -> bool {
+    part.join(store::FILE).exists()
+}
+
+/// Adds the rows of all parts, one part after the other. Parts may have the same row; the same case with another row is refused.
+fn add_all(
+    parts: &[PathBuf],
+    cases: &dyn Cases,
+    folder: &RunFolder,
+    store: &mut Store,
+) -> Result<(), MergeError> {
+    // Where the row of a case is from.
+    let mut origins: Vec<Option<u32>> = vec![None; cases.runs() + 1];
+    for (number, part) in (0..).zip(parts).filter(|(_, part)| has_rows(part)) {
+        for row in store::read(part)?.1 {
+            let row = row?;
+            let case = row.case;
+            match store.row(case)? {
+                Some(known) if known != row => {
+                    let first = origins.get(case).copied().flatten();
+                    let first = first.and_then(|number: u32| parts.get(number as usize));
+                    let first = first.map_or(folder.path(), PathBuf::as_path).to_owned();
+                    let other = part.clone();
+                    return Err(MergeError::Contradiction { case, first, other });
+                }
+                Some(_) => {}
+                None if (1..=cases.runs()).contains(&case) => {
+                    store.append(&row)?;
+                    origins[case] = Some(number);
+                }
+                None => {}
             }
-            Some(_) => {}
-            None => found = Some((&part.path, row)),
         }
     }
-    Ok(found.map(|(_, row)| row))
+    Ok(())
 }
 
 /// The first of the missing cases.
-fn words(missing: &[usize]) -> String {
-    let named: Vec<String> = missing
-        .iter()
-        .take(MISSING_SHOWN_MAX)
-        .map(ToString::to_string)
+fn words(missing: impl Iterator<Item = usize>) -> String {
+    let first: Vec<String> = missing
+        .take(MISSING_SHOWN_MAX + 1)
+        .map(|case| case.to_string())
         .collect();
-    let more = if missing.len() > MISSING_SHOWN_MAX {
-        ", …"
-    } else {
-        ""
-    };
-    named.join(", ") + more
+    match first.split_at_checked(MISSING_SHOWN_MAX) {
+        Some((named, [_, ..])) => named.join(", ") + ", …",
+        _ => first.join(", "),
+    }
 }
 
 #[cfg(test)]
@@ -208,8 +254,8 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::sweep::row::Ended;
-    use judge::verdict::Identity;
+    use crate::sweep::row::{Ended, SweepRow};
+    use runner::machine::{Stopwatch, memory_bytes_max};
     use scenario::Scenario;
     use worlds::catalogue::catalogue;
 
@@ -251,16 +297,113 @@ mod tests {
             part(&plan, half(1), ["a", "x"]),
         ];
         let paths = folders.each_ref().map(|folder| folder.path().to_owned());
-        let mut parts = open(&paths, &header(&plan, Shard::WHOLE)).unwrap();
-        // Twice the same, then of one part alone.
-        for (case, reason) in [(1, "a"), (2, "b")] {
-            let row = row_of_case(&mut parts, case).unwrap().unwrap();
-            assert_eq!((row.case, row.reason.as_deref()), (case, Some(reason)));
-        }
-        let error = row_of_case(&mut parts, 3).unwrap_err();
+        let whole = RunFolder::lasting(&paths[0], "whole", "1").unwrap();
+        let add = |parts: &[PathBuf]| {
+            let header = header(&plan, Shard::WHOLE);
+            let (mut store, _) = Store::open(whole.path(), &header).unwrap();
+            add_all(parts, &plan, &whole, &mut store).map(|()| {
+                let reason = |case| store.row(case).unwrap().unwrap().reason.unwrap();
+                (1..=4).map(reason).collect::<String>()
+            })
+        };
+        // Twice the same.
+        let same = [&paths[0], &paths[1], &paths[0]].map(Clone::clone);
+        assert_eq!(add(&same).unwrap(), "abcd");
+        std::fs::remove_file(whole.path().join(store::FILE)).unwrap();
+        let error = add(&paths).unwrap_err();
         let [first, _, other] = paths.each_ref().map(|path| path.display());
         let text = format!("case 3 has different results in two parts: {first} and {other}");
         assert_eq!(error.to_string(), text);
         assert_eq!(error.exit(), Exit::CannotStart);
+    }
+
+    /// A part whose rows nobody has played: a metric that follows both keys, and eleven more.
+    fn made_up(folder: &Path, setup: &Setup, plan: &SweepPlan, shard: Shard) -> PathBuf {
+        let part = open_folder(folder, setup, plan, shard).unwrap();
+        let header = Header::new(plan, &identity(setup).unwrap(), shard);
+        let (store, _) = Store::open(part.path(), &header).unwrap();
+        let mut store = store.of_copies();
+        for case in shard.cases(plan.runs()) {
+            let [hold, load] = plan.values(case)[..] else {
+                unreachable!("two keys")
+            };
+            let value = hold - 300.0 * (load - 0.04);
+            let is_missed = value > 30.0;
+            let others = (1..12).map(|number| {
+                (
+                    format!("metric_{number}_seconds"),
+                    value / f64::from(number),
+                )
+            });
+            let own = ("position_millimetres_max".to_owned(), value);
+            let row = SweepRow {
+                case,
+                id: "0123456789abcdef".to_owned(),
+                seed: Some(0),
+                ended: if is_missed { Ended::Fail } else { Ended::Pass },
+                reason: None,
+                missed: is_missed.then(|| own.0.clone()).into_iter().collect(),
+                metrics: others.chain([own]).collect(),
+            };
+            store.append(&row).unwrap();
+        }
+        store.finish().unwrap();
+        part.path().to_owned()
+    }
+
+    /// A sweep of a million runs whose rows are made up: what planning, merging and the report cost.
+    #[test]
+    #[ignore = "takes minutes; prints time and memory"]
+    fn a_million_rows_are_merged_and_reported_in_bounded_memory() {
+        const RUNS: usize = 1_000_000;
+        const PARTS: usize = 40;
+        let text = TEXT.replace(
+            "[sweep]\n",
+            "[expect]\nposition_millimetres_max = { max = 30.0 }\n[sweep]\ndraws = 250000\n",
+        ) + "[[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
+        let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::new(scenario, catalogue()).from_file("s.toml", text);
+        let setups = [setup];
+        let plan = SweepPlan::new(&setups).unwrap();
+        assert_eq!(plan.runs(), RUNS);
+        let folder = tempfile::tempdir().unwrap();
+        let watch = Stopwatch::start();
+        let part = |number| {
+            made_up(
+                folder.path(),
+                &setups[0],
+                &plan,
+                Shard { number, of: PARTS },
+            )
+        };
+        let parts: Vec<PathBuf> = (1..=PARTS).map(part).collect();
+        let mebibytes = || memory_bytes_max().unwrap_or_default() >> 20;
+        println!(
+            "made in {:.1} s, VmHWM {} MiB",
+            watch.elapsed().as_secs_f64(),
+            mebibytes()
+        );
+        let watch = Stopwatch::start();
+        let output = folder.path().join("merged");
+        let campaign = CampaignCases::Sweep(plan);
+        merge_parts(&parts, &campaign, &setups, &output, Shown::All).unwrap();
+        let page = std::fs::read_dir(&output)
+            .unwrap()
+            .next()
+            .unwrap()
+            .unwrap()
+            .path();
+        let size = |name: &str| page.join(name).metadata().unwrap().len();
+        println!(
+            "merged and reported in {:.1} s, VmHWM {} MiB; rows {} MB, page {} kB",
+            watch.elapsed().as_secs_f64(),
+            mebibytes(),
+            size(store::FILE) / 1_000_000,
+            size(file::REPORT) / 1000
+        );
+        assert!(mebibytes() < 400);
+        assert!(size(file::REPORT) < 2_000_000);
+        let page = std::fs::read_to_string(page.join(file::REPORT)).unwrap();
+        assert!(page.contains("What drives it") && page.contains("+0.9"));
     }
 }

@@ -4,15 +4,20 @@
 //! which. `store` has the rows of the cases that are done, in their order and on the disk, which is all that a restart or a
 //! merge needs. `tables` and `summary` are made of the store when all is done, and `command` puts it together.
 
+pub(crate) mod attempt;
+pub mod cases;
 pub mod command;
-mod finish;
+pub mod drivers;
+pub(crate) mod estimate;
+pub(crate) mod finish;
 pub mod merge;
 mod page;
+pub(crate) mod part;
 pub mod plan;
 pub mod row;
 mod sealed;
-mod shard;
-mod store;
+pub(crate) mod shard;
+pub(crate) mod store;
 pub mod summary;
 mod tables;
 

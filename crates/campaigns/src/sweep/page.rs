@@ -3,6 +3,7 @@
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
+use super::drivers::Driven;
 use super::row::Ended;
 use super::summary::{Failing, MetricSpread, Summary};
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
@@ -19,6 +20,9 @@ const HEADS: [&str; 8] = [
     "limit",
     "missed by",
 ];
+
+/// Worst cases that are named for each metric.
+const WORST_NAMED: usize = 5;
 
 /// Values lie far out when they stretch the range of 98 % of them so many times.
 const OUTLIERS_FROM: f64 = 4.0;
@@ -65,6 +69,7 @@ pub(crate) fn to_html(summary: &Summary, place_of: impl Fn(&Failing) -> String) 
         (metrics(&summary.spreads))
         div.plots.even { @for spread in &summary.spreads { (drawn(spread)) } }
         p.soft { "Each curve says how many of the runs have at most a value. The shaded stretch is what the limit admits." }
+        (driven(&summary.driven))
         @if !summary.failing.is_empty() {
             h2 { "Cases that do not pass" }
             (failing(summary, place_of))
@@ -131,6 +136,67 @@ fn drawn(spread: &MetricSpread) -> Markup {
         ),
         y: (f64::NEG_INFINITY, f64::INFINITY),
     }));
+    plot.render()
+}
+
+/// Which keys drive what has a limit, and the worst runs.
+fn driven(driven: &[Driven]) -> Markup {
+    if driven.is_empty() {
+        return html! {};
+    }
+    html! {
+        h2 { "What drives it" }
+        div.wide { table {
+            thead { tr { th { "metric" } th { "follows most" } th.number { "runs looked at" } th { "worst cases" } } }
+            tbody { @for one in driven { tr {
+                td { (page::name(&one.name)) }
+                td { @for (key, correlation) in &one.keys { (format!("{correlation:+.2} ")) (page::name(key)) br; } }
+                td.number { (one.of) }
+                td { (worst_cases(one)) }
+            } } }
+        } }
+        div.plots.even { @for one in driven { (scatter(one)) } }
+        p.soft {
+            "The numbers are rank correlations (Spearman): +1 or \u{2212}1 where the metric always grows or falls with the key, 0 where \
+             it does not follow it. Below 0.1 no key is named. A run that misses its limit without a value counts as the worst. Dots \
+             are runs, by the first of the keys; the worst of all runs have the second colour."
+        }
+    }
+}
+
+/// The first of the worst cases.
+fn worst_cases(driven: &Driven) -> String {
+    let worst = driven.worst.iter().take(WORST_NAMED);
+    let worst: Vec<String> = worst.map(|(case, ..)| case.to_string()).collect();
+    worst.join(", ")
+}
+
+/// The runs in the plane of the first key and the metric.
+fn scatter(driven: &Driven) -> Markup {
+    let Some((key, _)) = driven.keys.first() else {
+        return html! {};
+    };
+    // A gap behind each point: none is joined with another.
+    let apart = |points: &mut dyn Iterator<Item = (f64, f64)>| -> (Vec<f64>, Vec<f64>) {
+        let gap = (f64::NAN, f64::NAN);
+        points.flat_map(|point| [point, gap]).unzip()
+    };
+    let (x, y) = apart(&mut driven.sample.iter().copied());
+    let worst = driven.worst.iter().filter(|(.., value)| value.is_finite());
+    let (worst_x, worst_y) = apart(&mut worst.map(|(_, key, value)| (*key, *value)));
+    let mut plot = Plot {
+        x_label: key,
+        extent: Extent::All,
+        ..Plot::over_time(driven.name.as_str(), "")
+    };
+    plot.draw("runs", Colour::Measured, Shape::Path, &x, &y);
+    plot.draw(
+        "the worst",
+        Colour::Estimated,
+        Shape::Path,
+        &worst_x,
+        &worst_y,
+    );
     plot.render()
 }
 

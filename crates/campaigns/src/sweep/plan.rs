@@ -11,7 +11,10 @@ use scenario::sweep::{Axis, Distribution};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
-use crate::campaign::of_one_loop;
+use super::cases::Cases;
+use super::row::{Ended, SweepRow};
+use crate::campaign::{NoResult, of_one_loop, play_one};
+use recording::capture::Watch;
 use recording::text::hexadecimal;
 use rig::setup::Setup;
 
@@ -206,16 +209,59 @@ impl SweepPlan {
         let whole = value as i64;
         Value::Integer(whole)
     }
+}
 
-    /// The case's values with their keys, for people.
-    #[must_use]
-    pub fn words(&self, number: usize) -> String {
-        let values: Vec<String> = self
-            .keys()
-            .zip(self.values(number))
-            .map(|(key, value)| format!("{key} = {value}"))
-            .collect();
-        values.join(", ")
+impl Cases for SweepPlan {
+    fn kind(&self) -> &'static str {
+        "sweep"
+    }
+
+    fn name(&self) -> &str {
+        self.name()
+    }
+
+    fn id(&self) -> &str {
+        self.id()
+    }
+
+    fn runs(&self) -> usize {
+        self.runs()
+    }
+
+    fn keys(&self) -> Vec<&str> {
+        self.keys().collect()
+    }
+
+    fn ways(&self) -> Vec<(String, String)> {
+        let ways = self.ways();
+        ways.map(|(key, way)| (key.to_owned(), way)).collect()
+    }
+
+    fn values(&self, number: usize) -> Vec<f64> {
+        self.values(number)
+    }
+
+    fn text(&self, number: usize) -> String {
+        self.case(number).text
+    }
+
+    fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult> {
+        let case = self.case(number);
+        let loops = match case.loops() {
+            Ok(loops) => loops,
+            Err(reason) => {
+                let (id, ended) = (&case.id, Ended::Invalid);
+                return Ok(SweepRow::without_verdict(number, id, ended, reason));
+            }
+        };
+        play_one(number, &loops, watch, |played| {
+            SweepRow::from_verdict(number, &case.id, played.verdict)
+        })
+    }
+
+    fn faulty(&self, number: usize, reason: String) -> SweepRow {
+        let id = self.case(number).id;
+        SweepRow::without_verdict(number, &id, Ended::InternalError, reason)
     }
 }
 
@@ -249,7 +295,7 @@ impl SweepCase<'_> {
 }
 
 /// The hash of a scenario and its tables.
-fn id(text: &str, tables: &BTreeMap<String, String>) -> String {
+pub(crate) fn id(text: &str, tables: &BTreeMap<String, String>) -> String {
     let mut hasher = Sha256::new();
     let tables = tables.iter().flat_map(|(name, table)| [name, table]);
     for part in [text].into_iter().chain(tables.map(String::as_str)) {

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 /// Parts that a sweep can have.
-const SHARDS_MAX: usize = 10_000;
+pub(crate) const SHARDS_MAX: usize = 10_000;
 
 /// Which part of a sweep, written as "2/4".
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]

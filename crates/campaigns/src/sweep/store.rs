@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::Shard;
-use super::plan::SweepPlan;
+use super::cases::Cases;
 use super::row::SweepRow;
 use super::sealed::{Lines, Place, Seal};
 use judge::verdict::Identity;
@@ -26,16 +26,16 @@ const UNSYNCED_MAX: usize = 32;
 /// Damaged lines that are named.
 const NAMED_MAX: usize = 10;
 /// The format of the file.
-const SCHEMA: u32 = 2;
+const SCHEMA: u32 = 3;
 
 /// The first line: whose rows these are.
 #[derive(Clone, Debug, Deserialize, Eq, PartialEq, Serialize)]
-pub(super) struct Header {
+pub(crate) struct Header {
     /// Version of the format.
     schema: u32,
     /// The program's version.
     pub(super) version: String,
-    /// The sweep, as [`SweepPlan::id`] names it.
+    /// The campaign, as [`Cases::id`] names it.
     pub(super) sweep: String,
     /// Cases of the whole sweep.
     pub(super) runs: usize,
@@ -54,12 +54,12 @@ struct OlderHeader {
 
 impl Header {
     /// What this program would write.
-    pub(super) fn new(plan: &SweepPlan, identity: &Identity, shard: Shard) -> Self {
+    pub(crate) fn new(cases: &dyn Cases, identity: &Identity, shard: Shard) -> Self {
         Self {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            sweep: plan.id().to_owned(),
-            runs: plan.runs(),
+            sweep: cases.id().to_owned(),
+            runs: cases.runs(),
             shard,
             identity: identity.clone(),
         }
@@ -70,9 +70,10 @@ impl Header {
         Seal::new("header", String::new())
     }
 
-    /// The seal of the rows under this header. That of another program's rows is another one, so that they open nowhere else.
+    /// The seal of the rows under this header. Those of another campaign or program have another one, so that they open nowhere
+    /// else.
     fn seal_of_rows(&self) -> Seal {
-        let key = serde_json::to_string(&self.identity).expect("plain data");
+        let key = serde_json::to_string(&(&self.sweep, &self.identity)).expect("plain data");
         Seal::new("row", key)
     }
 
@@ -89,7 +90,7 @@ impl Header {
 
 /// Why the rows cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum StoreError {
+pub(crate) enum StoreError {
     #[error("{} cannot be read: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
     #[error("{} cannot be written: {source}. What is done is kept: make room, and give the same command again", path.display())]
@@ -106,7 +107,7 @@ pub(super) enum StoreError {
 
 /// Rows that grow. They are this program's alone while it is open.
 #[derive(Debug)]
-pub(super) struct Store {
+pub(crate) struct Store {
     path: PathBuf,
     file: File,
     /// Files that this one took the place of: who waits for them must find them locked.
@@ -118,23 +119,25 @@ pub(super) struct Store {
     end: u64,
     is_in_order: bool,
     unsynced: usize,
+    /// Rows that a power cut may cost.
+    unsynced_max: usize,
 }
 
 /// What a store was like when it was opened.
 #[derive(Debug, Default)]
-pub(super) struct Recovered {
+pub(crate) struct Recovered {
     /// Whether the last row was cut where the program was killed.
-    pub(super) is_torn: bool,
+    pub(crate) is_torn: bool,
     /// What was set aside, for people.
-    pub(super) set_aside: Option<String>,
+    pub(crate) set_aside: Option<String>,
 }
 
 /// What is in a file of that name.
 #[derive(Default)]
-struct Content {
+pub(super) struct Content {
     header: Option<Header>,
     older: Option<OlderHeader>,
-    rows: BTreeMap<usize, Place>,
+    pub(super) rows: BTreeMap<usize, Place>,
     is_in_order: bool,
     /// Lines that do not open, by their numbers.
     damaged: Vec<(usize, Place)>,
@@ -143,6 +146,61 @@ struct Content {
 }
 
 impl Store {
+    /// A store without rows in a file that the caller has opened.
+    pub(super) fn new(path: PathBuf, file: File, header: &Header) -> Self {
+        Self {
+            path,
+            file,
+            replaced: Vec::new(),
+            header: header.clone(),
+            seal: header.seal_of_rows(),
+            end: 0,
+            rows: BTreeMap::new(),
+            is_in_order: true,
+            unsynced: 0,
+            unsynced_max: UNSYNCED_MAX,
+        }
+    }
+
+    /// A store that has all its rows.
+    pub(super) fn of_whole(path: PathBuf, file: File, header: &Header, content: Content) -> Self {
+        Self {
+            rows: content.rows,
+            ..Self::new(path, file, header)
+        }
+    }
+
+    /// Writes the header, and the rows of other files in the order of the cases.
+    pub(super) fn take_over(
+        &mut self,
+        sources: &[(File, BTreeMap<usize, Place>)],
+    ) -> io::Result<()> {
+        let mut places = BTreeMap::new();
+        for (file, rows) in sources {
+            for (case, place) in rows {
+                places.entry(*case).or_insert((file, *place));
+            }
+        }
+        let header = self.header.line();
+        self.end = header.len() as u64;
+        let mut output = BufWriter::new(&self.file);
+        output.write_all(header.as_bytes())?;
+        for (case, (file, place)) in places {
+            output.write_all(&bytes(file, place)?)?;
+            let offset = self.end;
+            self.rows.insert(case, Place { offset, ..place });
+            self.end += place.length as u64;
+        }
+        output.flush()?;
+        drop(output);
+        self.file.sync_data()
+    }
+
+    /// Where it is.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Opens the rows in a folder, or begins them.
     pub(super) fn open(folder: &Path, header: &Header) -> Result<(Self, Recovered), StoreError> {
         let path = folder.join(FILE);
@@ -155,19 +213,9 @@ impl Store {
         if !is_older && !content.is_ours(&file, header).map_err(read_error(&path))? {
             return Err(StoreError::Foreign { path });
         }
-        let mut store = Self {
-            path,
-            file,
-            replaced: Vec::new(),
-            header: header.clone(),
-            seal: header.seal_of_rows(),
-            end: 0,
-            rows: BTreeMap::new(),
-            is_in_order: true,
-            unsynced: 0,
-        };
+        let mut store = Self::new(path, file, header);
         let recovered = match is_older {
-            true => store.set_older_aside(&content),
+            true => store.begin_anew(&content),
             false => store.recover(content),
         };
         let recovered = recovered.map_err(write_error(&store.path))?;
@@ -175,31 +223,20 @@ impl Store {
     }
 
     /// Keeps the rows of another program under another name, and begins anew.
-    fn set_older_aside(&mut self, content: &Content) -> io::Result<Recovered> {
-        let mut names = (1..).map(|number| match number {
-            1 => format!("{OLDER}.jsonl"),
-            number => format!("{OLDER}-{number}.jsonl"),
-        });
-        let is_free = |name: &String| !self.path.with_file_name(name).exists();
-        let name = names
-            .find(is_free)
-            .expect("there are more numbers than files");
-        fs::rename(&self.path, self.path.with_file_name(&name))?;
+    fn begin_anew(&mut self, content: &Content) -> io::Result<Recovered> {
+        let set_aside = set_older_aside(&self.path, content)?;
         self.rewrite()?;
         Ok(Recovered {
             is_torn: false,
-            set_aside: Some(format!(
-                "{} was written by another canrig ({}): it is kept as {name}, and its runs are played again",
-                self.path.display(),
-                content.version().unwrap_or("unknown")
-            )),
+            set_aside: Some(set_aside),
         })
     }
 
     /// Takes over the rows that open, in the order of the cases; the other lines are set aside.
     fn recover(&mut self, content: Content) -> io::Result<Recovered> {
-        self.rows = content.rows;
+        let set_aside = content.set_aside(&self.file, &self.path)?;
         let is_whole = content.header.is_some() && content.damaged.is_empty();
+        self.rows = content.rows;
         if is_whole && content.is_in_order {
             self.end = match self.rows.last_key_value() {
                 Some((_, last)) => last.offset + last.length as u64,
@@ -208,51 +245,12 @@ impl Store {
             self.file.set_len(self.end)?;
             self.file.seek(SeekFrom::Start(self.end))?;
         } else {
-            self.set_aside(&content.damaged)?;
             self.rewrite()?;
         }
-        let numbers: Vec<usize> = content.damaged.iter().map(|(number, _)| *number).collect();
         Ok(Recovered {
             is_torn: content.torn.is_some(),
-            set_aside: (!numbers.is_empty()).then(|| self.words(&numbers)),
+            set_aside,
         })
-    }
-
-    /// Copies lines into the file beside, behind what is there.
-    fn set_aside(&self, damaged: &[(usize, Place)]) -> io::Result<()> {
-        if damaged.is_empty() {
-            return Ok(());
-        }
-        let path = self.path.with_file_name(DAMAGED);
-        let file = OpenOptions::new().append(true).create(true).open(path)?;
-        let mut output = BufWriter::new(file);
-        for (_, place) in damaged {
-            let line = self.bytes(*place)?;
-            output.write_all(line.strip_suffix(b"\n").unwrap_or(&line))?;
-            output.write_all(b"\n")?;
-        }
-        output.into_inner()?.sync_data()
-    }
-
-    /// What is said of damaged lines.
-    fn words(&self, numbers: &[usize]) -> String {
-        let path = self.path.display();
-        if let [number] = numbers {
-            return format!(
-                "line {number} of {path} is damaged: it is kept in {DAMAGED}; runs without a row are played again"
-            );
-        }
-        let named = numbers.iter().take(NAMED_MAX).map(ToString::to_string);
-        let named = named.collect::<Vec<_>>().join(", ");
-        let more = if numbers.len() > NAMED_MAX {
-            ", …"
-        } else {
-            ""
-        };
-        let count = numbers.len();
-        format!(
-            "{count} lines of {path} are damaged ({named}{more}): they are kept in {DAMAGED}; runs without a row are played again"
-        )
     }
 
     /// Puts a file in the place of this one that has the header and the rows in the order of the cases.
@@ -266,7 +264,7 @@ impl Store {
         let mut offset = header.len() as u64;
         let mut rows = BTreeMap::new();
         for (case, place) in &self.rows {
-            output.write_all(&self.bytes(*place)?)?;
+            output.write_all(&bytes(&self.file, *place)?)?;
             rows.insert(*case, Place { offset, ..*place });
             offset += place.length as u64;
         }
@@ -276,12 +274,6 @@ impl Store {
         self.replaced.push(std::mem::replace(&mut self.file, file));
         (self.rows, self.end, self.is_in_order) = (rows, offset, true);
         Ok(())
-    }
-
-    fn bytes(&self, place: Place) -> io::Result<Vec<u8>> {
-        let mut bytes = vec![0; place.length];
-        self.file.read_exact_at(&mut bytes, place.offset)?;
-        Ok(bytes)
     }
 
     /// Whether the row of a case is there.
@@ -308,10 +300,33 @@ impl Store {
         self.is_in_order &= last.is_none_or(|(last, _)| *last < row.case);
         self.rows.insert(row.case, place);
         self.unsynced += 1;
-        if self.unsynced >= UNSYNCED_MAX {
+        if self.unsynced >= self.unsynced_max {
             self.sync()?;
         }
         Ok(())
+    }
+
+    /// The same for rows that are somewhere else, too: the disk is asked to keep them at the end only.
+    pub(super) fn of_copies(self) -> Self {
+        Self {
+            unsynced_max: usize::MAX,
+            ..self
+        }
+    }
+
+    /// The row of a case.
+    pub(super) fn row(&self, case: usize) -> Result<Option<SweepRow>, StoreError> {
+        let Some(place) = self.rows.get(&case) else {
+            return Ok(None);
+        };
+        let line = bytes(&self.file, *place).map_err(read_error(&self.path))?;
+        let row = line
+            .strip_suffix(b"\n")
+            .and_then(|line| self.seal.open(line));
+        row.map(Some).ok_or_else(|| StoreError::Damaged {
+            path: self.path.clone(),
+            line: case,
+        })
     }
 
     /// Waits until the disk has everything, in the order of the cases.
@@ -329,7 +344,7 @@ impl Store {
 }
 
 impl Content {
-    fn read(file: &File, header: &Header) -> io::Result<Self> {
+    pub(super) fn read(file: &File, header: &Header) -> io::Result<Self> {
         let seal = header.seal_of_rows();
         let mut lines = Lines::new(file);
         let mut content = Self {
@@ -378,12 +393,37 @@ impl Content {
     }
 
     /// Whether this sweep's rows were written by another program.
-    fn is_older(&self, header: &Header) -> bool {
+    pub(super) fn is_older(&self, header: &Header) -> bool {
         match (&self.header, &self.older) {
             (Some(found), _) => found.is_older(header),
             (None, Some(older)) => older.sweep == header.sweep,
             (None, None) => false,
         }
+    }
+
+    /// Whether all rows of the part are here as they were written.
+    pub(super) fn is_whole(&self, header: &Header) -> bool {
+        let is_sound = self.damaged.is_empty() && self.torn.is_none() && self.is_in_order;
+        let of = header.shard.cases(header.runs).len();
+        is_sound && self.header.as_ref() == Some(header) && self.rows.len() == of
+    }
+
+    /// Keeps damaged lines beside the file; what is said of them.
+    pub(super) fn set_aside(&self, file: &File, path: &Path) -> io::Result<Option<String>> {
+        if self.damaged.is_empty() {
+            return Ok(None);
+        }
+        let aside = path.with_file_name(DAMAGED);
+        let aside = OpenOptions::new().append(true).create(true).open(aside)?;
+        let mut output = BufWriter::new(aside);
+        for (_, place) in &self.damaged {
+            let line = bytes(file, *place)?;
+            output.write_all(line.strip_suffix(b"\n").unwrap_or(&line))?;
+            output.write_all(b"\n")?;
+        }
+        output.into_inner()?.sync_data()?;
+        let numbers: Vec<usize> = self.damaged.iter().map(|(number, _)| *number).collect();
+        Ok(Some(damaged_words(path, &numbers)))
     }
 
     fn version(&self) -> Option<&str> {
@@ -392,7 +432,7 @@ impl Content {
     }
 
     /// Whether this program may write here: its header or a row of its own is there, or nothing but the beginning of a header.
-    fn is_ours(&self, file: &File, header: &Header) -> io::Result<bool> {
+    pub(super) fn is_ours(&self, file: &File, header: &Header) -> io::Result<bool> {
         if let Some(found) = &self.header {
             return Ok(found == header);
         }
@@ -410,6 +450,51 @@ impl Content {
     }
 }
 
+/// What is said of damaged lines.
+fn damaged_words(path: &Path, numbers: &[usize]) -> String {
+    let path = path.display();
+    if let [number] = numbers {
+        return format!(
+            "line {number} of {path} is damaged: it is kept in {DAMAGED}; runs without a row are played again"
+        );
+    }
+    let named = numbers.iter().take(NAMED_MAX).map(ToString::to_string);
+    let named = named.collect::<Vec<_>>().join(", ");
+    let more = if numbers.len() > NAMED_MAX {
+        ", …"
+    } else {
+        ""
+    };
+    let count = numbers.len();
+    format!(
+        "{count} lines of {path} are damaged ({named}{more}): they are kept in {DAMAGED}; runs without a row are played again"
+    )
+}
+
+/// Gives the rows of another program another name; what is said of that.
+pub(super) fn set_older_aside(path: &Path, content: &Content) -> io::Result<String> {
+    let mut names = (1..).map(|number| match number {
+        1 => format!("{OLDER}.jsonl"),
+        number => format!("{OLDER}-{number}.jsonl"),
+    });
+    let is_free = |name: &String| !path.with_file_name(name).exists();
+    let name = names
+        .find(is_free)
+        .expect("there are more numbers than files");
+    fs::rename(path, path.with_file_name(&name))?;
+    Ok(format!(
+        "{} was written by another canrig ({}): it is kept as {name}, and its runs are played again",
+        path.display(),
+        content.version().unwrap_or("unknown")
+    ))
+}
+
+fn bytes(file: &File, place: Place) -> io::Result<Vec<u8>> {
+    let mut bytes = vec![0; place.length];
+    file.read_exact_at(&mut bytes, place.offset)?;
+    Ok(bytes)
+}
+
 /// Opens a file for this program alone.
 fn locked(path: &Path, options: &mut OpenOptions) -> Result<File, StoreError> {
     let file = options.read(true).write(true).create(true).open(path);
@@ -423,18 +508,25 @@ fn locked(path: &Path, options: &mut OpenOptions) -> Result<File, StoreError> {
     }
 }
 
-fn read_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
+pub(super) fn read_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
     let path = path.to_owned();
     move |source| StoreError::Read { path, source }
 }
 
-fn write_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
+pub(super) fn write_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
     let path = path.to_owned();
     move |source| StoreError::Write { path, source }
 }
 
+/// The header of a file; none where it is not as it was written.
+pub(super) fn header_of(path: &Path) -> Option<Header> {
+    let mut lines = Lines::new(scenario::open_file(path).ok()?);
+    lines.advance().ok()?;
+    Header::seal().open(lines.whole()?)
+}
+
 /// The header of the rows in a folder, and the rows.
-pub(super) fn read(folder: &Path) -> Result<(Header, StoredRows), StoreError> {
+pub(crate) fn read(folder: &Path) -> Result<(Header, StoredRows), StoreError> {
     let path = folder.join(FILE);
     let file = scenario::open_file(&path).map_err(read_error(&path))?;
     let mut lines = Lines::new(file);
@@ -457,7 +549,7 @@ pub(super) fn read(folder: &Path) -> Result<(Header, StoredRows), StoreError> {
 }
 
 /// The rows of a file in their order, up to the first that does not open.
-pub(super) struct StoredRows {
+pub(crate) struct StoredRows {
     path: PathBuf,
     lines: Lines<File>,
     seal: Seal,
@@ -485,7 +577,7 @@ impl Iterator for StoredRows {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use faults::Stream;
 
     use super::*;
@@ -494,7 +586,7 @@ mod tests {
     const SHARD: Shard = Shard { number: 2, of: 3 };
     const CASES: [usize; 4] = [2, 5, 8, 11];
 
-    fn header(sweep: &str, program: &str) -> Header {
+    pub(in crate::sweep) fn header(sweep: &str, program: &str) -> Header {
         Header {
             schema: SCHEMA,
             version: "1".to_owned(),

@@ -6,7 +6,8 @@ use std::path::Path;
 use rig::setup::Setup;
 use scenario::expect::Limit;
 
-use super::plan::SweepPlan;
+use super::cases::Cases;
+use super::drivers::{Driven, Sampler};
 use super::row::{Ended, SweepRow};
 use super::store::{self, StoreError};
 use crate::distribution::{quantile, staircase};
@@ -32,6 +33,8 @@ pub struct Summary {
     pub keys: Vec<(String, String)>,
     /// The metrics.
     pub spreads: Vec<MetricSpread>,
+    /// What drives each metric with a limit, or each broken invariant.
+    pub driven: Vec<Driven>,
     /// The first cases that do not pass.
     pub failing: Vec<Failing>,
 }
@@ -76,35 +79,42 @@ struct Survey {
     /// Those that any case has, or that have a limit.
     metrics: Vec<String>,
     failing: Vec<Failing>,
+    sampler: Sampler,
 }
 
 impl Survey {
-    fn read(plan: &SweepPlan, setups: &[Setup], folder: &Path) -> Result<Self, StoreError> {
+    fn read(
+        cases: &dyn Cases,
+        limits: &[(String, Limit)],
+        folder: &Path,
+    ) -> Result<Self, StoreError> {
         let mut survey = Self {
             runs: 0,
             ended: BTreeMap::new(),
             missed: BTreeMap::new(),
             metrics: Vec::new(),
             failing: Vec::new(),
+            sampler: Sampler::new(cases.runs(), limits),
         };
         for row in store::read(folder)?.1 {
-            survey.add(plan, row?);
+            survey.add(cases, row?);
         }
-        survey.add_limited(setups);
+        survey.add_limited(limits);
         Ok(survey)
     }
 
     /// The rows with a limit that never had a value in any case.
-    fn add_limited(&mut self, setups: &[Setup]) {
-        for (name, _) in judge::limits(setups) {
-            if !self.metrics.contains(&name) {
-                self.metrics.push(name);
+    fn add_limited(&mut self, limits: &[(String, Limit)]) {
+        for (name, _) in limits {
+            if !self.metrics.contains(name) {
+                self.metrics.push(name.clone());
             }
         }
     }
 
-    fn add(&mut self, plan: &SweepPlan, row: SweepRow) {
+    fn add(&mut self, cases: &dyn Cases, row: SweepRow) {
         self.runs += 1;
+        self.sampler.add(&row);
         *self.ended.entry(row.ended).or_default() += 1;
         for name in &row.missed {
             *self.missed.entry(name.clone()).or_default() += 1;
@@ -119,7 +129,7 @@ impl Survey {
                 case: row.case,
                 ended: row.ended,
                 why: row.reason.unwrap_or_else(|| row.missed.join(", ")),
-                values: plan.words(row.case),
+                values: cases.words(row.case),
                 id: row.id,
             });
         }
@@ -129,19 +139,21 @@ impl Survey {
 impl Summary {
     /// Of the rows in a folder.
     pub(super) fn read(
-        plan: &SweepPlan,
+        cases: &dyn Cases,
         setups: &[Setup],
         folder: &Path,
     ) -> Result<Self, StoreError> {
-        let survey = Survey::read(plan, setups, folder)?;
-        let keys = plan.ways().map(|(key, way)| (key.to_owned(), way));
+        let limits = cases.limits(setups);
+        let survey = Survey::read(cases, &limits, folder)?;
+        let limits: BTreeMap<String, Limit> = limits.into_iter().collect();
         Ok(Self {
-            name: plan.name().to_owned(),
+            name: cases.name().to_owned(),
             runs: survey.runs,
-            runs_of_whole: plan.runs(),
-            spreads: spreads(&survey, setups, folder)?,
+            runs_of_whole: cases.runs(),
+            spreads: spreads(&survey, &limits, folder)?,
+            driven: survey.sampler.driven(cases),
             ended: survey.ended,
-            keys: keys.collect(),
+            keys: cases.ways(),
             failing: survey.failing,
         })
     }
@@ -171,10 +183,9 @@ impl Summary {
 /// The distributions of all metrics, by as many passes over the rows as keep within memory.
 fn spreads(
     survey: &Survey,
-    setups: &[Setup],
+    limits: &BTreeMap<String, Limit>,
     folder: &Path,
 ) -> Result<Vec<MetricSpread>, StoreError> {
-    let limits: BTreeMap<String, Limit> = judge::limits(setups).into_iter().collect();
     let group = (VALUES_MAX / survey.runs.max(1)).max(1);
     let mut spreads = Vec::new();
     for names in survey.metrics.chunks(group) {

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use super::plan::SweepPlan;
+use super::cases::Cases;
 use super::row::SweepRow;
 use super::store::{self, StoreError};
 use exports::parquet::{Cells, ColumnKind, ParquetTable};
@@ -18,7 +18,7 @@ const GROUP_ROWS: usize = 10_000;
 
 /// What the tables are made of.
 pub(super) struct Tables<'a> {
-    pub(super) plan: &'a SweepPlan,
+    pub(super) cases: &'a dyn Cases,
     /// The metrics that any row has, or that have a limit.
     pub(super) metrics: &'a [String],
     /// The folder with the rows.
@@ -31,7 +31,7 @@ impl Tables<'_> {
         let number = |name| (name, ColumnKind::Number);
         let text = |name| (name, ColumnKind::Text);
         let mut columns = vec![("case", ColumnKind::Count), text("id")];
-        columns.extend(self.plan.keys().filter(is_no_seed).map(number));
+        columns.extend(self.cases.keys().into_iter().filter(is_no_seed).map(number));
         columns.push(("seed", ColumnKind::Whole));
         columns.extend(["verdict", "missed_limits", "reason"].map(text));
         columns.extend(self.metrics.iter().map(String::as_str).map(number));
@@ -40,7 +40,7 @@ impl Tables<'_> {
 
     /// The numbers of a row: the keys' values.
     fn values(&self, case: usize) -> impl Iterator<Item = f64> {
-        let values = self.plan.keys().zip(self.plan.values(case));
+        let values = self.cases.keys().into_iter().zip(self.cases.values(case));
         values
             .filter(|(key, _)| is_no_seed(key))
             .map(|(_, value)| value)
@@ -104,7 +104,7 @@ impl Tables<'_> {
             .iter()
             .map(|row| self.values(row.case).collect())
             .collect();
-        let keys = self.plan.keys().filter(is_no_seed).count();
+        let keys = self.cases.keys().into_iter().filter(is_no_seed).count();
         let column = |place: usize| values.iter().map(|values| values[place]).collect();
         columns.extend((0..keys).map(|place| Cells::Number(column(place))));
         let seeds = rows.iter().map(|row| row.seed.and_then(whole));
@@ -142,6 +142,7 @@ fn is_no_seed(key: &&str) -> bool {
 mod tests {
     use super::*;
     use crate::sweep::Shard;
+    use crate::sweep::plan::SweepPlan;
     use crate::sweep::row::Ended;
     use crate::sweep::store::{Header, Store};
     use proptest::prelude::*;
@@ -167,7 +168,7 @@ mod tests {
                 .from_file("s.toml", TEXT.to_owned());
             let plan = SweepPlan::new(&[setup]).unwrap();
             let metrics = [text.clone()];
-            let tables = Tables { plan: &plan, metrics: &metrics, folder: Path::new("") };
+            let tables = Tables { cases: &plan, metrics: &metrics, folder: Path::new("") };
             let mut row = SweepRow::without_verdict(1, &text, Ended::Fail, text.clone());
             (row.missed, row.metrics) = (vec![text.clone()], vec![(text.clone(), value)]);
             let mut written = csv::Writer::from_writer(Vec::new());
@@ -211,7 +212,7 @@ mod tests {
         let rows: Vec<SweepRow> = (1..=4).map(row).collect();
         rows.iter().for_each(|row| store.append(row).unwrap());
         let tables = Tables {
-            plan: &plan,
+            cases: &plan,
             metrics: &[],
             folder: folder.path(),
         };

@@ -4,18 +4,20 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use faults::Stream;
-use scenario::ScenarioError;
-use scenario::loops::Loops;
-use scenario::rig::nodes::Rig;
 
-use super::draw::{self, Nodes};
-use super::invariants::{BrokenInvariant, violation};
-use super::shrink::{TortureCase, from_failed_run};
-use crate::campaign::Campaign;
+use super::cases::{Draws, TortureCases};
+use super::shrink::TortureCase;
+use crate::campaign::{Campaign, NoResult, Stopped};
+use crate::sweep::Shard;
+use crate::sweep::cases::Cases;
+use crate::sweep::estimate::Estimate;
+use crate::sweep::finish::Shown;
+use crate::sweep::part::{PartArgs, PartPlay};
+use crate::sweep::row::SweepRow;
+use crate::sweep::store::{self, StoreError};
 use recording::capture::Watch;
 use rig::setup::Setup;
-use runner::console::{print, print_diagnostic, print_error};
+use runner::console::{RunsBar, print, print_diagnostic, print_error};
 use runner::exit::Exit;
 use runner::run::RUNS;
 use runner::run::{RunPlace, run_loops};
@@ -47,6 +49,14 @@ pub struct TortureArgs {
     /// Folder in which the folders of failing cases are made
     #[arg(long, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
+    #[command(flatten)]
+    pub part: PartArgs,
+    /// Play some runs to see what all would take on an engine: parts, time, memory, disk. Nothing is kept
+    #[arg(long, conflicts_with_all = ["shard", "for_engine"])]
+    pub plan: bool,
+    /// Number of runs at a time; without it one for each core
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
     /// Show no progress
     #[arg(long, short)]
     pub quiet: bool,
@@ -59,43 +69,115 @@ pub fn torture(args: &TortureArgs) -> Exit {
         Ok(setups) => setups,
         Err(exit) => return exit,
     };
-    let nodes = match nodes(&setups) {
-        Ok(nodes) => nodes,
+    let draws = Draws {
+        runs: args.runs,
+        seed: args.seed,
+    };
+    let cases = match TortureCases::new(&setups, draws) {
+        Ok(cases) => cases,
         Err(error) => {
             print_diagnostic(error);
             return Exit::CannotStart;
         }
     };
-    let case = |index: usize| draw_case(args, &setups[0], &nodes, index);
     // The first one shows whether the scenario is fit for this at all.
-    if let Err(reason) = case(0).and_then(|case| case.loops()) {
+    if let Err(reason) = cases.case(1).and_then(|case| case.loops()) {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
         return Exit::CannotStart;
     }
-    let scenarios = (0..args.runs).map_while(|index| case(index).ok()?.loops().ok());
-    // Several threads ask it: behind the end there is nothing.
-    let scenarios = scenarios.fuse();
-    let results = Campaign::on_all_cores(!args.quiet).play_loops(scenarios, violation);
-    let Ok(results) = results else {
-        return Exit::Interrupted;
-    };
-    let played = results.len();
-    let broken: Vec<(usize, BrokenInvariant)> = results
-        .into_iter()
-        .enumerate()
-        .filter_map(|(index, result)| {
-            let violation = result.unwrap_or_else(|fault| Some(from_failed_run(&fault)));
-            Some((index, violation?))
-        })
-        .collect();
-    let shown = shrink_all(args, &broken, case);
-    print(&summary(args, played, &broken));
-    if played < args.runs {
-        print_error(&format!(
-            "canrig: run {played} could not be drawn as a valid scenario"
-        ));
-        return Exit::Internal;
+    if args.plan {
+        return plan(args, &cases);
     }
+    let mut campaign = Campaign::on_all_cores(!args.quiet);
+    campaign.threads = args.threads.map_or(campaign.threads, usize::from);
+    match args.part.shard() {
+        Err(error) => {
+            print_error(&format!("canrig: {error}"));
+            Exit::CannotStart
+        }
+        Ok(Shard::WHOLE) if !args.part.is_for_engine() => whole(args, campaign, &cases),
+        Ok(shard) => part(args, campaign, &cases, &setups[0], shard),
+    }
+}
+
+/// Prints what all runs would take.
+fn plan(args: &TortureArgs, cases: &TortureCases) -> Exit {
+    match Estimate::probe(cases, args.threads.unwrap_or(1)) {
+        Ok(estimate) => {
+            let (file, options) = (args.scenario.display(), estimate.options());
+            let draws = format!("--torture {} --seed {}", args.runs, args.seed);
+            print(&format!(
+                "{estimate}\ncanrig submit {file} {draws} --engine slurm {options}"
+            ));
+            Exit::Pass
+        }
+        Err(error) => {
+            print_error(&format!("canrig: {error}"));
+            error.exit()
+        }
+    }
+}
+
+/// Plays a part and keeps its rows for `canrig merge`.
+fn part(
+    args: &TortureArgs,
+    campaign: Campaign,
+    cases: &TortureCases,
+    setup: &Setup,
+    shard: Shard,
+) -> Exit {
+    let shown = match args.quiet {
+        true => Shown::Failures,
+        false => Shown::All,
+    };
+    let part = PartPlay {
+        output: &args.output,
+        shard,
+        is_shared: true,
+        campaign,
+        shown,
+        lines: None,
+    };
+    let counted = part.play(cases, setup).map_err(|error| {
+        let text = error.to_string();
+        (text, error.exit())
+    });
+    let counted = counted.and_then(|folder| {
+        let broken = broken_in(folder.path());
+        broken.map_err(|error| (error.to_string(), Exit::BenchFailed))
+    });
+    match counted {
+        Err((reason, exit)) => {
+            print_error(&format!("canrig: {reason}"));
+            exit
+        }
+        Ok(broken) => {
+            if !args.quiet {
+                let played = shard.cases(cases.runs()).len();
+                print(&summary(args.seed, played, &broken));
+            }
+            match broken.is_empty() || args.part.is_for_engine() {
+                true => Exit::Pass,
+                false => Exit::VerdictFailed,
+            }
+        }
+    }
+}
+
+/// Plays all mixes and shrinks those that broke something.
+fn whole(args: &TortureArgs, campaign: Campaign, cases: &TortureCases) -> Exit {
+    let (played, broken) = match play(campaign, cases) {
+        Ok(played) => played,
+        Err(Stopped::Interrupted) => return Exit::Interrupted,
+        Err(Stopped::Refused((number, reason))) => {
+            print_error(&format!(
+                "canrig: run {number} could not be played on this machine: {reason}"
+            ));
+            return Exit::BenchFailed;
+        }
+    };
+    let shown = shrink_all(&args.output, &broken, |number| cases.case(number));
+    print(&summary(args.seed, played, &broken));
     match shown {
         Err(reason) => {
             print_error(&format!("canrig: {reason}"));
@@ -106,53 +188,90 @@ pub fn torture(args: &TortureArgs) -> Exit {
     }
 }
 
-/// Who can fail.
-fn nodes(setups: &[Setup]) -> Result<Nodes, ScenarioError> {
-    let setup = &setups[0];
-    if !Loops::is_meant(&setup.text) {
-        return Ok(Nodes::of_one_drive(&setup.scenario.plant));
+/// An invariant that a case broke.
+struct Broken {
+    case: usize,
+    invariant: String,
+    text: String,
+}
+
+impl Broken {
+    /// What a row says; none where all invariants held.
+    fn of(row: SweepRow) -> Option<Self> {
+        let invariant = row.missed.into_iter().next()?;
+        Some(Self {
+            case: row.case,
+            invariant,
+            text: row.reason.unwrap_or_default(),
+        })
     }
-    let rig = Rig::of_scenario(&setup.text, &setup.tables)?;
-    Ok(Nodes::of_rig(&rig, setups))
 }
 
-/// The scenario with a mix that follows from the seed and the number of the run alone.
-fn draw_case(
-    args: &TortureArgs,
-    setup: &Setup,
-    nodes: &Nodes,
-    index: usize,
-) -> Result<TortureCase, String> {
-    let mut stream = Stream::named(args.seed, &format!("torture.{index}"));
-    let faults = draw::mix(&mut stream, nodes, setup.scenario.duration_seconds);
-    TortureCase::new(&setup.text, &setup.tables, faults, stream.bits())
+/// How many mixes were played, and those that broke something.
+fn play(
+    campaign: Campaign,
+    cases: &TortureCases,
+) -> Result<(usize, Vec<Broken>), Stopped<(usize, String)>> {
+    let bar = RunsBar::new(Some(cases.runs()), campaign.is_shown);
+    let (mut played, mut broken) = (0, Vec::new());
+    let work = |number: &usize, watch: &Watch| cases.play(*number, watch);
+    let keep = |number: usize, row: Result<SweepRow, NoResult>| {
+        let row = match row {
+            Ok(row) => row,
+            Err(NoResult::Fault(reason)) => cases.faulty(number, reason),
+            Err(NoResult::Machine(reason)) => return Err((number, reason)),
+        };
+        played += 1;
+        broken.extend(Broken::of(row));
+        Ok(())
+    };
+    campaign.each(1..=cases.runs(), &bar, work, keep)?;
+    drop(bar);
+    Ok((played, broken))
+}
+/// What the rows in a folder broke.
+fn broken_in(folder: &Path) -> Result<Vec<Broken>, StoreError> {
+    let (_, rows) = store::read(folder)?;
+    let broken = rows.filter_map(|row| row.map(Broken::of).transpose());
+    broken.collect()
 }
 
-/// Shrinks the first failing case of each invariant, then further ones.
+/// Shrinks the first case of each invariant that the rows in a folder of torture broke.
+pub(crate) fn shrink_first(
+    folder: &Path,
+    cases: &TortureCases,
+    output: &Path,
+) -> Result<(), String> {
+    let broken = broken_in(folder).map_err(|error| error.to_string())?;
+    shrink_all(output, &broken, |number| cases.case(number))
+}
+
+/// Shrinks the first failing case of each invariant.
 fn shrink_all(
-    args: &TortureArgs,
-    broken: &[(usize, BrokenInvariant)],
+    output: &Path,
+    broken: &[Broken],
     case: impl Fn(usize) -> Result<TortureCase, String>,
 ) -> Result<(), String> {
-    let mut first_of: BTreeMap<&str, usize> = BTreeMap::new();
-    for (place, (_, violation)) in broken.iter().enumerate() {
-        first_of.entry(violation.invariant).or_insert(place);
+    let mut first_of: BTreeMap<&str, &Broken> = BTreeMap::new();
+    for one in broken {
+        first_of.entry(&one.invariant).or_insert(one);
     }
-    for place in first_of.into_values().take(SHRUNK_MAX) {
-        let (index, violation) = &broken[place];
-        print(&format!(
-            "run {index}: {}: {}",
-            violation.invariant, violation.text
-        ));
-        let shrunk = case(*index)?.shrunk(violation.invariant);
-        let folder = keep(&shrunk, &args.output)?;
+    for one in first_of.into_values().take(SHRUNK_MAX) {
+        let Broken {
+            case: number,
+            invariant,
+            text,
+        } = one;
+        print(&format!("run {number}: {invariant}: {text}"));
+        let shrunk = case(*number)?.shrunk(invariant);
+        let folder = keep(&shrunk, output)?;
         print(&format!("{}kept in {}\n", shrunk.text(), folder.display()));
     }
     Ok(())
 }
 
 /// Plays the case once more into a run folder, whose scenario reproduces its log.
-fn keep(case: &TortureCase, output: &Path) -> Result<std::path::PathBuf, String> {
+fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
     let setups = case.loops()?;
     let (watch, taps) = (Watch::default(), Vec::new());
     let place = RunPlace {
@@ -167,12 +286,12 @@ fn keep(case: &TortureCase, output: &Path) -> Result<std::path::PathBuf, String>
         .map_err(|error| error.to_string())
 }
 
-fn summary(args: &TortureArgs, played: usize, broken: &[(usize, BrokenInvariant)]) -> String {
+fn summary(seed: u64, played: usize, broken: &[Broken]) -> String {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    for (_, violation) in broken {
-        *counts.entry(violation.invariant).or_default() += 1;
+    for one in broken {
+        *counts.entry(&one.invariant).or_default() += 1;
     }
-    let mut text = format!("{played} runs with seed {}: ", args.seed);
+    let mut text = format!("{played} runs with seed {seed}: ");
     if counts.is_empty() {
         return text + "all invariants held";
     }
@@ -185,38 +304,4 @@ fn summary(args: &TortureArgs, played: usize, broken: &[(usize, BrokenInvariant)
         counts.collect::<Vec<_>>().join(", ")
     );
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use scenario::Scenario;
-    use worlds::catalogue::catalogue;
-
-    use super::*;
-
-    #[test]
-    fn seed_and_number_decide_what_is_drawn() {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
-            [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, catalogue()).from_file("t.toml", text.to_owned());
-        let drawn = |seed, index| {
-            let args = TortureArgs {
-                scenario: "t.toml".into(),
-                runs: 2,
-                seed,
-                output: RUNS.into(),
-                quiet: true,
-            };
-            let nodes = nodes(std::slice::from_ref(&setup)).unwrap();
-            let case = draw_case(&args, &setup, &nodes, index).unwrap();
-            let case = &case.loops().unwrap()[0].scenario;
-            (case.seed, format!("{:?}", case.fault))
-        };
-        let first = drawn(1, 0);
-        assert_eq!(first, drawn(1, 0));
-        for other in [drawn(2, 0), drawn(1, 1)] {
-            assert!(first.0 != other.0 && first.1 != other.1, "{other:?}");
-        }
-    }
 }

@@ -171,6 +171,17 @@ impl Nodes {
 /// canrig's own node.
 const BENCH: &str = "bench";
 
+/// The kinds that are drawn, each with its group: `bus.lose`.
+pub(super) fn kinds(nodes: &Nodes) -> Vec<String> {
+    let lasting = LASTING.iter().filter(|kind| nodes.has_fault(kind));
+    let kinds = lasting.chain(&INSTANT).copied();
+    let boot = BOOT.into_iter().map(|kind| ("node", kind));
+    let kinds = kinds.chain(boot);
+    kinds
+        .map(|(group, kind)| format!("{group}.{kind}"))
+        .collect()
+}
+
 /// A mix of faults for a run of some length, as far as they mean something to the plants: the `[fault]` table.
 pub(super) fn mix(stream: &mut Stream, nodes: &Nodes, duration_seconds: f64) -> Table {
     let lasting = LASTING.iter().filter(|kind| nodes.has_fault(kind));

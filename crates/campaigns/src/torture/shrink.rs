@@ -13,6 +13,9 @@ use super::invariants::{BrokenInvariant, violation};
 use crate::campaign::{Campaign, FailedRun};
 use worlds::catalogue::catalogue;
 
+/// The invariant that a run breaks which the program could not bring to a verdict.
+pub(super) const PANIC: &str = "panic";
+
 /// Plays that shrinking may cost.
 const PLAYS_MAX: usize = 400;
 
@@ -94,7 +97,7 @@ impl TortureCase {
     /// The smallest case that breaks the same invariant: without faults that it does not need, shorter, with round
     /// numbers.
     #[must_use]
-    pub fn shrunk(&self, invariant: &'static str) -> Self {
+    pub fn shrunk(&self, invariant: &str) -> Self {
         let mut budget = PLAYS_MAX;
         let mut smallest = self.clone();
         loop {
@@ -240,7 +243,7 @@ fn rounder(value: &Value) -> Vec<Value> {
 /// A run that the program itself could not bring to a verdict.
 pub(super) fn from_failed_run(fault: &FailedRun) -> BrokenInvariant {
     BrokenInvariant {
-        invariant: "panic",
+        invariant: PANIC,
         text: fault.reason.clone(),
     }
 }

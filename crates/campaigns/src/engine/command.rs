@@ -1,0 +1,431 @@
+//! `canrig submit`: hands a campaign to an engine, waits, submits what was lost, and merges.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use clap::Args;
+
+use super::campaign::{Record, SharedCampaign, Submitted};
+use super::round::{RowCounter, Waited, wait};
+use super::{EngineError, EngineKind, Limits};
+use crate::sweep::Shard;
+use crate::sweep::attempt::Fate;
+use crate::sweep::estimate::Estimate;
+use crate::sweep::finish::Shown;
+use crate::sweep::merge::{CampaignCases, MergeError, merge_parts};
+use crate::sweep::part::PartError;
+use crate::sweep::plan::SweepPlan;
+use crate::sweep::shard::SHARDS_MAX;
+use crate::sweep::store::StoreError;
+use crate::torture::cases::{Draws, TortureCases};
+use recording::run_folder::WriteError;
+use rig::setup::Setup;
+use runner::console::{PartsBar, print, print_error};
+use runner::exit::Exit;
+use runner::identity::{NoIdentity, identity};
+use runner::play::ValueArgs;
+use runner::run::RUNS;
+use runner::scenarios;
+
+/// Lost parts that are named.
+const NAMED_MAX: usize = 20;
+
+/// Arguments of `submit`.
+#[derive(Args, Debug)]
+pub struct SubmitArgs {
+    /// A scenario file with a [sweep] table; any scenario with --torture
+    pub scenario: PathBuf,
+    /// The engine that runs the parts
+    #[arg(long, value_enum, required_unless_present = "resume")]
+    pub engine: Option<EngineKind>,
+    /// Torture by this many random combinations of faults, in place of the sweep
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..))]
+    pub torture: Option<u32>,
+    /// Seed of the random combinations
+    #[arg(long, value_name = "SEED", default_value_t = 1, requires = "torture")]
+    pub seed: u64,
+    /// Folder in which the campaign's folder is made, on a disk that all machines of the engine have at the same place
+    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
+    pub output: PathBuf,
+    /// Number of parts, each a task of the engine; without it as many as take ten minutes each, by a probe of some runs
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=SHARDS_MAX as i64))]
+    pub parts: Option<u16>,
+    /// Time that a task may take
+    #[arg(long, value_name = "MINUTES", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub task_minutes: Option<u32>,
+    /// Memory that a task may use
+    #[arg(long, value_name = "MEBIBYTES", value_parser = clap::value_parser!(u32).range(1..))]
+    pub task_mebibytes: Option<u32>,
+    /// Cores of a task, each with a run at a time
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub task_cores: Option<u16>,
+    /// Where the tasks queue: Slurm's partition, HyperQueue's server folder, the namespace of Kubernetes
+    #[arg(long, value_name = "NAME")]
+    pub queue: Option<String>,
+    /// Kubernetes: image of the containers; it needs a shell and a C library, canrig is on the shared disk
+    #[arg(long, value_name = "IMAGE")]
+    pub image: Option<String>,
+    /// Kubernetes: persistent volume claim of the shared disk
+    #[arg(long, value_name = "NAME")]
+    pub claim: Option<String>,
+    /// How often lost parts are submitted again
+    #[arg(long, value_name = "COUNT", default_value_t = 2)]
+    pub retries: u32,
+    /// Print the job and submit nothing
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Wait for the job that was submitted before, and go on from there
+    #[arg(long, conflicts_with_all = ["engine", "parts", "dry_run"])]
+    pub resume: bool,
+    /// Print failures only
+    #[arg(long, short)]
+    pub quiet: bool,
+    #[command(flatten)]
+    pub values: ValueArgs,
+}
+
+/// Why a campaign did not come to its end.
+#[derive(Debug, thiserror::Error)]
+enum SubmitError {
+    #[error(transparent)]
+    Merge(#[from] MergeError),
+    #[error(transparent)]
+    Part(#[from] PartError),
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error(transparent)]
+    NoIdentity(#[from] NoIdentity),
+    #[error("{} cannot be read: {source}", path.display())]
+    Record {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    #[error("nothing was submitted from here that could be resumed ({} is not there); submit it with --engine", path.display())]
+    NothingToResume { path: PathBuf },
+    #[error(
+        "this campaign was submitted already ({engine}, job {job}): --resume waits for it; `{cancel}` takes it away, then --resume submits the rest again"
+    )]
+    Submitted {
+        engine: String,
+        job: String,
+        cancel: String,
+    },
+    #[error("this campaign was submitted by another canrig; go on with the one that did, {}, or move its folder away", program.display())]
+    Program { program: PathBuf },
+    #[error("this campaign has {found} parts, not {wanted}: leave out --parts, or move {} away", path.display())]
+    Parts {
+        found: usize,
+        wanted: usize,
+        path: PathBuf,
+    },
+    #[error(
+        "{missing} of {of} parts were lost, and were submitted {rounds} times. What they did is kept: look at what their tasks printed in {}, then give the command again with --resume",
+        logs.display()
+    )]
+    Lost {
+        missing: usize,
+        of: usize,
+        rounds: u32,
+        logs: PathBuf,
+    },
+    #[error(
+        "the job goes on without this command: give it again with --resume and without --engine and --parts, or take the job away with `{cancel}`"
+    )]
+    Interrupted { cancel: String },
+}
+
+impl SubmitError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Merge(error) => error.exit(),
+            Self::Part(error) => error.exit(),
+            Self::Interrupted { .. } => Exit::Interrupted,
+            Self::NothingToResume { .. }
+            | Self::Submitted { .. }
+            | Self::Program { .. }
+            | Self::Parts { .. } => Exit::CannotStart,
+            _ => Exit::BenchFailed,
+        }
+    }
+}
+
+/// Does what the command line says.
+#[must_use]
+pub fn submit(args: &SubmitArgs) -> Exit {
+    let setups = match scenarios::load(&args.scenario, &args.values.overrides) {
+        Ok(setups) => setups,
+        Err(exit) => return exit,
+    };
+    submitted(args, &setups).unwrap_or_else(|error| {
+        print_error(&format!("canrig: {error}"));
+        error.exit()
+    })
+}
+
+fn submitted(args: &SubmitArgs, setups: &[Setup]) -> Result<Exit, SubmitError> {
+    let cases = cases(args, setups)?;
+    let arguments = match args.torture {
+        Some(runs) => [
+            "--runs",
+            &runs.to_string(),
+            "--seed",
+            &args.seed.to_string(),
+        ]
+        .map(str::to_owned)
+        .into(),
+        None => Vec::new(),
+    };
+    let campaign = SharedCampaign {
+        cases: cases.cases(),
+        setup: &setups[0],
+        identity: identity(&setups[0])?,
+        output: std::path::absolute(&args.output).map_err(WriteError::at(&args.output))?,
+        arguments,
+    };
+    let mut record = record(args, &campaign)?;
+    if args.dry_run {
+        let (path, parts) = (campaign.path(), Vec::from_iter(1..=record.parts));
+        let job = campaign.job(&path, &record, &parts);
+        print(record.engine.engine().file(&job).1.trim_end());
+        return Ok(Exit::Pass);
+    }
+    campaign.prepare()?;
+    campaign.keep(&record)?;
+    play(args, &campaign, &mut record)?;
+    let parts = (1..=record.parts).map(|number| {
+        campaign.part(Shard {
+            number,
+            of: record.parts,
+        })
+    });
+    let shown = match args.quiet {
+        true => Shown::Failures,
+        false => Shown::All,
+    };
+    let parts: Vec<PathBuf> = parts.collect();
+    Ok(merge_parts(
+        &parts,
+        &cases,
+        setups,
+        &campaign.output,
+        shown,
+    )?)
+}
+
+fn cases(args: &SubmitArgs, setups: &[Setup]) -> Result<CampaignCases, MergeError> {
+    let Some(runs) = args.torture else {
+        return Ok(CampaignCases::Sweep(SweepPlan::new(setups)?));
+    };
+    let draws = Draws {
+        runs: runs as usize,
+        seed: args.seed,
+    };
+    Ok(CampaignCases::Torture(TortureCases::drawn(setups, draws)?))
+}
+
+/// What is known of the campaign, with what the command line says anew.
+fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, SubmitError> {
+    let path = campaign.path();
+    let known = campaign.record().map_err(|source| SubmitError::Record {
+        path: path.clone(),
+        source,
+    })?;
+    let limits = |known: Limits| Limits {
+        minutes: args.task_minutes.or(known.minutes),
+        mebibytes: args.task_mebibytes.or(known.mebibytes),
+        cores: args.task_cores.unwrap_or(known.cores.max(1)),
+        queue: args.queue.clone().or(known.queue),
+        image: args.image.clone().or(known.image),
+        claim: args.claim.clone().or(known.claim),
+    };
+    let parts = args.parts.map(usize::from);
+    match (known, args.engine) {
+        (Some(known), _) if known.program != campaign.identity.program => {
+            let program = path.join("engine/canrig");
+            Err(SubmitError::Program { program })
+        }
+        (
+            Some(Record {
+                job: Some(job),
+                engine,
+                ..
+            }),
+            Some(_),
+        ) if !args.dry_run => Err(SubmitError::Submitted {
+            engine: format!("{engine:?}"),
+            cancel: engine.engine().cancel_words(&job.id),
+            job: job.id,
+        }),
+        // The parts are there as they were cut.
+        (Some(known), _) if parts.is_some_and(|wanted| wanted != known.parts) => {
+            Err(SubmitError::Parts {
+                found: known.parts,
+                wanted: parts.unwrap_or_default(),
+                path,
+            })
+        }
+        (Some(known), engine) => Ok(Record {
+            engine: engine.unwrap_or(known.engine),
+            limits: limits(known.limits),
+            ..known
+        }),
+        (None, None) => Err(SubmitError::NothingToResume { path }),
+        (None, Some(engine)) => Ok(Record {
+            program: campaign.identity.program.clone(),
+            engine,
+            parts: match parts {
+                Some(parts) => parts.min(campaign.cases.runs()),
+                None => probed_parts(args, campaign)?,
+            },
+            limits: limits(Limits::default()),
+            rounds: 0,
+            job: None,
+        }),
+    }
+}
+
+/// As many parts as are worth the start of a task.
+fn probed_parts(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<usize, SubmitError> {
+    let estimate = Estimate::probe(campaign.cases, args.task_cores.unwrap_or(1))?;
+    if !args.quiet && !args.dry_run {
+        print(&estimate.to_string());
+    }
+    Ok(estimate.parts())
+}
+
+/// Submits what is missing until nothing is.
+fn play(
+    args: &SubmitArgs,
+    campaign: &SharedCampaign<'_>,
+    record: &mut Record,
+) -> Result<(), SubmitError> {
+    let counter = Mutex::new(RowCounter::new(record.parts));
+    let locked = || counter.lock().unwrap_or_else(PoisonError::into_inner);
+    locked().count(campaign);
+    let bar = PartsBar::new(campaign.cases.runs(), locked().rows(), !args.quiet);
+    let engine = record.engine.engine();
+    let mut begun = 0;
+    loop {
+        let submitted = match record.job.clone() {
+            Some(submitted) => submitted,
+            None => {
+                let missing = campaign.missing(record.parts)?;
+                if missing.is_empty() {
+                    break;
+                }
+                if begun > args.retries {
+                    return Err(SubmitError::Lost {
+                        missing: missing.len(),
+                        of: record.parts,
+                        rounds: begun,
+                        logs: campaign.path().join("engine/log"),
+                    });
+                }
+                locked().begin_again(campaign, &missing);
+                let submitted = hand_over(campaign, record, missing)?;
+                let (count, id) = (submitted.parts.len(), &submitted.id);
+                if !args.quiet {
+                    bar.print(&format!("{:?} job {id}: {count} parts", record.engine));
+                }
+                submitted
+            }
+        };
+        begun += 1;
+        match wait(engine, campaign, &submitted, &counter, &bar)? {
+            Waited::Interrupted => {
+                return Err(SubmitError::Interrupted {
+                    cancel: engine.cancel_words(&submitted.id),
+                });
+            }
+            Waited::Over(failed) => {
+                record.job = None;
+                campaign.keep(record)?;
+                let missing = campaign.missing(record.parts)?;
+                print_missing(&bar, campaign, &locked(), &missing, &failed);
+            }
+        }
+    }
+    drop(bar);
+    print_lost(args, campaign, record.parts);
+    Ok(())
+}
+
+/// Submits some parts, and keeps how the engine calls the job.
+fn hand_over(
+    campaign: &SharedCampaign<'_>,
+    record: &mut Record,
+    parts: Vec<usize>,
+) -> Result<Submitted, SubmitError> {
+    let engine = record.engine.engine();
+    let path = campaign.path();
+    let (name, text) = engine.file(&campaign.job(&path, record, &parts));
+    let file = campaign.write_job(name, &text)?;
+    let submitted = Submitted {
+        id: engine.submit(&file)?,
+        file: name.to_owned(),
+        parts,
+    };
+    record.rounds += 1;
+    record.job = Some(submitted.clone());
+    campaign.keep(record)?;
+    Ok(submitted)
+}
+
+/// Says which parts a job did not bring to their ends.
+fn print_missing(
+    bar: &PartsBar,
+    campaign: &SharedCampaign<'_>,
+    counter: &RowCounter,
+    missing: &[usize],
+    failed: &BTreeMap<usize, String>,
+) {
+    for number in missing.iter().take(NAMED_MAX) {
+        let shard = Shard {
+            number: *number,
+            of: counter.of(),
+        };
+        let nodes = campaign.lost(shard).pop().map(|one| one.node);
+        let why = match (failed.get(number), nodes) {
+            (Some(why), _) => why.clone(),
+            (None, Some(node)) => format!("lost on {node}"),
+            (None, None) => "never began".to_owned(),
+        };
+        let rows = counter.rows_of(*number);
+        let of = shard.cases(campaign.cases.runs()).len();
+        bar.print(&format!(
+            "part {shard}: {why}; {rows} of {of} runs are done"
+        ));
+    }
+    if missing.len() > NAMED_MAX {
+        bar.print(&format!("and {} more parts", missing.len() - NAMED_MAX));
+    }
+}
+
+/// Says which parts were lost where, and ended elsewhere.
+fn print_lost(args: &SubmitArgs, campaign: &SharedCampaign<'_>, of: usize) {
+    if args.quiet {
+        return;
+    }
+    let shards = (1..=of).map(|number| Shard { number, of });
+    let lost = shards.map(|shard| (shard, campaign.lost(shard)));
+    let lost: Vec<_> = lost.filter(|(_, lost)| !lost.is_empty()).collect();
+    for (shard, lost) in lost.iter().take(NAMED_MAX) {
+        let words = lost.iter().map(|one| match one.fate {
+            Fate::Left => format!("stopped on {}", one.node),
+            Fate::Lost | Fate::Ended => format!("lost on {}", one.node),
+        });
+        let words: Vec<String> = words.collect();
+        print(&format!(
+            "part {shard}: {}, then run again",
+            words.join(", ")
+        ));
+    }
+    if lost.len() > NAMED_MAX {
+        print(&format!("and {} more parts", lost.len() - NAMED_MAX));
+    }
+}

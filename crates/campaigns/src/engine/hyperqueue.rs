@@ -1,0 +1,132 @@
+//! HyperQueue: a job with one task for each part, by its Python client. The script is what is submitted, and what asks for the
+//! state afterwards.
+
+use std::collections::BTreeMap;
+use std::env;
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::program::run;
+use super::{Engine, EngineError, Job, JobState};
+
+/// Names the Python that has the client.
+const PYTHON: &str = "CANRIG_PYTHON";
+const HELP: &str = "HyperQueue's Python client is asked by Python 3: install both, or name the Python that has it in CANRIG_PYTHON";
+/// A task that does not end at its time limit is killed so much later.
+const KILL_AFTER_SECONDS: u32 = 30;
+
+pub(super) struct Hyperqueue;
+
+/// The part of the script that is the same for every job.
+const SCRIPT: &str = include_str!("hyperqueue.py");
+
+impl Engine for Hyperqueue {
+    fn file(&self, job: &Job<'_>) -> (&'static str, String) {
+        let mut command = Vec::new();
+        if let Some(minutes) = job.limits.minutes {
+            // HyperQueue has no limit of time for tasks in this client.
+            let kill = format!("--kill-after={KILL_AFTER_SECONDS}");
+            command.extend(["timeout".to_owned(), kill, format!("{}", 60 * minutes)]);
+        }
+        command.extend(job.command.iter().cloned());
+        let json = |value: serde_json::Value| value.to_string();
+        let facts = [
+            ("NAME", json(job.name.clone().into())),
+            ("COMMAND", json(command.into())),
+            ("PARTS", json(job.parts.to_vec().into())),
+            ("OF", job.of.to_string()),
+            ("FOLDER", json(job.folder.to_string_lossy().into())),
+            ("LOGS", json(job.logs.to_string_lossy().into())),
+            ("CORES", job.limits.cores.to_string()),
+            ("MEBIBYTES", job.limits.mebibytes.unwrap_or(0).to_string()),
+            (
+                "SERVER",
+                json(job.limits.queue.clone().unwrap_or_default().into()),
+            ),
+        ];
+        let facts: String = facts
+            .into_iter()
+            .map(|(name, value)| format!("{name} = {value}\n"))
+            .collect();
+        ("job.py", format!("{facts}\n{SCRIPT}"))
+    }
+
+    fn submit(&self, file: &Path) -> Result<String, EngineError> {
+        let said = python(file, &["submit"])?;
+        let id = said.lines().next_back().unwrap_or_default();
+        match id.parse::<u64>() {
+            Ok(_) => Ok(id.to_owned()),
+            Err(_) => Err(EngineError::unclear("HyperQueue's client", &said)),
+        }
+    }
+
+    fn state(&self, id: &str, file: &Path, _: &[usize]) -> Result<JobState, EngineError> {
+        parsed(&python(file, &["state", id])?)
+    }
+
+    fn cancel_words(&self, id: &str) -> String {
+        format!("hq job cancel {id}")
+    }
+}
+
+fn python(file: &Path, arguments: &[&str]) -> Result<String, EngineError> {
+    let program = env::var(PYTHON).unwrap_or_else(|_| "python3".to_owned());
+    let file = file.to_string_lossy();
+    let arguments = [&[&*file], arguments].concat();
+    run(&program, &arguments, "", HELP)
+}
+
+/// What the script prints.
+#[derive(Deserialize)]
+struct Said {
+    total: usize,
+    finished: usize,
+    failed: usize,
+    completed: bool,
+    errors: BTreeMap<usize, String>,
+}
+
+fn parsed(said: &str) -> Result<JobState, EngineError> {
+    let line = said.lines().next_back().unwrap_or_default();
+    let Ok(said) = serde_json::from_str::<Said>(line) else {
+        return Err(EngineError::unclear("HyperQueue's client", line));
+    };
+    Ok(JobState {
+        // It does not say which of the others run.
+        running: said.total.saturating_sub(said.finished + said.failed),
+        is_over: said.completed,
+        failed: said.errors,
+        ..JobState::default()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Limits;
+    use super::super::tests::job;
+    use super::*;
+
+    #[test]
+    fn the_script_names_command_and_parts() {
+        let limits = Limits {
+            minutes: Some(2),
+            cores: 1,
+            ..Limits::default()
+        };
+        let (name, text) = Hyperqueue.file(&job(Path::new("/shared/c"), &limits));
+        assert_eq!(name, "job.py");
+        let command = "COMMAND = [\"timeout\",\"--kill-after=30\",\"120\",\"/shared/my campaign/canrig\",\"sweep\",\
+            \"/shared/it's.toml\"]\nPARTS = [3,7]\nOF = 9\n";
+        assert!(text.contains(command), "{text}");
+    }
+
+    #[test]
+    fn the_client_says_how_far_it_is() {
+        let said = "{\"total\": 5, \"finished\": 2, \"failed\": 1, \"completed\": false, \"errors\": {\"7\": \"exit code 4\"}}\n";
+        let state = parsed(said).unwrap();
+        assert_eq!((state.running, state.is_over), (2, false));
+        assert_eq!(state.failed[&7], "exit code 4");
+        assert!(parsed("Traceback").is_err());
+    }
+}

@@ -1,0 +1,106 @@
+//! The engines' own programs.
+
+use std::io::{self, Write};
+use std::process::{Command, Stdio};
+
+/// So much of what a program says about its failure is repeated.
+const WORDS_CHARACTERS_MAX: usize = 600;
+
+/// Why an engine does not do what is asked.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum EngineError {
+    #[error("{program} cannot be started ({source}): {help}")]
+    Absent {
+        program: String,
+        source: io::Error,
+        help: &'static str,
+    },
+    #[error("{program} refuses ({how}): {words}")]
+    Refused {
+        program: String,
+        how: String,
+        words: String,
+    },
+    #[error("{program} said what canrig does not understand: {words}")]
+    Unclear { program: String, words: String },
+}
+
+impl EngineError {
+    pub(super) fn unclear(program: &str, words: &str) -> Self {
+        Self::Unclear {
+            program: program.to_owned(),
+            words: shortened(words),
+        }
+    }
+}
+
+/// Runs a program to its end with a text as its input; returns what it prints.
+pub(super) fn run(
+    program: &str,
+    arguments: &[&str],
+    input: &str,
+    help: &'static str,
+) -> Result<String, EngineError> {
+    let absent = |source| EngineError::Absent {
+        program: program.to_owned(),
+        source,
+        help,
+    };
+    let mut child = Command::new(program)
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(absent)?;
+    if let Some(mut stdin) = child.stdin.take() {
+        // Whoever does not read it says so by its exit code.
+        let _ = stdin.write_all(input.as_bytes());
+    }
+    let output = child.wait_with_output().map_err(absent)?;
+    if !output.status.success() {
+        let words = String::from_utf8_lossy(&output.stderr);
+        let words = match words.trim() {
+            "" => String::from_utf8_lossy(&output.stdout),
+            _ => words,
+        };
+        return Err(EngineError::Refused {
+            program: program.to_owned(),
+            how: output.status.to_string(),
+            words: shortened(words.trim()),
+        });
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// The end of a text, where programs say what is wrong.
+fn shortened(words: &str) -> String {
+    let skipped = words.chars().count().saturating_sub(WORDS_CHARACTERS_MAX);
+    let end: String = words.chars().skip(skipped).collect();
+    match skipped {
+        0 => end,
+        _ => format!("… {end}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_program_says_of_its_failure_is_repeated() {
+        let help = "is it installed?";
+        let error = run("/nowhere/sbatch", &[], "", help)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.starts_with("/nowhere/sbatch cannot be started"),
+            "{error}"
+        );
+        assert!(error.ends_with(help), "{error}");
+        let error = run("sh", &["-c", "echo queue closed >&2; exit 3"], "", help);
+        let error = error.unwrap_err().to_string();
+        assert_eq!(error, "sh refuses (exit status: 3): queue closed");
+        assert_eq!(run("cat", &[], "text", help).unwrap(), "text");
+    }
+}

@@ -1,0 +1,378 @@
+//! A part of a campaign that any number of machines may play at once, in a folder that they share, without locks.
+//!
+//! Each attempt has a file of its own, `attempt.<machine>.<random>.jsonl`, which begins with the rows that earlier ones left.
+//! When all rows of the part are in it, it takes the name `rows.jsonl`. Rows follow from the case alone, so it does not matter
+//! whose file comes last: the bytes are the same.
+
+use std::collections::BTreeMap;
+use std::env;
+use std::fs::{self, File, OpenOptions, Permissions};
+use std::io::{self, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use super::store::{Content, FILE, Header, Recovered, Store, StoreError, read_error, write_error};
+
+/// How the names of attempts begin.
+const PREFIX: &str = "attempt.";
+const SUFFIX: &str = ".jsonl";
+/// Name of the file that says which machine began and ended attempts.
+const LOG: &str = "attempts.log";
+/// Random characters in the name of an attempt.
+const RANDOM_CHARACTERS: usize = 8;
+/// Where the name of the machine is: what the engine calls it, else the kernel.
+const NODE_VARIABLES: [&str; 2] = ["CANRIG_NODE", "SLURMD_NODENAME"];
+const NODE_CHARACTERS_MAX: usize = 60;
+const KERNEL_NODE: &str = "/proc/sys/kernel/hostname";
+
+/// An attempt at a part, as its log has it.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(crate) struct Tried {
+    /// On which machine.
+    pub(crate) node: String,
+    /// Rows that were there when it began.
+    pub(crate) found: usize,
+    /// What became of it.
+    pub(crate) fate: Fate,
+}
+
+/// What became of an attempt.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(crate) enum Fate {
+    /// Nobody knows: it is at work, or was killed.
+    Lost,
+    /// It was stopped before its end.
+    Left,
+    /// All rows of the part were there.
+    Ended,
+}
+
+/// Begins an attempt at a part with the rows that others left; or opens the part, where it is whole.
+pub(crate) fn open(folder: &Path, header: &Header) -> Result<(Store, Recovered), StoreError> {
+    let published = folder.join(FILE);
+    let mut found = Recovered::default();
+    let mut sources = Vec::new();
+    if published.exists() {
+        let file = scenario::open_file(&published).map_err(read_error(&published))?;
+        let content = Content::read(&file, header).map_err(read_error(&published))?;
+        if content.is_older(header) {
+            let aside = super::store::set_older_aside(&published, &content);
+            found.set_aside = Some(aside.map_err(write_error(&published))?);
+        } else if !content
+            .is_ours(&file, header)
+            .map_err(read_error(&published))?
+        {
+            return Err(StoreError::Foreign { path: published });
+        } else if content.is_whole(header) {
+            return Ok((Store::of_whole(published, file, header, content), found));
+        } else {
+            let aside = content.set_aside(&file, &published);
+            found.set_aside = aside.map_err(write_error(&published))?;
+            sources.push((file, content.rows));
+        }
+    }
+    for path in attempts(folder).map_err(read_error(folder))? {
+        // One that is gone has become the rows of the part, or its machine tidies up: then its rows are played again.
+        let Ok(file) = File::open(&path) else {
+            continue;
+        };
+        let content = Content::read(&file, header).map_err(read_error(&path))?;
+        sources.push((file, content.rows));
+    }
+    let store = begin(folder, header, &sources)?;
+    log(folder, "began", &store)?;
+    Ok((store, found))
+}
+
+/// A new attempt, with the rows of earlier ones.
+fn begin(
+    folder: &Path,
+    header: &Header,
+    sources: &[(File, BTreeMap<usize, super::sealed::Place>)],
+) -> Result<Store, StoreError> {
+    let failed = || write_error(folder);
+    let prefix = format!("{PREFIX}{}.", node());
+    let file = tempfile::Builder::new()
+        .prefix(&prefix)
+        .suffix(SUFFIX)
+        .rand_bytes(RANDOM_CHARACTERS)
+        // Whatever the user's own mask admits.
+        .permissions(Permissions::from_mode(0o666))
+        .tempfile_in(folder)
+        .map_err(failed())?;
+    let mut store = Store::new(
+        file.path().to_owned(),
+        file.reopen().map_err(failed())?,
+        header,
+    );
+    store.take_over(sources).map_err(failed())?;
+    // Until here its end, also by an error, removes it.
+    file.keep()
+        .map_err(|error| write_error(folder)(error.error))?;
+    Ok(store)
+}
+
+/// The rows of an attempt that has all of them become those of the part. What other attempts left is removed.
+pub(crate) fn publish(store: &Store, folder: &Path, header: &Header) -> Result<(), StoreError> {
+    let published = folder.join(FILE);
+    if store.path() == published {
+        return Ok(());
+    }
+    if let Ok(file) = File::open(&published) {
+        let content = Content::read(&file, header).map_err(read_error(&published))?;
+        if content.is_older(header) {
+            super::store::set_older_aside(&published, &content).map_err(write_error(&published))?;
+        }
+    }
+    match fs::rename(store.path(), &published) {
+        Err(_) if is_whole(folder, header)? => {}
+        renamed => renamed.map_err(write_error(&published))?,
+    }
+    log(folder, "ended", store)?;
+    for path in attempts(folder).map_err(read_error(folder))? {
+        if is_of(&path, header) {
+            // One that is still at work finds the part whole.
+            let _ = fs::remove_file(path);
+        }
+    }
+    Ok(())
+}
+
+/// Notes that an attempt was stopped in order: its rows stay where they are.
+pub(crate) fn leave(store: &Store, folder: &Path) -> Result<(), StoreError> {
+    log(folder, "left", store)
+}
+
+/// Whether a file is that of a part whose attempt has ended.
+pub(crate) fn is_published(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name == FILE)
+}
+
+/// Whether all rows of the part are there.
+pub(crate) fn is_whole(folder: &Path, header: &Header) -> Result<bool, StoreError> {
+    let published = folder.join(FILE);
+    match File::open(&published) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+        opened => {
+            let content = opened.and_then(|file| Content::read(&file, header));
+            Ok(content.map_err(read_error(&published))?.is_whole(header))
+        }
+    }
+}
+
+/// The files of a part that grow while it is played.
+pub(crate) fn growing(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let published = folder.join(FILE);
+    match published.exists() {
+        true => Ok(vec![published]),
+        false => attempts(folder),
+    }
+}
+
+/// The attempts at a part so far, from its log.
+pub(crate) fn tried(folder: &Path) -> io::Result<Vec<Tried>> {
+    let text = match fs::read_to_string(folder.join(LOG)) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        text => text?,
+    };
+    let mut tried: Vec<(&str, Tried)> = Vec::new();
+    for line in text.lines() {
+        let mut words = line.split(' ');
+        let (Some(what), Some(attempt), Some(node), Some(rows)) =
+            (words.next(), words.next(), words.next(), words.next())
+        else {
+            continue;
+        };
+        match what {
+            "began" => tried.push((
+                attempt,
+                Tried {
+                    node: node.to_owned(),
+                    found: rows.parse().unwrap_or_default(),
+                    fate: Fate::Lost,
+                },
+            )),
+            _ => {
+                let known = tried.iter_mut().find(|(known, _)| *known == attempt);
+                if let Some((_, one)) = known {
+                    one.fate = match what {
+                        "ended" => Fate::Ended,
+                        _ => Fate::Left,
+                    };
+                }
+            }
+        }
+    }
+    Ok(tried.into_iter().map(|(_, one)| one).collect())
+}
+
+/// Appends a line: what, which attempt, on which machine, with how many rows.
+fn log(folder: &Path, what: &str, store: &Store) -> Result<(), StoreError> {
+    let path = folder.join(LOG);
+    let attempt = store.path().file_name().unwrap_or_default();
+    let attempt = attempt.to_string_lossy();
+    let line = format!("{what} {attempt} {} {}\n", node(), store.len());
+    let file = OpenOptions::new().append(true).create(true).open(&path);
+    let written = file.and_then(|mut file| file.write_all(line.as_bytes()));
+    written.map_err(write_error(&path))
+}
+
+/// The files of attempts in a folder.
+fn attempts(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(PREFIX) && name.ends_with(SUFFIX) {
+            found.push(entry.path());
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// Whether an attempt is one at this part by this program.
+fn is_of(path: &Path, header: &Header) -> bool {
+    super::store::header_of(path).is_some_and(|found| found == *header)
+}
+
+/// What this machine is called.
+fn node() -> String {
+    let mut named = NODE_VARIABLES.iter();
+    let named = named.find_map(|name| env::var(name).ok());
+    let named = named.or_else(|| fs::read_to_string(KERNEL_NODE).ok());
+    let is_plain = |letter: &char| letter.is_ascii_alphanumeric() || *letter == '-';
+    let named = named.unwrap_or_default();
+    let named: String = named
+        .chars()
+        .filter(is_plain)
+        .take(NODE_CHARACTERS_MAX)
+        .collect();
+    match named.is_empty() {
+        true => "unknown".to_owned(),
+        false => named,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::row::{Ended, SweepRow};
+    use crate::sweep::store::tests::header;
+
+    const CASES: [usize; 10] = [2, 5, 8, 11, 14, 17, 20, 23, 26, 29];
+
+    fn ours() -> Header {
+        header("s", "p")
+    }
+
+    fn row(case: usize) -> SweepRow {
+        SweepRow::without_verdict(case, "id", Ended::Fail, "r".to_owned())
+    }
+
+    fn play(store: &mut Store, count: usize) {
+        let left = CASES.into_iter().filter(|case| !store.has(*case));
+        let left: Vec<usize> = left.take(count).collect();
+        left.iter()
+            .for_each(|case| store.append(&row(*case)).unwrap());
+    }
+
+    fn end(mut store: Store, folder: &Path) {
+        play(&mut store, CASES.len());
+        store.finish().unwrap();
+        publish(&store, folder, &ours()).unwrap();
+    }
+
+    fn rows(folder: &Path) -> Vec<u8> {
+        fs::read(folder.join(FILE)).unwrap()
+    }
+
+    /// The bytes of a part that one machine played undisturbed.
+    fn undisturbed() -> Vec<u8> {
+        let folder = tempfile::tempdir().unwrap();
+        end(open(folder.path(), &ours()).unwrap().0, folder.path());
+        rows(folder.path())
+    }
+
+    #[test]
+    fn two_at_once_leave_the_same_bytes_and_the_second_finds_the_part_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut one, _) = open(folder.path(), &ours()).unwrap();
+        let (mut other, _) = open(folder.path(), &ours()).unwrap();
+        play(&mut one, 2);
+        play(&mut other, 3);
+        end(one, folder.path());
+        assert_eq!(rows(folder.path()), undisturbed());
+        // Its file is gone.
+        end(other, folder.path());
+        assert_eq!(rows(folder.path()), undisturbed());
+        assert!(attempts(folder.path()).unwrap().is_empty());
+        let (whole, _) = open(folder.path(), &ours()).unwrap();
+        assert_eq!(whole.len(), 10);
+        assert!(is_whole(folder.path(), &ours()).unwrap());
+        let tried = tried(folder.path()).unwrap();
+        assert_eq!(
+            tried.iter().filter(|one| one.fate == Fate::Ended).count(),
+            2
+        );
+    }
+
+    #[test]
+    fn rows_of_an_attempt_that_was_killed_count_but_a_torn_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut killed, _) = open(folder.path(), &ours()).unwrap();
+        play(&mut killed, 3);
+        let path = killed.path().to_owned();
+        drop(killed);
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..bytes.len() - 5]).unwrap();
+        // And one that got no further than half of its header.
+        fs::write(folder.path().join("attempt.n1.x.jsonl"), &bytes[..20]).unwrap();
+        assert!(!is_whole(folder.path(), &ours()).unwrap());
+        let (store, found) = open(folder.path(), &ours()).unwrap();
+        assert_eq!((store.len(), found.set_aside), (2, None));
+        end(store, folder.path());
+        assert_eq!(rows(folder.path()), undisturbed());
+        let tried = tried(folder.path()).unwrap();
+        let seen: Vec<_> = tried.iter().map(|one| (one.found, one.fate)).collect();
+        assert_eq!(seen, [(0, Fate::Lost), (2, Fate::Ended)]);
+    }
+
+    #[test]
+    fn rows_of_another_program_or_campaign_never_count() {
+        let folder = tempfile::tempdir().unwrap();
+        end(open(folder.path(), &ours()).unwrap().0, folder.path());
+        // Another campaign's part: left alone.
+        let error = open(folder.path(), &header("t", "p")).unwrap_err();
+        assert!(matches!(error, StoreError::Foreign { .. }), "{error}");
+        assert_eq!(rows(folder.path()), undisturbed());
+        // Another program's rows: kept, and played again.
+        let (store, found) = open(folder.path(), &header("s", "q")).unwrap();
+        assert_eq!(store.len(), 0);
+        assert!(found.set_aside.unwrap().contains("another canrig"));
+        let kept = fs::read(folder.path().join("rows.older.jsonl")).unwrap();
+        assert_eq!(kept, undisturbed());
+        // An attempt of another campaign beside ours is not looked at.
+        let folder = tempfile::tempdir().unwrap();
+        let (mut foreign, _) = open(folder.path(), &header("t", "p")).unwrap();
+        play(&mut foreign, 3);
+        assert_eq!(open(folder.path(), &ours()).unwrap().0.len(), 0);
+    }
+
+    #[test]
+    fn a_damaged_row_of_a_whole_part_is_named_and_played_again() {
+        let folder = tempfile::tempdir().unwrap();
+        end(open(folder.path(), &ours()).unwrap().0, folder.path());
+        let mut bytes = rows(folder.path());
+        let middle = bytes.len() - 40;
+        bytes[middle] ^= 1;
+        fs::write(folder.path().join(FILE), bytes).unwrap();
+        assert!(!is_whole(folder.path(), &ours()).unwrap());
+        let (store, found) = open(folder.path(), &ours()).unwrap();
+        assert_eq!(store.len(), 9);
+        assert!(found.set_aside.unwrap().contains("is damaged"));
+        end(store, folder.path());
+        assert_eq!(rows(folder.path()), undisturbed());
+    }
+}

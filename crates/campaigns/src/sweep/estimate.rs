@@ -1,0 +1,223 @@
+//! What a campaign will take: time, memory and disk, from a probe of some of its runs.
+
+use std::fmt;
+use std::time::Duration;
+
+use recording::capture::Watch;
+use runner::machine::{Stopwatch, memory_bytes_max};
+use runner::observer::observed;
+
+use super::cases::Cases;
+use super::part::PartError;
+use crate::campaign::NoResult;
+
+/// Runs of the probe at most, spread over all cases.
+const PROBES_MAX: usize = 24;
+/// The probe ends after the run that it is at by then.
+const PROBE: Duration = Duration::from_secs(10);
+/// What an engine's task may take without being too much to lose, nor too little to be worth its start.
+const PART_SECONDS: f64 = 600.0;
+/// Parts that engines take in one job without being told more (Slurm's MaxArraySize is 1001 as delivered).
+const PARTS_MAX: usize = 1000;
+/// How much slower another machine may be (assumed).
+const SLOWNESS: f64 = 3.0;
+/// Time and memory of a task beside its runs (assumed).
+const START_MINUTES: f64 = 5.0;
+const SPARE_MEBIBYTES: u64 = 64;
+/// Memory is asked for in steps.
+const STEP_MEBIBYTES: u64 = 64;
+/// A row is on the disk in its part, in the merged store twice while that is put in order, and in two tables.
+const COPIES: f64 = 4.0;
+
+/// What a campaign takes.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Estimate {
+    runs: usize,
+    probed: usize,
+    seconds_per_run: f64,
+    bytes_per_row: f64,
+    memory_bytes: u64,
+    cores: u16,
+}
+
+impl Estimate {
+    /// Plays some of the cases, one at a time. Nothing is kept of them.
+    pub(crate) fn probe(cases: &dyn Cases, cores: u16) -> Result<Self, PartError> {
+        let runs = cases.runs();
+        let probes = runs.min(PROBES_MAX);
+        let watch = Watch::default();
+        let stopwatch = Stopwatch::start();
+        let (mut probed, mut bytes) = (0, 0);
+        let work = || {
+            for number in 0..probes {
+                // In the middle of as many stretches of the same length.
+                let case = (2 * number + 1) * runs / (2 * probes) + 1;
+                let row = match cases.play(case.min(runs), &watch) {
+                    Ok(row) => row,
+                    Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
+                    Err(NoResult::Machine(reason)) => {
+                        return Err(PartError::Machine { case, reason });
+                    }
+                };
+                if watch.is_interrupted() {
+                    let (done, of) = (0, runs);
+                    return Err(PartError::Interrupted { done, of });
+                }
+                probed += 1;
+                bytes += serde_json::to_string(&row).map_or(0, |text| text.len());
+                if stopwatch.elapsed() >= PROBE {
+                    break;
+                }
+            }
+            Ok(())
+        };
+        observed(|| watch.interrupt(), || {}, work)?;
+        #[expect(clippy::cast_precision_loss, reason = "far below 2^53")]
+        let (count, bytes) = (probed as f64, bytes as f64);
+        Ok(Self {
+            runs,
+            probed,
+            seconds_per_run: stopwatch.elapsed().as_secs_f64() / count,
+            // With the checksum.
+            bytes_per_row: bytes / count + 40.0,
+            memory_bytes: memory_bytes_max().unwrap_or_default(),
+            cores,
+        })
+    }
+
+    fn seconds(&self) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "at most a million")]
+        let runs = self.runs as f64;
+        runs * self.seconds_per_run
+    }
+
+    /// As many parts as are worth the start of a task.
+    pub(crate) fn parts(&self) -> usize {
+        let parts = self.seconds() / (PART_SECONDS * f64::from(self.cores));
+        whole(parts).clamp(1, PARTS_MAX.min(self.runs))
+    }
+
+    /// Time that a task should be given.
+    fn task_minutes(&self) -> usize {
+        #[expect(clippy::cast_precision_loss, reason = "at most a million")]
+        let parts = (self.parts() * usize::from(self.cores)) as f64;
+        whole(SLOWNESS * self.seconds() / parts / 60.0 + START_MINUTES)
+    }
+
+    /// Memory that a task should be given: the probe's for each core.
+    fn task_mebibytes(&self) -> u64 {
+        let needed = (self.memory_bytes >> 20) * u64::from(self.cores) + SPARE_MEBIBYTES;
+        needed.div_ceil(STEP_MEBIBYTES) * STEP_MEBIBYTES
+    }
+
+    /// The options of `canrig submit`.
+    pub(crate) fn options(&self) -> String {
+        let mut text = format!(
+            "--parts {} --task-minutes {} --task-mebibytes {}",
+            self.parts(),
+            self.task_minutes(),
+            self.task_mebibytes()
+        );
+        if self.cores > 1 {
+            text += &format!(" --task-cores {}", self.cores);
+        }
+        text
+    }
+}
+
+impl fmt::Display for Estimate {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        #[expect(clippy::cast_precision_loss, reason = "at most a million")]
+        let disk = COPIES * self.bytes_per_row * self.runs as f64;
+        writeln!(
+            formatter,
+            "{} runs; {} of them were played to see: {:.1} ms each on a core of this machine, {:.0} bytes a row",
+            self.runs,
+            self.probed,
+            1e3 * self.seconds_per_run,
+            self.bytes_per_row
+        )?;
+        let parts = self.parts();
+        let per_part = self.runs.div_ceil(parts);
+        writeln!(formatter, "parts    {parts}, each of {per_part} runs")?;
+        writeln!(
+            formatter,
+            "time     {} of one core; at most {} minutes for a part on a machine of a third of this speed (assumed)",
+            time(self.seconds()),
+            self.task_minutes()
+        )?;
+        writeln!(
+            formatter,
+            "memory   {} MiB for a task; {} MiB were used here",
+            self.task_mebibytes(),
+            self.memory_bytes >> 20
+        )?;
+        write!(formatter, "disk     {}", size(disk))
+    }
+}
+
+/// The next whole number.
+fn whole(number: f64) -> usize {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped to far less than usize"
+    )]
+    let whole = libm::ceil(number.clamp(0.0, 1e12)) as usize;
+    whole
+}
+
+fn time(seconds: f64) -> String {
+    match seconds {
+        ..120.0 => format!("{seconds:.0} s"),
+        ..7200.0 => format!("{:.0} minutes", seconds / 60.0),
+        _ => format!("{:.1} hours", seconds / 3600.0),
+    }
+}
+
+fn size(bytes: f64) -> String {
+    match bytes {
+        ..1e6 => format!("{:.0} kB", bytes / 1e3),
+        ..1e9 => format!("{:.0} MB", bytes / 1e6),
+        _ => format!("{:.1} GB", bytes / 1e9),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn estimate(runs: usize, seconds_per_run: f64, cores: u16) -> Estimate {
+        Estimate {
+            runs,
+            probed: 8,
+            seconds_per_run,
+            bytes_per_row: 500.0,
+            memory_bytes: 30 << 20,
+            cores,
+        }
+    }
+
+    #[test]
+    fn parts_take_ten_minutes_as_far_as_an_engine_takes_so_many() {
+        // 26 000 s.
+        let million = estimate(1_000_000, 0.026, 1);
+        assert_eq!(
+            million.options(),
+            "--parts 44 --task-minutes 35 --task-mebibytes 128"
+        );
+        let text = million.to_string();
+        for words in [
+            "each of 22728 runs",
+            "7.2 hours of one core",
+            "2.0 GB",
+            "26.0 ms each",
+        ] {
+            assert!(text.contains(words), "{words}: {text}");
+        }
+        assert_eq!(estimate(1_000_000, 0.026, 2).parts(), 22);
+        assert_eq!(estimate(1_000_000, 10.0, 1).parts(), 1000);
+        assert_eq!(estimate(3, 10_000.0, 1).parts(), 3);
+        assert_eq!(estimate(3, 0.001, 1).parts(), 1);
+    }
+}

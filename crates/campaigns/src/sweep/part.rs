@@ -1,0 +1,406 @@
+//! Plays a part of a campaign: the cases that are not done yet. Whoever plays it, and however often, the rows are the same.
+
+use std::env;
+use std::path::Path;
+use std::str::FromStr;
+
+use clap::Args;
+use serde_json::json;
+
+use super::attempt;
+use super::cases::Cases;
+use super::finish::Shown;
+use super::row::SweepRow;
+use super::shard::{SHARDS_MAX, Shard};
+use super::store::{Header, Recovered, Store, StoreError};
+use crate::campaign::{Campaign, NoResult, Stopped};
+use recording::run_folder::{RunFolder, WriteError};
+use recording::session::write_scenario;
+use rig::setup::Setup;
+use runner::console::{RunsBar, print, print_error};
+use runner::exit::Exit;
+use runner::identity::{NoIdentity, identity};
+use runner::lines::EventLines;
+
+/// Why a part did not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum PartError {
+    #[error(transparent)]
+    NoPart(#[from] NoPart),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    #[error(transparent)]
+    NoIdentity(#[from] NoIdentity),
+    #[error(
+        "run {case} could not be played on this machine: {reason}. What is done is kept, that run is not: give the same command again"
+    )]
+    Machine { case: usize, reason: String },
+    #[error("interrupted: {done} of {of} runs are done; give the same command again to continue")]
+    Interrupted { done: usize, of: usize },
+}
+
+impl PartError {
+    pub(crate) fn exit(&self) -> Exit {
+        match self {
+            Self::NoPart(_) => Exit::CannotStart,
+            Self::Interrupted { .. } => Exit::Interrupted,
+            _ => Exit::BenchFailed,
+        }
+    }
+}
+
+/// Which part of a campaign a command plays.
+#[derive(Args, Clone, Debug)]
+pub struct PartArgs {
+    /// Play one part, such as 2/4, the second of four; `auto` asks the engine that runs the command: Slurm, HyperQueue or
+    /// Kubernetes. `canrig merge` merges the parts
+    #[arg(long, value_name = "PART", default_value = "1/1")]
+    shard: Wanted,
+    /// With `--shard auto`: so many parts there are. The engine's tasks are then numbered from 1, those of Kubernetes from 0
+    #[arg(long, value_name = "COUNT")]
+    shards: Option<usize>,
+    /// For an engine: exit with 0 when every run of the part has a result, whatever it is, and leave tables and page to `merge`
+    #[arg(long)]
+    for_engine: bool,
+}
+
+impl PartArgs {
+    /// The part.
+    pub(crate) fn shard(&self) -> Result<Shard, NoPart> {
+        match (self.shard, self.shards) {
+            (Wanted::This(shard), None) => Ok(shard),
+            (Wanted::This(_), Some(_)) => Err(NoPart::NotAuto),
+            (Wanted::Auto, shards) => of_engine(|name| env::var(name).ok(), shards),
+        }
+    }
+
+    /// Whether an engine looks at the exit code.
+    pub(crate) fn is_for_engine(&self) -> bool {
+        self.for_engine
+    }
+}
+
+/// What a command line asks for.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum Wanted {
+    This(Shard),
+    Auto,
+}
+
+impl FromStr for Wanted {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            part => part.parse().map(Self::This),
+        }
+    }
+}
+
+/// Why nobody knows which part to play.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+pub(crate) enum NoPart {
+    #[error("--shards goes with --shard auto only; a part is written as --shard 2/4")]
+    NotAuto,
+    #[error(
+        "--shard auto: no engine runs this command (SLURM_ARRAY_TASK_ID, HQ_TASK_ID and JOB_COMPLETION_INDEX are not set); name the part, such as --shard 2/4"
+    )]
+    NoEngine,
+    #[error("--shard auto: {name} is \"{value}\", which is no number of a task")]
+    NoNumber { name: &'static str, value: String },
+    #[error(
+        "--shard auto: {name} says which task this is, but not how many there are; add --shards COUNT"
+    )]
+    NoCount { name: &'static str },
+    #[error(
+        "--shard auto: the tasks of the array are not evenly spaced; number them from 1 to the count of parts, and add --shards COUNT"
+    )]
+    Gaps,
+    #[error(
+        "--shard auto: {name} makes this task {number} of {of}; number the tasks from {first} to {last}"
+    )]
+    Outside {
+        name: &'static str,
+        number: usize,
+        of: usize,
+        first: usize,
+        last: usize,
+    },
+    #[error("--shards {0}: there are 1 to {SHARDS_MAX} parts")]
+    Count(usize),
+}
+
+const SLURM: &str = "SLURM_ARRAY_TASK_ID";
+const HYPERQUEUE: &str = "HQ_TASK_ID";
+const KUBERNETES: &str = "JOB_COMPLETION_INDEX";
+
+/// The part that the engine's variables name.
+fn of_engine(
+    variable: impl Fn(&str) -> Option<String>,
+    shards: Option<usize>,
+) -> Result<Shard, NoPart> {
+    if let Some(count) = shards.filter(|count| !(1..=SHARDS_MAX).contains(count)) {
+        return Err(NoPart::Count(count));
+    }
+    let number = |name: &'static str| -> Result<Option<usize>, NoPart> {
+        let Some(value) = variable(name) else {
+            return Ok(None);
+        };
+        let number = value.trim().parse();
+        number
+            .map(Some)
+            .map_err(|_| NoPart::NoNumber { name, value })
+    };
+    for (name, first) in [(SLURM, 1), (HYPERQUEUE, 1), (KUBERNETES, 0)] {
+        let Some(task) = number(name)? else {
+            continue;
+        };
+        let of = match shards {
+            Some(of) => of,
+            None if name == SLURM => return of_slurm_array(task, &number),
+            None => return Err(NoPart::NoCount { name }),
+        };
+        let last = of + first - 1;
+        if !(first..=last).contains(&task) {
+            let number = task;
+            return Err(NoPart::Outside {
+                name,
+                number,
+                of,
+                first,
+                last,
+            });
+        }
+        let number = task - first + 1;
+        return Ok(Shard { number, of });
+    }
+    Err(NoPart::NoEngine)
+}
+
+/// The place of a task in an array that says its own bounds.
+fn of_slurm_array(
+    task: usize,
+    number: &impl Fn(&'static str) -> Result<Option<usize>, NoPart>,
+) -> Result<Shard, NoPart> {
+    let missing = NoPart::NoCount { name: SLURM };
+    let of = number("SLURM_ARRAY_TASK_COUNT")?.ok_or(missing.clone())?;
+    let first = number("SLURM_ARRAY_TASK_MIN")?.ok_or(missing)?;
+    let step = number("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1).max(1);
+    let last = number("SLURM_ARRAY_TASK_MAX")?;
+    // Of a list, such as 3,7,9, Slurm gives no step that would lead from its first to its last.
+    let place = task.checked_sub(first).ok_or(NoPart::Gaps)?;
+    let is_even = of > 0 && last.is_none_or(|last| last == first + (of - 1) * step);
+    if !is_even || !place.is_multiple_of(step) || place / step >= of {
+        return Err(NoPart::Gaps);
+    }
+    let number = place / step + 1;
+    match of <= SHARDS_MAX {
+        true => Ok(Shard { number, of }),
+        false => Err(NoPart::Count(of)),
+    }
+}
+
+/// How a part is played.
+pub(crate) struct PartPlay<'a> {
+    pub(crate) output: &'a Path,
+    pub(crate) shard: Shard,
+    /// Whether others may play the same part at the same time.
+    pub(crate) is_shared: bool,
+    pub(crate) campaign: Campaign,
+    pub(crate) shown: Shown,
+    pub(crate) lines: Option<&'a EventLines>,
+}
+
+impl PartPlay<'_> {
+    /// Plays the cases that are not done, keeps their rows, and returns the folder.
+    pub(crate) fn play(&self, cases: &dyn Cases, setup: &Setup) -> Result<RunFolder, PartError> {
+        let folder = open_folder(self.output, setup, cases, self.shard)?;
+        let header = Header::new(cases, &identity(setup)?, self.shard);
+        let (mut store, found) = match self.is_shared {
+            true => attempt::open(folder.path(), &header)?,
+            false => Store::open(folder.path(), &header)?,
+        };
+        if self.shown == Shown::All {
+            self.announce(cases, &store);
+        }
+        print_found(&found, self.shown != Shown::All);
+        self.report("began", cases, store.len(), &folder);
+        let rest = self.play_rest(cases, &mut store, &folder);
+        if self.is_shared {
+            if attempt::is_whole(folder.path(), &header).unwrap_or_default() {
+                // Another machine was faster; what became of this attempt does not matter.
+                return Ok(folder);
+            }
+            if rest.is_err() {
+                // It may be the disk that is full: then nobody can note anything.
+                let _ = attempt::leave(&store, folder.path());
+            }
+        }
+        rest?;
+        store.finish()?;
+        if self.is_shared {
+            attempt::publish(&store, folder.path(), &header)?;
+        }
+        Ok(folder)
+    }
+
+    /// Prints how far it is for another program.
+    pub(crate) fn report(&self, event: &str, cases: &dyn Cases, done: usize, folder: &RunFolder) {
+        if let Some(lines) = self.lines {
+            let (of, folder) = (self.shard.cases(cases.runs()).len(), folder.path());
+            let folder = folder.to_string_lossy();
+            lines.print(&json!({"event": event, "done": done, "of": of, "folder": folder}));
+        }
+    }
+
+    fn announce(&self, cases: &dyn Cases, store: &Store) {
+        let (runs, threads) = (cases.runs(), self.campaign.threads);
+        let mut text = match self.shard {
+            Shard::WHOLE => format!("{runs} runs"),
+            part => format!("{} of {runs} runs (part {part})", part.cases(runs).len()),
+        };
+        text += &format!(", {threads} at a time");
+        if store.len() > 0 {
+            text += &format!("; {} are done", store.len());
+        }
+        print(&text);
+    }
+
+    fn play_rest(
+        &self,
+        cases: &dyn Cases,
+        store: &mut Store,
+        folder: &RunFolder,
+    ) -> Result<(), PartError> {
+        let all = self.shard.cases(cases.runs());
+        let of = all.len();
+        let left: Vec<usize> = all.filter(|case| !store.has(*case)).collect();
+        let bar = RunsBar::new(Some(of), self.campaign.is_shown).going_on_from(store.len());
+        let keep = |case: usize, row: Result<SweepRow, NoResult>| {
+            let row = match row {
+                Ok(row) => row,
+                // The program's own hook prints a panic; the row says in which case it was.
+                Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
+                Err(NoResult::Machine(reason)) => {
+                    return Err(PartError::Machine { case, reason });
+                }
+            };
+            store.append(&row)?;
+            self.report("reached", cases, store.len(), folder);
+            Ok(())
+        };
+        let work = |case: &usize, watch: &recording::capture::Watch| cases.play(*case, watch);
+        let ended = self.campaign.each(left.into_iter(), &bar, work, keep);
+        drop(bar);
+        match ended {
+            Ok(()) => Ok(()),
+            Err(Stopped::Refused(error)) => Err(error),
+            Err(Stopped::Interrupted) => Err(PartError::Interrupted {
+                done: store.len(),
+                of,
+            }),
+        }
+    }
+}
+
+/// The folder of a campaign, or of a part of it: the same one each time.
+pub(crate) fn open_folder(
+    parent: &Path,
+    setup: &Setup,
+    cases: &dyn Cases,
+    shard: Shard,
+) -> Result<RunFolder, WriteError> {
+    let part = match shard {
+        Shard::WHOLE => String::new(),
+        Shard { number, of } => format!("-{number}-of-{of}"),
+    };
+    let id = format!("{}-{}{part}", cases.kind(), cases.id());
+    RunFolder::shared(parent, &setup.scenario.name, &id, |folder| {
+        for (name, text) in cases.files() {
+            folder.write(name, text.as_bytes())?;
+        }
+        write_scenario(folder, setup)
+    })
+}
+
+/// Prints what was wrong with the rows that were there: a cut at the end is what a kill leaves, the rest is a failure.
+pub(crate) fn print_found(found: &Recovered, is_quiet: bool) {
+    if found.is_torn && !is_quiet {
+        print("the last row was torn; its run is played again");
+    }
+    if let Some(words) = &found.set_aside {
+        print_error(&format!("canrig: {words}"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shard(variables: &[(&str, &str)], shards: Option<usize>) -> Result<String, NoPart> {
+        let variable = |name: &str| {
+            let found = variables.iter().find(|(known, _)| *known == name);
+            found.map(|(_, value)| (*value).to_owned())
+        };
+        of_engine(variable, shards).map(|shard| shard.to_string())
+    }
+
+    #[test]
+    fn each_engine_says_which_part_its_task_is() {
+        let array = |task, min, max, step, count| {
+            [
+                (SLURM, task),
+                ("SLURM_ARRAY_TASK_MIN", min),
+                ("SLURM_ARRAY_TASK_MAX", max),
+                ("SLURM_ARRAY_TASK_STEP", step),
+                ("SLURM_ARRAY_TASK_COUNT", count),
+            ]
+        };
+        for (array, shards, expected) in [
+            (array("0", "0", "9", "1", "10"), None, "1/10"),
+            (array("9", "0", "9", "1", "10"), None, "10/10"),
+            (array("12", "4", "20", "8", "3"), None, "2/3"),
+            // Those that are submitted again.
+            (array("7", "3", "9", "1", "3"), Some(9), "7/9"),
+        ] {
+            assert_eq!(shard(&array, shards).as_deref(), Ok(expected));
+        }
+        assert_eq!(shard(&[(HYPERQUEUE, "8")], Some(8)).as_deref(), Ok("8/8"));
+        assert_eq!(shard(&[(KUBERNETES, "0")], Some(8)).as_deref(), Ok("1/8"));
+        assert_eq!(shard(&[(KUBERNETES, "7")], Some(8)).as_deref(), Ok("8/8"));
+    }
+
+    #[test]
+    fn what_names_no_part_is_refused_in_words() {
+        let list = [
+            (SLURM, "7"),
+            ("SLURM_ARRAY_TASK_MIN", "3"),
+            ("SLURM_ARRAY_TASK_MAX", "9"),
+            ("SLURM_ARRAY_TASK_STEP", "1"),
+            ("SLURM_ARRAY_TASK_COUNT", "3"),
+        ];
+        for (variables, shards, text) in [
+            (&[][..], None, "no engine runs this command"),
+            (&[(KUBERNETES, "3")], None, "add --shards COUNT"),
+            (
+                &[(HYPERQUEUE, "0")],
+                Some(4),
+                "number the tasks from 1 to 4",
+            ),
+            (
+                &[(KUBERNETES, "4")],
+                Some(4),
+                "number the tasks from 0 to 3",
+            ),
+            (&[(SLURM, "x")], Some(4), "is \"x\", which is no number"),
+            (&[(SLURM, "1")], Some(0), "there are 1 to 10000 parts"),
+            (&list, None, "not evenly spaced"),
+        ] {
+            let error = shard(variables, shards).unwrap_err().to_string();
+            assert!(error.contains(text), "{text}: {error}");
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! The cases of torture, each by its number: a mix of faults that follows from the seed, and the invariant that it breaks.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use faults::Stream;
+use recording::capture::Watch;
+use rig::setup::Setup;
+use scenario::ScenarioError;
+use scenario::expect::Limit;
+use scenario::loops::Loops;
+use scenario::rig::nodes::Rig;
+use serde::{Deserialize, Serialize};
+
+use super::draw::{self, Nodes};
+use super::invariants::{BrokenInvariant, violation};
+use super::shrink::{PANIC, TortureCase};
+use crate::campaign::{NoResult, play_one};
+use crate::sweep::cases::Cases;
+use crate::sweep::plan::id;
+use crate::sweep::row::{Ended, SweepRow};
+
+/// Name of the file that says what is drawn; a folder that has it is one of torture.
+const FILE: &str = "torture.json";
+
+/// What is drawn.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub(crate) struct Draws {
+    /// Mixes of faults.
+    pub(crate) runs: usize,
+    /// The seed of all of them.
+    pub(crate) seed: u64,
+}
+
+/// Random mixes of faults in a scenario.
+pub(crate) struct TortureCases {
+    setup: Setup,
+    nodes: Nodes,
+    draws: Draws,
+    id: String,
+    keys: Vec<String>,
+}
+
+/// Why a folder's torture cannot be gone on with.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum NoTorture {
+    #[error("{} cannot be read: {source}", path.display())]
+    Read { path: PathBuf, source: io::Error },
+    #[error("{0}")]
+    Scenario(Box<ScenarioError>),
+}
+
+impl TortureCases {
+    /// Mixes in a scenario of one loop or of several.
+    pub(crate) fn new(setups: &[Setup], draws: Draws) -> Result<Self, ScenarioError> {
+        let setup = &setups[0];
+        let nodes = nodes(setups)?;
+        let text = format!(
+            "{} {} {} {}",
+            env!("CARGO_PKG_VERSION"),
+            draws.seed,
+            draws.runs,
+            setup.text
+        );
+        Ok(Self {
+            id: id(&text, &setup.tables),
+            keys: draw::kinds(&nodes),
+            nodes,
+            setup: setup.clone(),
+            draws,
+        })
+    }
+
+    /// What the folder of a part says; none where it is not one of torture.
+    pub(crate) fn of_folder(folder: &Path, setups: &[Setup]) -> Result<Option<Self>, NoTorture> {
+        let path = folder.join(FILE);
+        let text = match fs::read_to_string(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            text => text,
+        };
+        let draws = text.and_then(|text| Ok(serde_json::from_str(&text)?));
+        let draws = draws.map_err(|source| NoTorture::Read { path, source })?;
+        Self::drawn(setups, draws).map(Some)
+    }
+
+    /// As [`TortureCases::new`], for a scenario that was read from such a folder or is to be written into one.
+    pub(crate) fn drawn(setups: &[Setup], draws: Draws) -> Result<Self, NoTorture> {
+        Self::new(setups, draws).map_err(|error| NoTorture::Scenario(Box::new(error)))
+    }
+
+    /// The scenario with the mix of a case, numbered from 1.
+    pub(crate) fn case(&self, number: usize) -> Result<TortureCase, String> {
+        let mut stream = self.stream(number);
+        let faults = draw::mix(&mut stream, &self.nodes, self.duration_seconds());
+        TortureCase::new(&self.setup.text, &self.setup.tables, faults, stream.bits())
+    }
+
+    /// It follows from the seed and the number alone.
+    fn stream(&self, number: usize) -> Stream {
+        Stream::named(self.draws.seed, &format!("torture.{}", number - 1))
+    }
+
+    fn duration_seconds(&self) -> f64 {
+        self.setup.scenario.duration_seconds
+    }
+
+    fn row(&self, number: usize, seed: Option<u64>, broken: Option<BrokenInvariant>) -> SweepRow {
+        let text = self.case(number).map(|case| case.text());
+        let id = id(&text.unwrap_or_default(), &self.setup.tables);
+        let ended = match &broken {
+            Some(_) => Ended::Fail,
+            None => Ended::Pass,
+        };
+        let missed = broken.iter().map(|broken| broken.invariant.to_owned());
+        SweepRow {
+            case: number,
+            id,
+            seed,
+            ended,
+            missed: missed.collect(),
+            reason: broken.map(|broken| broken.text),
+            metrics: Vec::new(),
+        }
+    }
+}
+
+impl Cases for TortureCases {
+    fn kind(&self) -> &'static str {
+        "torture"
+    }
+
+    fn name(&self) -> &str {
+        &self.setup.scenario.name
+    }
+
+    fn id(&self) -> &str {
+        &self.id
+    }
+
+    fn runs(&self) -> usize {
+        self.draws.runs
+    }
+
+    fn keys(&self) -> Vec<&str> {
+        self.keys.iter().map(String::as_str).collect()
+    }
+
+    fn ways(&self) -> Vec<(String, String)> {
+        let way = "how many of the mix are of this kind";
+        let keys = self.keys.iter();
+        keys.map(|key| (key.clone(), way.to_owned())).collect()
+    }
+
+    fn values(&self, number: usize) -> Vec<f64> {
+        let mix = draw::mix(
+            &mut self.stream(number),
+            &self.nodes,
+            self.duration_seconds(),
+        );
+        let count = |key: &String| {
+            let (group, kind) = key.split_once('.').unwrap_or_default();
+            let all = mix.get(group).and_then(|kinds| kinds.get(kind)?.as_array());
+            #[expect(clippy::cast_precision_loss, reason = "a mix has a few faults")]
+            let count = all.map_or(0, Vec::len) as f64;
+            count
+        };
+        self.keys.iter().map(count).collect()
+    }
+
+    fn words(&self, number: usize) -> String {
+        let values = self.keys.iter().zip(self.values(number));
+        let drawn = values.filter(|(_, count)| *count > 0.0);
+        let drawn = drawn.map(|(key, count)| match count > 1.0 {
+            true => format!("{count} × {key}"),
+            false => key.clone(),
+        });
+        drawn.collect::<Vec<_>>().join(", ")
+    }
+
+    fn text(&self, number: usize) -> String {
+        let case = self.case(number).map(|case| case.text());
+        case.unwrap_or_else(|reason| format!("# {reason}\n"))
+    }
+
+    fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult> {
+        let case = self.case(number).map_err(NoResult::Fault)?;
+        let loops = case.loops().map_err(NoResult::Fault)?;
+        let broken = play_one(number, &loops, watch, violation)?;
+        Ok(self.row(number, Some(loops[0].scenario.seed), broken))
+    }
+
+    fn faulty(&self, number: usize, reason: String) -> SweepRow {
+        let broken = BrokenInvariant {
+            invariant: PANIC,
+            text: reason,
+        };
+        self.row(number, None, Some(broken))
+    }
+
+    /// The scenario's own are left out.
+    fn limits(&self, _: &[Setup]) -> Vec<(String, Limit)> {
+        Vec::new()
+    }
+
+    fn files(&self) -> Vec<(&'static str, String)> {
+        let draws = serde_json::to_string(&self.draws).expect("plain data");
+        vec![(FILE, draws + "\n")]
+    }
+}
+
+/// Who can fail.
+fn nodes(setups: &[Setup]) -> Result<Nodes, ScenarioError> {
+    let setup = &setups[0];
+    if !Loops::is_meant(&setup.text) {
+        return Ok(Nodes::of_one_drive(&setup.scenario.plant));
+    }
+    let rig = Rig::of_scenario(&setup.text, &setup.tables)?;
+    Ok(Nodes::of_rig(&rig, setups))
+}
+
+#[cfg(test)]
+mod tests {
+    use scenario::Scenario;
+    use worlds::catalogue::catalogue;
+
+    use super::*;
+
+    fn cases(seed: u64) -> TortureCases {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
+            [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::new(scenario, catalogue()).from_file("t.toml", text.to_owned());
+        TortureCases::new(&[setup], Draws { runs: 2, seed }).unwrap()
+    }
+
+    #[test]
+    fn seed_and_number_decide_what_is_drawn() {
+        let drawn = |seed, number| {
+            let case = cases(seed).case(number).unwrap();
+            let case = &case.loops().unwrap()[0].scenario;
+            (case.seed, format!("{:?}", case.fault))
+        };
+        let first = drawn(1, 1);
+        assert_eq!(first, drawn(1, 1));
+        for other in [drawn(2, 1), drawn(1, 2)] {
+            assert!(first.0 != other.0 && first.1 != other.1, "{other:?}");
+        }
+    }
+
+    #[test]
+    fn the_values_count_the_faults_of_the_mix() {
+        let cases = cases(1);
+        for number in 1..=20 {
+            let values = cases.values(number);
+            let case = cases.case(number).unwrap();
+            let windows = &case.loops().unwrap()[0].scenario.fault.windows();
+            let counted: f64 = values.iter().sum();
+            // A fault of the boot has no window.
+            let of_boot = windows.len() as f64 - counted;
+            assert!(
+                counted >= 1.0 && of_boot.abs() <= 1.0,
+                "{}",
+                cases.words(number)
+            );
+        }
+    }
+}

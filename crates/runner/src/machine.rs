@@ -1,0 +1,47 @@
+//! What work costs on this machine.
+
+use std::fs;
+use std::time::Duration;
+
+use platform::clock::Clock;
+
+/// Where the kernel says what the process has used.
+const STATUS: &str = "/proc/self/status";
+
+/// How long something takes.
+pub struct Stopwatch(Clock);
+
+impl Stopwatch {
+    /// One that runs from now on.
+    #[must_use]
+    pub fn start() -> Self {
+        Self(Clock::start())
+    }
+
+    /// Time since the start.
+    #[must_use]
+    pub fn elapsed(&self) -> Duration {
+        self.0.now()
+    }
+}
+
+/// The most memory that this process has had, in bytes; none where the kernel does not say.
+#[must_use]
+pub fn memory_bytes_max() -> Option<u64> {
+    let text = fs::read_to_string(STATUS).ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kibibytes << 10)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_has_used_some_memory_and_time() {
+        let watch = Stopwatch::start();
+        assert!(memory_bytes_max().is_some_and(|bytes| bytes > 1 << 20));
+        assert!(watch.elapsed() > Duration::ZERO);
+    }
+}
