@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use crate::support::root;
 
 /// A room, by its package's name, and the rooms that it may depend on. Each stands above all that it names.
-const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 18] = [
     ("canopen", &[]),
+    ("fmu", &[]),
     ("dbc", &["canopen"]),
     ("scenario", &["canopen"]),
     ("faults", &["canopen", "dbc", "scenario"]),
@@ -28,6 +29,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
         "worlds",
         &[
             "canopen",
+            "fmu",
             "dbc",
             "scenario",
             "faults",
@@ -104,6 +106,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
         "canrig",
         &[
             "canopen",
+            "fmu",
             "dbc",
             "scenario",
             "faults",
@@ -371,11 +374,22 @@ fn nodes_do_not_know_the_setup() {
 }
 
 #[test]
-fn only_platform_is_unsafe() {
+fn only_platform_and_the_loader_of_fmus_are_unsafe() {
     for (package, _) in MAY_DEPEND_ON {
         if package != "platform" {
-            must_not_name(package, "unsafe ", |_| false);
+            let is_loader = |path: &Path| path.to_string_lossy().contains("/fmu/src/library/");
+            must_not_name(package, "unsafe ", |path| package == "fmu" && is_loader(path));
         }
+    }
+}
+
+/// An FMU is a stranger's program: only the hidden worker process loads it.
+#[test]
+fn only_the_worker_loads_fmus() {
+    for (package, _) in MAY_DEPEND_ON {
+        must_not_name(package, "Instance::new(", |path| {
+            path.ends_with("fmu/src/worker/serve.rs")
+        });
     }
 }
 
