@@ -1,11 +1,11 @@
 /* An FMU of FMI 3.0 that does what FMUs may do, and what they must not: `y` is the integral of `u`, and `mode` says how it
- * misbehaves from 50 ms on. Built against the headers of FMPy. */
+ * misbehaves from 50 ms on. Built against the headers of FMPy, which looks for every function of FMI. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "fmi3Functions.h"
+#include "fmi3FunctionTypes.h"
 
 enum { U = 1, Y = 2, MODE = 3, COUNT = 4, VALVE = 5 };
 enum { PLAIN, DISCARDS, EVENTS, HANGS, CRASHES, NOT_A_NUMBER, EXITS, TERMINATES, FAILS, REFUSES };
@@ -168,3 +168,63 @@ fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference refere
     }
     return fmi3OK;
 }
+
+#define NOT_SERVED(name) fmi3Status fmi3##name(void) { return fmi3Error; }
+NOT_SERVED(ActivateModelPartition)
+NOT_SERVED(CompletedIntegratorStep)
+NOT_SERVED(DeserializeFMUState)
+NOT_SERVED(EnterConfigurationMode)
+NOT_SERVED(EnterContinuousTimeMode)
+NOT_SERVED(EvaluateDiscreteStates)
+NOT_SERVED(ExitConfigurationMode)
+NOT_SERVED(FreeFMUState)
+NOT_SERVED(GetAdjointDerivative)
+NOT_SERVED(GetBinary)
+NOT_SERVED(GetClock)
+NOT_SERVED(GetContinuousStateDerivatives)
+NOT_SERVED(GetContinuousStates)
+NOT_SERVED(GetDirectionalDerivative)
+NOT_SERVED(GetEventIndicators)
+NOT_SERVED(GetFMUState)
+NOT_SERVED(GetFloat32)
+NOT_SERVED(GetInt16)
+NOT_SERVED(GetInt64)
+NOT_SERVED(GetInt8)
+NOT_SERVED(GetIntervalDecimal)
+NOT_SERVED(GetIntervalFraction)
+NOT_SERVED(GetNominalsOfContinuousStates)
+NOT_SERVED(GetNumberOfContinuousStates)
+NOT_SERVED(GetNumberOfEventIndicators)
+NOT_SERVED(GetNumberOfVariableDependencies)
+NOT_SERVED(GetOutputDerivatives)
+NOT_SERVED(GetShiftDecimal)
+NOT_SERVED(GetShiftFraction)
+NOT_SERVED(GetString)
+NOT_SERVED(GetUInt16)
+NOT_SERVED(GetUInt32)
+NOT_SERVED(GetUInt64)
+NOT_SERVED(GetUInt8)
+NOT_SERVED(GetVariableDependencies)
+NOT_SERVED(InstantiateModelExchange)
+NOT_SERVED(InstantiateScheduledExecution)
+NOT_SERVED(SerializeFMUState)
+NOT_SERVED(SerializedFMUStateSize)
+NOT_SERVED(SetBinary)
+NOT_SERVED(SetClock)
+NOT_SERVED(SetContinuousStates)
+NOT_SERVED(SetDebugLogging)
+NOT_SERVED(SetFMUState)
+NOT_SERVED(SetFloat32)
+NOT_SERVED(SetInt16)
+NOT_SERVED(SetInt64)
+NOT_SERVED(SetInt8)
+NOT_SERVED(SetIntervalDecimal)
+NOT_SERVED(SetIntervalFraction)
+NOT_SERVED(SetShiftDecimal)
+NOT_SERVED(SetShiftFraction)
+NOT_SERVED(SetString)
+NOT_SERVED(SetTime)
+NOT_SERVED(SetUInt16)
+NOT_SERVED(SetUInt32)
+NOT_SERVED(SetUInt64)
+NOT_SERVED(SetUInt8)

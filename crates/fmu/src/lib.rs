@@ -7,12 +7,15 @@
 //! Comes in: the file, a [`PlantTable`] of a rig file, and a [`worker::Channel`] to a worker, which somebody else started. Goes out:
 //! the values of its ports, step by step, or a [`FmuError`] that names file and variable.
 //!
+//! The other way round, [`export`] makes FMUs of plants: their description, and the C functions of FMI round them.
+//!
 //! It does not know: buses, nodes, how a process is started, what time it is. Only here, beside `platform`, code is `unsafe`:
 //! an FMU's functions are C.
 
 pub mod archive;
 pub mod description;
 mod error;
+pub mod export;
 mod instance;
 mod library;
 pub mod table;

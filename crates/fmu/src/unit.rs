@@ -110,7 +110,7 @@ const CELSIUS: Known = Known {
 
 /// What a port's name may end in, and an FMU may call by its symbol only.
 #[rustfmt::skip]
-pub const KNOWN: [Known; 44] = [
+pub const KNOWN: [Known; 47] = [
     known("amperes", "A", [0, 0, 0, 1, 0, 0, 0, 0], 1.0),
     known("milliamperes", "mA", [0, 0, 0, 1, 0, 0, 0, 0], 1e-3),
     known("volts", "V", [1, 2, -3, -1, 0, 0, 0, 0], 1.0),
@@ -138,6 +138,9 @@ pub const KNOWN: [Known; 44] = [
     known("newton_metres", "N.m", [1, 2, -2, 0, 0, 0, 0, 0], 1.0),
     known("newtons_per_metre", "N/m", [1, 0, -2, 0, 0, 0, 0, 0], 1.0),
     known("newton_metres_per_ampere", "N.m/A", [1, 2, -2, -1, 0, 0, 0, 0], 1.0),
+    known("newtons_per_ampere", "N/A", [1, 1, -2, -1, 0, 0, 0, 0], 1.0),
+    known("joules_per_kelvin", "J/K", [1, 2, -2, 0, -1, 0, 0, 0], 1.0),
+    known("watts_per_kelvin", "W/K", [1, 2, -3, 0, -1, 0, 0, 0], 1.0),
     known("newton_metre_seconds", "N.m.s", [1, 2, -1, 0, 0, 0, 0, 0], 1.0),
     known("newton_seconds_per_metre", "N.s/m", [1, 0, -1, 0, 0, 0, 0, 0], 1.0),
     known("kilogram_square_metres", "kg.m2", [1, 2, 0, 0, 0, 0, 0, 0], 1.0),
@@ -186,10 +189,13 @@ pub fn of_symbol(symbol: &str) -> Option<&'static Known> {
     KNOWN.iter().find(|known| known.symbol == symbol)
 }
 
-/// The unit in words that has these base units; none where several or none have.
+/// The unit that is this one, or else one of the same quantity; none for a number without a unit.
 #[must_use]
 pub fn of_base(base: &Base) -> Option<&'static Known> {
-    KNOWN.iter().find(|known| known.base == *base)
+    let same = KNOWN.iter().find(|known| known.base == *base);
+    let alike =
+        |known: &&Known| known.base.exponents == base.exponents && known.base.exponents != [0; 8];
+    same.or_else(|| KNOWN.iter().find(alike))
 }
 
 #[cfg(test)]
