@@ -62,6 +62,7 @@ Examples:
   canrig new plant pendulum                  a plant of your own, in a crate of its own
   canrig new law fuzzy                       a control law of your own
   canrig fmu motor.fmu                       a plant from a modelling tool: its ports
+  canrig fmu --export dc_motor -o motor.fmu  one of ours, for another tool
   canrig doctor                              what does this machine lack?
   canrig nodes --bus vcan0                   who is on the bus?
   canrig sdo read drive 6064:00              one object of a node in a run
@@ -154,7 +155,7 @@ pub(crate) enum Command {
     Monitor(MonitorArgs),
     /// Write the EDS of each node of a rig, for other programs
     Eds(EdsArgs),
-    /// List what an FMU (FMI 2.0, 3.0) says of itself, or print its table for a rig file
+    /// List what an FMU (FMI 2.0, 3.0) says of itself, print its table for a rig file, or write a plant as an FMU
     Fmu(FmuArgs),
     /// Print the completions of canrig's commands and options for a shell
     Completions(CompletionsArgs),

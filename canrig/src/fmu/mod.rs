@@ -1,5 +1,6 @@
-//! `canrig fmu`: what an FMU says of itself. Nothing of it is loaded.
+//! `canrig fmu`: what an FMU says of itself, of which nothing is loaded; and our plants as FMUs.
 
+pub(crate) mod export;
 pub(crate) mod play;
 
 use std::path::{Path, PathBuf};
@@ -16,24 +17,42 @@ use runner::exit::Exit;
 #[derive(Args, Debug)]
 pub(crate) struct FmuArgs {
     /// The FMU
-    pub file: PathBuf,
+    #[arg(required_unless_present = "export")]
+    pub file: Option<PathBuf>,
     /// Print the table of a rig file that has it as a plant, with its variables as ports
-    #[arg(long)]
+    #[arg(long, requires = "file")]
     pub rig: bool,
+    /// Write a plant as an FMU for this machine: `sma`, `dc_motor`, or one of this bench's own
+    #[arg(long, value_name = "PLANT", conflicts_with = "file")]
+    pub export: Option<String>,
+    /// The FMU to write; nothing is overwritten [default: PLANT.fmu]
+    #[arg(long, short, value_name = "FILE", requires = "export")]
+    pub output: Option<PathBuf>,
+    /// Its FMI: 2 or 3
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3), requires = "export")]
+    pub fmi: u8,
 }
 
-/// Prints what an FMU says of itself.
+/// Prints what an FMU says of itself, or writes one.
 #[must_use]
 pub(crate) fn fmu(args: &FmuArgs) -> Exit {
-    let archive = match Archive::open(&args.file) {
+    match (&args.export, &args.file) {
+        (Some(plant), _) => export::export(plant, args.output.as_deref(), args.fmi),
+        (None, Some(file)) => shown(file, args.rig),
+        (None, None) => Exit::Usage,
+    }
+}
+
+fn shown(file: &Path, is_rig: bool) -> Exit {
+    let archive = match Archive::open(file) {
         Ok(archive) => archive,
         Err(error) => {
             print_error(&format!("canrig: {error}"));
             return Exit::CannotStart;
         }
     };
-    print(&match args.rig {
-        true => table_of(&args.file, archive.description()),
+    print(&match is_rig {
+        true => table_of(file, archive.description()),
         false => told(&archive),
     });
     Exit::Pass

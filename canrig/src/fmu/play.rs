@@ -6,9 +6,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use fmu::table::Wiring;
+use fmu::export::Role;
+use fmu::table::{Port, Wiring};
+use fmu::unit::Conversion;
 use fmu::worker::Remote;
-use fmu::{Archive, FmuError, PlantTable};
+use fmu::{Archive, FmuError, PlantTable, Setup, StartValue};
 use platform::clock::Clock;
 use worlds::fmu_worker;
 
@@ -19,7 +21,14 @@ use runner::exit::Exit;
 #[derive(Args, Debug)]
 pub(crate) struct PlayArgs {
     /// A file with one table [plant.NAME.fmu]
-    pub table: PathBuf,
+    #[arg(required_unless_present = "plant")]
+    pub table: Option<PathBuf>,
+    /// The emulator's own plant in its place, by the name of its FMU
+    #[arg(long, conflicts_with = "table")]
+    pub plant: Option<String>,
+    /// A parameter of that plant
+    #[arg(long, value_name = "NAME=VALUE", requires = "plant")]
+    pub start: Vec<String>,
     /// Time between two rows
     #[arg(long, default_value_t = 1.0)]
     pub step_milliseconds: f64,
@@ -67,29 +76,105 @@ pub(crate) fn play(args: &PlayArgs) -> Exit {
 }
 
 fn played(args: &PlayArgs) -> Result<(), Refused> {
-    let (name, table) = plant_table(&args.table)?;
-    let folder = args.table.parent().unwrap_or(Path::new("."));
+    match (&args.table, &args.plant) {
+        (Some(table), _) => fmu_played(args, table),
+        (None, plant) => plant_played(args, plant.as_deref().unwrap_or_default()),
+    }
+}
+
+/// The plant that an FMU is made of, without FMI.
+fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
+    let refused = |reason: &str| Refused(Exit::Usage, format!("{name}: {reason}"));
+    let shipped = fmu_plants::shipped();
+    let exported = shipped
+        .iter()
+        .find(|exported| exported.model().name == name);
+    let exported = exported.ok_or_else(|| refused("is no plant that ships"))?;
+    let variables = exported.model().variables;
+    let parameters = variables
+        .iter()
+        .filter_map(|variable| match &variable.role {
+            Role::Number { start, .. } => {
+                let given = args.start.iter().find_map(|word| {
+                    let value = word.strip_prefix(&variable.name)?.strip_prefix('=')?;
+                    value.parse().ok()
+                });
+                Some(StartValue::Number(given.unwrap_or(*start)))
+            }
+            Role::Word { start } => Some(StartValue::Text(start.clone())),
+            Role::Input(_) | Role::Output => None,
+        });
+    let parameters = Vec::from_iter(parameters);
+    let mut plant = exported
+        .start(&parameters)
+        .map_err(|reason| refused(&reason))?;
+    let ports = |is_wanted: fn(&Role) -> bool| {
+        let wanted = variables
+            .iter()
+            .filter(move |variable| is_wanted(&variable.role));
+        wanted.map(|variable| Port {
+            name: variable.name.clone(),
+            unit: variable.unit,
+            variable: variable.name.clone(),
+            conversion: Conversion::NONE,
+            range: [None, None],
+        })
+    };
+    let wiring = Wiring {
+        setup: Setup::default(),
+        inputs: ports(|role| matches!(role, Role::Input(_))).collect(),
+        outputs: ports(|role| *role == Role::Output).collect(),
+    };
+    let outputs = plant.outputs();
+    let step_seconds = args.step_milliseconds / 1e3;
+    steps(args, &wiring, &outputs, |_, inputs, outputs| {
+        plant.step(step_seconds, inputs);
+        outputs.copy_from_slice(&plant.outputs());
+        Ok(())
+    })
+}
+
+fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Refused> {
+    let (name, table) = plant_table(path)?;
+    let folder = path.parent().unwrap_or(Path::new("."));
     let archive = Archive::open(&folder.join(&table.file))?;
     let wiring = table.wiring(&name, archive.description());
     let wiring = wiring.map_err(|fault| FmuError {
         file: archive.file().to_owned(),
         fault,
     })?;
-    let rows = match &args.inputs {
-        Some(path) => input_rows(path, &wiring)?,
-        None => Vec::new(),
-    };
     let unpacked = archive.unpack()?;
     let worker =
         fmu_worker::start().map_err(|error| Refused(Exit::BenchFailed, error.to_string()))?;
     let mut outputs = vec![0.0; wiring.outputs.len()];
     let mut remote = Remote::load(worker, &unpacked, &wiring.setup, &mut outputs)?;
+    steps(
+        args,
+        &wiring,
+        &outputs.clone(),
+        |to_seconds, inputs, outputs| Ok(remote.advance(to_seconds, inputs, outputs)?),
+    )?;
+    Ok(remote.end()?)
+}
+
+/// Steps what takes time to reach, inputs, and room for outputs; prints its outputs, or what a step cost.
+fn steps(
+    args: &PlayArgs,
+    wiring: &Wiring,
+    at_start: &[f64],
+    mut advance: impl FnMut(f64, &[f64], &mut [f64]) -> Result<(), Refused>,
+) -> Result<(), Refused> {
+    let rows = match &args.inputs {
+        Some(path) => input_rows(path, wiring)?,
+        None => Vec::new(),
+    };
+    let mut outputs = at_start.to_owned();
+    let mut inputs = vec![0.0; wiring.inputs.len()];
     if !args.cost {
         let names = wiring.outputs.iter().map(|port| port.name.as_str());
         print(&Vec::from_iter(std::iter::once("time_seconds").chain(names)).join(","));
-        print(&row(0.0, &outputs, &wiring));
+        print(&row(0.0, &outputs, wiring));
     }
-    let mut inputs = vec![0.0; wiring.inputs.len()];
     let clock = Clock::start();
     for step in 1..=args.steps {
         let index = (step - 1) as usize;
@@ -97,15 +182,14 @@ fn played(args: &PlayArgs) -> Result<(), Refused> {
             inputs.clone_from(row);
         }
         let to_seconds = f64::from(step) * args.step_milliseconds / 1e3;
-        remote.advance(to_seconds, &inputs, &mut outputs)?;
+        advance(to_seconds, &inputs, &mut outputs)?;
         if !args.cost {
-            print(&row(to_seconds, &outputs, &wiring));
+            print(&row(to_seconds, &outputs, wiring));
         }
     }
-    let passed = clock.now();
-    remote.end()?;
     if args.cost {
-        let microseconds = passed.as_secs_f64() * 1e6 / f64::from(args.steps.max(1));
+        let passed = clock.now().as_secs_f64() * 1e6;
+        let microseconds = passed / f64::from(args.steps.max(1));
         print(&format!("{microseconds:.2} microseconds a step"));
     }
     Ok(())

@@ -35,6 +35,7 @@ fn the_shipped_plants_are_those_of_the_emulator() {
         let exported = of(name);
         let mut runs = exported.start(&parameters(&*exported, None)).unwrap();
         let mut plant = P::new(config).ok().unwrap();
+        let mut highest: f64 = 0.0;
         for step in 0..3000 {
             let current_amperes = if step % 1000 < 500 { 0.8 } else { 0.1 };
             runs.step(1e-3, &[current_amperes, 1.5, 0.01]);
@@ -45,12 +46,13 @@ fn the_shipped_plants_are_those_of_the_emulator() {
                 ..Inputs::default()
             };
             plant.step(1e-3, &inputs);
+            highest = highest.max(plant.position_metres());
         }
         let outputs = runs.outputs();
         assert_eq!(outputs[0].to_bits(), plant.position_metres().to_bits());
         assert_eq!(outputs[1].to_bits(), plant.temperature_celsius().to_bits());
         assert_eq!(outputs.len(), 2 + P::SIGNALS.len());
-        assert!(outputs[0] > 1e-3, "it moved");
+        assert!(highest > 1e-3, "it moved");
     }
     compare::<Actuator>("sma", &scenario::plant::Plant::default());
     compare::<DcMotor>("dc_motor", &scenario::plant::DcMotor::default());

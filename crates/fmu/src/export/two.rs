@@ -1,6 +1,5 @@
 //! The functions of FMI 2.0 for co-simulation, by `fmi2Functions.h`, for libraries that [`crate::export!`] makes.
 #![expect(unsafe_code, reason = "C calls these functions")]
-#![expect(non_snake_case, reason = "FMI's names")]
 
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 
