@@ -1,6 +1,6 @@
 //! From XML to a description, by the schemas of FMI 2.0 and 3.0.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use roxmltree::Document;
 
@@ -157,7 +157,12 @@ fn variables(
         return Ok(Vec::new());
     };
     let mut variables = Vec::new();
+    let mut names = BTreeSet::new();
     for element in all.elements() {
+        let name = element.required("name")?;
+        if !names.insert(name) {
+            return Err(element.fault(format!("there are two variables `{name}`")));
+        }
         let value = match version {
             Version::Two => element
                 .elements()

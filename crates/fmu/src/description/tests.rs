@@ -143,6 +143,7 @@ fn a_wrong_description_names_its_line() {
         "modelIdentifier=\"../arm\"",
         "is no name of C",
     );
+    refused("name=\"w\"", "name=\"u\"", "there are two variables `u`");
     refused("</ModelVariables>", "", "no XML");
 }
 
