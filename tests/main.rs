@@ -12,6 +12,7 @@ mod command_line;
 mod data_sheets;
 mod external;
 mod faults;
+mod fmus;
 mod identify;
 mod knowledge;
 mod lockstep;

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use crate::support::root;
 
 /// A room, by its package's name, and the rooms that it may depend on. Each stands above all that it names.
-const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 20] = [
     ("canopen", &[]),
+    ("fmu", &[]),
     ("dbc", &["canopen"]),
     ("scenario", &["canopen"]),
     ("faults", &["canopen", "dbc", "scenario"]),
@@ -18,6 +19,8 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
         "plant-emulator",
         &["canopen", "dbc", "scenario", "faults", "platform"],
     ),
+    ("fmu-plants", &["fmu", "scenario", "plant-emulator"]),
+    ("fmu-library", &["fmu", "fmu-plants"]),
     ("rig", &["canopen", "dbc", "scenario"]),
     (
         "recording",
@@ -28,6 +31,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
         "worlds",
         &[
             "canopen",
+            "fmu",
             "dbc",
             "scenario",
             "faults",
@@ -104,6 +108,8 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 17] = [
         "canrig",
         &[
             "canopen",
+            "fmu",
+            "fmu-plants",
             "dbc",
             "scenario",
             "faults",
@@ -203,6 +209,9 @@ fn forbidden(rooms: &[Room]) -> Vec<String> {
     rooms.iter().flat_map(of_room).collect()
 }
 
+/// The member that is a shared library, which the program looks for beside itself.
+const SHARED_LIBRARY: &str = "crates/fmu-library";
+
 /// Of several programs `cargo run` takes the only one that its package names as the default.
 #[test]
 fn cargo_builds_every_program_and_runs_canrig() {
@@ -212,7 +221,9 @@ fn cargo_builds_every_program_and_runs_canrig() {
     let members: Vec<String> = workspace["members"].clone().try_into().unwrap();
     let is_program = |member: &&String| root.join(member).join("src/main.rs").exists();
     let programs = members.iter().filter(is_program).cloned();
-    assert_eq!(programs.collect::<BTreeSet<_>>(), built);
+    let mut expected = programs.collect::<BTreeSet<_>>();
+    expected.insert(SHARED_LIBRARY.to_owned());
+    assert_eq!(expected, built);
     let runs = built.iter().filter_map(|member| {
         let package = manifest(&root.join(member).join("Cargo.toml"))["package"].clone();
         Some(package.get("default-run")?.as_str()?.to_owned())
@@ -371,11 +382,24 @@ fn nodes_do_not_know_the_setup() {
 }
 
 #[test]
-fn only_platform_is_unsafe() {
+fn only_platform_and_the_c_functions_of_fmus_are_unsafe() {
     for (package, _) in MAY_DEPEND_ON {
         if package != "platform" {
-            must_not_name(package, "unsafe ", |_| false);
+            let is_loader = |path: &Path| path.to_string_lossy().contains("/fmu/src/library/");
+            must_not_name(package, "unsafe ", |path| {
+                package == "fmu" && is_loader(path)
+            });
         }
+    }
+}
+
+/// An FMU is a stranger's program: only the hidden worker process loads it.
+#[test]
+fn only_the_worker_loads_fmus() {
+    for (package, _) in MAY_DEPEND_ON {
+        must_not_name(package, "Instance::new(", |path| {
+            path.ends_with("fmu/src/worker/serve.rs")
+        });
     }
 }
 

@@ -13,6 +13,7 @@ use plant_emulator::ports::PlantWithPorts;
 use platform::terminal::printable;
 
 use crate::cli::{self, Cli};
+use crate::fmu::export::{self, OwnModel};
 use runner::console;
 use runner::exit::Exit;
 use worlds::catalogue::catalogue;
@@ -27,6 +28,7 @@ const OPEN_FILES: u64 = 64;
 #[must_use = "`main` runs it"]
 pub struct Bench {
     plants: Vec<OwnPlant>,
+    models: Vec<OwnModel>,
     laws: Vec<OwnLaw>,
 }
 
@@ -50,6 +52,7 @@ impl Bench {
     /// A plant more, which scenarios choose by a table `[plant.NAME]`.
     pub fn plant<P: Plant>(mut self) -> Self {
         self.plants.push(OwnPlant::of::<P>());
+        self.models.push(fmu_plants::own::<P>);
         self
     }
 
@@ -102,6 +105,7 @@ impl Bench {
             return Ok(());
         }
         register_plants(self.plants)?;
+        export::register(self.models);
         register_laws(self.laws)?;
         catalogue().check().map_err(InvalidBench::Signals)
     }

@@ -5,6 +5,8 @@ use platform::{private_bus, process};
 
 use crate::doctor::{DoctorArgs, doctor};
 use crate::eds::{EdsArgs, eds};
+use crate::fmu::play::{PlayArgs, play};
+use crate::fmu::{FmuArgs, fmu};
 use crate::host::{NodeArgs, host};
 use crate::manual::{CompletionsArgs, ManArgs, completions, man};
 use crate::new::{NewArgs, new};
@@ -29,6 +31,7 @@ use runner::commands::run::{RunArgs, run};
 use runner::commands::signals::{SignalsArgs, signals};
 use runner::commands::simulate::{SimulateArgs, simulate};
 use runner::exit::Exit;
+use worlds::fmu_worker;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -61,6 +64,8 @@ Examples:
   canrig export RUN -f blf -o run.blf        the frames as Vector's binary log
   canrig new plant pendulum                  a plant of your own, in a crate of its own
   canrig new law fuzzy                       a control law of your own
+  canrig fmu motor.fmu                       a plant from a modelling tool: its ports
+  canrig fmu --export dc_motor -o motor.fmu  one of ours, for another tool
   canrig doctor                              what does this machine lack?
   canrig nodes --bus vcan0                   who is on the bus?
   canrig sdo read drive 6064:00              one object of a node in a run
@@ -164,6 +169,8 @@ pub(crate) enum Command {
     Monitor(MonitorArgs),
     /// Write the EDS of each node of a rig, for other programs
     Eds(EdsArgs),
+    /// List what an FMU (FMI 2.0, 3.0) says of itself, print its table for a rig file, or write a plant as an FMU
+    Fmu(FmuArgs),
     /// Print the completions of canrig's commands and options for a shell
     Completions(CompletionsArgs),
     /// Write the manual pages
@@ -171,6 +178,15 @@ pub(crate) enum Command {
     /// One node of the bench as a process of its own; `run` starts these
     #[command(hide = true)]
     Node(NodeArgs),
+    /// The process that alone loads an FMU; runs start it
+    #[command(hide = true)]
+    FmuWorker {
+        /// File descriptor of the channel to the plant
+        channel: i32,
+    },
+    /// An FMU by itself, as CSV
+    #[command(hide = true)]
+    FmuPlay(PlayArgs),
     /// The helper that makes a private bus; `run` starts it
     #[command(hide = true)]
     PrivateBus {
@@ -206,6 +222,11 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::Sdo(args) => sdo(&args),
         Command::Monitor(args) => monitor(args),
         Command::Eds(args) => eds(&args),
+        Command::Fmu(args) => fmu(&args),
+        Command::FmuPlay(args) => play(&args),
+        Command::FmuWorker { channel } => {
+            fmu_worker::serve(channel).map_or(Exit::BenchFailed, |()| Exit::Pass)
+        }
         Command::Completions(args) => completions(&args, &mut Cli::command()),
         Command::Man(args) => man(&args, Cli::command()),
         Command::Node(args) => host(&args),

@@ -99,18 +99,11 @@ impl OwnTable {
     /// The table `name`, which holds these parameters.
     #[must_use]
     pub fn new<P: Parameters>(name: &'static str) -> Self {
-        // Without definitions of its own, which may be called like one of ours.
-        let mut settings = SchemaSettings::draft07().with_transform(TakeNullAway);
-        settings.inline_subschemas = true;
-        let mut schema: Value = settings.into_generator().into_root_schema_for::<P>().into();
-        if let Some(schema) = schema.as_object_mut() {
-            schema.remove("$schema");
-        }
         Self {
             name,
             faults: &[],
             drives: 1,
-            schema,
+            schema: schema::<P>(),
             check: |value| P::deserialize(ValueDeserializer::from(value)).map(drop),
         }
     }
@@ -143,6 +136,18 @@ impl OwnTable {
     pub(crate) fn check(&self, table: Spanned<DeValue<'_>>) -> Result<(), toml::de::Error> {
         (self.check)(table)
     }
+}
+
+/// The JSON Schema of parameters, without definitions of its own, which may be called like one of ours.
+#[must_use]
+pub fn schema<P: Parameters>() -> Value {
+    let mut settings = SchemaSettings::draft07().with_transform(TakeNullAway);
+    settings.inline_subschemas = true;
+    let mut schema: Value = settings.into_generator().into_root_schema_for::<P>().into();
+    if let Some(schema) = schema.as_object_mut() {
+        schema.remove("$schema");
+    }
+    schema
 }
 
 /// Whether a text can be the name of a table: small letters, digits and underscores, a letter first.

@@ -19,6 +19,7 @@ mod child;
 mod coordinator;
 pub mod disturbance_node;
 mod error;
+pub mod fmu_worker;
 mod listeners;
 pub mod lockstep;
 pub mod nodes;

@@ -3,7 +3,7 @@
 use plant_emulator::integrator::runge_kutta_4;
 use plant_emulator::plant::{self, InvalidPlant, Plant, Signal, follows, not_negative, positive};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Longest integration step.
 const STEP_SECONDS_MAX: f64 = 1e-3;
@@ -12,7 +12,7 @@ const STEP_SECONDS_MAX: f64 = 1e-3;
 pub type Inputs = plant::Inputs<()>;
 
 /// The table `[plant.my_plant]` of a scenario. All values are assumed.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Deserialize, JsonSchema, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Force of the coil.
@@ -169,6 +169,9 @@ impl Plant for MyPlant {
         self.coil_celsius
     }
 }
+
+// What `fmu --export my_plant` puts into an FMU.
+fmu_plants::export!(MyPlant);
 
 #[cfg(test)]
 mod tests {

@@ -1,0 +1,161 @@
+//! `canrig fmu --export`: plants as FMUs.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use fmu::description::Version;
+use fmu::export::{Exported, write_fmu};
+
+use runner::console::{print, print_error};
+use runner::exit::Exit;
+
+/// The shared library with the plants that ship.
+const SHIPPED_LIBRARY: &str = "libcanrig_plants.so";
+
+/// Plants of the bench's own, by what makes them models.
+pub(crate) type OwnModel = fn() -> Box<dyn Exported>;
+
+static OWN: OnceLock<Vec<OwnModel>> = OnceLock::new();
+
+/// Keeps the plants of a bench from outside.
+pub(crate) fn register(own: Vec<OwnModel>) {
+    let _ = OWN.set(own);
+}
+
+/// Why no FMU was written.
+#[derive(Debug, thiserror::Error)]
+enum ExportError {
+    #[error("there is no plant `{name}` to export; there are: {known}")]
+    Unknown { name: String, known: String },
+    #[error("the shared library {name} is not in {places}; {advice}")]
+    NoLibrary {
+        name: String,
+        places: String,
+        advice: &'static str,
+    },
+    #[error("{} cannot be read: {source}", path.display())]
+    Read { path: PathBuf, source: io::Error },
+    #[error("{} cannot be written: {source}", path.display())]
+    Write { path: PathBuf, source: io::Error },
+}
+
+impl ExportError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Unknown { .. } => Exit::Usage,
+            Self::NoLibrary { .. } => Exit::CannotStart,
+            Self::Read { .. } | Self::Write { .. } => Exit::BenchFailed,
+        }
+    }
+}
+
+/// Writes the FMU of a plant, and prints what it wrote.
+#[must_use]
+pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Exit {
+    match written(plant, output, fmi) {
+        Ok(words) => {
+            print(&words);
+            Exit::Pass
+        }
+        Err(error) => {
+            print_error(&format!("canrig: {error}"));
+            error.exit()
+        }
+    }
+}
+
+fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, ExportError> {
+    let version = match fmi {
+        2 => Version::Two,
+        _ => Version::Three,
+    };
+    let shipped = fmu_plants::shipped();
+    let own = Vec::from_iter(OWN.get().into_iter().flatten().map(|own| own()));
+    let find = |models: &[Box<dyn Exported>]| {
+        let mut models = models.iter().map(|exported| exported.model());
+        models.find(|model| model.name == plant)
+    };
+    let (model, library) = match (find(&own), find(&shipped)) {
+        (Some(model), _) => (model, own_library()?),
+        (None, Some(model)) => (model, shipped_library()?),
+        (None, None) => {
+            let names = shipped
+                .iter()
+                .chain(&own)
+                .map(|exported| exported.model().name);
+            return Err(ExportError::Unknown {
+                name: plant.to_owned(),
+                known: Vec::from_iter(names).join(", "),
+            });
+        }
+    };
+    let bytes = fs::read(&library).map_err(|source| ExportError::Read {
+        path: library.clone(),
+        source,
+    })?;
+    let path = output.map_or_else(|| PathBuf::from(format!("{plant}.fmu")), Path::to_owned);
+    let write = || {
+        let mut file = BufWriter::new(File::create_new(&path)?);
+        write_fmu(&mut file, &model, version, &bytes)?;
+        file.flush()
+    };
+    write().map_err(|source| ExportError::Write {
+        path: path.clone(),
+        source,
+    })?;
+    let (version, count) = (version.name(), model.variables.len());
+    Ok(format!(
+        "{}: {plant}, FMI {version}, {count} variables",
+        path.display()
+    ))
+}
+
+/// The folder of this program.
+fn beside() -> PathBuf {
+    let program = std::env::current_exe().and_then(|program| program.canonicalize());
+    program
+        .ok()
+        .and_then(|program| program.parent().map(Path::to_owned))
+        .unwrap_or_default()
+}
+
+/// Beside the program, as cargo and the archive have it; or in the package of the wheel, which is installed below the same prefix.
+fn shipped_library() -> Result<PathBuf, ExportError> {
+    let beside = beside();
+    let mut places = vec![beside.clone(), beside.join("../lib")];
+    let pythons = fs::read_dir(beside.join("../lib"))
+        .into_iter()
+        .flatten()
+        .flatten();
+    places.extend(pythons.map(|python| python.path().join("site-packages/canrig")));
+    let advice = "`cargo build --release` makes it, the wheel and the archive of a release have it";
+    found(SHIPPED_LIBRARY.to_owned(), &places, advice)
+}
+
+/// The library of the crate that this program is of: cargo makes it with the program.
+fn own_library() -> Result<PathBuf, ExportError> {
+    let program = std::env::current_exe().unwrap_or_default();
+    let stem = program
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .replace('-', "_");
+    let advice = "let the crate's Cargo.toml have crate-type = [\"lib\", \"cdylib\"] below [lib], and name its plants in fmu_plants::export!";
+    found(format!("lib{stem}.so"), &[beside()], advice)
+}
+
+fn found(name: String, places: &[PathBuf], advice: &'static str) -> Result<PathBuf, ExportError> {
+    let paths = places.iter().map(|place| place.join(&name));
+    { paths }
+        .find(|path| path.is_file())
+        .ok_or_else(|| ExportError::NoLibrary {
+            name: name.clone(),
+            places: places
+                .first()
+                .map(|place| place.display().to_string())
+                .unwrap_or_default(),
+            advice,
+        })
+}

@@ -1,0 +1,196 @@
+//! `canrig fmu`: what an FMU says of itself, of which nothing is loaded; and our plants as FMUs.
+
+pub(crate) mod export;
+pub(crate) mod play;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use comfy_table::{ContentArrangement, Table, presets};
+use fmu::description::{Causality, Description, Variable};
+use fmu::{Archive, PLATFORMS, PlantTable};
+
+use runner::console::{print, print_error};
+use runner::exit::Exit;
+
+/// Arguments of `fmu`.
+#[derive(Args, Debug)]
+pub(crate) struct FmuArgs {
+    /// The FMU
+    #[arg(required_unless_present = "export")]
+    pub file: Option<PathBuf>,
+    /// Print the table of a rig file that has it as a plant, with its variables as ports
+    #[arg(long, requires = "file")]
+    pub rig: bool,
+    /// Write a plant as an FMU for this machine: `sma`, `dc_motor`, or one of this bench's own
+    #[arg(long, value_name = "PLANT", conflicts_with = "file")]
+    pub export: Option<String>,
+    /// The FMU to write; nothing is overwritten [default: PLANT.fmu]
+    #[arg(long, short, value_name = "FILE", requires = "export")]
+    pub output: Option<PathBuf>,
+    /// Its FMI: 2 or 3
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3), requires = "export")]
+    pub fmi: u8,
+}
+
+/// Prints what an FMU says of itself, or writes one.
+#[must_use]
+pub(crate) fn fmu(args: &FmuArgs) -> Exit {
+    match (&args.export, &args.file) {
+        (Some(plant), _) => export::export(plant, args.output.as_deref(), args.fmi),
+        (None, Some(file)) => shown(file, args.rig),
+        (None, None) => Exit::Usage,
+    }
+}
+
+fn shown(file: &Path, is_rig: bool) -> Exit {
+    let archive = match Archive::open(file) {
+        Ok(archive) => archive,
+        Err(error) => {
+            print_error(&format!("canrig: {error}"));
+            return Exit::CannotStart;
+        }
+    };
+    print(&match is_rig {
+        true => table_of(file, archive.description()),
+        false => told(&archive),
+    });
+    Exit::Pass
+}
+
+/// The table, and what to do with it.
+fn table_of(file: &Path, description: &Description) -> String {
+    let name = plant_name(&description.model_name);
+    let file = file.display().to_string();
+    let table = PlantTable::proposed(&name, &file, description);
+    format!(
+        "# For a rig file of schema 2. Leave out the ports and start values that you do not need;\n# the name of a port ends in the unit that it has on the bench.\n{}",
+        table.trim_end()
+    )
+}
+
+/// A name for the plant: what the model is called, as tables may be named.
+fn plant_name(model_name: &str) -> String {
+    let is_part = |character: &char| character.is_ascii_alphanumeric();
+    let word = |character: char| match is_part(&character) {
+        true => character.to_ascii_lowercase(),
+        false => '_',
+    };
+    let name = String::from_iter(model_name.chars().take(32).map(word));
+    let name = name.trim_matches(|first: char| !first.is_ascii_lowercase());
+    match name.is_empty() {
+        true => "plant".to_owned(),
+        false => name.to_owned(),
+    }
+}
+
+fn told(archive: &Archive) -> String {
+    let description = archive.description();
+    let mut text = format!(
+        "{}: {}, FMI {}",
+        archive.file().display(),
+        description.model_name,
+        description.version.name()
+    );
+    let facts = [
+        (", version ", &description.model_version),
+        (", made by ", &description.tool),
+        ("\n", &description.description),
+    ];
+    for (words, fact) in facts.into_iter().filter(|(_, fact)| !fact.is_empty()) {
+        text += words;
+        text += fact.trim();
+    }
+    text += &format!("\nplatforms: {}\n", platforms(archive));
+    text += &steps(description);
+    for (title, of) in [
+        ("inputs", Causality::Input),
+        ("outputs", Causality::Output),
+        ("parameters", Causality::Parameter),
+    ] {
+        let is_it = |variable: &&Variable| variable.causality == of;
+        text += &listed(title, description.variables.iter().filter(is_it));
+    }
+    let shown = [Causality::Input, Causality::Output, Causality::Parameter];
+    let others = description.variables.iter();
+    let others = others.filter(|variable| !shown.contains(&variable.causality));
+    text += &format!("\nother variables: {}\n", others.count());
+    for need in description.not_served() {
+        text += &format!("note: {need}\n");
+    }
+    text.trim_end().to_owned()
+}
+
+fn platforms(archive: &Archive) -> String {
+    let here = match archive.description().version {
+        fmu::description::Version::Two => PLATFORMS[0],
+        fmu::description::Version::Three => PLATFORMS[1],
+    };
+    let named = archive
+        .platforms()
+        .iter()
+        .map(|platform| match platform == here {
+            true => format!("{platform} (this machine)"),
+            false => platform.clone(),
+        });
+    let mut named = Vec::from_iter(named);
+    if !archive.platforms().iter().any(|platform| platform == here) {
+        named.push(format!("not {here}, which this machine needs"));
+    }
+    named.join(", ")
+}
+
+fn steps(description: &Description) -> String {
+    let Some(co_simulation) = &description.co_simulation else {
+        return String::new();
+    };
+    let length = match (co_simulation.takes_any_step, description.step_seconds) {
+        (true, None) => "of any length".to_owned(),
+        (true, Some(step)) => format!("of any length; it recommends {step} s"),
+        (false, step) => match co_simulation.fixed_step_seconds.or(step) {
+            Some(step) => format!("of {step} s only"),
+            None => {
+                "of one length only, which it does not say: step_milliseconds is needed".to_owned()
+            }
+        },
+    };
+    let events = match co_simulation.has_event_mode {
+        true => "; it has events",
+        false => "",
+    };
+    format!("steps: {length}{events}\n")
+}
+
+fn listed<'a>(title: &str, variables: impl Iterator<Item = &'a Variable>) -> String {
+    let mut table = Table::new();
+    table
+        .load_style(presets::NOTHING)
+        .set_content_arrangement(ContentArrangement::Dynamic);
+    let row = |variable: &Variable| {
+        let start = variable.start.as_deref();
+        [
+            format!("  {}", variable.name),
+            variable.unit.clone().unwrap_or_default(),
+            start.map_or_else(String::new, |start| format!("start {start}")),
+            variable.description.clone(),
+        ]
+    };
+    table.add_rows(variables.map(row));
+    match table.row_count() {
+        0 => format!("\n{title}: none\n"),
+        _ => format!("\n{title}\n{}\n", table.trim_fmt()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plant_is_named_after_its_model() {
+        assert_eq!(plant_name("Pendulum"), "pendulum");
+        assert_eq!(plant_name("Modelica.Blocks.PID"), "modelica_blocks_pid");
+        assert_eq!(plant_name("3D"), "d");
+        assert_eq!(plant_name("…"), "plant");
+    }
+}

@@ -1,0 +1,242 @@
+//! The hidden `canrig fmu-play`: an FMU by itself, without a bench round it. The tests compare what it prints with other
+//! programs.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use fmu::export::Role;
+use fmu::table::{Port, Wiring};
+use fmu::unit::Conversion;
+use fmu::worker::Remote;
+use fmu::{Archive, FmuError, PlantTable, Setup, StartValue};
+use platform::clock::Clock;
+use worlds::fmu_worker;
+
+use runner::console::{print, print_error};
+use runner::exit::Exit;
+
+/// Arguments of `fmu-play`.
+#[derive(Args, Debug)]
+pub(crate) struct PlayArgs {
+    /// A file with one table [plant.NAME.fmu]
+    #[arg(required_unless_present = "plant")]
+    pub table: Option<PathBuf>,
+    /// The emulator's own plant in its place, by the name of its FMU
+    #[arg(long, conflicts_with = "table")]
+    pub plant: Option<String>,
+    /// A parameter of that plant
+    #[arg(long, value_name = "NAME=VALUE", requires = "plant")]
+    pub start: Vec<String>,
+    /// Time between two rows
+    #[arg(long, default_value_t = 1.0)]
+    pub step_milliseconds: f64,
+    /// How many rows, beside that at time 0
+    #[arg(long, default_value_t = 1000)]
+    pub steps: u32,
+    /// A table of inputs, by the names of their ports: a row for each step, the last for all further ones
+    #[arg(long)]
+    pub inputs: Option<PathBuf>,
+    /// Print how long a step took, in place of the values
+    #[arg(long)]
+    pub cost: bool,
+}
+
+/// Why it did not play, with its exit code.
+struct Refused(Exit, String);
+
+impl Refused {
+    fn file(path: &Path, reason: impl ToString) -> Self {
+        let reason = reason.to_string();
+        Self(Exit::CannotStart, format!("{}: {reason}", path.display()))
+    }
+}
+
+impl From<FmuError> for Refused {
+    fn from(error: FmuError) -> Self {
+        let exit = match error.fault.is_of_run() {
+            true => Exit::VerdictFailed,
+            false => Exit::CannotStart,
+        };
+        Self(exit, error.to_string())
+    }
+}
+
+/// Plays an FMU, and prints its outputs as CSV.
+#[must_use]
+pub(crate) fn play(args: &PlayArgs) -> Exit {
+    match played(args) {
+        Ok(()) => Exit::Pass,
+        Err(Refused(exit, reason)) => {
+            print_error(&format!("canrig: {reason}"));
+            exit
+        }
+    }
+}
+
+fn played(args: &PlayArgs) -> Result<(), Refused> {
+    match (&args.table, &args.plant) {
+        (Some(table), _) => fmu_played(args, table),
+        (None, plant) => plant_played(args, plant.as_deref().unwrap_or_default()),
+    }
+}
+
+/// The plant that an FMU is made of, without FMI.
+fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
+    let refused = |reason: &str| Refused(Exit::Usage, format!("{name}: {reason}"));
+    let shipped = fmu_plants::shipped();
+    let exported = shipped
+        .iter()
+        .find(|exported| exported.model().name == name);
+    let exported = exported.ok_or_else(|| refused("is no plant that ships"))?;
+    let variables = exported.model().variables;
+    let parameters = variables
+        .iter()
+        .filter_map(|variable| match &variable.role {
+            Role::Number { start, .. } => {
+                let given = args.start.iter().find_map(|word| {
+                    let value = word.strip_prefix(&variable.name)?.strip_prefix('=')?;
+                    value.parse().ok()
+                });
+                Some(StartValue::Number(given.unwrap_or(*start)))
+            }
+            Role::Word { start } => Some(StartValue::Text(start.clone())),
+            Role::Input(_) | Role::Output => None,
+        });
+    let parameters = Vec::from_iter(parameters);
+    let mut plant = exported
+        .start(&parameters)
+        .map_err(|reason| refused(&reason))?;
+    let ports = |is_wanted: fn(&Role) -> bool| {
+        let wanted = variables
+            .iter()
+            .filter(move |variable| is_wanted(&variable.role));
+        wanted.map(|variable| Port {
+            name: variable.name.clone(),
+            unit: variable.unit,
+            variable: variable.name.clone(),
+            conversion: Conversion::NONE,
+            range: [None, None],
+        })
+    };
+    let wiring = Wiring {
+        setup: Setup::default(),
+        inputs: ports(|role| matches!(role, Role::Input(_))).collect(),
+        outputs: ports(|role| *role == Role::Output).collect(),
+    };
+    let outputs = plant.outputs();
+    let step_seconds = args.step_milliseconds / 1e3;
+    steps(args, &wiring, &outputs, |_, inputs, outputs| {
+        plant.step(step_seconds, inputs);
+        outputs.copy_from_slice(&plant.outputs());
+        Ok(())
+    })
+}
+
+fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Refused> {
+    let (name, table) = plant_table(path)?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let archive = Archive::open(&folder.join(&table.file))?;
+    let wiring = table.wiring(&name, archive.description());
+    let wiring = wiring.map_err(|fault| FmuError {
+        file: archive.file().to_owned(),
+        fault,
+    })?;
+    let unpacked = archive.unpack()?;
+    let worker =
+        fmu_worker::start().map_err(|error| Refused(Exit::BenchFailed, error.to_string()))?;
+    let mut outputs = vec![0.0; wiring.outputs.len()];
+    let mut remote = Remote::load(worker, &unpacked, &wiring.setup, &mut outputs)?;
+    steps(
+        args,
+        &wiring,
+        &outputs.clone(),
+        |to_seconds, inputs, outputs| Ok(remote.advance(to_seconds, inputs, outputs)?),
+    )?;
+    Ok(remote.end()?)
+}
+
+/// Steps what takes time to reach, inputs, and room for outputs; prints its outputs, or what a step cost.
+fn steps(
+    args: &PlayArgs,
+    wiring: &Wiring,
+    at_start: &[f64],
+    mut advance: impl FnMut(f64, &[f64], &mut [f64]) -> Result<(), Refused>,
+) -> Result<(), Refused> {
+    let rows = match &args.inputs {
+        Some(path) => input_rows(path, wiring)?,
+        None => Vec::new(),
+    };
+    let mut outputs = at_start.to_owned();
+    let mut inputs = vec![0.0; wiring.inputs.len()];
+    if !args.cost {
+        let names = wiring.outputs.iter().map(|port| port.name.as_str());
+        print(&Vec::from_iter(std::iter::once("time_seconds").chain(names)).join(","));
+        print(&row(0.0, &outputs, wiring));
+    }
+    let clock = Clock::start();
+    for step in 1..=args.steps {
+        let index = (step - 1) as usize;
+        if let Some(row) = rows.get(index).or(rows.last()) {
+            inputs.clone_from(row);
+        }
+        let to_seconds = f64::from(step) * args.step_milliseconds / 1e3;
+        advance(to_seconds, &inputs, &mut outputs)?;
+        if !args.cost {
+            print(&row(to_seconds, &outputs, wiring));
+        }
+    }
+    if args.cost {
+        let passed = clock.now().as_secs_f64() * 1e6;
+        let microseconds = passed / f64::from(args.steps.max(1));
+        print(&format!("{microseconds:.2} microseconds a step"));
+    }
+    Ok(())
+}
+
+/// The only table of a file, and the name of its plant.
+fn plant_table(path: &Path) -> Result<(String, PlantTable), Refused> {
+    type File = BTreeMap<String, BTreeMap<String, BTreeMap<String, PlantTable>>>;
+    let refused = |reason: String| Refused::file(path, reason);
+    let text = fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
+    let file: File = toml::from_str(&text).map_err(|error| refused(error.to_string()))?;
+    let plants = file.into_iter().filter(|(key, _)| key == "plant");
+    let mut plants = plants.flat_map(|(_, plants)| plants);
+    let plant = plants
+        .next()
+        .and_then(|(name, mut kinds)| Some((name, kinds.remove("fmu")?)));
+    plant.ok_or_else(|| refused("it has no table [plant.NAME.fmu]".to_owned()))
+}
+
+/// The inputs of each step, in the units of the FMU and the order of the setup.
+fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Refused> {
+    let refused = |reason: String| Refused::file(path, reason);
+    let text = fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
+    let mut lines = text.lines();
+    let names = Vec::from_iter(lines.next().unwrap_or_default().split(','));
+    let columns = wiring.inputs.iter().map(|port| {
+        let column = names.iter().position(|name| *name == port.name);
+        column.ok_or_else(|| refused(format!("it has no column {}", port.name)))
+    });
+    let columns = columns.collect::<Result<Vec<_>, Refused>>()?;
+    let row = |line: &str| {
+        let cells = Vec::from_iter(line.split(','));
+        let values = columns.iter().zip(&wiring.inputs).map(|(column, port)| {
+            let cell = cells.get(*column).copied().unwrap_or_default();
+            let value: f64 = cell
+                .parse()
+                .map_err(|_| refused(format!("`{cell}` is no number")))?;
+            Ok(port.conversion.back(value))
+        });
+        values.collect::<Result<Vec<_>, Refused>>()
+    };
+    lines.map(row).collect()
+}
+
+fn row(time_seconds: f64, outputs: &[f64], wiring: &Wiring) -> String {
+    let values = outputs.iter().zip(&wiring.outputs);
+    let values = values.map(|(value, port)| port.conversion.of(*value));
+    let cells = std::iter::once(time_seconds).chain(values);
+    Vec::from_iter(cells.map(|value| value.to_string())).join(",")
+}

@@ -1,0 +1,108 @@
+//! A plant's parameters as variables, by the schema of its table.
+
+use fmu::StartValue;
+use fmu::export::{ModelVariable, Role};
+use fmu::unit::of_name;
+use scenario::own;
+use serde_json::{Map, Value, json};
+
+/// The parameters of a plant: numbers and words, by the keys that lead to them.
+pub(crate) struct Parameters(Vec<Parameter>);
+
+struct Parameter {
+    keys: Vec<String>,
+    description: String,
+    is_whole: bool,
+    role: Role,
+}
+
+impl Parameters {
+    /// Those of a type, without these tables.
+    pub(crate) fn of<C: own::Parameters>(without: &[&str]) -> Self {
+        let mut parameters = Vec::new();
+        collect(&own::schema::<C>(), &[], without, &mut parameters);
+        // Whatever order a map has: description and library must agree.
+        parameters.sort_by(|one, other| one.keys.cmp(&other.keys));
+        Self(parameters)
+    }
+
+    pub(crate) fn variables(&self) -> impl Iterator<Item = ModelVariable> {
+        self.0.iter().map(|parameter| ModelVariable {
+            name: parameter.keys.join("."),
+            description: parameter.description.clone(),
+            unit: parameter
+                .keys
+                .last()
+                .and_then(|key| of_name(key))
+                .map_or("", |known| known.symbol),
+            role: parameter.role.clone(),
+        })
+    }
+
+    /// The table that these values make, in the order of the variables.
+    pub(crate) fn read<C: own::Parameters>(&self, values: &[StartValue]) -> Result<C, String> {
+        let mut table = Value::Object(Map::new());
+        for (parameter, value) in self.0.iter().zip(values) {
+            let value = match value {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    reason = "a whole number, or refused below"
+                )]
+                StartValue::Number(number) if parameter.is_whole && number.fract() == 0.0 => {
+                    json!(*number as i64)
+                }
+                StartValue::Number(number) => json!(number),
+                StartValue::Truth(truth) => json!(truth),
+                StartValue::Text(text) => json!(text),
+            };
+            let place = parameter
+                .keys
+                .iter()
+                .fold(&mut table, |table, key| &mut table[key.as_str()]);
+            *place = value;
+        }
+        serde_json::from_value(table).map_err(|error| error.to_string())
+    }
+}
+
+/// Numbers and words of a schema and of the tables in it, those that have a default.
+fn collect(schema: &Value, keys: &[String], without: &[&str], into: &mut Vec<Parameter>) {
+    let Some(properties) = schema["properties"].as_object() else {
+        return;
+    };
+    for (key, property) in properties {
+        if without.contains(&key.as_str()) {
+            continue;
+        }
+        let keys = [keys, std::slice::from_ref(key)].concat();
+        // The default of a table holds those of what is in it.
+        let role = role(property);
+        match role {
+            Some(role) => into.push(Parameter {
+                keys,
+                description: property["description"]
+                    .as_str()
+                    .unwrap_or_default()
+                    .to_owned(),
+                is_whole: property["type"] == "integer",
+                role,
+            }),
+            None => collect(property, &keys, without, into),
+        }
+    }
+}
+
+fn role(property: &Value) -> Option<Role> {
+    let default = &property["default"];
+    if let Some(start) = default.as_f64() {
+        return Some(Role::Number {
+            start,
+            min: property["minimum"]
+                .as_f64()
+                .or(property["exclusiveMinimum"].as_f64()),
+            max: property["maximum"].as_f64(),
+        });
+    }
+    let start = default.as_str()?.to_owned();
+    Some(Role::Word { start })
+}

@@ -1,0 +1,131 @@
+use fmu::description::{Causality, Version};
+use fmu::{Description, Fault};
+
+use super::*;
+
+fn of(name: &str) -> Box<dyn Exported> {
+    let found = shipped()
+        .into_iter()
+        .find(|exported| exported.model().name == name);
+    found.expect("it ships")
+}
+
+/// The parameters' start values, with one of them changed.
+fn parameters(exported: &dyn Exported, change: Option<(&str, StartValue)>) -> Vec<StartValue> {
+    let model = exported.model();
+    let values = model
+        .variables
+        .iter()
+        .filter_map(|variable| match &variable.role {
+            Role::Number { start, .. } => Some((&variable.name, StartValue::Number(*start))),
+            Role::Word { start } => Some((&variable.name, StartValue::Text(start.clone()))),
+            _ => None,
+        });
+    let changed = values.map(|(name, value)| match &change {
+        Some((other, new)) if name == other => new.clone(),
+        _ => value,
+    });
+    changed.collect()
+}
+
+/// By its defaults an FMU is the plant that the emulator plays, to the bit.
+#[test]
+fn the_shipped_plants_are_those_of_the_emulator() {
+    fn compare<P: Plant>(name: &str, config: &P::Config) {
+        let exported = of(name);
+        let mut runs = exported.start(&parameters(&*exported, None)).unwrap();
+        let mut plant = P::new(config).ok().unwrap();
+        let mut highest: f64 = 0.0;
+        for step in 0..3000 {
+            let current_amperes = if step % 1000 < 500 { 0.8 } else { 0.1 };
+            runs.step(1e-3, &[current_amperes, 1.5, 0.01]);
+            let inputs = Inputs {
+                current_amperes,
+                convection_factor: 1.5,
+                added_load_kilograms: 0.01,
+                ..Inputs::default()
+            };
+            plant.step(1e-3, &inputs);
+            highest = highest.max(plant.position_metres());
+        }
+        let outputs = runs.outputs();
+        assert_eq!(outputs[0].to_bits(), plant.position_metres().to_bits());
+        assert_eq!(outputs[1].to_bits(), plant.temperature_celsius().to_bits());
+        assert_eq!(outputs.len(), 2 + P::SIGNALS.len());
+        assert!(highest > 1e-3, "it moved");
+    }
+    compare::<Actuator>("sma", &scenario::plant::Plant::default());
+    compare::<DcMotor>("dc_motor", &scenario::plant::DcMotor::default());
+}
+
+#[test]
+fn parameters_reach_the_plant_or_are_refused_in_words() {
+    let motor = of("dc_motor");
+    let with = |name, value| motor.start(&parameters(&*motor, Some((name, value))));
+    let height = |name, value: f64| {
+        let mut runs = with(name, StartValue::Number(value)).ok().unwrap();
+        runs.step(1.0, &[0.8, 1.0, 0.0]);
+        runs.outputs()[0]
+    };
+    assert!(height("load_kilograms", 2.0) < height("load_kilograms", 0.2));
+    let error = with("pinion_radius_metres", StartValue::Number(0.0))
+        .err()
+        .unwrap();
+    assert!(
+        error.contains("pinion_radius_metres is 0, it must be above 0"),
+        "{error}"
+    );
+    let wire = of("sma");
+    let with = |value: &str| {
+        let value = StartValue::Text(value.to_owned());
+        wire.start(&parameters(
+            &*wire,
+            Some(("mechanics.stress_strain", value)),
+        ))
+    };
+    assert!(with("full").is_ok());
+    assert!(with("none").err().unwrap().contains("unknown variant"));
+}
+
+/// What is written is read by ourselves: variables with units, limits, start values, and nothing that is not served.
+#[test]
+fn the_descriptions_are_complete() {
+    for version in [Version::Two, Version::Three] {
+        for exported in shipped() {
+            let model = exported.model();
+            let read = Description::parse(&model.description_xml(version));
+            let read = read.unwrap_or_else(|fault: Fault| panic!("{fault}"));
+            assert_eq!(
+                (read.version, read.token.as_str()),
+                (version, &*model.token())
+            );
+            assert_eq!(read.not_served(), Vec::<String>::new());
+            assert_eq!(read.variables.len(), model.variables.len() + 1);
+            for variable in &read.variables[1..] {
+                assert!(
+                    !variable.description.is_empty(),
+                    "{} says nothing",
+                    variable.name
+                );
+                let is_parameter = variable.causality == Causality::Parameter;
+                assert_eq!(
+                    is_parameter,
+                    variable.start.is_some() && !variable.is_input(),
+                    "{}",
+                    variable.name
+                );
+                if let Some(unit) = &variable.unit {
+                    assert!(read.units[unit].is_some(), "{unit} is not defined");
+                }
+            }
+            let position = read.variable("position_metres").unwrap();
+            assert_eq!(position.unit.as_deref(), Some("m"));
+        }
+    }
+    let motor = of("dc_motor").model();
+    let parameters = motor
+        .variables
+        .iter()
+        .filter(|variable| matches!(variable.role, Role::Number { .. }));
+    assert_eq!(parameters.count(), 16);
+}

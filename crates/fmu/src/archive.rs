@@ -1,0 +1,331 @@
+//! The file of an FMU: a zip file by a stranger.
+
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::{Component, Path, PathBuf};
+
+use tempfile::TempDir;
+use zip::ZipArchive;
+use zip::read::ZipFile;
+
+use crate::description::{BYTES_MAX, Description, Version};
+use crate::error::{Fault, FmuError};
+use crate::library;
+
+/// Name of the description in the file, and where it is unpacked.
+pub const DESCRIPTION: &str = "modelDescription.xml";
+/// Largest file.
+const FILE_BYTES_MAX: u64 = 1 << 30;
+/// Most files in it.
+const FILES_MAX: usize = 20_000;
+/// Most bytes that are unpacked of it.
+const UNPACKED_BYTES_MAX: u64 = 2 << 30;
+
+/// The file of an FMU, with what it says of itself.
+pub struct Archive {
+    file: PathBuf,
+    description: Description,
+    platforms: Vec<String>,
+}
+
+/// An FMU as files, which are gone when this is dropped.
+pub struct Unpacked {
+    folder: TempDir,
+    file: PathBuf,
+    description: Description,
+}
+
+impl Archive {
+    /// Opens a file and reads its description; nothing of it is unpacked or run.
+    ///
+    /// # Errors
+    /// It cannot be read, is no zip file that is taken, or its description is none.
+    pub fn open(file: &Path) -> Result<Self, FmuError> {
+        let read = || {
+            let mut zip = opened(file)?;
+            let (description, platforms) = read_from(&mut zip)?;
+            Ok((description, platforms))
+        };
+        let (description, platforms) = read().map_err(|fault: Fault| fault.of(file))?;
+        Ok(Self {
+            file: file.to_owned(),
+            description,
+            platforms,
+        })
+    }
+
+    /// The file.
+    #[must_use]
+    pub fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// What it says of itself.
+    #[must_use]
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// The folders below `binaries`: the platforms that it has libraries for.
+    #[must_use]
+    pub fn platforms(&self) -> &[String] {
+        &self.platforms
+    }
+
+    /// Unpacks what this machine needs of it into a folder of its own.
+    ///
+    /// # Errors
+    /// It has no library for this machine, or cannot be unpacked.
+    pub fn unpack(&self) -> Result<Unpacked, FmuError> {
+        let unpacked = || {
+            let co_simulation = self.description.served()?;
+            let platform = library::platform(self.description.version);
+            if !self.platforms.iter().any(|found| found == platform) {
+                return Err(Fault::Platform {
+                    wanted: platform.to_owned(),
+                    found: match self.platforms.is_empty() {
+                        true => "none".to_owned(),
+                        false => self.platforms.join(", "),
+                    },
+                });
+            }
+            let folder = tempfile::Builder::new()
+                .prefix(&format!("canrig-{}-", co_simulation.model_identifier))
+                .tempdir()
+                .map_err(|source| at("a folder to unpack it to", source))?;
+            unpack(&mut opened(&self.file)?, folder.path(), platform)?;
+            Ok(folder)
+        };
+        let folder = unpacked().map_err(|fault: Fault| fault.of(&self.file))?;
+        Ok(Unpacked {
+            folder,
+            file: self.file.clone(),
+            description: self.description.clone(),
+        })
+    }
+}
+
+impl Unpacked {
+    /// Where it is unpacked.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The file that it was.
+    #[must_use]
+    pub fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// What it says of itself.
+    #[must_use]
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+}
+
+/// The description and the platforms of a zip file.
+///
+/// # Errors
+/// It is no zip file that is taken, or its description is none.
+pub fn read(bytes: impl Read + io::Seek) -> Result<(Description, Vec<String>), Fault> {
+    read_from(&mut zip_of(bytes)?)
+}
+
+/// Unpacks all that a library of FMI 2.0 on `platform` would need, as [`Archive::unpack`] does.
+///
+/// # Errors
+/// It is no zip file that is taken, or cannot be written.
+pub fn unpack_to(bytes: impl Read + io::Seek, folder: &Path, platform: &str) -> Result<(), Fault> {
+    unpack(&mut zip_of(bytes)?, folder, platform)
+}
+
+/// The description of an FMU that was unpacked.
+pub(crate) fn description_in(folder: &Path) -> Result<Description, Fault> {
+    let path = folder.join(DESCRIPTION);
+    let file = File::open(path).map_err(|source| at(DESCRIPTION, source))?;
+    Description::parse(&limited_text(file)?)
+}
+
+fn at(place: &str, source: io::Error) -> Fault {
+    Fault::File {
+        place: place.to_owned(),
+        source,
+    }
+}
+
+fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
+    let file = File::open(path).map_err(|source| at("it cannot be opened", source))?;
+    let metadata = file
+        .metadata()
+        .map_err(|source| at("it cannot be read", source))?;
+    if !metadata.is_file() {
+        return Err(Fault::Archive("it is no file".to_owned()));
+    }
+    if metadata.len() > FILE_BYTES_MAX {
+        return Err(Fault::Archive(format!(
+            "it has {} bytes (limit {FILE_BYTES_MAX})",
+            metadata.len()
+        )));
+    }
+    zip_of(file)
+}
+
+/// A zip file whose entries stay in their folder, and are not too many or too large.
+fn zip_of<R: Read + io::Seek>(bytes: R) -> Result<ZipArchive<R>, Fault> {
+    let mut zip = ZipArchive::new(bytes)
+        .map_err(|error| Fault::Archive(format!("it is no zip file that can be read: {error}")))?;
+    if zip.len() > FILES_MAX {
+        return Err(Fault::Archive(format!(
+            "it has {} files in it (limit {FILES_MAX})",
+            zip.len()
+        )));
+    }
+    let mut bytes_in_all = 0_u64;
+    for index in 0..zip.len() {
+        let entry = entry(&mut zip, index)?;
+        if path_of(&entry).is_none() {
+            let name = String::from_utf8_lossy(entry.name_raw());
+            return Err(Fault::Archive(format!(
+                "its entry {name:?} leads out of its folder"
+            )));
+        }
+        if entry.is_symlink() {
+            let name = String::from_utf8_lossy(entry.name_raw());
+            return Err(Fault::Archive(format!("its entry {name:?} is a link")));
+        }
+        bytes_in_all = bytes_in_all.saturating_add(entry.size());
+    }
+    if bytes_in_all > UNPACKED_BYTES_MAX {
+        return Err(Fault::Archive(format!(
+            "it unpacks to {bytes_in_all} bytes (limit {UNPACKED_BYTES_MAX})"
+        )));
+    }
+    Ok(zip)
+}
+
+fn entry<R: Read + io::Seek>(
+    zip: &mut ZipArchive<R>,
+    index: usize,
+) -> Result<ZipFile<'_, R>, Fault> {
+    zip.by_index(index)
+        .map_err(|error| Fault::Archive(format!("its entry {index} cannot be read: {error}")))
+}
+
+/// Where an entry belongs below its folder; none for one that leads out.
+fn path_of<R: Read>(entry: &ZipFile<'_, R>) -> Option<PathBuf> {
+    let name = entry.name().ok()?;
+    if name.contains(['\\', '\0']) {
+        return None;
+    }
+    let path = Path::new(&*name);
+    let stays = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+    path.components().all(stays).then(|| path.to_owned())
+}
+
+fn read_from<R: Read + io::Seek>(
+    zip: &mut ZipArchive<R>,
+) -> Result<(Description, Vec<String>), Fault> {
+    let names = zip.file_names().filter_map(|name| {
+        let name = name.ok()?;
+        let (platform, library) = name.strip_prefix("binaries/")?.split_once('/')?;
+        (!library.is_empty()).then(|| platform.to_owned())
+    });
+    let mut platforms = Vec::from_iter(names);
+    platforms.sort();
+    platforms.dedup();
+    let entry = zip.by_name(DESCRIPTION).map_err(|error| {
+        Fault::Archive(format!("it has no {DESCRIPTION} that can be read: {error}"))
+    })?;
+    let description = Description::parse(&limited_text(entry)?)?;
+    Ok((description, platforms))
+}
+
+/// A description's text, whatever length the zip file says that it has.
+fn limited_text(bytes: impl Read) -> Result<String, Fault> {
+    let mut text = Vec::new();
+    bytes
+        .take(BYTES_MAX + 1)
+        .read_to_end(&mut text)
+        .map_err(|source| at(DESCRIPTION, source))?;
+    if text.len() as u64 > BYTES_MAX {
+        return Err(Fault::Xml(format!("it has more than {BYTES_MAX} bytes")));
+    }
+    String::from_utf8(text).map_err(|_| Fault::Xml("it is no text in UTF-8".to_owned()))
+}
+
+/// Unpacks the description, the resources and the libraries of one platform.
+fn unpack<R: Read + io::Seek>(
+    zip: &mut ZipArchive<R>,
+    folder: &Path,
+    platform: &str,
+) -> Result<(), Fault> {
+    let binaries = Path::new("binaries").join(platform);
+    let mut left = UNPACKED_BYTES_MAX;
+    // FMI 2.0 is shown this folder even where it is empty.
+    fs::create_dir_all(folder.join("resources")).map_err(|source| at("resources", source))?;
+    for index in 0..zip.len() {
+        let mut entry = entry(zip, index)?;
+        let Some(path) = path_of(&entry) else {
+            continue;
+        };
+        let is_needed = path == Path::new(DESCRIPTION)
+            || path.starts_with("resources")
+            || path.starts_with(&binaries);
+        if !is_needed {
+            continue;
+        }
+        let target = folder.join(&path);
+        let of_path = |source| at(&path.display().to_string(), source);
+        if entry.is_dir() {
+            fs::create_dir_all(&target).map_err(of_path)?;
+            continue;
+        }
+        if let Some(parent) = target.parent() {
+            fs::create_dir_all(parent).map_err(of_path)?;
+        }
+        let mut output = File::create(&target).map_err(of_path)?;
+        let written = io::copy(&mut (&mut entry).take(left), &mut output).map_err(of_path)?;
+        left -= written;
+        if left == 0 {
+            return Err(Fault::Archive(format!(
+                "it unpacks to more than {UNPACKED_BYTES_MAX} bytes"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// The library of an FMU that was unpacked.
+pub(crate) fn library_in(folder: &Path, description: &Description) -> Result<PathBuf, Fault> {
+    let identifier = &description.served()?.model_identifier;
+    let platform = library::platform(description.version);
+    let path = folder.join(format!("binaries/{platform}/{identifier}.so"));
+    match path.is_file() {
+        true => Ok(path),
+        false => Err(Fault::Library(format!(
+            "there is no binaries/{platform}/{identifier}.so in it"
+        ))),
+    }
+}
+
+/// The folder of resources as the FMI of the library wants it: a URI, or a path.
+pub(crate) fn resources_in(folder: &Path, version: Version) -> String {
+    let path = folder.join("resources");
+    let path = path.to_string_lossy();
+    match version {
+        Version::Two => {
+            let is_plain = |byte: &u8| byte.is_ascii_alphanumeric() || b"/-_.~".contains(byte);
+            let escaped = path.bytes().map(|byte| match is_plain(&byte) {
+                true => char::from(byte).to_string(),
+                false => format!("%{byte:02X}"),
+            });
+            format!("file://{}", String::from_iter(escaped))
+        }
+        Version::Three => format!("{path}/"),
+    }
+}
+
+#[cfg(test)]
+mod tests;

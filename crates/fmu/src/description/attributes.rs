@@ -1,0 +1,83 @@
+//! Attributes of an element, with errors that name its line.
+
+use roxmltree::Node;
+
+use crate::error::Fault;
+
+/// An element's attributes.
+#[derive(Clone, Copy)]
+pub(super) struct Attributes<'a, 'input>(pub(super) Node<'a, 'input>);
+
+impl<'a> Attributes<'a, '_> {
+    /// What is wrong with the element.
+    pub(super) fn fault(&self, reason: impl Into<String>) -> Fault {
+        let position = self.0.document().text_pos_at(self.0.range().start);
+        Fault::Description {
+            line: position.row,
+            reason: reason.into(),
+        }
+    }
+
+    pub(super) fn text(&self, name: &str) -> Option<&'a str> {
+        self.0.attribute(name)
+    }
+
+    pub(super) fn owned(&self, name: &str) -> String {
+        self.text(name).unwrap_or_default().to_owned()
+    }
+
+    pub(super) fn required(&self, name: &str) -> Result<&'a str, Fault> {
+        let element = self.0.tag_name().name();
+        let text = self.text(name).filter(|text| !text.is_empty());
+        text.ok_or_else(|| self.fault(format!("<{element}> has no `{name}`")))
+    }
+
+    pub(super) fn is_true(&self, name: &str) -> Result<bool, Fault> {
+        match self.text(name).map(str::trim) {
+            None | Some("false" | "0") => Ok(false),
+            Some("true" | "1") => Ok(true),
+            Some(other) => Err(self.fault(format!("`{name}` is `{other}`, not true or false"))),
+        }
+    }
+
+    /// A finite number; FMI writes INF for a limit that is none.
+    pub(super) fn number(&self, name: &str) -> Result<Option<f64>, Fault> {
+        let Some(text) = self.text(name) else {
+            return Ok(None);
+        };
+        let text = text.trim();
+        match text.parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(Some(value)),
+            Ok(_) => Ok(None),
+            Err(_) => Err(self.fault(format!("`{name}` is `{text}`, not a number"))),
+        }
+    }
+
+    /// One of several words.
+    pub(super) fn word<T>(
+        &self,
+        name: &str,
+        of: impl Fn(&str) -> Option<T>,
+    ) -> Result<Option<T>, Fault> {
+        let Some(text) = self.text(name) else {
+            return Ok(None);
+        };
+        let word = of(text).ok_or_else(|| self.fault(format!("`{name}` cannot be `{text}`")))?;
+        Ok(Some(word))
+    }
+
+    /// The elements of a name below this one.
+    pub(super) fn children(&self, name: &'static str) -> impl Iterator<Item = Self> {
+        self.elements()
+            .filter(move |child| child.0.tag_name().name() == name)
+    }
+
+    pub(super) fn child(&self, name: &'static str) -> Option<Self> {
+        self.children(name).next()
+    }
+
+    /// All elements below this one.
+    pub(super) fn elements(&self) -> impl Iterator<Item = Self> {
+        self.0.children().filter(Node::is_element).map(Self)
+    }
+}

@@ -1,0 +1,193 @@
+//! `modelDescription.xml`: what an FMU says of itself. Reading it runs nothing of the FMU.
+
+mod attributes;
+mod read;
+mod variable;
+
+use std::collections::BTreeMap;
+
+use crate::error::Fault;
+use crate::unit::{Base, of_symbol};
+pub use variable::{Causality, Initial, Kind, Variability, Variable};
+
+/// Longest description. Models of a hundred thousand variables have some 20 MB.
+pub const BYTES_MAX: u64 = 32 << 20;
+/// Most elements, attributes and texts together that are taken.
+const NODES_MAX: u32 = 4_000_000;
+
+/// Which FMI an FMU speaks.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Version {
+    /// FMI 2.0.
+    Two,
+    /// FMI 3.0.
+    Three,
+}
+
+impl Version {
+    /// As people write it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Two => "2.0",
+            Self::Three => "3.0",
+        }
+    }
+}
+
+/// What an FMU says of itself.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Description {
+    /// Its FMI.
+    pub version: Version,
+    /// Name of the model.
+    pub model_name: String,
+    /// What it is.
+    pub description: String,
+    /// What made it.
+    pub tool: String,
+    /// The model's own version.
+    pub model_version: String,
+    /// What the library is shown, so that it knows that the description is its own.
+    pub token: String,
+    /// Co-simulation; none where it has only other interfaces.
+    pub co_simulation: Option<CoSimulation>,
+    /// Interfaces beside co-simulation, in FMI's words.
+    pub other_interfaces: Vec<&'static str>,
+    /// Step that it recommends.
+    pub step_seconds: Option<f64>,
+    /// Tolerance that it recommends.
+    pub tolerance: Option<f64>,
+    /// Its units by the base units; none where it only names them.
+    pub units: BTreeMap<String, Option<Base>>,
+    /// Its variables, in their order.
+    pub variables: Vec<Variable>,
+}
+
+/// What an FMU says of its co-simulation.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CoSimulation {
+    /// Name of its library.
+    pub model_identifier: String,
+    /// Steps of any length.
+    pub takes_any_step: bool,
+    /// Its only step, where it has one.
+    pub fixed_step_seconds: Option<f64>,
+    /// It has events, and asks for them to be handled.
+    pub has_event_mode: bool,
+    /// It needs a program that is installed beside it.
+    pub needs_execution_tool: bool,
+}
+
+impl Description {
+    /// Reads a description.
+    ///
+    /// # Errors
+    /// It is too long, no XML, or no description of FMI 2.0 or 3.0.
+    pub fn parse(text: &str) -> Result<Self, Fault> {
+        if u64::try_from(text.len()).is_ok_and(|length| length > BYTES_MAX) {
+            return Err(Fault::Xml(format!("it has more than {BYTES_MAX} bytes")));
+        }
+        let options = roxmltree::ParsingOptions {
+            // Entities of a document's own are how a small file becomes a large one.
+            allow_dtd: false,
+            nodes_limit: NODES_MAX,
+            ..roxmltree::ParsingOptions::default()
+        };
+        let document = roxmltree::Document::parse_with_options(text, options)
+            .map_err(|error| Fault::Xml(error.to_string()))?;
+        read::description(&document)
+    }
+
+    /// Its co-simulation.
+    ///
+    /// # Errors
+    /// It has none.
+    pub fn served(&self) -> Result<&CoSimulation, Fault> {
+        self.co_simulation.as_ref().ok_or_else(|| {
+            let has = self.other_interfaces.join(" and ");
+            Fault::NotServed(format!(
+                "it has no co-simulation, only {has}; export it for co-simulation"
+            ))
+        })
+    }
+
+    /// The variable of a name.
+    ///
+    /// # Errors
+    /// There is none; the error names the most similar.
+    pub fn variable(&self, name: &str) -> Result<&Variable, Fault> {
+        if let Some(variable) = self.variables.iter().find(|variable| variable.name == name) {
+            return Ok(variable);
+        }
+        let similarity = |variable: &&Variable| strsim::jaro_winkler(&variable.name, name);
+        let nearest = (self.variables.iter())
+            .map(|variable| (similarity(&variable), variable))
+            .max_by(|(one, _), (other, _)| one.total_cmp(other));
+        let hint = match nearest {
+            Some((similarity, variable)) if similarity > 0.8 => {
+                format!("; did you mean `{}`?", variable.name)
+            }
+            _ => "; `canrig fmu FILE` lists those that there are".to_owned(),
+        };
+        Err(Fault::variable(name, format!("is not in the FMU{hint}")))
+    }
+
+    /// A variable's unit by the base units, from the FMU's definitions or, where they only name it, from its name.
+    #[must_use]
+    pub fn base_of(&self, variable: &Variable) -> Option<Base> {
+        let unit = variable.unit.as_deref()?;
+        let defined = self.units.get(unit).copied().flatten();
+        defined.or_else(|| of_symbol(unit).map(|known| known.base))
+    }
+
+    /// What it needs of FMI that is not served, in words.
+    #[must_use]
+    pub fn not_served(&self) -> Vec<String> {
+        let mut needs = Vec::new();
+        if let Err(fault) = self.served() {
+            needs.push(fault.to_string());
+        }
+        if let Some(co_simulation) = &self.co_simulation
+            && co_simulation.needs_execution_tool
+        {
+            let tool = match self.tool.as_str() {
+                "" => "the tool that made it",
+                tool => tool,
+            };
+            needs.push(format!(
+                "it may need {tool} on this machine (needsExecutionTool)"
+            ));
+        }
+        let count = |what: &str, is_it: &dyn Fn(&Variable) -> bool| {
+            let mut found = self.variables.iter().filter(|variable| is_it(variable));
+            let first = found.next()?;
+            let more = match found.count() {
+                0 => String::new(),
+                more => format!(" and {more} more"),
+            };
+            Some(format!("{what}: `{}`{more}", first.name))
+        };
+        let is_input = |variable: &Variable| variable.causality == Causality::Input;
+        let found = [
+            count("arrays are no ports", &|variable| variable.is_array),
+            count("clocks are not ticked", &|variable| {
+                variable.kind == Kind::Clock
+            }),
+            count("binary inputs are not set", &|variable| {
+                variable.kind == Kind::Binary && is_input(variable)
+            }),
+            count("texts are no ports", &|variable| {
+                variable.kind == Kind::String && is_input(variable)
+            }),
+            count("structural parameters keep their values", &|variable| {
+                variable.causality == Causality::StructuralParameter
+            }),
+        ];
+        needs.extend(found.into_iter().flatten());
+        needs
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,236 @@
+//! One variable of an FMU.
+
+/// The type of a variable's values.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[expect(missing_docs, reason = "FMI's own names")]
+pub enum Kind {
+    Float32,
+    Float64,
+    Int8,
+    UInt8,
+    Int16,
+    UInt16,
+    Int32,
+    UInt32,
+    Int64,
+    UInt64,
+    Boolean,
+    Enumeration,
+    String,
+    Binary,
+    Clock,
+}
+
+impl Kind {
+    /// The kind of an element of FMI 2.0; `Real` and `Integer` are numbers of 64 and 32 bits.
+    pub(super) fn of_fmi_2(element: &str) -> Option<Self> {
+        Some(match element {
+            "Real" => Self::Float64,
+            "Integer" => Self::Int32,
+            "Boolean" => Self::Boolean,
+            "String" => Self::String,
+            "Enumeration" => Self::Enumeration,
+            _ => return None,
+        })
+    }
+
+    /// The kind of an element of FMI 3.0.
+    pub(super) fn of_fmi_3(element: &str) -> Option<Self> {
+        Some(match element {
+            "Float32" => Self::Float32,
+            "Float64" => Self::Float64,
+            "Int8" => Self::Int8,
+            "UInt8" => Self::UInt8,
+            "Int16" => Self::Int16,
+            "UInt16" => Self::UInt16,
+            "Int32" => Self::Int32,
+            "UInt32" => Self::UInt32,
+            "Int64" => Self::Int64,
+            "UInt64" => Self::UInt64,
+            "Boolean" => Self::Boolean,
+            "Enumeration" => Self::Enumeration,
+            "String" => Self::String,
+            "Binary" => Self::Binary,
+            "Clock" => Self::Clock,
+            _ => return None,
+        })
+    }
+
+    /// Whether its values are numbers that may have a fraction.
+    #[must_use]
+    pub fn is_float(self) -> bool {
+        matches!(self, Self::Float32 | Self::Float64)
+    }
+
+    /// Whether a port can carry it, as a number.
+    #[must_use]
+    pub fn is_number(self) -> bool {
+        !matches!(self, Self::String | Self::Binary | Self::Clock)
+    }
+
+    /// Lowest and highest value of a whole number's type.
+    pub(crate) fn whole_range(self) -> Option<[f64; 2]> {
+        Some(match self {
+            Self::Int8 => [f64::from(i8::MIN), f64::from(i8::MAX)],
+            Self::UInt8 => [0.0, f64::from(u8::MAX)],
+            Self::Int16 => [f64::from(i16::MIN), f64::from(i16::MAX)],
+            Self::UInt16 => [0.0, f64::from(u16::MAX)],
+            Self::Int32 => [f64::from(i32::MIN), f64::from(i32::MAX)],
+            Self::UInt32 => [0.0, f64::from(u32::MAX)],
+            // What a number of 64 bits with a fraction has exactly.
+            Self::Int64 | Self::Enumeration => [-WHOLE_MAX, WHOLE_MAX],
+            Self::UInt64 => [0.0, WHOLE_MAX],
+            Self::Boolean => [0.0, 1.0],
+            _ => return None,
+        })
+    }
+}
+
+/// 2^53.
+const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
+
+/// What a variable is for.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[expect(missing_docs, reason = "FMI's own names")]
+pub enum Causality {
+    Parameter,
+    CalculatedParameter,
+    StructuralParameter,
+    Input,
+    Output,
+    Local,
+    Independent,
+}
+
+impl Causality {
+    pub(super) fn of(text: &str) -> Option<Self> {
+        Some(match text {
+            "parameter" => Self::Parameter,
+            "calculatedParameter" => Self::CalculatedParameter,
+            "structuralParameter" => Self::StructuralParameter,
+            "input" => Self::Input,
+            "output" => Self::Output,
+            "local" => Self::Local,
+            "independent" => Self::Independent,
+            _ => return None,
+        })
+    }
+
+    /// For people, after the word "is".
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Parameter => "a parameter",
+            Self::CalculatedParameter => "a calculated parameter",
+            Self::StructuralParameter => "a structural parameter",
+            Self::Input => "an input",
+            Self::Output => "an output",
+            Self::Local => "a local variable",
+            Self::Independent => "the independent variable",
+        }
+    }
+}
+
+/// When a variable changes.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[expect(missing_docs, reason = "FMI's own names")]
+pub enum Variability {
+    Constant,
+    Fixed,
+    Tunable,
+    Discrete,
+    Continuous,
+}
+
+impl Variability {
+    pub(super) fn of(text: &str) -> Option<Self> {
+        Some(match text {
+            "constant" => Self::Constant,
+            "fixed" => Self::Fixed,
+            "tunable" => Self::Tunable,
+            "discrete" => Self::Discrete,
+            "continuous" => Self::Continuous,
+            _ => return None,
+        })
+    }
+}
+
+/// Where a variable's first value comes from.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[expect(missing_docs, reason = "FMI's own names")]
+pub enum Initial {
+    Exact,
+    Approx,
+    Calculated,
+}
+
+impl Initial {
+    pub(super) fn of(text: &str) -> Option<Self> {
+        Some(match text {
+            "exact" => Self::Exact,
+            "approx" => Self::Approx,
+            "calculated" => Self::Calculated,
+            _ => return None,
+        })
+    }
+}
+
+/// One variable.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variable {
+    /// Its name.
+    pub name: String,
+    /// The number by which the library knows it.
+    pub reference: u32,
+    /// What it is.
+    pub description: String,
+    /// The type of its values.
+    pub kind: Kind,
+    /// It has more than one value.
+    pub is_array: bool,
+    /// What it is for.
+    pub causality: Causality,
+    /// When it changes.
+    pub variability: Variability,
+    /// Where its first value comes from.
+    pub initial: Option<Initial>,
+    /// Its start value, as written.
+    pub start: Option<String>,
+    /// Its unit, as the FMU calls it.
+    pub unit: Option<String>,
+    /// Lowest value.
+    pub min: Option<f64>,
+    /// Highest value.
+    pub max: Option<f64>,
+}
+
+impl Variable {
+    /// Whether it can be given a start value.
+    #[must_use]
+    pub fn takes_start(&self) -> bool {
+        let is_set_before = matches!(self.initial, Some(Initial::Exact | Initial::Approx));
+        let is_served = !self.is_array && !matches!(self.kind, Kind::Binary | Kind::Clock);
+        is_served
+            && self.variability != Variability::Constant
+            && match self.causality {
+                Causality::Parameter | Causality::Input => true,
+                Causality::StructuralParameter | Causality::Independent => false,
+                _ => is_set_before,
+            }
+    }
+
+    /// Whether something may set it at each step.
+    #[must_use]
+    pub fn is_input(&self) -> bool {
+        self.is_port_shaped()
+            && (self.causality == Causality::Input
+                || (self.causality == Causality::Parameter
+                    && self.variability == Variability::Tunable))
+    }
+
+    /// Whether one number is all that it is.
+    #[must_use]
+    pub fn is_port_shaped(&self) -> bool {
+        self.kind.is_number() && !self.is_array
+    }
+}

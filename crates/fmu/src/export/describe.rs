@@ -1,0 +1,189 @@
+//! The `modelDescription.xml` of a model.
+
+use std::collections::BTreeSet;
+
+use super::{Model, ModelVariable, Role};
+use crate::description::Version;
+use crate::unit::of_symbol;
+
+/// Names of the base units, in the order of [`crate::unit::Exponents`].
+const BASE_UNITS: [&str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
+
+pub(super) fn xml(model: &Model, version: Version) -> String {
+    let (number, token) = match version {
+        Version::Two => ("2.0", "guid"),
+        Version::Three => ("3.0", "instantiationToken"),
+    };
+    let mut xml = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiModelDescription");
+    for (name, value) in [
+        ("fmiVersion", number),
+        ("modelName", &model.name),
+        (token, &model.token()),
+        ("description", &model.description),
+        ("version", &model.version),
+        (
+            "generationTool",
+            concat!("canrig ", env!("CARGO_PKG_VERSION")),
+        ),
+        ("variableNamingConvention", "structured"),
+    ] {
+        xml += &attribute(name, value);
+    }
+    if version == Version::Two {
+        xml += &attribute("numberOfEventIndicators", "0");
+    }
+    xml += ">\n  <CoSimulation";
+    xml += &attribute("modelIdentifier", &model.name);
+    xml += &attribute("canHandleVariableCommunicationStepSize", "true");
+    xml += "/>\n";
+    xml += &units(model);
+    xml += "  <DefaultExperiment startTime=\"0\" stepSize=\"0.001\"/>\n  <ModelVariables>\n";
+    xml += &match version {
+        Version::Two => variables_2(model),
+        Version::Three => variables_3(model),
+    };
+    xml += "  </ModelVariables>\n  <ModelStructure>\n";
+    xml += &structure(model, version);
+    xml + "  </ModelStructure>\n</fmiModelDescription>\n"
+}
+
+fn attribute(name: &str, value: &str) -> String {
+    let mut escaped = String::new();
+    for character in value.chars() {
+        match character {
+            '<' => escaped += "&lt;",
+            '&' => escaped += "&amp;",
+            '"' => escaped += "&quot;",
+            character if character.is_control() => escaped.push(' '),
+            character => escaped.push(character),
+        }
+    }
+    format!(" {name}=\"{escaped}\"")
+}
+
+fn units(model: &Model) -> String {
+    let symbols = model.variables.iter().map(|variable| variable.unit);
+    let symbols = BTreeSet::from_iter(symbols.chain(["s"]));
+    let mut xml = String::from("  <UnitDefinitions>\n");
+    for known in symbols
+        .into_iter()
+        .filter(|symbol| !symbol.is_empty())
+        .filter_map(of_symbol)
+    {
+        xml += &format!("    <Unit{}><BaseUnit", attribute("name", known.symbol));
+        for (name, exponent) in BASE_UNITS.into_iter().zip(known.base.exponents) {
+            if exponent != 0 {
+                xml += &attribute(name, &exponent.to_string());
+            }
+        }
+        for (name, value, none) in [
+            ("factor", known.base.factor, 1.0),
+            ("offset", known.base.offset, 0.0),
+        ] {
+            if value != none {
+                xml += &attribute(name, &value.to_string());
+            }
+        }
+        xml += "/></Unit>\n";
+    }
+    xml + "  </UnitDefinitions>\n"
+}
+
+/// Causality and variability.
+fn kind(role: &Role) -> String {
+    let [causality, variability] = match role {
+        Role::Input(_) => ["input", "continuous"],
+        Role::Number { .. } | Role::Word { .. } => ["parameter", "fixed"],
+        Role::Output => ["output", "continuous"],
+    };
+    attribute("causality", causality) + &attribute("variability", variability)
+}
+
+/// Unit, limits and start value of a number.
+fn value(variable: &ModelVariable) -> String {
+    let mut xml = String::new();
+    if !variable.unit.is_empty() {
+        xml += &attribute("unit", variable.unit);
+    }
+    let (start, limits) = match &variable.role {
+        Role::Input(start) => (Some(*start), [None, None]),
+        Role::Number { start, min, max } => (Some(*start), [*min, *max]),
+        Role::Word { .. } | Role::Output => (None, [None, None]),
+    };
+    for (name, value) in [("min", limits[0]), ("max", limits[1]), ("start", start)] {
+        if let Some(value) = value {
+            xml += &attribute(name, &value.to_string());
+        }
+    }
+    xml
+}
+
+/// The value reference of `time` is 0, that of a variable its place from 1.
+fn numbered(model: &Model) -> impl Iterator<Item = (usize, &ModelVariable)> {
+    (1..).zip(&model.variables)
+}
+
+fn named(reference: usize, variable: &ModelVariable) -> String {
+    attribute("name", &variable.name)
+        + &attribute("valueReference", &reference.to_string())
+        + &attribute("description", &variable.description)
+        + &kind(&variable.role)
+}
+
+fn variables_2(model: &Model) -> String {
+    let mut xml = String::from(
+        "    <ScalarVariable name=\"time\" valueReference=\"0\" causality=\"independent\" variability=\"continuous\"><Real unit=\"s\"/></ScalarVariable>\n",
+    );
+    for (reference, variable) in numbered(model) {
+        let value = match &variable.role {
+            Role::Word { start } => format!("<String{}/>", attribute("start", start)),
+            _ => format!("<Real{}/>", value(variable)),
+        };
+        let named = named(reference, variable);
+        xml += &format!("    <ScalarVariable{named}>{value}</ScalarVariable>\n");
+    }
+    xml
+}
+
+fn variables_3(model: &Model) -> String {
+    let mut xml = String::from(
+        "    <Float64 name=\"time\" valueReference=\"0\" causality=\"independent\" variability=\"continuous\" unit=\"s\"/>\n",
+    );
+    for (reference, variable) in numbered(model) {
+        let named = named(reference, variable);
+        xml += &match &variable.role {
+            Role::Word { start } => {
+                let start = attribute("value", start);
+                format!("    <String{named}><Start{start}/></String>\n")
+            }
+            _ => format!("    <Float64{named}{}/>\n", value(variable)),
+        };
+    }
+    xml
+}
+
+/// Outputs, which are computed at the start too.
+fn structure(model: &Model, version: Version) -> String {
+    let outputs = numbered(model).filter(|(_, variable)| variable.role == Role::Output);
+    let outputs = Vec::from_iter(outputs.map(|(reference, _)| reference));
+    let all = |element: &str, number: &dyn Fn(usize) -> String| {
+        let lines = outputs
+            .iter()
+            .map(|reference| format!("    <{element}{}/>\n", number(*reference)));
+        String::from_iter(lines)
+    };
+    match version {
+        Version::Two => {
+            // By place from 1, where `time` is the first.
+            let index = |reference: usize| attribute("index", &(reference + 1).to_string());
+            let unknowns = all("Unknown", &index);
+            format!(
+                "    <Outputs>\n{unknowns}    </Outputs>\n    <InitialUnknowns>\n{unknowns}    </InitialUnknowns>\n"
+            )
+        }
+        Version::Three => {
+            let reference = |reference: usize| attribute("valueReference", &reference.to_string());
+            all("Output", &reference) + &all("InitialUnknown", &reference)
+        }
+    }
+}

@@ -1,0 +1,313 @@
+//! The functions of FMI 3.0 for co-simulation, by `fmi3Functions.h`, for libraries that [`crate::export!`] makes.
+#![expect(unsafe_code, reason = "C calls these functions")]
+
+use std::ffi::{CStr, c_char, c_int, c_void};
+use std::ptr::null_mut;
+
+use super::played::{Failure, Played, guarded};
+
+type Component = *mut c_void;
+type LogMessage = unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char);
+
+/// What a component points to.
+struct Instance {
+    played: Played,
+    log: Option<LogMessage>,
+    environment: *mut c_void,
+}
+
+const OK: c_int = 0;
+const ERROR: c_int = 3;
+
+fn tell(log: Option<LogMessage>, environment: *mut c_void, failure: Failure) -> c_int {
+    let status = failure.status();
+    let words = failure.words();
+    if let Some(log) = log {
+        // SAFETY: the importer's function, with C strings.
+        unsafe {
+            log(
+                environment,
+                status,
+                c"logStatusError".as_ptr(),
+                words.as_ptr(),
+            )
+        };
+    }
+    status
+}
+
+/// # Safety
+/// `component` is null, or what [`fmi3InstantiateCoSimulation`] returned and nothing freed.
+unsafe fn on(component: Component, work: impl FnOnce(&mut Played) -> Result<(), String>) -> c_int {
+    // SAFETY: by the caller.
+    let Some(instance) = (unsafe { component.cast::<Instance>().as_mut() }) else {
+        return ERROR;
+    };
+    match guarded(|| work(&mut instance.played)) {
+        Ok(()) => OK,
+        Err(failure) => tell(instance.log, instance.environment, failure),
+    }
+}
+
+/// # Safety
+/// Null, or `count` values that live through the call.
+unsafe fn slice<'a, T>(values: *const T, count: usize) -> &'a [T] {
+    match values.is_null() {
+        true => &[],
+        // SAFETY: by the caller.
+        false => unsafe { std::slice::from_raw_parts(values, count) },
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) extern "C" fn fmi3GetVersion() -> *const c_char {
+    c"3.0".as_ptr()
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3InstantiateCoSimulation(
+    _name: *const c_char,
+    token: *const c_char,
+    _resources: *const c_char,
+    _visible: bool,
+    _logging: bool,
+    _events: bool,
+    _early: bool,
+    _intermediate: *const u32,
+    _count: usize,
+    environment: *mut c_void,
+    log: Option<LogMessage>,
+    _update: *const c_void,
+) -> Component {
+    if token.is_null() {
+        return null_mut();
+    }
+    // SAFETY: a text of the importer, by FMI.
+    let token = unsafe { CStr::from_ptr(token) }.to_string_lossy();
+    match guarded(|| Played::new(&token)) {
+        Ok(played) => Box::into_raw(Box::new(Instance {
+            played,
+            log,
+            environment,
+        }))
+        .cast(),
+        Err(failure) => {
+            tell(log, environment, failure);
+            null_mut()
+        }
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3FreeInstance(component: Component) {
+    if !component.is_null() {
+        // SAFETY: what `fmi3InstantiateCoSimulation` returned, for the last time.
+        drop(unsafe { Box::from_raw(component.cast::<Instance>()) });
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3EnterInitializationMode(
+    component: Component,
+    _has_tolerance: bool,
+    _tolerance: f64,
+    start_seconds: f64,
+    _has_stop: bool,
+    _stop_seconds: f64,
+) -> c_int {
+    // SAFETY: a component, by FMI, as in all functions below.
+    unsafe {
+        on(component, |played| {
+            played.set_time(start_seconds);
+            Ok(())
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3ExitInitializationMode(component: Component) -> c_int {
+    // SAFETY: as above.
+    unsafe { on(component, Played::start) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3Terminate(component: Component) -> c_int {
+    // SAFETY: as above.
+    unsafe { on(component, |_| Ok(())) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3Reset(component: Component) -> c_int {
+    // SAFETY: as above.
+    unsafe { on(component, Played::reset) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3SetDebugLogging(
+    component: Component,
+    _is_on: bool,
+    _count: usize,
+    _categories: *const *const c_char,
+) -> c_int {
+    // SAFETY: as above.
+    unsafe { on(component, |_| Ok(())) }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3GetFloat64(
+    component: Component,
+    references: *const u32,
+    count: usize,
+    values: *mut f64,
+    _values_count: usize,
+) -> c_int {
+    // SAFETY: as above, with as many references as room for values: no variable is an array.
+    unsafe {
+        on(component, |played| {
+            for (place, reference) in slice(references, count).iter().enumerate() {
+                *values.add(place) = played.number(*reference)?;
+            }
+            Ok(())
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3SetFloat64(
+    component: Component,
+    references: *const u32,
+    count: usize,
+    values: *const f64,
+    _values_count: usize,
+) -> c_int {
+    // SAFETY: as above, with as many references as values.
+    unsafe {
+        let pairs = slice(references, count).iter().zip(slice(values, count));
+        on(component, |played| {
+            { pairs }.try_for_each(|(reference, value)| played.set_number(*reference, *value))
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3GetString(
+    component: Component,
+    references: *const u32,
+    count: usize,
+    values: *mut *const c_char,
+    _values_count: usize,
+) -> c_int {
+    // SAFETY: as above, with as many references as room for values.
+    unsafe {
+        on(component, |played| {
+            for (place, reference) in slice(references, count).iter().enumerate() {
+                *values.add(place) = played.word(*reference)?.as_ptr();
+            }
+            Ok(())
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3SetString(
+    component: Component,
+    references: *const u32,
+    count: usize,
+    values: *const *const c_char,
+    _values_count: usize,
+) -> c_int {
+    // SAFETY: as above, with as many references as values, each a C string.
+    unsafe {
+        let pairs = slice(references, count).iter().zip(slice(values, count));
+        on(component, |played| {
+            { pairs }.try_for_each(|(reference, value)| {
+                played.set_word(*reference, CStr::from_ptr(*value))
+            })
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+pub(super) unsafe extern "C" fn fmi3DoStep(
+    component: Component,
+    from_seconds: f64,
+    duration_seconds: f64,
+    _no_set: bool,
+    needs_events: *mut bool,
+    is_terminated: *mut bool,
+    returned_early: *mut bool,
+    last_seconds: *mut f64,
+) -> c_int {
+    // SAFETY: as above, with room for each value or none.
+    unsafe {
+        for truth in [needs_events, is_terminated, returned_early] {
+            if !truth.is_null() {
+                *truth = false;
+            }
+        }
+        let status = on(component, |played| {
+            played.step(from_seconds, duration_seconds)
+        });
+        if !last_seconds.is_null() {
+            let passed = if status == OK { duration_seconds } else { 0.0 };
+            *last_seconds = from_seconds + passed;
+        }
+        status
+    }
+}
+
+/// Functions of what the FMUs do not have: other interfaces, events, clocks, saved states, derivatives, arrays. They only refuse; what
+/// else they are called with stays where C put it.
+macro_rules! not_served {
+    ($($name:ident)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            pub(super) extern "C" fn $name(_component: Component) -> c_int {
+                ERROR
+            }
+        )+
+    };
+}
+
+not_served! {
+    fmi3EnterEventMode fmi3EnterStepMode fmi3UpdateDiscreteStates fmi3EvaluateDiscreteStates fmi3EnterConfigurationMode
+    fmi3ExitConfigurationMode fmi3GetNumberOfVariableDependencies fmi3GetVariableDependencies fmi3GetFMUState
+    fmi3SetFMUState fmi3FreeFMUState fmi3SerializedFMUStateSize fmi3SerializeFMUState fmi3DeserializeFMUState
+    fmi3GetDirectionalDerivative fmi3GetAdjointDerivative fmi3GetIntervalDecimal fmi3GetIntervalFraction
+    fmi3GetShiftDecimal fmi3GetShiftFraction fmi3SetIntervalDecimal fmi3SetIntervalFraction fmi3SetShiftDecimal
+    fmi3SetShiftFraction fmi3EnterContinuousTimeMode fmi3CompletedIntegratorStep fmi3SetTime fmi3SetContinuousStates
+    fmi3GetContinuousStateDerivatives fmi3GetEventIndicators fmi3GetContinuousStates fmi3GetNominalsOfContinuousStates
+    fmi3GetNumberOfEventIndicators fmi3GetNumberOfContinuousStates fmi3GetOutputDerivatives fmi3ActivateModelPartition
+}
+
+/// Other interfaces make no instance.
+macro_rules! no_instance {
+    ($($name:ident)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            pub(super) extern "C" fn $name(_name: *const c_char) -> Component {
+                null_mut()
+            }
+        )+
+    };
+}
+
+no_instance! { fmi3InstantiateModelExchange fmi3InstantiateScheduledExecution }
+
+/// Values of a type that no variable has: none of them can be got or set, and nothing is asked of none.
+macro_rules! of_no_variable {
+    ($($name:ident)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            pub(super) extern "C" fn $name(_component: Component, _references: *const u32, count: usize) -> c_int {
+                if count == 0 { OK } else { ERROR }
+            }
+        )+
+    };
+}
+
+of_no_variable! {
+    fmi3GetFloat32 fmi3GetInt8 fmi3GetUInt8 fmi3GetInt16 fmi3GetUInt16 fmi3GetInt32 fmi3GetUInt32 fmi3GetInt64 fmi3GetUInt64
+    fmi3GetBoolean fmi3GetBinary fmi3GetClock fmi3SetFloat32 fmi3SetInt8 fmi3SetUInt8 fmi3SetInt16 fmi3SetUInt16 fmi3SetInt32
+    fmi3SetUInt32 fmi3SetInt64 fmi3SetUInt64 fmi3SetBoolean fmi3SetBinary fmi3SetClock
+}

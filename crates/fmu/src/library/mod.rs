@@ -1,0 +1,200 @@
+//! An FMU's shared library: its C functions behind a safe trait. The only `unsafe` code beside `platform`.
+//!
+//! What cannot be checked is that a stranger's functions do what FMI says. Only a worker process loads them.
+#![expect(unsafe_code, reason = "an FMU's functions are C")]
+
+mod log;
+mod python;
+mod three;
+mod two;
+
+use std::ffi::{CStr, c_int};
+use std::path::Path;
+
+use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
+
+use crate::archive::{library_in, resources_in};
+use crate::description::{CoSimulation, Description, Kind, Version};
+use crate::error::Fault;
+
+/// This machine as FMI 2.0 and FMI 3.0 call it.
+#[cfg(target_arch = "x86_64")]
+pub const PLATFORMS: [&str; 2] = ["linux64", "x86_64-linux"];
+/// This machine as FMI 3.0 calls it; FMI 2.0 has no name.
+#[cfg(target_arch = "aarch64")]
+pub const PLATFORMS: [&str; 2] = ["aarch64-linux", "aarch64-linux"];
+
+/// The folder below `binaries` with this machine's libraries.
+pub(crate) fn platform(version: Version) -> &'static str {
+    match version {
+        Version::Two => PLATFORMS[0],
+        Version::Three => PLATFORMS[1],
+    }
+}
+
+/// What a function returned.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(crate) enum Status {
+    Ok,
+    Warning,
+    Discard,
+    Error,
+    Fatal,
+    Pending,
+    Unknown(c_int),
+}
+
+impl Status {
+    fn of(number: c_int) -> Self {
+        match number {
+            0 => Self::Ok,
+            1 => Self::Warning,
+            2 => Self::Discard,
+            3 => Self::Error,
+            4 => Self::Fatal,
+            5 => Self::Pending,
+            other => Self::Unknown(other),
+        }
+    }
+
+    pub(crate) fn is_good(self) -> bool {
+        matches!(self, Self::Ok | Self::Warning)
+    }
+
+    /// After a sentence's subject.
+    pub(crate) fn words(self) -> String {
+        match self {
+            Self::Ok => "succeeded".to_owned(),
+            Self::Warning => "warned".to_owned(),
+            Self::Discard => "refused (discard)".to_owned(),
+            Self::Error => "failed (error)".to_owned(),
+            Self::Fatal => "failed for good (fatal)".to_owned(),
+            Self::Pending => {
+                "returned before it was done (pending), which was not allowed".to_owned()
+            }
+            Self::Unknown(number) => format!("returned {number}, which is no status of FMI"),
+        }
+    }
+}
+
+/// How a step ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stepped {
+    pub(crate) status: Status,
+    /// How far it came.
+    pub(crate) reached_seconds: f64,
+    pub(crate) needs_events: bool,
+    pub(crate) is_terminated: bool,
+}
+
+/// What the discrete states want after an update.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Updated {
+    pub(crate) again: bool,
+    pub(crate) is_terminated: bool,
+    pub(crate) next_event_seconds: Option<f64>,
+}
+
+/// One instance of an FMU for co-simulation. Functions of events are called only where [`CoSimulation::has_event_mode`].
+pub(crate) trait Slave {
+    /// A value within the range of its kind.
+    fn set_number(&mut self, kind: Kind, reference: u32, value: f64) -> Status;
+    fn number(&mut self, kind: Kind, reference: u32, value: &mut f64) -> Status;
+    fn set_text(&mut self, reference: u32, text: &CStr) -> Status;
+    fn enter_initialization(&mut self, start_seconds: f64, tolerance: Option<f64>) -> Status;
+    fn exit_initialization(&mut self) -> Status;
+    fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped;
+    fn enter_events(&mut self) -> Status;
+    fn update_discrete(&mut self) -> (Status, Updated);
+    fn enter_steps(&mut self) -> Status;
+    fn terminate(&mut self) -> Status;
+    /// What it said since it was last asked.
+    fn log(&mut self) -> String;
+    /// After a fatal failure no function may be called any more.
+    fn forsake(&mut self);
+}
+
+/// Loads the library in the folder of an unpacked FMU, and makes an instance.
+pub(crate) fn instantiate(
+    folder: &Path,
+    description: &Description,
+    name: &CStr,
+) -> Result<Box<dyn Slave>, Fault> {
+    let co_simulation = description.served()?;
+    let library = open(&library_in(folder, description)?)?;
+    let made = Made {
+        co_simulation,
+        token: text(&description.token)?,
+        resources: text(&resources_in(folder, description.version))?,
+    };
+    Ok(match description.version {
+        Version::Two => Box::new(two::Two::new(library, name, &made)?),
+        Version::Three => Box::new(three::Three::new(library, name, &made)?),
+    })
+}
+
+/// What an instance is made of.
+struct Made<'a> {
+    co_simulation: &'a CoSimulation,
+    token: std::ffi::CString,
+    resources: std::ffi::CString,
+}
+
+fn text(text: &str) -> Result<std::ffi::CString, Fault> {
+    std::ffi::CString::new(text).map_err(|_| Fault::Table(format!("{text:?} has a NUL in it")))
+}
+
+/// All symbols are looked for at once: what is missing is found before anything moves.
+fn open(path: &Path) -> Result<Library, Fault> {
+    // SAFETY: what a library does when it is loaded is not known; that is why only a worker loads one.
+    let opened = |path: &Path| unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) };
+    let reason = match opened(path) {
+        Ok(library) => return Ok(library),
+        Err(error) => reason(&error),
+    };
+    let Some(symbol) = python::missing_symbol(&reason) else {
+        return Err(Fault::Library(reason));
+    };
+    python::open(symbol)?;
+    opened(path).map_err(|error| Fault::Library(self::reason(&error)))
+}
+
+/// What the system's loader says.
+fn reason(error: &libloading::Error) -> String {
+    match error {
+        libloading::Error::DlOpen { source } => source.to_string(),
+        other => other.to_string(),
+    }
+}
+
+/// A function of a library.
+///
+/// # Safety
+/// `F` is the type that FMI gives the function of this name, and the function is not called after the library is closed.
+unsafe fn function<F: Copy>(library: &Library, name: &str) -> Result<F, Fault> {
+    // SAFETY: by the caller.
+    let symbol = unsafe { library.get::<F>(name.as_bytes()) };
+    symbol
+        .map(|symbol| *symbol)
+        .map_err(|_| Fault::Symbol(name.to_owned()))
+}
+
+/// A whole number of any type, from one that is whole and within its range.
+fn whole<T: TryFrom<i64> + Default>(value: f64) -> T {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "whole and within the range, by `Kind::whole_range`"
+    )]
+    let value = value as i64;
+    T::try_from(value).unwrap_or_default()
+}
+
+/// A whole number as one with a fraction; above 2^53 it is the nearest that there is.
+fn number_of(value: i64) -> f64 {
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "the nearest is what a port carries"
+    )]
+    let value = value as f64;
+    value
+}

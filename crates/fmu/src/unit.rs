@@ -1,0 +1,238 @@
+//! Units: what an FMU's definitions make of its numbers, and what the end of a port's name asks for.
+
+use std::f64::consts::PI;
+
+/// Exponents of kg, m, s, A, K, mol, cd and rad.
+pub type Exponents = [i32; 8];
+
+/// A unit by the base units: `base = factor · value + offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Base {
+    /// Exponents of the base units.
+    pub exponents: Exponents,
+    /// Factor to the base unit.
+    pub factor: f64,
+    /// Offset in the base unit.
+    pub offset: f64,
+}
+
+/// What is made of a value: `factor · value + offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Conversion {
+    /// Factor.
+    pub factor: f64,
+    /// Offset, in the target's unit.
+    pub offset: f64,
+}
+
+impl Conversion {
+    /// The same number.
+    pub const NONE: Self = Self {
+        factor: 1.0,
+        offset: 0.0,
+    };
+
+    /// The converted value. What needs no conversion keeps its bits.
+    #[must_use]
+    pub fn of(self, value: f64) -> f64 {
+        if self == Self::NONE {
+            value
+        } else {
+            self.factor * value + self.offset
+        }
+    }
+
+    /// The value that is converted to this one.
+    #[must_use]
+    pub fn back(self, value: f64) -> f64 {
+        if self == Self::NONE {
+            value
+        } else {
+            (value - self.offset) / self.factor
+        }
+    }
+}
+
+impl Base {
+    /// The conversion to another unit of the same quantity; none where the quantities differ.
+    #[must_use]
+    pub fn to(&self, target: &Self) -> Option<Conversion> {
+        if self.exponents != target.exponents {
+            return None;
+        }
+        if self == target {
+            return Some(Conversion::NONE);
+        }
+        Some(Conversion {
+            factor: self.factor / target.factor,
+            offset: (self.offset - target.offset) / target.factor,
+        })
+    }
+}
+
+/// A unit by the words at the end of a port's name.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// The words, such as `metres_per_second`; empty for a number without a unit.
+    pub words: &'static str,
+    /// As FMUs and tables write it.
+    pub symbol: &'static str,
+    /// By the base units.
+    pub base: Base,
+}
+
+const fn known(
+    words: &'static str,
+    symbol: &'static str,
+    exponents: Exponents,
+    factor: f64,
+) -> Known {
+    Known {
+        words,
+        symbol,
+        base: Base {
+            exponents,
+            factor,
+            offset: 0.0,
+        },
+    }
+}
+
+const CELSIUS: Known = Known {
+    words: "celsius",
+    symbol: "degC",
+    base: Base {
+        exponents: [0, 0, 0, 0, 1, 0, 0, 0],
+        factor: 1.0,
+        offset: 273.15,
+    },
+};
+
+/// What a port's name may end in, and an FMU may call by its symbol only.
+#[rustfmt::skip]
+pub const KNOWN: [Known; 47] = [
+    known("amperes", "A", [0, 0, 0, 1, 0, 0, 0, 0], 1.0),
+    known("milliamperes", "mA", [0, 0, 0, 1, 0, 0, 0, 0], 1e-3),
+    known("volts", "V", [1, 2, -3, -1, 0, 0, 0, 0], 1.0),
+    known("ohms", "Ohm", [1, 2, -3, -2, 0, 0, 0, 0], 1.0),
+    known("watts", "W", [1, 2, -3, 0, 0, 0, 0, 0], 1.0),
+    known("joules", "J", [1, 2, -2, 0, 0, 0, 0, 0], 1.0),
+    known("metres", "m", [0, 1, 0, 0, 0, 0, 0, 0], 1.0),
+    known("millimetres", "mm", [0, 1, 0, 0, 0, 0, 0, 0], 1e-3),
+    known("metres_per_second", "m/s", [0, 1, -1, 0, 0, 0, 0, 0], 1.0),
+    known("millimetres_per_second", "mm/s", [0, 1, -1, 0, 0, 0, 0, 0], 1e-3),
+    known("metres_per_second_squared", "m/s2", [0, 1, -2, 0, 0, 0, 0, 0], 1.0),
+    known("square_metres", "m2", [0, 2, 0, 0, 0, 0, 0, 0], 1.0),
+    known("cubic_metres", "m3", [0, 3, 0, 0, 0, 0, 0, 0], 1.0),
+    known("cubic_metres_per_second", "m3/s", [0, 3, -1, 0, 0, 0, 0, 0], 1.0),
+    known("litres", "l", [0, 3, 0, 0, 0, 0, 0, 0], 1e-3),
+    known("radians", "rad", [0, 0, 0, 0, 0, 0, 0, 1], 1.0),
+    known("degrees", "deg", [0, 0, 0, 0, 0, 0, 0, 1], PI / 180.0),
+    known("radians_per_second", "rad/s", [0, 0, -1, 0, 0, 0, 0, 1], 1.0),
+    known("degrees_per_second", "deg/s", [0, 0, -1, 0, 0, 0, 0, 1], PI / 180.0),
+    known("revolutions_per_minute", "rpm", [0, 0, -1, 0, 0, 0, 0, 1], PI / 30.0),
+    known("kilograms", "kg", [1, 0, 0, 0, 0, 0, 0, 0], 1.0),
+    known("grams", "g", [1, 0, 0, 0, 0, 0, 0, 0], 1e-3),
+    known("kilograms_per_second", "kg/s", [1, 0, -1, 0, 0, 0, 0, 0], 1.0),
+    known("newtons", "N", [1, 1, -2, 0, 0, 0, 0, 0], 1.0),
+    known("newton_metres", "N.m", [1, 2, -2, 0, 0, 0, 0, 0], 1.0),
+    known("newtons_per_metre", "N/m", [1, 0, -2, 0, 0, 0, 0, 0], 1.0),
+    known("newton_metres_per_ampere", "N.m/A", [1, 2, -2, -1, 0, 0, 0, 0], 1.0),
+    known("newtons_per_ampere", "N/A", [1, 1, -2, -1, 0, 0, 0, 0], 1.0),
+    known("joules_per_kelvin", "J/K", [1, 2, -2, 0, -1, 0, 0, 0], 1.0),
+    known("watts_per_kelvin", "W/K", [1, 2, -3, 0, -1, 0, 0, 0], 1.0),
+    known("newton_metre_seconds", "N.m.s", [1, 2, -1, 0, 0, 0, 0, 0], 1.0),
+    known("newton_seconds_per_metre", "N.s/m", [1, 0, -1, 0, 0, 0, 0, 0], 1.0),
+    known("kilogram_square_metres", "kg.m2", [1, 2, 0, 0, 0, 0, 0, 0], 1.0),
+    known("kilograms_per_metre", "kg/m", [1, -1, 0, 0, 0, 0, 0, 0], 1.0),
+    known("joules_per_kilogram_kelvin", "J/(kg.K)", [0, 2, -2, 0, -1, 0, 0, 0], 1.0),
+    known("ohms_per_metre", "Ohm/m", [1, 1, -3, -2, 0, 0, 0, 0], 1.0),
+    known("square_metres_per_metre", "m2/m", [0, 1, 0, 0, 0, 0, 0, 0], 1.0),
+    known("watts_per_square_metre_kelvin", "W/(m2.K)", [1, 0, -3, 0, -1, 0, 0, 0], 1.0),
+    known("watts_per_metre_kelvin", "W/(m.K)", [1, 1, -3, 0, -1, 0, 0, 0], 1.0),
+    known("kelvins_per_watt", "K/W", [-1, -2, 3, 0, 1, 0, 0, 0], 1.0),
+    known("pascals", "Pa", [1, -1, -2, 0, 0, 0, 0, 0], 1.0),
+    known("kelvins", "K", [0, 0, 0, 0, 1, 0, 0, 0], 1.0),
+    known("seconds", "s", [0, 0, 1, 0, 0, 0, 0, 0], 1.0),
+    known("hertz", "Hz", [0, 0, -1, 0, 0, 0, 0, 0], 1.0),
+    known("percent", "%", [0; 8], 1e-2),
+    known("factor", "1", [0; 8], 1.0),
+    CELSIUS,
+];
+
+/// The unit in which a port's name ends, the longest that fits; none for a number without a unit.
+#[must_use]
+pub fn of_name(name: &str) -> Option<&'static Known> {
+    let fits = |known: &&Known| {
+        let head = name.strip_suffix(known.words);
+        head.is_some_and(|head| head.is_empty() || head.ends_with('_'))
+    };
+    KNOWN
+        .iter()
+        .filter(fits)
+        .max_by_key(|known| known.words.len())
+}
+
+/// The unit that a text means, as tools write it.
+#[must_use]
+pub fn of_symbol(symbol: &str) -> Option<&'static Known> {
+    let symbol = match symbol {
+        "°C" | "Celsius" => "degC",
+        "°" => "deg",
+        "Nm" | "N*m" => "N.m",
+        "m/s^2" => "m/s2",
+        "m^2" => "m2",
+        "r/min" | "rev/min" => "rpm",
+        "-" | "" => "1",
+        other => other,
+    };
+    KNOWN.iter().find(|known| known.symbol == symbol)
+}
+
+/// The unit that is this one, or else one of the same quantity; none for a number without a unit.
+#[must_use]
+pub fn of_base(base: &Base) -> Option<&'static Known> {
+    let same = KNOWN.iter().find(|known| known.base == *base);
+    let alike =
+        |known: &&Known| known.base.exponents == base.exponents && known.base.exponents != [0; 8];
+    same.or_else(|| KNOWN.iter().find(alike))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_longest_words_at_the_end_of_a_name_are_its_unit() {
+        assert_eq!(of_name("speed_metres_per_second").unwrap().symbol, "m/s");
+        assert_eq!(of_name("metres").unwrap().symbol, "m");
+        assert_eq!(of_name("current_milliamperes").unwrap().symbol, "mA");
+        assert_eq!(of_name("parametres"), None);
+        assert_eq!(of_name("valve"), None);
+    }
+
+    #[test]
+    fn no_two_units_share_words_or_symbol() {
+        for (place, one) in KNOWN.iter().enumerate() {
+            for other in &KNOWN[..place] {
+                assert_ne!(one.words, other.words);
+                assert_ne!(one.symbol, other.symbol);
+            }
+        }
+    }
+
+    #[test]
+    fn values_are_converted_by_the_base_units() {
+        let to = |from: &str, to: &str| {
+            let [from, to] = [from, to].map(|symbol| of_symbol(symbol).unwrap().base);
+            from.to(&to)
+        };
+        assert!((to("mm", "m").unwrap().of(20.0) - 0.02).abs() < 1e-15);
+        assert!((to("K", "degC").unwrap().of(300.0) - 26.85).abs() < 1e-12);
+        assert!((to("degC", "K").unwrap().of(26.85) - 300.0).abs() < 1e-12);
+        assert!((to("rpm", "rad/s").unwrap().of(60.0) - 2.0 * PI).abs() < 1e-12);
+        assert_eq!(to("m", "s"), None);
+        let conversion = to("degC", "K").unwrap();
+        assert!((conversion.back(conversion.of(21.0)) - 21.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,236 @@
+//! A process of this program that works for another one, and may break: whoever started it sees how it ended, and goes on.
+
+use std::io;
+use std::os::fd::{OwnedFd, RawFd};
+use std::os::unix::process::ExitStatusExt;
+use std::process::{Child, ExitStatus, Stdio};
+use std::time::Duration;
+
+use rustix::io::Errno;
+use rustix::net::sockopt::{Timeout, set_socket_timeout};
+use rustix::net::{RecvFlags, SendFlags, recv, send};
+use rustix::pipe::{PipeFlags, pipe_with};
+
+use crate::lockstep::channel;
+use crate::process::{inherit, inherited_channel, myself};
+
+/// Of what a worker wrote on its standard error, so much is told at its end.
+const TOLD_BYTES_MAX: usize = 2_000;
+/// How long a worker that closed its channel may take to its end, in steps of a millisecond.
+const END_PATIENCE_MILLISECONDS: u32 = 1_000;
+
+/// One end of the channel between a worker and who started it. Messages arrive whole.
+pub struct Channel {
+    socket: OwnedFd,
+    patience: Option<Duration>,
+}
+
+impl Channel {
+    fn new(socket: OwnedFd) -> Self {
+        Self {
+            socket,
+            patience: None,
+        }
+    }
+
+    /// The worker's end, which who started it passed under `number`.
+    ///
+    /// # Errors
+    /// There is no channel of this number.
+    pub fn inherited(number: RawFd) -> io::Result<Self> {
+        inherited_channel(number).map(Self::new)
+    }
+
+    /// Sends a message.
+    ///
+    /// # Errors
+    /// The other end is gone.
+    pub fn send(&self, message: &[u8]) -> io::Result<()> {
+        send(&self.socket, message, SendFlags::NOSIGNAL)?;
+        Ok(())
+    }
+
+    /// Waits for a message, no longer than `patience`; its length, 0 where the other end is gone.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::TimedOut`] where none came, or the channel failed.
+    pub fn receive(&mut self, message: &mut [u8], patience: Option<Duration>) -> io::Result<usize> {
+        if self.patience != patience {
+            set_socket_timeout(&self.socket, Timeout::Recv, patience)?;
+            self.patience = patience;
+        }
+        loop {
+            return match recv(&self.socket, &mut *message, RecvFlags::empty()) {
+                Ok((length, _)) => Ok(length),
+                Err(Errno::INTR) => continue,
+                Err(Errno::CONNRESET | Errno::PIPE) => Ok(0),
+                Err(Errno::AGAIN) => Err(io::ErrorKind::TimedOut.into()),
+                Err(errno) => Err(errno.into()),
+            };
+        }
+    }
+}
+
+/// A worker, which ends when this is dropped.
+pub struct Worker {
+    /// The channel to it.
+    pub channel: Channel,
+    child: Child,
+    /// What it writes on its standard error; what does not fit is lost, so that it never waits.
+    errors: OwnedFd,
+}
+
+impl Worker {
+    /// Starts this program again, with these arguments and the number of its end of the channel behind them. It ends with the thread
+    /// that started it ([`myself`]).
+    ///
+    /// # Errors
+    /// The system refuses it.
+    pub fn start(arguments: &[&str]) -> io::Result<Self> {
+        let (ours, theirs) = channel()?;
+        let (errors, their_errors) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
+        let mut command = myself()?;
+        let number = inherit(&mut command, theirs);
+        command.args(arguments).arg(number.to_string());
+        command.stdout(Stdio::null()).stderr(their_errors);
+        let child = command.spawn()?;
+        Ok(Self {
+            channel: Channel::new(ours),
+            child,
+            errors,
+        })
+    }
+
+    /// How it ended, after the words "the process", and the end of what it wrote on its standard error. One that does not end by itself
+    /// soon is ended.
+    pub fn ended(&mut self) -> (String, String) {
+        let mut left = END_PATIENCE_MILLISECONDS;
+        let status = loop {
+            match self.child.try_wait() {
+                Ok(None) if left > 0 => crate::clock::sleep(Duration::from_millis(1)),
+                Ok(None) => {
+                    self.kill();
+                    break None;
+                }
+                Ok(Some(status)) => break Some(status),
+                Err(_) => break None,
+            }
+            left -= 1;
+        };
+        let how = status.map_or_else(|| "closed its channel".to_owned(), how);
+        (how, self.told())
+    }
+
+    fn told(&self) -> String {
+        let mut told = Vec::new();
+        let mut bytes = [0; 4096];
+        while let Ok(length @ 1..) = rustix::io::read(&self.errors, &mut bytes) {
+            told.extend_from_slice(&bytes[..length]);
+        }
+        let start = told.len().saturating_sub(TOLD_BYTES_MAX);
+        String::from_utf8_lossy(&told[start..]).trim().to_owned()
+    }
+
+    fn kill(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+/// How a process ended, in words.
+fn how(status: ExitStatus) -> String {
+    let name = |signal| match signal {
+        libc::SIGSEGV => " (SIGSEGV: it used memory that is not its own)",
+        libc::SIGABRT => " (SIGABRT: it gave up)",
+        libc::SIGFPE => " (SIGFPE: it computed what cannot be)",
+        libc::SIGILL => " (SIGILL: it ran what is no instruction here)",
+        libc::SIGBUS => " (SIGBUS: it used memory that is not there)",
+        libc::SIGKILL => " (SIGKILL: somebody ended it, or memory ran out)",
+        _ => "",
+    };
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("exited with code {code}"),
+        (None, Some(signal)) => format!("was ended by signal {signal}{}", name(signal)),
+        (None, None) => "ended".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SOON: Option<Duration> = Some(Duration::from_secs(10));
+
+    /// What the workers of the tests below do; by itself it is no test.
+    #[test]
+    #[ignore = "not a test: the worker of the other tests"]
+    fn work() {
+        let Ok(number) = std::env::args().next_back().unwrap_or_default().parse() else {
+            return;
+        };
+        let mut channel = Channel::inherited(number).unwrap();
+        let mut message = [0; 16];
+        loop {
+            match channel.receive(&mut message, None).unwrap() {
+                0 => return,
+                length if message[0] == b'e' => {
+                    channel.send(&message[..length]).unwrap();
+                }
+                _ if message[0] == b'x' => {
+                    eprintln!("on purpose");
+                    std::process::exit(7);
+                }
+                _ if message[0] == b'a' => std::process::abort(),
+                _ => crate::clock::sleep(Duration::from_secs(60)),
+            }
+        }
+    }
+
+    fn worker() -> Worker {
+        let arguments = ["--exact", "worker::tests::work", "--ignored", "--nocapture"];
+        Worker::start(&arguments).unwrap()
+    }
+
+    #[test]
+    fn a_worker_answers() {
+        let mut worker = worker();
+        let mut answer = [0; 16];
+        for message in [&b"e1"[..], b"e23"] {
+            worker.channel.send(message).unwrap();
+            let length = worker.channel.receive(&mut answer, SOON).unwrap();
+            assert_eq!(&answer[..length], message);
+        }
+    }
+
+    #[test]
+    fn how_a_worker_ended_is_known() {
+        let mut exiting = worker();
+        exiting.channel.send(b"x").unwrap();
+        assert_eq!(exiting.channel.receive(&mut [0; 16], SOON).unwrap(), 0);
+        let (how, told) = exiting.ended();
+        assert_eq!(how, "exited with code 7");
+        assert!(told.ends_with("on purpose"), "{told}");
+        let mut aborting = worker();
+        aborting.channel.send(b"a").unwrap();
+        assert_eq!(aborting.channel.receive(&mut [0; 16], SOON).unwrap(), 0);
+        let (how, _) = aborting.ended();
+        assert!(how.starts_with("was ended by signal 6"), "{how}");
+    }
+
+    #[test]
+    fn a_worker_that_hangs_is_ended() {
+        let mut worker = worker();
+        worker.channel.send(b"h").unwrap();
+        let patience = Some(Duration::from_millis(50));
+        let error = worker.channel.receive(&mut [0; 16], patience).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+        worker.ended();
+        assert!(worker.child.try_wait().unwrap().is_some());
+    }
+}

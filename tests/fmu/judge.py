@@ -1,0 +1,294 @@
+"""FMPy as the oracle: `judge.py CANRIG WORK`. WORK holds Heater.fmu, Spring.fmu and the folder of awkward."""
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import fmpy
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+
+canrig, work = sys.argv[1], Path(sys.argv[2])
+LIMIT = 1e-9
+checked = 0
+
+
+def check(is_met, words):
+    global checked
+    checked += 1
+    if not is_met:
+        sys.exit(f"tests/fmu: {words}")
+
+
+def run(*words, code=0):
+    done = subprocess.run([canrig, *map(str, words)], capture_output=True, text=True, timeout=60)
+    check(done.returncode == code, f"{words} ended in {done.returncode}, not {code}:\n{done.stdout}{done.stderr}")
+    return done.stdout + done.stderr
+
+
+def tells(text, *all_words):
+    flat = " ".join(text.split())
+    for words in all_words:
+        check(words in flat, f"no word of `{words}` in:\n{text}")
+
+
+def table(name, ports, start="", more=""):
+    path = work / f"{name}.toml"
+    ports = "\n".join(f"{port} = {{ variable = \"{variable}\" }}" for port, variable in ports.items())
+    file = name.split("-")[0] + ".fmu"
+    path.write_text(f"[plant.p.fmu]\nfile = \"{file}\"\n{more}\n[plant.p.fmu.start]\n{start}\n[plant.p.fmu.ports]\n{ports}\n")
+    return path
+
+
+def play(path, steps, inputs=None, step_milliseconds=1.0):
+    words = ["fmu-play", path, "--steps", steps, "--step-milliseconds", step_milliseconds]
+    if inputs:
+        file = work / "inputs.csv"
+        names = list(inputs)
+        rows = [",".join(names)] + [",".join(map(repr, row)) for row in zip(*inputs.values())]
+        file.write_text("\n".join(rows) + "\n")
+        words += ["--inputs", file]
+    lines = run(*words).splitlines()
+    names = lines[0].split(",")
+    rows = [[float(cell) for cell in line.split(",")] for line in lines[1:]]
+    return {name: [row[place] for row in rows] for place, name in enumerate(names)}
+
+
+def oracle(fmu, steps, step, inputs, outputs, start=None):
+    """The same by FMPy: sets the inputs, steps, reads the outputs."""
+    description = fmpy.read_model_description(fmu, validate=False)
+    variables = {variable.name: variable for variable in description.modelVariables}
+    folder = tempfile.mkdtemp(dir=work)
+    fmpy.extract(str(fmu), folder)
+    is_three = description.fmiVersion.startswith("3")
+    kind = FMU3Slave if is_three else FMU2Slave
+    slave = kind(guid=description.guid, unzipDirectory=folder, modelIdentifier=description.coSimulation.modelIdentifier, instanceName="p")
+    slave.instantiate()
+
+    def access(what, name, *values):
+        variable = variables[name]
+        call = getattr(slave, f"{what}{variable.type}")
+        reference = [variable.valueReference]
+        return call(reference, *values) if values else call(reference)[0]
+
+    for name, value in (start or {}).items():
+        access("set", name, [value])
+    if not is_three:
+        slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    result = {name: [access("get", name)] for name in outputs}
+    for index in range(steps):
+        for name, values in inputs.items():
+            access("set", name, [values[index]])
+        slave.doStep(currentCommunicationPoint=index * step, communicationStepSize=step)
+        for name in outputs:
+            result[name].append(access("get", name))
+    slave.terminate()
+    slave.freeInstance()
+    shutil.rmtree(folder)
+    return result
+
+
+def furthest(ours, theirs):
+    check(len(ours) == len(theirs) and len(ours) > 1, f"{len(ours)} and {len(theirs)} values")
+    return max(abs(a - b) for a, b in zip(ours, theirs))
+
+
+def equal(what, ours, theirs, limit=LIMIT):
+    apart = furthest(ours, theirs)
+    check(apart <= limit, f"{what}: {apart} apart")
+    check(max(theirs) - min(theirs) > 1e-6, f"{what}: nothing moves")
+    print(f"{what}: {len(ours)} values, at most {apart:.1e} apart")
+
+
+def heater():
+    fmu = work / "Heater.fmu"
+    told = run("fmu", fmu)
+    tells(told, "Heater, FMI 3.0", "PythonFMU3", "(this machine)", "steps: of any length", "current kA", "temperature degC", "needsExecutionTool")
+    tells(run("fmu", fmu, "--rig"), "[plant.heater.fmu]", "temperature_celsius = { variable = \"temperature\" }")
+    steps = 500
+    current = [0.5 if index < 250 else 1.5 for index in range(steps)]
+    path = table("Heater", {"current_amperes": "current", "block_kelvins": "temperature", "steps": "steps"}, "capacity = 30.0")
+    ours = play(path, steps, {"current_amperes": current})
+    inputs = {"current": [value / 1e3 for value in current]}
+    theirs = oracle(fmu, steps, 1e-3, inputs, ["temperature", "steps"], {"capacity": 30.0})
+    equal("pythonfmu3, temperature in kelvins", ours["block_kelvins"], [value + 273.15 for value in theirs["temperature"]])
+    equal("pythonfmu3, whole numbers", ours["steps"], theirs["steps"])
+
+
+def spring():
+    fmu = work / "Spring.fmu"
+    tells(run("fmu", fmu), "Spring, FMI 2.0", "(this machine)", "force", "damped start true")
+    steps = 400
+    force = [1.0 if index % 200 < 100 else -0.5 for index in range(steps)]
+    ports = {"force_newtons": "force", "position_metres": "position", "speed": "speed"}
+    path = table("Spring", ports, "mass = 0.4\ndamped = false\nlabel = \"x\"")
+    ours = play(path, steps, {"force_newtons": force})
+    start = {"mass": 0.4, "damped": False}
+    theirs = oracle(fmu, steps, 1e-3, {"force": force}, ["position", "speed"], start)
+    equal("pythonfmu, position", ours["position_metres"], theirs["position"])
+    equal("pythonfmu, speed", ours["speed"], theirs["speed"])
+    # pythonfmu says of every discarded step that it wants no more.
+    words = ["fmu-play", path, "--steps", 1, "--step-milliseconds", 8.0]
+    tells(run(*words, code=1), "Spring.fmu: the FMU ended the simulation by itself at 0 s")
+
+
+def awkward():
+    fmu = work / "awkward.fmu"
+    shutil.make_archive(str(work / "awkward"), "zip", work / "awkward")
+    (work / "awkward.zip").rename(fmu)
+    ports = {"u": "u", "y": "y", "count": "count", "valve": "valve"}
+    tells(run("fmu", fmu), "it has events", "valve")
+    steps = 100
+    u = [1.0 + 0.01 * index for index in range(steps)]
+    valve = [float(index >= 50) for index in range(steps)]
+
+    def mode(number, code=0, step_milliseconds=1.0):
+        path = table(f"awkward-{number}", ports, f"mode = {number}")
+        if code:
+            return run("fmu-play", path, "--steps", steps, code=code)
+        return play(path, steps, {"u": u, "valve": valve}, step_milliseconds)
+
+    integral = [0.0]
+    for value, is_open in zip(u, valve):
+        integral.append(integral[-1] + (value + is_open) * 1e-3)
+    equal("C, plain", mode(0)["y"], integral)
+    equal("C, every step refused and halved", mode(1)["y"], integral)
+    path = table("awkward-events", ports, "mode = 2\nu = 3.0")
+    words = ["fmu-play", path, "--steps", "100"]
+    (work / "inputs.csv").write_text("u,valve\n3.0,0\n")
+    lines = run(*words, "--inputs", work / "inputs.csv").splitlines()
+    names = lines[0].split(",")
+    rows = [[float(cell) for cell in line.split(",")] for line in lines[1:]]
+    result = fmpy.simulate_fmu(
+        str(fmu), validate=False, stop_time=0.1, output_interval=1e-3, start_values={"mode": 2, "u": 3.0}, output=["y", "count"],
+        use_event_mode=True, early_return_allowed=True)
+    theirs = {round(float(row["time"]), 9): row for row in result}
+    for name in ["y", "count"]:
+        place = names.index(name)
+        pairs = [(row[place], float(theirs[round(row[0], 9)][name])) for row in rows if round(row[0], 9) in theirs]
+        check(len(pairs) > 90, f"{len(pairs)} times in common")
+        equal(f"C, events, {name}", [pair[0] for pair in pairs], [pair[1] for pair in pairs])
+    check(rows[-1][names.index("count")] == 9.0, "nine events in 0.1 s")
+    tells(mode(4, code=1), "awkward.fmu: the process that had it loaded was ended by signal 11", "while it stepped; only this run is lost")
+    tells(mode(5, code=1), "awkward.fmu: variable `y` is NaN at 0.05", "the FMU computed it")
+    tells(mode(6, code=1), "exited with code 3 while it stepped", "it said: no licence")
+    tells(mode(7, code=1), "the FMU ended the simulation by itself at 0.05")
+    tells(mode(8, code=1), "DoStep failed (error) at 0.05", "it said: the solver did not converge")
+    tells(mode(9, code=3), "EnterInitializationMode failed (error); it said: the mode is one that refuses")
+    tells(mode(3, code=1), "it did not return within 10s while it stepped; its process was ended")
+
+
+def refused():
+    """What cannot be loaded says so with the FMU's name, and exit code 3."""
+    folder = work / "awkward"
+    library = next(folder.glob("binaries/*/awkward.so"))
+    ports = {"u": "u", "y": "y"}
+
+    def packed(name, change):
+        copy = work / f"copy-{name}"
+        shutil.copytree(folder, copy)
+        change(copy)
+        shutil.make_archive(str(work / name), "zip", copy)
+        (work / f"{name}.zip").rename(work / f"{name}.fmu")
+        return run("fmu-play", table(name, ports), "--steps", 1, code=3)
+
+    def written(source):
+        def change(copy):
+            code = work / "code.c"
+            code.write_text(source)
+            target = copy / library.relative_to(folder)
+            subprocess.run(["gcc", "-shared", "-fPIC", code, "-o", target], check=True)
+        return change
+
+    def elsewhere(copy):
+        (copy / library.relative_to(folder)).parent.rename(copy / "binaries" / "riscv64-linux")
+
+    def token(copy):
+        xml = copy / "modelDescription.xml"
+        xml.write_text(xml.read_text().replace("instantiationToken=\"awkward\"", "instantiationToken=\"x\""))
+
+    tells(packed("elsewhere", elsewhere), "elsewhere.fmu: it has no library for this machine", "it has riscv64-linux")
+    tells(packed("token", token), "fmi3InstantiateCoSimulation made no instance; it said: another FMU's token")
+    tells(packed("empty", written("int x;")), "its library has no function `fmi3")
+    tells(packed("needy", written("extern int cblas(void); int f(void) { return cblas(); }")), "cannot be loaded", "undefined symbol: cblas")
+    tells(packed("text", lambda copy: (copy / library.relative_to(folder)).write_text("no library")), "cannot be loaded")
+    path = table("awkward-typo", {"x": "yy"})
+    tells(run("fmu-play", path, code=3), "variable `yy` is not in the FMU")
+
+
+def ours():
+    """canrig's plants: validated by FMPy, played by it as the emulator plays them, and imported again."""
+    from fmpy.validation import validate_fmu
+
+    steps = 2000
+    current = [0.8 if index % 1000 < 600 else -0.2 if index % 1000 < 800 else 0.3 for index in range(steps)]
+    fan = [1.0 if index < 1200 else 3.0 for index in range(steps)]
+    load = [0.0 if index % 500 < 300 else 0.02 for index in range(steps)]
+    inputs = {"current_amperes": current, "convection_factor": fan, "added_load_kilograms": load}
+    parameters = {"sma": {"heat.ambient_celsius": 25.0}, "dc_motor": {"load_kilograms": 0.3}}
+    for plant, start in parameters.items():
+        for fmi in [2, 3]:
+            fmu = work / f"{plant}{fmi}.fmu"
+            tells(run("fmu", "--export", plant, "--output", fmu, "--fmi", fmi), f"{plant}, FMI {fmi}.0")
+            run("fmu", "--export", plant, "--output", fmu, "--fmi", fmi, code=4)
+            problems = validate_fmu(str(fmu))
+            check(not problems, f"FMPy finds in {fmu.name}: {problems}")
+            told = run("fmu", fmu)
+            tells(told, "steps: of any length", "current_amperes A start 0", "Current that the amplifier puts out.")
+            check("note:" not in told, told)
+            description = fmpy.read_model_description(fmu)
+            outputs = [variable.name for variable in description.modelVariables if variable.causality == "output"]
+            theirs = oracle(fmu, steps, 1e-3, inputs, outputs, start)
+            ports = {name: name for name in [*inputs, *outputs]}
+            text = "\n".join(f"\"{name}\" = {value}" for name, value in start.items())
+            table_ = table(f"{plant}{fmi}", ports, text)
+            again = play(table_, steps, inputs)
+            emulated = emulator(plant, start, inputs)
+            for name in outputs:
+                equal(f"{plant}, FMI {fmi}, {name}: FMPy and ours imported", again[name], theirs[name])
+                equal(f"{plant}, FMI {fmi}, {name}: FMPy and the emulator", emulated[name], theirs[name])
+            wrong = next(iter(start))
+            text = f"\"{wrong}\" = 1e6"
+            tells(run("fmu-play", table(f"{plant}{fmi}-wrong", ports, text), code=3), f"variable `{wrong}` cannot start with 1000000")
+    tells(run("fmu", "--export", "steam", code=2), "there is no plant `steam` to export; there are: sma, dc_motor")
+    # What FMI does not know is wrong, the plant refuses in words.
+    ports = {"position_metres": "position_metres"}
+    text = "rotor_inertia_kilogram_square_metres = 1e-12\ngear_inertia_kilogram_square_metres = 0.0\nspring_newtons_per_metre = 1e6"
+    for fmi in [2, 3]:
+        told = run("fmu-play", table(f"dc_motor{fmi}-fast", ports, text), code=3)
+        tells(told, "ExitInitializationMode failed (error); it said: motion changes at up to")
+
+
+def cost():
+    """A step of 1 ms in the worker beside one of the emulator's own plant; printed, since machines differ."""
+    for plant in ["sma", "dc_motor"]:
+        outputs = {"position_metres": "position_metres", "temperature_celsius": "temperature_celsius"}
+        path = table(f"{plant}3-cost", {"current_amperes": "current_amperes", **outputs})
+        words = ["--steps", 20000, "--cost"]
+        own = run("fmu-play", "--plant", plant, *words).strip()
+        worker = run("fmu-play", path, *words).strip()
+        print(f"{plant}: {own} in the emulator, {worker} as an FMU in its worker")
+
+
+def emulator(plant, start, inputs):
+    """The same by the emulator's own code, without FMI."""
+    changes = [word for name, value in start.items() for word in ["--start", f"{name}={value}"]]
+    file = work / "inputs.csv"
+    rows = [",".join(inputs)] + [",".join(map(repr, row)) for row in zip(*inputs.values())]
+    file.write_text("\n".join(rows) + "\n")
+    lines = run("fmu-play", "--plant", plant, *changes, "--inputs", file, "--steps", len(rows) - 1).splitlines()
+    names = lines[0].split(",")
+    columns = zip(*([float(cell) for cell in line.split(",")] for line in lines[1:]))
+    return dict(zip(names, map(list, columns)))
+
+
+heater()
+spring()
+awkward()
+refused()
+ours()
+cost()
+print(f"{checked} checks")
