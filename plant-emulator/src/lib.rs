@@ -472,12 +472,14 @@ impl Node for PlantEmulator {
 
     /// Everything but the PDOs and SDOs of others. With faults there is more that is read.
     fn filters_as_configured(&self) -> Vec<Filter> {
-        let DriveNode::Sound(drive) = &self.drive else {
+        if self.drives.iter().any(DriveNode::is_faulty) {
             return self.filters();
-        };
+        }
         let is_read = |id: &u16| {
-            let mut disturbance = self.disturbance.iter();
-            drive.reads(*id) || disturbance.any(|module| module.reads(*id))
+            let mut drives = self.drives.iter();
+            let mut modules = self.modules.iter();
+            drives.any(|drive| drive.device().reads(*id))
+                || modules.any(|module| module.device.reads(*id))
         };
         let own = PDOS_AND_SDOS.filter(is_read).map(Filter::exact);
         let others = [Filter::REMOTE, Filter::EXTENDED, Filter::ERRORS];
