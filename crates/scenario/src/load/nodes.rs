@@ -1,5 +1,6 @@
 //! Reads rig files of schema 2, and finds what the schema cannot say: who is wired to what, and whether it fits.
 
+mod sensors;
 mod served;
 
 use std::collections::BTreeMap;
@@ -14,7 +15,6 @@ use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::outside::Outside;
 use crate::own::{Section, is_name};
-use crate::port::Unit;
 use crate::rig::nodes::{
     EMULATED_NODE_ID_MAX, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigLoop, RigNode, SHIPPED,
     SHIPPED_NAME,
@@ -518,46 +518,6 @@ impl Check<'_> {
                 format!("plant and port with a dot between them, as in \"{plant}.{wanted}\"");
             self.document.problem(path, message, label)
         })
-    }
-
-    /// Ranges that begin below where they end, and units that are words.
-    fn sensors(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
-        let drives = self.rig.node.iter();
-        let drives = drives.filter_map(|(name, node)| Some((name, node, node.sensor.as_ref()?)));
-        for (name, node, sensor) in drives {
-            let path = |key: &str| format!("node.{name}.{key}");
-            let unit = sensor.unit();
-            if !is_name(unit.word()) {
-                let message = format!("`{unit}` is no unit");
-                let label = "a word, as names of ports end in: degrees";
-                problems.push(self.document.problem(&path("sensor.unit"), message, label));
-                continue;
-            }
-            if unit != Unit::Millimetres && (sensor.min.is_none() || sensor.max.is_none()) {
-                let message = format!("the sensor of `{name}` has no range");
-                let label = format!("`min` and `max` are missing, in {unit}");
-                problems.push(self.problem(&path("sensor"), message, label));
-                continue;
-            }
-            let plausible = node.plausible.unwrap_or_default();
-            for (part, min, max) in [
-                ("sensor", sensor.min.or(Some(0.0)), sensor.max),
-                ("plausible", plausible.min, plausible.max),
-            ] {
-                let (Some(min), Some(max)) = (min, max) else {
-                    continue;
-                };
-                // What is no number was refused before.
-                if max <= min {
-                    let message = format!("the range of `{name}` ends where it has not begun");
-                    let label = format!("must be above {min}, its lowest");
-                    let path = path(&format!("{part}.max"));
-                    problems.push(self.document.problem(&path, message, label));
-                }
-            }
-        }
-        problems
     }
 
     fn unknown<'a>(
