@@ -10,11 +10,11 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::rig::check_drive;
-use super::{Reading, SCENARIO_BYTES_MAX, build, own_table, read_text};
+use super::{Reading, SCENARIO_BYTES_MAX, build, read_models, read_text};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::outside::Outside;
-use crate::own::{Section, is_name};
+use crate::own::is_name;
 use crate::rig::nodes::{
     EMULATED_NODE_ID_MAX, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigLoop, RigNode, SHIPPED,
     SHIPPED_NAME,
@@ -128,25 +128,6 @@ pub(super) fn fail(file_name: &str, problems: Vec<Problem>) -> ScenarioError {
 /// Whether a document is meant as a rig file of schema 2: no scenario has one of these tables.
 pub(super) fn is_meant(document: &Document<'_>) -> bool {
     ["node", "loop"].iter().any(|table| document.has(table)) && !document.has("controller")
-}
-
-/// Reads the models of plants from outside; what the schema said of them already is not said twice.
-fn read_models(
-    document: &Document<'_>,
-    outside: &Outside,
-    rig: &mut Rig,
-    problems: &mut Vec<Problem>,
-) {
-    for (name, plant) in &mut rig.plant {
-        let path = format!("plant.{name}");
-        let Some((own, problem)) = own_table(document, outside, Section::Plant, &path) else {
-            continue;
-        };
-        plant.own = Some(own);
-        if problems.is_empty() {
-            problems.extend(problem);
-        }
-    }
 }
 
 /// Another kind of file.
