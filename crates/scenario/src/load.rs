@@ -24,6 +24,7 @@ use crate::outside::{self, Outside};
 use crate::own::{Own, Section};
 use crate::plant::Sensor;
 use crate::port::Unit;
+use crate::rig::nodes::Rig;
 use crate::scenario::Scenario;
 use crate::table::ReadTable;
 use crate::view::{ControllerView, HIDDEN_FROM_CONTROLLER};
@@ -454,6 +455,25 @@ fn read_own(
     *into = Some(own);
     if problems.is_empty() {
         problems.extend(problem);
+    }
+}
+
+/// Reads the models of plants from outside; what the schema said of them already is not said twice.
+fn read_models(
+    document: &Document<'_>,
+    outside: &Outside,
+    rig: &mut Rig,
+    problems: &mut Vec<Problem>,
+) {
+    for (name, plant) in &mut rig.plant {
+        let path = format!("plant.{name}");
+        let Some((own, problem)) = own_table(document, outside, Section::Plant, &path) else {
+            continue;
+        };
+        plant.own = Some(own);
+        if problems.is_empty() {
+            problems.extend(problem);
+        }
     }
 }
 

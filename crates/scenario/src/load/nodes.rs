@@ -1,5 +1,6 @@
 //! Reads rig files of schema 2, and finds what the schema cannot say: who is wired to what, and whether it fits.
 
+mod sensors;
 mod served;
 
 use std::collections::BTreeMap;
@@ -9,12 +10,11 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::rig::check_drive;
-use super::{Reading, SCENARIO_BYTES_MAX, build, own_table, read_text};
+use super::{Reading, SCENARIO_BYTES_MAX, build, read_models, read_text};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::outside::Outside;
-use crate::own::{Section, is_name};
-use crate::port::Unit;
+use crate::own::is_name;
 use crate::rig::nodes::{
     EMULATED_NODE_ID_MAX, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigLoop, RigNode, SHIPPED,
     SHIPPED_NAME,
@@ -128,25 +128,6 @@ pub(super) fn fail(file_name: &str, problems: Vec<Problem>) -> ScenarioError {
 /// Whether a document is meant as a rig file of schema 2: no scenario has one of these tables.
 pub(super) fn is_meant(document: &Document<'_>) -> bool {
     ["node", "loop"].iter().any(|table| document.has(table)) && !document.has("controller")
-}
-
-/// Reads the models of plants from outside; what the schema said of them already is not said twice.
-fn read_models(
-    document: &Document<'_>,
-    outside: &Outside,
-    rig: &mut Rig,
-    problems: &mut Vec<Problem>,
-) {
-    for (name, plant) in &mut rig.plant {
-        let path = format!("plant.{name}");
-        let Some((own, problem)) = own_table(document, outside, Section::Plant, &path) else {
-            continue;
-        };
-        plant.own = Some(own);
-        if problems.is_empty() {
-            problems.extend(problem);
-        }
-    }
 }
 
 /// Another kind of file.
@@ -518,46 +499,6 @@ impl Check<'_> {
                 format!("plant and port with a dot between them, as in \"{plant}.{wanted}\"");
             self.document.problem(path, message, label)
         })
-    }
-
-    /// Ranges that begin below where they end, and units that are words.
-    fn sensors(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
-        let drives = self.rig.node.iter();
-        let drives = drives.filter_map(|(name, node)| Some((name, node, node.sensor.as_ref()?)));
-        for (name, node, sensor) in drives {
-            let path = |key: &str| format!("node.{name}.{key}");
-            let unit = sensor.unit();
-            if !is_name(unit.word()) {
-                let message = format!("`{unit}` is no unit");
-                let label = "a word, as names of ports end in: degrees";
-                problems.push(self.document.problem(&path("sensor.unit"), message, label));
-                continue;
-            }
-            if unit != Unit::Millimetres && (sensor.min.is_none() || sensor.max.is_none()) {
-                let message = format!("the sensor of `{name}` has no range");
-                let label = format!("`min` and `max` are missing, in {unit}");
-                problems.push(self.problem(&path("sensor"), message, label));
-                continue;
-            }
-            let plausible = node.plausible.unwrap_or_default();
-            for (part, min, max) in [
-                ("sensor", sensor.min.or(Some(0.0)), sensor.max),
-                ("plausible", plausible.min, plausible.max),
-            ] {
-                let (Some(min), Some(max)) = (min, max) else {
-                    continue;
-                };
-                // What is no number was refused before.
-                if max <= min {
-                    let message = format!("the range of `{name}` ends where it has not begun");
-                    let label = format!("must be above {min}, its lowest");
-                    let path = path(&format!("{part}.max"));
-                    problems.push(self.document.problem(&path, message, label));
-                }
-            }
-        }
-        problems
     }
 
     fn unknown<'a>(

@@ -121,7 +121,7 @@ fn with_units(mut schema: Value) -> Value {
                 properties.entry(other).or_insert_with(|| property.clone());
             }
         }
-        if let Some(required) = definition["required"].as_array_mut() {
+        if let Some(required) = definition.get_mut("required").and_then(Value::as_array_mut) {
             let has_unit =
                 |key: &Value| key.as_str().is_some_and(|key| key.contains("millimetres"));
             required.retain(|key| !has_unit(key));

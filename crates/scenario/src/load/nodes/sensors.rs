@@ -1,0 +1,48 @@
+//! What a sensor and the plausibility of its positions can be.
+
+use super::Check;
+use crate::error::Problem;
+use crate::own::is_name;
+use crate::port::Unit;
+
+impl Check<'_> {
+    /// Ranges that begin below where they end, and units that are words.
+    pub(super) fn sensors(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        let drives = self.rig.node.iter();
+        let drives = drives.filter_map(|(name, node)| Some((name, node, node.sensor.as_ref()?)));
+        for (name, node, sensor) in drives {
+            let path = |key: &str| format!("node.{name}.{key}");
+            let unit = sensor.unit();
+            if !is_name(unit.word()) {
+                let message = format!("`{unit}` is no unit");
+                let label = "a word, as names of ports end in: degrees";
+                problems.push(self.document.problem(&path("sensor.unit"), message, label));
+                continue;
+            }
+            if unit != Unit::Millimetres && (sensor.min.is_none() || sensor.max.is_none()) {
+                let message = format!("the sensor of `{name}` has no range");
+                let label = format!("`min` and `max` are missing, in {unit}");
+                problems.push(self.problem(&path("sensor"), message, label));
+                continue;
+            }
+            let plausible = node.plausible.unwrap_or_default();
+            for (part, min, max) in [
+                ("sensor", sensor.min.or(Some(0.0)), sensor.max),
+                ("plausible", plausible.min, plausible.max),
+            ] {
+                let (Some(min), Some(max)) = (min, max) else {
+                    continue;
+                };
+                // What is no number was refused before.
+                if max <= min {
+                    let message = format!("the range of `{name}` ends where it has not begun");
+                    let label = format!("must be above {min}, its lowest");
+                    let path = path(&format!("{part}.max"));
+                    problems.push(self.document.problem(&path, message, label));
+                }
+            }
+        }
+        problems
+    }
+}
