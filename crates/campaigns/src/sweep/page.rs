@@ -155,7 +155,7 @@ fn driven(driven: &[Driven]) -> Markup {
                 td { (worst_cases(one)) }
             } } }
         } }
-        div.plots.even { @for one in driven { (scatter(one)) } }
+        div.plots.even.dots { @for one in driven { (scatter(one)) } }
         p.soft {
             "The numbers are rank correlations (Spearman): +1 or \u{2212}1 where the metric always grows or falls with the key, 0 where \
              it does not follow it. Below 0.1 no key is named. A run that misses its limit without a value counts as the worst. Dots \
