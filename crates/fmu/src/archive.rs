@@ -29,6 +29,7 @@ pub struct Archive {
 }
 
 /// An FMU as files, which are gone when this is dropped.
+#[derive(Debug)]
 pub struct Unpacked {
     folder: TempDir,
     file: PathBuf,

@@ -1,5 +1,6 @@
 //! The plant's side.
 
+use std::fmt;
 use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -27,6 +28,13 @@ pub struct Remote {
     outputs: usize,
     message: Vec<u8>,
     answer: Vec<u8>,
+}
+
+impl fmt::Debug for Remote {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut shown = formatter.debug_struct("Remote");
+        shown.field("file", &self.file).finish_non_exhaustive()
+    }
 }
 
 impl Remote {
