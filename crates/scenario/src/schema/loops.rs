@@ -64,6 +64,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         }
         below["default"] = json!({});
     }
+    put_ranges(&mut schema, rig);
     let plants = rig.plant.iter().map(|(name, plant)| {
         let model = plant.model();
         let definition = match model {
@@ -79,6 +80,26 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
     let plants = Map::from_iter(plants);
     schema["properties"]["plant"] = json!({"type": "object", "default": {}, "properties": plants});
     schema
+}
+
+/// Set-points lie within what the sensor of one of the loops gives.
+fn put_ranges(schema: &mut Value, rig: &Rig) {
+    let ranges = rig.loops.keys();
+    let ranges = ranges.map(|name| rig.wiring_of(rig.drive_of_loop(name)).range());
+    let hull = ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])]);
+    let Some([min, max]) = hull else { return };
+    for definition in entries(schema, OF_LOOPS) {
+        let properties = schema["definitions"][definition]["properties"].as_object_mut();
+        for (key, property) in properties.into_iter().flatten() {
+            let range = match key.split('_').next() {
+                Some("position" | "centre") => [min, max],
+                Some("amplitude") => [0.0, (max - min) / 2.0],
+                _ => continue,
+            };
+            property["minimum"] = range[0].into();
+            property["maximum"] = range[1].into();
+        }
+    }
 }
 
 fn reference(definition: &str) -> Value {
