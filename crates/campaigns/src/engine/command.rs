@@ -225,7 +225,8 @@ fn cases(args: &SubmitArgs, setups: &[Setup]) -> Result<CampaignCases, MergeErro
         runs: runs as usize,
         seed: args.seed,
     };
-    Ok(CampaignCases::Torture(TortureCases::drawn(setups, draws)?))
+    let torture = TortureCases::drawn(setups, draws)?;
+    Ok(CampaignCases::Torture(Box::new(torture)))
 }
 
 /// What is known of the campaign, with what the command line says anew.

@@ -259,8 +259,10 @@ mod tests {
         let [one, other] =
             [[1., 2., 3., 4., 5.], [5., 6., 7., 8., 7.]].map(|one| ranks(one.into_iter()));
         assert!((correlation(&one, &other) - 0.820_782_681_668_123_3).abs() < 1e-12);
-        let mut chance: Vec<(u64, f64)> =
-            key.iter().map(|key| (mixed(*key as usize), *key)).collect();
+        let mut chance: Vec<(u64, f64)> = (1..)
+            .zip(&key)
+            .map(|(number, key)| (mixed(number), *key))
+            .collect();
         chance.sort_unstable_by_key(|one| one.0);
         let chance = correlation(&key, &Vec::from_iter(chance.into_iter().map(|one| one.1)));
         assert!(chance.abs() < CORRELATION_MIN, "{chance}");

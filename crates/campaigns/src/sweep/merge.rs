@@ -123,14 +123,14 @@ pub(crate) enum CampaignCases {
     /// One run for each combination of values.
     Sweep(SweepPlan),
     /// One run for each mix of faults.
-    Torture(TortureCases),
+    Torture(Box<TortureCases>),
 }
 
 impl CampaignCases {
     /// Torture where the folder says so, else a sweep.
     pub(crate) fn of_folder(folder: &Path, setups: &[Setup]) -> Result<Self, MergeError> {
         Ok(match TortureCases::of_folder(folder, setups)? {
-            Some(torture) => Self::Torture(torture),
+            Some(torture) => Self::Torture(Box::new(torture)),
             None => Self::Sweep(SweepPlan::new(setups)?),
         })
     }
@@ -139,7 +139,7 @@ impl CampaignCases {
     pub(crate) fn cases(&self) -> &dyn Cases {
         match self {
             Self::Sweep(plan) => plan,
-            Self::Torture(torture) => torture,
+            Self::Torture(torture) => &**torture,
         }
     }
 }
@@ -255,6 +255,7 @@ mod tests {
 
     use super::*;
     use crate::sweep::row::{Ended, SweepRow};
+    use runner::console::print;
     use runner::machine::{Stopwatch, memory_bytes_max};
     use scenario::Scenario;
     use worlds::catalogue::catalogue;
@@ -378,11 +379,11 @@ mod tests {
         };
         let parts: Vec<PathBuf> = (1..=PARTS).map(part).collect();
         let mebibytes = || memory_bytes_max().unwrap_or_default() >> 20;
-        println!(
+        print(&format!(
             "made in {:.1} s, VmHWM {} MiB",
             watch.elapsed().as_secs_f64(),
             mebibytes()
-        );
+        ));
         let watch = Stopwatch::start();
         let output = folder.path().join("merged");
         let campaign = CampaignCases::Sweep(plan);
@@ -394,13 +395,13 @@ mod tests {
             .unwrap()
             .path();
         let size = |name: &str| page.join(name).metadata().unwrap().len();
-        println!(
+        print(&format!(
             "merged and reported in {:.1} s, VmHWM {} MiB; rows {} MB, page {} kB",
             watch.elapsed().as_secs_f64(),
             mebibytes(),
             size(store::FILE) / 1_000_000,
             size(file::REPORT) / 1000
-        );
+        ));
         assert!(mebibytes() < 400);
         assert!(size(file::REPORT) < 2_000_000);
         let page = std::fs::read_to_string(page.join(file::REPORT)).unwrap();

@@ -188,6 +188,9 @@ fn whole(args: &TortureArgs, campaign: Campaign, cases: &TortureCases) -> Exit {
     }
 }
 
+/// A case that the machine did not let be played, and why.
+type NotPlayed = (usize, String);
+
 /// An invariant that a case broke.
 struct Broken {
     case: usize,
@@ -211,7 +214,7 @@ impl Broken {
 fn play(
     campaign: Campaign,
     cases: &TortureCases,
-) -> Result<(usize, Vec<Broken>), Stopped<(usize, String)>> {
+) -> Result<(usize, Vec<Broken>), Stopped<NotPlayed>> {
     let bar = RunsBar::new(Some(cases.runs()), campaign.is_shown);
     let (mut played, mut broken) = (0, Vec::new());
     let work = |number: &usize, watch: &Watch| cases.play(*number, watch);
