@@ -385,10 +385,13 @@ fn nodes_do_not_know_the_setup() {
 fn only_platform_and_the_c_functions_of_fmus_are_unsafe() {
     for (package, _) in MAY_DEPEND_ON {
         if package != "platform" {
-            let is_loader = |path: &Path| path.to_string_lossy().contains("/fmu/src/library/");
-            must_not_name(package, "unsafe ", |path| {
-                package == "fmu" && is_loader(path)
-            });
+            let calls_c = |path: &Path| {
+                let path = path.to_string_lossy();
+                ["/fmu/src/library/", "/fmu/src/export/"]
+                    .iter()
+                    .any(|folder| path.contains(folder))
+            };
+            must_not_name(package, "unsafe ", |path| package == "fmu" && calls_c(path));
         }
     }
 }

@@ -304,7 +304,7 @@ fn each_node_has_an_eds_of_its_own() {
     }
     let (code, _, stderr) = write();
     assert!(
-        code == Some(4) && stderr.contains("cannot be written"),
+        code == Some(4) && stderr.contains("is there already; remove it"),
         "{stderr}"
     );
 }

@@ -175,9 +175,9 @@ fn what_the_bench_does_not_have_is_named() {
         "[plant.rocket]\nthrust_newtons = 3.0\n",
         &[
             "unknown control law `fuzzy`",
-            "known here: open_loop, pid, relay, sliding_mode, sliding_mode_paper;",
+            "known here: open_loop, pid, pid_pair, relay, sliding_mode, sliding_mode_paper;",
             "unknown plant `rocket`",
-            "known here: dc_motor, pendulum, and without a plant's table the",
+            "known here: dc_motor, pendulum, sma_pair, and without a plant's table the",
         ],
     );
 }

@@ -102,10 +102,6 @@ fn demands(
 /// Events that can be recognised, each with its time.
 fn events(document: &Document<'_>, path: &str, sequence: &Sequence) -> Vec<Problem> {
     let mut problems = Vec::new();
-    if sequence.event.is_empty() {
-        let message = "a sequence without an event shows nothing";
-        problems.push(document.problem(path, message, "an event is missing"));
-    }
     for (place, event) in sequence.event.iter().enumerate() {
         let path = format!("{path}.event.{place}");
         problems.extend(event_problem(document, &path, event));

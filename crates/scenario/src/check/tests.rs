@@ -247,10 +247,10 @@ fn a_course_is_read_and_covers_its_window() {
 fn an_event_of_a_sequence_is_one_thing_and_has_a_time() {
     check(
         &sequence(""),
-        8,
-        1,
-        "a sequence without an event shows nothing",
-        "an event is missing",
+        10,
+        9,
+        "`expect.sequence.event` has 0 entries",
+        "at least 1 are needed",
     );
     check(
         &sequence("{ within_milliseconds = 5 }"),

@@ -334,8 +334,9 @@ impl<'text> Splitter<'_, 'text> {
             return problems;
         }
         let help = "this scenario names no rig file, so its rig is the one that ships; another: rig = \"FILE.toml\"";
-        let problems = problems.into_iter().map(|problem| problem.with_help(help));
-        problems.collect()
+        let mut problems = problems.into_iter();
+        let first = problems.next().map(|problem| problem.with_help(help));
+        first.into_iter().chain(problems).collect()
     }
 
     /// Keys that no scenario on a rig has.
