@@ -204,10 +204,6 @@ impl<'a> Checker<'a, '_> {
                 );
             }
         }
-        if list.values.is_empty() {
-            let message = format!("no values are given for `{}`", list.key);
-            self.report(&format!("{path}.values"), message, "at least one");
-        }
     }
 
     fn range(&mut self, path: &str, range: &sweep::Range) {
