@@ -163,6 +163,8 @@ fn how(status: ExitStatus) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write as _;
+
     use super::*;
 
     const SOON: Option<Duration> = Some(Duration::from_secs(10));
@@ -183,7 +185,7 @@ mod tests {
                     channel.send(&message[..length]).unwrap();
                 }
                 _ if message[0] == b'x' => {
-                    eprintln!("on purpose");
+                    io::stderr().write_all(b"on purpose\n").unwrap();
                     std::process::exit(7);
                 }
                 _ if message[0] == b'a' => std::process::abort(),

@@ -41,13 +41,12 @@ fn of_loop(
         ports: &ports,
         scenario: &one.scenario,
     };
-    let objection = wired
+    wired
         .plant_objection()
         .or_else(|| wired.amplifier())
         .or_else(|| wired.sensor())
         .or_else(|| wired.io())
-        .or_else(|| wired.record());
-    objection
+        .or_else(|| wired.record())
 }
 
 /// The drive of a loop, its plant and the io node that acts on it.

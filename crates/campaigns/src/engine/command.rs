@@ -219,7 +219,7 @@ fn submitted(args: &SubmitArgs, setups: &[Setup]) -> Result<Exit, SubmitError> {
 
 fn cases(args: &SubmitArgs, setups: &[Setup]) -> Result<CampaignCases, MergeError> {
     let Some(runs) = args.torture else {
-        return Ok(CampaignCases::Sweep(SweepPlan::new(setups)?));
+        return Ok(CampaignCases::Sweep(Box::new(SweepPlan::new(setups)?)));
     };
     let draws = Draws {
         runs: runs as usize,

@@ -121,7 +121,7 @@ pub fn merge(args: &MergeArgs) -> Exit {
 /// What a campaign is.
 pub(crate) enum CampaignCases {
     /// One run for each combination of values.
-    Sweep(SweepPlan),
+    Sweep(Box<SweepPlan>),
     /// One run for each mix of faults.
     Torture(Box<TortureCases>),
 }
@@ -131,14 +131,14 @@ impl CampaignCases {
     pub(crate) fn of_folder(folder: &Path, setups: &[Setup]) -> Result<Self, MergeError> {
         Ok(match TortureCases::of_folder(folder, setups)? {
             Some(torture) => Self::Torture(Box::new(torture)),
-            None => Self::Sweep(SweepPlan::new(setups)?),
+            None => Self::Sweep(Box::new(SweepPlan::new(setups)?)),
         })
     }
 
     /// The cases, whatever they are.
     pub(crate) fn cases(&self) -> &dyn Cases {
         match self {
-            Self::Sweep(plan) => plan,
+            Self::Sweep(plan) => &**plan,
             Self::Torture(torture) => &**torture,
         }
     }
@@ -386,7 +386,7 @@ mod tests {
         ));
         let watch = Stopwatch::start();
         let output = folder.path().join("merged");
-        let campaign = CampaignCases::Sweep(plan);
+        let campaign = CampaignCases::Sweep(Box::new(plan));
         merge_parts(&parts, &campaign, &setups, &output, Shown::All).unwrap();
         let page = std::fs::read_dir(&output)
             .unwrap()

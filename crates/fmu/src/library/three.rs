@@ -186,7 +186,7 @@ impl Three {
                 boolean: Values::of(&library, "Boolean"),
                 set_string: function(&library, "fmi3SetString").ok(),
                 log: Box::new(Log::default()),
-                library: library,
+                library,
             }
         })
     }
@@ -301,8 +301,8 @@ impl Slave for Three {
     }
 
     fn enter_events(&mut self) -> Status {
-        // SAFETY: as above.
         (self.enter_events).map_or(Status::Error, |enter| {
+            // SAFETY: as above.
             Status::of(unsafe { enter(self.component) })
         })
     }
@@ -334,8 +334,8 @@ impl Slave for Three {
     }
 
     fn enter_steps(&mut self) -> Status {
-        // SAFETY: as above.
         (self.enter_steps).map_or(Status::Error, |enter| {
+            // SAFETY: as above.
             Status::of(unsafe { enter(self.component) })
         })
     }

@@ -139,9 +139,9 @@ impl Two {
                 get_boolean: function(&library, "fmi2GetBoolean").ok(),
                 set_boolean: function(&library, "fmi2SetBoolean").ok(),
                 set_string: function(&library, "fmi2SetString").ok(),
-                callbacks: callbacks,
+                callbacks,
                 log,
-                library: library,
+                library,
             }
         };
         // SAFETY: as above; all texts live through the call, callbacks and log as long as the component.
