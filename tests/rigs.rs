@@ -69,6 +69,31 @@ fn a_new_rig_is_checked_with_its_arithmetic_and_its_scenario_passes() {
     assert!((29.0..31.0).contains(&highest), "{highest}");
 }
 
+/// One plant, which has no name among processes, and two drives on one plant in one process.
+#[test]
+fn a_plant_in_a_process_of_its_own_leaves_the_bytes_of_simulate() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["press_turn", "sma_pair_step"] {
+        let [alone, together] =
+            ["processes", "simulate"].map(|world| folder.path().join(name).join(world));
+        let lockstep = ["--clock", "lockstep", "--bus", "embedded"];
+        let processes = output(canrig(&alone, "run").arg(scenario(name)).args(lockstep));
+        let simulated = output(canrig(&together, "simulate").arg(scenario(name)));
+        assert_eq!(
+            [processes.0, simulated.0],
+            [Some(0); 2],
+            "{}{}",
+            processes.2,
+            simulated.2
+        );
+        let [alone, together] = [alone, together].map(|runs| only_run(&runs));
+        for file in ["bus.log", "signals.csv", "verdict.json"] {
+            let read = |run: &Path| fs::read(run.join(file)).unwrap();
+            assert!(read(&alone) == read(&together), "{name}: {file}");
+        }
+    }
+}
+
 #[test]
 fn a_rig_that_does_not_fit_is_refused_with_the_period_that_would() {
     let folder = tempfile::tempdir().unwrap();

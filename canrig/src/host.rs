@@ -14,7 +14,7 @@ use platform::scheduling::Scheduling;
 use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
 use scenario::loops::Loops;
-use scenario::{ControllerView, Scenario, read_text};
+use scenario::{ControllerView, Scenario, ScenarioError, read_text, without_colours};
 
 use recording::latency::{NodeReport, Quantiles};
 use rig::FILE_BYTES_MAX;
@@ -79,6 +79,11 @@ impl Failure {
         Self::new(Exit::CannotStart, error)
     }
 
+    /// A file is not valid: all that is wrong in it.
+    fn of_file(error: ScenarioError) -> Self {
+        Self::new(Exit::CannotStart, without_colours(&error))
+    }
+
     /// The node can do nothing for it.
     fn of_bus(error: impl ToString) -> Self {
         Self::new(Exit::BenchFailed, error)
@@ -109,8 +114,8 @@ fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
     if is_of_loops(args)? {
         return hosted_controller_of_loops(args);
     }
-    let view = ControllerView::load(&args.scenario).map_err(Failure::of_setup)?;
-    let scenario = Scenario::load(&args.scenario).map_err(Failure::of_setup)?;
+    let view = ControllerView::load(&args.scenario).map_err(Failure::of_file)?;
+    let scenario = Scenario::load(&args.scenario).map_err(Failure::of_file)?;
     let rig = args
         .rig
         .as_deref()
@@ -129,11 +134,11 @@ fn is_of_loops(args: &NodeArgs) -> Result<bool, Failure> {
 }
 
 fn setups_of_loops(args: &NodeArgs) -> Result<Vec<Setup>, Failure> {
-    rig::loops::load(&args.scenario, catalogue()).map_err(Failure::of_setup)
+    rig::loops::load(&args.scenario, catalogue()).map_err(Failure::of_file)
 }
 
 fn hosted_controller_of_loops(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
-    let views = Loops::load_view(&args.scenario).map_err(Failure::of_setup)?;
+    let views = Loops::load_view(&args.scenario).map_err(Failure::of_file)?;
     let setups = setups_of_loops(args)?;
     let views = on_rigs(views.loops, &setups);
     let make = move || controller_of(&views);
@@ -147,14 +152,18 @@ fn is_of_process(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
 }
 
 fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
-    if let Some(plant) = &args.plant {
+    if is_of_loops(args)? {
         let setups = setups_of_loops(args)?;
-        if !emulator_names(&setups).contains(&plant.as_str()) {
+        let names = emulator_names(&setups);
+        // The only plant of a rig has no name of its own.
+        let only = names.first().copied().unwrap_or_default();
+        let plant = args.plant.as_deref().unwrap_or(only);
+        if !names.contains(&plant) {
             return Err(Failure::of_setup(format!("there is no plant `{plant}`")));
         }
         return plant_emulator_of(&setups, plant).map_err(Failure::of_setup);
     }
-    let scenario = Scenario::load(&args.scenario).map_err(Failure::of_setup)?;
+    let scenario = Scenario::load(&args.scenario).map_err(Failure::of_file)?;
     plant_emulator(&scenario).map_err(Failure::of_setup)
 }
 
