@@ -73,7 +73,7 @@ fn a_new_rig_is_checked_with_its_arithmetic_and_its_scenario_passes() {
 #[test]
 fn a_plant_in_a_process_of_its_own_leaves_the_bytes_of_simulate() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["press_turn", "sma_pair_step"] {
+    for name in ["press_turn.toml", "sma_pair_step.toml"] {
         let [alone, together] =
             ["processes", "simulate"].map(|world| folder.path().join(name).join(world));
         let lockstep = ["--clock", "lockstep", "--bus", "embedded"];
