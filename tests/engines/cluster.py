@@ -174,7 +174,7 @@ class HyperQueue:
         self.folder = str(work / "hyperqueue")
         self.environment = {"CANRIG_PYTHON": sys.executable}
         command = [sys.executable, "-c", QUEUE, self.folder]
-        self.child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.child = subprocess.Popen(command, cwd=work, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         while self.child.stdout.readline().strip() not in ("ready", ""):
             pass
 
