@@ -1,10 +1,11 @@
 //! `canrig eds`: the data sheet of each node of a rig, as files for other programs.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use recording::run_folder::write_new;
 use rig::named_nodes::{NodeSheet, node_sheets};
 use runner::console::{print, print_error};
 use runner::exit::Exit;
@@ -52,5 +53,5 @@ fn explain(path: &Path, error: &io::Error) -> String {
 
 fn write(path: &Path, sheet: &NodeSheet) -> io::Result<()> {
     fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-    File::create_new(path)?.write_all(sheet.text.as_bytes())
+    write_new(path, |file| file.write_all(sheet.text.as_bytes()))
 }

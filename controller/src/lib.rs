@@ -15,6 +15,7 @@ pub mod catalogue;
 mod cause;
 mod error;
 mod explanation;
+mod filtered_position;
 pub mod law;
 mod manager;
 pub mod mode;

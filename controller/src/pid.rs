@@ -3,13 +3,11 @@
 use scenario::controller::Pid as Config;
 use scenario::reference::SetPoint;
 
+use crate::filtered_position::FilteredPosition;
 use crate::law::{
     CURRENT_AMPERES_MAX, Command, ControlLaw, Explanation, Measurement, Saturation,
     limited_current_from,
 };
-
-/// Positions are taken to lie within this, in metres or in the loop's own unit, so that results stay finite; beyond any rig.
-const POSITION_METRES_MAX: f64 = 1e6;
 
 /// The gains.
 #[derive(Clone, Debug)]
@@ -21,25 +19,14 @@ pub struct Pid {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     integral_amperes: f64,
-    filtered_position_metres: f64,
-    last_position_metres: f64,
-    started: bool,
+    position: FilteredPosition,
 }
 
 impl Pid {
     /// `Kp (b r − y)`.
     fn proportional(&self, state: &State, set_point: &SetPoint) -> f64 {
         let weighted = self.config.set_point_weight * set_point.position_metres;
-        self.config.proportional_amperes_per_metre * (weighted - state.last_position_metres)
-    }
-
-    /// First-order filter of the position; gives how fast the filtered position moves, which of a ramp is its slope.
-    fn velocity(&self, state: &mut State, period_seconds: f64) -> f64 {
-        let pole = self.config.derivative_filter_radians_per_second;
-        let share = 1.0 - libm::exp(-pole * period_seconds);
-        let step = share * (state.last_position_metres - state.filtered_position_metres);
-        state.filtered_position_metres += step;
-        step / period_seconds
+        self.config.proportional_amperes_per_metre * (weighted - state.position.latest())
     }
 
     /// Integrates the error unless that would push the command further beyond its limit (conditional integration).
@@ -75,17 +62,10 @@ impl ControlLaw for Pid {
         set_point: &SetPoint,
         period_seconds: f64,
     ) -> Command {
-        if measurement.position_metres.is_finite() {
-            state.last_position_metres = measurement
-                .position_metres
-                .clamp(-POSITION_METRES_MAX, POSITION_METRES_MAX);
-        }
-        if !state.started {
-            state.filtered_position_metres = state.last_position_metres;
-            state.started = true;
-        }
-        let velocity = self.velocity(state, period_seconds);
-        let error = set_point.position_metres - state.last_position_metres;
+        state.position.measure(measurement.position_metres);
+        let pole = self.config.derivative_filter_radians_per_second;
+        let velocity = state.position.velocity(pole, period_seconds);
+        let error = set_point.position_metres - state.position.latest();
         let current = self.proportional(state, set_point) + state.integral_amperes
             - self.config.derivative_ampere_seconds_per_metre * velocity;
         self.integrate(state, error, current, period_seconds);
@@ -98,7 +78,7 @@ impl ControlLaw for Pid {
                 saturation: Saturation {
                     at_upper_limit: current > CURRENT_AMPERES_MAX,
                     at_lower_limit: current < self.config.current_amperes_min,
-                    on_stop: state.last_position_metres <= 0.0,
+                    on_stop: state.position.latest() <= 0.0,
                 },
                 ..Explanation::default()
             },
@@ -153,23 +133,6 @@ mod tests {
         assert_eq!(step(&law, &mut state, 0.02, 0.04), 0.0);
         let current = step(&law, &mut state, 0.015, 0.04);
         assert!(current > 0.4, "{current}");
-    }
-
-    #[test]
-    fn the_velocity_of_a_ramp_is_its_slope() {
-        let law = law(0.0, 0.0, 1.0);
-        for (periods, period_seconds) in [(5000, 1e-4), (500, 1e-3), (50, 1e-2)] {
-            let mut state = law.start();
-            let mut velocity = 0.0;
-            for period in 0..periods {
-                state.last_position_metres = 0.1 * f64::from(period) * period_seconds;
-                velocity = law.velocity(&mut state, period_seconds);
-            }
-            assert!(
-                (velocity - 0.1).abs() < 1e-9,
-                "{period_seconds}: {velocity}"
-            );
-        }
     }
 
     #[test]

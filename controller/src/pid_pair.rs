@@ -4,12 +4,10 @@
 use scenario::controller::PidPair as Config;
 use scenario::reference::SetPoint;
 
+use crate::filtered_position::FilteredPosition;
 use crate::law::{
     CURRENT_AMPERES_MAX, Explanation, LawOfSeveral, Measurement, Saturation, limited_current,
 };
-
-/// Positions are taken to lie within this, so that results stay finite; beyond any rig.
-const POSITION_MAX: f64 = 1e6;
 
 /// The gains.
 #[derive(Clone, Debug)]
@@ -17,25 +15,14 @@ pub struct PidPair {
     config: Config,
 }
 
-/// The law's memory; positions are in metres, or in the loop's own unit.
+/// The law's memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     integral_amperes: f64,
-    filtered_position: f64,
-    last_position: f64,
-    started: bool,
+    position: FilteredPosition,
 }
 
 impl PidPair {
-    /// First-order filter of the position; gives how fast the filtered position moves.
-    fn velocity(&self, state: &mut State, period_seconds: f64) -> f64 {
-        let pole = self.config.derivative_filter_radians_per_second;
-        let share = 1.0 - libm::exp(-pole * period_seconds);
-        let step = share * (state.last_position - state.filtered_position);
-        state.filtered_position += step;
-        step / period_seconds
-    }
-
     /// The output at which one drive has all the current that there is, whatever the other has.
     fn output_max(&self) -> f64 {
         CURRENT_AMPERES_MAX - self.config.co_contraction_amperes
@@ -66,16 +53,10 @@ impl LawOfSeveral for PidPair {
         period_seconds: f64,
         currents_amperes: &mut [f64],
     ) -> Explanation {
-        if measurement.position_metres.is_finite() {
-            let position = measurement.position_metres;
-            state.last_position = position.clamp(-POSITION_MAX, POSITION_MAX);
-        }
-        if !state.started {
-            state.filtered_position = state.last_position;
-            state.started = true;
-        }
-        let velocity = self.velocity(state, period_seconds);
-        let error = set_point.position_metres - state.last_position;
+        state.position.measure(measurement.position_metres);
+        let pole = self.config.derivative_filter_radians_per_second;
+        let velocity = state.position.velocity(pole, period_seconds);
+        let error = set_point.position_metres - state.position.latest();
         let output = self.config.proportional_amperes_per_metre * error + state.integral_amperes
             - self.config.derivative_ampere_seconds_per_metre * velocity;
         let max = self.output_max();

@@ -1,13 +1,14 @@
 //! `canrig fmu --export`: plants as FMUs.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use fmu::description::Version;
 use fmu::export::{Exported, write_fmu};
 
+use recording::run_folder::write_new;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 
@@ -96,12 +97,8 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Export
         source,
     })?;
     let path = output.map_or_else(|| PathBuf::from(format!("{plant}.fmu")), Path::to_owned);
-    let write = || {
-        let mut file = BufWriter::new(File::create_new(&path)?);
-        write_fmu(&mut file, &model, version, &bytes)?;
-        file.flush()
-    };
-    write().map_err(|source| ExportError::Write {
+    let write = |file: &mut BufWriter<File>| write_fmu(file, &model, version, &bytes);
+    write_new(&path, write).map_err(|source| ExportError::Write {
         path: path.clone(),
         source,
     })?;

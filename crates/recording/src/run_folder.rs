@@ -201,6 +201,21 @@ pub fn write_whole(
     fs::rename(partial, path)
 }
 
+/// As [`write_whole`], for a file that is not there yet.
+///
+/// # Errors
+/// As [`write_whole`], or something of that name is there.
+pub fn write_new(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> io::Result<()> {
+    if path.symlink_metadata().is_ok() {
+        let there = io::ErrorKind::AlreadyExists;
+        return Err(io::Error::new(there, "it is there already"));
+    }
+    write_whole(path, write)
+}
+
 fn create_numbered(parent: &Path, base: &str) -> io::Result<PathBuf> {
     for number in 1..=REPEATS_MAX {
         let name = if number == 1 {
