@@ -94,6 +94,26 @@ fn a_plant_in_a_process_of_its_own_leaves_the_bytes_of_simulate() {
     }
 }
 
+/// Also where a check names a signal that each drive has.
+#[test]
+fn a_recording_of_several_drives_gives_its_verdict_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path();
+    let name = scenario("four_drives_courses.toml");
+    let (code, stdout, stderr) = output(canrig(runs, "simulate").arg(name));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let run = only_run(runs);
+    let (code, stdout, stderr) = output(program(&["replay"]).arg(&run));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let page = |run: &Path| fs::read_to_string(run.join("report.html")).unwrap();
+    let before = page(&run);
+    let title = "z_tpdo2.motor_speed_revolutions_per_minute";
+    assert!(before.contains(title) && before.contains("z: step to 20 mm"));
+    let (code, stdout, stderr) = output(program(&["report"]).arg(&run));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    assert!(page(&run) == before, "another page");
+}
+
 #[test]
 fn a_rig_that_does_not_fit_is_refused_with_the_period_that_would() {
     let folder = tempfile::tempdir().unwrap();

@@ -16,8 +16,10 @@ mod statistics;
 #[cfg(test)]
 mod tests;
 
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
+use canopen::object_dictionary::Entry;
 use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::NodeId};
 use scenario::ControllerView;
 use scenario::loops::OneLoop;
@@ -38,6 +40,9 @@ use drive::LedDrive;
 use phase::Phase;
 use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, IO_WATCH_ENTRY, watch_entry};
 pub use statistics::Statistics;
+
+/// The parameters of SDO clients (CiA 301, 7.5.2.33).
+const SDO_CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
 
 /// The controller.
 #[derive(Debug)]
@@ -105,7 +110,8 @@ impl ControllerNode {
             .iter()
             .map(|plan| catalogue::law(&plan.view.controller));
         let laws = laws.collect::<Result<Vec<_>, _>>()?;
-        let dictionary = dictionary(&laws, &io_nodes)?;
+        let drives = plans.iter().map(|plan| plan.drive.node_id());
+        let dictionary = dictionary(&laws, &Vec::from_iter(drives), &io_nodes)?;
         let further = further_drives(&plans);
         let loops = plans.into_iter().zip(laws).enumerate();
         let loops = loops.map(|(place, (plan, law))| {
@@ -211,10 +217,51 @@ impl<'a> LoopPlan<'a> {
     }
 }
 
+/// The parameters of an SDO client for each of these nodes, to which the controller talks, in place of those of the shipped rig.
+fn with_clients(
+    shipped: &ObjectDictionary,
+    servers: impl Iterator<Item = NodeId>,
+) -> ObjectDictionary {
+    let mut dictionary = ObjectDictionary::new();
+    let (clients, others): (Vec<_>, Vec<_>) =
+        (shipped.entries().iter()).partition(|entry| SDO_CLIENTS.contains(&entry.index));
+    others
+        .into_iter()
+        .for_each(|entry| dictionary.insert(entry.clone()));
+    let mut once = Vec::new();
+    for server in servers {
+        if !once.contains(&server) {
+            once.push(server);
+        }
+    }
+    for (index, server) in SDO_CLIENTS.zip(once) {
+        let id = server.get();
+        let first = clients.iter();
+        let first = first.filter(|entry| entry.index == *SDO_CLIENTS.start());
+        for entry in first {
+            let default = match entry.sub_index {
+                1 => (0x600 + u32::from(id)).to_le_bytes().to_vec(),
+                2 => (0x580 + u32::from(id)).to_le_bytes().to_vec(),
+                3 => vec![id],
+                _ => entry.default.clone(),
+            };
+            let (name, data_type, access) = (&entry.name, entry.data_type, entry.access);
+            let twin = Entry::new(index, entry.sub_index, name, data_type, access, default);
+            dictionary.insert(twin);
+        }
+    }
+    dictionary
+}
+
 /// The controller's objects, with those that explain each law.
-fn dictionary(laws: &[Law], io_nodes: &[NodeId]) -> Result<ObjectDictionary, ControllerError> {
+fn dictionary(
+    laws: &[Law],
+    drives: &[NodeId],
+    io_nodes: &[NodeId],
+) -> Result<ObjectDictionary, ControllerError> {
     let shipped = dbc::dictionary(dbc::CONTROLLER_EDS, CONTROLLER.get())?;
-    let mut dictionary = shipped.clone();
+    let servers = drives.iter().chain(io_nodes).copied();
+    let mut dictionary = with_clients(&shipped, servers);
     // Checked here, since it is written only when the drives are configured.
     let watch = dictionary.find(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
     let watch = watch.map_err(|_| ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;

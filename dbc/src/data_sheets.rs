@@ -1,5 +1,7 @@
 //! The EDS files of the rig.
 
+use std::ops::RangeInclusive;
+
 /// The controller, node 0x01 (`controller.eds`).
 pub const CONTROLLER_EDS: &str = include_str!("../controller.eds");
 /// The drive, node 0x10, CiA 402 (`drive.eds`).
@@ -33,6 +35,66 @@ pub struct OfDrive {
     pub truth: TruthPace,
     /// The unit of its positions (0x60A8, CiA 303-2), with its word, where it is another than the micrometre.
     pub si_position: Option<(u32, String)>,
+}
+
+/// The parameters of the controller's first and second SDO client, and those of all that there may be.
+const FIRST_CLIENT: &str = "[1280]\n";
+const SECOND_CLIENT: &str = "[1281]\n";
+const CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
+/// Where a data sheet lists its objects.
+const OPTIONAL_OBJECTS: &str = "[OptionalObjects]\n";
+
+/// The controller's EDS for a rig: with an SDO client for each of these nodes, to which it talks.
+///
+/// # Panics
+/// Never: a test takes what is compiled in.
+#[must_use]
+pub fn of_controller(servers: &[u8]) -> String {
+    let (before, clients) = CONTROLLER_EDS
+        .split_once(FIRST_CLIENT)
+        .expect("it has an SDO client");
+    let (first, clients) = clients
+        .split_once(SECOND_CLIENT)
+        .expect("it has a second one");
+    // The second one is as long as the first.
+    let second: usize = clients
+        .split_inclusive('\n')
+        .take(first.lines().count())
+        .map(str::len)
+        .sum();
+    let mut text = with_clients_listed(before, servers.len());
+    for (number, server) in (1..).zip(servers) {
+        let index = CLIENTS.start() + number - 1;
+        let (request, answer) = (0x600 + u32::from(*server), 0x580 + u32::from(*server));
+        text += &format!("[{index:04X}]\n");
+        text += &first
+            .replace("[1280", &format!("[{index:04X}"))
+            .replace("parameter 1", &format!("parameter {number}"))
+            .replace("0x00000610", &format!("0x{request:08X}"))
+            .replace("0x00000590", &format!("0x{answer:08X}"))
+            .replace("DefaultValue=0x10", &format!("DefaultValue=0x{server:02X}"));
+    }
+    text + &clients[second..]
+}
+
+/// The beginning of the controller's EDS with so many SDO clients among its objects.
+fn with_clients_listed(text: &str, count: usize) -> String {
+    let (before, listed) = text
+        .split_once(OPTIONAL_OBJECTS)
+        .expect("it lists its objects");
+    let (listed, behind) = listed.split_once("\n\n").expect("a list ends");
+    let indices = listed.lines().filter_map(|line| {
+        let (_, index) = line.split_once("=0x")?;
+        u16::from_str_radix(index, 16).ok()
+    });
+    let others = indices.filter(|index| !CLIENTS.contains(index));
+    let mut all = Vec::from_iter(others.chain(CLIENTS.take(count)));
+    all.sort_unstable();
+    let lines = (1..).zip(&all);
+    let lines = lines.map(|(number, index): (usize, _)| format!("{number}=0x{index:04X}\n"));
+    let lines = String::from_iter(lines);
+    let count = all.len();
+    format!("{before}{OPTIONAL_OBJECTS}SupportedObjects={count}\n{lines}\n{behind}")
 }
 
 /// An EDS for one node of a rig, with the node's name and number in it, and for a drive when it publishes the truth about its
@@ -79,3 +141,28 @@ pub(crate) const SHIPPED: [(&str, u8, &str); 3] = [
     ("drive", 0x10, DRIVE_EDS),
     ("disturbance", 0x11, DISTURBANCE_EDS),
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_controller_has_a_client_for_each_node_of_its_rig() {
+        assert_eq!(of_controller(&[0x10, 0x11]), CONTROLLER_EDS);
+        let clients = |servers: &[u8]| {
+            let text = of_controller(servers);
+            let dictionary = canopen::eds::parse(&text, 1).unwrap().dictionary;
+            let value = |index, sub_index| dictionary.unsigned(index, sub_index);
+            let found = CLIENTS.map_while(|index| {
+                Some([1, 2, 3].map(|sub_index| value(index, sub_index)))
+                    .filter(|client| client[0].is_some())
+            });
+            (Vec::from_iter(found), text)
+        };
+        let (found, text) = clients(&[0x12, 0x14, 0x1F]);
+        let expected = [0x12, 0x14, 0x1F].map(|id| [0x600 + id, 0x580 + id, id].map(Some));
+        assert_eq!(found, expected);
+        assert!(text.contains("SupportedObjects=26\n") && text.contains("\n17=0x1282\n"));
+        assert_eq!(clients(&[0x10]).0.len(), 1);
+    }
+}

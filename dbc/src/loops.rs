@@ -174,6 +174,19 @@ impl Database {
         Self::from_messages(self.messages().iter().cloned().chain(named).collect())
     }
 
+    /// The same without the frames of loops that are beside it, by their names.
+    #[must_use]
+    pub fn without(&self, others: &[&str]) -> Self {
+        let is_of = |message: &&Message, other: &str| {
+            let own = message.name.strip_prefix(other);
+            let own = own.and_then(|rest| rest.strip_prefix('_'));
+            own.is_some_and(|own| owner_of(own) != Owner::Bus)
+        };
+        let messages = self.messages().iter();
+        let left = messages.filter(|message| !others.iter().any(|other| is_of(message, other)));
+        Self::from_messages(left.cloned().collect())
+    }
+
     /// The frames as one of several loops knows them, from how another one, `own`, does.
     #[must_use]
     pub fn seen_from(&self, own: &str, other: &str) -> Self {

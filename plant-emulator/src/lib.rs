@@ -56,14 +56,15 @@ const IDENTITY: u16 = 0x1018;
 const PRODUCT_CODE: u8 = 2;
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
 const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
+const HEARTBEATS: u16 = 0x700;
 
-/// What is below and above [`PDOS_AND_SDOS`]: NMT, SYNC, EMCY and TIME; heartbeats and LSS.
+/// What is below and above [`PDOS_AND_SDOS`] but heartbeats: NMT, SYNC, EMCY and TIME; LSS.
 fn other_services() -> [Filter; 4] {
     [
         (0x000, 0x700),
         (0x100, 0x780),
         (0x680, 0x780),
-        (0x700, 0x700),
+        (0x780, 0x780),
     ]
     .map(|(id, mask)| Filter::block(id, mask))
 }
@@ -470,7 +471,8 @@ impl Node for PlantEmulator {
         filters
     }
 
-    /// Everything but the PDOs and SDOs of others. With faults there is more that is read.
+    /// Everything but the PDOs, SDOs and heartbeats that are for others: of heartbeats drives and modules need those of their
+    /// manager, whom they watch once they are configured. With faults there is more that is read.
     fn filters_as_configured(&self) -> Vec<Filter> {
         if self.drives.iter().any(DriveNode::is_faulty) {
             return self.filters();
@@ -482,11 +484,23 @@ impl Node for PlantEmulator {
                 || modules.any(|module| module.device.reads(*id))
         };
         let own = PDOS_AND_SDOS.filter(is_read).map(Filter::exact);
+        let is_watched = |node: &NodeId| {
+            let mut drives = self.drives.iter();
+            let mut modules = self.modules.iter();
+            *node == MANAGER_NODE_ID
+                || drives.any(|drive| drive.device().watches(*node))
+                || modules.any(|module| module.device.watches(*node))
+        };
+        let nodes = (1..=127).filter_map(NodeId::new);
+        let heartbeats = nodes
+            .filter(is_watched)
+            .map(|node| Filter::exact(HEARTBEATS + u16::from(node.get())));
         let others = [Filter::REMOTE, Filter::EXTENDED, Filter::ERRORS];
         other_services()
             .into_iter()
             .chain(others)
             .chain(own)
+            .chain(heartbeats)
             .collect()
     }
 

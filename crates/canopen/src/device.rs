@@ -128,6 +128,12 @@ impl<A: Application> Device<A> {
             || services.rpdos.iter().any(|rpdo| rpdo.listens_to(id))
     }
 
+    /// True when the device watches the heartbeat of a node, as it is configured now (0x1016). The application hears all.
+    #[must_use]
+    pub fn watches(&self, node_id: NodeId) -> bool {
+        self.services.monitors.watches(node_id)
+    }
+
     fn objects(&mut self) -> Objects<'_, A> {
         Objects {
             services: &mut self.services,

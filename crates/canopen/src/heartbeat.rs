@@ -160,6 +160,12 @@ impl HeartbeatConsumer {
         old.map(|old| old.node_id)
     }
 
+    /// True when an entry names the node.
+    pub(crate) fn watches(&self, node_id: NodeId) -> bool {
+        let mut monitors = self.monitors.iter().flatten();
+        monitors.any(|monitor| monitor.node_id == node_id)
+    }
+
     /// Notes a heartbeat.
     pub(crate) fn on_heartbeat(
         &mut self,

@@ -86,15 +86,11 @@ fn joined(loops: Vec<(String, Verdict)>, contours: Vec<Metric>) -> Verdict {
     let outcome = outcome
         .chain(missed.map(|_| Outcome::Fail))
         .max_by_key(gravity);
-    let reasons = loops.iter().filter_map(|(name, verdict)| {
-        let reason = verdict.reason.as_ref()?;
-        Some(format!("{name}: {reason}"))
-    });
-    let reasons = Vec::from_iter(reasons);
+    let reason = joined_reason(&loops);
     let ended_early = first_end(&loops);
     let mut shared: Vec<Metric> = Vec::new();
     let mut metrics = Vec::new();
-    let mut losses = Vec::new();
+    let mut losses: Vec<String> = Vec::new();
     let mut external: Vec<String> = Vec::new();
     let mut whole = None;
     for (name, verdict) in loops {
@@ -111,20 +107,52 @@ fn joined(loops: Vec<(String, Verdict)>, contours: Vec<Metric>) -> Verdict {
                 shared.push(metric);
             }
         }
-        losses.extend(verdict.losses.iter().map(|loss| format!("{name}: {loss}")));
+        // They name their nodes; what several loops saw stands once.
+        let fresh = verdict.losses.iter();
+        let fresh = fresh.filter(|loss| !losses.contains(loss));
+        losses.extend(Vec::from_iter(fresh.cloned()));
         whole.get_or_insert(verdict);
     }
+    losses.sort_by(|one, other| seconds(one).total_cmp(&seconds(other)));
     metrics.extend(contours);
     metrics.extend(shared);
     Verdict {
         outcome: outcome.expect("there is a loop"),
-        reason: (!reasons.is_empty()).then(|| reasons.join("; ")),
+        reason,
         ended_early,
         metrics,
         losses,
         external,
         ..whole.expect("there is a loop")
     }
+}
+
+/// Why the verdict is what it is: what is said of all loops once, else with the names of those of which it is said.
+fn joined_reason(loops: &[(String, Verdict)]) -> Option<String> {
+    let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
+    for (name, verdict) in loops {
+        let Some(reason) = verdict.reason.as_deref() else {
+            continue;
+        };
+        match reasons.iter_mut().find(|(other, _)| *other == reason) {
+            Some((_, names)) => names.push(name),
+            None => reasons.push((reason, vec![name])),
+        }
+    }
+    let told = reasons
+        .into_iter()
+        .map(|(reason, names)| match names.len() == loops.len() {
+            true => reason.to_owned(),
+            false => format!("{}: {reason}", names.join(", ")),
+        });
+    let told = Vec::from_iter(told);
+    (!told.is_empty()).then(|| told.join("; "))
+}
+
+/// The time with which a loss begins; what has none comes first.
+fn seconds(loss: &str) -> f64 {
+    let first = loss.split(' ').next().unwrap_or_default();
+    first.parse().unwrap_or(f64::NEG_INFINITY)
 }
 
 /// A failure counts whatever else is open.
@@ -201,6 +229,8 @@ mod tests {
         }
         let reason = joined(two(Pass, Fail), Vec::new()).reason;
         assert_eq!(reason.as_deref(), Some("y: because"));
+        let reason = joined(two(Fail, Fail), Vec::new()).reason;
+        assert_eq!(reason.as_deref(), Some("because"));
         let limit = Some(Limit {
             min: None,
             max: Some(0.3),

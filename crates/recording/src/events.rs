@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use canopen::CanFrame;
 use dbc::{Database, Message, Signal, SignalHandle};
 use rig::error_frames::{self, ErrorMessage};
 use scenario::Scenario;
@@ -10,6 +11,7 @@ use scenario::expect::Emergency;
 
 use crate::identifiers::ByIdentifier;
 use crate::log::Stamped;
+use crate::node_words::NodeWords;
 
 /// An error of the bus that was silent for so long begins anew.
 const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
@@ -92,19 +94,29 @@ impl EventSignal {
         Some((value, text))
     }
 
-    /// The label of what explains an emergency further; where there are several drives, with the number of the node concerned,
-    /// which is the lowest byte.
-    fn cause(&self, stamped: &Stamped) -> Option<String> {
+    /// The label of what explains an emergency further; where there are several drives, with the node concerned, whose number is
+    /// the lowest byte.
+    fn cause(&self, stamped: &Stamped, words: &NodeWords) -> Option<String> {
         let (signal, definition) = self.cause.as_ref()?;
         let value = signal.decode(&stamped.frame)?;
         let node = value % 256.0;
-        let named = || Some(format!("{} (node {node})", definition.label(value - node)?));
+        let named = || {
+            let label = definition.label(value - node)?;
+            let mut ids = 0..=u8::MAX;
+            let name = ids.find(|id| f64::from(*id) == node);
+            let name = name.and_then(|id| words.of_node(id));
+            Some(match name {
+                Some(name) => format!("{label} ({name})"),
+                None => format!("{label} (node {node})"),
+            })
+        };
         definition.label(value).map(str::to_owned).or_else(named)
     }
 }
 
 /// Reads events from frames: every change of a state, every NMT command, every emergency.
 pub(crate) struct EventReader {
+    words: NodeWords,
     signals: ByIdentifier<EventSignal>,
     events: Vec<(Duration, Level, String)>,
     emergencies: Vec<(Duration, Emergency)>,
@@ -114,14 +126,15 @@ pub(crate) struct EventReader {
 }
 
 impl EventReader {
-    /// Of several loops each has a reader, which is given its name.
-    pub(crate) fn new(database: &Database, loop_name: Option<&str>) -> Self {
+    /// Of several loops each has a reader.
+    pub(crate) fn new(database: &Database, words: NodeWords) -> Self {
         let messages = database.messages().iter();
-        let signals = messages.filter_map(|message| event_signal(database, message, loop_name));
+        let signals = messages.filter_map(|message| event_signal(database, message, &words));
         Self {
             signals: signals
                 .map(|signal| (signal.signal.raw_id(), signal))
                 .collect(),
+            words,
             events: Vec::new(),
             emergencies: Vec::new(),
             bus_errors: BTreeMap::new(),
@@ -134,44 +147,50 @@ impl EventReader {
         self.signals.raw_ids()
     }
 
-    pub(crate) fn on_frame(&mut self, stamped: &Stamped) {
+    /// Takes a frame of a message that makes events, or an error of the bus; true where it made one. Readers of several loops on
+    /// one bus agree on that, also where one of them was not asked since the latest event.
+    pub(crate) fn on_frame(&mut self, stamped: &Stamped) -> bool {
         if let Some(message) = error_frames::read(&stamped.frame) {
-            self.on_error_frame(stamped.time, message);
-            return;
+            return self.on_error_frame(stamped.time, message);
         }
-        let Some(signal) = self.signals.get_mut(stamped.frame.raw_id()) else {
-            return;
-        };
-        let Some((value, label)) = signal.read(stamped) else {
-            return;
+        let signal = self.signals.get_mut(stamped.frame.raw_id());
+        let Some((signal, (value, label))) =
+            signal.and_then(|signal| signal.read(stamped).map(|read| (signal, read)))
+        else {
+            return false;
         };
         let (level, mut text) = describe(signal.kind, &signal.shown, value, &label);
+        if signal.kind == EventKind::Command {
+            text += &addressee(&stamped.frame, &self.words);
+        }
         if signal.kind == EventKind::Emergency && value != 0.0 {
             let emergency = emergency(&signal.node, value);
             self.emergencies.push((stamped.time, emergency));
-            if let Some(cause) = signal.cause(stamped) {
+            if let Some(cause) = signal.cause(stamped, &self.words) {
                 text += &format!(": {cause}");
             }
         }
         self.events.push((stamped.time, level, text));
+        true
     }
 
     /// What a CAN driver reports. What it may report with each frame is an event when it begins.
-    fn on_error_frame(&mut self, time: Duration, message: ErrorMessage) {
+    fn on_error_frame(&mut self, time: Duration, message: ErrorMessage) -> bool {
         let ErrorMessage {
             node,
             text,
             is_good,
             is_state,
         } = message;
-        let text = format!("{}: {text}", controller_of(node));
+        let text = format!("{}: {text}", controller_of(node, &self.words));
         let before = self.bus_errors.insert(text.clone(), time);
         let goes_on = before.is_some_and(|before| time < before + BUS_ERROR_PAUSE);
         if goes_on && !is_state {
-            return;
+            return false;
         }
         let level = if is_good { Level::Info } else { Level::Error };
         self.events.push((time, level, text));
+        true
     }
 
     /// The emergencies in the order of time; the scenario began at `zero`, on the recording's clock.
@@ -209,7 +228,7 @@ impl EventReader {
                 text,
             });
         let planned = scenario
-            .events()
+            .events(self.words.of_loop())
             .into_iter()
             .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
             .map(|event| TimelineEvent {
@@ -240,11 +259,7 @@ fn emergency(node: &str, value: f64) -> Emergency {
 }
 
 /// The signal of a message that makes events, if it has one.
-fn event_signal(
-    database: &Database,
-    message: &Message,
-    loop_name: Option<&str>,
-) -> Option<EventSignal> {
+fn event_signal(database: &Database, message: &Message, words: &NodeWords) -> Option<EventSignal> {
     let kinds = [
         ("nmt_state", EventKind::State),
         ("statusword_state", EventKind::State),
@@ -253,7 +268,7 @@ fn event_signal(
     ];
     kinds.into_iter().find_map(|(name, kind)| {
         let definition = message.signal(name)?;
-        let (node, shown) = node_of(&message.name, loop_name);
+        let (node, shown) = words.of_message(&message.name);
         Some(EventSignal {
             signal: message.handle(definition),
             definition: definition.clone(),
@@ -267,31 +282,25 @@ fn event_signal(
     })
 }
 
-/// Whose a message is: as a scenario of one drive names the node, and for people. Messages of other loops begin with their names.
-fn node_of(message: &str, loop_name: Option<&str>) -> (String, String) {
-    let shown = |name: &str, node: &str| match node {
-        "drive" => name.to_owned(),
-        node => format!("{name} {node}"),
-    };
-    let of_others = ["drive", "disturbance"].iter().find_map(|node| {
-        let (name, _) = message.split_once(&format!("_{node}_"))?;
-        Some(shown(name, node))
-    });
-    if let Some(other) = of_others {
-        return (other.clone(), other);
+/// Whose CAN controller a node's number stands for.
+fn controller_of(node: u8, words: &NodeWords) -> &str {
+    match (words.of_loop(), node) {
+        (Some(_), node) => words.of_node(node).unwrap_or("bench"),
+        (None, 0x01) => "controller",
+        (None, 0x10) => "drive",
+        (None, _) => "bench",
     }
-    let node = message.split('_').next().unwrap_or_default();
-    let own = loop_name.filter(|_| ["drive", "disturbance"].contains(&node));
-    let own = own.map_or_else(|| node.to_owned(), |name| shown(name, node));
-    (node.to_owned(), own)
 }
 
-/// Whose CAN controller a node's number stands for.
-fn controller_of(node: u8) -> &'static str {
-    match node {
-        0x01 => "controller",
-        0x10 => "drive",
-        _ => "bench",
+/// To whom a command goes, where there are several drives.
+fn addressee(frame: &CanFrame, words: &NodeWords) -> String {
+    match (words.of_loop(), frame.data()) {
+        (Some(_), [_, 0, ..]) => " to all nodes".to_owned(),
+        (Some(_), [_, node, ..]) => match words.of_node(*node) {
+            Some(name) => format!(" to {name}"),
+            None => format!(" to node {node}"),
+        },
+        _ => String::new(),
     }
 }
 
@@ -316,26 +325,42 @@ fn describe(kind: EventKind, node: &str, value: f64, label: &str) -> (Level, Str
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::node_words::tests::of_two_loops;
 
     #[test]
-    fn a_node_has_one_name_whichever_loop_sees_it() {
-        let shown = |message, loop_name| node_of(message, loop_name).1;
-        assert_eq!(shown("drive_heartbeat", None), "drive");
-        for (of_x, of_y, name) in [
-            ("drive_heartbeat", "x_1_drive_heartbeat", "x_1"),
-            (
-                "disturbance_emergency",
-                "x_1_disturbance_emergency",
-                "x_1 disturbance",
-            ),
-            ("y_drive_tpdo1", "drive_tpdo1", "y"),
-            ("controller_heartbeat", "controller_heartbeat", "controller"),
-        ] {
-            assert_eq!(shown(of_x, Some("x_1")), name);
-            assert_eq!(shown(of_y, Some("y")), name);
-        }
-        // What a scenario of one drive calls it.
-        assert_eq!(node_of("drive_emergency", Some("y")).0, "drive");
+    fn among_several_loops_an_event_names_its_node() {
+        let words = of_two_loops("y");
+        let to = |node| addressee(&CanFrame::new(0, &[1, node]), &words);
+        assert_eq!(
+            [0x13, 0, 0x14].map(to),
+            [" to right", " to all nodes", " to node 20"]
+        );
+        assert_eq!(
+            addressee(&CanFrame::new(0, &[1, 0x10]), &NodeWords::default()),
+            ""
+        );
+        assert_eq!(
+            [0x01, 0x13, 0x7F].map(|node| controller_of(node, &words)),
+            ["controller", "right", "bench"]
+        );
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
+            [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n\
+            [[fault.sensor.stuck]]\nfrom_seconds = 5.0\n[[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 6.0\n\
+            [[fault.node.hang]]\nnode = \"controller\"\nfrom_seconds = 7.0\n[[fault.bus.load]]\nidentifier = 1000\nperiod_milliseconds = 5.0\nfrom_seconds = 8.0\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let mut reader = EventReader::new(Database::shipped(), words);
+        let events = reader.take_until(f64::INFINITY, &scenario, Some(Duration::ZERO));
+        let texts = Vec::from_iter(events.iter().map(|event| event.text.as_str()));
+        assert_eq!(
+            texts,
+            [
+                "y: step to 35 mm",
+                "fault: right sensor stuck",
+                "fault: right hang",
+                "fault: controller hang",
+                "fault: bus load"
+            ]
+        );
     }
 
     #[test]
@@ -346,7 +371,7 @@ mod tests {
             [[disturbance.load]]\nat_seconds = 4.0\nadded_grams = 10.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\nuntil_seconds = 6.0\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let mut reader = EventReader::new(Database::shipped(), None);
+        let mut reader = EventReader::new(Database::shipped(), NodeWords::default());
         let events = reader.take_until(f64::INFINITY, &scenario, Some(Duration::ZERO));
         let levels = events.iter().map(|event| (event.time_seconds, event.level));
         let expected = [

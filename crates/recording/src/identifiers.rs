@@ -19,6 +19,18 @@ impl Identifiers {
     }
 }
 
+impl Identifiers {
+    /// Those of 11 bits that are in it.
+    fn standard(&self) -> impl Iterator<Item = usize> {
+        let words = self.0.iter().enumerate();
+        words.flat_map(|(word, bits)| {
+            (0..64)
+                .filter(move |bit| bits >> bit & 1 == 1)
+                .map(move |bit| 64 * word + bit)
+        })
+    }
+}
+
 impl FromIterator<u32> for Identifiers {
     fn from_iter<T: IntoIterator<Item = u32>>(raw_ids: T) -> Self {
         let mut all = [0; STANDARD / 64];
@@ -29,6 +41,33 @@ impl FromIterator<u32> for Identifiers {
             }
         }
         Self(all)
+    }
+}
+
+/// Who of several reads which frames. Each is named by its place.
+pub(crate) struct Readers {
+    /// By identifier of 11 bits.
+    standard: Vec<Vec<usize>>,
+    /// Who reads those of more: all.
+    all: Vec<usize>,
+}
+
+impl Readers {
+    /// From what each of them reads.
+    pub(crate) fn new<'a>(read: impl IntoIterator<Item = &'a Identifiers>) -> Self {
+        let mut standard = vec![Vec::new(); STANDARD];
+        let mut all = Vec::new();
+        for (place, ids) in read.into_iter().enumerate() {
+            ids.standard().for_each(|id| standard[id].push(place));
+            all.push(place);
+        }
+        Self { standard, all }
+    }
+
+    /// Those who read a frame, in their order.
+    #[inline]
+    pub(crate) fn of(&self, raw_id: u32) -> &[usize] {
+        self.standard.get(raw_id as usize).unwrap_or(&self.all)
     }
 }
 
@@ -86,6 +125,20 @@ mod tests {
         let ids = Identifiers::from_iter([0x000, 0x190]);
         let has = [0x000, 0x190, 0x191, 0x7FF, 0x800, 0x2000_0004].map(|id| ids.has(id));
         assert_eq!(has, [true, true, false, false, true, true]);
+    }
+
+    #[test]
+    fn a_frame_is_for_those_who_read_it() {
+        let sets = [vec![0x000, 0x190], vec![0x7FF, 0x190, 0x8000_0190], vec![]];
+        let sets = sets.map(Identifiers::from_iter);
+        let readers = Readers::new(&sets);
+        assert_eq!(readers.of(0x000), [0]);
+        assert_eq!(readers.of(0x190), [0, 1]);
+        assert_eq!(readers.of(0x7FF), [1]);
+        assert_eq!(readers.of(0x191), [0; 0]);
+        for of_all in [0x800, 0x2000_0004, 0x8000_0190] {
+            assert_eq!(readers.of(of_all), [0, 1, 2], "{of_all:#x}");
+        }
     }
 
     #[test]

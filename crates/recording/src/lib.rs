@@ -21,6 +21,7 @@ pub mod latency;
 pub mod log;
 mod losses;
 pub mod masters;
+mod node_words;
 pub mod progress;
 pub mod run_folder;
 pub mod session;

@@ -8,29 +8,17 @@ use scenario::Scenario;
 
 use crate::events::{Level, TimelineEvent};
 use crate::identifiers::ByIdentifier;
+use crate::node_words::NodeWords;
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
 const PERIODS_MAX: u32 = 20;
 /// Periods without a heartbeat that count as a loss; the nodes wait as long (0x1016).
 const HEARTBEATS_MAX: u32 = 5;
 
-/// Messages that are watched, and what they are for people.
-const CYCLIC: [(&str, &str); 2] = [
-    ("sync", "SYNC from the controller"),
-    ("drive_tpdo1", "position from the drive"),
-];
-const HEARTBEATS: [(&str, &str); 3] = [
-    ("controller_heartbeat", "heartbeat from the controller"),
-    ("drive_heartbeat", "heartbeat from the drive"),
-    (
-        "disturbance_heartbeat",
-        "heartbeat from the disturbance module",
-    ),
-];
-
 /// One message that must keep coming.
 struct Watched {
-    what: &'static str,
+    /// For people.
+    what: String,
     limit: Duration,
     /// In scenario time.
     last: Option<Duration>,
@@ -44,10 +32,23 @@ pub(crate) struct LossReader {
 }
 
 impl LossReader {
-    pub(crate) fn new(scenario: &Scenario, database: &Database) -> Self {
+    pub(crate) fn new(scenario: &Scenario, database: &Database, words: &NodeWords) -> Self {
+        let (controller, drive, module) = (words.controller(), words.drive(), words.module());
         let cyclic = PERIODS_MAX * scenario.bus.sync_period();
-        let cyclic = CYCLIC.map(|(name, what)| (name, what, Some(cyclic)));
-        let heartbeats = HEARTBEATS.map(|(name, what)| (name, what, None));
+        let cyclic = [
+            ("sync", format!("SYNC from {controller}")),
+            ("drive_tpdo1", format!("position from {drive}")),
+        ]
+        .map(|(name, what)| (name, what, Some(cyclic)));
+        let heartbeats = [
+            (
+                "controller_heartbeat",
+                format!("heartbeat from {controller}"),
+            ),
+            ("drive_heartbeat", format!("heartbeat from {drive}")),
+            ("disturbance_heartbeat", format!("heartbeat from {module}")),
+        ]
+        .map(|(name, what)| (name, what, None));
         let regular = cyclic.into_iter().chain(heartbeats);
         let watched = regular.filter_map(|(name, what, limit)| {
             let message = database.message(name)?;
@@ -82,7 +83,7 @@ impl LossReader {
         let last = watched.last.replace(time).unwrap_or_default();
         let silent = time.saturating_sub(last);
         if silent > watched.limit {
-            let what = watched.what;
+            let what = &watched.what;
             let text = format!("loss: no {what} for {} ms", silent.as_millis());
             self.events.push(event(last, Level::Error, text));
             let text = format!("{what} is back");

@@ -22,8 +22,8 @@ pub struct ListedRun<'a> {
     pub folder: String,
     /// The way to its own page.
     pub page: Option<String>,
-    /// What was on the bus.
-    pub timeline: &'a Timeline,
+    /// What was on the bus, loop by loop; the only one has no name.
+    pub loops: Vec<(String, &'a Timeline)>,
     /// What it came to.
     pub verdict: &'a Verdict,
 }
@@ -38,11 +38,27 @@ impl ListedRun<'_> {
         metrics.find(|metric| metric.name == name)
     }
 
+    /// What each loop did.
+    fn courses(&self) -> impl Iterator<Item = Course<'_>> {
+        self.loops.iter().map(|(name, timeline)| Course {
+            run: self,
+            name,
+            timeline,
+        })
+    }
+
     /// The rows of its verdict that are no metrics but what its own scenario checks, named in words.
     fn checks(&self) -> impl Iterator<Item = &Metric> {
         let metrics = self.verdict.metrics.iter();
         metrics.filter(|metric| !is_key(&metric.name))
     }
+}
+
+/// What one loop of a run did.
+struct Course<'a> {
+    run: &'a ListedRun<'a>,
+    name: &'a str,
+    timeline: &'a Timeline,
 }
 
 /// Whether a row of a verdict is a metric, which other runs have too.
@@ -88,7 +104,11 @@ fn columns<'a>(runs: &'a [ListedRun<'_>]) -> Vec<&'a str> {
         .filter(|name| is_key(name))
         .collect();
     let mut names: Vec<&str> = each.into_iter().collect();
-    let place = |name: &str| METRICS.iter().position(|metric| metric.name == name);
+    // That of one of several loops has the loop's name before it.
+    let place = |name: &str| {
+        let own = name.rsplit_once('.').map_or(name, |(_, own)| own);
+        METRICS.iter().position(|metric| metric.name == own)
+    };
     names.sort_by_key(|name| (!limited.contains(name), place(name).unwrap_or(usize::MAX)));
     names
 }
@@ -159,16 +179,16 @@ fn cell(run: &ListedRun<'_>, name: &str) -> Markup {
     } }
 }
 
-/// Runs with the same set-point belong in one plot.
-fn by_set_point<'a, 'b>(runs: &'b [ListedRun<'a>]) -> Vec<Vec<&'b ListedRun<'a>>> {
-    let mut groups: Vec<Vec<&ListedRun<'_>>> = Vec::new();
-    for run in runs {
-        let wanted = groups
-            .iter_mut()
-            .find(|group| has_same_set_point(group[0].timeline, run.timeline));
-        match wanted {
-            Some(group) => group.push(run),
-            None => groups.push(vec![run]),
+/// Runs with the same set-point belong in one plot, loop by loop.
+fn by_set_point<'a>(runs: &'a [ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
+    let mut groups: Vec<Vec<Course<'_>>> = Vec::new();
+    for course in runs.iter().flat_map(ListedRun::courses) {
+        let is_alike = |other: &Course<'_>| {
+            other.name == course.name && has_same_set_point(other.timeline, course.timeline)
+        };
+        match groups.iter_mut().find(|group| is_alike(&group[0])) {
+            Some(group) => group.push(course),
+            None => groups.push(vec![course]),
         }
     }
     groups
@@ -192,16 +212,22 @@ fn has_same_set_point(a: &Timeline, b: &Timeline) -> bool {
     })
 }
 
-fn positions(runs: &[&ListedRun<'_>]) -> Markup {
-    let first = runs[0];
-    let is_one_scenario = runs.iter().all(|run| run.scenario() == first.scenario());
+fn positions(courses: &[Course<'_>]) -> Markup {
+    let first = &courses[0];
+    let runs = || courses.iter().map(|course| course.run);
+    let is_one_scenario = runs().all(|run| run.scenario() == first.run.scenario());
     let title = match is_one_scenario {
-        true => first.scenario(),
+        true => first.run.scenario(),
         false => "Position",
     };
-    let mut plot = Plot::over_time(title, first.timeline.unit.symbol());
-    for (number, run) in runs.iter().enumerate() {
-        let name = match is_alone(run, runs.iter().copied()) {
+    let title = match first.name {
+        "" => title.to_owned(),
+        name => format!("{title}: {name}"),
+    };
+    let mut plot = Plot::over_time(&title, first.timeline.unit.symbol());
+    for (number, course) in courses.iter().enumerate() {
+        let run = course.run;
+        let name = match is_alone(run, runs()) {
             true => run.scenario(),
             false => &run.folder,
         };
@@ -209,8 +235,8 @@ fn positions(runs: &[&ListedRun<'_>]) -> Markup {
             name,
             Colour::Run(number),
             Shape::Line,
-            &run.timeline.time_seconds,
-            run.timeline.position(),
+            &course.timeline.time_seconds,
+            course.timeline.position(),
         );
     }
     plot.draw(

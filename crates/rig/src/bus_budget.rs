@@ -1,6 +1,7 @@
 //! Whether what the nodes send in a cycle fits between two SYNCs.
 
 use std::fmt;
+use std::time::Duration;
 
 use canopen::frame_bits::occupied_bits_max;
 use dbc::Message;
@@ -23,6 +24,8 @@ const TERMS: [&str; 4] = [
     "controller_tpdo3",
     "controller_tpdo4",
 ];
+/// What a plant publishes in a scenario with faults.
+const PLANT_TRUTH: &str = "plant_truth";
 /// Among so many cycles are all in which terms and truths come together: each comes at least once in 240.
 const CYCLES: u32 = TERMS_EVERY_CYCLES as u32 * 240;
 /// Periods that are proposed are whole multiples of this.
@@ -49,15 +52,49 @@ pub struct BusShare {
     pub what: String,
     /// Its bits in a cycle in which it comes.
     pub bits: f64,
-    /// It comes once in so many cycles.
-    pub every_cycles: u8,
-    /// It comes in the cycles with this remainder.
-    pub remainder: u8,
+    /// When it comes.
+    pub pace: Pace,
+}
+
+/// When something is sent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// With the SYNC.
+    Cycles {
+        /// Once in so many cycles.
+        every: u8,
+        /// In those with this remainder.
+        remainder: u8,
+    },
+    /// Every so many milliseconds, whatever the cycle. Its identifier gives way to all that comes with the SYNC, so it takes what
+    /// they leave.
+    Milliseconds(f64),
 }
 
 impl BusShare {
     fn comes_in(&self, cycle: u32) -> bool {
-        cycle % u32::from(self.every_cycles) == u32::from(self.remainder)
+        match self.pace {
+            Pace::Cycles { every, remainder } => {
+                cycle % u32::from(every.max(1)) == u32::from(remainder)
+            }
+            Pace::Milliseconds(_) => false,
+        }
+    }
+
+    /// Its bits in a cycle, over many of them.
+    fn bits_per_cycle(&self) -> f64 {
+        match self.pace {
+            Pace::Cycles { every, .. } => self.bits / f64::from(every.max(1)),
+            Pace::Milliseconds(_) => 0.0,
+        }
+    }
+
+    /// Its bits in a millisecond, if they come by the clock.
+    fn bits_per_millisecond(&self) -> f64 {
+        match self.pace {
+            Pace::Cycles { .. } => 0.0,
+            Pace::Milliseconds(period) => self.bits / period,
+        }
     }
 }
 
@@ -70,8 +107,7 @@ impl BusBudget {
             node: controller.to_owned(),
             what: "SYNC".to_owned(),
             bits: frames(setup, &[SYNC]).bits,
-            every_cycles: 1,
-            remainder: 0,
+            pace: EACH,
         });
         let loops = rig.loops.values().zip(setups);
         let of_loops = loops.flat_map(|(one, setup)| {
@@ -106,23 +142,31 @@ impl BusBudget {
     /// Share of the bus that all frames occupy, over many cycles.
     #[must_use]
     pub fn load_percent(&self) -> f64 {
-        let shares = self.shares.iter();
-        let bits: f64 = shares
-            .map(|share| share.bits / f64::from(share.every_cycles))
-            .sum();
+        let bits = self.bits_per_cycle() + self.period_milliseconds * self.bits_per_millisecond();
         100.0 * bits / self.available_bits()
+    }
+
+    fn bits_per_cycle(&self) -> f64 {
+        self.shares.iter().map(BusShare::bits_per_cycle).sum()
+    }
+
+    fn bits_per_millisecond(&self) -> f64 {
+        self.shares.iter().map(BusShare::bits_per_millisecond).sum()
     }
 
     /// Whether it fits.
     #[must_use]
     pub fn fits(&self) -> bool {
-        self.needed_bits() <= self.available_bits()
+        self.needed_bits() <= self.available_bits() && self.load_percent() <= 100.0
     }
 
     /// The shortest period that would fit.
     #[must_use]
     pub fn period_milliseconds_min(&self) -> f64 {
-        let period = self.needed_bits() / self.bitrate_kilobits_per_second;
+        let bitrate = self.bitrate_kilobits_per_second;
+        let of_fullest = self.needed_bits() / bitrate;
+        let of_all = self.bits_per_cycle() / (bitrate - self.bits_per_millisecond());
+        let period = of_fullest.max(of_all);
         // A sum of whole bits is no tenth of a bit above a step.
         let steps = (period / PERIOD_STEP_MILLISECONDS - 1e-9).ceil();
         steps * PERIOD_STEP_MILLISECONDS
@@ -145,38 +189,46 @@ impl fmt::Display for BusBudget {
 fn of_loop(controller: &str, drive: &str, setup: &Setup) -> Vec<BusShare> {
     let place = &setup.place;
     let (truth, terms) = (frames(setup, &TRUTH), frames(setup, &TERMS));
-    let share = |node: &str, what, sent: &Sent, (every_cycles, remainder)| BusShare {
+    let share = |node: &str, what, sent: &Sent, pace| BusShare {
         node: node.to_owned(),
         what,
         bits: sent.bits,
-        every_cycles,
-        remainder,
+        pace,
     };
-    let each = (1, 0);
+    let cycles = |every, remainder| Pace::Cycles { every, remainder };
+    let by_clock = setup.database.message(PLANT_TRUTH);
+    let milliseconds = by_clock.map_or(1, |message| message.cycle_time_milliseconds.max(1));
+    let milliseconds = Duration::from_millis(milliseconds).as_secs_f64() * 1e3;
     let shares = [
         share(
             drive,
             "sample (TPDO1)".to_owned(),
             &frames(setup, &[SAMPLE]),
-            each,
+            EACH,
         ),
         share(
             controller,
             format!("command to {drive} (RPDO1)"),
             &frames(setup, &[COMMAND]),
-            each,
+            EACH,
         ),
         share(
             drive,
             format!("truth of the plant ({})", truth.words()),
             &truth,
-            (place.truth_every_cycles, place.truth_cycle()),
+            cycles(place.truth_every_cycles, place.truth_cycle()),
+        ),
+        share(
+            drive,
+            "current and peak temperature, beside faults (1 frame)".to_owned(),
+            &frames(setup, &[PLANT_TRUTH]),
+            Pace::Milliseconds(milliseconds),
         ),
         share(
             controller,
             format!("terms of the law for {drive} ({})", terms.words()),
             &terms,
-            (TERMS_EVERY_CYCLES, place.terms_cycle()),
+            cycles(TERMS_EVERY_CYCLES, place.terms_cycle()),
         ),
     ];
     shares
@@ -184,6 +236,12 @@ fn of_loop(controller: &str, drive: &str, setup: &Setup) -> Vec<BusShare> {
         .filter(|share| share.bits > 0.0)
         .collect()
 }
+
+/// In every cycle.
+const EACH: Pace = Pace::Cycles {
+    every: 1,
+    remainder: 0,
+};
 
 /// Frames that are sent.
 struct Sent {
@@ -214,6 +272,35 @@ fn frames(setup: &Setup, names: &[&str]) -> Sent {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn budget(paces: &[(f64, Pace)]) -> BusBudget {
+        let shares = paces.iter().map(|(bits, pace)| BusShare {
+            node: "x".to_owned(),
+            what: "a frame".to_owned(),
+            bits: *bits,
+            pace: *pace,
+        });
+        BusBudget {
+            shares: shares.collect(),
+            bitrate_kilobits_per_second: 1000.0,
+            period_milliseconds: 1.0,
+        }
+    }
+
+    /// 9 · 100 bits in each cycle leave a tenth of the bus: room for what comes by the clock, as long as it is not more.
+    #[test]
+    fn what_comes_by_the_clock_takes_what_the_cycles_leave() {
+        let of = |bits| budget(&[(900.0, EACH), (bits, Pace::Milliseconds(10.0))]);
+        let fits = of(1000.0);
+        assert!(fits.fits());
+        assert_eq!((fits.needed_bits(), fits.load_percent()), (900.0, 100.0));
+        assert_eq!(fits.period_milliseconds_min(), 1.0);
+        let too_much = of(1350.0);
+        assert!(!too_much.fits());
+        assert_eq!(too_much.needed_bits(), 900.0);
+        // 900 / (1000 - 135) = 1.04
+        assert_eq!(too_much.period_milliseconds_min(), 1.1);
+    }
 
     #[test]
     fn the_terms_come_as_often_as_the_controller_s_data_sheet_says() {

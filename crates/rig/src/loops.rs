@@ -1,6 +1,6 @@
 //! Several loops that are played at once, each with its setup.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -169,8 +169,14 @@ pub fn load_recorded(
             true => database.clone(),
             false => database.seen_from(&first, name),
         };
+        let names = Vec::from_iter(loops.loops.iter().map(|one| one.name.clone()));
         named(loops, |name, scenario, rig| {
-            let setup = Setup::of_recording(scenario, frames(name));
+            let frames = frames(name);
+            let others = names.iter().map(String::as_str);
+            let others = Vec::from_iter(others.filter(|other| *other != name));
+            // What the scenario calls a signal is the loop's own, as when it was played.
+            let setup = Setup::of_recording(scenario, frames.without(&others));
+            let setup = setup.with_database(Arc::new(frames));
             setup.recorded_on(rig.loaded, rig.external)
         })
     };
@@ -259,7 +265,13 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
     (!budget.fits()).then(|| Objection {
         path: "bus.sync_period_milliseconds".to_owned(),
         message: "the frames of this rig do not fit between two SYNCs".to_owned(),
-        label: format!("they need {budget}"),
+        label: match budget.load_percent() > 100.0 {
+            false => format!("they need {budget}"),
+            true => format!(
+                "they need {budget}, and {:.0} % of the bus over many cycles",
+                budget.load_percent()
+            ),
+        },
         help: Some(format!(
             "write sync_period_milliseconds = {period_min:.1} into [bus], or publish the truth less often (truth_every_cycles)"
         )),
@@ -357,6 +369,18 @@ fn named(
     let contours = Arc::new(contours);
     let is_only = loops.len() == 1;
     let elsewhere = faults_elsewhere(loops.iter().map(|one| &one.scenario));
+    let node_names = |name: &str| {
+        let (controller, _) = rig.controller().unzip();
+        let drive = rig.drive_of_loop(name).to_owned();
+        NodeNames {
+            controller: controller.unwrap_or_default().to_owned(),
+            disturbance: rig.io_of(&drive).map(|(name, _)| name.to_owned()),
+            drive,
+        }
+    };
+    let several = loops.iter().filter(|_| !is_only);
+    let nodes_of_loops = several.map(|one| (one.name.clone(), node_names(&one.name)));
+    let nodes_of_loops = Arc::new(BTreeMap::from_iter(nodes_of_loops));
     let setups = (0..).zip(loops).zip(rigs).map(|((number, one), own_rig)| {
         let OneLoop {
             name,
@@ -371,13 +395,7 @@ fn named(
         };
         let elsewhere = elsewhere[usize::from(number)].clone();
         let setup = make(&name, scenario, own_rig).beside_faults(elsewhere);
-        let (controller, _) = rig.controller().unzip();
-        let drive = rig.drive_of_loop(&name).to_owned();
-        let nodes = NodeNames {
-            controller: controller.unwrap_or_default().to_owned(),
-            disturbance: rig.io_of(&drive).map(|(name, _)| name.to_owned()),
-            drive,
-        };
+        let nodes = (node_names(&name), Arc::clone(&nodes_of_loops));
         let names = LoopName {
             plant: rig.plant_of_loop(&name).to_owned(),
             name,

@@ -3,7 +3,7 @@
 use canopen::eds;
 use dbc::data_sheets::OfDrive;
 use dbc::loops::NodesByName;
-use dbc::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
+use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::port::Unit;
 
 use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
@@ -33,25 +33,55 @@ impl NodeSheet {
 /// The EDS of each node of these loops, which share a bus, in the order of the node-IDs.
 #[must_use]
 pub fn node_sheets(setups: &[Setup]) -> Vec<NodeSheet> {
-    let mut sheets = Vec::from_iter(setups.iter().flat_map(of_loop));
+    let loops = setups.iter().map(of_loop);
+    let mut sheets = Vec::from_iter(loops.flatten());
+    let (drives, modules): (Vec<_>, Vec<_>) = setups.iter().map(node_ids).unzip();
+    let mut servers = Vec::new();
+    for id in drives.into_iter().chain(modules.into_iter().flatten()) {
+        if !servers.contains(&id) {
+            servers.push(id);
+        }
+    }
+    sheets.extend(setups.first().map(|setup| controller(setup, &servers)));
     sheets.sort_by_key(|sheet| sheet.node_id);
     sheets.dedup_by_key(|sheet| sheet.node_id);
     sheets
 }
 
-fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
-    let (controller, drive, disturbance) = setup.node_names();
-    let sheet = |name: &str, node_id, eds, of_drive: Option<&OfDrive>| NodeSheet {
+/// The node-IDs of a loop's drive and of the module that acts on its plant, where there is one.
+fn node_ids(setup: &Setup) -> (u8, Option<u8>) {
+    let (_, _, disturbance) = setup.node_names();
+    let (drive, module) = match &setup.rig {
+        Some(rig) => (rig.drive.node_id().get(), Some(rig.file.fan.node_id)),
+        None => (setup.place.drive_node_id, setup.place.disturbance_node_id),
+    };
+    (drive, disturbance.and(module))
+}
+
+fn sheet(name: &str, node_id: u8, eds: &str, of_drive: Option<&OfDrive>) -> NodeSheet {
+    NodeSheet {
         name: name.to_owned(),
         node_id,
         text: data_sheets::of_node(eds, name, node_id, of_drive),
-    };
+    }
+}
+
+/// The EDS of the controller, which talks to these nodes.
+fn controller(setup: &Setup, servers: &[u8]) -> NodeSheet {
+    let (name, ..) = setup.node_names();
+    let eds = data_sheets::of_controller(servers);
+    sheet(name, CONTROLLER_NODE_ID, &eds, None)
+}
+
+fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
+    let (_, drive, disturbance) = setup.node_names();
     let place = &setup.place;
+    let (drive_id, module_id) = node_ids(setup);
     let drive = match &setup.rig {
         // The maker's, who says nothing of this rig.
         Some(rig) => NodeSheet {
             name: drive.to_owned(),
-            node_id: rig.drive.node_id().get(),
+            node_id: drive_id,
             text: rig.eds.clone(),
         },
         None => {
@@ -62,17 +92,12 @@ fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
                 truth: place.truth_pace(),
                 si_position,
             };
-            sheet(drive, place.drive_node_id, DRIVE_EDS, Some(&of_drive))
+            sheet(drive, drive_id, DRIVE_EDS, Some(&of_drive))
         }
     };
-    let module = match &setup.rig {
-        Some(rig) => Some(rig.file.fan.node_id),
-        None => place.disturbance_node_id,
-    };
-    let module = disturbance.zip(module);
+    let module = disturbance.zip(module_id);
     let module = module.map(|(name, node_id)| sheet(name, node_id, DISTURBANCE_EDS, None));
-    let controller = sheet(controller, CONTROLLER_NODE_ID, CONTROLLER_EDS, None);
-    [controller, drive].into_iter().chain(module)
+    [drive].into_iter().chain(module)
 }
 
 /// The nodes of a bench as tools know them.

@@ -56,6 +56,8 @@ pub struct Setup {
     pub loop_name: Option<LoopName>,
     /// What the rig calls its nodes; none in a scenario of schema 1.
     pub nodes: Option<NodeNames>,
+    /// What the rig calls the nodes of each loop on the bus, by the loop's name; nothing where it is the only one.
+    pub nodes_of_loops: Arc<BTreeMap<String, NodeNames>>,
     /// What is expected of it together with other loops.
     pub contours: Arc<Vec<Contour>>,
     /// Where its nodes are on the bus.
@@ -131,6 +133,7 @@ impl Setup {
             scenario,
             loop_name: None,
             nodes: None,
+            nodes_of_loops: Arc::default(),
             contours: Arc::default(),
             place: LoopPlace::SHIPPED,
             faults_elsewhere: Vec::new(),
@@ -175,6 +178,7 @@ impl Setup {
             scenario,
             loop_name: self.loop_name.clone(),
             nodes: self.nodes.clone(),
+            nodes_of_loops: Arc::clone(&self.nodes_of_loops),
             contours,
             place: self.place,
             external: self.external.clone(),
@@ -185,17 +189,18 @@ impl Setup {
         }
     }
 
-    /// The same as a loop of a rig; the only one has no name.
+    /// The same as a loop of a rig, whose nodes have these names, those of all loops among them; the only one has no name.
     pub(crate) fn of_loop(
         self,
         loop_name: Option<LoopName>,
-        nodes: NodeNames,
+        (nodes, nodes_of_loops): (NodeNames, Arc<BTreeMap<String, NodeNames>>),
         place: LoopPlace,
         contours: Arc<Vec<Contour>>,
     ) -> Self {
         Self {
             loop_name,
             nodes: Some(nodes),
+            nodes_of_loops,
             place,
             contours,
             ..self

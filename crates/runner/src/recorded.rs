@@ -207,6 +207,12 @@ impl Recorded {
         timeline::decode_loops(&self.log.frames, &self.setups)
     }
 
+    /// The names of its loops; the only one has none.
+    pub fn names(&self) -> impl Iterator<Item = String> {
+        let names = self.setups.iter().map(|setup| setup.loop_name.as_ref());
+        names.map(|names| names.map_or_else(String::new, |names| names.name.clone()))
+    }
+
     /// The timelines with what stands before the names of their signals.
     #[must_use]
     pub fn named<'a>(&self, timelines: &'a [Timeline]) -> Vec<OfLoop<'a>> {

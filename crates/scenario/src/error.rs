@@ -123,6 +123,11 @@ pub struct Problem {
 }
 
 impl Problem {
+    /// Where it begins in its text.
+    pub(crate) fn offset(&self) -> Option<usize> {
+        self.offset
+    }
+
     /// The same with other names in its words.
     pub(crate) fn renamed(self, rename: impl Fn(&str) -> String) -> Self {
         Self {

@@ -60,6 +60,17 @@ pub struct Event {
     pub is_fault: bool,
 }
 
+/// What people call one of several loops and its nodes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoopWords {
+    /// The loop.
+    pub name: String,
+    /// Its controller.
+    pub controller: String,
+    /// Its drive.
+    pub drive: String,
+}
+
 /// What the disturbance node is commanded at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DisturbanceCommand {
@@ -178,19 +189,22 @@ impl Scenario {
         windows
     }
 
-    /// Steps, disturbances and faults for plots, in the order of time.
+    /// Steps, disturbances and faults for plots, in the order of time; of one of several loops with its names.
     #[must_use]
-    pub fn events(&self) -> Vec<Event> {
+    pub fn events(&self, words: Option<&LoopWords>) -> Vec<Event> {
         let event = |at_seconds, text| Event {
             at_seconds,
             text,
             is_fault: false,
         };
+        let named = |at_seconds, text: String| match words {
+            None => event(at_seconds, text),
+            Some(words) => event(at_seconds, format!("{}: {text}", words.name)),
+        };
+        let unit = self.wiring.unit.symbol();
         let steps = self.reference.step.iter().map(|step| {
-            event(
-                step.at_seconds,
-                format!("step to {} mm", step.position_millimetres),
-            )
+            let text = format!("step to {} {unit}", step.position_millimetres);
+            named(step.at_seconds, text)
         });
         let disturbances = self
             .disturbance_windows()
@@ -201,16 +215,20 @@ impl Scenario {
                     until_seconds,
                 } = disturbance.window;
                 let end = (until_seconds > from_seconds)
-                    .then(|| event(until_seconds, "fan off".to_owned()));
-                [Some(event(from_seconds, disturbance.text)), end]
+                    .then(|| named(until_seconds, "fan off".to_owned()));
+                [Some(named(from_seconds, disturbance.text)), end]
             });
         let faults = self.fault.windows().into_iter().flat_map(|fault| {
             let is_instant = fault.from_seconds == fault.until_seconds;
             let until_seconds = fault.until_seconds.filter(|_| !is_instant);
-            let end = until_seconds.map(|end| event(end, format!("{} over", fault.text)));
+            let text = match words {
+                None => fault.text,
+                Some(words) => fault.text_of(&words.controller, &words.drive),
+            };
+            let end = until_seconds.map(|end| event(end, format!("{text} over")));
             let begin = Event {
                 is_fault: true,
-                ..event(fault.from_seconds.unwrap_or(0.0), fault.text)
+                ..event(fault.from_seconds.unwrap_or(0.0), text)
             };
             [Some(begin), end]
         });
@@ -416,7 +434,7 @@ mod tests {
             (25.0, 1.0, -5.0)
         ]));
         let events: Vec<String> = scenario
-            .events()
+            .events(None)
             .iter()
             .map(|event| format!("{} {}", event.at_seconds, event.text))
             .collect();

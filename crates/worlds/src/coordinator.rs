@@ -104,12 +104,6 @@ struct Slot<'a> {
     suspended_until: Duration,
     /// Its last answer.
     answer: Answer,
-    /// From when on its first waiting frame takes part in the arbitration. Asked at every event, like the next two, while
-    /// few events change them.
-    sends_at: Nanos,
-    /// The earliest time at which it may queue something that is not known yet; [`NEVER`] when it has stopped or when only
-    /// a frame can wake it.
-    may_queue_at: Nanos,
 }
 
 impl<'a> Slot<'a> {
@@ -118,7 +112,7 @@ impl<'a> Slot<'a> {
             next_deadline: participant.next_deadline(),
             ..Answer::default()
         };
-        let mut slot = Self {
+        Self {
             accepted: participant.filters().to_vec().into(),
             silent: participant.silent_filters().to_vec().into(),
             participant,
@@ -128,47 +122,90 @@ impl<'a> Slot<'a> {
             outbox: VecDeque::new(),
             suspended_until: Duration::ZERO,
             answer,
-            sends_at: NEVER,
-            may_queue_at: NEVER,
-        };
-        slot.look_ahead();
-        slot
+        }
     }
 
-    /// Works out when it may queue and send, after a change of what that depends on.
-    fn look_ahead(&mut self) {
+    /// From when on its first waiting frame takes part in the arbitration; [`NEVER`] where none waits.
+    fn sends_at(&self) -> Nanos {
+        let first = self.outbox.front();
+        first.map_or(NEVER, |(time, _)| nanos((*time).max(self.suspended_until)))
+    }
+
+    /// The earliest time at which it may queue something that is not known yet; [`NEVER`] when it has stopped or when only
+    /// a frame can wake it.
+    fn may_queue_at(&self) -> Nanos {
         let queues_at = match self.answer.progress {
             Progress::Running if self.has_answerable => self.inbox.last().map(|(time, _)| *time),
             Progress::Running => self.answer.next_deadline,
             _ => None,
         };
-        self.may_queue_at = queues_at.map_or(NEVER, nanos);
-        let first = self.outbox.front();
-        self.sends_at = first.map_or(NEVER, |(time, _)| nanos((*time).max(self.suspended_until)));
+        queues_at.map_or(NEVER, nanos)
     }
 
-    /// When something is next to be done for it.
-    fn due_at(&self) -> Nanos {
-        self.sends_at.min(self.may_queue_at)
-    }
-
-    /// Takes a frame from the bus that it accepts.
+    /// Takes a frame from the bus that it accepts; true where it may answer.
     #[inline]
-    fn receive(&mut self, time: Duration, frame: &CanFrame) {
-        if self.answer.progress == Progress::Running {
-            self.inbox.push((time, *frame));
-            if !self.silent.accepts(frame) {
-                self.has_answerable = true;
-                self.may_queue_at = nanos(time);
-            }
+    fn receive(&mut self, time: Duration, frame: &CanFrame) -> bool {
+        if self.answer.progress != Progress::Running {
+            return false;
+        }
+        self.inbox.push((time, *frame));
+        let is_answerable = !self.silent.accepts(frame);
+        self.has_answerable |= is_answerable;
+        is_answerable
+    }
+}
+
+/// When something is next to be done for each participant. All are compared at every event, so their times stand side by side.
+struct Agenda {
+    /// [`Slot::sends_at`] of each.
+    sends_at: Vec<Nanos>,
+    /// [`Slot::may_queue_at`] of each.
+    may_queue_at: Vec<Nanos>,
+}
+
+impl Agenda {
+    fn new(slots: &[Slot<'_>]) -> Self {
+        Self {
+            sends_at: slots.iter().map(Slot::sends_at).collect(),
+            may_queue_at: slots.iter().map(Slot::may_queue_at).collect(),
         }
     }
 
-    /// Takes the frame out with which it takes part in the arbitration.
-    fn remove_first(&mut self) {
-        self.outbox.pop_front();
-        self.look_ahead();
+    /// Follows a change of what it depends on.
+    #[inline]
+    fn note(&mut self, index: usize, slot: &Slot<'_>) {
+        self.sends_at[index] = slot.sends_at();
+        self.may_queue_at[index] = slot.may_queue_at();
     }
+
+    /// When something is next to be done at all; `now` where that is not later.
+    fn next(&self, now: Nanos) -> Nanos {
+        first_of(self.sends_at.iter().chain(&self.may_queue_at), now)
+    }
+
+    /// The first participant from this one on that may queue something by now.
+    fn first_to_ask(&self, from: usize, now: Nanos) -> Option<usize> {
+        let mut times = self.may_queue_at[from..].iter();
+        Some(from + times.position(|time| *time <= now)?)
+    }
+
+    /// When somebody else may queue something; `now` where that is not later.
+    fn others_may_queue_at(&self, index: usize, now: Nanos) -> Nanos {
+        let (before, behind) = self.may_queue_at.split_at(index);
+        first_of(before.iter().chain(&behind[1..]), now)
+    }
+}
+
+/// The first of some times, or `now`: on a busy bus the search soon ends with that.
+fn first_of<'a>(times: impl Iterator<Item = &'a Nanos>, now: Nanos) -> Nanos {
+    let mut first = NEVER;
+    for time in times {
+        if *time <= now {
+            return now;
+        }
+        first = first.min(*time);
+    }
+    first
 }
 
 struct InFlight {
@@ -185,8 +222,7 @@ struct InFlight {
 /// The participants, the bus between them and the time.
 pub(crate) struct Coordinator<'a> {
     slots: Vec<Slot<'a>>,
-    /// When something is next to be done for each of them, for the look at all that each event takes.
-    due: Vec<Nanos>,
+    agenda: Agenda,
     listeners: Listeners,
     bus: BusModel,
     faults: Option<BusFaults>,
@@ -210,7 +246,7 @@ impl<'a> Coordinator<'a> {
             slots[index].audience = audience;
         }
         Self {
-            due: slots.iter().map(Slot::due_at).collect(),
+            agenda: Agenda::new(&slots),
             listeners: Listeners::new(slots.iter().map(|slot| slot.accepted.clone()).collect()),
             slots,
             bus: BusModel::new(bitrate_kilobits_per_second),
@@ -248,21 +284,18 @@ impl<'a> Coordinator<'a> {
             self.pass(&passed, wire)?;
             return Ok(Some(self.now));
         }
-        let next = self
-            .due
-            .iter()
-            .fold(self.next_fault(), |next, due| next.min(*due));
+        let ready = self.now.max(self.bus.free_at());
+        let next = self.agenda.next(nanos(ready)).min(self.next_fault());
         if next == NEVER {
             return Ok(None);
         }
-        let next = Duration::from_nanos(next);
-        self.now = self.now.max(next).max(self.bus.free_at());
+        self.now = ready.max(Duration::from_nanos(next));
         self.recover(wire)?;
         let now = nanos(self.now);
-        for index in 0..self.slots.len() {
-            if self.due[index] <= now && self.slots[index].may_queue_at <= now {
-                self.ask(index)?;
-            }
+        let mut first = 0;
+        while let Some(index) = self.agenda.first_to_ask(first, now) {
+            self.ask(index)?;
+            first = index + 1;
         }
         self.arbitrate();
         Ok(Some(self.now))
@@ -299,6 +332,15 @@ impl<'a> Coordinator<'a> {
         self.accept_answer(index)
     }
 
+    /// Goes on without a participant that does not answer any more.
+    pub(crate) fn leave_out(&mut self, index: usize) {
+        let slot = &mut self.slots[index];
+        slot.answer.progress = Progress::Stopped;
+        slot.answer.reached = self.now;
+        slot.outbox.clear();
+        self.agenda.note(index, slot);
+    }
+
     /// True when a participant has reached its safe state and all its frames have passed.
     #[must_use]
     pub(crate) fn is_stopped(&self, index: usize) -> bool {
@@ -313,8 +355,8 @@ impl<'a> Coordinator<'a> {
     /// The lowest identifier among the first frames of all outboxes goes on the bus.
     fn arbitrate(&mut self) {
         let now = nanos(self.now);
-        let due = self.due.iter().enumerate().filter(|(_, due)| **due <= now);
-        let waiting = due.filter(|(index, _)| self.slots[*index].sends_at <= now);
+        let times = self.agenda.sends_at.iter().enumerate();
+        let waiting = times.filter(|(_, time)| **time <= now);
         let firsts =
             waiting.filter_map(|(index, _)| Some((index, self.slots[index].outbox.front()?)));
         let winner = firsts
@@ -343,8 +385,8 @@ impl<'a> Coordinator<'a> {
             Some((bits, faults.states[sender].activity() == Activity::Passive))
         });
         let Some((bits, is_passive)) = disturbed else {
-            self.slots[sender].remove_first();
-            self.due[sender] = self.slots[sender].due_at();
+            self.slots[sender].outbox.pop_front();
+            self.agenda.note(sender, &self.slots[sender]);
             self.transmit(Some(sender), frame);
             return;
         };
@@ -379,9 +421,9 @@ impl<'a> Coordinator<'a> {
         }
         let Some(faults) = &mut self.faults else {
             for index in self.listeners.of(&passed.frame) {
-                if Some(index) != passed.sender {
-                    self.slots[index].receive(self.now, &passed.frame);
-                    self.due[index] = self.slots[index].due_at();
+                let slot = &mut self.slots[index];
+                if Some(index) != passed.sender && slot.receive(now, &passed.frame) {
+                    self.agenda.note(index, slot);
                 }
             }
             return Ok(());
@@ -429,7 +471,6 @@ impl<'a> Coordinator<'a> {
             } else if after == Activity::Passive && Some(index) == passed.sender {
                 slot.suspended_until = free_at + self.bus.bit_time(SUSPEND_BITS);
             }
-            slot.look_ahead();
             if after != before {
                 let message = state.message(number, false);
                 wire.put(now, &message, 0)?;
@@ -437,7 +478,7 @@ impl<'a> Coordinator<'a> {
                     slot.receive(self.now, &message);
                 }
             }
-            self.due[index] = slot.due_at();
+            self.agenda.note(index, slot);
         }
         Ok(())
     }
@@ -455,9 +496,8 @@ impl<'a> Coordinator<'a> {
                 let number = faults.node_number(index);
                 let message = faults.states[index].message(number, true);
                 wire.put(now, &message, 0)?;
-                if slot.accepted.accepts(&message) {
-                    slot.receive(self.now, &message);
-                    self.due[index] = slot.due_at();
+                if slot.accepted.accepts(&message) && slot.receive(self.now, &message) {
+                    self.agenda.note(index, slot);
                 }
             }
         }
@@ -495,22 +535,26 @@ impl<'a> Coordinator<'a> {
     /// that frame arrives later.
     fn unreachable_until(&self, index: usize) -> Duration {
         let receiver = &self.slots[index];
-        let mut next = nanos(self.horizon.min(self.now + LOOK_AHEAD_MAX));
+        let now = nanos(self.now);
+        let others = self.agenda.others_may_queue_at(index, now);
+        if others <= now {
+            return self.now;
+        }
+        let mut next = nanos(self.horizon.min(self.now + LOOK_AHEAD_MAX)).min(others);
         if let Some(faults) = &self.faults {
             if faults.forbids_look_ahead() {
                 return self.now;
             }
             next = self.next_fault().min(next);
         }
-        for (at, slot) in self.slots.iter().enumerate() {
+        let times = self.agenda.sends_at.iter().enumerate();
+        for (at, _) in times.filter(|(_, time)| **time != NEVER) {
+            let slot = &self.slots[at];
             let may_reach = |(_, frame): &Timed| {
                 slot.audience.may_answer(frame) || (at != index && receiver.accepted.accepts(frame))
             };
             if slot.outbox.iter().any(may_reach) {
                 return self.now;
-            }
-            if at != index {
-                next = next.min(slot.may_queue_at);
             }
         }
         self.now.max(Duration::from_nanos(next))
@@ -536,8 +580,7 @@ impl<'a> Coordinator<'a> {
             None => slot.outbox.extend(&slot.answer.frames),
             Some(faults) => faults.queue(index, &slot.answer.frames, &mut slot.outbox),
         }
-        slot.look_ahead();
-        self.due[index] = slot.due_at();
+        self.agenda.note(index, slot);
         if let Progress::Failed(reason) = &slot.answer.progress {
             return Err(CoordinatorError::Failed {
                 name: slot.participant.name().to_owned(),

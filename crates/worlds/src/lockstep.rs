@@ -1,11 +1,12 @@
 //! Virtual time: the coordinator moves the nodes, in this process or in others.
 
+use std::collections::BTreeSet;
 use std::slice;
 use std::time::Duration;
 
 use canopen::CanFrame;
 use platform::bus::Bus;
-use platform::lockstep::{Local, Participant};
+use platform::lockstep::{Local, LockstepError, Participant};
 use scenario::Scenario;
 
 use crate::blame::end_by_node;
@@ -130,26 +131,51 @@ pub fn play(
     let mut taps = Taps { capture, wire };
     let end = Duration::from_secs_f64(scenario.duration_seconds);
     let is_faulty = setups.iter().any(|setup| !setup.scenario.fault.is_empty());
-    let end = run_until(&mut coordinator, &mut taps, end, is_faulty)?;
-    coordinator.settle(&mut taps)?;
-    for (index, name) in names.into_iter().enumerate().rev() {
+    let ended = run_until(&mut coordinator, &mut taps, end, is_faulty);
+    let mut left = BTreeSet::from_iter(0..names.len());
+    if let Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
+        name,
+    }))) = &ended
+        && let Some(dead) = names.iter().position(|other| other == name)
+    {
+        // The others live on until they have taken their currents away, which the recording shows. Why the run ended is known.
+        coordinator.leave_out(dead);
+        left.remove(&dead);
+        let _: Result<(), WorldError> = stop(&mut coordinator, &mut taps, &names, &left, is_faulty);
+        return ended;
+    }
+    let end = ended?;
+    stop(&mut coordinator, &mut taps, &names, &left, is_faulty)?;
+    Ok(end)
+}
+
+/// Asks these participants for their safe states, the last first, and waits for each.
+fn stop(
+    coordinator: &mut Coordinator<'_>,
+    taps: &mut Taps<'_, '_, '_>,
+    names: &[String],
+    left: &BTreeSet<usize>,
+    is_faulty: bool,
+) -> Result<(), WorldError> {
+    coordinator.settle(taps)?;
+    for index in left.iter().copied().rev() {
         coordinator.stop(index)?;
         let give_up = coordinator.now() + STOP_PATIENCE;
         while !coordinator.is_stopped(index) {
-            let is_late = coordinator.step(&mut taps)?.is_none_or(|now| now > give_up);
+            let is_late = coordinator.step(taps)?.is_none_or(|now| now > give_up);
             // What a fault keeps from ending is left as it is.
             if is_late && is_faulty {
                 break;
             }
             if is_late {
                 return Err(WorldError::NoStop {
-                    name,
+                    name: names[index].clone(),
                     patience: STOP_PATIENCE,
                 });
             }
         }
     }
-    Ok(end)
+    Ok(())
 }
 
 #[expect(

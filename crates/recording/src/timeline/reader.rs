@@ -15,10 +15,11 @@ use super::decoded::{Column, Timeline, cycle_start_seconds};
 use super::passing::{Passed, Passing};
 use crate::events::EventReader;
 use crate::fan::FanReader;
-use crate::identifiers::Identifiers;
+use crate::identifiers::{Identifiers, Readers};
 use crate::log::Stamped;
 use crate::losses::LossReader;
 use crate::masters::MasterWatch;
+use crate::node_words::NodeWords;
 use crate::traces::TraceReader;
 use crate::truth::TruthReader;
 
@@ -49,28 +50,49 @@ pub fn decode_loops(
     readers
         .iter_mut()
         .for_each(|reader| reader.reserve(expected));
-    let Some((first, others)) = readers.split_first_mut() else {
-        return Ok(Vec::new());
-    };
-    for stamped in frames {
-        let stamped = stamped.borrow();
-        let passed = first.pass(stamped);
-        for reader in &mut *others {
-            if !reader.passing.is_like(&first.passing) {
-                reader.passing.on_frame(stamped);
-            }
-            reader.read(stamped, passed);
-        }
-    }
-    for reader in others {
-        if reader.passing.is_like(&first.passing) {
-            reader.passing = first.passing.clone();
-        }
+    match readers.as_mut_slice() {
+        [only] => frames.for_each(|stamped| only.on_frame(stamped.borrow())),
+        several => read_with(several, frames),
     }
     let timelines = readers.iter_mut().zip(setups);
     timelines
         .map(|(reader, setup)| reader.take_rest(&setup.scenario))
         .collect()
+}
+
+/// Gives each frame to those who read something of it. What all see alike is looked at once.
+fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl Borrow<Stamped>>) {
+    let eventful = Readers::new(readers.iter().map(|reader| &reader.eventful));
+    let own = Readers::new(readers.iter().map(|reader| &reader.own));
+    let Some((first, others)) = readers.split_first() else {
+        return;
+    };
+    let others = (1..).zip(others);
+    let (like, unlike): (Vec<_>, Vec<_>) =
+        others.partition(|(_, other)| other.passing.is_like(&first.passing));
+    let [like, unlike] =
+        [like, unlike].map(|some| Vec::from_iter(some.iter().map(|(place, _)| *place)));
+    for stamped in frames {
+        let stamped = stamped.borrow();
+        let passed = readers[0].passing.on_frame(stamped);
+        for place in &unlike {
+            readers[*place].passing.on_frame(stamped);
+        }
+        let id = stamped.frame.raw_id();
+        if let [first, others @ ..] = eventful.of(id)
+            && readers[*first].events.on_frame(stamped)
+        {
+            for place in others {
+                readers[*place].events.on_frame(stamped);
+            }
+        }
+        for place in own.of(id) {
+            readers[*place].on_own_frame(stamped, passed);
+        }
+    }
+    for place in like {
+        readers[place].passing = readers[0].passing.clone();
+    }
 }
 
 /// Decodes the frames of a run as they come.
@@ -91,8 +113,6 @@ pub struct TimelineReader {
     rare: Identifiers,
     /// The messages that all but events is read from. Where a rig has several loops, most frames are those of others.
     own: Identifiers,
-    /// All messages that something is read from.
-    all: Identifiers,
     traces: TraceReader,
     masters: MasterWatch,
     columns: Columns,
@@ -107,9 +127,9 @@ impl TimelineReader {
         let (scenario, database) = (&setup.scenario, &*setup.database);
         let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
         let end = Duration::from_secs_f64(scenario.duration_seconds);
-        let loop_name = setup.loop_name.as_ref().map(|names| names.name.as_str());
-        let events = EventReader::new(database, loop_name);
-        let losses = LossReader::new(scenario, database);
+        let words = NodeWords::new(setup);
+        let losses = LossReader::new(scenario, database, &words);
+        let events = EventReader::new(database, words);
         let truth = TruthReader::new(database)?;
         let fan = FanReader::new(database)?;
         let rare = losses.raw_ids().chain([truth.raw_id()]);
@@ -131,7 +151,6 @@ impl TimelineReader {
             latest_sync: Duration::ZERO,
             end_cycle: cycles(end, period),
             eventful: events.raw_ids().collect(),
-            all: events.raw_ids().chain(own.iter().copied()).collect(),
             own: own.into_iter().collect(),
             rare: rare.into_iter().collect(),
             events,
@@ -156,23 +175,8 @@ impl TimelineReader {
 
     /// Takes every frame of the bus in order.
     pub fn on_frame(&mut self, stamped: &Stamped) {
-        self.pass(stamped);
-    }
-
-    #[inline]
-    fn pass(&mut self, stamped: &Stamped) -> Passed {
         let passed = self.passing.on_frame(stamped);
-        self.read(stamped, passed);
-        passed
-    }
-
-    /// Takes what is read of a frame.
-    #[inline]
-    fn read(&mut self, stamped: &Stamped, passed: Passed) {
         let id = stamped.frame.raw_id();
-        if !self.all.has(id) {
-            return;
-        }
         if self.eventful.has(id) {
             self.events.on_frame(stamped);
         }

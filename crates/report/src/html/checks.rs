@@ -36,7 +36,7 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
     html! {
         @if !drawn.is_empty() {
             (super::heading(run, "Checked signals"))
-            div.plots.even { @for one in &drawn { (plot(one).render()) } }
+            div.plots.even { @for one in &drawn { (plot(one, &shown(setup, one.trace)).render()) } }
             p.soft { "Green: where the signal must stay or get, and when." }
         }
     }
@@ -76,8 +76,18 @@ fn drawn<'a>(trace: &'a SignalTrace, setup: &Setup) -> Drawn<'a> {
     drawn
 }
 
-fn plot<'a>(drawn: &'a Drawn<'_>) -> Plot<'a> {
-    let mut plot = Plot::over_time(drawn.trace.path.as_str(), &drawn.trace.unit);
+/// Where a signal is on the bus: among several loops with the name of the drive whose frame it is in.
+fn shown(setup: &Setup, trace: &SignalTrace) -> String {
+    let (_, drive, _) = setup.node_names();
+    let own = trace.path.strip_prefix("drive_");
+    match (&setup.loop_name, own) {
+        (Some(_), Some(rest)) => format!("{drive}_{rest}"),
+        _ => trace.path.clone(),
+    }
+}
+
+fn plot<'a>(drawn: &'a Drawn<'_>, name: &'a str) -> Plot<'a> {
+    let mut plot = Plot::over_time(name, &drawn.trace.unit);
     plot.patches.clone_from(&drawn.patches);
     plot.draw(
         "recorded",

@@ -16,7 +16,7 @@ use crate::scenarios::{read, read_rig, scenario_files};
 use crate::shipped;
 use report::terminal::empty_table;
 use rig::FILE_BYTES_MAX;
-use rig::bus_budget::BusBudget;
+use rig::bus_budget::{BusBudget, Pace};
 use rig::loops::check_rig;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
@@ -97,9 +97,10 @@ fn arithmetic(bus: &BusBudget) -> String {
     let mut table = empty_table(["node", "sends", "bits", "comes in"]);
     for share in &bus.shares {
         let (node, what) = (share.node.as_str(), share.what.as_str());
-        let comes = match share.every_cycles {
-            1 => "every cycle".to_owned(),
-            every => format!("one cycle in {every}"),
+        let comes = match share.pace {
+            Pace::Cycles { every: 1, .. } => "every cycle".to_owned(),
+            Pace::Cycles { every, .. } => format!("one cycle in {every}"),
+            Pace::Milliseconds(period) => format!("every {period} ms, in gaps"),
         };
         table.add_row([node, what, &format!("{:.0}", share.bits), &comes]);
     }

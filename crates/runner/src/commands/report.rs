@@ -90,7 +90,7 @@ fn together(runs: &[(Recorded, Vec<Timeline>, Verdict)], output: &Path) -> Strin
         .map(|(recorded, timelines, verdict)| overview::ListedRun {
             folder: folder_name(&recorded.path),
             page: link(output, &recorded.path.join(file::REPORT)),
-            timeline: &timelines[0],
+            loops: recorded.names().zip(timelines).collect(),
             verdict,
         })
         .collect();

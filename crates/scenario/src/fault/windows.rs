@@ -54,6 +54,19 @@ impl FaultWindow {
         }
     }
 
+    /// What happens, for people who see several loops: which node it happens to.
+    #[must_use]
+    pub fn text_of(&self, controller: &str, drive: &str) -> String {
+        let Place { group, kind, .. } = self.place;
+        let name = kind.replace('_', " ");
+        match self.node {
+            Some(Node::Controller) => format!("fault: {controller} {name}"),
+            Some(Node::Drive) => format!("fault: {drive} {name}"),
+            None if group == "bus" => self.text.clone(),
+            None => format!("fault: {drive} {group} {name}"),
+        }
+    }
+
     fn lasting(mut self, fault: &impl Lasting) -> Self {
         self.from_seconds = Some(fault.start_seconds());
         self.until_seconds = fault.end_seconds();

@@ -3,7 +3,7 @@
 mod sensors;
 mod served;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use toml::Spanned;
@@ -112,6 +112,7 @@ impl Rig {
             rig: &rig,
         };
         problems.extend(check.problems());
+        say_once(&mut problems, &default_places(&document));
         rig.add_led_drives();
         match problems.is_empty() {
             true => Ok((rig, document)),
@@ -184,6 +185,31 @@ fn spread_defaults(root: &mut DeTable<'_>) {
             fill(node, defaults);
         }
     }
+}
+
+/// Where the defaults stand that drives have copies of.
+fn default_places(document: &Document<'_>) -> BTreeSet<usize> {
+    fn add(value: &Spanned<DeValue<'_>>, places: &mut BTreeSet<usize>) {
+        places.insert(value.span().start);
+        for (key, value) in value.get_ref().as_table().into_iter().flatten() {
+            places.insert(key.span().start);
+            add(value, places);
+        }
+    }
+    let mut places = BTreeSet::new();
+    if let Some(drive) = document.spanned("defaults.drive") {
+        add(drive, &mut places);
+    }
+    places
+}
+
+/// What is wrong with a default is so with each copy of it: the first time says enough.
+fn say_once(problems: &mut Vec<Problem>, places: &BTreeSet<usize>) {
+    let mut said = BTreeSet::new();
+    problems.retain(|problem| {
+        let copied = problem.offset().filter(|offset| places.contains(offset));
+        copied.is_none_or(|offset| said.insert(offset))
+    });
 }
 
 /// Adds what is missing, down to the last table.
@@ -260,9 +286,11 @@ impl Check<'_> {
                         "this word has a meaning in scenarios",
                     ));
                 }
-                let own_drive = |one: &RigLoop| one.drives.contains(name);
+                // Where its drives are wrong, that is said, and nobody knows whether one is its own.
+                let may_be_called_so =
+                    |one: &RigLoop| one.drives.contains(name) || !self.is_led_rightly(one);
                 let is_named_after_drive =
-                    kind == "loop" && rig.loops.get(name).is_some_and(own_drive);
+                    kind == "loop" && rig.loops.get(name).is_some_and(may_be_called_so);
                 if let Some(first) = taken.get(name.as_str()).filter(|_| !is_named_after_drive) {
                     let message = format!("`{name}` is the name of two things");
                     let place = self.document.key_span(first);
@@ -274,6 +302,16 @@ impl Check<'_> {
             }
         }
         problems
+    }
+
+    /// Whether a loop has drives that no other one has.
+    fn is_led_rightly(&self, one: &RigLoop) -> bool {
+        let is_own = |drive: &String| {
+            let leaders = self.rig.loops.values().flat_map(|other| &other.drives);
+            self.rig.node.contains_key(drive)
+                && leaders.filter(|other| *other == drive).count() == 1
+        };
+        !one.drives.is_empty() && one.drives.iter().all(is_own)
     }
 
     fn models(&self) -> Vec<Problem> {
@@ -297,9 +335,9 @@ impl Check<'_> {
             let path = format!("node.{name}.node_id");
             if let Some(other) = taken.get(&id) {
                 let message = format!("`{other}` and `{name}` have the same node-ID {id}");
-                let problem = self.document.problem(&path, message, "here");
+                let problem = self.document.problem(&path, message, "and here");
                 let first = self.document.span(&format!("node.{other}.node_id"));
-                problems.push(problem.with_place(first, "and here"));
+                problems.push(problem.with_place(first, "here"));
             }
             if id > EMULATED_NODE_ID_MAX && !node.external {
                 let message = format!("the emulated node `{name}` cannot have the node-ID {id}");
@@ -477,8 +515,8 @@ impl Check<'_> {
                 if let Some(first) = driven.get(port.as_str()) {
                     let message = format!("two nodes drive the port `{port}`");
                     let place = self.document.span(first);
-                    let problem = self.document.problem(&path, message, "this one");
-                    problems.push(problem.with_place(place, "and this one"));
+                    let problem = self.document.problem(&path, message, "and this one");
+                    problems.push(problem.with_place(place, "this one"));
                 }
                 driven.entry(port).or_insert(path);
             }
@@ -530,10 +568,14 @@ impl Check<'_> {
                 let path = format!("{path}.{place}");
                 problems.extend(self.drive(&path, drive));
                 if let Some(first) = led.get(drive.as_str()) {
-                    let message = format!("the drive `{drive}` is in two loops");
+                    let is_same = first.starts_with(&format!("loop.{name}."));
+                    let message = match is_same {
+                        true => format!("the drive `{drive}` is twice in the loop `{name}`"),
+                        false => format!("the drive `{drive}` is in two loops"),
+                    };
                     let first = self.document.span(first);
-                    let problem = self.document.problem(&path, message, "here");
-                    problems.push(problem.with_place(first, "and here"));
+                    let problem = self.document.problem(&path, message, "and here");
+                    problems.push(problem.with_place(first, "here"));
                 }
                 led.entry(drive).or_insert(path);
             }
@@ -569,10 +611,11 @@ impl Check<'_> {
     fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {
         let (node, signal) = feedback.split_once('.').unwrap_or((feedback, ""));
         let path = format!("loop.{name}.feedback");
-        if drives.first().is_none_or(|first| first != node) {
+        // Without a drive there is nothing to follow, which is said.
+        let first = drives.first()?;
+        if first != node {
             let message =
                 format!("the loop `{name}` follows `{feedback}`, which is not of its first drive");
-            let first = drives.first().map_or("", String::as_str);
             let label = format!("write \"{first}.{POSITION}\"");
             return Some(self.document.problem(&path, message, label));
         }

@@ -213,6 +213,11 @@ fn what_is_wrong_with_a_rig_names_both_places() {
             "the drive `x` is in two loops",
         ),
         (
+            "drives = [\"y\"]",
+            "drives = [\"y\", \"y\"]",
+            "the drive `y` is twice in the loop `y`",
+        ),
+        (
             "kind = \"controller\"",
             "kind = \"io\"",
             "nobody leads the drives",
@@ -289,6 +294,42 @@ fn a_rig_that_could_be_misread_is_refused() {
     ] {
         let error = load_text(SCENARIO, &RIG.replacen(right, wrong, 1)).unwrap_err();
         assert!(error.contains(said), "{wrong}: {error}");
+    }
+}
+
+/// Neither every copy of a default nor what follows from another mistake.
+#[test]
+fn a_mistake_is_said_once() {
+    for (right, wrong, said, unsaid) in [
+        (
+            "min = -1.0",
+            "mn = -1.0",
+            "unknown key `mn` in [defaults.drive.amplifier]",
+            "[node.x.amplifier]",
+        ),
+        (
+            "resolution_bits = 16",
+            "resolution_bits = 99",
+            "`defaults.drive.sensor.resolution_bits` = 99 is out of range",
+            "`node.x",
+        ),
+        (
+            "drives = [\"y\"]",
+            "drives = [\"x\"]",
+            "the drive `x` is in two loops",
+            "is the name of two things",
+        ),
+        (
+            "drives = [\"y\"]",
+            "drives = []",
+            "nothing moves the loop `y`",
+            "which is not of its first drive",
+        ),
+    ] {
+        assert!(RIG.contains(right), "{right}");
+        let error = load_text(SCENARIO, &RIG.replacen(right, wrong, 1)).unwrap_err();
+        assert!(error.contains(said), "{wrong}: {error}");
+        assert!(!error.contains(unsaid), "{wrong}: {error}");
     }
 }
 
