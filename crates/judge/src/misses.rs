@@ -1,5 +1,6 @@
 //! Whose doing it was that a cycle was missed: the bench's, a fault's of the scenario, or a node's. By evidence only: without
-//! a stall in the recording's evidence nothing is the bench's.
+//! a stall in the recording's evidence nothing is the bench's, and nothing of a node that is somebody else's unless the stall
+//! was in that cycle.
 
 use std::time::Duration;
 
@@ -31,6 +32,14 @@ pub(crate) enum Missing {
 }
 
 impl Missing {
+    /// Whether somebody else's node was to send it.
+    fn is_of(self, external: &External) -> bool {
+        external.has(match self {
+            Self::Sync => ExternalNode::Controller,
+            Self::Position => ExternalNode::Drive,
+        })
+    }
+
     /// `controller: no SYNC`
     fn words(self) -> &'static str {
         match self {
@@ -123,7 +132,25 @@ impl Misses {
                 doing,
             });
         }
-        Self { due, all }
+        let mut misses = Self { due, all };
+        misses.blame_the_bench_where_it_prevails(&setup.external);
+        misses
+    }
+
+    /// Where stalls made as many cycles miss as canrig's own nodes did for no reason that was seen, they are the reason of
+    /// those, too: a processor that the host of a virtual machine took from a running thread shows in no clock of the machine.
+    fn blame_the_bench_where_it_prevails(&mut self, external: &External) {
+        let Some(longest) = self.longest_stall() else {
+            return;
+        };
+        let is_own = |miss: &Miss| miss.doing == Doing::Node && !miss.missing.is_of(external);
+        let own = self.all.iter().filter(|miss| is_own(miss)).count();
+        if own > self.by_bench().count() {
+            return;
+        }
+        for miss in self.all.iter_mut().filter(|miss| is_own(miss)) {
+            miss.doing = Doing::Bench(longest);
+        }
     }
 
     /// All of them, by all that were due.
