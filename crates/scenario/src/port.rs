@@ -135,7 +135,7 @@ impl Ports {
 }
 
 /// The finest of 1, 2 and 5 times a power of ten whose steps over a range fit 16 bits; 1 where the range is none.
-fn steps_for([min, max]: [f64; 2]) -> f64 {
+pub(crate) fn steps_for([min, max]: [f64; 2]) -> f64 {
     let largest = min.abs().max(max.abs());
     if !(largest.is_finite() && largest > 0.0) {
         return 1.0;

@@ -18,6 +18,7 @@ use toml::de::{DeTable, DeValue};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
+use crate::own::leads_all;
 use crate::rig::nodes::{NodeKind, Rig};
 use crate::schema;
 use units::InUnit;
@@ -170,12 +171,40 @@ impl<'text> Splitter<'_, 'text> {
         }
         let laws = self.root().get(CONTROLLER);
         let of = |key: &str| self.table(laws?)?.get(key).cloned();
+        if let Some(problem) = self.law_of_all(name) {
+            return Err(problem);
+        }
         let only = || laws.filter(|_| !self.is_by_loop(CONTROLLER)).cloned();
         of(name).or_else(|| of(ALL)).or_else(only).ok_or_else(|| {
             let message = format!("no law closes the loop `{name}`");
             let label =
                 format!("[controller.{name}.LAW] is missing, and so is [controller.{ALL}.LAW]");
             self.scenario.problem(CONTROLLER, message, label)
+        })
+    }
+
+    /// A law with ports leads all loops: none has another one, and it is not the law of one of several.
+    fn law_of_all(&self, name: &str) -> Option<Problem> {
+        let with_ports = |key: &str| {
+            let laws = self.scenario.keys(&format!("{CONTROLLER}.{key}"));
+            laws.into_iter().find(|law| leads_all(law))
+        };
+        let path = format!("{CONTROLLER}.{name}");
+        let problem = |message: String, label: String| {
+            let span = self.scenario.key_span(&path);
+            (self.scenario.source).problem(span, message, label)
+        };
+        if let Some(law) = with_ports(name).filter(|_| !self.is_only_loop()) {
+            let message = format!("the law `{law}` leads all loops, not `{name}` alone");
+            return Some(problem(
+                message,
+                format!("write [{CONTROLLER}.{ALL}.{law}]"),
+            ));
+        }
+        let law = with_ports(ALL)?;
+        self.scenario.has(&path).then(|| {
+            let message = format!("two laws lead the loop `{name}`");
+            problem(message, format!("`{law}` leads all loops already"))
         })
     }
 
