@@ -21,8 +21,9 @@ pub struct TruthPace {
     pub sync_start: u8,
 }
 
-/// Where an emulated drive says in which unit its positions are.
+/// Where an emulated drive says in which unit its positions are, and velocities would be.
 const SI_UNIT_POSITION: &str = "[60A8]";
+const SI_UNIT_VELOCITY: &str = "[60A9]";
 /// What the shipped data sheet says of that in words.
 const MICROMETRES: &str = "Positions count micrometres (0x60A8).";
 
@@ -33,6 +34,18 @@ pub struct OfDrive {
     pub truth: TruthPace,
     /// The unit of its positions (0x60A8, CiA 303-2), with its word, where it is another than the micrometre.
     pub si_position: Option<(u32, String)>,
+}
+
+/// By second, as an SI unit has it (CiA 303-2).
+const BY_SECOND: u32 = 0x0300;
+
+/// The SI unit of a velocity (0x60A9) by that of the position; 0 for a unit without a code.
+#[must_use]
+pub const fn si_velocity(si_position: u32) -> u32 {
+    match si_position {
+        0 => 0,
+        code => code | BY_SECOND,
+    }
 }
 
 /// An EDS for one node of a rig, with the node's name and number in it, and for a drive when it publishes the truth about its
@@ -46,6 +59,7 @@ pub fn of_node(eds: &str, name: &str, node_id: u8, drive: Option<&OfDrive>) -> S
         let every = is_in(TRUTH_EVERY).then_some(truth.every_cycles);
         every.or(is_in(TRUTH_START).then_some(truth.sync_start))
     };
+    let is_unit = |section: &str| [SI_UNIT_POSITION, SI_UNIT_VELOCITY].contains(&section);
     let mut section = "";
     let mut text = String::with_capacity(eds.len());
     for line in eds.lines() {
@@ -55,8 +69,12 @@ pub fn of_node(eds: &str, name: &str, node_id: u8, drive: Option<&OfDrive>) -> S
         let is_default = line.starts_with("DefaultValue=");
         match own_default(section).filter(|_| is_default) {
             Some(value) => text += &format!("DefaultValue={value}"),
-            None if is_default && section == SI_UNIT_POSITION && si_position.is_some() => {
+            None if is_default && is_unit(section) && si_position.is_some() => {
                 let code = si_position.map_or(0, |(code, _)| *code);
+                let code = match section {
+                    SI_UNIT_POSITION => code,
+                    _ => si_velocity(code),
+                };
                 text += &format!("DefaultValue=0x{code:08X}");
             }
             None if line.ends_with(MICROMETRES) && si_position.is_some() => {

@@ -2,9 +2,14 @@
 
 use crate::chirp::FrequencySweep;
 use crate::disturbance::Disturbance;
-use crate::port::{symbol_of, unit_in};
+use crate::port::{Unit, symbol_of, unit_in};
 use crate::scenario::Scenario;
 pub use crate::window::Window;
+
+/// Where no scenario says another band.
+const RECOVERY_BAND_MILLIMETRES: f64 = 0.25;
+/// Of the sensor's range, in another unit.
+const RECOVERY_BAND_SHARE: f64 = 1.0 / 240.0;
 
 /// A step of the set-point that the metrics judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,6 +83,18 @@ impl Scenario {
     pub fn judged_end_seconds(&self) -> f64 {
         let earlier = self.expect.judged_until_seconds;
         earlier.unwrap_or(self.duration_seconds)
+    }
+
+    /// A deviation within this counts as recovered, in the unit of the loop: four steps of a 10-bit converter over 60 mm, and in
+    /// another unit as much of the sensor's range.
+    #[must_use]
+    pub fn recovery_band(&self) -> f64 {
+        let [min, max] = self.wiring.range();
+        let of_unit = match self.wiring.unit {
+            Unit::Millimetres => RECOVERY_BAND_MILLIMETRES,
+            _ => (max - min) * RECOVERY_BAND_SHARE,
+        };
+        self.expect.recovery_band_millimetres.unwrap_or(of_unit)
     }
 
     /// The steps that the metrics judge, in the order of time.

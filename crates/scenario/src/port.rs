@@ -245,7 +245,8 @@ pub fn conversion(from: &str, to: &str) -> Option<f64> {
 }
 
 /// Keys and metrics that have the unit of a position.
-const NAMES_OF_POSITIONS: [&str; 13] = [
+const NAMES_OF_POSITIONS: [&str; 14] = [
+    "recovery_band_millimetres",
     "position_millimetres",
     "centre_millimetres",
     "amplitude_millimetres",

@@ -52,6 +52,9 @@ const DRIVE: &str = "drive";
 const CONTROLLER: &str = "controller";
 /// canrig's own node, which no rig file names.
 const BENCH: &str = "bench";
+/// Faults that may name a plant in place of a node.
+const OF_PLANT: &str = "fault.plant.";
+const PLANT: &str = "plant";
 /// Keys that name a node.
 const OF_NODES: [&str; 3] = ["node", "sender", "receiver"];
 
@@ -311,6 +314,13 @@ impl<'text> Splitter<'_, 'text> {
             || is_only_drive
             || path.starts_with("reference.") && self.is_only_loop()
             || path.starts_with("disturbance.") && self.is_only_loop();
+        // A fault of a plant is one of all drives that move it, each with what it finds of it.
+        if path.starts_with(OF_PLANT)
+            && let Some(plant) = table.remove(PLANT)
+        {
+            let own = self.rig.plant_of(self.drive(name));
+            return (own.is_some() && plant.get_ref().as_str() == own).then_some(entry);
+        }
         for key in OF_NODES {
             let Some(value) = table.get_mut(key) else {
                 continue;
@@ -443,6 +453,17 @@ impl<'text> Splitter<'_, 'text> {
         by: &str,
         known: &[&str],
     ) -> Option<Problem> {
+        let plant = table.get(PLANT).filter(|_| path.starts_with(OF_PLANT));
+        if let Some(named) = plant {
+            let known = Vec::from_iter(self.rig.plant.keys().map(String::as_str));
+            let name = named.get_ref().as_str().unwrap_or_default();
+            return (!known.contains(&name)).then(|| {
+                let message = format!("the rig has no plant `{name}`");
+                let label = meant_or_known(name, &known);
+                self.scenario
+                    .problem(&format!("{path}.{PLANT}"), message, label)
+            });
+        }
         let keys = if by == "node" {
             &OF_NODES[..]
         } else {
