@@ -42,7 +42,7 @@ pub(crate) enum What {
     /// Write a crate for a plant: something that a current moves, behind the emulated drive
     Plant(PlantArgs),
     /// Write a crate for a control law: from a position and a set-point to a current
-    Law(CrateArgs),
+    Law(LawArgs),
     /// Write a rig file of two drives, with a scenario
     Rig(RigArgs),
 }
@@ -53,6 +53,16 @@ pub(crate) struct PlantArgs {
     /// A plant with ports of its own, two inputs and three outputs, with the rig file that wires it
     #[arg(long)]
     pub ports: bool,
+    #[command(flatten)]
+    pub of: CrateArgs,
+}
+
+/// The crate of a law to write.
+#[derive(Args, Debug)]
+pub(crate) struct LawArgs {
+    /// 2: a law with ports that leads two loops together, with the rig file that has them
+    #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub loops: u8,
     #[command(flatten)]
     pub of: CrateArgs,
 }
@@ -123,6 +133,17 @@ const LAW: Skeleton = Skeleton {
     readme: include_str!("law/README.md"),
 };
 
+const LAW_OF_LOOPS: Skeleton = Skeleton {
+    section: Section::Controller,
+    name: "my_law",
+    manifest: include_str!("law/manifest.toml"),
+    library: include_str!("law/loops/lib.rs"),
+    program: include_str!("law/loops/main.rs"),
+    scenario: include_str!("law/loops/scenario.toml"),
+    rig: Some(include_str!("law/loops/rig.toml")),
+    readme: include_str!("law/loops/README.md"),
+};
+
 /// Why nothing was written.
 #[derive(Debug, thiserror::Error)]
 enum NewError {
@@ -163,7 +184,10 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
             let skeleton = if *ports { &PLANT_WITH_PORTS } else { &PLANT };
             written(skeleton, of).map(|made| made.words(&of.name))
         }
-        What::Law(args) => written(&LAW, args).map(|made| made.words(&args.name)),
+        What::Law(LawArgs { loops, of }) => {
+            let skeleton = if *loops == 1 { &LAW } else { &LAW_OF_LOOPS };
+            written(skeleton, of).map(|made| made.words(&of.name))
+        }
         What::Rig(args) => rig::written(args),
     };
     match written {
@@ -297,7 +321,7 @@ mod tests {
 
     #[test]
     fn a_crate_is_written_once_and_nothing_of_the_skeleton_s_name_is_left() {
-        for skeleton in [&PLANT, &LAW, &PLANT_WITH_PORTS] {
+        for skeleton in [&PLANT, &LAW, &PLANT_WITH_PORTS, &LAW_OF_LOOPS] {
             let folder = tempfile::tempdir().unwrap();
             let args = args(folder.path(), "swing_arm");
             let written_to = written(skeleton, &args).unwrap().folder;
@@ -338,15 +362,19 @@ mod tests {
     #[test]
     fn the_walk_throughs_show_what_the_skeletons_say() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
-        for (page, skeleton) in [("your-plant.md", PLANT), ("your-law.md", LAW)] {
+        for (page, skeletons) in [
+            ("your-plant.md", [PLANT, PLANT_WITH_PORTS]),
+            ("your-law.md", [LAW, LAW_OF_LOOPS]),
+        ] {
             let page = fs::read_to_string(folder.join(page)).unwrap();
             let prose = page.split("```").step_by(2);
             let lines: usize = prose.map(|text| text.lines().count()).sum();
             assert!(lines < 100, "a walk is short");
-            let files = [skeleton.library, skeleton.program, skeleton.scenario];
+            let files = skeletons.each_ref();
+            let files = files.map(|one| [one.library, one.program, one.scenario]);
             for block in page.split("```").skip(1).step_by(2) {
                 let (kind, code) = block.split_once('\n').unwrap();
-                let is_shown = files.iter().any(|file| file.contains(code));
+                let is_shown = files.as_flattened().iter().any(|file| file.contains(code));
                 assert!(is_shown || kind == "sh", "not in the skeleton:\n{code}");
             }
         }

@@ -1,7 +1,7 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
 use canopen::eds;
-use dbc::data_sheets::OfDrive;
+use dbc::data_sheets::{AnalogueOutput, OfDrive};
 use dbc::loops::NodesByName;
 use dbc::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::port::Unit;
@@ -70,7 +70,13 @@ fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
         None => place.disturbance_node_id,
     };
     let module = disturbance.zip(module);
-    let module = module.map(|(name, node_id)| sheet(name, node_id, DISTURBANCE_EDS, None));
+    let outputs = setup.io_outputs().iter().map(|output| AnalogueOutput {
+        place: output.place,
+        name: output.name.clone(),
+        at_rest: output.raw(output.at_rest),
+    });
+    let module_eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
+    let module = module.map(|(name, node_id)| sheet(name, node_id, &module_eds, None));
     let controller = sheet(controller, CONTROLLER_NODE_ID, CONTROLLER_EDS, None);
     [controller, drive].into_iter().chain(module)
 }

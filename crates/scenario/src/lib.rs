@@ -22,6 +22,7 @@ pub mod events;
 pub mod expect;
 pub mod fault;
 mod file;
+pub mod law_ports;
 mod left_out;
 mod limit;
 mod load;

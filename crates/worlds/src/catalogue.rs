@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use controller::catalogue::own_laws;
+use controller::catalogue::{law_ports, own_laws};
 use plant_emulator::{InvalidEmulator, catalogue as plants};
 use scenario::{Objection, Scenario};
 
@@ -15,7 +15,8 @@ pub fn catalogue() -> &'static Catalogue {
         let of_one_axis = plants::kinds();
         let of_one_axis = of_one_axis.filter_map(|kind| Some((kind.name(), kind.signals()?)));
         let find_ports = |scenario: &Scenario| plants::ports(scenario).ok();
-        Catalogue::new(of_one_axis, own_laws(), plant_objection, find_ports)
+        let catalogue = Catalogue::new(of_one_axis, own_laws(), plant_objection, find_ports);
+        catalogue.with_laws_of_all(law_ports)
     });
     &CATALOGUE
 }

@@ -182,6 +182,12 @@ fn with_names(mut schema: Value) -> Value {
             }
         }
     }
+    for entry in entries(&schema, "PlantFaults") {
+        schema["definitions"][entry]["properties"]["plant"] = json!({
+            "description": "The plant, in place of the node: what each of its drives finds of it fails.",
+            "type": "string",
+        });
+    }
     for (definition, text) in [
         ("Node", "The name of a node."),
         (
