@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets};
-use fmu::description::{Causality, Description, Variable};
 use fmu::Archive;
+use fmu::description::{Causality, Description, Variable};
 use fmu::table::proposed;
 
 use runner::console::{print, print_error};

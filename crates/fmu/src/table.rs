@@ -73,19 +73,31 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
     for (name, port) in &table.ports {
         let place = format!("ports.{name}");
         let at_variable = || Misfit::at(format!("{place}.variable"));
-        let variable = description.variable(&port.variable).map_err(at_variable())?;
+        let variable = description
+            .variable(&port.variable)
+            .map_err(at_variable())?;
         let is_input = variable.is_input();
         if is_input && wiring.setup.inputs.contains(&variable.name) {
-            let fault = Fault::variable(&variable.name, "is two ports already, and can be set by one");
+            let fault = Fault::variable(
+                &variable.name,
+                "is two ports already, and can be set by one",
+            );
             return Err(at_variable()(fault));
         }
         let name_alone = vec![variable.name.clone()];
         let alone = match is_input {
-            true => Setup { inputs: name_alone, ..a_setup() },
-            false => Setup { outputs: name_alone, ..a_setup() },
+            true => Setup {
+                inputs: name_alone,
+                ..a_setup()
+            },
+            false => Setup {
+                outputs: name_alone,
+                ..a_setup()
+            },
         };
         alone.check(description).map_err(at_variable())?;
-        let port = port_of(name, port, variable, description).map_err(Misfit::at(place.as_str()))?;
+        let port =
+            port_of(name, port, variable, description).map_err(Misfit::at(place.as_str()))?;
         wiring.add(port, variable, is_input);
     }
     record(table, description, &mut wiring)?;
@@ -93,7 +105,10 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
         Some(_) => "step_milliseconds",
         None => "file",
     };
-    wiring.setup.check(description).map_err(Misfit::at(of_steps))?;
+    wiring
+        .setup
+        .check(description)
+        .map_err(Misfit::at(of_steps))?;
     let start = &wiring.setup.start;
     for port in &mut wiring.inputs {
         let given = start.iter().find(|(name, _)| *name == port.variable);

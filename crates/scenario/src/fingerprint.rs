@@ -71,6 +71,10 @@ mod tests {
         assert!(hash_line(folder.path(), "rigs/a.fmu").is_ok());
         fs::write(place("rigs/a.fmu"), "abd").unwrap();
         let error = hash_line(folder.path(), "rigs/a.fmu").unwrap_err();
-        assert!(error.to_string().contains("not the file that rigs/a.fmu.sha256 says"));
+        assert!(
+            error
+                .to_string()
+                .contains("not the file that rigs/a.fmu.sha256 says")
+        );
     }
 }

@@ -120,16 +120,31 @@ fn the_proposed_table_fits() {
 #[test]
 fn the_place_of_what_does_not_fit_is_named() {
     for (text, place) in [
-        ("[ports]\nx_metres = { variable = \"y\" }", "ports.x_metres.variable: variable `y`"),
-        ("[start]\narm.m = 1.0", "start.arm.m: variable `arm.m` is not in the FMU"),
-        ("record = [\"x\", \"T\"]", "record.1: variable `T` has no lowest and highest value"),
-        ("step_milliseconds = 0.0", "step_milliseconds: its step is 0 s"),
+        (
+            "[ports]\nx_metres = { variable = \"y\" }",
+            "ports.x_metres.variable: variable `y`",
+        ),
+        (
+            "[start]\narm.m = 1.0",
+            "start.arm.m: variable `arm.m` is not in the FMU",
+        ),
+        (
+            "record = [\"x\", \"T\"]",
+            "record.1: variable `T` has no lowest and highest value",
+        ),
+        (
+            "step_milliseconds = 0.0",
+            "step_milliseconds: its step is 0 s",
+        ),
     ] {
         let error = wiring(text).unwrap_err();
         assert!(error.starts_with(place), "{error}");
     }
     let twice = "a_amperes = { variable = \"motor.I\" }\nb_amperes = { variable = \"motor.I\" }";
-    refused(&format!("[ports]\n{twice}"), "`motor.I` is two ports already");
+    refused(
+        &format!("[ports]\n{twice}"),
+        "`motor.I` is two ports already",
+    );
 }
 
 #[test]

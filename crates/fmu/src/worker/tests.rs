@@ -60,7 +60,10 @@ fn unpacked(folder: &std::path::Path) -> crate::Unpacked {
     let options = zip::write::SimpleFileOptions::default();
     zip.start_file("modelDescription.xml", options).unwrap();
     zip.write_all(xml.as_bytes()).unwrap();
-    let library = format!("binaries/{}/a.so", crate::description::Version::Three.platform());
+    let library = format!(
+        "binaries/{}/a.so",
+        crate::description::Version::Three.platform()
+    );
     zip.start_file(library, options).unwrap();
     zip.finish().unwrap();
     Archive::open(&file).unwrap().unpack().unwrap()

@@ -296,8 +296,16 @@ impl Check<'_> {
         for (name, plant) in &self.rig.plant {
             let Some(fmu) = &plant.fmu else { continue };
             for (key, is_missing, label) in [
-                ("file", fmu.file.is_empty(), "file = \"NAME.fmu\" is missing"),
-                ("ports", fmu.ports.is_empty(), "no variable is a port: `canrig fmu FILE --rig` proposes some"),
+                (
+                    "file",
+                    fmu.file.is_empty(),
+                    "file = \"NAME.fmu\" is missing",
+                ),
+                (
+                    "ports",
+                    fmu.ports.is_empty(),
+                    "no variable is a port: `canrig fmu FILE --rig` proposes some",
+                ),
             ] {
                 if is_missing {
                     let message = format!("the plant `{name}` lacks `{key}`");

@@ -14,7 +14,7 @@ use super::{SCHEMA, SCHEMA_OF_ONE, Splitter};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::file::read_text;
-use crate::fingerprint::HASH_SUFFIX;
+use crate::fingerprint::{HASH_SUFFIX, hash_line};
 use crate::load::{
     KIND, Objection, Reading, SCENARIO_BYTES_MAX, Texts, nodes, none_of, parse_beside,
     parse_recorded, reading,
@@ -112,8 +112,11 @@ impl Loops<Scenario> {
                 beside: String::new(),
             },
         };
-        let beside =
-            |file: &str| read_text(&Path::new(name).with_file_name(file), SCENARIO_BYTES_MAX);
+        let folder = Path::new(name).parent().unwrap_or(Path::new(""));
+        let beside = |file: &str| match file.strip_suffix(HASH_SUFFIX) {
+            Some(file) => hash_line(folder, file),
+            None => read_text(&folder.join(file), SCENARIO_BYTES_MAX),
+        };
         made(
             &files,
             &mut { beside },
@@ -201,7 +204,9 @@ fn find_fmus(
             Some(label) => Some(label.to_owned()),
             None => match (read_file(&format!("{}{HASH_SUFFIX}", fmu.file)), reading) {
                 (Err(error), Reading::ToPlay) => Some(match error.kind() {
-                    io::ErrorKind::NotFound => "there is no such file beside the rig file".to_owned(),
+                    io::ErrorKind::NotFound => {
+                        "there is no such file beside the rig file".to_owned()
+                    }
                     _ => error.to_string(),
                 }),
                 _ => None,
@@ -229,7 +234,9 @@ fn find_fmus(
 /// Why a file cannot be one of a plant, whether it is there or not.
 fn wrong_name(file: &str) -> Option<&'static str> {
     match file {
-        file if !is_inside_folder(file) => Some("no absolute path, no `..`: it lies beside the rig file"),
+        file if !is_inside_folder(file) => {
+            Some("no absolute path, no `..`: it lies beside the rig file")
+        }
         file if !file.ends_with(".fmu") => Some("its name must end in .fmu"),
         _ => None,
     }
