@@ -9,9 +9,9 @@ use crate::support::root;
 /// A room, by its package's name, and the rooms that it may depend on. Each stands above all that it names.
 const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
     ("canopen", &[]),
-    ("fmu", &[]),
     ("dbc", &["canopen"]),
     ("scenario", &["canopen"]),
+    ("fmu", &["scenario"]),
     ("faults", &["canopen", "dbc", "scenario"]),
     ("platform", &["canopen"]),
     ("controller", &["canopen", "dbc", "scenario", "platform"]),

@@ -79,6 +79,9 @@ pub enum InvalidEmulator {
     /// There is no such plant.
     #[error("there is no plant `{0}`")]
     UnknownPlant(String),
+    /// A plant whose code is not the emulator's cannot be made.
+    #[error("plant: {0}")]
+    Elsewhere(String),
     /// The table of a plant from outside is that of another one.
     #[error("plant: {0}")]
     Parameters(#[from] toml::de::Error),

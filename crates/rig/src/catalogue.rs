@@ -240,11 +240,23 @@ impl Catalogue {
     pub fn objections(&self, scenario: &Scenario) -> Vec<Objection> {
         let frames = self.frames(scenario);
         let mut objections = SignalNames::objections(scenario, || frames.names());
-        objections.extend((self.plant_objection)(scenario));
+        // What is wrong with an FMU stands in the rig file.
+        if !is_wired_fmu(scenario) {
+            objections.extend((self.plant_objection)(scenario));
+        }
         objections.extend(self.law_objection(scenario));
         objections.extend(self.output_objection(scenario));
         objections.extend(two_columns(&frames.database, scenario));
         objections
+    }
+
+    /// What is wrong with the FMU of a rig's plant, at its place in the rig file.
+    pub(crate) fn fmu_objection(&self, scenario: &Scenario, plant: &str) -> Option<Objection> {
+        let found = is_wired_fmu(scenario).then(|| (self.plant_objection)(scenario));
+        let objection = found.flatten()?;
+        let below = objection.path.strip_prefix("plant.");
+        let path = format!("plant.{plant}.{}", below.unwrap_or_default());
+        Some(Objection { path, ..objection })
     }
 
     /// Refuses a pair of a plant and a law with two signals that would be one column of `signals.csv`.
@@ -254,6 +266,11 @@ impl Catalogue {
     pub fn check(&self) -> Result<(), String> {
         self.pairs.iter().try_for_each(Pair::check)
     }
+}
+
+/// Whether a scenario's plant is an FMU in a rig file.
+fn is_wired_fmu(scenario: &Scenario) -> bool {
+    scenario.plant.fmu.is_some() && !scenario.wiring.input.is_empty()
 }
 
 /// A plant and a law that a scenario may choose together.

@@ -115,8 +115,10 @@ pub fn varied(
     text: &str,
     read_file: impl FnMut(&str) -> io::Result<String>,
 ) -> Result<Vec<Setup>, ScenarioError> {
-    let path = Path::new("case");
-    let (loops, _) = Loops::parse(path, text.to_owned(), read_file, |_| Vec::new(), |_| None)?;
+    // What is no text lies beside the scenario that they vary.
+    let path = base.first().map_or(Path::new(""), |base| &base.path);
+    let path = path.with_file_name("case");
+    let (loops, _) = Loops::parse(&path, text.to_owned(), read_file, |_| Vec::new(), |_| None)?;
     let contours = Arc::new(loops.contours);
     let elsewhere = faults_elsewhere(loops.loops.iter().map(|one| &one.scenario));
     let setups = base.iter().zip(loops.loops).zip(elsewhere);

@@ -33,11 +33,15 @@ fn of_loop(
     if rig.node.get(drive)?.external {
         return None;
     }
+    let plant = rig.plant_of(drive)?;
+    if let Some(objection) = catalogue.fmu_objection(&one.scenario, plant) {
+        return Some(objection);
+    }
     let ports = catalogue.ports(&one.scenario)?;
     let wired = Wired {
         drive,
         io: rig.io_of(drive).map(|(name, _)| name),
-        plant: rig.plant_of(drive)?,
+        plant,
         ports: &ports,
         scenario: &one.scenario,
     };

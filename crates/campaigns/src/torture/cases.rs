@@ -93,7 +93,9 @@ impl TortureCases {
     pub(crate) fn case(&self, number: usize) -> Result<TortureCase, String> {
         let mut stream = self.stream(number);
         let faults = draw::mix(&mut stream, &self.nodes, self.duration_seconds());
-        TortureCase::new(&self.setup.text, &self.setup.tables, faults, stream.bits())
+        let (text, tables) = (&self.setup.text, &self.setup.tables);
+        let case = TortureCase::new(text, tables, faults, stream.bits())?;
+        Ok(case.beside(&self.setup.path))
     }
 
     /// It follows from the seed and the number alone.

@@ -6,11 +6,13 @@
 
 mod contours;
 mod expect;
+mod fmus;
 mod read;
 mod sweep;
 mod units;
 
 use std::ops::Range;
+use std::path::Path;
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -79,6 +81,8 @@ pub(super) struct Splitter<'a, 'text> {
     pub(super) scenario: &'a Document<'text>,
     pub(super) rig: &'a Rig,
     pub(super) rig_tree: &'a DeTable<'text>,
+    /// The rig file's name beside the scenario.
+    pub(super) rig_name: &'a str,
     pub(super) schema_1: DeValue<'text>,
 }
 
@@ -237,7 +241,9 @@ impl<'text> Splitter<'_, 'text> {
             Some(DeValue::Table(models)) => models,
             _ => DeTable::new(),
         };
-        if let Some(DeValue::Table(own)) = of(self.root()).map(Spanned::into_inner) {
+        fmus::place(&mut models, Path::new(self.rig_name));
+        if let Some(DeValue::Table(mut own)) = of(self.root()).map(Spanned::into_inner) {
+            fmus::place(&mut own, Path::new(self.rig_name));
             override_with(&mut models, &own);
         }
         // The model of the paper has no name in a scenario of one drive.

@@ -220,6 +220,7 @@ impl Check<'_> {
         let mut problems = Vec::from_iter(crate::check::name(self.document, &self.rig.name));
         problems.extend(self.names());
         problems.extend(self.models());
+        problems.extend(self.fmus());
         problems.extend(self.node_ids());
         problems.extend(self.controllers());
         problems.extend(self.nodes());
@@ -290,10 +291,36 @@ impl Check<'_> {
         });
         let problems = wrong.map(|(name, _)| {
             let message = format!("the plant `{name}` needs one model");
-            let label = format!("write one of [plant.{name}.sma], [plant.{name}.dc_motor] and [plant.{name}.sma_pair]");
+            let label = format!("write one of [plant.{name}.sma], [plant.{name}.dc_motor], [plant.{name}.sma_pair] and [plant.{name}.fmu]");
             self.problem(&format!("plant.{name}"), message, label)
         });
         problems.collect()
+    }
+
+    /// An FMU is a file, with something to wire.
+    fn fmus(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        for (name, plant) in &self.rig.plant {
+            let Some(fmu) = &plant.fmu else { continue };
+            for (key, is_missing, label) in [
+                (
+                    "file",
+                    fmu.file.is_empty(),
+                    "file = \"NAME.fmu\" is missing",
+                ),
+                (
+                    "ports",
+                    fmu.ports.is_empty(),
+                    "no variable is a port: `canrig fmu FILE --rig` proposes some",
+                ),
+            ] {
+                if is_missing {
+                    let message = format!("the plant `{name}` lacks `{key}`");
+                    problems.push(self.problem(&format!("plant.{name}.fmu"), message, label));
+                }
+            }
+        }
+        problems
     }
 
     fn node_ids(&self) -> Vec<Problem> {

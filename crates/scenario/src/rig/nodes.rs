@@ -13,7 +13,7 @@ use super::{
 };
 use crate::bus::Bus;
 use crate::own::Own;
-use crate::plant::{DcMotor, Heat, Mechanics, Phase, SmaPair};
+use crate::plant::{DcMotor, Fmu, Heat, Mechanics, Phase, SmaPair};
 use crate::port::Unit;
 use crate::wiring::{LedBy, LoopOfRig, Plausible, Wiring};
 
@@ -305,6 +305,9 @@ pub struct PlantModel {
     /// A joint that two shape-memory-alloy wires turn, one each way.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sma_pair: Option<SmaPair>,
+    /// A plant from a modelling tool: an FMU of FMI 2.0 or 3.0 for co-simulation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fmu: Option<Fmu>,
     /// The table of a model from outside, under its own name.
     #[serde(flatten, skip_deserializing)]
     #[schemars(skip)]
@@ -315,11 +318,12 @@ impl PlantModel {
     /// The name of its model.
     #[must_use]
     pub fn model(&self) -> &str {
-        match (&self.own, &self.dc_motor, &self.sma_pair) {
-            (Some(own), _, _) => own.name(),
-            (None, Some(_), _) => "dc_motor",
-            (None, None, Some(_)) => "sma_pair",
-            (None, None, None) => "sma",
+        match (&self.own, &self.dc_motor, &self.sma_pair, &self.fmu) {
+            (Some(own), _, _, _) => own.name(),
+            (None, Some(_), _, _) => "dc_motor",
+            (None, None, Some(_), _) => "sma_pair",
+            (None, None, None, Some(_)) => "fmu",
+            (None, None, None, None) => "sma",
         }
     }
 }
