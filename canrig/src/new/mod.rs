@@ -220,39 +220,58 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
         path: checkout.join("Cargo.toml"),
         reason,
     })?;
-    new_folder(&folder)?;
-    for below in ["src", "scenarios"] {
-        make(&folder.join(below), |path| fs::create_dir(path))?;
-    }
-    for (path, text) in skeleton.files(&name, &checkout, &profile) {
-        make(&folder.join(path), |path| {
-            write_whole(path, |output| output.write_all(text.as_bytes()))
-        })?;
-    }
-    // The versions that canrig is tested with; cargo adds the new crate.
-    let lock = checkout.join("Cargo.lock");
-    if lock.is_file() {
-        make(&folder.join("Cargo.lock"), |path| {
-            let mut lock = fs::File::open(&lock)?;
-            write_whole(path, |output| io::copy(&mut lock, output).map(drop))
-        })?;
-    }
+    in_new_folder(&folder, |folder| {
+        for below in ["src", "scenarios"] {
+            make(&folder.join(below), |path| fs::create_dir(path))?;
+        }
+        for (path, text) in skeleton.files(&name, &checkout, &profile) {
+            make(&folder.join(path), |path| {
+                write_whole(path, |output| output.write_all(text.as_bytes()))
+            })?;
+        }
+        // The versions that canrig is tested with; cargo adds the new crate.
+        let lock = checkout.join("Cargo.lock");
+        if lock.is_file() {
+            make(&folder.join("Cargo.lock"), |path| {
+                let mut lock = fs::File::open(&lock)?;
+                write_whole(path, |output| io::copy(&mut lock, output).map(drop))
+            })?;
+        }
+        Ok(())
+    })?;
     Ok(Crate { folder, checkout })
 }
 
-/// Makes a folder that is not there yet.
-fn new_folder(folder: &Path) -> Result<(), NewError> {
+/// Makes a folder that is not there yet with what `write` writes into it: it appears with all of that, or not at all.
+fn in_new_folder(
+    folder: &Path,
+    write: impl FnOnce(&Path) -> Result<(), NewError>,
+) -> Result<(), NewError> {
     if let Some(parent) = folder.parent() {
         make(parent, |parent| fs::create_dir_all(parent))?;
     }
-    // Of two that ask at once, one gets it.
-    fs::create_dir(folder).map_err(|source| match source.kind() {
-        io::ErrorKind::AlreadyExists => NewError::Exists(folder.to_owned()),
+    let failed = |path: &Path, source: io::Error| match source.kind() {
+        io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty => {
+            NewError::Exists(path.to_owned())
+        }
         _ => NewError::Write {
-            path: folder.to_owned(),
+            path: path.to_owned(),
             source,
         },
-    })
+    };
+    if folder.symlink_metadata().is_ok() {
+        return Err(NewError::Exists(folder.to_owned()));
+    }
+    // Of two that ask at once, one gets it.
+    let partial = folder.with_added_extension("partial");
+    fs::create_dir(&partial).map_err(|source| failed(&partial, source))?;
+    let written = write(&partial)
+        .and_then(|()| fs::rename(&partial, folder).map_err(|source| failed(folder, source)));
+    if written.is_err() {
+        // What is left of it does no harm.
+        let _ = fs::remove_dir_all(&partial);
+    }
+    written
 }
 
 fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), NewError> {
@@ -317,6 +336,25 @@ mod tests {
             path: Some(folder.join("deep/down")),
             canrig: None,
         }
+    }
+
+    #[test]
+    fn a_folder_appears_whole_or_not_at_all() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("deep/new");
+        let failed = in_new_folder(&folder, |partial| {
+            fs::write(partial.join("half"), "of it").unwrap();
+            assert!(!folder.exists());
+            make(partial, |_| Err(io::Error::other("the disk is full")))
+        });
+        assert!(matches!(failed, Err(NewError::Write { .. })));
+        let left = || fs::read_dir(parent.path().join("deep")).unwrap().count();
+        assert_eq!(left(), 0);
+        let write = |partial: &Path| make(&partial.join("file"), |path| fs::write(path, "all"));
+        assert!(in_new_folder(&folder, write).is_ok());
+        assert!(folder.join("file").exists() && left() == 1);
+        let again = in_new_folder(&folder, |_| unreachable!("it is there"));
+        assert!(matches!(again, Err(NewError::Exists(path)) if path == folder));
     }
 
     #[test]

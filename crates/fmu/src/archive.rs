@@ -166,13 +166,13 @@ fn at(place: &str, source: io::Error) -> Fault {
 }
 
 fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
-    let file = File::open(path).map_err(|source| at("it cannot be opened", source))?;
-    let metadata = file
-        .metadata()
-        .map_err(|source| at("it cannot be read", source))?;
+    let unread = |source| at("it cannot be opened", source);
+    // A pipe would be waited for when it is opened.
+    let metadata = path.metadata().map_err(unread)?;
     if !metadata.is_file() {
-        return Err(Fault::Archive("it is no file".to_owned()));
+        return Err(Fault::Archive("it is not a file".to_owned()));
     }
+    let file = File::open(path).map_err(unread)?;
     if metadata.len() > FILE_BYTES_MAX {
         return Err(Fault::Archive(format!(
             "it has {} bytes (limit {FILE_BYTES_MAX})",

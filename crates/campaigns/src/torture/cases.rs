@@ -1,6 +1,5 @@
 //! The cases of torture, each by its number: a mix of faults that follows from the seed, and the invariant that it breaks.
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -23,6 +22,8 @@ use crate::sweep::row::{Ended, SweepRow};
 
 /// Name of the file that says what is drawn; a folder that has it is one of torture.
 const FILE: &str = "torture.json";
+/// Largest file that is read.
+const BYTES_MAX: u64 = 1 << 20;
 
 /// What is drawn.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
@@ -75,7 +76,7 @@ impl TortureCases {
     /// What the folder of a part says; none where it is not one of torture.
     pub(crate) fn of_folder(folder: &Path, setups: &[Setup]) -> Result<Option<Self>, NoTorture> {
         let path = folder.join(FILE);
-        let text = match fs::read_to_string(&path) {
+        let text = match scenario::read_text(&path, BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             text => text,
         };

@@ -191,7 +191,7 @@ proptest! {
         };
         let misses = Misses::new(&timeline, &setup, &circumstances);
         prop_assert_eq!(misses.due, cycles.len() as u64);
-        let found: Vec<_> = misses.all.iter().map(|miss| {
+        let found: Vec<_> = misses.all().map(|miss| {
             (miss.at_seconds, word(miss.doing))
         }).collect();
         prop_assert_eq!(found, slow(&cycles, &held, &faults, &external));

@@ -82,10 +82,11 @@ fn head(run: &Run<'_>, verdict: &Verdict) -> Markup {
         h1 { (scenario.name) }
         p { (page::badge(verdict.outcome)) }
         @if let Some(reason) = &verdict.reason { p { (reason) } }
+        @if let Some(end) = end_besides(verdict) { p { (end) } }
         @if let Some(description) = &scenario.description { p.soft { (description) } }
         dl.facts {
             div { dt { "control law" } dd { (law) } }
-            div { dt { "recorded" } dd { (recorded(run, verdict)) } }
+            div { dt { "recorded" } dd { (recorded(run)) } }
             div { dt { "cycle" } dd { (scenario.bus.sync_period_milliseconds) " ms" } }
             div { dt { "bus" } dd { (scenario.bus.bitrate_kilobits_per_second) " kbit/s" } }
             div { dt { "frames" } dd { (run.frames.len()) } }
@@ -100,17 +101,22 @@ fn head(run: &Run<'_>, verdict: &Verdict) -> Markup {
     }
 }
 
-/// How much was recorded, and why no more.
-fn recorded(run: &Run<'_>, verdict: &Verdict) -> String {
+/// How much was recorded.
+fn recorded(run: &Run<'_>) -> String {
     let (reached, planned) = (
         run.timeline.end_seconds(),
         run.setup.scenario.duration_seconds,
     );
-    let end = verdict.ended_early.as_ref().map(ToString::to_string);
+    format!("{reached:.3} s of {planned} s")
+}
+
+/// Why no more was recorded, where the verdict's reason does not say it.
+fn end_besides(verdict: &Verdict) -> Option<String> {
+    let end = verdict.ended_early.as_ref()?.to_string();
     // The end of a node's log stands in the reason.
-    let reason = end.as_deref().and_then(|end| end.lines().next());
-    let why = reason.map_or_else(String::new, |why| format!(": {why}"));
-    format!("{reached:.3} s of {planned} s{why}")
+    let why = end.lines().next()?;
+    let reason = verdict.reason.as_deref().unwrap_or_default();
+    (!reason.contains(why)).then(|| format!("The run ended early: {why}"))
 }
 
 fn events(events: &[TimelineEvent]) -> Markup {
