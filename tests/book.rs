@@ -6,6 +6,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use fmu::description::Version;
+use fmu::export::write_fmu;
 use rig::rig_file::LoadedRig;
 use rig::setup::Setup;
 use scenario::loops::Loops;
@@ -14,7 +16,7 @@ use scenario::rig::nodes::Rig;
 use serde_json::Value;
 use toml::Table;
 
-use crate::support::{output, root};
+use crate::support::{canrig, output, root};
 
 /// The pages beside the book.
 const PAGES: [&str; 4] = [
@@ -255,6 +257,34 @@ fn miette_text(error: impl std::fmt::Debug) -> String {
     format!("{error:?}")
 }
 
+/// The FMU of the motor with this library in it.
+fn motor_fmu(folder: &Path, library: &[u8]) {
+    let shipped = fmu_plants::shipped();
+    let models = shipped.iter().map(|exported| exported.model());
+    let model = { models }.find(|model| model.name == "dc_motor").unwrap();
+    let file = fs::File::create(folder.join("motor.fmu")).unwrap();
+    write_fmu(file, &model, Version::Three, library).unwrap();
+}
+
+/// The motor behind its drive, as the page has it: with its library where `cargo build --release` has made it, as CI does first.
+#[test]
+fn the_motor_from_another_tool_passes() {
+    let program = Path::new(env!("CARGO_BIN_EXE_canrig"));
+    let Ok(library) = fs::read(program.with_file_name("libcanrig_plants.so")) else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    motor_fmu(folder.path(), &library);
+    for name in ["motor_rig.toml", "motor_step.toml"] {
+        let example = root().join("docs/examples").join(name);
+        fs::copy(example, folder.path().join(name)).unwrap();
+    }
+    let runs = folder.path().join("runs");
+    let step = folder.path().join("motor_step.toml");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(step));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+}
+
 #[test]
 fn every_scenario_loads() {
     let folder = tempfile::tempdir().unwrap();
@@ -267,9 +297,15 @@ fn every_scenario_loads() {
     .unwrap();
     let eds = root().join("tests/foreign/servo.eds");
     fs::copy(eds, folder.path().join("servo.eds")).unwrap();
-    for name in ["feeder.toml", "feed_and_press.toml"] {
+    motor_fmu(folder.path(), b"no library");
+    for (page, name) in [
+        ("several-drives", "feeder.toml"),
+        ("several-drives", "feed_and_press.toml"),
+        ("fmu", "motor_rig.toml"),
+        ("fmu", "motor_step.toml"),
+    ] {
         let example = root().join("docs/examples").join(name);
-        let page = Page::read(root().join("docs/several-drives.md"));
+        let page = Page::read(root().join(format!("docs/{page}.md")));
         assert!(
             page.text.contains(&fs::read_to_string(&example).unwrap()),
             "{name}"
@@ -295,6 +331,10 @@ fn every_scenario_loads() {
                 "toml,fragment,rig" => {
                     parts += 1;
                     merged("docs/examples/feed_and_press.toml", &block.text)
+                }
+                "toml,fragment,fmu" => {
+                    parts += 1;
+                    merged("docs/examples/motor_step.toml", &block.text)
                 }
                 "toml,fragment,own" => {
                     own += 1;

@@ -1,13 +1,18 @@
-//! `canrig fmu`: what it tells and refuses. That FMUs play is shown by `tests/fmu/run`, beside FMPy.
+//! `canrig fmu`: what it tells and refuses; and FMUs as plants behind drives. That FMUs of other makers play is shown by
+//! `tests/fmu/run`, beside FMPy.
 
 use std::fs;
-use std::path::Path;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 use fmu::description::Version;
-use fmu::export::write_fmu;
+use fmu::export::{Model, ModelVariable, Role, write_fmu};
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde_json::Value;
+use sha2::{Digest, Sha256};
 
-use crate::support::output;
+use crate::real_time::{Started, wait_for};
+use crate::support::{canrig, only_run, output, root, runs};
 
 fn fmu(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
@@ -69,4 +74,418 @@ fn a_plant_that_does_not_ship_is_not_exported() {
     assert!(error.contains("there are: sma, dc_motor"), "{error}");
     let (code, _, _) = fmu(folder.path(), &[]);
     assert_eq!(code, Some(2));
+}
+
+/// Lock-step in processes.
+const LOCKSTEP: [&str; 4] = ["--clock", "lockstep", "--bus", "embedded"];
+
+const RIG: &str = r#"
+schema = 2
+name = "cart"
+[plant.cart.fmu]
+file = "cart.fmu"
+[plant.cart.fmu.start]
+mass_kilograms = 2.4
+mode = 0
+from_seconds = 1.0
+[plant.cart.fmu.ports]
+current_amperes = { variable = "current_amperes" }
+position_metres = { variable = "position_metres" }
+speed_metres_per_second = { variable = "speed_metres_per_second", range = [-3.0, 3.0] }
+[node.controller]
+kind = "controller"
+node_id = 1
+[node.lift]
+kind = "drive"
+node_id = 16
+amplifier = { port = "cart.current_amperes", min = -1.0, max = 1.0 }
+sensor = { port = "cart.position_metres", unit = "millimetres", min = -10.0, max = 60.0, resolution_bits = 16 }
+[loop.height]
+feedback = "lift.position"
+drives = ["lift"]
+"#;
+
+const STEP: &str = r#"
+schema = 2
+name = "cart step"
+rig = "rigs/cart.toml"
+duration_seconds = 2.5
+[controller.pid]
+proportional_amperes_per_metre = 64.8
+integral_amperes_per_metre_second = 489.0
+derivative_ampere_seconds_per_metre = 3.74
+set_point_weight = 0.377
+derivative_filter_radians_per_second = 500.0
+current_amperes_min = -1.0
+[[reference.step]]
+at_seconds = 0.5
+position_millimetres = 20.0
+[expect]
+steady_state_error_millimetres = { max = 0.1 }
+position_millimetres_max = { min = 19.0, max = 21.0 }
+[[expect.signal]]
+name = "speed_metres_per_second"
+stays = { min = -2.0, max = 2.0 }
+"#;
+
+/// The FMU of the cart, its rig file in a folder below the scenario's, and the scenario; `marker` makes another FMU of the same model.
+fn cart(folder: &Path, marker: &str) -> PathBuf {
+    let library = folder.join("cart.so");
+    let mut compiler = Command::new("cc");
+    compiler
+        .args(["-O2", "-shared", "-fPIC", "-o"])
+        .arg(&library);
+    let (code, _, error) = output(compiler.arg(root().join("tests/fmu/cart.c")));
+    assert_eq!(code, Some(0), "{error}");
+    let variable = |name: &str, unit, role| ModelVariable {
+        name: name.to_owned(),
+        description: String::new(),
+        unit,
+        role,
+    };
+    let number = |start, min, max| Role::Number { start, min, max };
+    let model = Model {
+        name: "cart".to_owned(),
+        description: marker.to_owned(),
+        version: "1".to_owned(),
+        variables: vec![
+            variable("current_amperes", "A", Role::Input(0.0)),
+            variable("position_metres", "m", Role::Output),
+            variable("speed_metres_per_second", "m/s", Role::Output),
+            variable("mass_kilograms", "kg", number(2.4, Some(0.1), Some(10.0))),
+            variable("mode", "", number(0.0, None, None)),
+            variable("from_seconds", "s", number(1.0, None, None)),
+        ],
+    };
+    let rigs = folder.join("rigs");
+    fs::create_dir_all(&rigs).unwrap();
+    let file = fs::File::create(rigs.join("cart.fmu")).unwrap();
+    write_fmu(file, &model, Version::Two, &fs::read(library).unwrap()).unwrap();
+    fs::write(rigs.join("cart.toml"), RIG).unwrap();
+    let path = folder.join("step.toml");
+    fs::write(&path, STEP).unwrap();
+    path
+}
+
+fn verdict(run: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(run.join("verdict.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn an_fmu_plays_behind_a_drive_in_one_process_and_in_several_and_is_replayed_without_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let step = cart(folder.path(), "");
+    let (code, stdout, stderr) = output(
+        Command::new(env!("CARGO_BIN_EXE_canrig"))
+            .arg("check")
+            .arg(&step),
+    );
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let [alone, together] = ["alone", "together"].map(|name| folder.path().join(name));
+    let (code, stdout, stderr) = output(canrig(&together, "simulate").arg(&step));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let (code, stdout, stderr) = output(canrig(&alone, "run").arg(&step).args(LOCKSTEP));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let [alone, together] = [alone, together].map(|runs| only_run(&runs));
+    for file in ["bus.log", "signals.csv", "verdict.json"] {
+        let read = |run: &Path| fs::read(run.join(file)).unwrap();
+        assert!(read(&alone) == read(&together), "{file}");
+    }
+    let fmu = folder.path().join("rigs/cart.fmu");
+    let hash = Sha256::digest(fs::read(&fmu).unwrap());
+    let hash = String::from_iter(hash.iter().map(|byte| format!("{byte:02x}")));
+    let line = fs::read_to_string(alone.join("rigs/cart.fmu.sha256")).unwrap();
+    assert_eq!(line, format!("{hash}  cart.fmu\n"));
+    assert_eq!(
+        verdict(&alone)["identity"]["files"]["rigs/cart.fmu"],
+        Value::from(hash)
+    );
+    let signals = fs::read_to_string(alone.join("signals.csv")).unwrap();
+    assert!(
+        signals
+            .lines()
+            .next()
+            .unwrap()
+            .contains("speed_metres_per_second"),
+        "{signals}"
+    );
+    let before = fs::read(alone.join("verdict.json")).unwrap();
+    // The folder plays again, until the FMU is another one.
+    let again = folder.path().join("again");
+    let (code, stdout, stderr) =
+        output(canrig(&again, "simulate").arg(alone.join("scenario.toml")));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    cart(folder.path(), "another one");
+    let (code, _, stderr) = output(canrig(&again, "simulate").arg(alone.join("scenario.toml")));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        stderr.contains("is not the file that rigs/cart.fmu.sha256 says"),
+        "{stderr}"
+    );
+    fs::remove_file(fmu).unwrap();
+    for command in ["replay", "report"] {
+        let (code, stdout, stderr) = output(
+            Command::new(env!("CARGO_BIN_EXE_canrig"))
+                .arg(command)
+                .arg(&alone),
+        );
+        assert_eq!(code, Some(0), "{command}: {stdout}{stderr}");
+    }
+    assert!(fs::read(alone.join("verdict.json")).unwrap() == before);
+}
+
+/// What it did, as the run says it.
+#[test]
+fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
+    let folder = tempfile::tempdir().unwrap();
+    let step = cart(folder.path(), "");
+    for (mode, said) in [
+        (
+            2,
+            &["it did not return within 5s while it stepped; its process was ended"][..],
+        ),
+        (
+            3,
+            &[
+                "was ended by signal 11",
+                "while it stepped; only this run is lost",
+            ],
+        ),
+        (
+            4,
+            &[
+                "variable `position_metres` is NaN at 1",
+                "the FMU computed it",
+            ],
+        ),
+        (
+            5,
+            &["exited with code 3 while it stepped", "it said: no licence"],
+        ),
+        (6, &["the FMU ended the simulation by itself at 1"]),
+        (7, &["DoStep failed (error) at 1"]),
+    ] {
+        for world in ["simulate", "run"] {
+            let runs = folder.path().join(format!("{world}-{mode}"));
+            let mut canrig = canrig(&runs, world);
+            canrig
+                .arg(&step)
+                .args(["--set", &format!("plant.cart.fmu.start.mode={mode}")]);
+            if world == "run" {
+                canrig.args(LOCKSTEP);
+            }
+            let (code, stdout, stderr) = output(&mut canrig);
+            let flat = Vec::from_iter(
+                format!("{stdout} {stderr}")
+                    .split_whitespace()
+                    .map(str::to_owned),
+            )
+            .join(" ");
+            assert_eq!(code, Some(1), "{mode}, {world}: {flat}");
+            for said in said.iter().chain(&["cannot go on", "cart.fmu"]) {
+                assert!(flat.contains(said), "{mode}, {world}, {said}: {flat}");
+            }
+            let run = only_run(&runs);
+            let (code, stdout, stderr) = output(
+                Command::new(env!("CARGO_BIN_EXE_canrig"))
+                    .arg("replay")
+                    .arg(&run),
+            );
+            assert_eq!(code, Some(1), "{mode}, {world}: {stdout}{stderr}");
+        }
+    }
+    // It refuses long steps and gets short ones.
+    let runs = folder.path().join("discards");
+    let set = ["--set", "plant.cart.fmu.start.mode=1"];
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&step).args(set));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+}
+
+#[test]
+fn what_does_not_fit_the_fmu_is_underlined_in_the_rig_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let step = cart(folder.path(), "");
+    let rig = folder.path().join("rigs/cart.toml");
+    let text = fs::read_to_string(&rig).unwrap();
+    let refused = |from: &str, to: &str, said: &[&str]| {
+        assert!(text.contains(from), "{from}");
+        fs::write(&rig, text.replace(from, to)).unwrap();
+        let (code, _, stderr) = output(
+            Command::new(env!("CARGO_BIN_EXE_canrig"))
+                .env("NO_COLOR", "1")
+                .arg("check")
+                .arg(&step),
+        );
+        assert_eq!(code, Some(3), "{to}: {stderr}");
+        let flat = Vec::from_iter(stderr.split_whitespace())
+            .join(" ")
+            .replace("│ ", "");
+        for said in said {
+            assert!(flat.contains(said), "{to}: {said}: {stderr}");
+        }
+    };
+    let speed = "variable = \"speed_metres_per_second\"";
+    refused(
+        speed,
+        "variable = \"sped\"",
+        &[
+            "cart.fmu cannot be this plant",
+            "variable `sped` is not in the FMU",
+            "rigs/cart.toml:",
+        ],
+    );
+    refused(
+        "speed_metres_per_second = {",
+        "speed_seconds = {",
+        &["is in m/s, and the port `speed_seconds` would be in seconds"],
+    );
+    refused(
+        "range = [-3.0, 3.0]",
+        "range = [3.0, -3.0]",
+        &["write the lowest value, then a higher one"],
+    );
+    refused(
+        "mass_kilograms = 2.4",
+        "mass_kilograms = 0.01",
+        &["`mass_kilograms` cannot start with 0.01, it must be from 0.1 to 10"],
+    );
+    refused(
+        "mass_kilograms = 2.4",
+        "mass = 2.4",
+        &["variable `mass` is not in the FMU"],
+    );
+    refused(
+        "\"cart.fmu\"",
+        "\"card.fmu\"",
+        &[
+            "`rigs/card.fmu` cannot be the FMU of `cart`",
+            "there is no such file",
+        ],
+    );
+    refused(
+        "\"cart.fmu\"",
+        "\"../cart.fmu\"",
+        &["no absolute path, no `..`"],
+    );
+    refused(
+        "file = \"cart.fmu\"\n",
+        "",
+        &["the plant `cart` lacks `file`"],
+    );
+    refused(
+        "port = \"cart.current_amperes\"",
+        "port = \"cart.position_metres\"",
+        &["is an output, and an input is needed here"],
+    );
+    refused(
+        "port = \"cart.position_metres\"",
+        "port = \"cart.speed_metres_per_second\"",
+        &["cannot be measured in millimetres"],
+    );
+    refused(
+        "file = \"cart.fmu\"\n",
+        "file = \"cart.fmu\"\nrecord = [\"from_seconds\"]\n",
+        &["variable `from_seconds` has no lowest and highest value"],
+    );
+    fs::write(&rig, &text).unwrap();
+    fs::write(folder.path().join("rigs/cart.fmu"), "PK").unwrap();
+    refused("cart", "cart", &["it is no zip file"]);
+}
+
+#[test]
+fn a_parameter_of_an_fmu_is_swept_and_no_row_of_another_fmu_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let step = cart(folder.path(), "");
+    let sweep = "[sweep]\n[[sweep.list]]\nkey = \"plant.cart.fmu.start.mass_kilograms\"\nvalues = [1.8, 2.1, 2.4, 2.7]\n[expect]\n";
+    fs::write(&step, STEP.replacen("[expect]\n", sweep, 1)).unwrap();
+    let folder_of = |name: &str| folder.path().join(name);
+    let play = |name: &str| {
+        let (code, stdout, stderr) = output(canrig(&folder_of(name), "sweep").arg(&step));
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+    };
+    play("runs");
+    let table = fs::read_to_string(only_run(&folder_of("runs")).join("runs.csv")).unwrap();
+    assert_eq!(table.lines().count(), 5, "{table}");
+    let overshoots = table
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').skip(3).collect::<Vec<_>>().join(","));
+    let mut different = Vec::from_iter(overshoots);
+    different.sort();
+    different.dedup();
+    assert_eq!(different.len(), 4, "{table}");
+    // The same FMU: all rows are there. Another one: another folder.
+    play("runs");
+    assert_eq!(runs(&folder_of("runs")).len(), 1);
+    cart(folder.path(), "another one");
+    fs::write(&step, STEP.replacen("[expect]\n", sweep, 1)).unwrap();
+    play("runs");
+    assert_eq!(runs(&folder_of("runs")).len(), 2);
+    let (code, _, stderr) = output(
+        canrig(&folder_of("wrong"), "sweep")
+            .arg(&step)
+            .args(["--set", "sweep.list[0].key=plant.cart.fmu.start.mas"]),
+    );
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        stderr.contains("did you mean `plant.cart.fmu.start.mass_kilograms`?"),
+        "{stderr}"
+    );
+}
+
+/// The processes that a process started.
+fn children(of: u32) -> Vec<u32> {
+    let processes = fs::read_dir("/proc").unwrap().flatten();
+    let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let parent = |number: &u32| -> Option<u32> {
+        let stat = fs::read_to_string(format!("/proc/{number}/stat")).ok()?;
+        stat.rsplit_once(')')?
+            .1
+            .split_whitespace()
+            .nth(1)?
+            .parse()
+            .ok()
+    };
+    numbers
+        .filter(|number| parent(number) == Some(of))
+        .collect()
+}
+
+fn pid(number: u32) -> Pid {
+    Pid::from_raw(number.cast_signed()).unwrap()
+}
+
+#[test]
+fn a_worker_ends_with_who_started_it_and_a_killed_one_costs_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let step = cart(folder.path(), "");
+    // It hangs at once, so that there is time.
+    let start = |name: &str| {
+        let mut canrig = canrig(&folder.path().join(name), "simulate");
+        canrig.arg(&step).args([
+            "--set",
+            "plant.cart.fmu.start.mode=2",
+            "--set",
+            "plant.cart.fmu.start.from_seconds=0.0",
+        ]);
+        let child = canrig
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let canrig = Started::new(child);
+        wait_for("the worker", || !children(canrig.id()).is_empty());
+        let worker = pid(children(canrig.id())[0]);
+        (canrig, worker)
+    };
+    let (bench, worker) = start("bench");
+    kill_process(pid(bench.id()), Signal::KILL).unwrap();
+    wait_for("the worker's end", || test_kill_process(worker).is_err());
+    drop(bench);
+    let (bench, worker) = start("worker");
+    kill_process(worker, Signal::KILL).unwrap();
+    let ended = bench.ended();
+    let told = String::from_utf8_lossy(&[ended.stdout, ended.stderr].concat()).into_owned();
+    assert!(matches!(ended.status.code(), Some(1 | 3)), "{told}");
+    assert!(told.contains("was ended by signal 9"), "{told}");
 }

@@ -364,8 +364,18 @@ fn another_cpu_leaves_the_same_bytes() {
 /// Two axes in one process and in four.
 #[test]
 fn two_axes_leave_the_same_bytes_as_processes() {
-    let scenario = root().join("crates/worlds/tests/data/two_axes.toml");
-    let here = simulated(&scenario, None);
+    is_alike_in_processes(&root().join("crates/worlds/tests/data/two_axes.toml"));
+}
+
+/// Two drives on one plant, in one process and in three.
+#[test]
+fn two_drives_on_one_plant_leave_the_same_bytes_as_processes() {
+    is_alike_in_processes(&scenario("sma_pair_step.toml"));
+}
+
+#[track_caller]
+fn is_alike_in_processes(scenario: &Path) {
+    let here = simulated(scenario, None);
     let folder = tempfile::tempdir().unwrap();
     let mut run = canrig(folder.path(), "run");
     let run = run.args(["--clock", "lockstep", "--bus", "embedded"]);

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use crate::support::root;
 
 /// A room, by its package's name, and the rooms that it may depend on. Each stands above all that it names.
-const MAY_DEPEND_ON: [(&str, &[&str]); 20] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
     ("canopen", &[]),
-    ("fmu", &[]),
     ("dbc", &["canopen"]),
     ("scenario", &["canopen"]),
+    ("fmu", &["scenario"]),
     ("faults", &["canopen", "dbc", "scenario"]),
     ("platform", &["canopen"]),
     ("controller", &["canopen", "dbc", "scenario", "platform"]),
@@ -125,6 +125,21 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 20] = [
             "runner",
             "campaigns",
             "paper",
+        ],
+    ),
+    (
+        "canrig-benches",
+        &[
+            "canopen",
+            "dbc",
+            "scenario",
+            "controller",
+            "plant-emulator",
+            "rig",
+            "recording",
+            "judge",
+            "worlds",
+            "campaigns",
         ],
     ),
 ];

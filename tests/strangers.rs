@@ -71,10 +71,11 @@ fn what_is_no_file_is_refused_wherever_a_file_is_read() {
     make_pipe(&pipe);
     let path = pipe.to_str().unwrap();
     let run = run.to_str().unwrap();
-    let commands: [(&[&str], i32); 8] = [
+    let commands: [(&[&str], i32); 9] = [
         (&["check", path], 3),
         (&["simulate", path], 3),
         (&["check", "/dev/zero"], 3),
+        (&["fmu", path], 3),
         (&["replay", path, "--scenario", path], 3),
         (&["coverage", run, "--requirements", path], 3),
         (&["identify", run, "--dbc", path], 2),

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use controller::catalogue::{InvalidOwnLaw, OwnLaw, register_laws};
 use controller::law::{ControlLaw, LawOfSeveral};
+use controller::law_with_ports::LawWithPorts;
 use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, register_plants};
 use plant_emulator::plant::Plant;
 use plant_emulator::ports::PlantWithPorts;
@@ -65,6 +66,12 @@ impl Bench {
     /// A law of several drives more, which scenarios choose by a table `[controller.NAME]`.
     pub fn law_of_several<L: LawOfSeveral>(mut self) -> Self {
         self.laws.push(OwnLaw::of_several::<L>());
+        self
+    }
+
+    /// A law of all loops of a rig more, which scenarios choose by a table `[controller.all.NAME]`.
+    pub fn law_with_ports<L: LawWithPorts>(mut self) -> Self {
+        self.laws.push(OwnLaw::with_ports::<L>());
         self
     }
 

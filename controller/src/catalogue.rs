@@ -8,6 +8,7 @@ use scenario::own::{Own, OwnTable, Section, is_name};
 use scenario::registration::{InvalidOwn, register};
 
 use crate::law::{ControlLaw, Law, LawOfSeveral};
+use crate::law_with_ports::{JointLaw, LawWithPorts, Ports};
 use crate::open_loop::OpenLoop;
 use crate::pid::Pid;
 use crate::pid_pair::PidPair;
@@ -23,6 +24,9 @@ pub enum LawError {
     /// A law from outside that nobody registered.
     #[error("there is no control law `{0}`")]
     Unknown(String),
+    /// A law that leads all loops, where one of one loop is wanted.
+    #[error("the control law `{0}` leads all loops of a rig")]
+    WithPorts(String),
     /// The table of a law from outside is that of another one.
     #[error("controller: {0}")]
     Parameters(#[from] toml::de::Error),
@@ -33,7 +37,14 @@ pub struct OwnLaw {
     name: &'static str,
     terms: Vec<LawTerm>,
     table: OwnTable,
-    make: fn(&Own) -> Result<Law, LawError>,
+    make: Make,
+}
+
+/// What makes a law of its table.
+#[derive(Clone, Copy)]
+enum Make {
+    OfLoop(fn(&Own) -> Result<Law, LawError>),
+    WithPorts(fn(&Own) -> Result<JointLaw, LawError>),
 }
 
 impl OwnLaw {
@@ -44,12 +55,21 @@ impl OwnLaw {
             name: L::NAME,
             terms: L::TERMS.iter().map(|term| term.described()).collect(),
             table: OwnTable::new::<L::Config>(L::NAME),
-            make: |own| Ok(Law::of::<L>(&own.parameters()?)),
+            make: Make::OfLoop(|own| Ok(Law::of::<L>(&own.parameters()?))),
         }
     }
-}
 
-impl OwnLaw {
+    /// The law `L`, which leads all loops of a rig.
+    #[must_use]
+    pub fn with_ports<L: LawWithPorts>() -> Self {
+        Self {
+            name: L::NAME,
+            terms: Vec::new(),
+            table: OwnTable::new::<L::Config>(L::NAME).leading_all(),
+            make: Make::WithPorts(|own| Ok(JointLaw::of::<L>(&own.parameters()?))),
+        }
+    }
+
     /// The law `L`, which leads several drives.
     #[must_use]
     pub fn of_several<L: LawOfSeveral>() -> Self {
@@ -57,7 +77,7 @@ impl OwnLaw {
             name: L::NAME,
             terms: L::TERMS.iter().map(|term| term.described()).collect(),
             table: OwnTable::new::<L::Config>(L::NAME).leading(L::DRIVES),
-            make: |own| Ok(Law::of_several::<L>(&own.parameters()?)),
+            make: Make::OfLoop(|own| Ok(Law::of_several::<L>(&own.parameters()?))),
         }
     }
 }
@@ -92,7 +112,7 @@ pub enum InvalidOwnLaw {
 struct Registered {
     name: &'static str,
     terms: Vec<LawTerm>,
-    make: fn(&Own) -> Result<Law, LawError>,
+    make: Make,
 }
 
 static OWN: OnceLock<Vec<Registered>> = OnceLock::new();
@@ -145,11 +165,31 @@ fn registered() -> &'static [Registered] {
     OWN.get().map_or(&[], Vec::as_slice)
 }
 
-/// The laws from outside, each with its terms; those that ship have none of their own.
+/// The laws of one loop from outside, each with its terms; those that ship have none of their own.
 pub fn own_laws() -> impl Iterator<Item = (&'static str, &'static [LawTerm])> {
-    registered()
-        .iter()
-        .map(|law| (law.name, law.terms.as_slice()))
+    let of_loop = registered().iter();
+    let of_loop = of_loop.filter(|law| matches!(law.make, Make::OfLoop(_)));
+    of_loop.map(|law| (law.name, law.terms.as_slice()))
+}
+
+/// The ports of the law that a `[controller]` table chooses; none where it is a law of one loop, or its table is wrong.
+#[must_use]
+pub fn law_ports(controller: &Controller) -> Option<Ports> {
+    let law = joint_law(controller)?.ok()?;
+    Some(law.ports().clone())
+}
+
+/// The law with ports that a `[controller]` table chooses, before its first cycle; none where it is a law of one loop.
+pub fn joint_law(controller: &Controller) -> Option<Result<JointLaw, LawError>> {
+    let own = controller.own.as_ref()?;
+    match find(own.name())?.make {
+        Make::WithPorts(make) => Some(make(own)),
+        Make::OfLoop(_) => None,
+    }
+}
+
+fn find(name: &str) -> Option<&'static Registered> {
+    registered().iter().find(|law| law.name == name)
 }
 
 /// The one law in a scenario's `[controller]` table, before its first cycle.
@@ -175,11 +215,12 @@ pub fn law(controller: &Controller) -> Result<Law, LawError> {
 }
 
 fn own_law(own: &Own) -> Result<Law, LawError> {
-    let law = registered()
-        .iter()
-        .find(|law| law.name == own.name())
-        .ok_or_else(|| LawError::Unknown(own.name().to_owned()))?;
-    (law.make)(own)
+    let name = || own.name().to_owned();
+    let law = find(own.name()).ok_or_else(|| LawError::Unknown(name()))?;
+    match law.make {
+        Make::OfLoop(make) => make(own),
+        Make::WithPorts(_) => Err(LawError::WithPorts(name())),
+    }
 }
 
 #[cfg(test)]

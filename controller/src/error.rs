@@ -12,6 +12,9 @@ pub enum ControllerError {
     /// The scenario selects no law.
     #[error(transparent)]
     Law(#[from] LawError),
+    /// A law reads or writes what the rig has not.
+    #[error(transparent)]
+    Port(#[from] scenario::law_ports::WrongPort),
     /// An EDS cannot be read.
     #[error("the EDS is wrong: {0}")]
     Eds(#[from] eds::EdsError),

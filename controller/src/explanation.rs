@@ -9,7 +9,7 @@ use dbc::loops::law_offset;
 use dbc::{LAW_TERMS_OBJECT, LawTerm};
 
 use crate::error::ControllerError;
-use crate::law::{Explanation, Law};
+use crate::law::Explanation;
 
 /// Communication and mapping of TPDO2 to TPDO4, which hold a law's own terms.
 const TPDOS: [[u16; 2]; 3] = [[0x1801, 0x1A01], [0x1802, 0x1A02], [0x1803, 0x1A03]];
@@ -150,7 +150,7 @@ pub(crate) fn set_default(
 impl ExplanationObjects {
     pub(crate) fn find(
         dictionary: &ObjectDictionary,
-        law: &Law,
+        terms_count: usize,
         place: usize,
     ) -> Result<Self, ControllerError> {
         let behind = OBJECT_DISTANCES[2] * u16::try_from(place).unwrap_or(u16::MAX);
@@ -159,7 +159,7 @@ impl ExplanationObjects {
             let found = dictionary.find(index, 0);
             found.map_err(|_| ControllerError::NoObject(index))
         };
-        let own = own_objects().take(law.terms().len()).map(find);
+        let own = own_objects().take(terms_count).map(find);
         Ok(Self {
             first_to_last: [
                 find(0x2200)?,
@@ -182,7 +182,12 @@ impl ExplanationObjects {
         clippy::cast_sign_loss,
         reason = "`as` cuts to the ends of the type, which is what is wanted"
     )]
-    pub(crate) fn store(&self, dictionary: &mut ObjectDictionary, terms: &Explanation, law: &Law) {
+    pub(crate) fn store(
+        &self,
+        dictionary: &mut ObjectDictionary,
+        terms: &Explanation,
+        own: impl Iterator<Item = f64>,
+    ) {
         let micro = |value: f64| ((value * MICRO).round() as i32).to_le_bytes();
         let real = |value: f64| (value as f32).to_le_bytes();
         let temperature = (terms.estimated_temperature_celsius * CENTI).round() as i16;
@@ -201,7 +206,7 @@ impl ExplanationObjects {
         store(6, &[terms.saturation.bits()]);
         store(7, &real(terms.equivalent_part_square_amperes));
         store(8, &real(terms.switching_part_square_amperes));
-        for (handle, value) in self.own.iter().zip(law.term_values()) {
+        for (handle, value) in self.own.iter().zip(own) {
             let stored = dictionary.store(*handle, &real(value));
             debug_assert!(stored.is_ok(), "each was declared with this type");
         }

@@ -145,58 +145,6 @@ impl<S> Term<S> {
     }
 }
 
-/// A law with its memory.
-#[derive(Debug)]
-struct Running<L: ControlLaw> {
-    law: L,
-    state: L::State,
-}
-
-/// A law with its memory, whichever it is.
-trait Step: fmt::Debug + Send {
-    fn step(
-        &mut self,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command;
-
-    /// The current of one more drive that it leads, from 1 on, after the latest step.
-    fn further_amperes(&self, _place: usize) -> f64 {
-        0.0
-    }
-
-    fn terms(&self) -> Vec<LawTerm>;
-
-    fn terms_count(&self) -> usize;
-
-    fn term_value(&self, place: usize) -> f64;
-}
-
-impl<L: ControlLaw> Step for Running<L> {
-    fn step(
-        &mut self,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command {
-        self.law
-            .step(&mut self.state, measurement, set_point, period_seconds)
-    }
-
-    fn terms(&self) -> Vec<LawTerm> {
-        L::TERMS.iter().map(Term::described).collect()
-    }
-
-    fn terms_count(&self) -> usize {
-        L::TERMS.len()
-    }
-
-    fn term_value(&self, place: usize) -> f64 {
-        (L::TERMS[place].value)(&self.state)
-    }
-}
-
 /// A control law of a loop with several drives; as [`ControlLaw`], with a current for each of them.
 pub trait LawOfSeveral: fmt::Debug + Send + 'static {
     /// Its name, and that of its table in a scenario.
@@ -229,15 +177,68 @@ pub trait LawOfSeveral: fmt::Debug + Send + 'static {
     ) -> Explanation;
 }
 
-/// A law of several drives with its memory.
+/// A law of one drive as one of several.
 #[derive(Debug)]
-struct RunningSeveral<L: LawOfSeveral> {
+struct Alone<L>(L);
+
+impl<L: ControlLaw> LawOfSeveral for Alone<L> {
+    const NAME: &'static str = L::NAME;
+    const DRIVES: usize = 1;
+    type Config = L::Config;
+    type State = L::State;
+    const TERMS: &'static [Term<L::State>] = L::TERMS;
+
+    fn new(config: &L::Config) -> Self {
+        Self(L::new(config))
+    }
+
+    fn start(&self) -> L::State {
+        self.0.start()
+    }
+
+    #[inline]
+    fn step(
+        &self,
+        state: &mut L::State,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+        currents_amperes: &mut [f64],
+    ) -> Explanation {
+        let command = (self.0).step(state, measurement, set_point, period_seconds);
+        currents_amperes[0] = command.current_amperes;
+        command.explanation
+    }
+}
+
+/// A law with its memory and the currents of its latest step.
+#[derive(Debug)]
+struct Running<L: LawOfSeveral> {
     law: L,
     state: L::State,
     currents_amperes: Vec<f64>,
 }
 
-impl<L: LawOfSeveral> Step for RunningSeveral<L> {
+/// A law with its memory, whichever it is.
+trait Step: fmt::Debug + Send {
+    fn step(
+        &mut self,
+        measurement: &Measurement,
+        set_point: &SetPoint,
+        period_seconds: f64,
+    ) -> Command;
+
+    /// The current of one more drive that it leads, from 1 on, after the latest step.
+    fn further_amperes(&self, place: usize) -> f64;
+
+    fn terms(&self) -> Vec<LawTerm>;
+
+    fn terms_count(&self) -> usize;
+
+    fn term_value(&self, place: usize) -> f64;
+}
+
+impl<L: LawOfSeveral> Step for Running<L> {
     fn step(
         &mut self,
         measurement: &Measurement,
@@ -284,16 +285,14 @@ impl Law {
     /// A law with these constants, before its first cycle.
     #[must_use]
     pub fn of<L: ControlLaw>(config: &L::Config) -> Self {
-        let law = L::new(config);
-        let state = law.start();
-        Self(Box::new(Running { law, state }))
+        Self::of_several::<Alone<L>>(config)
     }
 
     /// As [`Law::of`], for a law that leads several drives.
     #[must_use]
     pub fn of_several<L: LawOfSeveral>(config: &L::Config) -> Self {
         let law = L::new(config);
-        Self(Box::new(RunningSeveral {
+        Self(Box::new(Running {
             state: law.start(),
             law,
             currents_amperes: vec![0.0; L::DRIVES],
@@ -334,7 +333,7 @@ impl Law {
 }
 
 /// A law from outside may ask for anything; what is no current at all is none.
-fn sound_current(current_amperes: f64) -> f64 {
+pub(crate) fn sound_current(current_amperes: f64) -> f64 {
     if current_amperes.is_nan() {
         return 0.0;
     }

@@ -5,7 +5,7 @@
 //! SDO, leads it by a law's current commands in RPDO1, explains each command in its own TPDOs, and stops the drive when
 //! something is wrong.
 //!
-//! [`law`] says what a law is, [`catalogue`] lists those that ship and those that a bench from outside brings.
+//! [`law`] says what a law of one loop is, [`law_with_ports`] one of all loops, [`catalogue`] lists those that ship and those that a bench from outside brings.
 //!
 //! It does not know: the true plant (its model is nominal), disturbances, faults and limits of the scenario, and in which
 //! world it runs. The platform is named in `main.rs` only.
@@ -17,6 +17,7 @@ mod error;
 mod explanation;
 mod filtered_position;
 pub mod law;
+pub mod law_with_ports;
 mod manager;
 pub mod mode;
 pub mod node;

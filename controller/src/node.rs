@@ -15,13 +15,17 @@ mod sequence;
 mod statistics;
 #[cfg(test)]
 mod tests;
+mod together;
 
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use canopen::object_dictionary::Entry;
 use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::NodeId};
+use dbc::LawTerm;
 use scenario::ControllerView;
+use scenario::controller::OpenLoop as ProfileOfNone;
+use scenario::law_ports::terms_of;
 use scenario::loops::OneLoop;
 use scenario::plant::SMA_ACTUATOR;
 use scenario::port::Unit;
@@ -32,7 +36,9 @@ use crate::catalogue;
 use crate::error::ControllerError;
 use crate::explanation::{self, ExplanationObjects};
 use crate::law::Law;
+use crate::law_with_ports::{Ports, WiredLaw};
 use crate::node_ids::{CONTROLLER, DISTURBANCE};
+use crate::open_loop::OpenLoop;
 use crate::plausibility::Plausibility;
 use control_loop::ControlLoop;
 pub use drive::ENABLE_TIME;
@@ -40,6 +46,7 @@ use drive::LedDrive;
 use phase::Phase;
 use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, IO_WATCH_ENTRY, watch_entry};
 pub use statistics::Statistics;
+use together::Together;
 
 /// The parameters of SDO clients (CiA 301, 7.5.2.33).
 const SDO_CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
@@ -106,12 +113,19 @@ impl ControllerNode {
         // All are begun at once, when the last is ready.
         let bring_up = plans.iter().map(|plan| plan.timeouts.bring_up());
         let bring_up = bring_up.max().unwrap_or_default();
-        let laws = plans
-            .iter()
-            .map(|plan| catalogue::law(&plan.view.controller));
+        let together = law_of_all(&plans)?;
+        let laws = plans.iter().map(|plan| match together {
+            Some(_) => Ok(Law::of::<OpenLoop>(&ProfileOfNone::default())),
+            None => catalogue::law(&plan.view.controller),
+        });
         let laws = laws.collect::<Result<Vec<_>, _>>()?;
+        let terms = laws.iter().zip(&plans).map(|(law, plan)| match &together {
+            Some(together) => terms_of_loop(together.ports(), plan.view),
+            None => law.terms(),
+        });
+        let terms = Vec::from_iter(terms);
         let drives = plans.iter().map(|plan| plan.drive.node_id());
-        let dictionary = dictionary(&laws, &Vec::from_iter(drives), &io_nodes)?;
+        let dictionary = dictionary(&terms, &Vec::from_iter(drives), &io_nodes)?;
         let further = further_drives(&plans);
         let loops = plans.into_iter().zip(laws).enumerate();
         let loops = loops.map(|(place, (plan, law))| {
@@ -133,17 +147,19 @@ impl ControllerNode {
                 missing_max: plan.timeouts.missing_positions_cycles.into(),
                 trajectory: view.reference.trajectory(),
                 has_set_point: !view.reference.is_empty(),
-                explanation: ExplanationObjects::find(&dictionary, &law, place)?,
+                explanation: ExplanationObjects::find(&dictionary, terms[place].len(), place)?,
                 law,
                 further: further[place].clone(),
-                is_led: view.wiring.led_by.is_some(),
+                is_led: view.wiring.led_by.is_some() || together.is_some(),
                 sync_period,
                 has_position: false,
+                position_metres: f64::NAN,
                 missing: 0,
             })
         });
         let controller = Controller {
             loops: loops.collect::<Result<_, ControllerError>>()?,
+            together: together.map(Together::new),
             io_nodes,
             sync_period,
             bring_up,
@@ -160,6 +176,32 @@ impl ControllerNode {
     pub fn statistics(&self) -> Statistics {
         self.device.application().statistics
     }
+}
+
+/// The law with ports that leads all loops, wired to them; none where each has its own.
+fn law_of_all(plans: &[LoopPlan<'_>]) -> Result<Option<WiredLaw>, ControllerError> {
+    let mut found = plans.iter().filter_map(|plan| {
+        let law = catalogue::joint_law(&plan.view.controller)?;
+        Some((law, &plan.view.wiring.loops))
+    });
+    let Some((law, loops)) = found.next() else {
+        return Ok(None);
+    };
+    Ok(Some(WiredLaw::new(law?, loops)?))
+}
+
+/// What a law of all loops publishes for one of them.
+fn terms_of_loop(ports: &Ports, view: &ControllerView) -> Vec<LawTerm> {
+    let Some(own) = view.wiring.own_loop() else {
+        return Vec::new();
+    };
+    let terms = terms_of(ports, own);
+    let terms = terms.map(|(name, port)| LawTerm {
+        name: name.to_owned(),
+        unit: port.symbol.clone(),
+        comment: port.comment.clone(),
+    });
+    terms.collect()
 }
 
 /// For each loop the places of those that stand for the further drives which its law leads, in their order.
@@ -253,9 +295,9 @@ fn with_clients(
     dictionary
 }
 
-/// The controller's objects, with those that explain each law.
+/// The controller's objects, with those that explain the law of each loop, by its own terms.
 fn dictionary(
-    laws: &[Law],
+    laws: &[Vec<LawTerm>],
     drives: &[NodeId],
     io_nodes: &[NodeId],
 ) -> Result<ObjectDictionary, ControllerError> {
@@ -266,8 +308,8 @@ fn dictionary(
     let watch = dictionary.find(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
     let watch = watch.map_err(|_| ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
     let watch = dictionary.entry(watch).clone();
-    for (place, law) in laws.iter().enumerate() {
-        explanation::declare(&mut dictionary, &shipped, &law.terms(), place);
+    for (place, terms) in laws.iter().enumerate() {
+        explanation::declare(&mut dictionary, &shipped, terms, place);
         let mut entry = watch.clone();
         entry.sub_index = watch_entry(place);
         dictionary.insert(entry);

@@ -23,8 +23,9 @@ pub struct TruthPace {
     pub sync_start: u8,
 }
 
-/// Where an emulated drive says in which unit its positions are.
+/// Where an emulated drive says in which unit its positions are, and velocities would be.
 const SI_UNIT_POSITION: &str = "[60A8]";
+const SI_UNIT_VELOCITY: &str = "[60A9]";
 /// What the shipped data sheet says of that in words.
 const MICROMETRES: &str = "Positions count micrometres (0x60A8).";
 
@@ -97,6 +98,18 @@ fn with_clients_listed(text: &str, count: usize) -> String {
     format!("{before}{OPTIONAL_OBJECTS}SupportedObjects={count}\n{lines}\n{behind}")
 }
 
+/// By second, as an SI unit has it (CiA 303-2).
+const BY_SECOND: u32 = 0x0300;
+
+/// The SI unit of a velocity (0x60A9) by that of the position; 0 for a unit without a code.
+#[must_use]
+pub const fn si_velocity(si_position: u32) -> u32 {
+    match si_position {
+        0 => 0,
+        code => code | BY_SECOND,
+    }
+}
+
 /// An EDS for one node of a rig, with the node's name and number in it, and for a drive when it publishes the truth about its
 /// plant, and in which unit it measures.
 #[must_use]
@@ -108,6 +121,7 @@ pub fn of_node(eds: &str, name: &str, node_id: u8, drive: Option<&OfDrive>) -> S
         let every = is_in(TRUTH_EVERY).then_some(truth.every_cycles);
         every.or(is_in(TRUTH_START).then_some(truth.sync_start))
     };
+    let is_unit = |section: &str| [SI_UNIT_POSITION, SI_UNIT_VELOCITY].contains(&section);
     let mut section = "";
     let mut text = String::with_capacity(eds.len());
     for line in eds.lines() {
@@ -117,8 +131,12 @@ pub fn of_node(eds: &str, name: &str, node_id: u8, drive: Option<&OfDrive>) -> S
         let is_default = line.starts_with("DefaultValue=");
         match own_default(section).filter(|_| is_default) {
             Some(value) => text += &format!("DefaultValue={value}"),
-            None if is_default && section == SI_UNIT_POSITION && si_position.is_some() => {
+            None if is_default && is_unit(section) && si_position.is_some() => {
                 let code = si_position.map_or(0, |(code, _)| *code);
+                let code = match section {
+                    SI_UNIT_POSITION => code,
+                    _ => si_velocity(code),
+                };
                 text += &format!("DefaultValue=0x{code:08X}");
             }
             None if line.ends_with(MICROMETRES) && si_position.is_some() => {
@@ -135,6 +153,110 @@ pub fn of_node(eds: &str, name: &str, node_id: u8, drive: Option<&OfDrive>) -> S
     text + &format!("\n[DeviceComissioning]\nNodeID=0x{node_id:02X}\nNodeName={name}\n")
 }
 
+/// An analogue output of an io node (CiA 401) that is the rig's.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct AnalogueOutput {
+    /// Its place among the outputs of the node, from 0.
+    pub place: usize,
+    /// Its name.
+    pub name: String,
+    /// What it puts out at the start and when something is wrong, in steps.
+    pub at_rest: i16,
+}
+
+/// Write analogue output 16-bit, error mode and error value (CiA 401), each with the data type and the access of its entries.
+const OUTPUT_OBJECTS: [(&str, &str, &str); 3] = [
+    ("6411", "0x0003", "rww"),
+    ("6443", "0x0005", "rw"),
+    ("6444", "0x0004", "rw"),
+];
+/// Section before which new ones stand.
+const MANUFACTURER_OBJECTS: &str = "[ManufacturerObjects]";
+
+/// The EDS of an io node with these outputs, from the place of the first one on; those before it stay.
+#[must_use]
+pub fn with_outputs(eds: &str, outputs: &[AnalogueOutput]) -> String {
+    let (Some(first), Some(last)) = (outputs.first(), outputs.last()) else {
+        return eds.to_owned();
+    };
+    let count = last.place + 1;
+    let is_replaced = |section: &str| {
+        OUTPUT_OBJECTS.iter().any(|(object, ..)| {
+            let number = section.strip_prefix(object);
+            let number = number.and_then(|rest| rest.strip_prefix("sub")?.parse().ok());
+            number.is_some_and(|number: usize| number > first.place)
+        })
+    };
+    let mut section = String::new();
+    let mut text = String::with_capacity(eds.len());
+    for line in eds.lines() {
+        if let Some(name) = line.strip_prefix('[') {
+            name.trim_end_matches(']').clone_into(&mut section);
+            if line == MANUFACTURER_OBJECTS {
+                outputs.iter().for_each(|output| text += &entries(output));
+            }
+        }
+        // What is said of fan and load, and what is said anew.
+        let is_stale = line.starts_with("; Sub 1:")
+            || line.starts_with("; 0: keep")
+            || line.starts_with("; In the units");
+        if is_stale || is_replaced(&section) {
+            continue;
+        }
+        text += &own_line(&section, line, count);
+        text.push('\n');
+    }
+    text
+}
+
+/// A line of the shipped EDS as it is where there are so many outputs.
+fn own_line(section: &str, line: &str, count: usize) -> String {
+    let is_default = line.starts_with("DefaultValue=");
+    let mut objects = OUTPUT_OBJECTS.iter().map(|(object, ..)| *object);
+    if objects.clone().any(|object| section == object) && line.starts_with("SubNumber=") {
+        return format!("SubNumber={}", count + 1);
+    }
+    let counts = section == "1600sub0" || objects.any(|object| section == format!("{object}sub0"));
+    if counts && is_default {
+        return format!("DefaultValue={count}");
+    }
+    let mapped = section
+        .strip_prefix("1600sub")
+        .and_then(|rest| rest.parse().ok());
+    let mapped = mapped.filter(|number| (1..=count).contains(number));
+    match (section, mapped) {
+        (_, Some(number)) if is_default => format!("DefaultValue=0x6411{number:02X}10"),
+        ("Comments", _) if line.starts_with("Line1=") => {
+            format!("Line1={count} analogue outputs, which the rig file wires to a plant.")
+        }
+        ("Comments", _) if line.starts_with("Line2=") => {
+            "Line2=When the manager's heartbeat is lost or NMT stops the node, the outputs return to rest (0x6443, 0x6444).".to_owned()
+        }
+        _ => line.to_owned(),
+    }
+}
+
+/// The entries of an output.
+fn entries(output: &AnalogueOutput) -> String {
+    let AnalogueOutput {
+        place,
+        name,
+        at_rest,
+    } = output;
+    let entries = OUTPUT_OBJECTS.iter().map(|(object, data_type, access)| {
+        let (limits, default) = match *object {
+            "6443" => ("LowLimit=0\nHighLimit=1\n", 1),
+            _ => ("", *at_rest),
+        };
+        let mapping = u8::from(*object == "6411");
+        format!(
+            "[{object}sub{:X}]\nParameterName={name}\nObjectType=0x7\nDataType={data_type}\nAccessType={access}\n{limits}DefaultValue={default}\nPDOMapping={mapping}\n\n",
+            place + 1
+        )
+    });
+    entries.collect()
+}
+
 /// Their names, the nodes that they are of, and themselves.
 pub(crate) const SHIPPED: [(&str, u8, &str); 3] = [
     ("controller", 0x01, CONTROLLER_EDS),
@@ -145,13 +267,14 @@ pub(crate) const SHIPPED: [(&str, u8, &str); 3] = [
 #[cfg(test)]
 mod tests {
     use super::*;
+    use canopen::eds;
 
     #[test]
     fn the_controller_has_a_client_for_each_node_of_its_rig() {
         assert_eq!(of_controller(&[0x10, 0x11]), CONTROLLER_EDS);
         let clients = |servers: &[u8]| {
             let text = of_controller(servers);
-            let dictionary = canopen::eds::parse(&text, 1).unwrap().dictionary;
+            let dictionary = eds::parse(&text, 1).unwrap().dictionary;
             let value = |index, sub_index| dictionary.unsigned(index, sub_index);
             let found = CLIENTS.map_while(|index| {
                 Some([1, 2, 3].map(|sub_index| value(index, sub_index)))
@@ -164,5 +287,45 @@ mod tests {
         assert_eq!(found, expected);
         assert!(text.contains("SupportedObjects=26\n") && text.contains("\n17=0x1282\n"));
         assert_eq!(clients(&[0x10]).0.len(), 1);
+    }
+
+    fn output(place: usize, name: &str, at_rest: i16) -> AnalogueOutput {
+        AnalogueOutput {
+            place,
+            name: name.to_owned(),
+            at_rest,
+        }
+    }
+
+    #[test]
+    fn an_io_node_has_the_outputs_that_the_rig_wires() {
+        assert_eq!(with_outputs(DISTURBANCE_EDS, &[]), DISTURBANCE_EDS);
+        let outputs = [
+            output(2, "valve_percent", 500),
+            output(3, "tilt_degrees", -3),
+        ];
+        let text = with_outputs(DISTURBANCE_EDS, &outputs);
+        let beside = eds::parse(&text, 0x11).unwrap().dictionary;
+        let values = |index: u16| {
+            [1, 2, 3, 4].map(|sub_index| {
+                let handle = beside.find(index, sub_index).unwrap();
+                beside.entry(handle).as_integer()
+            })
+        };
+        assert_eq!(beside.unsigned(0x6411, 0), Some(4));
+        assert_eq!(values(0x6411), [1000, 0, 500, -3]);
+        assert_eq!(values(0x6444), [1000, 0, 500, -3]);
+        assert_eq!(values(0x6443), [1; 4]);
+        assert_eq!(beside.unsigned(0x1600, 0), Some(4));
+        assert_eq!(beside.unsigned(0x1600, 3), Some(0x6411_0310));
+
+        let text = with_outputs(DISTURBANCE_EDS, &[output(0, "valve_percent", 7)]);
+        let alone = eds::parse(&text, 0x11).unwrap().dictionary;
+        let handle = alone.find(0x6411, 1).unwrap();
+        assert_eq!(alone.entry(handle).name, "valve_percent");
+        assert_eq!(alone.entry(handle).as_integer(), 7);
+        assert_eq!(alone.unsigned(0x1600, 0), Some(1));
+        assert!(alone.find(0x6411, 2).is_err());
+        assert!(!text.contains("fan"), "{text}");
     }
 }

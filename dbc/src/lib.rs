@@ -146,6 +146,8 @@ mod tests {
         assert_eq!(own.unsigned(0x1801, 6), Some(3));
         assert_eq!(own.unsigned(0x60A8, 0), Some(0xFD41_0000));
         assert_eq!(shipped.unsigned(0x60A8, 0), Some(0xFA01_0000));
+        assert_eq!(own.unsigned(0x60A9, 0), Some(0xFD41_0300));
+        assert_eq!(shipped.unsigned(0x60A9, 0), Some(0xFA01_0300));
         assert!(text.contains("Positions are in degrees as 0x60A8 says."));
         assert_eq!(own.unsigned(0x1800, 2), shipped.unsigned(0x1800, 2));
         assert_eq!(own.entries().len(), shipped.entries().len());

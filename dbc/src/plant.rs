@@ -2,7 +2,7 @@
 
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
 use crate::database::{Database, Message, Signal};
-use crate::signals::WIRE_TEMPERATURE;
+use crate::signals::{DISTURBANCE_MESSAGE, WIRE_TEMPERATURE};
 
 const TPDO1: &str = "drive_tpdo1";
 const TPDO2: &str = "drive_tpdo2";
@@ -77,6 +77,32 @@ impl Database {
 }
 
 impl Database {
+    /// The same with an io node that has these outputs in RPDO1, from the one at the place `first` on; what stood there does so no
+    /// more.
+    #[must_use]
+    pub fn with_io_outputs(&self, outputs: &[PlantSignal], first: usize) -> Self {
+        let messages = self.messages().iter().map(|message| {
+            let mut message = message.clone();
+            if message.name == DISTURBANCE_MESSAGE {
+                let own = laid_out(outputs, &message.signals).into_iter().zip(first..);
+                let own = own.map(|(mut signal, place)| {
+                    let place = u8::try_from(place).unwrap_or(u8::MAX);
+                    signal.coding.start_bit = place.saturating_mul(BITS);
+                    // Write analogue output 16-bit (CiA 401).
+                    signal.coding.kind = Kind::Signed;
+                    signal.object = format!("0x6411:{:02X}", place.saturating_add(1));
+                    signal
+                });
+                let own = Vec::from_iter(own);
+                message.signals.truncate(first);
+                message.signals.extend(own);
+                message.length_bytes = message.signals.iter().map(|_| BITS / 8).sum();
+            }
+            message
+        });
+        Self::from_messages(messages.collect())
+    }
+
     /// The same where the drive's positions are in another unit than millimetres: `rename` gives a signal's name in it, `symbol`
     /// is how the DBC writes it, and `resolution` what one count of the drive's position is in it.
     #[must_use]

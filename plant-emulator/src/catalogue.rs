@@ -24,12 +24,17 @@ pub const SMA_ACTUATOR: &str = Actuator::NAME;
 /// What makes a plant of a scenario's table.
 type Make = Box<dyn Fn(&Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> + Send + Sync>;
 
+/// What says which ports a plant will have, where to make it is much more.
+type FindPorts = fn(&Scenario) -> Result<Ports, InvalidEmulator>;
+
 /// A plant by its name, and what makes it.
 pub struct Kind {
     name: &'static str,
     /// What a drive publishes of a plant of one axis, which never changes.
     signals: Option<Vec<PlantSignal>>,
     make: Make,
+    /// None where the plant is made to see its ports.
+    ports: Option<FindPorts>,
 }
 
 impl Kind {
@@ -42,6 +47,22 @@ impl Kind {
                 let plant = P::new(&config(scenario)?)?;
                 Ok(Box::new(SingleAxis::new(plant)))
             }),
+            ports: None,
+        }
+    }
+
+    /// A plant whose code is not the emulator's: `ports` says which ports it will have, `make` makes it.
+    #[must_use]
+    pub fn elsewhere(
+        name: &'static str,
+        ports: FindPorts,
+        make: fn(&Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator>,
+    ) -> Self {
+        Self {
+            name,
+            signals: None,
+            make: Box::new(make),
+            ports: Some(ports),
         }
     }
 
@@ -53,6 +74,7 @@ impl Kind {
             name: P::NAME,
             signals: None,
             make: Box::new(move |scenario| Ok(Box::new(P::new(&config(scenario)?)?))),
+            ports: None,
         }
     }
 
@@ -142,6 +164,13 @@ static SHIPPED: LazyLock<[Kind; 3]> = LazyLock::new(|| {
 
 static OWN: OnceLock<Vec<Kind>> = OnceLock::new();
 
+static FMU: OnceLock<Kind> = OnceLock::new();
+
+/// Hands in what plays FMUs, which takes processes. Where nobody does, there is no such plant. Later ones change nothing.
+pub fn register_fmu(kind: Kind) {
+    FMU.get_or_init(|| kind);
+}
+
 /// Registers the plants from outside, once and before any scenario is read.
 ///
 /// # Errors
@@ -205,7 +234,8 @@ fn flaw(signal: &PlantSignal) -> Option<&'static str> {
 
 /// All plants, the shipped ones first.
 pub fn kinds() -> impl Iterator<Item = &'static Kind> {
-    SHIPPED.iter().chain(OWN.get().into_iter().flatten())
+    let own = OWN.get().into_iter().flatten();
+    SHIPPED.iter().chain(FMU.get()).chain(own)
 }
 
 /// The plant that a scenario chooses.
@@ -234,6 +264,9 @@ pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
 /// # Errors
 /// It makes no sense.
 pub fn ports(scenario: &Scenario) -> Result<Ports, InvalidEmulator> {
+    if let Some(find) = kind_of(scenario)?.ports {
+        return find(scenario);
+    }
     let plant = plant(scenario)?;
     Ok(Ports {
         inputs: plant.inputs().to_vec(),

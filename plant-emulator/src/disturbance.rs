@@ -1,4 +1,4 @@
-//! The disturbance module, node 0x11 (CiA 401): two analogue outputs, a fan and an added load.
+//! The disturbance module, an io node (CiA 401) with analogue outputs: a fan and an added load, or what a rig file wires.
 
 use canopen::object_dictionary::{DataType, Handle};
 use canopen::{
@@ -38,9 +38,9 @@ impl Output {
 /// What the outputs do; the dictionary holds what they are.
 #[derive(Clone, Debug)]
 pub struct DisturbanceModule {
-    outputs: [Output; 2],
+    outputs: Vec<Output>,
     /// What is put out, in the units of 0x6411.
-    values: [i16; 2],
+    values: Vec<i16>,
 }
 
 impl DisturbanceModule {
@@ -49,10 +49,13 @@ impl DisturbanceModule {
     /// # Errors
     /// An output that the dictionary lacks.
     pub fn new(dictionary: &ObjectDictionary) -> Result<Self, MissingObject> {
-        let outputs = [Output::find(dictionary, 1)?, Output::find(dictionary, 2)?];
+        let count = dictionary.unsigned(OUTPUT, 0).unwrap_or_default();
+        let outputs = (1..=u8::try_from(count).unwrap_or_default())
+            .map(|sub_index| Output::find(dictionary, sub_index))
+            .collect::<Result<Vec<_>, _>>()?;
         let mut module = Self {
+            values: vec![0; outputs.len()],
             outputs,
-            values: [0; 2],
         };
         module.put_out(dictionary);
         Ok(module)
@@ -61,13 +64,19 @@ impl DisturbanceModule {
     /// Multiplies the wire's convection; 0 to 32.767.
     #[must_use]
     pub fn convection_factor(&self) -> f64 {
-        f64::from(self.values[CONVECTION_FACTOR].max(0)) / 1e3
+        self.steps(CONVECTION_FACTOR).max(0.0) / 1e3
     }
 
     /// Added to the load; may be negative.
     #[must_use]
     pub fn added_load_kilograms(&self) -> f64 {
-        f64::from(self.values[ADDED_LOAD]) / 1e4
+        self.steps(ADDED_LOAD) / 1e4
+    }
+
+    /// What the output at a place puts out, in the units of 0x6411; 0 where there is none.
+    #[must_use]
+    pub fn steps(&self, place: usize) -> f64 {
+        self.values.get(place).copied().map_or(0.0, f64::from)
     }
 
     /// Puts out what the dictionary holds.
@@ -80,7 +89,7 @@ impl DisturbanceModule {
     /// Puts out the error values of all outputs whose error mode asks for it. They become the commanded values too, so
     /// that nothing old comes back with the next start.
     fn put_out_error_values(&mut self, dictionary: &mut ObjectDictionary) {
-        for output in self.outputs {
+        for output in &self.outputs {
             if dictionary.entry(output.error_mode).as_integer() == 1 {
                 let value = objects::integer16(dictionary, output.error_value);
                 objects::store(dictionary, output.value, &value.to_le_bytes());

@@ -38,6 +38,7 @@ use canopen::services::InvalidPdo;
 use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earlier};
 
 use clocked_plant::ClockedPlant;
+use dbc::data_sheets::AnalogueOutput;
 use dbc::loops::LoopPlace;
 use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
@@ -47,6 +48,7 @@ use plant::{InvalidPlant, Plant};
 use ports::{PortedPlant, Ports, SingleAxis};
 use scenario::Scenario;
 use scenario::fault::node::Output;
+use scenario::wiring::IoOutput;
 use truth::Truth;
 use wires::Wires;
 
@@ -78,6 +80,9 @@ pub enum InvalidEmulator {
     /// There is no such plant.
     #[error("there is no plant `{0}`")]
     UnknownPlant(String),
+    /// A plant whose code is not the emulator's cannot be made.
+    #[error("plant: {0}")]
+    Elsewhere(String),
     /// The table of a plant from outside is that of another one.
     #[error("plant: {0}")]
     Parameters(#[from] toml::de::Error),
@@ -149,6 +154,7 @@ struct Module {
     fan: Option<usize>,
     /// How many of the port's unit a kilogram is.
     load: Option<(usize, f64)>,
+    outputs: Vec<IoOutput>,
 }
 
 /// The drive as a node, in a scenario without faults and in one with them.
@@ -352,9 +358,10 @@ impl PlantEmulator {
             {
                 node_ids.push(id);
                 modules.push(Module {
-                    device: disturbance(id)?,
+                    device: disturbance(id, &wires.outputs)?,
                     fan: wires.fan,
                     load: wires.load,
+                    outputs: wires.outputs.clone(),
                 });
             }
             parts.push((Parts::new(&in_hand, wires, of)?, of));
@@ -445,7 +452,13 @@ impl PlantEmulator {
         let Some(holder) = self.drives.get_mut(self.holder) else {
             return;
         };
-        for Module { device, fan, load } in &self.modules {
+        for Module {
+            device,
+            fan,
+            load,
+            outputs,
+        } in &self.modules
+        {
             let module = device.application();
             if let Some(input) = fan {
                 holder
@@ -455,6 +468,11 @@ impl PlantEmulator {
             if let Some((input, factor)) = load {
                 let load = module.added_load_kilograms() * factor;
                 holder.drive_mut().disturb(now, *input, load);
+            }
+            for output in outputs {
+                let value = module.steps(output.place) / output.steps_per_unit;
+                let value = value * output.factor;
+                holder.drive_mut().disturb(now, output.input, value);
             }
         }
     }
@@ -590,9 +608,18 @@ impl Node for PlantEmulator {
     }
 }
 
-fn disturbance(number: u8) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
+fn disturbance(
+    number: u8,
+    outputs: &[IoOutput],
+) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
     let node_id = node_id(number)?;
-    let objects = dictionary(node_id, dbc::DISTURBANCE_EDS)?;
+    let outputs = outputs.iter().map(|output| AnalogueOutput {
+        place: output.place,
+        name: output.name.clone(),
+        at_rest: output.raw(output.at_rest),
+    });
+    let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, &Vec::from_iter(outputs));
+    let objects = dictionary(node_id, &text)?;
     let module = DisturbanceModule::new(&objects)?;
     Ok(Device::new(node_id, objects, module)?)
 }

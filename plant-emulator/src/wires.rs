@@ -1,7 +1,7 @@
 //! Which ports of a plant a drive is wired to: their places, found once.
 
 use scenario::port::{Port, Ports, conversion};
-use scenario::wiring::Wiring;
+use scenario::wiring::{IoOutput, Wiring};
 
 use crate::InvalidEmulator;
 use crate::plant::SIGNALS_MAX;
@@ -33,6 +33,8 @@ pub(crate) struct Wires {
     pub(crate) fan: Option<usize>,
     /// The input on which the load acts, and how many of the port's unit a kilogram is.
     pub(crate) load: Option<(usize, f64)>,
+    /// The other outputs of the io node.
+    pub(crate) outputs: Vec<IoOutput>,
 }
 
 impl Wires {
@@ -70,6 +72,7 @@ impl Wires {
                 .collect(),
             fan: place(&wiring.fan),
             load,
+            outputs: wiring.io_outputs(ports),
         })
     }
 }

@@ -1,4 +1,5 @@
 """FMPy as the oracle: `judge.py CANRIG WORK`. WORK holds Heater.fmu, Spring.fmu and the folder of awkward."""
+import json
 import shutil
 import subprocess
 import sys
@@ -178,7 +179,169 @@ def awkward():
     tells(mode(7, code=1), "the FMU ended the simulation by itself at 0.05")
     tells(mode(8, code=1), "DoStep failed (error) at 0.05", "it said: the solver did not converge")
     tells(mode(9, code=3), "EnterInitializationMode failed (error); it said: the mode is one that refuses")
-    tells(mode(3, code=1), "it did not return within 10s while it stepped; its process was ended")
+    tells(mode(3, code=1), "it did not return within 5s while it stepped; its process was ended")
+
+
+RIG = """schema = 2
+name = "{name}"
+{plant}
+[node.controller]
+kind = "controller"
+node_id = 1
+[node.drive]
+kind = "drive"
+node_id = 16
+amplifier = {{ port = "p.current_amperes", min = -1.0, max = 1.0 }}
+sensor = {{ port = "p.{position}", unit = "{unit}", min = {min}, max = 100.0, resolution_bits = 16 }}
+{node}
+[loop.l]
+feedback = "drive.position"
+drives = ["drive"]
+"""
+WORLDS = {"simulate": ["simulate"], "lock-step": ["run", "--clock", "lockstep", "--bus", "embedded"]}
+
+
+def behind(name, plant, scenario, position, unit, low, node=""):
+    """A rig with the plant behind a drive, and its scenario."""
+    rig = RIG.format(name=name, plant=plant, position=position, unit=unit, min=low, node=node)
+    (work / f"{name}-rig.toml").write_text(rig)
+    path = work / f"{name}-scenario.toml"
+    path.write_text(f"schema = 2\nname = \"{name}\"\nrig = \"{name}-rig.toml\"\n{scenario}")
+    run("check", path)
+    return path
+
+
+def judged(path, world, *more, code=0):
+    folder = Path(tempfile.mkdtemp(dir=work))
+    told = run(*WORLDS[world], path, "--output", folder, *more, code=code)
+    runs = list(folder.iterdir())
+    check(len(runs) == 1, f"{len(runs)} runs")
+    return told, runs[0]
+
+
+def same(what, runs, files=("bus.log", "signals.csv", "verdict.json")):
+    one, other = runs
+    for file in files:
+        check((one / file).read_bytes() == (other / file).read_bytes(), f"{what}: {file} is another one")
+
+
+def heater_behind_a_drive():
+    """The FMU of pythonfmu3 behind a drive: its temperature follows the current."""
+    plant = """[plant.p.fmu]
+file = "Heater.fmu"
+[plant.p.fmu.start]
+capacity = 4.0
+[plant.p.fmu.ports]
+current_amperes = { variable = "current" }
+temperature_celsius = { variable = "temperature" }
+block_celsius = { variable = "temperature", range = [0.0, 100.0] }
+calls = { variable = "steps", range = [0, 30000] }"""
+    scenario = """duration_seconds = 2.0
+[[controller.open_loop.step]]
+at_seconds = 0.0
+current_amperes = 1.0
+[[expect.signal]]
+name = "block_celsius"
+from_seconds = 1.9
+stays = { min = 20.8, max = 20.95 }
+[[expect.signal]]
+name = "calls"
+from_seconds = 1.9
+stays = { min = 1900, max = 6000 }
+"""
+    path = behind("heater", plant, scenario, "temperature_celsius", "celsius", 0.0)
+    runs = [judged(path, world)[1] for world in WORLDS]
+    same("pythonfmu3 in one process and in several", runs)
+    print("pythonfmu3 behind a drive: judged, the same bytes in one process and in several")
+
+
+def awkward_behind_a_drive():
+    plant = """[plant.p.fmu]
+file = "awkward.fmu"
+[plant.p.fmu.start]
+mode = 0
+[plant.p.fmu.ports]
+current_amperes = { variable = "u" }
+position_millimetres = { variable = "y", factor = 50.0 }
+count = { variable = "count", range = [0, 30000] }"""
+    scenario = """duration_seconds = 2.0
+[controller.pid]
+proportional_amperes_per_metre = 100.0
+integral_amperes_per_metre_second = 0.0
+derivative_ampere_seconds_per_metre = 0.0
+current_amperes_min = -1.0
+[[reference.step]]
+at_seconds = 0.2
+position_millimetres = 20.0
+[expect]
+position_millimetres_max = { max = 21.0 }
+[[expect.signal]]
+name = "position_millimetres"
+from_seconds = 1.9
+stays = { min = 19.5, max = 20.5 }
+"""
+    path = behind("awkward", plant, scenario, "position_millimetres", "millimetres", -10.0)
+    mode = lambda number: ["--set", f"plant.p.fmu.start.mode={number}"]
+    plain = [judged(path, world, *mode(0))[1] for world in WORLDS]
+    same("C in one process and in several", plain)
+    discards = [judged(path, world, *mode(1))[1] for world in WORLDS]
+    same("C that discards, in one process and in several", discards)
+    # Each event takes half of what was integrated: the limits are missed, and that it had them is recorded.
+    events = [judged(path, world, *mode(2), code=1)[1] for world in WORLDS]
+    same("C with events, in one process and in several", events)
+    rows = (events[0] / "signals.csv").read_text().splitlines()
+    place = rows[0].split(",").index("count")
+    check(float(rows[-1].split(",")[place]) > 100, f"too few events: {rows[-1]}")
+    for number, words in {
+        3: ["it did not return within 5s while it stepped"],
+        4: ["was ended by signal 11", "only this run is lost"],
+        5: ["variable `y` is NaN at 0.05", "the FMU computed it"],
+        6: ["exited with code 3 while it stepped", "it said: no licence"],
+        7: ["the FMU ended the simulation by itself at 0.05"],
+        8: ["DoStep failed (error) at 0.05", "the solver did not converge"],
+    }.items():
+        for world in WORLDS:
+            told, folder = judged(path, world, *mode(number), code=1)
+            tells(told, "cannot go on", "awkward.fmu", *words)
+            run("replay", folder, code=1)
+    for world in WORLDS:
+        told = run(*WORLDS[world], path, "--output", work / "refused", *mode(9), code=3)
+        tells(told, "EnterInitializationMode failed (error); it said: the mode is one that refuses")
+    print("C behind a drive: discards, events, hang, crash, NaN, exit, end and errors, in one process and in several")
+
+
+def motor_behind_a_drive():
+    """The motor as FMU beside the emulator's own, under the same limits."""
+    examples = Path(__file__).resolve().parent.parent.parent / "docs" / "examples"
+    places = {name: work / name for name in ["of-fmu", "of-emulator"]}
+    for place in places.values():
+        place.mkdir()
+        for name in ["motor_rig.toml", "motor_step.toml"]:
+            shutil.copy(examples / name, place)
+    shutil.copy(work / "dc_motor3.fmu", places["of-fmu"] / "motor.fmu")
+    rig = places["of-emulator"] / "motor_rig.toml"
+    text = rig.read_text()
+    first, last = text.index("[plant.motor.fmu]"), text.index("[node.controller]")
+    rig.write_text(f"{text[:first]}[plant.motor.dc_motor]\nload_kilograms = 0.2\n\n{text[last:]}")
+    runs = {
+        name: [judged(place / "motor_step.toml", world)[1] for world in WORLDS]
+        for name, place in places.items()
+    }
+    same("the motor as FMU in one process and in several", runs["of-fmu"])
+    fmu, own = (runs[name][0] for name in places)
+    verdicts = [json.loads((folder / "verdict.json").read_text()) for folder in (fmu, own)]
+    metrics = [{metric["name"]: metric for metric in verdict["metrics"]} for verdict in verdicts]
+    check(metrics[0].keys() == metrics[1].keys(), "other metrics")
+    apart = 0.0
+    for name, metric in metrics[0].items():
+        check(metric["passed"] == metrics[1][name]["passed"], f"{name}: another outcome")
+        values = [metric.get("value"), metrics[1][name].get("value")]
+        if all(isinstance(value, float) for value in values):
+            apart = max(apart, abs(values[0] - values[1]))
+    lines = [(folder / "bus.log").read_text().splitlines() for folder in (fmu, own)]
+    check(len(lines[0]) == len(lines[1]), f"{len(lines[0])} and {len(lines[1])} frames")
+    other = sum(one != two for one, two in zip(*lines))
+    print(f"motor as FMU and the emulator's own: the same outcomes, metrics at most {apart:.1e} apart, {other} of {len(lines[0])} frames differ")
 
 
 def refused():
@@ -291,4 +454,7 @@ awkward()
 refused()
 ours()
 cost()
+heater_behind_a_drive()
+awkward_behind_a_drive()
+motor_behind_a_drive()
 print(f"{checked} checks")

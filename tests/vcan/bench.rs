@@ -11,7 +11,7 @@ use crate::support::{self, canrig, only_run, output, root, scenario};
 use crate::{INTERFACE, Test};
 
 /// Each with the interface for itself.
-pub(crate) const TESTS: [(&str, Test); 7] = [
+pub(crate) const TESTS: [(&str, Test); 8] = [
     (
         "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
         same_bytes,
@@ -19,6 +19,10 @@ pub(crate) const TESTS: [(&str, Test); 7] = [
     (
         "two_axes_over_vcan_leave_the_same_bytes_as_one_process",
         same_bytes_of_two_axes,
+    ),
+    (
+        "two_drives_on_one_plant_over_vcan_leave_the_same_bytes_as_one_process",
+        same_bytes_of_a_pair,
     ),
     ("real_time_over_vcan_is_recorded_whole", real_time),
     ("a_foreign_frame_in_lockstep_is_refused", foreign_frame),
@@ -52,6 +56,10 @@ fn same_bytes() -> Result<(), Failed> {
 
 fn same_bytes_of_two_axes() -> Result<(), Failed> {
     is_simulated_alike(&two_axes().join("two_axes.toml"))
+}
+
+fn same_bytes_of_a_pair() -> Result<(), Failed> {
+    is_simulated_alike(&scenario("sma_pair_step.toml"))
 }
 
 /// The folder of two axes, a scenario and its rig file.

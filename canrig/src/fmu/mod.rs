@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets};
+use fmu::Archive;
 use fmu::description::{Causality, Description, Variable};
-use fmu::{Archive, PLATFORMS, PlantTable};
+use fmu::table::proposed;
 
 use runner::console::{print, print_error};
 use runner::exit::Exit;
@@ -62,7 +63,7 @@ fn shown(file: &Path, is_rig: bool) -> Exit {
 fn table_of(file: &Path, description: &Description) -> String {
     let name = plant_name(&description.model_name);
     let file = file.display().to_string();
-    let table = PlantTable::proposed(&name, &file, description);
+    let table = proposed(&name, &file, description);
     format!(
         "# For a rig file of schema 2. Leave out the ports and start values that you do not need;\n# the name of a port ends in the unit that it has on the bench.\n{}",
         table.trim_end()
@@ -122,10 +123,7 @@ fn told(archive: &Archive) -> String {
 }
 
 fn platforms(archive: &Archive) -> String {
-    let here = match archive.description().version {
-        fmu::description::Version::Two => PLATFORMS[0],
-        fmu::description::Version::Three => PLATFORMS[1],
-    };
+    let here = archive.description().version.platform();
     let named = archive
         .platforms()
         .iter()

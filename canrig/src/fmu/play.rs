@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use fmu::export::Role;
-use fmu::table::{Port, Wiring};
-use fmu::unit::Conversion;
+use fmu::table::{Port, Wiring, wiring};
+use fmu::unit::{Conversion, of_name};
 use fmu::worker::Remote;
-use fmu::{Archive, FmuError, PlantTable, Setup, StartValue};
+use fmu::{Archive, FmuError, Setup, StartValue};
 use platform::clock::Clock;
+use scenario::plant::Fmu;
 use worlds::fmu_worker;
 
 use runner::console::{print, print_error};
@@ -114,10 +115,12 @@ fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
             .filter(move |variable| is_wanted(&variable.role));
         wanted.map(|variable| Port {
             name: variable.name.clone(),
-            unit: variable.unit,
+            unit: of_name(&variable.name),
             variable: variable.name.clone(),
+            description: variable.description.clone(),
             conversion: Conversion::NONE,
-            range: [None, None],
+            range: [f64::NEG_INFINITY, f64::INFINITY],
+            at_rest: 0.0,
         })
     };
     let wiring = Wiring {
@@ -138,10 +141,10 @@ fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Refused> {
     let (name, table) = plant_table(path)?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let archive = Archive::open(&folder.join(&table.file))?;
-    let wiring = table.wiring(&name, archive.description());
-    let wiring = wiring.map_err(|fault| FmuError {
+    let wiring = wiring(&table, &name, archive.description());
+    let wiring = wiring.map_err(|misfit| FmuError {
         file: archive.file().to_owned(),
-        fault,
+        fault: misfit.fault,
     })?;
     let unpacked = archive.unpack()?;
     let worker =
@@ -196,8 +199,8 @@ fn steps(
 }
 
 /// The only table of a file, and the name of its plant.
-fn plant_table(path: &Path) -> Result<(String, PlantTable), Refused> {
-    type File = BTreeMap<String, BTreeMap<String, BTreeMap<String, PlantTable>>>;
+fn plant_table(path: &Path) -> Result<(String, Fmu), Refused> {
+    type File = BTreeMap<String, BTreeMap<String, BTreeMap<String, Fmu>>>;
     let refused = |reason: String| Refused::file(path, reason);
     let text = fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;
     let file: File = toml::from_str(&text).map_err(|error| refused(error.to_string()))?;

@@ -42,7 +42,7 @@ pub(crate) enum What {
     /// Write a crate for a plant: something that a current moves, behind the emulated drive
     Plant(PlantArgs),
     /// Write a crate for a control law: from a position and a set-point to a current
-    Law(CrateArgs),
+    Law(LawArgs),
     /// Write a rig file of two drives, with a scenario
     Rig(RigArgs),
 }
@@ -53,6 +53,16 @@ pub(crate) struct PlantArgs {
     /// A plant with ports of its own, two inputs and three outputs, with the rig file that wires it
     #[arg(long)]
     pub ports: bool,
+    #[command(flatten)]
+    pub of: CrateArgs,
+}
+
+/// The crate of a law to write.
+#[derive(Args, Debug)]
+pub(crate) struct LawArgs {
+    /// 2: a law with ports that leads two loops together, with the rig file that has them
+    #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub loops: u8,
     #[command(flatten)]
     pub of: CrateArgs,
 }
@@ -123,6 +133,17 @@ const LAW: Skeleton = Skeleton {
     readme: include_str!("law/README.md"),
 };
 
+const LAW_OF_LOOPS: Skeleton = Skeleton {
+    section: Section::Controller,
+    name: "my_law",
+    manifest: include_str!("law/manifest.toml"),
+    library: include_str!("law/loops/lib.rs"),
+    program: include_str!("law/loops/main.rs"),
+    scenario: include_str!("law/loops/scenario.toml"),
+    rig: Some(include_str!("law/loops/rig.toml")),
+    readme: include_str!("law/loops/README.md"),
+};
+
 /// Why nothing was written.
 #[derive(Debug, thiserror::Error)]
 enum NewError {
@@ -163,7 +184,10 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
             let skeleton = if *ports { &PLANT_WITH_PORTS } else { &PLANT };
             written(skeleton, of).map(|made| made.words(&of.name))
         }
-        What::Law(args) => written(&LAW, args).map(|made| made.words(&args.name)),
+        What::Law(LawArgs { loops, of }) => {
+            let skeleton = if *loops == 1 { &LAW } else { &LAW_OF_LOOPS };
+            written(skeleton, of).map(|made| made.words(&of.name))
+        }
         What::Rig(args) => rig::written(args),
     };
     match written {
@@ -196,39 +220,58 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
         path: checkout.join("Cargo.toml"),
         reason,
     })?;
-    new_folder(&folder)?;
-    for below in ["src", "scenarios"] {
-        make(&folder.join(below), |path| fs::create_dir(path))?;
-    }
-    for (path, text) in skeleton.files(&name, &checkout, &profile) {
-        make(&folder.join(path), |path| {
-            write_whole(path, |output| output.write_all(text.as_bytes()))
-        })?;
-    }
-    // The versions that canrig is tested with; cargo adds the new crate.
-    let lock = checkout.join("Cargo.lock");
-    if lock.is_file() {
-        make(&folder.join("Cargo.lock"), |path| {
-            let mut lock = fs::File::open(&lock)?;
-            write_whole(path, |output| io::copy(&mut lock, output).map(drop))
-        })?;
-    }
+    in_new_folder(&folder, |folder| {
+        for below in ["src", "scenarios"] {
+            make(&folder.join(below), |path| fs::create_dir(path))?;
+        }
+        for (path, text) in skeleton.files(&name, &checkout, &profile) {
+            make(&folder.join(path), |path| {
+                write_whole(path, |output| output.write_all(text.as_bytes()))
+            })?;
+        }
+        // The versions that canrig is tested with; cargo adds the new crate.
+        let lock = checkout.join("Cargo.lock");
+        if lock.is_file() {
+            make(&folder.join("Cargo.lock"), |path| {
+                let mut lock = fs::File::open(&lock)?;
+                write_whole(path, |output| io::copy(&mut lock, output).map(drop))
+            })?;
+        }
+        Ok(())
+    })?;
     Ok(Crate { folder, checkout })
 }
 
-/// Makes a folder that is not there yet.
-fn new_folder(folder: &Path) -> Result<(), NewError> {
+/// Makes a folder that is not there yet with what `write` writes into it: it appears with all of that, or not at all.
+fn in_new_folder(
+    folder: &Path,
+    write: impl FnOnce(&Path) -> Result<(), NewError>,
+) -> Result<(), NewError> {
     if let Some(parent) = folder.parent() {
         make(parent, |parent| fs::create_dir_all(parent))?;
     }
-    // Of two that ask at once, one gets it.
-    fs::create_dir(folder).map_err(|source| match source.kind() {
-        io::ErrorKind::AlreadyExists => NewError::Exists(folder.to_owned()),
+    let failed = |path: &Path, source: io::Error| match source.kind() {
+        io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty => {
+            NewError::Exists(path.to_owned())
+        }
         _ => NewError::Write {
-            path: folder.to_owned(),
+            path: path.to_owned(),
             source,
         },
-    })
+    };
+    if folder.symlink_metadata().is_ok() {
+        return Err(NewError::Exists(folder.to_owned()));
+    }
+    // Of two that ask at once, one gets it.
+    let partial = folder.with_added_extension("partial");
+    fs::create_dir(&partial).map_err(|source| failed(&partial, source))?;
+    let written = write(&partial)
+        .and_then(|()| fs::rename(&partial, folder).map_err(|source| failed(folder, source)));
+    if written.is_err() {
+        // What is left of it does no harm.
+        let _ = fs::remove_dir_all(&partial);
+    }
+    written
 }
 
 fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), NewError> {
@@ -296,8 +339,27 @@ mod tests {
     }
 
     #[test]
+    fn a_folder_appears_whole_or_not_at_all() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("deep/new");
+        let failed = in_new_folder(&folder, |partial| {
+            fs::write(partial.join("half"), "of it").unwrap();
+            assert!(!folder.exists());
+            make(partial, |_| Err(io::Error::other("the disk is full")))
+        });
+        assert!(matches!(failed, Err(NewError::Write { .. })));
+        let left = || fs::read_dir(parent.path().join("deep")).unwrap().count();
+        assert_eq!(left(), 0);
+        let write = |partial: &Path| make(&partial.join("file"), |path| fs::write(path, "all"));
+        assert!(in_new_folder(&folder, write).is_ok());
+        assert!(folder.join("file").exists() && left() == 1);
+        let again = in_new_folder(&folder, |_| unreachable!("it is there"));
+        assert!(matches!(again, Err(NewError::Exists(path)) if path == folder));
+    }
+
+    #[test]
     fn a_crate_is_written_once_and_nothing_of_the_skeleton_s_name_is_left() {
-        for skeleton in [&PLANT, &LAW, &PLANT_WITH_PORTS] {
+        for skeleton in [&PLANT, &LAW, &PLANT_WITH_PORTS, &LAW_OF_LOOPS] {
             let folder = tempfile::tempdir().unwrap();
             let args = args(folder.path(), "swing_arm");
             let written_to = written(skeleton, &args).unwrap().folder;
@@ -338,15 +400,19 @@ mod tests {
     #[test]
     fn the_walk_throughs_show_what_the_skeletons_say() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
-        for (page, skeleton) in [("your-plant.md", PLANT), ("your-law.md", LAW)] {
+        for (page, skeletons) in [
+            ("your-plant.md", [PLANT, PLANT_WITH_PORTS]),
+            ("your-law.md", [LAW, LAW_OF_LOOPS]),
+        ] {
             let page = fs::read_to_string(folder.join(page)).unwrap();
             let prose = page.split("```").step_by(2);
             let lines: usize = prose.map(|text| text.lines().count()).sum();
             assert!(lines < 100, "a walk is short");
-            let files = [skeleton.library, skeleton.program, skeleton.scenario];
+            let files = skeletons.each_ref();
+            let files = files.map(|one| [one.library, one.program, one.scenario]);
             for block in page.split("```").skip(1).step_by(2) {
                 let (kind, code) = block.split_once('\n').unwrap();
-                let is_shown = files.iter().any(|file| file.contains(code));
+                let is_shown = files.as_flattened().iter().any(|file| file.contains(code));
                 assert!(is_shown || kind == "sh", "not in the skeleton:\n{code}");
             }
         }

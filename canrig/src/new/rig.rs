@@ -7,7 +7,7 @@ use clap::Args;
 use recording::run_folder::write_whole;
 use scenario::own::is_name;
 
-use super::{NewError, make, new_folder};
+use super::{NewError, in_new_folder, make};
 
 /// What stands in the files for the rig's name.
 const NAME: &str = "my_rig";
@@ -31,12 +31,13 @@ pub(super) fn written(args: &RigArgs) -> Result<String, NewError> {
         return Err(NewError::RigName(name.clone()));
     }
     let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
-    new_folder(&folder)?;
-    for (file, text) in files(name) {
-        make(&folder.join(file), |path| {
-            write_whole(path, |output| output.write_all(text.as_bytes()))
-        })?;
-    }
+    in_new_folder(&folder, |folder| {
+        files(name).into_iter().try_for_each(|(file, text)| {
+            make(&folder.join(file), |path| {
+                write_whole(path, |output| output.write_all(text.as_bytes()))
+            })
+        })
+    })?;
     let folder = folder.display();
     Ok(format!(
         "{folder} holds a rig of two drives and a scenario. Check and play them:\n  canrig check {folder}\n  canrig simulate {folder}/{name}_steps.toml"

@@ -70,10 +70,9 @@ impl Application for Controller {
                 }
                 Phase::Running(cycle) => {
                     one.on_sample(services, cycle.number, &feedback)
-                        .map(|has_commanded| {
-                            if has_commanded {
-                                self.command_further(services, place);
-                            }
+                        .map(|has_commanded| match has_commanded {
+                            true => self.command_further(services, place),
+                            false => self.command_together(services, cycle.number),
                         })
                 }
                 _ => Ok(()),
@@ -192,12 +191,31 @@ impl Controller {
         }
     }
 
+    /// Commands all drives by the law that leads them together, once the last position of the cycle has come.
+    fn command_together(&mut self, services: &mut Services, number: u64) {
+        let Some(together) = &mut self.together else {
+            return;
+        };
+        if !together.is_due(&self.loops) {
+            return;
+        }
+        together.step(services, &self.loops, number);
+        let controlword = DriveCommand::EnableOperation.controlword();
+        for (place, one) in self.loops.iter_mut().enumerate() {
+            let current_amperes = together.current_amperes(place);
+            one.drive.command(services, controlword, current_amperes);
+        }
+    }
+
     /// Ends the previous cycle of all loops and begins the next, at its SYNC.
     fn begin_cycle(&mut self, services: &mut Services, cycle: Cycle) {
         let overruns = services.sync_overruns();
         let skipped = overruns - cycle.overruns;
         self.statistics.sync_overruns += skipped;
         self.statistics.cycles += 1;
+        if let Some(together) = &mut self.together {
+            together.end_cycle(services, &self.loops, cycle.number, skipped);
+        }
         for one in &mut self.loops {
             let had_position = one.end_cycle(services, cycle.number, skipped);
             self.statistics.missing_positions += u64::from(!had_position);

@@ -26,10 +26,12 @@ pub(super) struct ControlLoop {
     pub(super) law_units_per_metre: f64,
     /// The places of the loops that stand for the further drives which its law leads, in their order.
     pub(super) further: Vec<usize>,
-    /// Whether the law of another loop leads its drive.
+    /// Whether the law of another loop, or of all loops, leads its drive.
     pub(super) is_led: bool,
     /// The drive's position of the present cycle has come.
     pub(super) has_position: bool,
+    /// That position, or the one before it.
+    pub(super) position_metres: f64,
     /// Cycles without a position in a row.
     pub(super) missing: u64,
     /// The most of them.
@@ -50,12 +52,14 @@ impl ControlLoop {
             .plausibility
             .advance(elapsed_seconds, drive.current_amperes);
         let had_position = self.has_position;
-        if !had_position {
-            self.missing += 1;
-            self.step(services, self.reference(number), f64::NAN);
-        }
-        for passed in 1..=skipped.min(self.missing_max) {
-            self.step(services, self.reference(number + passed), f64::NAN);
+        self.missing += u64::from(!had_position);
+        if !self.is_led {
+            if !had_position {
+                self.step(services, self.reference(number), f64::NAN);
+            }
+            for passed in 1..=skipped.min(self.missing_max) {
+                self.step(services, self.reference(number + passed), f64::NAN);
+            }
         }
         self.has_position = false;
         had_position
@@ -110,6 +114,7 @@ impl ControlLoop {
         }
         (self.has_position, self.missing) = (true, 0);
         if self.is_led {
+            self.position_metres = feedback.position_metres;
             return Ok(false);
         }
         let current_amperes = self.step(services, reference, feedback.position_metres);
@@ -144,7 +149,7 @@ impl ControlLoop {
     }
 
     /// Scenario time of a cycle, and its set-point.
-    fn reference(&self, number: u64) -> (f64, SetPoint) {
+    pub(super) fn reference(&self, number: u64) -> (f64, SetPoint) {
         let period_nanoseconds = u64::try_from(self.sync_period.as_nanos()).unwrap_or(u64::MAX);
         let time = Duration::from_nanos(period_nanoseconds.saturating_mul(number));
         let time_seconds = time.as_secs_f64();
@@ -167,8 +172,9 @@ impl ControlLoop {
         let period_seconds = self.sync_period.as_secs_f64();
         let command = self.law.step(&measurement, &set_point, period_seconds);
         let terms = command.explanation.times(1.0 / factor);
+        let own = self.law.term_values();
         self.explanation
-            .store(services.dictionary_mut(), &terms, &self.law);
+            .store(services.dictionary_mut(), &terms, own);
         command.current_amperes
     }
 }

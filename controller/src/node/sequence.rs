@@ -10,6 +10,7 @@ use super::control_loop::ControlLoop;
 use super::drive::LedDrive;
 use super::phase::{DrivePhase, Phase};
 use super::statistics::Statistics;
+use super::together::Together;
 use crate::cause::Cause;
 use crate::manager::Outcome;
 
@@ -27,6 +28,8 @@ const WATCH_TIME: u32 = 0xFFFF;
 #[derive(Debug)]
 pub(super) struct Controller {
     pub(super) loops: Vec<ControlLoop>,
+    /// The law that leads all of them, where they have none of their own.
+    pub(super) together: Option<Together>,
     /// The fan and load modules.
     pub(super) io_nodes: Vec<NodeId>,
     pub(super) sync_period: Duration,

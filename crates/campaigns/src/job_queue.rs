@@ -6,31 +6,29 @@ use std::time::Duration;
 
 use recording::capture::Watch;
 
-use crate::campaign::NoResult;
-
 /// How soon a thread that waits for an earlier run sees that the user stopped it.
 const STOP_PERIOD: Duration = Duration::from_millis(100);
 
 /// Where threads get jobs and bring results.
-pub(crate) struct JobQueue<I, J, T, F, E> {
-    state: Mutex<QueueState<I, J, T, F, E>>,
+pub(crate) struct JobQueue<I, J, R, F, E> {
+    state: Mutex<QueueState<I, J, R, F, E>>,
     has_room: Condvar,
     waiting_max: usize,
 }
 
 /// Jobs still to be done, and results whose turn has not come.
-struct QueueState<I, J, T, F, E> {
+struct QueueState<I, J, R, F, E> {
     jobs: I,
     /// Jobs that threads have got.
     given: usize,
     /// Results that were handed on, in the order of their jobs.
     taken: usize,
-    waiting: BTreeMap<usize, (J, Result<T, NoResult>)>,
+    waiting: BTreeMap<usize, (J, R)>,
     on_result: F,
     refusal: Option<E>,
 }
 
-impl<I, J, T, F, E> QueueState<I, J, T, F, E> {
+impl<I, J, R, F, E> QueueState<I, J, R, F, E> {
     fn new(jobs: I, on_result: F) -> Self {
         Self {
             jobs,
@@ -43,10 +41,10 @@ impl<I, J, T, F, E> QueueState<I, J, T, F, E> {
     }
 }
 
-impl<I, J, T, F, E> JobQueue<I, J, T, F, E>
+impl<I, J, R, F, E> JobQueue<I, J, R, F, E>
 where
     I: Iterator<Item = J>,
-    F: FnMut(J, Result<T, NoResult>) -> Result<(), E>,
+    F: FnMut(J, R) -> Result<(), E>,
 {
     /// A queue that hands results to `on_result` in the order of the jobs. At most `waiting_max` results wait for their turn.
     pub(crate) fn new(jobs: I, on_result: F, waiting_max: usize) -> Self {
@@ -67,7 +65,7 @@ where
         self.lock().refusal.take()
     }
 
-    fn lock(&self) -> MutexGuard<'_, QueueState<I, J, T, F, E>> {
+    fn lock(&self) -> MutexGuard<'_, QueueState<I, J, R, F, E>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -90,7 +88,7 @@ where
     }
 
     /// Hands on a result when its turn comes, and those that waited for it.
-    pub(crate) fn put(&self, place: usize, job: J, done: Result<T, NoResult>) {
+    pub(crate) fn put(&self, place: usize, job: J, done: R) {
         let state = &mut *self.lock();
         state.waiting.insert(place, (job, done));
         while state.refusal.is_none()

@@ -37,7 +37,7 @@ const INPUTS: [(&str, &str, f64); 3] = [
 ];
 
 /// Tables of `[plant]` that are the bench's, or another plant's.
-const NOT_THE_ACTUATOR_S: [&str; 3] = ["amplifier", "dc_motor", "sensor"];
+const NOT_THE_ACTUATOR_S: [&str; 5] = ["amplifier", "dc_motor", "fmu", "sensor", "sma_pair"];
 
 /// The plants that ship: `sma` and `dc_motor`.
 #[must_use]

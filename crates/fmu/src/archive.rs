@@ -10,7 +10,6 @@ use zip::read::ZipFile;
 
 use crate::description::{BYTES_MAX, Description, Version};
 use crate::error::{Fault, FmuError};
-use crate::library;
 
 /// Name of the description in the file, and where it is unpacked.
 pub const DESCRIPTION: &str = "modelDescription.xml";
@@ -73,6 +72,24 @@ impl Archive {
         &self.platforms
     }
 
+    /// Looks whether it has a library for this machine.
+    ///
+    /// # Errors
+    /// It has none.
+    pub fn runs_here(&self) -> Result<(), Fault> {
+        let platform = self.description.version.platform();
+        match self.platforms.iter().any(|found| found == platform) {
+            true => Ok(()),
+            false => Err(Fault::Platform {
+                wanted: platform.to_owned(),
+                found: match self.platforms.is_empty() {
+                    true => "none".to_owned(),
+                    false => self.platforms.join(", "),
+                },
+            }),
+        }
+    }
+
     /// Unpacks what this machine needs of it into a folder of its own.
     ///
     /// # Errors
@@ -80,20 +97,12 @@ impl Archive {
     pub fn unpack(&self) -> Result<Unpacked, FmuError> {
         let unpacked = || {
             let co_simulation = self.description.served()?;
-            let platform = library::platform(self.description.version);
-            if !self.platforms.iter().any(|found| found == platform) {
-                return Err(Fault::Platform {
-                    wanted: platform.to_owned(),
-                    found: match self.platforms.is_empty() {
-                        true => "none".to_owned(),
-                        false => self.platforms.join(", "),
-                    },
-                });
-            }
+            self.runs_here()?;
             let folder = tempfile::Builder::new()
                 .prefix(&format!("canrig-{}-", co_simulation.model_identifier))
                 .tempdir()
                 .map_err(|source| at("a folder to unpack it to", source))?;
+            let platform = self.description.version.platform();
             unpack(&mut opened(&self.file)?, folder.path(), platform)?;
             Ok(folder)
         };
@@ -157,13 +166,13 @@ fn at(place: &str, source: io::Error) -> Fault {
 }
 
 fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
-    let file = File::open(path).map_err(|source| at("it cannot be opened", source))?;
-    let metadata = file
-        .metadata()
-        .map_err(|source| at("it cannot be read", source))?;
+    let unread = |source| at("it cannot be opened", source);
+    // A pipe would be waited for when it is opened.
+    let metadata = path.metadata().map_err(unread)?;
     if !metadata.is_file() {
-        return Err(Fault::Archive("it is no file".to_owned()));
+        return Err(Fault::Archive("it is not a file".to_owned()));
     }
+    let file = File::open(path).map_err(unread)?;
     if metadata.len() > FILE_BYTES_MAX {
         return Err(Fault::Archive(format!(
             "it has {} bytes (limit {FILE_BYTES_MAX})",
@@ -301,7 +310,7 @@ fn unpack<R: Read + io::Seek>(
 /// The library of an FMU that was unpacked.
 pub(crate) fn library_in(folder: &Path, description: &Description) -> Result<PathBuf, Fault> {
     let identifier = &description.served()?.model_identifier;
-    let platform = library::platform(description.version);
+    let platform = description.version.platform();
     let path = folder.join(format!("binaries/{platform}/{identifier}.so"));
     match path.is_file() {
         true => Ok(path),

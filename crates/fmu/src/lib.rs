@@ -4,7 +4,7 @@
 //! read by [`Description`] from an [`Archive`], which runs nothing of it. Its library is loaded by an [`Instance`], and that only in a
 //! worker process ([`worker::serve`]); who plays it has a [`worker::Remote`]. So a crash, a hang or an exit of an FMU costs one run.
 //!
-//! Comes in: the file, a [`PlantTable`] of a rig file, and a [`worker::Channel`] to a worker, which somebody else started. Goes out:
+//! Comes in: the file, the table of a rig file, which [`table::wiring`] fits to it, and a [`worker::Channel`] to a worker, which somebody else started. Goes out:
 //! the values of its ports, step by step, or a [`FmuError`] that names file and variable.
 //!
 //! The other way round, [`export`] makes FMUs of plants: their description, and the C functions of FMI round them.
@@ -26,5 +26,3 @@ pub use archive::{Archive, Unpacked};
 pub use description::Description;
 pub use error::{Fault, FmuError};
 pub use instance::{Instance, Setup, StartValue};
-pub use library::PLATFORMS;
-pub use table::PlantTable;

@@ -1,60 +1,30 @@
-//! `[plant.NAME.fmu]` of a rig file: which FMU, its start values, and its variables as ports.
+//! `[plant.NAME.fmu]` of a rig file: what its table makes of an FMU.
 
-use std::collections::BTreeMap;
+use scenario::plant::{Fmu, FmuPort};
+use toml::Value;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use crate::description::{Causality, Description, Variable};
+use crate::description::{Causality, Description, Kind, Variable};
 use crate::error::Fault;
 use crate::instance::{Setup, StartValue};
-use crate::unit::{Conversion, of_base, of_name, of_symbol};
-
-/// A plant from a modelling tool, as an FMU of FMI 2.0 or 3.0 for co-simulation.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct PlantTable {
-    /// The FMU, from the folder of this file.
-    pub file: String,
-    /// Start values by the names of its variables, in the FMU's units; numbers, truths or texts.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    #[schemars(with = "BTreeMap<String, serde_json::Value>")]
-    pub start: BTreeMap<String, toml::Value>,
-    /// Its variables as ports, by names that end in a unit.
-    pub ports: BTreeMap<String, PortTable>,
-    /// The length of its steps, where it is to be another than what the drive's cycle makes, or the FMU takes no other.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
-    pub step_milliseconds: Option<f64>,
-}
-
-/// One variable as a port.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct PortTable {
-    /// The variable's name in the FMU.
-    pub variable: String,
-    /// The port is the variable times this, plus the offset. Without both, the units of variable and port say it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub factor: Option<f64>,
-    /// Added to the variable times the factor.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub offset: Option<f64>,
-}
+use crate::unit::{Conversion, Known, of_base, of_name, of_symbol};
 
 /// A port of an FMU.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Port {
     /// Its name.
     pub name: String,
-    /// Its unit, as the end of the name says; empty for none.
-    pub unit: &'static str,
+    /// Its unit, as the end of the name says.
+    pub unit: Option<&'static Known>,
     /// The variable.
     pub variable: String,
+    /// What it is, as the FMU says.
+    pub description: String,
     /// From the variable to the port.
     pub conversion: Conversion,
-    /// Lowest and highest value at the port, where the FMU says them.
-    pub range: [Option<f64>; 2],
+    /// Lowest and highest value at the port; infinite where nobody says them.
+    pub range: [f64; 2],
+    /// Its value before anything sets it.
+    pub at_rest: f64,
 }
 
 /// A table that fits an FMU: what the worker needs, and what the ports are.
@@ -68,94 +38,200 @@ pub struct Wiring {
     pub outputs: Vec<Port>,
 }
 
-impl PlantTable {
-    /// What the table makes of the FMU; `name` is that of the plant. Nothing is loaded.
-    ///
-    /// # Errors
-    /// A variable is missing, cannot be what the table makes of it, or is in a unit that the port's name contradicts.
-    pub fn wiring(&self, name: &str, description: &Description) -> Result<Wiring, Fault> {
-        let start = self.start.iter().map(|(variable, value)| {
-            let value = match value {
-                toml::Value::Float(number) => StartValue::Number(*number),
-                #[expect(clippy::cast_precision_loss, reason = "a table's number")]
-                toml::Value::Integer(number) => StartValue::Number(*number as f64),
-                toml::Value::Boolean(truth) => StartValue::Truth(*truth),
-                toml::Value::String(text) => StartValue::Text(text.clone()),
-                _ => {
-                    let reason = "cannot start with that: write a number, a truth or a text";
-                    return Err(Fault::variable(variable, reason));
-                }
-            };
-            Ok((variable.clone(), value))
-        });
-        let mut wiring = Wiring {
-            setup: Setup {
-                name: name.to_owned(),
-                start: start.collect::<Result<_, Fault>>()?,
-                step_seconds: self.step_milliseconds.map(|step| step / 1e3),
-                ..Setup::default()
-            },
-            inputs: Vec::new(),
-            outputs: Vec::new(),
-        };
-        for (name, port) in &self.ports {
-            let variable = description.variable(&port.variable)?;
-            let is_input = variable.is_input();
-            let port = port_of(name, port, variable, description)?;
-            let (names, ports) = match is_input {
-                true => (&mut wiring.setup.inputs, &mut wiring.inputs),
-                false => (&mut wiring.setup.outputs, &mut wiring.outputs),
-            };
-            names.push(variable.name.clone());
-            ports.push(port);
-        }
-        wiring.setup.check(description)?;
-        Ok(wiring)
-    }
+/// What of a table does not fit an FMU.
+#[derive(Debug)]
+pub struct Misfit {
+    /// Where in the table, as in `ports.position_metres.variable`.
+    pub place: String,
+    /// What is wrong.
+    pub fault: Fault,
+}
 
-    /// A table for an FMU, to be edited: its inputs and outputs as ports, its parameters as start values, with comments.
-    #[must_use]
-    pub fn proposed(name: &str, file: &str, description: &Description) -> String {
-        let mut text = format!("[plant.{name}.fmu]\nfile = {}\n", quoted(file));
-        let of = |wanted: fn(&Variable) -> bool| {
-            (description.variables.iter()).filter(move |variable| wanted(variable))
-        };
-        let parameters = of(|variable| {
-            variable.causality == Causality::Parameter
-                && variable.takes_start()
-                && variable.start.is_some()
-        });
-        let mut parameters = parameters.peekable();
-        if parameters.peek().is_some() {
-            text += &format!("\n[plant.{name}.fmu.start]\n");
-        }
-        for variable in parameters {
-            let start = variable.start.as_deref().unwrap_or_default();
-            text += &format!("{} = {}", key(&variable.name), start_text(variable, start));
-            text += &comment(variable);
-        }
-        text += &format!("\n[plant.{name}.fmu.ports]\n");
-        let ports = of(|variable| {
-            let is_end = matches!(variable.causality, Causality::Input | Causality::Output);
-            is_end && variable.is_port_shaped()
-        });
-        let mut taken = Vec::new();
-        for variable in ports {
-            let port = unique(&mut taken, variable, description);
-            text += &format!("{port} = {{ variable = {} }}", quoted(&variable.name));
-            text += &comment(variable);
-        }
-        text
+impl Misfit {
+    fn at(place: impl Into<String>) -> impl FnOnce(Fault) -> Self {
+        let place = place.into();
+        |fault| Self { place, fault }
     }
+}
+
+/// What a table makes of the FMU; `name` is that of the plant. Nothing is loaded.
+///
+/// # Errors
+/// A variable is missing, cannot be what the table makes of it, or is in a unit that the port's name contradicts.
+pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiring, Misfit> {
+    description.served().map_err(Misfit::at("file"))?;
+    let mut wiring = Wiring {
+        setup: Setup {
+            name: name.to_owned(),
+            start: start_of(table, description)?,
+            step_seconds: table.step_milliseconds.map(|step| step / 1e3),
+            ..Setup::default()
+        },
+        inputs: Vec::new(),
+        outputs: Vec::new(),
+    };
+    for (name, port) in &table.ports {
+        let place = format!("ports.{name}");
+        let at_variable = || Misfit::at(format!("{place}.variable"));
+        let variable = description
+            .variable(&port.variable)
+            .map_err(at_variable())?;
+        let is_input = variable.is_input();
+        if is_input && wiring.setup.inputs.contains(&variable.name) {
+            let fault = Fault::variable(
+                &variable.name,
+                "is two ports already, and can be set by one",
+            );
+            return Err(at_variable()(fault));
+        }
+        let name_alone = vec![variable.name.clone()];
+        let alone = match is_input {
+            true => Setup {
+                inputs: name_alone,
+                ..a_setup()
+            },
+            false => Setup {
+                outputs: name_alone,
+                ..a_setup()
+            },
+        };
+        alone.check(description).map_err(at_variable())?;
+        let port =
+            port_of(name, port, variable, description).map_err(Misfit::at(place.as_str()))?;
+        wiring.add(port, variable, is_input);
+    }
+    record(table, description, &mut wiring)?;
+    let of_steps = match table.step_milliseconds {
+        Some(_) => "step_milliseconds",
+        None => "file",
+    };
+    wiring
+        .setup
+        .check(description)
+        .map_err(Misfit::at(of_steps))?;
+    let start = &wiring.setup.start;
+    for port in &mut wiring.inputs {
+        let given = start.iter().find(|(name, _)| *name == port.variable);
+        if let Some((_, StartValue::Number(number))) = given {
+            port.at_rest = port.conversion.of(*number);
+        }
+    }
+    Ok(wiring)
+}
+
+impl Wiring {
+    fn add(&mut self, port: Port, variable: &Variable, is_input: bool) {
+        let (names, ports) = match is_input {
+            true => (&mut self.setup.inputs, &mut self.inputs),
+            false => (&mut self.setup.outputs, &mut self.outputs),
+        };
+        names.push(variable.name.clone());
+        ports.push(port);
+    }
+}
+
+/// One of whose steps nothing can be said.
+fn a_setup() -> Setup {
+    Setup {
+        step_seconds: Some(1.0),
+        ..Setup::default()
+    }
+}
+
+/// The start values, each of which its variable takes.
+fn start_of(table: &Fmu, description: &Description) -> Result<Vec<(String, StartValue)>, Misfit> {
+    let start = table.start_values().into_iter().map(|(variable, value)| {
+        let at_value = || Misfit::at(format!("start.{variable}"));
+        let value = match value {
+            Value::Float(number) => StartValue::Number(*number),
+            #[expect(clippy::cast_precision_loss, reason = "a table's number")]
+            Value::Integer(number) => StartValue::Number(*number as f64),
+            Value::Boolean(truth) => StartValue::Truth(*truth),
+            Value::String(text) => StartValue::Text(text.clone()),
+            _ => {
+                let reason = "cannot start with that: write a number, a truth or a text";
+                return Err(at_value()(Fault::variable(&variable, reason)));
+            }
+        };
+        let alone = Setup {
+            start: vec![(variable.clone(), value.clone())],
+            ..a_setup()
+        };
+        alone.check(description).map_err(at_value())?;
+        Ok((variable, value))
+    });
+    start.collect()
+}
+
+/// Makes ports of what is recorded besides.
+fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result<(), Misfit> {
+    let mut taken = Vec::from_iter(table.ports.keys().cloned());
+    for (place, name) in table.record.iter().enumerate() {
+        let at_place = || Misfit::at(format!("record.{place}"));
+        let variable = description.variable(name).map_err(at_place())?;
+        let refused = |reason: &str| Err(at_place()(Fault::variable(name, reason)));
+        if !variable.is_port_shaped() {
+            return refused("is no single number, so it cannot be recorded");
+        }
+        let name = unique(&mut taken, variable, description);
+        let port = FmuPort {
+            variable: variable.name.clone(),
+            factor: None,
+            offset: None,
+            range: None,
+        };
+        let port = port_of(&name, &port, variable, description).map_err(at_place())?;
+        if !port.range.iter().all(|limit| limit.is_finite()) {
+            return refused(
+                "has no lowest and highest value in the FMU, which its frame needs; make it one of the ports, with a range",
+            );
+        }
+        wiring.add(port, variable, false);
+    }
+    Ok(())
+}
+
+/// A table for an FMU, to be edited: its inputs and outputs as ports, its parameters as start values, with comments.
+#[must_use]
+pub fn proposed(name: &str, file: &str, description: &Description) -> String {
+    let mut text = format!("[plant.{name}.fmu]\nfile = {}\n", quoted(file));
+    let of = |wanted: fn(&Variable) -> bool| {
+        (description.variables.iter()).filter(move |variable| wanted(variable))
+    };
+    let parameters = of(|variable| {
+        variable.causality == Causality::Parameter
+            && variable.takes_start()
+            && variable.start.is_some()
+    });
+    let mut parameters = parameters.peekable();
+    if parameters.peek().is_some() {
+        text += &format!("\n[plant.{name}.fmu.start]\n");
+    }
+    for variable in parameters {
+        let start = variable.start.as_deref().unwrap_or_default();
+        text += &format!("{} = {}", key(&variable.name), start_text(variable, start));
+        text += &comment(variable);
+    }
+    text += &format!("\n[plant.{name}.fmu.ports]\n");
+    let ports = of(|variable| {
+        let is_end = matches!(variable.causality, Causality::Input | Causality::Output);
+        is_end && variable.is_port_shaped()
+    });
+    let mut taken = Vec::new();
+    for variable in ports {
+        let port = unique(&mut taken, variable, description);
+        text += &format!("{port} = {{ variable = {} }}", quoted(&variable.name));
+        text += &comment(variable);
+    }
+    text
 }
 
 fn port_of(
     name: &str,
-    port: &PortTable,
+    port: &FmuPort,
     variable: &Variable,
     description: &Description,
 ) -> Result<Port, Fault> {
-    let known = of_name(name);
     let conversion = match (port.factor, port.offset) {
         (None, None) => conversion_of(name, variable, description)?,
         (factor, offset) => Conversion {
@@ -168,18 +244,56 @@ fn port_of(
         let reason = format!("cannot be the port `{name}` with this factor and offset");
         return Err(Fault::variable(&variable.name, reason));
     }
-    let mut range =
-        [variable.min, variable.max].map(|limit| limit.map(|value| conversion.of(value)));
-    if conversion.factor < 0.0 {
-        range.swap(0, 1);
-    }
+    let start = variable.start.as_deref().map(str::trim);
+    let start = match start {
+        Some("true") => 1.0,
+        start => start.and_then(|start| start.parse().ok()).unwrap_or(0.0),
+    };
     Ok(Port {
         name: name.to_owned(),
-        unit: known.map_or("", |known| known.symbol),
+        unit: of_name(name),
         variable: variable.name.clone(),
+        description: variable.description.clone(),
         conversion,
-        range,
+        range: range_of(name, port, variable, conversion)?,
+        at_rest: conversion.of(start),
     })
+}
+
+/// By the table, else by the FMU.
+fn range_of(
+    name: &str,
+    port: &FmuPort,
+    variable: &Variable,
+    conversion: Conversion,
+) -> Result<[f64; 2], Fault> {
+    if let Some(range) = &port.range {
+        return match range[..] {
+            [lowest, highest] if lowest < highest && (highest - lowest).is_finite() => {
+                Ok([lowest, highest])
+            }
+            _ => {
+                let reason = format!(
+                    "cannot be the port `{name}` with this range: write the lowest value, then a higher one"
+                );
+                Err(Fault::variable(&variable.name, reason))
+            }
+        };
+    }
+    let whole = (variable.kind == Kind::Boolean).then_some([0.0, 1.0]);
+    let lowest = variable.min.or(whole.map(|[lowest, _]| lowest));
+    let highest = variable.max.or(whole.map(|[_, highest]| highest));
+    let mut range = [
+        lowest.map_or(f64::NEG_INFINITY, |value| conversion.of(value)),
+        highest.map_or(f64::INFINITY, |value| conversion.of(value)),
+    ];
+    if conversion.factor < 0.0 {
+        range = [
+            highest.map_or(f64::NEG_INFINITY, |value| conversion.of(value)),
+            lowest.map_or(f64::INFINITY, |value| conversion.of(value)),
+        ];
+    }
+    Ok(range)
 }
 
 /// By the units; a variable without one is in the port's.
@@ -220,7 +334,6 @@ fn key(text: &str) -> String {
 
 /// A start value as TOML has it.
 fn start_text(variable: &Variable, start: &str) -> String {
-    use crate::description::Kind;
     match variable.kind {
         Kind::String => quoted(start),
         Kind::Boolean => matches!(start.trim(), "true" | "1").to_string(),

@@ -110,7 +110,7 @@ const CELSIUS: Known = Known {
 
 /// What a port's name may end in, and an FMU may call by its symbol only.
 #[rustfmt::skip]
-pub const KNOWN: [Known; 47] = [
+pub const KNOWN: [Known; 52] = [
     known("amperes", "A", [0, 0, 0, 1, 0, 0, 0, 0], 1.0),
     known("milliamperes", "mA", [0, 0, 0, 1, 0, 0, 0, 0], 1e-3),
     known("volts", "V", [1, 2, -3, -1, 0, 0, 0, 0], 1.0),
@@ -119,6 +119,7 @@ pub const KNOWN: [Known; 47] = [
     known("joules", "J", [1, 2, -2, 0, 0, 0, 0, 0], 1.0),
     known("metres", "m", [0, 1, 0, 0, 0, 0, 0, 0], 1.0),
     known("millimetres", "mm", [0, 1, 0, 0, 0, 0, 0, 0], 1e-3),
+    known("micrometres", "um", [0, 1, 0, 0, 0, 0, 0, 0], 1e-6),
     known("metres_per_second", "m/s", [0, 1, -1, 0, 0, 0, 0, 0], 1.0),
     known("millimetres_per_second", "mm/s", [0, 1, -1, 0, 0, 0, 0, 0], 1e-3),
     known("metres_per_second_squared", "m/s2", [0, 1, -2, 0, 0, 0, 0, 0], 1.0),
@@ -126,11 +127,14 @@ pub const KNOWN: [Known; 47] = [
     known("cubic_metres", "m3", [0, 3, 0, 0, 0, 0, 0, 0], 1.0),
     known("cubic_metres_per_second", "m3/s", [0, 3, -1, 0, 0, 0, 0, 0], 1.0),
     known("litres", "l", [0, 3, 0, 0, 0, 0, 0, 0], 1e-3),
+    known("litres_per_minute", "l/min", [0, 3, -1, 0, 0, 0, 0, 0], 1e-3 / 60.0),
     known("radians", "rad", [0, 0, 0, 0, 0, 0, 0, 1], 1.0),
     known("degrees", "deg", [0, 0, 0, 0, 0, 0, 0, 1], PI / 180.0),
+    known("revolutions", "rev", [0, 0, 0, 0, 0, 0, 0, 1], 2.0 * PI),
     known("radians_per_second", "rad/s", [0, 0, -1, 0, 0, 0, 0, 1], 1.0),
     known("degrees_per_second", "deg/s", [0, 0, -1, 0, 0, 0, 0, 1], PI / 180.0),
     known("revolutions_per_minute", "rpm", [0, 0, -1, 0, 0, 0, 0, 1], PI / 30.0),
+    known("revolutions_per_second", "rev/s", [0, 0, -1, 0, 0, 0, 0, 1], 2.0 * PI),
     known("kilograms", "kg", [1, 0, 0, 0, 0, 0, 0, 0], 1.0),
     known("grams", "g", [1, 0, 0, 0, 0, 0, 0, 0], 1e-3),
     known("kilograms_per_second", "kg/s", [1, 0, -1, 0, 0, 0, 0, 0], 1.0),
@@ -152,6 +156,7 @@ pub const KNOWN: [Known; 47] = [
     known("watts_per_metre_kelvin", "W/(m.K)", [1, 1, -3, 0, -1, 0, 0, 0], 1.0),
     known("kelvins_per_watt", "K/W", [-1, -2, 3, 0, 1, 0, 0, 0], 1.0),
     known("pascals", "Pa", [1, -1, -2, 0, 0, 0, 0, 0], 1.0),
+    known("bar", "bar", [1, -1, -2, 0, 0, 0, 0, 0], 1e5),
     known("kelvins", "K", [0, 0, 0, 0, 1, 0, 0, 0], 1.0),
     known("seconds", "s", [0, 0, 1, 0, 0, 0, 0, 0], 1.0),
     known("hertz", "Hz", [0, 0, -1, 0, 0, 0, 0, 0], 1.0),

@@ -13,12 +13,12 @@ const SEARCH_SECONDS: f64 = 0.5;
 /// The path is the line through the set-points of the cycles. The error of a sample is the distance of the measured point from
 /// the nearest point of the path: an axis that is late on a path makes none as long as it stays on it.
 pub(crate) fn contour(contour: &Contour, axes: &[&Timeline], end_seconds: f64) -> Vec<Metric> {
-    let ContourErrors { errors, .. } = contour_errors(contour, axes, end_seconds);
-    let value = |reduce: fn(&[f64]) -> f64| match errors.is_empty() {
+    let mut errors = Errors::default();
+    contour_errors(contour, axes, end_seconds).for_each(|(_, error)| errors.add(error));
+    let values = [errors.longest, errors.rms()].map(|value| match errors.count == 0.0 {
         true => Err("no sample of all axes in the window".to_owned()),
-        false => Ok(reduce(&errors)),
-    };
-    let values = [value(longest), value(rms)];
+        false => Ok(value),
+    });
     let rows = contour.rows().into_iter().zip(values);
     let rows = rows.map(|((name, limit), value)| Metric {
         requirements: contour.requirements.clone(),
@@ -27,50 +27,50 @@ pub(crate) fn contour(contour: &Contour, axes: &[&Timeline], end_seconds: f64) -
     rows.collect()
 }
 
-fn longest(errors: &[f64]) -> f64 {
-    errors.iter().copied().fold(0.0, f64::max)
+/// What distances from a path come to together.
+#[derive(Default)]
+struct Errors {
+    longest: f64,
+    squares: f64,
+    count: f64,
 }
 
-fn rms(errors: &[f64]) -> f64 {
-    #[expect(clippy::cast_precision_loss, reason = "samples of one run")]
-    let count = errors.len() as f64;
-    (errors.iter().map(|error| error * error).sum::<f64>() / count).sqrt()
+impl Errors {
+    fn add(&mut self, error: f64) {
+        self.longest = self.longest.max(error);
+        self.squares += error * error;
+        self.count += 1.0;
+    }
+
+    fn rms(&self) -> f64 {
+        (self.squares / self.count).sqrt()
+    }
 }
 
-/// How far the samples of a contour's window are from the path.
-#[derive(Clone, Debug, Default)]
-pub struct ContourErrors {
-    /// When.
-    pub time_seconds: Vec<f64>,
-    /// How far, in millimetres.
-    pub errors: Vec<f64>,
-}
-
-/// The distances of all samples of the window from the path. `axes` are the timelines of the contour's loops.
-#[must_use]
-pub fn contour_errors(contour: &Contour, axes: &[&Timeline], end_seconds: f64) -> ContourErrors {
-    let mut found = ContourErrors::default();
-    let Some(first) = axes.first() else {
-        return found;
-    };
-    let until = contour.until_seconds.unwrap_or(end_seconds);
+/// How far the samples of a contour's window are from the path, each with its time: seconds and millimetres. `axes` are the
+/// timelines of the contour's loops.
+pub fn contour_errors<'a>(
+    contour: &Contour,
+    axes: &'a [&'a Timeline],
+    end_seconds: f64,
+) -> impl Iterator<Item = (f64, f64)> + use<'a> {
+    let window = contour.from_seconds..contour.until_seconds.unwrap_or(end_seconds);
     let rows = axes.iter().map(|axis| axis.time_seconds.len()).min();
-    let times = &first.time_seconds[..rows.unwrap_or(0)];
+    let rows = 0..rows.unwrap_or(0);
+    let first = axes.first().into_iter();
     let set_points = axes.iter().map(|axis| &*axis.set_point_millimetres);
     let path = Path {
         axes: set_points.collect(),
-        times,
+        times: (axes.first()).map_or(&[][..], |axis| &axis.time_seconds[rows.clone()]),
     };
-    for (row, time) in times.iter().enumerate() {
-        let is_inside = (contour.from_seconds..until).contains(time);
-        let point = axes.iter().map(|axis| axis.position()[row]);
-        let point = Vec::from_iter(point);
-        if is_inside && point.iter().all(|value| !value.is_nan()) {
-            found.time_seconds.push(*time);
-            found.errors.push(path.distance(&point, *time));
-        }
-    }
-    found
+    let times = first.flat_map(move |axis| axis.time_seconds.range(rows.clone()));
+    let mut point = Vec::new();
+    times.enumerate().filter_map(move |(row, time)| {
+        point.clear();
+        point.extend(axes.iter().map(|axis| axis.position()[row]));
+        let is_seen = window.contains(time) && point.iter().all(|value| !value.is_nan());
+        is_seen.then(|| (*time, path.distance(&point, *time)))
+    })
 }
 
 struct Path<'a> {

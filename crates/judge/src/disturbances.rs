@@ -4,8 +4,6 @@ use scenario::events::Window;
 
 use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, largest, worst};
 
-/// A deviation within this counts as recovered from a disturbance: four steps of a 10-bit converter over 60 mm.
-const RECOVERY_BAND_MILLIMETRES: f64 = 0.25;
 /// A disturbance is watched this long after its end.
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
@@ -56,6 +54,7 @@ fn deviation(evidence: &Evidence<'_>, window: Window) -> MetricValue {
 /// From the start of a window until the deviation stays small. Nobody knows how large it is in a silence.
 pub(crate) fn recovery(evidence: &Evidence<'_>, window: Window) -> MetricValue {
     let period_seconds = evidence.timeline.period_seconds;
+    let band = evidence.scenario.recovery_band();
     let mut latest = window.from_seconds;
     let (mut recovered_at, mut is_outside) = (None, false);
     let mut samples = evidence.samples(window).peekable();
@@ -69,7 +68,7 @@ pub(crate) fn recovery(evidence: &Evidence<'_>, window: Window) -> MetricValue {
         if evidence.is_silence(latest, time) {
             recovered_at = Some(time);
         }
-        is_outside = sample.deviation_millimetres() > RECOVERY_BAND_MILLIMETRES;
+        is_outside = sample.deviation_millimetres() > band;
         if is_outside {
             recovered_at = Some(time + period_seconds);
         }

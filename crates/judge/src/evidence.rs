@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use dbc::signals::{POSITION, TRUE_POSITION, TRUTH_MESSAGES};
 use recording::ending::EndedBy;
-use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
+use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use rig::setup::Setup;
 use scenario::Scenario;
@@ -23,9 +23,9 @@ pub(crate) struct Evidence<'a> {
     pub(crate) setup: &'a Setup,
     pub(crate) scenario: &'a Scenario,
     pub(crate) circumstances: &'a Circumstances,
-    misses: Rc<Misses>,
+    misses: Rc<Misses<'a>>,
     /// The position that is judged: the measured one, or the true one beside it.
-    position: &'a [f64],
+    position: &'a Series<f64>,
     /// Longest time between two samples of the position.
     pub(crate) silence_seconds_max: f64,
 }
@@ -220,7 +220,7 @@ impl<'a> Evidence<'a> {
     }
 
     /// The cycles that were missed, and whose doing that was.
-    pub(crate) fn misses(&self) -> &Misses {
+    pub(crate) fn misses(&self) -> &Misses<'a> {
         &self.misses
     }
 
@@ -244,11 +244,11 @@ impl<'a> Evidence<'a> {
     pub(crate) fn samples(&self, window: Window) -> impl Iterator<Item = CycleSample> {
         let timeline = self.timeline;
         let rows = self.rows(window);
-        let times = timeline.time_seconds[rows.clone()].iter();
-        let set_points = timeline.set_point_millimetres[rows.clone()].iter();
+        let times = timeline.time_seconds.range(rows.clone());
+        let set_points = timeline.set_point_millimetres.range(rows.clone());
         // The true position holds until the drive sends another; where the drive is silent there is none.
-        let measured = timeline.position()[rows.clone()].iter();
-        let positions = self.position[rows].iter().zip(measured);
+        let measured = timeline.position().range(rows.clone());
+        let positions = self.position.range(rows).zip(measured);
         let rows = times.zip(set_points).zip(positions);
         rows.filter_map(|((time, set_point), (position, measured))| {
             let sample = CycleSample {

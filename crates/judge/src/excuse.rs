@@ -37,9 +37,6 @@ impl Excuse {
     pub(crate) fn find(evidence: &Evidence<'_>, percent_max: f64) -> Option<Self> {
         let misses = evidence.misses();
         let longest = misses.longest_stall()?;
-        let begins = misses
-            .by_bench()
-            .map(|(miss, stretch)| miss.at_seconds.min(stretch.from_seconds));
         let percent = misses.percent_by_bench();
         let busy = (percent > percent_max).then(|| {
             format!(
@@ -48,7 +45,7 @@ impl Excuse {
             )
         });
         Some(Self {
-            first_seconds: begins.fold(f64::INFINITY, f64::min),
+            first_seconds: misses.first_by_bench_seconds()?,
             longest,
             busy,
         })

@@ -118,7 +118,7 @@ fn currents_in<'a>(evidence: &Evidence<'a>, window: Window) -> impl Iterator<Ite
     let timeline = evidence.timeline;
     let name = TARGET_CURRENT.rsplit('.').next();
     let column = name.and_then(|name| timeline.column(name));
-    let values = column.map_or(&[][..], |column| &*column.values);
+    let values = column.into_iter().flat_map(|column| &column.values);
     let rows = timeline.time_seconds.iter().zip(values);
     rows.filter(move |(time, current)| {
         let is_inside = **time >= window.from_seconds - TIME_TOLERANCE_SECONDS

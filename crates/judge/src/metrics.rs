@@ -252,6 +252,7 @@ mod tests {
         let is_other = |key: &&String| {
             let others = [
                 "judged_until_seconds",
+                "recovery_band_millimetres",
                 "requirements",
                 "sequence",
                 "signal",

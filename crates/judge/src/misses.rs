@@ -1,5 +1,6 @@
 //! Whose doing it was that a cycle was missed: the bench's, a fault's of the scenario, or a node's. By evidence only: without
-//! a stall in the recording's evidence nothing is the bench's.
+//! a stall in the recording's evidence nothing is the bench's, and nothing of a node that is somebody else's unless the stall
+//! was in that cycle.
 
 use std::time::Duration;
 
@@ -9,6 +10,7 @@ use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use rig::external::{External, ExternalNode};
 use rig::setup::Setup;
 use scenario::events::Window;
+use scenario::fault::FaultWindow;
 
 use crate::circumstances::Circumstances;
 
@@ -31,6 +33,22 @@ pub(crate) enum Missing {
 }
 
 impl Missing {
+    /// Whether somebody else's node was to send it.
+    fn is_of(self, external: &External) -> bool {
+        external.has(match self {
+            Self::Sync => ExternalNode::Controller,
+            Self::Position => ExternalNode::Drive,
+        })
+    }
+
+    /// Among what is kept of both.
+    fn place(self) -> usize {
+        match self {
+            Self::Sync => 0,
+            Self::Position => 1,
+        }
+    }
+
     /// `controller: no SYNC`
     fn words(self) -> &'static str {
         match self {
@@ -76,64 +94,142 @@ pub(crate) struct Miss {
     pub(crate) doing: Doing,
 }
 
-/// All cycles that were missed, of those that were due.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Misses {
+/// All cycles that were missed, of those that were due. There may be as many as the run has cycles, so they are looked up
+/// when they are needed, and only what they come to together is kept.
+#[derive(Clone, Debug)]
+pub(crate) struct Misses<'a> {
+    timeline: &'a Timeline,
     pub(crate) due: u64,
-    pub(crate) all: Vec<Miss>,
+    /// The stalls that explain a missing SYNC, and those that explain a missing position.
+    stalls: [Vec<Stretch>; 2],
+    /// The stall that explains what canrig's own nodes left out beside all others.
+    prevailing: [Option<Stretch>; 2],
+    faults: Vec<FaultWindow>,
+    totals: Totals,
 }
 
-impl Misses {
-    pub(crate) fn new(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) -> Self {
-        let due = due(timeline, setup, circumstances.ended_early.as_ref());
+/// What misses come to together.
+#[derive(Clone, Debug, Default)]
+struct Totals {
+    all: usize,
+    by_bench: usize,
+    /// Of those that a cycle was missed for.
+    longest_stall: Option<Stretch>,
+    /// When the first of the bench's own was, or the stall that it was missed for.
+    first_by_bench_seconds: Option<f64>,
+    /// Those of the nodes without a SYNC and those without a position, with the time of the first.
+    by_nodes: [(usize, f64); 2],
+}
+
+impl Totals {
+    fn of(misses: impl Iterator<Item = Miss>) -> Self {
+        let mut totals = Self::default();
+        misses.for_each(|miss| totals.add(&miss));
+        totals
+    }
+
+    fn add(&mut self, miss: &Miss) {
+        self.all += 1;
+        match miss.doing {
+            Doing::Fault => {}
+            Doing::Bench(stretch) => {
+                self.by_bench += 1;
+                let longest = self.longest_stall.map_or(0.0, |longest| longest.length());
+                if stretch.length() >= longest {
+                    self.longest_stall = Some(stretch);
+                }
+                let begins = miss.at_seconds.min(stretch.from_seconds);
+                let first = self.first_by_bench_seconds.get_or_insert(begins);
+                *first = first.min(begins);
+            }
+            Doing::Node => {
+                let (count, first_seconds) = &mut self.by_nodes[miss.missing.place()];
+                if *count == 0 {
+                    *first_seconds = miss.at_seconds;
+                }
+                *count += 1;
+            }
+        }
+    }
+}
+
+impl<'a> Misses<'a> {
+    pub(crate) fn new(
+        timeline: &'a Timeline,
+        setup: &Setup,
+        circumstances: &Circumstances,
+    ) -> Self {
         let stretches = stretches(timeline, &circumstances.stalls);
-        let [sync, position] = [Missing::Sync, Missing::Position]
-            .map(|missing| excusing(&stretches, missing, &setup.external));
-        let windows = setup.faults();
-        let is_faulty = |from: f64, until: f64| {
-            windows.iter().any(|fault| {
-                let begins = fault.from_seconds.unwrap_or(f64::NEG_INFINITY);
-                let booted = fault
-                    .from_seconds
-                    .map_or(Some(0.0), |_| fault.until_seconds);
-                let reaction = REACTION_SECONDS + TIME_TOLERANCE_SECONDS;
-                until + TIME_TOLERANCE_SECONDS >= begins
-                    && booted.is_none_or(|ends| from <= ends + reaction)
-            })
+        let mut misses = Self {
+            timeline,
+            prevailing: [None; 2],
+            due: due(timeline, setup, circumstances.ended_early.as_ref()),
+            stalls: [Missing::Sync, Missing::Position]
+                .map(|missing| excusing(&stretches, missing, &setup.external)),
+            faults: setup.faults(),
+            totals: Totals::default(),
         };
-        let mut all = Vec::new();
+        misses.totals = Totals::of(misses.all());
+        misses.prevailing = misses.prevailing(&setup.external);
+        if misses.prevailing.iter().any(Option::is_some) {
+            misses.totals = Totals::of(misses.all());
+        }
+        misses
+    }
+
+    /// Where stalls made as many cycles miss as canrig's own nodes did for no reason that was seen, they are the reason of
+    /// those, too: a processor that the host of a virtual machine took from a running thread shows in no clock of the machine.
+    fn prevailing(&self, external: &External) -> [Option<Stretch>; 2] {
+        let kinds = [Missing::Sync, Missing::Position];
+        let own = kinds.into_iter().filter(|kind| !kind.is_of(external));
+        let by_own: usize = own.map(|kind| self.totals.by_nodes[kind.place()].0).sum();
+        let longest = (self.totals.longest_stall).filter(|_| by_own <= self.totals.by_bench);
+        kinds.map(|kind| longest.filter(|_| !kind.is_of(external)))
+    }
+
+    /// One by one, in the order of time.
+    pub(crate) fn all(&self) -> impl Iterator<Item = Miss> {
         // The cycles without interruption that follow from a fault.
         let mut follows_until = None;
-        for (cycle, missing) in missed(timeline, due) {
-            let (from, until) = stretch_of(cycle, timeline.period_seconds);
-            let stretches = match missing {
-                Missing::Sync => &sync,
-                Missing::Position => &position,
-            };
-            let is_fault = is_faulty(from, until) || follows_until == Some(cycle);
+        missed(self.timeline, self.due).map(move |(cycle, missing)| {
+            let (from, until) = stretch_of(cycle, self.timeline.period_seconds);
+            let is_fault = self.is_faulty(from, until) || follows_until == Some(cycle);
             follows_until = is_fault.then_some(cycle + 1);
-            let doing = match overlapping(stretches, from, until) {
+            let place = missing.place();
+            let doing = match overlapping(&self.stalls[place], from, until) {
                 Some(stretch) => Doing::Bench(stretch),
                 None if is_fault => Doing::Fault,
-                None => Doing::Node,
+                None => self.prevailing[place].map_or(Doing::Node, Doing::Bench),
             };
-            all.push(Miss {
+            Miss {
                 at_seconds: from,
                 missing,
                 doing,
-            });
-        }
-        Self { due, all }
+            }
+        })
+    }
+
+    /// Whether a fault may be why something is missing in a stretch.
+    fn is_faulty(&self, from: f64, until: f64) -> bool {
+        self.faults.iter().any(|fault| {
+            let begins = fault.from_seconds.unwrap_or(f64::NEG_INFINITY);
+            let booted = fault
+                .from_seconds
+                .map_or(Some(0.0), |_| fault.until_seconds);
+            let reaction = REACTION_SECONDS + TIME_TOLERANCE_SECONDS;
+            until + TIME_TOLERANCE_SECONDS >= begins
+                && booted.is_none_or(|ends| from <= ends + reaction)
+        })
     }
 
     /// All of them, by all that were due.
     pub(crate) fn percent(&self) -> f64 {
-        self.percent_of(self.all.len())
+        self.percent_of(self.totals.all)
     }
 
     /// Those that the bench does not explain.
     pub(crate) fn percent_unexplained(&self) -> f64 {
-        self.percent_of(self.all.len() - self.by_bench().count())
+        self.percent_of(self.totals.all - self.totals.by_bench)
     }
 
     fn percent_of(&self, count: usize) -> f64 {
@@ -149,51 +245,45 @@ impl Misses {
         }
     }
 
-    /// The stalls with their misses.
-    pub(crate) fn by_bench(&self) -> impl Iterator<Item = (&Miss, Stretch)> {
-        self.all.iter().filter_map(|miss| match miss.doing {
-            Doing::Bench(stretch) => Some((miss, stretch)),
-            _ => None,
-        })
+    /// When the first of the bench's own was, or the stall that it was missed for.
+    pub(crate) fn first_by_bench_seconds(&self) -> Option<f64> {
+        self.totals.first_by_bench_seconds
     }
 
     /// Whether cycles were missed in a window, and none of them by a node or a fault.
     pub(crate) fn are_of_the_bench_in(&self, window: Window) -> bool {
-        let inside = |miss: &&Miss| {
+        let inside = |miss: &Miss| {
             miss.at_seconds >= window.from_seconds - TIME_TOLERANCE_SECONDS
                 && miss.at_seconds < window.until_seconds - TIME_TOLERANCE_SECONDS
         };
-        let mut missed = self.all.iter().filter(inside).peekable();
+        let mut missed = self.all().filter(inside).peekable();
         missed.peek().is_some() && missed.all(|miss| matches!(miss.doing, Doing::Bench(_)))
     }
 
     pub(crate) fn percent_by_bench(&self) -> f64 {
-        self.percent_of(self.by_bench().count())
+        self.percent_of(self.totals.by_bench)
     }
 
     /// The longest stall that a cycle was missed for.
     pub(crate) fn longest_stall(&self) -> Option<Stretch> {
-        let stretches = self.by_bench().map(|(_, stretch)| stretch);
-        stretches.max_by(|left, right| left.length().total_cmp(&right.length()))
+        self.totals.longest_stall
     }
 
     /// Why a run fails whose nodes left out more than so many percent of the cycles: who, how many and since when. Of the
     /// frames that the recorder lost, each may have been one of theirs.
     pub(crate) fn too_many_by_nodes(&self, percent_max: f64, frames_lost: u64) -> Option<String> {
-        let by_nodes = self.all.iter().filter(|miss| miss.doing == Doing::Node);
+        let by_nodes = self.totals.by_nodes;
         let lost = usize::try_from(frames_lost).unwrap_or(usize::MAX);
-        let sure = by_nodes.clone().count().saturating_sub(lost);
+        let sure = by_nodes.map(|(count, _)| count).iter().sum::<usize>();
+        let sure = sure.saturating_sub(lost);
         if sure == 0 || self.percent_of(sure) <= percent_max {
             return None;
         }
         let parts = [Missing::Sync, Missing::Position].map(|missing| {
-            let mut of_node = by_nodes.clone().filter(|miss| miss.missing == missing);
-            let first = of_node.next()?.at_seconds;
-            let percent = self.percent_of(of_node.count() + 1);
-            let words = missing.words();
-            Some(format!(
-                "{words} in {percent:.2} % of the cycles, first at {first:.3} s"
-            ))
+            let (count, first) = by_nodes[missing.place()];
+            let (percent, words) = (self.percent_of(count), missing.words());
+            (count > 0)
+                .then(|| format!("{words} in {percent:.2} % of the cycles, first at {first:.3} s"))
         });
         let parts: Vec<String> = parts.into_iter().flatten().collect();
         Some(format!("{} (limit {percent_max} %)", parts.join("; ")))

@@ -131,12 +131,12 @@ fn reached(
     is_next: impl Fn(f64) -> bool,
 ) -> (Option<f64>, String) {
     let samples = samples_in(&trace.samples, rest);
-    let stays = stays(samples, trace.silence_seconds_max, event);
+    let stays = || stays(samples, trace.silence_seconds_max, event);
     let long = event.for_milliseconds.unwrap_or(0.0) / 1e3;
-    let is_reached = |stay: &&Stay| stay.lasts_seconds >= long && is_next(stay.begins_seconds);
-    match stays.iter().find(is_reached) {
+    let is_reached = |stay: &Stay| stay.lasts_seconds >= long && is_next(stay.begins_seconds);
+    match stays().find(is_reached) {
         Some(stay) => (Some(stay.begins_seconds), String::new()),
-        None => (None, nearest_words(samples, &stays, event)),
+        None => (None, nearest_words(samples, stays(), event)),
     }
 }
 
@@ -147,41 +147,44 @@ struct Stay {
 }
 
 /// All stays of a signal within the limits of an event, in order.
-fn stays(
-    samples: &[SignalSample],
+fn stays<'a>(
+    samples: &'a [SignalSample],
     silence_seconds_max: Option<f64>,
     event: &Expected,
-) -> Vec<Stay> {
-    let Some(wanted) = event.reaches else {
-        return Vec::new();
-    };
-    let is_silence = |seconds: f64| {
+) -> impl Iterator<Item = Stay> + use<'a> {
+    let is_silence = move |seconds: f64| {
         silence_seconds_max.is_some_and(|longest| seconds > longest + TIME_TOLERANCE_SECONDS)
     };
-    let is_one_stay = |one: &SignalSample, next: &SignalSample| {
-        wanted.admits(one.value) == wanted.admits(next.value)
-            && !is_silence(next.time_seconds - one.time_seconds)
+    let wanted = event.reaches;
+    let admits = move |value| wanted.is_some_and(|wanted| wanted.admits(value));
+    let is_one_stay = move |one: &SignalSample, next: &SignalSample| {
+        admits(one.value) == admits(next.value) && !is_silence(next.time_seconds - one.time_seconds)
     };
     let stretches = samples.chunk_by(is_one_stay);
     stretches
-        .filter(|stretch| wanted.admits(stretch[0].value))
+        .filter(move |stretch| admits(stretch[0].value))
         .map(|stay| Stay {
             begins_seconds: stay[0].time_seconds,
             lasts_seconds: stay[stay.len() - 1].time_seconds - stay[0].time_seconds,
         })
-        .collect()
 }
 
 /// How near a signal came to its limits, and when; where it was within them, for how long.
-fn nearest_words(samples: &[SignalSample], stays: &[Stay], event: &Expected) -> String {
+fn nearest_words(
+    samples: &[SignalSample],
+    stays: impl Iterator<Item = Stay>,
+    event: &Expected,
+) -> String {
     let Some(wanted) = event.reaches else {
         return String::new();
     };
     // Of stays that last equally long the first is named.
-    let longest = stays
-        .iter()
-        .rev()
-        .max_by(|one, other| one.lasts_seconds.total_cmp(&other.lasts_seconds));
+    let longest = stays.reduce(
+        |longest, stay| match stay.lasts_seconds > longest.lasts_seconds {
+            true => stay,
+            false => longest,
+        },
+    );
     match (longest, nearest(samples, wanted)) {
         (Some(stay), _) => {
             let (from, long) = (stay.begins_seconds, 1e3 * stay.lasts_seconds);

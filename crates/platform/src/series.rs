@@ -6,6 +6,7 @@ use std::fmt;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::{Deref, Range};
+use std::os::unix::fs::FileExt;
 use std::ptr::{self, NonNull};
 use std::slice;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -22,8 +23,14 @@ use crate::memory::return_freed;
 pub const KEPT_MAX: usize = 1 << 17;
 /// Values that go to the file at once. A block of zeros takes no room there.
 const BLOCK: usize = 1 << 13;
-/// How often the pages of files that were read go back to the system. Reading takes a few MB in that time.
-const RETURN_PERIOD: Duration = Duration::from_millis(1);
+/// So many values stay in memory once others are in the file: a run has a hundred series.
+const KEPT_BESIDE_FILE_MAX: usize = 4 * BLOCK;
+/// Bytes of a file that an iterator has in memory.
+const READ_BYTES: usize = 1 << 18;
+/// How often it is looked how much of all files is in memory, since slices are read without an iterator.
+const LOOK_PERIOD: Duration = Duration::from_millis(1);
+/// With so many bytes more of files in memory, those of all series go back to the system.
+const RESIDENT_BYTES_MAX: usize = 8 << 20;
 
 /// A series that grows.
 #[derive(Debug)]
@@ -150,6 +157,8 @@ impl<T: Pod> SeriesWriter<T> {
         if is_filed {
             self.tail.drain(..count);
             self.filed += count;
+            self.kept_max = self.kept_max.min(KEPT_BESIDE_FILE_MAX);
+            self.tail.shrink_to(self.kept_max);
         } else {
             // Better a process that is large than one that ends.
             self.is_refused = true;
@@ -223,6 +232,33 @@ enum Values<T> {
 }
 
 impl<T: Pod> Series<T> {
+    /// The values one by one. What was read of a file goes back to the system on the way, however long the series is.
+    #[inline]
+    #[must_use]
+    pub fn iter(&self) -> Iter<'_, T> {
+        self.range(0..self.len())
+    }
+
+    /// As [`Series::iter`], for some of the values.
+    ///
+    /// # Panics
+    /// The series has no such values.
+    #[inline]
+    #[must_use]
+    pub fn range(&self, places: Range<usize>) -> Iter<'_, T> {
+        let values = &self[places];
+        let (open, rest, mapping) = match &self.values {
+            Values::Kept(_) => (values, &values[..0], None),
+            Values::Filed(mapping) => (&values[..0], values, Some(&**mapping)),
+        };
+        Iter {
+            block: open,
+            open: open.iter(),
+            rest,
+            mapping,
+        }
+    }
+
     /// The first values only.
     #[must_use]
     pub fn truncated(mut self, length: usize) -> Self {
@@ -314,10 +350,101 @@ impl<T: Pod> FromIterator<T> for Series<T> {
 
 impl<'a, T: Pod> IntoIterator for &'a Series<T> {
     type Item = &'a T;
-    type IntoIter = slice::Iter<'a, T>;
+    type IntoIter = Iter<'a, T>;
 
     fn into_iter(self) -> Self::IntoIter {
         self.iter()
+    }
+}
+
+/// The values of a [`Series`]: of those in a file, one block after another is in memory.
+#[derive(Debug)]
+pub struct Iter<'a, T> {
+    /// The block that is read.
+    block: &'a [T],
+    /// What is left of it.
+    open: slice::Iter<'a, T>,
+    /// What is behind it.
+    rest: &'a [T],
+    mapping: Option<&'a Mapping>,
+}
+
+impl<'a, T> Iter<'a, T> {
+    /// Gives the block back, and begins the next one.
+    #[cold]
+    fn next_block(&mut self) -> Option<&'a T> {
+        if let Some(mapping) = self.mapping {
+            mapping.give_back(self.block);
+        }
+        let count = (READ_BYTES / size_of::<T>().max(1)).clamp(1, self.rest.len().max(1));
+        (self.block, self.rest) = self.rest.split_at_checked(count)?;
+        self.open = self.block.iter();
+        self.open.next()
+    }
+}
+
+impl<T> Clone for Iter<'_, T> {
+    fn clone(&self) -> Self {
+        Self {
+            open: self.open.clone(),
+            ..*self
+        }
+    }
+}
+
+impl<'a, T> Iterator for Iter<'a, T> {
+    type Item = &'a T;
+
+    #[inline]
+    fn next(&mut self) -> Option<&'a T> {
+        self.open.next().or_else(|| self.next_block())
+    }
+
+    #[inline]
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        let left = self.open.len() + self.rest.len();
+        (left, Some(left))
+    }
+
+    #[inline]
+    fn fold<B, F: FnMut(B, Self::Item) -> B>(mut self, begin: B, mut step: F) -> B {
+        let mut folded = begin;
+        loop {
+            folded = self.open.by_ref().fold(folded, &mut step);
+            match self.next_block() {
+                Some(first) => folded = step(folded, first),
+                None => return folded,
+            }
+        }
+    }
+}
+
+impl<T> ExactSizeIterator for Iter<'_, T> {}
+
+impl<T> DoubleEndedIterator for Iter<'_, T> {
+    #[inline]
+    fn next_back(&mut self) -> Option<Self::Item> {
+        match self.rest.split_last() {
+            Some((last, rest)) => {
+                self.rest = rest;
+                Some(last)
+            }
+            None => self.open.next_back(),
+        }
+    }
+}
+
+/// Says that values were read which are not needed soon: if they are of a file, they go back to the system. For who goes through
+/// the slice of a long series.
+pub fn give_back<T>(values: &[T]) {
+    if size_of_val(values) < READ_BYTES {
+        return;
+    }
+    let mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
+    let begin = values.as_ptr().addr();
+    let of_them = |place: &&(usize, usize)| place.0 <= begin && begin < place.0 + place.1;
+    if let Some(place) = mappings.places.iter().find(of_them) {
+        return_pages(*place, values);
     }
 }
 
@@ -380,9 +507,26 @@ impl Mapping {
         let mapping = Self { begin, bytes };
         if !mappings.is_watched {
             let thread = thread::Builder::new().name("pages".to_owned());
-            mappings.is_watched = thread.spawn(return_pages).is_ok();
+            mappings.is_watched = thread.spawn(watch_pages).is_ok();
         }
         Ok(mapping)
+    }
+
+    /// Gives the pages of some of its values back.
+    fn give_back<T>(&self, values: &[T]) {
+        return_pages(
+            (self.begin.as_ptr().expose_provenance(), self.bytes),
+            values,
+        );
+    }
+}
+
+impl fmt::Debug for Mapping {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("Mapping")
+            .field("bytes", &self.bytes)
+            .finish_non_exhaustive()
     }
 }
 
@@ -397,25 +541,84 @@ impl Drop for Mapping {
     }
 }
 
-/// Gives the pages back that were read, as long as there are mappings.
-fn return_pages() {
+/// Gives the pages back that some values of a mapping are on, and no others: the longer a mapping, the longer it takes to look
+/// through all of it.
+fn return_pages<T>((begin, bytes): (usize, usize), values: &[T]) {
+    let page = page_size();
+    let first = values.as_ptr().addr() / page * page;
+    let end = (values.as_ptr().addr() + size_of_val(values)).next_multiple_of(page);
+    let (first, end) = (
+        first.max(begin),
+        end.min((begin + bytes).next_multiple_of(page)),
+    );
+    if first < end {
+        let first = ptr::with_exposed_provenance_mut(first);
+        // SAFETY: the values are borrowed, so the mapping is there. A page that was given back is read from the file again.
+        let _ = unsafe { madvise(first, end - first.addr(), Advice::LinuxDontNeed) };
+    }
+}
+
+fn page_size() -> usize {
+    // SAFETY: it only answers.
+    let bytes = unsafe { libc::sysconf(libc::_SC_PAGESIZE) };
+    usize::try_from(bytes).unwrap_or(1 << 16)
+}
+
+/// Gives the pages back that were read as slices, as long as there are mappings.
+fn watch_pages() {
+    let resident = ResidentFiles::open();
+    let mut kept = resident.bytes();
     loop {
-        sleep(RETURN_PERIOD);
+        sleep(LOOK_PERIOD);
         let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
         if mappings.places.is_empty() {
             mappings.is_watched = false;
             return;
+        }
+        let now = resident.bytes();
+        if now < kept.saturating_add(RESIDENT_BYTES_MAX) {
+            kept = kept.min(now);
+            continue;
         }
         for (begin, bytes) in &mappings.places {
             let begin = ptr::with_exposed_provenance_mut(*begin);
             // SAFETY: the list is locked, so it is mapped. A page that was given back is read from the file again.
             let _ = unsafe { madvise(begin, *bytes, Advice::LinuxDontNeed) };
         }
+        kept = resident.bytes();
+    }
+}
+
+/// How much of all files is in the process's memory; the program itself is among them.
+struct ResidentFiles {
+    /// None where the system does not say.
+    statm: Option<File>,
+}
+
+impl ResidentFiles {
+    fn open() -> Self {
+        let statm = File::open("/proc/self/statm").ok();
+        Self { statm }
+    }
+
+    fn bytes(&self) -> usize {
+        let pages = self.pages();
+        pages.map_or(usize::MAX, |pages| pages.saturating_mul(page_size()))
+    }
+
+    fn pages(&self) -> Option<usize> {
+        let mut text = [0; 128];
+        let length = self.statm.as_ref()?.read_at(&mut text, 0).ok()?;
+        let text = str::from_utf8(&text[..length]).ok()?;
+        // All pages, those in memory, and of these the ones of files.
+        text.split(' ').nth(2)?.parse().ok()
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+
     use super::*;
 
     fn number(place: usize) -> u64 {
@@ -439,6 +642,19 @@ mod tests {
             assert_eq!(series.filed == 0, kept_max >= count);
             let series = series.finish();
             assert_eq!(*series, expected);
+            assert!(series.iter().eq(&expected));
+            assert!(series.iter().rev().eq(expected.iter().rev()));
+            let (mut both, mut ends) = (series.iter(), expected.iter());
+            for _ in 0..count / 3 {
+                assert_eq!(both.next(), ends.next());
+                assert_eq!(both.next_back(), ends.next_back());
+            }
+            assert_eq!(both.len(), ends.len());
+            assert!(both.clone().eq(ends.clone()));
+            let sum = |sum: u64, value: &u64| sum.wrapping_mul(3) + value;
+            assert_eq!(both.fold(1, sum), ends.fold(1, sum));
+            let places = BLOCK + 5..3 * BLOCK;
+            assert!(series.range(places.clone()).eq(&expected[places]));
             assert_eq!(*series.clone().truncated(BLOCK + 1), expected[..=BLOCK]);
             let part = series.part(BLOCK + 3..4 * BLOCK);
             assert_eq!(*part, expected[BLOCK + 3..4 * BLOCK]);
@@ -486,13 +702,30 @@ mod tests {
         };
         let before = resident_bytes();
         let series: Series<u64> = (0..50_000_000).collect();
-        let mut most = 0;
-        for _ in 0..2 {
-            for (number, part) in series.chunks(100_000).enumerate() {
-                assert_eq!(part[17], 100_000 * number as u64 + 17);
-                most = most.max(resident_bytes().saturating_sub(before));
+        let most = Cell::new(0);
+        let look = || most.set(most.get().max(resident_bytes().saturating_sub(before)));
+        for (number, value) in series.iter().enumerate() {
+            if number % 100_000 == 17 {
+                assert_eq!(*value, number as u64);
+                look();
             }
         }
-        assert!(most < 200_000_000, "{most} bytes");
+        for (number, part) in series.chunks(100_000).enumerate() {
+            assert!(
+                part.iter()
+                    .copied()
+                    .zip(100_000 * number as u64..)
+                    .all(|(value, place)| value == place)
+            );
+            give_back(part);
+            look();
+        }
+        // Without a word it happens too, but nobody knows how soon.
+        assert!(most.get() < 40_000_000, "{} bytes", most.get());
+        for (number, part) in series.chunks(100_000).enumerate() {
+            assert_eq!(part[17], 100_000 * number as u64 + 17);
+            look();
+        }
+        assert!(most.get() < 200_000_000, "{} bytes", most.get());
     }
 }

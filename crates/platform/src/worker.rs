@@ -10,6 +10,7 @@ use rustix::io::Errno;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{RecvFlags, SendFlags, recv, send};
 use rustix::pipe::{PipeFlags, pipe_with};
+use rustix::process::{Signal, set_parent_process_death_signal};
 
 use crate::lockstep::channel;
 use crate::process::{inherit, inherited_channel, myself};
@@ -33,11 +34,13 @@ impl Channel {
         }
     }
 
-    /// The worker's end, which who started it passed under `number`.
+    /// The worker's end, which who started it passed under `number`. From now on the worker is killed where that one ends, whatever
+    /// it does.
     ///
     /// # Errors
     /// There is no channel of this number.
     pub fn inherited(number: RawFd) -> io::Result<Self> {
+        set_parent_process_death_signal(Some(Signal::KILL))?;
         inherited_channel(number).map(Self::new)
     }
 

@@ -29,7 +29,8 @@ pub struct Watch {
 impl Watch {
     #[must_use]
     pub fn progress(&self) -> RunProgress {
-        *self.progress.lock().unwrap_or_else(PoisonError::into_inner)
+        let progress = self.progress.lock();
+        progress.unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     fn show(&self, progress: RunProgress) {

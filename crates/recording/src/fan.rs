@@ -13,9 +13,11 @@ pub(crate) struct FanReader {
 
 impl FanReader {
     pub(crate) fn new(database: &Database) -> Result<Self, SignalMissing> {
+        let command = signals::DISTURBANCE_MESSAGE;
+        let commands = database.message(command);
         Ok(Self {
             heartbeat_id: database.require(signals::FAN_STATE)?.raw_id(),
-            command_id: database.require(signals::CONVECTION_FACTOR)?.raw_id(),
+            command_id: commands.ok_or_else(|| SignalMissing::new(command))?.raw_id,
             has_heartbeat: false,
             has_command: false,
         })

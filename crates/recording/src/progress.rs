@@ -5,15 +5,18 @@ use std::time::Duration;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use dbc::{Database, SignalHandle, SignalMissing, signals};
 use scenario::Scenario;
+use scenario::port::Unit;
 use scenario::reference::Trajectory;
 
 use crate::log::Stamped;
 
 /// The state of a run, as far as it is known.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunProgress {
     /// Scenario time; zero before it begins.
     pub time: Duration,
+    /// The unit of the loop, in which its position is.
+    pub unit: Unit,
     pub position_millimetres: Option<f64>,
     /// Set-point minus position, where the scenario has a set-point.
     pub error_millimetres: Option<f64>,
@@ -25,6 +28,7 @@ pub struct RunProgress {
 #[derive(Debug)]
 pub struct ProgressReader {
     position: SignalHandle,
+    unit: Unit,
     set_point: Option<Trajectory>,
     period: Duration,
 }
@@ -36,6 +40,7 @@ impl ProgressReader {
         let has_set_point = !scenario.reference.is_empty();
         Ok(Self {
             position: database.require(signals::POSITION)?,
+            unit: scenario.wiring.unit.clone(),
             set_point: has_set_point.then(|| scenario.reference.trajectory()),
             period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),
         })
@@ -60,6 +65,7 @@ impl ProgressReader {
             syncs.filter_map(|sync| Some(self.lateness(clock.scenario_time(sync.time)?)));
         Some(RunProgress {
             time,
+            unit: self.unit.clone(),
             position_millimetres: position,
             error_millimetres: set_point
                 .zip(position)

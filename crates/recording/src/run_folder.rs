@@ -2,6 +2,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
@@ -152,6 +153,20 @@ impl RunFolder {
         let parent = path.parent().map_or(Ok(()), fs::create_dir_all);
         let written = parent.and_then(|()| write_whole(&path, write));
         written.map_err(WriteError::at(&path))
+    }
+
+    /// Makes a link to a file elsewhere. A folder in its name is made; what is there already stays.
+    ///
+    /// # Errors
+    /// The link cannot be made.
+    pub fn link(&self, name: &Path, target: &Path) -> Result<(), WriteError> {
+        let path = self.path.join(name);
+        let parent = path.parent().map_or(Ok(()), fs::create_dir_all);
+        let made = parent.and_then(|()| match symlink(target, &path) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+            made => made,
+        });
+        made.map_err(WriteError::at(&path))
     }
 
     /// Opens the log, which grows while the run goes on: `bus.log`, or that of a long run.

@@ -13,7 +13,7 @@ use rig::rig_file::{LoadedRig, RigError};
 use rig::setup::Setup;
 use scenario::expect::Expect;
 use scenario::loops::Loops;
-use scenario::{ScenarioError, read_text};
+use scenario::{HASH_SUFFIX, ScenarioError, read_text};
 
 use crate::run_folder::{RunFolder, WriteError, file};
 
@@ -32,6 +32,7 @@ pub fn write_setup(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> 
 /// # Errors
 /// A file cannot be written.
 pub fn write_scenario(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
+    link_fmus(folder, setup, "")?;
     files_of(setup).try_for_each(|(name, text)| folder.write(name, text.as_bytes()))
 }
 
@@ -51,8 +52,21 @@ pub fn write_sheets(folder: &RunFolder, setups: &[Setup]) -> Result<(), WriteErr
 /// # Errors
 /// A file cannot be written.
 pub fn write_tables(folder: &RunFolder, setup: &Setup, place: &str) -> Result<(), WriteError> {
+    link_fmus(folder, setup, place)?;
     let mut tables = setup.tables.iter();
     tables.try_for_each(|(name, text)| folder.write(&format!("{place}/{name}"), text.as_bytes()))
+}
+
+/// FMUs are not copied: beside the hash of each, a link leads to where it is, so that the nodes find it.
+fn link_fmus(folder: &RunFolder, setup: &Setup, place: &str) -> Result<(), WriteError> {
+    let beside = setup.path.parent().unwrap_or(Path::new(""));
+    let hashes = setup.tables.keys();
+    let mut files = hashes.filter_map(|name| name.strip_suffix(HASH_SUFFIX));
+    files.try_for_each(|file| match beside.join(file).canonicalize() {
+        Ok(target) => folder.link(&Path::new(place).join(file), &target),
+        // Who needs it will say so.
+        Err(_) => Ok(()),
+    })
 }
 
 /// The files that are played, by the names of their copies in a folder: the tables that the scenario names, the rig file with

@@ -22,7 +22,7 @@ pub enum Who {
     Bus,
     /// The controller's process that canrig started.
     Controller,
-    /// The emulator's process that canrig started.
+    /// An emulator's process that canrig started, of whichever plant.
     PlantEmulator,
 }
 

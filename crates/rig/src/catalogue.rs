@@ -3,9 +3,12 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use dbc::{Database, LawTerm, PlantSignal, Range};
+use dbc::{Database, LAW_TERMS_MAX, LawTerm, PlantSignal, Range};
+use scenario::controller::Controller;
+use scenario::law_ports::{LawWires, terms_of};
 use scenario::plant::SMA_ACTUATOR;
 use scenario::port::{Port, Ports, Unit};
+use scenario::wiring::IoOutput;
 use scenario::{Objection, Scenario};
 
 use crate::data_sheet;
@@ -20,6 +23,9 @@ type FindPlantObjection = fn(&Scenario) -> Option<Objection>;
 /// The ports of a scenario's plant; none for a plant that nobody knows here, or that cannot be made.
 type FindPorts = fn(&Scenario) -> Option<Ports>;
 
+/// The ports of the law that leads all loops of a scenario's rig; none for a law of one loop.
+type FindLawPorts = fn(&Controller) -> Option<Ports>;
+
 /// The plants and laws that scenarios may choose.
 ///
 /// It knows them by what they put on the bus, not by their code: who plays them hands in the rest.
@@ -30,6 +36,7 @@ pub struct Catalogue {
     laws: Vec<(String, Vec<LawTerm>)>,
     plant_objection: FindPlantObjection,
     find_ports: FindPorts,
+    find_law_ports: FindLawPorts,
     /// What other pairs of plants and laws put on the bus, as far as they were asked for.
     others: Mutex<Vec<(Key, Arc<Frames>)>>,
 }
@@ -38,7 +45,8 @@ pub struct Catalogue {
 #[derive(PartialEq)]
 struct Key {
     signals: Vec<PlantSignal>,
-    law: Option<String>,
+    terms: Vec<LawTerm>,
+    outputs: Vec<IoOutput>,
     unit: Unit,
 }
 
@@ -71,7 +79,17 @@ impl Catalogue {
             laws: own,
             plant_objection,
             find_ports,
+            find_law_ports: |_| None,
             others: Mutex::default(),
+        }
+    }
+
+    /// The same with laws that lead all loops of a rig, by what finds their ports.
+    #[must_use]
+    pub fn with_laws_of_all(self, find_law_ports: FindLawPorts) -> Self {
+        Self {
+            find_law_ports,
+            ..self
         }
     }
 
@@ -88,6 +106,7 @@ impl Catalogue {
             laws: Vec::new(),
             plant_objection: |_| None,
             find_ports: |_| None,
+            find_law_ports: |_| None,
             others: Mutex::default(),
         }
     }
@@ -97,7 +116,9 @@ impl Catalogue {
     pub fn frames(&self, scenario: &Scenario) -> Arc<Frames> {
         let law = scenario.controller.own.as_ref().map(|own| own.name());
         let wiring = &scenario.wiring;
-        let is_plain = wiring.record.is_none() && wiring.unit == Unit::Millimetres;
+        let is_plain = wiring.record.is_none()
+            && wiring.outputs.is_empty()
+            && wiring.unit == Unit::Millimetres;
         let plant = scenario.plant.name();
         let mut all = self.pairs.iter();
         let pair = all.find(|pair| is_plain && pair.plant == plant && pair.law.as_deref() == law);
@@ -129,7 +150,8 @@ impl Catalogue {
     fn other_frames(&self, scenario: &Scenario, law: Option<&str>) -> Arc<Frames> {
         let key = Key {
             signals: self.published(scenario).unwrap_or_default(),
-            law: law.map(str::to_owned),
+            terms: self.terms(scenario, law),
+            outputs: self.outputs(scenario),
             unit: scenario.wiring.unit.clone(),
         };
         // What is half done there is still right.
@@ -137,12 +159,79 @@ impl Catalogue {
         if let Some((_, frames)) = others.iter().find(|(other, _)| *other == key) {
             return Arc::clone(frames);
         }
-        let mut laws = self.laws.iter();
-        let terms = laws.find(|(name, _)| Some(name.as_str()) == law);
-        let terms = terms.map_or(&[][..], |(_, terms)| terms);
-        let frames = Arc::new(Frames::in_unit(&key.signals, terms, &key.unit));
+        let frames = Frames::in_unit(&key.signals, &key.terms, &key.unit);
+        let frames = Arc::new(frames.with_outputs(&key.outputs));
         others.push((key, Arc::clone(&frames)));
         frames
+    }
+
+    /// What the law of a scenario says of itself in the frames of its loop.
+    fn terms(&self, scenario: &Scenario, law: Option<&str>) -> Vec<LawTerm> {
+        let mut laws = self.laws.iter();
+        if let Some((_, terms)) = laws.find(|(name, _)| Some(name.as_str()) == law) {
+            return terms.clone();
+        }
+        let ports = law.and_then(|_| (self.find_law_ports)(&scenario.controller));
+        let (Some(ports), Some(own)) = (ports, scenario.wiring.own_loop()) else {
+            return Vec::new();
+        };
+        let terms = terms_of(&ports, own);
+        let terms = terms.map(|(name, port)| LawTerm {
+            name: name.to_owned(),
+            unit: port.symbol.clone(),
+            comment: port.comment.clone(),
+        });
+        terms.collect()
+    }
+
+    /// The outputs of the io node of a scenario's plant, besides fan and load.
+    fn outputs(&self, scenario: &Scenario) -> Vec<IoOutput> {
+        if scenario.wiring.outputs.is_empty() {
+            return Vec::new();
+        }
+        let ports = self.ports(scenario).unwrap_or_default();
+        scenario.wiring.io_outputs(&ports)
+    }
+
+    /// What is wrong with a disturbance by another output: a value that it cannot have.
+    fn output_objection(&self, scenario: &Scenario) -> Option<Objection> {
+        let outputs = self.outputs(scenario);
+        let mut changes = scenario.disturbance.output.iter().enumerate();
+        changes.find_map(|(index, change)| {
+            let output = outputs.iter().find(|one| one.name == change.name)?;
+            let [min, max] = output.range;
+            let (name, symbol) = (&output.name, &output.symbol);
+            (!(min..=max).contains(&change.value)).then(|| Objection {
+                path: format!("disturbance.output.{index}.value"),
+                message: format!("`{name}` cannot be {} {symbol}", change.value),
+                label: format!("must be {min} to {max}"),
+                help: None,
+            })
+        })
+    }
+
+    /// What is wrong with the ports of a law that leads all loops; said of the first loop only.
+    fn law_objection(&self, scenario: &Scenario) -> Option<Objection> {
+        let ports = (self.find_law_ports)(&scenario.controller)?;
+        let law = scenario.controller.law_name();
+        let objection = |message: String, label: String, help: Option<String>| Objection {
+            path: format!("controller.{law}"),
+            message,
+            label,
+            help,
+        };
+        let wiring = &scenario.wiring;
+        let Some(first) = wiring.loops.first() else {
+            let message = format!("the law `{law}` needs a rig file");
+            let label = "it leads the loops of a rig".to_owned();
+            let help = "write schema = 2, rig = \"FILE.toml\" and [controller.all.LAW]";
+            return Some(objection(message, label, Some(help.to_owned())));
+        };
+        if first.name != wiring.of_loop {
+            return None;
+        }
+        let wrong = LawWires::new(&ports, &wiring.loops, LAW_TERMS_MAX).err()?;
+        Some(objection(wrong.message, wrong.label, None))
     }
 
     /// What only a bench knows to be wrong in a scenario: names of signals, and a plant that makes no physical sense. The
@@ -151,8 +240,23 @@ impl Catalogue {
     pub fn objections(&self, scenario: &Scenario) -> Vec<Objection> {
         let frames = self.frames(scenario);
         let mut objections = SignalNames::objections(scenario, || frames.names());
-        objections.extend((self.plant_objection)(scenario));
+        // What is wrong with an FMU stands in the rig file.
+        if !is_wired_fmu(scenario) {
+            objections.extend((self.plant_objection)(scenario));
+        }
+        objections.extend(self.law_objection(scenario));
+        objections.extend(self.output_objection(scenario));
+        objections.extend(two_columns(&frames.database, scenario));
         objections
+    }
+
+    /// What is wrong with the FMU of a rig's plant, at its place in the rig file.
+    pub(crate) fn fmu_objection(&self, scenario: &Scenario, plant: &str) -> Option<Objection> {
+        let found = is_wired_fmu(scenario).then(|| (self.plant_objection)(scenario));
+        let objection = found.flatten()?;
+        let below = objection.path.strip_prefix("plant.");
+        let path = format!("plant.{plant}.{}", below.unwrap_or_default());
+        Some(Objection { path, ..objection })
     }
 
     /// Refuses a pair of a plant and a law with two signals that would be one column of `signals.csv`.
@@ -162,6 +266,11 @@ impl Catalogue {
     pub fn check(&self) -> Result<(), String> {
         self.pairs.iter().try_for_each(Pair::check)
     }
+}
+
+/// Whether a scenario's plant is an FMU in a rig file.
+fn is_wired_fmu(scenario: &Scenario) -> bool {
+    scenario.plant.fmu.is_some() && !scenario.wiring.input.is_empty()
 }
 
 /// A plant and a law that a scenario may choose together.
@@ -185,6 +294,18 @@ impl Pair {
     }
 }
 
+/// A term of a law of all loops that is called like another column of its loop.
+fn two_columns(database: &Database, scenario: &Scenario) -> Option<Objection> {
+    let own = scenario.controller.own.as_ref()?;
+    let name = name_of_two_columns(database)?;
+    Some(Objection {
+        path: format!("controller.{}", own.name()),
+        message: format!("two signals are called `{name}`"),
+        label: "one is a term of this law: give it another name".to_owned(),
+        help: None,
+    })
+}
+
 /// A name that two columns of `signals.csv` would have.
 #[must_use]
 pub fn name_of_two_columns(database: &Database) -> Option<&str> {
@@ -202,6 +323,8 @@ pub fn name_of_two_columns(database: &Database) -> Option<&str> {
 pub struct Frames {
     /// The terms of a law from outside; none for the shipped ones.
     law_terms: Vec<LawTerm>,
+    /// The outputs of the io node besides fan and load; none of a recording.
+    pub(crate) outputs: Vec<IoOutput>,
     /// What the frames mean.
     pub(crate) database: Arc<Database>,
     /// The same beside a drive that is not the emulator: nobody publishes the truth.
@@ -224,10 +347,34 @@ impl Frames {
         }
     }
 
+    /// The same with an io node that has these outputs besides fan and load.
+    fn with_outputs(self, outputs: &[IoOutput]) -> Self {
+        let Some(first) = outputs.first() else {
+            return self;
+        };
+        let signals = outputs.iter().map(|output| PlantSignal {
+            name: output.name.clone(),
+            unit: output.symbol.clone(),
+            comment: output.comment.clone(),
+            resolution: 1.0 / output.steps_per_unit,
+            range: Range {
+                minimum: output.range[0],
+                maximum: output.range[1],
+            },
+        });
+        let database = (self.database).with_io_outputs(&Vec::from_iter(signals), first.place);
+        Self {
+            database: Arc::new(database),
+            outputs: outputs.to_vec(),
+            ..self
+        }
+    }
+
     /// The frames of a database, whoever sent them.
     pub(crate) fn from_database(database: Arc<Database>) -> Self {
         Self {
             law_terms: Vec::new(),
+            outputs: Vec::new(),
             database,
             without_truth: OnceLock::new(),
             names: OnceLock::new(),

@@ -33,6 +33,19 @@ pub fn load(path: &Path, catalogue: &Catalogue) -> Result<Vec<Setup>, ScenarioEr
     Ok(with_texts(loops, path, &texts, catalogue))
 }
 
+/// As [`load`], with signals in the scenario that nobody sends: whoever looks for the right name has a wrong one in the file.
+///
+/// # Errors
+/// As [`load`] for everything else.
+pub fn load_with_any_signals(
+    path: &Path,
+    catalogue: &Catalogue,
+) -> Result<Vec<Setup>, ScenarioError> {
+    let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
+    let (loops, texts) = Loops::load(path, |_| Vec::new(), object)?;
+    Ok(with_texts(loops, path, &texts, catalogue))
+}
+
 /// As [`load`], for a scenario of one loop or of several.
 ///
 /// # Errors
@@ -102,8 +115,10 @@ pub fn varied(
     text: &str,
     read_file: impl FnMut(&str) -> io::Result<String>,
 ) -> Result<Vec<Setup>, ScenarioError> {
-    let path = Path::new("case");
-    let (loops, _) = Loops::parse(path, text.to_owned(), read_file, |_| Vec::new(), |_| None)?;
+    // What is no text lies beside the scenario that they vary.
+    let path = base.first().map_or(Path::new(""), |base| &base.path);
+    let path = path.with_file_name("case");
+    let (loops, _) = Loops::parse(&path, text.to_owned(), read_file, |_| Vec::new(), |_| None)?;
     let contours = Arc::new(loops.contours);
     let elsewhere = faults_elsewhere(loops.loops.iter().map(|one| &one.scenario));
     let setups = base.iter().zip(loops.loops).zip(elsewhere);

@@ -1,7 +1,7 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
 use canopen::eds;
-use dbc::data_sheets::OfDrive;
+use dbc::data_sheets::{AnalogueOutput, OfDrive};
 use dbc::loops::NodesByName;
 use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::port::Unit;
@@ -96,7 +96,13 @@ fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
         }
     };
     let module = disturbance.zip(module_id);
-    let module = module.map(|(name, node_id)| sheet(name, node_id, DISTURBANCE_EDS, None));
+    let outputs = setup.io_outputs().iter().map(|output| AnalogueOutput {
+        place: output.place,
+        name: output.name.clone(),
+        at_rest: output.raw(output.at_rest),
+    });
+    let module_eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
+    let module = module.map(|(name, node_id)| sheet(name, node_id, &module_eds, None));
     [drive].into_iter().chain(module)
 }
 

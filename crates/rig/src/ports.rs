@@ -2,7 +2,7 @@
 
 use scenario::loops::{Loops, OneLoop};
 use scenario::own::is_name;
-use scenario::port::{Direction, Port, Ports, Unit, conversion};
+use scenario::port::{Direction, Port, Ports, Unit, conversion, unit_in};
 use scenario::wiring::RECORDED_MAX;
 use scenario::{Objection, Scenario, nearest};
 
@@ -33,11 +33,15 @@ fn of_loop(
     if rig.node.get(drive)?.external {
         return None;
     }
+    let plant = rig.plant_of(drive)?;
+    if let Some(objection) = catalogue.fmu_objection(&one.scenario, plant) {
+        return Some(objection);
+    }
     let ports = catalogue.ports(&one.scenario)?;
     let wired = Wired {
         drive,
         io: rig.io_of(drive).map(|(name, _)| name),
-        plant: rig.plant_of(drive)?,
+        plant,
         ports: &ports,
         scenario: &one.scenario,
     };
@@ -185,7 +189,32 @@ impl Wired<'_> {
                 return Some(objection_at(path, message, label));
             }
         }
-        None
+        wiring
+            .outputs
+            .iter()
+            .find_map(|(output, port)| self.output(io, output, port))
+    }
+
+    /// Another output of the io node.
+    fn output(&self, io: &str, output: &str, name: &str) -> Option<Objection> {
+        let path = format!("node.{io}.outputs.{output}");
+        let port = match self.find(&path, name, Direction::Input) {
+            Ok(port) => port,
+            Err(objection) => return Some(objection),
+        };
+        let own = unit_in(output);
+        if !own.is_empty() && conversion(own, &port.unit).is_none() {
+            let message = format!("`{output}` is in {own}, and `{name}` is not");
+            let label = match port.unit.as_str() {
+                "" => "it is a number without a unit".to_owned(),
+                unit => format!("it is in {unit}: call the output like the port, `{name}`"),
+            };
+            return Some(objection_at(path, message, label));
+        }
+        (!port.has_range()).then(|| {
+            let message = format!("nobody knows which values `{name}` can have");
+            objection_at(path, message, "the port has no range".to_owned())
+        })
     }
 
     /// What the drive publishes of its plant.

@@ -9,6 +9,7 @@ use dbc::Database;
 use dbc::loops::LoopPlace;
 use scenario::fault::FaultWindow;
 use scenario::loops::Contour;
+use scenario::wiring::IoOutput;
 use scenario::{Scenario, ScenarioError, Texts};
 
 use crate::catalogue::{Catalogue, Frames};
@@ -287,6 +288,12 @@ impl Setup {
             .nodes()
             .map(|node| name(node).to_owned())
             .collect()
+    }
+
+    /// The outputs of the io node of its plant besides fan and load; none of a recording.
+    #[must_use]
+    pub fn io_outputs(&self) -> &[IoOutput] {
+        &self.frames.outputs
     }
 
     /// All names of all signals.

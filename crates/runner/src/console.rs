@@ -199,12 +199,13 @@ fn state(reading: &RunProgress) -> String {
     if reading.time.is_zero() {
         return "starting".to_owned();
     }
+    let symbol = reading.unit.symbol();
     let mut text = format!("{:.1} s", reading.time.as_secs_f64());
     if let Some(position) = reading.position_millimetres {
-        text += &format!("  {position:6.2} mm");
+        text += &format!("  {position:6.2} {symbol}");
     }
     if let Some(error) = reading.error_millimetres {
-        text += &format!("  error {error:+6.2} mm");
+        text += &format!("  error {error:+6.2} {symbol}");
     }
     if let Some(lateness) = reading.lateness {
         text += &format!("  {:5} µs late", lateness.as_micros());

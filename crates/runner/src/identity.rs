@@ -10,6 +10,7 @@ use object::read::ReadCache;
 use recording::session::files_of;
 use recording::text::hexadecimal;
 use rig::setup::Setup;
+use scenario::{HASH_SUFFIX, hash_in};
 use sha2::{Digest, Sha256};
 
 /// The file that this process runs, also when another was put in its place meanwhile.
@@ -28,7 +29,11 @@ pub struct NoIdentity(#[from] io::Error);
 /// # Errors
 /// The program's file cannot be read.
 pub fn identity(setup: &Setup) -> Result<Identity, NoIdentity> {
-    let hash = |(name, text): (&str, &str)| (name.to_owned(), hexadecimal(Sha256::digest(text)));
+    let hash = |(name, text): (&str, &str)| match name.strip_suffix(HASH_SUFFIX) {
+        // An FMU is not among the texts, but its hash is.
+        Some(file) => (file.to_owned(), hash_in(text).to_owned()),
+        None => (name.to_owned(), hexadecimal(Sha256::digest(text))),
+    };
     Ok(Identity {
         program: program()?.to_owned(),
         plant: setup.scenario.plant.name().to_owned(),

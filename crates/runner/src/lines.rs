@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use crate::console::BufferedLines;
 use crate::event::{Listener, RunEvent};
+use recording::progress::RunProgress;
 use worlds::preflight::PreflightEvent;
 
 /// Prints an object for each event, with its kind as `event`. Who reads it sees it at once.
@@ -31,11 +32,7 @@ impl Listener for EventLines {
             RunEvent::Began { duration_seconds } => {
                 json!({"event": "began", "duration_seconds": duration_seconds})
             }
-            RunEvent::Reached(reading) => json!({
-                "event": "reached",
-                "time_seconds": reading.time.as_secs_f64(),
-                "position_millimetres": reading.position_millimetres,
-            }),
+            RunEvent::Reached(reading) => reached(reading),
             RunEvent::Judged { path, judged } => json!({
                 "event": "judged",
                 "scenario": path.to_string_lossy(),
@@ -48,6 +45,16 @@ impl Listener for EventLines {
     }
 }
 
+/// How far a run is, with the position in the unit of its first loop.
+fn reached(reading: &RunProgress) -> Value {
+    let position = reading.unit.rename("position_millimetres");
+    json!({
+        "event": "reached",
+        "time_seconds": reading.time.as_secs_f64(),
+        position: reading.position_millimetres,
+    })
+}
+
 fn in_words(step: &PreflightEvent) -> String {
     match step {
         PreflightEvent::Begun => "pre-flight".to_owned(),
@@ -56,5 +63,22 @@ fn in_words(step: &PreflightEvent) -> String {
         PreflightEvent::Cooling(time) => {
             format!("pre-flight: the wire cools for {} s", time.as_secs_f64())
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::port::Unit;
+
+    #[test]
+    fn a_position_is_in_the_unit_of_its_loop() {
+        let reading = RunProgress {
+            unit: Unit::Degrees,
+            position_millimetres: Some(12.5),
+            ..RunProgress::default()
+        };
+        let expected = json!({"event": "reached", "time_seconds": 0.0, "position_degrees": 12.5});
+        assert_eq!(reached(&reading), expected);
     }
 }

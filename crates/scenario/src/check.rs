@@ -14,8 +14,10 @@ mod tests;
 use crate::controller::{Controller, drives_led_by};
 use crate::document::Document;
 use crate::error::Problem;
+use crate::nearest::meant_or_known;
 use crate::outside::Outside;
 use crate::reference::{Chirp, Reference};
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
 use crate::scenario::Scenario;
 use crate::wiring::Wiring;
 
@@ -122,7 +124,7 @@ fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
     if *law == "open_loop" {
         return None;
     }
-    let led = drives_led_by(law);
+    let led = drives_led_by(law)?;
     let drives = |count: usize| match count {
         1 => "one drive".to_owned(),
         count => format!("{count} drives"),
@@ -181,6 +183,46 @@ fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
         .collect()
 }
 
+/// Disturbances for which the io node of the plant has no output.
+fn outputs_of_nobody(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+    let (disturbance, wiring) = (&scenario.disturbance, &scenario.wiring);
+    let mut problems = Vec::new();
+    for (kind, is_there, is_wired, output) in [
+        (
+            "fan",
+            !disturbance.fan.is_empty(),
+            wiring.fan.is_some(),
+            FAN_OUTPUT,
+        ),
+        (
+            "load",
+            !disturbance.load.is_empty(),
+            wiring.load.is_some(),
+            LOAD_OUTPUT,
+        ),
+    ] {
+        if is_there && !is_wired {
+            let message = format!("no io node has a {kind} at this plant");
+            let label = format!("its outputs have no `{output}`");
+            problems.push(document.problem(&format!("disturbance.{kind}.0"), message, label));
+        }
+    }
+    let known = Vec::from_iter(wiring.outputs.keys().map(String::as_str));
+    for (index, output) in disturbance.output.iter().enumerate() {
+        if known.contains(&output.name.as_str()) {
+            continue;
+        }
+        let path = format!("disturbance.output.{index}.name");
+        let message = format!("no io node has an output `{}` at this plant", output.name);
+        let label = match known.is_empty() {
+            true => "a rig file names outputs: outputs = { NAME = \"PLANT.PORT\" }".to_owned(),
+            false => meant_or_known(&output.name, &known),
+        };
+        problems.push(document.problem(&path, message, label));
+    }
+    problems
+}
+
 fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let pieces = disturbance_pieces(scenario);
     let mut problems = order(document, "disturbance", &pieces, scenario.duration_seconds);
@@ -192,6 +234,7 @@ fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
             problems.push(document.problem(&path, "two fans blow at a time", label));
         }
     }
+    problems.extend(outputs_of_nobody(document, scenario));
     let Some(load_kilograms) = scenario.plant.load_kilograms() else {
         return problems;
     };

@@ -245,11 +245,15 @@ impl Default for PidPair {
     }
 }
 
-/// How many drives a law leads, by the name of its table; one where nothing else is known.
+/// The laws that ship and lead one drive.
+const OF_ONE_DRIVE: [&str; 4] = ["sliding_mode", "sliding_mode_paper", "pid", "open_loop"];
+
+/// How many drives a law leads, by the name of its table; none where that is not known, or its ports say so.
 #[must_use]
-pub fn drives_led_by(law: &str) -> usize {
+pub fn drives_led_by(law: &str) -> Option<usize> {
     match law {
-        PID_PAIR => 2,
+        PID_PAIR => Some(2),
+        law if OF_ONE_DRIVE.contains(&law) => Some(1),
         law => own::drives_led_by(law),
     }
 }

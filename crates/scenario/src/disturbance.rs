@@ -13,6 +13,29 @@ pub struct Disturbance {
     /// The load changes, and stays so.
     #[schemars(length(max = 10_000))]
     pub load: Vec<Load>,
+    /// Another output of an io node changes: one that the rig file names in its `outputs`.
+    #[schemars(length(max = 10_000))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub output: Vec<Output>,
+}
+
+/// An output of an io node changes.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "DisturbanceOutput")]
+pub struct Output {
+    /// Its name among the `outputs` of the io node.
+    #[schemars(length(min = 1, max = 64))]
+    pub name: String,
+    /// When it changes.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
+    pub at_seconds: f64,
+    /// When it goes back to what acts at rest; it stays if absent.
+    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_seconds: Option<f64>,
+    /// Its value, in the unit at the end of its name, within the range of the plant's port.
+    pub value: f64,
 }
 
 /// A fan blows at the wire.

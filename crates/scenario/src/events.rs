@@ -2,8 +2,14 @@
 
 use crate::chirp::FrequencySweep;
 use crate::disturbance::Disturbance;
+use crate::port::{Unit, symbol_of, unit_in};
 use crate::scenario::Scenario;
 pub use crate::window::Window;
+
+/// Where no scenario says another band.
+const RECOVERY_BAND_MILLIMETRES: f64 = 0.25;
+/// Of the sensor's range, in another unit.
+const RECOVERY_BAND_SHARE: f64 = 1.0 / 240.0;
 
 /// A step of the set-point that the metrics judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,6 +94,18 @@ impl Scenario {
     pub fn judged_end_seconds(&self) -> f64 {
         let earlier = self.expect.judged_until_seconds;
         earlier.unwrap_or(self.duration_seconds)
+    }
+
+    /// A deviation within this counts as recovered, in the unit of the loop: four steps of a 10-bit converter over 60 mm, and in
+    /// another unit as much of the sensor's range.
+    #[must_use]
+    pub fn recovery_band(&self) -> f64 {
+        let [min, max] = self.wiring.range();
+        let of_unit = match self.wiring.unit {
+            Unit::Millimetres => RECOVERY_BAND_MILLIMETRES,
+            _ => (max - min) * RECOVERY_BAND_SHARE,
+        };
+        self.expect.recovery_band_millimetres.unwrap_or(of_unit)
     }
 
     /// The steps that the metrics judge, in the order of time.
@@ -180,7 +198,19 @@ impl Scenario {
             },
             text: format!("load {:+} g", load.added_grams),
         });
-        let mut windows: Vec<_> = fans.chain(loads).collect();
+        let outputs = self.disturbance.output.iter().map(|output| {
+            let (at_seconds, unit) = (output.at_seconds, symbol_of(unit_in(&output.name)));
+            DisturbanceWindow {
+                window: Window {
+                    from_seconds: at_seconds,
+                    until_seconds: output.until_seconds.unwrap_or(at_seconds),
+                },
+                text: format!("{} {} {unit}", output.name, output.value)
+                    .trim_end()
+                    .to_owned(),
+            }
+        });
+        let mut windows: Vec<_> = fans.chain(loads).chain(outputs).collect();
         windows.sort_by(|left, right| {
             left.window
                 .from_seconds
@@ -214,8 +244,13 @@ impl Scenario {
                     from_seconds,
                     until_seconds,
                 } = disturbance.window;
+                let of = disturbance
+                    .text
+                    .split([',', ' '])
+                    .next()
+                    .unwrap_or_default();
                 let end = (until_seconds > from_seconds)
-                    .then(|| named(until_seconds, "fan off".to_owned()));
+                    .then(|| named(until_seconds, format!("{of} off")));
                 [Some(named(from_seconds, disturbance.text)), end]
             });
         let faults = self.fault.windows().into_iter().flat_map(|fault| {
@@ -280,7 +315,11 @@ impl Disturbance {
             .iter()
             .flat_map(|fan| [fan.from_seconds, fan.until_seconds]);
         let loads = self.load.iter().map(|load| load.at_seconds);
-        let mut times: Vec<f64> = fans.chain(loads).collect();
+        let outputs = self.output.iter().flat_map(|output| {
+            let end = output.until_seconds;
+            [Some(output.at_seconds), end].into_iter().flatten()
+        });
+        let mut times: Vec<f64> = fans.chain(loads).chain(outputs).collect();
         times.sort_by(f64::total_cmp);
         times.dedup();
         let command = |at_seconds| DisturbanceCommand {
@@ -301,6 +340,18 @@ impl Disturbance {
             .iter()
             .find(blows)
             .map_or(1.0, |fan| fan.convection_factor)
+    }
+
+    /// What an output is at one time: the latest of its changes that lasts; none at rest.
+    #[must_use]
+    pub fn output_at(&self, name: &str, time_seconds: f64) -> Option<f64> {
+        let lasts = |output: &&crate::disturbance::Output| {
+            let end = output.until_seconds.unwrap_or(f64::INFINITY);
+            output.name == name && (output.at_seconds..end).contains(&time_seconds)
+        };
+        let lasting = self.output.iter().filter(lasts);
+        let latest = lasting.max_by(|left, right| left.at_seconds.total_cmp(&right.at_seconds));
+        latest.map(|output| output.value)
     }
 
     /// The added load in grams at one time; 0 before the first change.

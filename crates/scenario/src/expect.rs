@@ -49,17 +49,25 @@ pub struct Expect {
     /// Largest deviation from the set-point from the start of a disturbance to 3 s after its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub maximum_deviation_millimetres: Option<Limit>,
-    /// Time from the start of a disturbance until the deviation stays within 0.25 mm.
+    /// What counts as recovered: a deviation from the set-point within this, for `recovery_time_seconds`,
+    /// `recovers_within_seconds` and `current_ripple_amperes_rms`. If absent 0.25 mm; in a loop of another unit 1/240 of the sensor's
+    /// range, which 0.25 mm are of 60 mm.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recovery_band_millimetres: Option<f64>,
+    /// Time from the start of a disturbance until the deviation stays within the recovery band.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recovery_time_seconds: Option<Limit>,
     /// RMS of the current over the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub current_amperes_rms: Option<Limit>,
-    /// Standard deviation of the commanded current in the last hold, from 1 s after the position has come to stay within 0.25 mm,
+    /// Standard deviation of the commanded current in the last hold, from 1 s after the position has come to stay within the recovery
+    /// band,
     /// for 2 s at least.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub current_ripple_amperes_rms: Option<Limit>,
-    /// Highest minus lowest mean position of 10 ms in the last second, in which the set-point must not move. Above 0.25 the loop hunts.
+    /// Highest minus lowest mean position of 10 ms in the last second, in which the set-point must not move. Above 0.25 mm the loop
+    /// hunts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hunting_millimetres: Option<Limit>,
     /// Largest position over the run.
@@ -81,7 +89,8 @@ pub struct Expect {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub current_zero_within_milliseconds: Option<f64>,
-    /// Longest time from the end of the last fault until the deviation from the set-point stays within 0.25 mm.
+    /// Longest time from the end of the last fault until the deviation from the set-point stays within the recovery
+    /// band.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 86_400.0))]
     pub recovers_within_seconds: Option<f64>,

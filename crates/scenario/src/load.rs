@@ -20,6 +20,7 @@ use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::file::read_text;
+use crate::fingerprint::{HASH_SUFFIX, hash_line};
 use crate::outside::{self, Outside};
 use crate::own::{Own, Section};
 use crate::plant::Sensor;
@@ -355,14 +356,28 @@ fn load<T>(
     parse_beside(path, scenario, parse)
 }
 
-/// Hands a text to `parse` with a reader of the tables beside its file.
+/// Hands a text to `parse` with a reader of the tables beside its file, and of the hashes of what is no table.
 fn parse_beside<T>(
     path: &Path,
     scenario: String,
     parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
 ) -> Result<(T, Texts), ScenarioError> {
     let folder = path.parent().unwrap_or(Path::new(""));
-    reading(path, scenario, |table| read_table(folder, table), parse)
+    let read = |name: &str| match name.strip_suffix(HASH_SUFFIX) {
+        Some(file) => hash_line(folder, file),
+        None => read_table(folder, name),
+    };
+    reading(path, scenario, read, parse)
+}
+
+/// As [`parse_beside`], for what was played: hashes are those that were written then.
+fn parse_recorded<T>(
+    path: &Path,
+    scenario: String,
+    parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
+) -> Result<(T, Texts), ScenarioError> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    reading(path, scenario, |name| read_table(folder, name), parse)
 }
 
 /// Hands a text to `parse` with a reader of its tables, and keeps what was read.

@@ -231,6 +231,7 @@ mod tests {
         let keys = schema["properties"].as_object().unwrap().keys();
         let others = [
             "judged_until_seconds",
+            "recovery_band_millimetres",
             "requirements",
             "sequence",
             "signal",

@@ -7,11 +7,11 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::own::{self, Section, is_name};
-use crate::plant::{DC_MOTOR, SMA_ACTUATOR, SMA_PAIR};
+use crate::plant::{DC_MOTOR, FMU, SMA_ACTUATOR, SMA_PAIR};
 use crate::schema;
 
 /// Models of plants that the format of rig files knows.
-const MODELS: [&str; 3] = ["sma", "dc_motor", "sma_pair"];
+const MODELS: [&str; 4] = ["sma", "dc_motor", "sma_pair", "fmu"];
 
 /// The tables from outside that a reader of a scenario admits.
 pub(crate) enum Outside {
@@ -144,7 +144,7 @@ pub(crate) fn plant_name(root: &DeTable<'_>) -> String {
         .get(Section::Plant.key())
         .and_then(|value| value.get_ref().as_table());
     let is = |name: &&str| table.is_some_and(|table| table.contains_key(*name));
-    let shipped = [DC_MOTOR, SMA_PAIR].into_iter().find(is);
+    let shipped = [DC_MOTOR, SMA_PAIR, FMU].into_iter().find(is);
     let shipped = shipped.unwrap_or(SMA_ACTUATOR);
     let mut strange = strange_tables(root, Section::Plant);
     strange.next().unwrap_or_else(|| shipped.to_owned())

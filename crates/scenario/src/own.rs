@@ -89,8 +89,8 @@ pub struct OwnTable {
     name: &'static str,
     /// Faults of `[[fault.plant.…]]` that mean something to the plant.
     faults: &'static [&'static str],
-    /// Of a law: how many drives it leads.
-    drives: usize,
+    /// Of a law: how many drives it leads; none for a law with ports, which says so by them.
+    drives: Option<usize>,
     schema: Value,
     check: fn(Spanned<DeValue<'_>>) -> Result<(), toml::de::Error>,
 }
@@ -102,7 +102,7 @@ impl OwnTable {
         Self {
             name,
             faults: &[],
-            drives: 1,
+            drives: Some(1),
             schema: schema::<P>(),
             check: |value| P::deserialize(ValueDeserializer::from(value)).map(drop),
         }
@@ -117,6 +117,14 @@ impl OwnTable {
     /// The same for a law that leads so many drives.
     #[must_use]
     pub fn leading(self, drives: usize) -> Self {
+        let drives = Some(drives);
+        Self { drives, ..self }
+    }
+
+    /// The same for a law with ports, which leads all loops.
+    #[must_use]
+    pub fn leading_all(self) -> Self {
+        let drives = None;
         Self { drives, ..self }
     }
 
@@ -173,9 +181,14 @@ pub(crate) fn faults_of(plant: &str) -> &'static [&'static str] {
     find(Section::Plant, plant).map_or(&[], |table| table.faults)
 }
 
-/// How many drives a law from outside leads.
-pub(crate) fn drives_led_by(law: &str) -> usize {
-    find(Section::Controller, law).map_or(1, |table| table.drives)
+/// How many drives a law from outside leads; none where that is not known, or its ports say so.
+pub(crate) fn drives_led_by(law: &str) -> Option<usize> {
+    find(Section::Controller, law)?.drives
+}
+
+/// Whether a law from outside has ports, and so leads all loops.
+pub(crate) fn leads_all(law: &str) -> bool {
+    find(Section::Controller, law).is_some_and(|table| table.drives.is_none())
 }
 
 /// Parts of a plant's rig, which stand beside a plant's own table.

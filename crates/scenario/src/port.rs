@@ -135,7 +135,7 @@ impl Ports {
 }
 
 /// The finest of 1, 2 and 5 times a power of ten whose steps over a range fit 16 bits; 1 where the range is none.
-fn steps_for([min, max]: [f64; 2]) -> f64 {
+pub(crate) fn steps_for([min, max]: [f64; 2]) -> f64 {
     let largest = min.abs().max(max.abs());
     if !(largest.is_finite() && largest > 0.0) {
         return 1.0;
@@ -245,7 +245,8 @@ pub fn conversion(from: &str, to: &str) -> Option<f64> {
 }
 
 /// Keys and metrics that have the unit of a position.
-const NAMES_OF_POSITIONS: [&str; 13] = [
+const NAMES_OF_POSITIONS: [&str; 14] = [
+    "recovery_band_millimetres",
     "position_millimetres",
     "centre_millimetres",
     "amplitude_millimetres",

@@ -54,9 +54,9 @@ impl<'a> Checker<'a> {
             }
             (Some("string"), DeValue::String(text)) => self.string(path, span, text, schema),
             (Some("boolean"), DeValue::Boolean(_)) => {}
-            (None, DeValue::String(text)) => self.choice(path, span, text, schema),
-            // Whatever a type from outside reads by itself.
+            // Whatever a type reads by itself.
             (None, _) if schema.get("oneOf").is_none() => {}
+            (None, DeValue::String(text)) => self.choice(path, span, text, schema),
             (expected, found) => {
                 let expected = match schema["items"]["type"].as_str() {
                     Some("string") => "an array of strings",

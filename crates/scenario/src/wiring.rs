@@ -1,14 +1,33 @@
 //! How the drive of a loop is wired to its plant, as the rig file says.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::port::{Port, Ports, Unit};
+use crate::port::{Port, Ports, Unit, conversion, steps_for, symbol_of, unit_in};
 
 /// Outputs that a drive can publish: what fits TPDO2, beside the true position, and TPDO3.
 pub const RECORDED_MAX: usize = 6;
+/// Outputs of an io node: what fits its RPDO1.
+pub const IO_OUTPUTS_MAX: usize = 4;
+/// Those that are the fan and the load, where the node has one of them.
+const FAN_AND_LOAD: usize = 2;
 /// The travel where no sensor says another range, in millimetres.
 const TRAVEL_MILLIMETRES: f64 = 60.0;
+
+/// One of the loops of a rig, as others know it.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct LoopOfRig {
+    /// Its name.
+    pub name: String,
+    /// Its first drive.
+    pub drive: String,
+    /// Its unit.
+    pub unit: Unit,
+    /// Whether it stands for a drive that the law of another loop leads.
+    pub is_led: bool,
+}
 
 /// What the rig file says of the drive of a loop; that of the shipped rig where nothing else is said.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +46,8 @@ pub struct Wiring {
     pub fan: Option<String>,
     /// As `fan`, for the load.
     pub load: Option<String>,
+    /// The other outputs of its io node by name, each with the input of the plant that it drives.
+    pub outputs: BTreeMap<String, String>,
     /// The outputs of the plant that it publishes; those that are its own where nothing is said.
     pub record: Option<Vec<String>>,
     /// The inputs that other drives drive on the same plant, and whether one of them comes first.
@@ -39,6 +60,10 @@ pub struct Wiring {
     pub leads: usize,
     /// Of a drive that the law of another one leads.
     pub led_by: Option<LedBy>,
+    /// The name of its loop; empty where no rig file says any.
+    pub of_loop: String,
+    /// All loops of the rig, this one too, in the order of their names.
+    pub loops: Vec<LoopOfRig>,
 }
 
 /// Which law leads a drive that has none of its own.
@@ -60,12 +85,15 @@ impl Default for Wiring {
             position_max: None,
             fan: Some("convection_factor".to_owned()),
             load: Some("added_load_kilograms".to_owned()),
+            outputs: BTreeMap::new(),
             record: None,
             beside: Vec::new(),
             is_second: false,
             plausible: None,
             leads: 1,
             led_by: None,
+            of_loop: String::new(),
+            loops: Vec::new(),
         }
     }
 }
@@ -76,6 +104,12 @@ impl Wiring {
     pub fn range(&self) -> [f64; 2] {
         let max = self.position_max.unwrap_or(TRAVEL_MILLIMETRES);
         [self.position_min, max]
+    }
+
+    /// Its loop as others know it; none where no rig file says any.
+    #[must_use]
+    pub fn own_loop(&self) -> Option<&LoopOfRig> {
+        self.loops.iter().find(|one| one.name == self.of_loop)
     }
 
     /// Whether set-points have another range or another unit than those of schema 1.
@@ -100,6 +134,27 @@ impl Wiring {
             "" => Some(0).filter(|_| !ports.inputs.is_empty()),
             name => ports.input(name),
         }
+    }
+
+    /// Where the other outputs of its io node stand among all: behind fan and load, where it has one of them.
+    #[must_use]
+    pub fn first_output(&self) -> usize {
+        match self.fan.is_some() || self.load.is_some() {
+            true => FAN_AND_LOAD,
+            false => 0,
+        }
+    }
+
+    /// The other outputs of its io node, in the order in which they stand; what fits no port of the plant is left out.
+    #[must_use]
+    pub fn io_outputs(&self, ports: &Ports) -> Vec<IoOutput> {
+        let places = self.first_output()..;
+        let outputs = self.outputs.iter().zip(places);
+        let wired = outputs.filter_map(|((name, port), place)| {
+            let input = ports.input(port)?;
+            IoOutput::new(name, place, input, &ports.inputs[input])
+        });
+        wired.collect()
     }
 
     /// The outputs that the drive publishes: those that the rig file names, else those that are its own. Where a plant has one
@@ -135,6 +190,62 @@ impl Wiring {
         let own = all
             .filter(|(place, port)| Some(*place) != measured && port.has_range() && is_own(port));
         own.map(|(place, _)| place).collect()
+    }
+}
+
+/// An output of an io node besides fan and load: 16 bits that drive an input of a plant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IoOutput {
+    /// Its name, whose end is its unit; that of the port if it has none.
+    pub name: String,
+    /// The unit as the DBC writes it.
+    pub symbol: String,
+    /// What it is.
+    pub comment: String,
+    /// Its place among the outputs of its node.
+    pub place: usize,
+    /// The place of the plant's input.
+    pub input: usize,
+    /// One of it in the unit of the port.
+    pub factor: f64,
+    /// Lowest and highest value.
+    pub range: [f64; 2],
+    /// Its value while nobody commands it.
+    pub at_rest: f64,
+    /// Steps of one unit.
+    pub steps_per_unit: f64,
+}
+
+impl IoOutput {
+    /// An output of this name that drives a port; none where their units are of different kinds.
+    fn new(name: &str, place: usize, input: usize, port: &Port) -> Option<Self> {
+        let own = unit_in(name);
+        let (factor, symbol) = match own {
+            "" => (1.0, port.symbol.clone()),
+            own => (conversion(own, &port.unit)?, symbol_of(own).to_owned()),
+        };
+        let range = port.range.map(|end| end / factor);
+        Some(Self {
+            name: name.to_owned(),
+            symbol,
+            comment: port.comment.clone(),
+            place,
+            input,
+            factor,
+            range,
+            at_rest: port.at_rest / factor,
+            steps_per_unit: steps_for(range),
+        })
+    }
+
+    /// A value in steps, cut to 16 bits.
+    #[must_use]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "`as` cuts to the ends of the type, which is what is wanted"
+    )]
+    pub fn raw(&self, value: f64) -> i16 {
+        libm::round(value * self.steps_per_unit) as i16
     }
 }
 

@@ -2,29 +2,40 @@
 
 use std::sync::LazyLock;
 
-use controller::catalogue::own_laws;
+use controller::catalogue::{law_ports, own_laws};
 use plant_emulator::{InvalidEmulator, catalogue as plants};
 use scenario::{Objection, Scenario};
 
 use rig::catalogue::Catalogue;
 
+use crate::fmu_plant;
+
 /// Every plant and every law that a scenario may choose. Plants and laws from outside are registered before it is first used.
 #[must_use]
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
+        plants::register_fmu(fmu_plant::kind());
         let of_one_axis = plants::kinds();
         let of_one_axis = of_one_axis.filter_map(|kind| Some((kind.name(), kind.signals()?)));
         let find_ports = |scenario: &Scenario| plants::ports(scenario).ok();
-        Catalogue::new(of_one_axis, own_laws(), plant_objection, find_ports)
+        let catalogue = Catalogue::new(of_one_axis, own_laws(), plant_objection, find_ports);
+        catalogue.with_laws_of_all(law_ports)
     });
     &CATALOGUE
 }
 
 fn plant_objection(scenario: &Scenario) -> Option<Objection> {
     let plant = scenario.plant.name();
+    if let Some(fmu) = scenario.plant.fmu.as_ref().filter(|_| is_wired(scenario)) {
+        return fmu_plant::objection(fmu);
+    }
     let invalid = match plants::check(scenario) {
         Err(InvalidEmulator::Plant(invalid)) => invalid,
-        Err(InvalidEmulator::UnknownPort(_) | InvalidEmulator::Unit { .. }) => {
+        Err(
+            InvalidEmulator::UnknownPort(_)
+            | InvalidEmulator::Unit { .. }
+            | InvalidEmulator::Elsewhere(_),
+        ) => {
             return Some(Objection {
                 path: format!("plant.{plant}"),
                 message: format!("the plant `{plant}` needs a rig file"),
@@ -47,6 +58,11 @@ fn plant_objection(scenario: &Scenario) -> Option<Objection> {
         label: invalid.to_string(),
         help: None,
     })
+}
+
+/// Whether a rig file wires the plant.
+fn is_wired(scenario: &Scenario) -> bool {
+    !scenario.wiring.input.is_empty()
 }
 
 #[cfg(test)]

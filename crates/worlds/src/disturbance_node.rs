@@ -5,10 +5,9 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
-use dbc::{Database, SignalMissing, signals};
+use dbc::{SignalMissing, signals};
 use rig::external::ExternalNode;
 use rig::setup::Setup;
-use scenario::Scenario;
 use scenario::fault::node::Node as FaultyNode;
 
 use crate::nodes;
@@ -44,7 +43,7 @@ impl DisturbanceProducer {
         for (number, setup) in setups.iter().enumerate() {
             // On a bus without the module its identifier may be somebody else's.
             if setup.external.has_fan() {
-                frames.extend(disturbances(&setup.scenario, &setup.database)?);
+                frames.extend(disturbances(setup)?);
             }
             frames.extend(stop_orders(setup, number == 0));
         }
@@ -143,22 +142,38 @@ fn stop_orders(setup: &Setup, of_controller: bool) -> Vec<(f64, CanFrame)> {
 }
 
 /// The RPDOs of the disturbance module.
-fn disturbances(
-    scenario: &Scenario,
-    database: &Database,
-) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
-    let commands = scenario.disturbance.commands();
+fn disturbances(setup: &Setup) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
+    let (disturbance, database) = (&setup.scenario.disturbance, &setup.database);
+    let commands = disturbance.commands();
     if commands.is_empty() {
         return Ok(Vec::new());
     }
-    let convection_factor = database.require(signals::CONVECTION_FACTOR)?;
-    let added_load = database.require(signals::ADDED_LOAD)?;
+    let wiring = &setup.scenario.wiring;
+    let require = |is_wired: bool, path| is_wired.then(|| database.require(path)).transpose();
+    let has_both = wiring.first_output() > 0;
+    let convection_factor = require(has_both, signals::CONVECTION_FACTOR)?;
+    let added_load = require(has_both, signals::ADDED_LOAD)?;
+    let others = setup.io_outputs().iter().map(|output| {
+        let path = format!("{}.{}", signals::DISTURBANCE_MESSAGE, output.name);
+        Ok((output, database.require(&path)?))
+    });
+    let others = others.collect::<Result<Vec<_>, SignalMissing>>()?;
     let mut message = database
         .builder(signals::DISTURBANCE_MESSAGE)
         .ok_or_else(|| SignalMissing::new(signals::DISTURBANCE_MESSAGE))?;
     let frames = commands.into_iter().map(|command| {
-        message.set(&convection_factor, command.convection_factor);
-        message.set(&added_load, command.added_grams);
+        for (signal, value) in [
+            (&convection_factor, command.convection_factor),
+            (&added_load, command.added_grams),
+        ] {
+            if let Some(signal) = signal {
+                message.set(signal, value);
+            }
+        }
+        for (output, signal) in &others {
+            let value = disturbance.output_at(&output.name, command.at_seconds);
+            message.set(signal, value.unwrap_or(output.at_rest));
+        }
         (command.at_seconds, message.frame())
     });
     Ok(frames.collect())
@@ -225,6 +240,7 @@ mod tests {
     use rig::catalogue::Catalogue;
     use rig::external::External;
     use rig::rig_file::LoadedRig;
+    use scenario::Scenario;
 
     use super::*;
 

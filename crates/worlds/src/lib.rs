@@ -19,6 +19,7 @@ mod child;
 mod coordinator;
 pub mod disturbance_node;
 mod error;
+mod fmu_plant;
 pub mod fmu_worker;
 mod listeners;
 pub mod lockstep;

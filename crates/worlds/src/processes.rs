@@ -4,7 +4,7 @@ use std::future::{Future, pending, poll_fn};
 use std::task::Poll;
 
 use platform::bus::{Bus, BusAddress};
-use platform::lockstep::{Local, LockstepError, Remote, channel};
+use platform::lockstep::{ANSWER_PATIENCE, Local, LockstepError, Remote, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
 use tokio::runtime::Runtime;
@@ -15,6 +15,7 @@ use crate::child::NodeProcess;
 use crate::coordinator::CoordinatorError;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::WorldError;
+use crate::fmu_plant::more_patience;
 use crate::lockstep::{self, Role};
 use crate::nodes::{self, BENCH, CONTROLLER};
 use crate::played::{End, Played};
@@ -138,8 +139,10 @@ fn play(
     let mut processes = Processes::new(processes);
     let played = (|| -> Result<End, WorldError> {
         let mut remotes = Vec::new();
+        let patience = ANSWER_PATIENCE + more_patience(setups);
         for (name, channel) in channels {
-            remotes.push(Remote::accept(name, channel).map_err(CoordinatorError::from)?);
+            let remote = Remote::accept_within(name, channel, patience);
+            remotes.push(remote.map_err(CoordinatorError::from)?);
         }
         let mut bench = DisturbanceProducer::new(setups)?;
         let mut bench = Local::new(BENCH, &mut bench);

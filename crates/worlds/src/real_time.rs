@@ -12,6 +12,7 @@ use crate::bus_connection::{BusConnection, COLLECT_PERIOD, stop_signal};
 use crate::child::NodeProcess;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, WorldError};
+use crate::fmu_plant::more_patience;
 use crate::nodes::{CONTROLLER, DRIVE, emulator_names, first_with_faults};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
@@ -253,5 +254,5 @@ fn is_over(
 fn start_patience(setups: &[Setup]) -> Duration {
     let rigs = setups.iter().filter_map(|setup| setup.rig.as_ref());
     let bring_ups = rigs.map(|rig| rig.file.timeouts.bring_up() + ENABLE_PATIENCE);
-    bring_ups.fold(START_PATIENCE, Duration::max)
+    bring_ups.fold(START_PATIENCE, Duration::max) + more_patience(setups)
 }

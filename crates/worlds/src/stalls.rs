@@ -11,7 +11,7 @@ use rig::setup::Setup;
 use crate::bus_connection::BusConnection;
 use crate::child::NodeProcess;
 use crate::error::WorldError;
-use crate::nodes::{BENCH, CONTROLLER, PLANT_EMULATOR};
+use crate::nodes::{BENCH, CONTROLLER};
 use crate::processes::Processes;
 
 /// The thread that carries the frames of an embedded bus.
@@ -43,8 +43,8 @@ impl StallRecorder {
 
     /// Watches a node's process, too.
     pub(super) fn watch(&self, process: &NodeProcess) {
-        if let (Some(who), Some(number)) = (who(process.name()), process.number()) {
-            self.watch.process(who, number);
+        if let Some(number) = process.number() {
+            self.watch.process(who(process.name()), number);
         }
     }
 
@@ -61,7 +61,7 @@ impl StallRecorder {
             let who = who(name);
             times
                 .filter(move |[from, until]| *until > *from + longer_than)
-                .filter_map(move |[from, until]| Some((who?, What::WokeLate, from, until)))
+                .map(move |[from, until]| (who, What::WokeLate, from, until))
         });
         let seen = self
             .watch
@@ -83,11 +83,10 @@ impl StallRecorder {
     }
 }
 
-/// A process that canrig started, by its node's name.
-fn who(name: &str) -> Option<Who> {
+/// A process that canrig started, by its participant's name: all but the controller's emulate a plant.
+fn who(name: &str) -> Who {
     match name {
-        CONTROLLER => Some(Who::Controller),
-        PLANT_EMULATOR => Some(Who::PlantEmulator),
-        _ => None,
+        CONTROLLER => Who::Controller,
+        _ => Who::PlantEmulator,
     }
 }

@@ -4,7 +4,7 @@ use canopen::cia402;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, ObjectDictionary};
-use dbc::data_sheets::TruthPace;
+use dbc::data_sheets::{TruthPace, si_velocity};
 use dbc::loops::LoopPlace;
 use scenario::port::Unit;
 
@@ -26,6 +26,7 @@ const PLANT_SIGNALS: [u16; SIGNALS_MAX] = [0x2101, 0x2102, 0x2104, 0x2105, 0x210
 const TRUE_POSITION: u16 = 0x2103;
 const THERMAL_PROTECTION: u16 = 0x2110;
 const SI_UNIT_POSITION: u16 = 0x60A8;
+const SI_UNIT_VELOCITY: u16 = 0x60A9;
 
 /// How many of a plant's signals go with the true position into TPDO2.
 const SIGNALS_IN_TPDO2: usize = 2;
@@ -220,15 +221,21 @@ pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, w
     }
 }
 
-/// Says in which unit positions are (0x60A8), where the data sheet does not.
+/// Says in which unit positions and velocities are (0x60A8, 0x60A9), where the data sheet does not.
 pub(crate) fn declare_unit(dictionary: &mut ObjectDictionary, unit: &Unit) {
     if *unit == Unit::Millimetres {
         return;
     }
-    if let Ok(handle) = dictionary.find(SI_UNIT_POSITION, 0) {
-        let mut entry = dictionary.entry(handle).clone();
-        entry.default = unit.si_position().to_le_bytes().to_vec();
-        dictionary.insert(entry);
+    let position = unit.si_position();
+    for (index, code) in [
+        (SI_UNIT_POSITION, position),
+        (SI_UNIT_VELOCITY, si_velocity(position)),
+    ] {
+        if let Ok(handle) = dictionary.find(index, 0) {
+            let mut entry = dictionary.entry(handle).clone();
+            entry.default = code.to_le_bytes().to_vec();
+            dictionary.insert(entry);
+        }
     }
 }
 

@@ -25,6 +25,8 @@ use crate::sweep::store::{Header, StoreError};
 const ENGINE: &str = "engine";
 /// The record of the job.
 const RECORD: &str = "engine/campaign.json";
+/// Largest record that is read.
+const RECORD_BYTES_MAX: u64 = 16 << 20;
 /// The copy of this program.
 const PROGRAM: &str = "engine/canrig";
 /// What the tasks print.
@@ -91,7 +93,7 @@ impl SharedCampaign<'_> {
 
     /// What the record says; none where nothing was submitted.
     pub(super) fn record(&self) -> Result<Option<Record>, io::Error> {
-        match fs::read_to_string(self.path().join(RECORD)) {
+        match scenario::read_text(&self.path().join(RECORD), RECORD_BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             text => Ok(Some(serde_json::from_str(&text?)?)),
         }

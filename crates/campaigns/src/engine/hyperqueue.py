@@ -3,8 +3,11 @@
 #     python3 job.py submit       submits it and prints its number
 #     python3 job.py state JOB    prints how far it is, as JSON
 import json
+import os
 import sys
 
+# Its errors come without the frames of its own source.
+os.environ["RUST_BACKTRACE"] = "0"
 import hyperqueue
 from hyperqueue.ffi.protocol import ResourceRequest
 
@@ -48,7 +51,11 @@ def state(client, job):
 
 
 if __name__ == "__main__":
-    client = hyperqueue.Client(SERVER or None)
+    try:
+        client = hyperqueue.Client(SERVER or None)
+    except Exception as error:
+        place = SERVER or "the default folder"
+        sys.exit(f"no HyperQueue server answers from {place} ({error}); start one with `hq server start`, or name its folder by --queue")
     if sys.argv[1] == "submit":
         submit(client)
     else:

@@ -18,6 +18,8 @@ const PREFIX: &str = "attempt.";
 const SUFFIX: &str = ".jsonl";
 /// Name of the file that says which machine began and ended attempts.
 const LOG: &str = "attempts.log";
+/// Largest log that is read: some hundred thousand attempts.
+const LOG_BYTES_MAX: u64 = 16 << 20;
 /// Random characters in the name of an attempt.
 const RANDOM_CHARACTERS: usize = 8;
 /// Where the name of the machine is: what the engine calls it, else the kernel.
@@ -73,7 +75,7 @@ pub(crate) fn open(folder: &Path, header: &Header) -> Result<(Store, Recovered),
     }
     for path in attempts(folder).map_err(read_error(folder))? {
         // One that is gone has become the rows of the part, or its machine tidies up: then its rows are played again.
-        let Ok(file) = File::open(&path) else {
+        let Ok(file) = scenario::open_file(&path) else {
             continue;
         };
         let content = Content::read(&file, header).map_err(read_error(&path))?;
@@ -118,7 +120,7 @@ pub(crate) fn publish(store: &Store, folder: &Path, header: &Header) -> Result<(
     if store.path() == published {
         return Ok(());
     }
-    if let Ok(file) = File::open(&published) {
+    if let Ok(file) = scenario::open_file(&published) {
         let content = Content::read(&file, header).map_err(read_error(&published))?;
         if content.is_older(header) {
             super::store::set_older_aside(&published, &content).map_err(write_error(&published))?;
@@ -151,7 +153,7 @@ pub(crate) fn is_published(path: &Path) -> bool {
 /// Whether all rows of the part are there.
 pub(crate) fn is_whole(folder: &Path, header: &Header) -> Result<bool, StoreError> {
     let published = folder.join(FILE);
-    match File::open(&published) {
+    match scenario::open_file(&published) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
         opened => {
             let content = opened.and_then(|file| Content::read(&file, header));
@@ -171,7 +173,7 @@ pub(crate) fn growing(folder: &Path) -> io::Result<Vec<PathBuf>> {
 
 /// The attempts at a part so far, from its log.
 pub(crate) fn tried(folder: &Path) -> io::Result<Vec<Tried>> {
-    let text = match fs::read_to_string(folder.join(LOG)) {
+    let text = match scenario::read_text(&folder.join(LOG), LOG_BYTES_MAX) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         text => text?,
     };

@@ -158,8 +158,9 @@ fn driven(driven: &[Driven]) -> Markup {
         div.plots.even.dots { @for one in driven { (scatter(one)) } }
         p.soft {
             "The numbers are rank correlations (Spearman): +1 or \u{2212}1 where the metric always grows or falls with the key, 0 where \
-             it does not follow it. Below 0.1 no key is named. A run that misses its limit without a value counts as the worst. Dots \
-             are runs, by the first of the keys; the worst of all runs have the second colour."
+             it does not follow it. Below 0.1 no key is named. The worst runs are the farthest beyond a limit, or the nearest to one; a \
+             run that misses its limit without a value counts as the worst. Dots are runs, by the first of the keys; the worst of all \
+             runs have the second colour."
         }
     }
 }
@@ -187,6 +188,7 @@ fn scatter(driven: &Driven) -> Markup {
     let mut plot = Plot {
         x_label: key,
         extent: Extent::All,
+        x_range: with_margins(x.iter().chain(&worst_x)),
         ..Plot::over_time(driven.name.as_str(), "")
     };
     plot.draw("runs", Colour::Measured, Shape::Path, &x, &y);
@@ -198,6 +200,15 @@ fn scatter(driven: &Driven) -> Markup {
         &worst_y,
     );
     plot.render()
+}
+
+/// A range in which no dot lies on the edge; none without dots.
+fn with_margins<'a>(values: impl Iterator<Item = &'a f64>) -> Option<(f64, f64)> {
+    let (least, greatest) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |range, value| {
+        (range.0.min(*value), range.1.max(*value))
+    });
+    let margin = 0.02 * (greatest - least);
+    (margin > 0.0).then_some((least - margin, greatest + margin))
 }
 
 /// The range that is drawn: where few values lie far out, that of the others.

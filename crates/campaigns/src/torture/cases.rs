@@ -1,6 +1,5 @@
 //! The cases of torture, each by its number: a mix of faults that follows from the seed, and the invariant that it breaks.
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -23,6 +22,8 @@ use crate::sweep::row::{Ended, SweepRow};
 
 /// Name of the file that says what is drawn; a folder that has it is one of torture.
 const FILE: &str = "torture.json";
+/// Largest file that is read.
+const BYTES_MAX: u64 = 1 << 20;
 
 /// What is drawn.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
@@ -75,7 +76,7 @@ impl TortureCases {
     /// What the folder of a part says; none where it is not one of torture.
     pub(crate) fn of_folder(folder: &Path, setups: &[Setup]) -> Result<Option<Self>, NoTorture> {
         let path = folder.join(FILE);
-        let text = match fs::read_to_string(&path) {
+        let text = match scenario::read_text(&path, BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             text => text,
         };
@@ -93,7 +94,9 @@ impl TortureCases {
     pub(crate) fn case(&self, number: usize) -> Result<TortureCase, String> {
         let mut stream = self.stream(number);
         let faults = draw::mix(&mut stream, &self.nodes, self.duration_seconds());
-        TortureCase::new(&self.setup.text, &self.setup.tables, faults, stream.bits())
+        let (text, tables) = (&self.setup.text, &self.setup.tables);
+        let case = TortureCase::new(text, tables, faults, stream.bits())?;
+        Ok(case.beside(&self.setup.path))
     }
 
     /// It follows from the seed and the number alone.

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rig::setup::Setup;
-use scenario::Scenario;
 use scenario::loops::Loops;
+use scenario::{HASH_SUFFIX, Scenario};
 use toml::{Table, Value};
 
 use super::invariants::{BrokenInvariant, violation};
@@ -16,6 +16,9 @@ use worlds::catalogue::catalogue;
 /// The invariant that a run breaks which the program could not bring to a verdict.
 pub(super) const PANIC: &str = "panic";
 
+/// What its file would be called.
+const FILE: &str = "torture.toml";
+
 /// Plays that shrinking may cost.
 const PLAYS_MAX: usize = 400;
 
@@ -23,8 +26,10 @@ const PLAYS_MAX: usize = 400;
 #[derive(Clone, Debug, PartialEq)]
 pub struct TortureCase {
     document: Table,
-    /// The rig file that it names, by that name.
+    /// The rig file that it names, by that name, and the hashes of FMUs.
     files: BTreeMap<String, String>,
+    /// Where its file would be: FMUs lie beside it.
+    path: PathBuf,
 }
 
 impl TortureCase {
@@ -45,11 +50,21 @@ impl TortureCase {
         document.insert("seed".to_owned(), seed.into());
         let rig = document.get("rig").and_then(Value::as_str);
         let rig = rig.and_then(|rig| files.get_key_value(rig));
-        let files = rig.map(|(name, text)| (name.clone(), text.clone()));
+        let hashes = files.iter().filter(|(name, _)| name.ends_with(HASH_SUFFIX));
+        let files = rig.into_iter().chain(hashes);
+        let files = files.map(|(name, text)| (name.clone(), text.clone()));
         Ok(Self {
             document,
-            files: files.into_iter().collect(),
+            files: files.collect(),
+            path: PathBuf::from(FILE),
         })
+    }
+
+    /// The same in the folder of a file.
+    #[must_use]
+    pub fn beside(self, path: &Path) -> Self {
+        let path = path.with_file_name(FILE);
+        Self { path, ..self }
     }
 
     /// The scenario's text.
@@ -68,7 +83,7 @@ impl TortureCase {
             let rig = self.files.get(name).cloned();
             rig.ok_or_else(|| std::io::Error::other(text))
         };
-        let (path, text) = (Path::new("torture.toml"), self.text());
+        let (path, text) = (self.path.as_path(), self.text());
         let loops = match Loops::is_meant(&text) {
             true => rig::loops::parse(path, text, read_file, catalogue()),
             false => Scenario::parse(&text, "torture", read_file)

@@ -19,7 +19,7 @@ fn zipped(entries: &[(&str, &[u8])]) -> Vec<u8> {
 }
 
 fn library() -> String {
-    format!("binaries/{}/a.so", library::platform(Version::Three))
+    format!("binaries/{}/a.so", Version::Three.platform())
 }
 
 /// An FMU as a file, opened.

@@ -15,6 +15,13 @@ pub const BYTES_MAX: u64 = 32 << 20;
 /// Most elements, attributes and texts together that are taken.
 const NODES_MAX: u32 = 4_000_000;
 
+/// This machine as FMI 2.0 and FMI 3.0 call it.
+#[cfg(target_arch = "x86_64")]
+const PLATFORMS: [&str; 2] = ["linux64", "x86_64-linux"];
+/// This machine as FMI 3.0 calls it; FMI 2.0 has no name.
+#[cfg(target_arch = "aarch64")]
+const PLATFORMS: [&str; 2] = ["aarch64-linux", "aarch64-linux"];
+
 /// Which FMI an FMU speaks.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Version {
@@ -31,6 +38,15 @@ impl Version {
         match self {
             Self::Two => "2.0",
             Self::Three => "3.0",
+        }
+    }
+
+    /// The folder below `binaries` with this machine's libraries.
+    #[must_use]
+    pub fn platform(self) -> &'static str {
+        match self {
+            Self::Two => PLATFORMS[0],
+            Self::Three => PLATFORMS[1],
         }
     }
 }

@@ -18,7 +18,6 @@ use zip::{CompressionMethod, ZipWriter};
 use crate::archive::DESCRIPTION;
 use crate::description::Version;
 use crate::instance::StartValue;
-use crate::library::platform;
 
 /// Something that becomes an FMU.
 pub trait Exported: Send + Sync {
@@ -120,7 +119,7 @@ pub fn write_fmu(
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
     zip.start_file(DESCRIPTION, options)?;
     zip.write_all(model.description_xml(version).as_bytes())?;
-    let path = format!("binaries/{}/{}.so", platform(version), model.name);
+    let path = format!("binaries/{}/{}.so", version.platform(), model.name);
     zip.start_file(path, options.unix_permissions(0o755))?;
     zip.write_all(library)?;
     zip.finish()?;

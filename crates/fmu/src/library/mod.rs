@@ -17,21 +17,6 @@ use crate::archive::{library_in, resources_in};
 use crate::description::{CoSimulation, Description, Kind, Version};
 use crate::error::Fault;
 
-/// This machine as FMI 2.0 and FMI 3.0 call it.
-#[cfg(target_arch = "x86_64")]
-pub const PLATFORMS: [&str; 2] = ["linux64", "x86_64-linux"];
-/// This machine as FMI 3.0 calls it; FMI 2.0 has no name.
-#[cfg(target_arch = "aarch64")]
-pub const PLATFORMS: [&str; 2] = ["aarch64-linux", "aarch64-linux"];
-
-/// The folder below `binaries` with this machine's libraries.
-pub(crate) fn platform(version: Version) -> &'static str {
-    match version {
-        Version::Two => PLATFORMS[0],
-        Version::Three => PLATFORMS[1],
-    }
-}
-
 /// What a function returned.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(crate) enum Status {

@@ -22,14 +22,13 @@ fn description() -> Description {
     Description::parse(XML).unwrap()
 }
 
-fn table(text: &str) -> PlantTable {
+fn table(text: &str) -> Fmu {
     toml::from_str(&format!("file = \"arm.fmu\"\n{text}")).unwrap()
 }
 
 fn wiring(text: &str) -> Result<Wiring, String> {
-    table(text)
-        .wiring("arm", &description())
-        .map_err(|fault| fault.to_string())
+    super::wiring(&table(text), "arm", &description())
+        .map_err(|misfit| format!("{}: {}", misfit.place, misfit.fault))
 }
 
 #[track_caller]
@@ -47,7 +46,8 @@ fn ports_are_in_the_units_of_their_names() {
         turns = { variable = \"count\", factor = 0.5, offset = 1.0 }\n";
     let wiring = wiring(ports).unwrap();
     let input = &wiring.inputs[0];
-    assert_eq!((input.unit, input.conversion.back(500.0)), ("mA", 0.5));
+    let unit = input.unit.map(|known| known.symbol);
+    assert_eq!((unit, input.conversion.back(500.0)), (Some("mA"), 0.5));
     let value = |name: &str, value: f64| {
         let port = wiring.outputs.iter().find(|port| port.name == name);
         port.unwrap().conversion.of(value)
@@ -56,7 +56,7 @@ fn ports_are_in_the_units_of_their_names() {
     assert!((value("arm_celsius", 300.0) - 26.85).abs() < 1e-12);
     assert_eq!(value("turns", 4.0), 3.0);
     let position = wiring.outputs.iter().find(|port| port.variable == "x");
-    assert_eq!(position.unwrap().range, [Some(0.0), Some(0.06)]);
+    assert_eq!(position.unwrap().range, [0.0, 0.06]);
 }
 
 #[test]
@@ -103,10 +103,10 @@ fn start_values_fit_their_variables() {
 
 #[test]
 fn the_proposed_table_fits() {
-    let text = PlantTable::proposed("arm", "arm.fmu", &description());
+    let text = proposed("arm", "arm.fmu", &description());
     let value: toml::Table = text.parse().unwrap();
-    let table: PlantTable = value["plant"]["arm"]["fmu"].clone().try_into().unwrap();
-    let wiring = table.wiring("arm", &description()).unwrap();
+    let table: Fmu = value["plant"]["arm"]["fmu"].clone().try_into().unwrap();
+    let wiring = super::wiring(&table, "arm", &description()).unwrap();
     let names = Vec::from_iter(wiring.outputs.iter().map(|port| port.name.as_str()));
     assert_eq!(names, ["count", "t_kelvins", "x_millimetres"]);
     assert_eq!(wiring.inputs[0].name, "motor_i_amperes");
@@ -115,6 +115,61 @@ fn the_proposed_table_fits() {
         text.contains("x_millimetres = { variable = \"x\" }  # mm: height of it\n"),
         "{text}"
     );
+}
+
+#[test]
+fn the_place_of_what_does_not_fit_is_named() {
+    for (text, place) in [
+        (
+            "[ports]\nx_metres = { variable = \"y\" }",
+            "ports.x_metres.variable: variable `y`",
+        ),
+        (
+            "[start]\narm.m = 1.0",
+            "start.arm.m: variable `arm.m` is not in the FMU",
+        ),
+        (
+            "record = [\"x\", \"T\"]",
+            "record.1: variable `T` has no lowest and highest value",
+        ),
+        (
+            "step_milliseconds = 0.0",
+            "step_milliseconds: its step is 0 s",
+        ),
+    ] {
+        let error = wiring(text).unwrap_err();
+        assert!(error.starts_with(place), "{error}");
+    }
+    let twice = "a_amperes = { variable = \"motor.I\" }\nb_amperes = { variable = \"motor.I\" }";
+    refused(
+        &format!("[ports]\n{twice}"),
+        "`motor.I` is two ports already",
+    );
+}
+
+#[test]
+fn a_recorded_variable_is_a_port_by_its_own_name_and_a_port_has_the_range_that_is_said() {
+    let wiring = wiring(
+        "record = [\"x\"]\n[start]\n\"motor.I\" = 0.25\n[ports]\n\
+         drive_milliamperes = { variable = \"motor.I\" }\n\
+         arm_celsius = { variable = \"T\", range = [-20.0, 90.0] }\n",
+    );
+    let wiring = wiring.unwrap();
+    let named = |port: &Port| (port.name.clone(), port.range);
+    assert_eq!(
+        Vec::from_iter(wiring.outputs.iter().map(named)),
+        [
+            ("arm_celsius".to_owned(), [-20.0, 90.0]),
+            ("x_millimetres".to_owned(), [0.0, 60.0])
+        ]
+    );
+    assert_eq!(wiring.inputs[0].at_rest, 250.0);
+    for range in ["[1.0, 1.0]", "[1.0]", "[0.0, inf]"] {
+        refused(
+            &format!("[ports]\narm_celsius = {{ variable = \"T\", range = {range} }}"),
+            "write the lowest value, then a higher one",
+        );
+    }
 }
 
 #[test]

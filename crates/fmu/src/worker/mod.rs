@@ -9,7 +9,7 @@ mod serve;
 use std::io;
 use std::time::Duration;
 
-pub use remote::{Remote, STEP_PATIENCE};
+pub use remote::{LOAD_PATIENCE, Remote, STEP_PATIENCE};
 pub use serve::serve;
 
 /// Messages to and from a worker, each whole.

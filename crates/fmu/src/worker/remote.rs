@@ -14,9 +14,9 @@ use crate::error::{Fault, FmuError};
 use crate::instance::Setup;
 
 /// How long an FMU may take to load and to find its start: some start an interpreter.
-const LOAD_PATIENCE: Duration = Duration::from_secs(60);
-/// How long it may take for a step.
-pub const STEP_PATIENCE: Duration = Duration::from_secs(10);
+pub const LOAD_PATIENCE: Duration = Duration::from_secs(60);
+/// How long it may take for a step: less than others wait for the plant in lock-step.
+pub const STEP_PATIENCE: Duration = Duration::from_secs(5);
 /// How long it may take to end.
 const END_PATIENCE: Duration = Duration::from_secs(2);
 

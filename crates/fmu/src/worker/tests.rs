@@ -60,7 +60,10 @@ fn unpacked(folder: &std::path::Path) -> crate::Unpacked {
     let options = zip::write::SimpleFileOptions::default();
     zip.start_file("modelDescription.xml", options).unwrap();
     zip.write_all(xml.as_bytes()).unwrap();
-    let library = format!("binaries/{}/a.so", crate::PLATFORMS[1]);
+    let library = format!(
+        "binaries/{}/a.so",
+        crate::description::Version::Three.platform()
+    );
     zip.start_file(library, options).unwrap();
     zip.finish().unwrap();
     Archive::open(&file).unwrap().unpack().unwrap()
@@ -125,7 +128,7 @@ fn whatever_becomes_of_the_worker_is_an_error_of_the_run() {
     fails(
         [done(&[0.0]), Does::Hang],
         true,
-        "within 10s while it stepped; its process was ended",
+        "within 5s while it stepped; its process was ended",
     );
     fails([done(&[])], false, "answered what is no answer");
     fails([told(99, "")], false, "answered what is no answer");

@@ -503,7 +503,7 @@ fn check_plausible(timeline: &Timeline, scenario: &Scenario) -> Result<(), Recor
     let quantities = [
         (
             "position",
-            timeline.position(),
+            &**timeline.position(),
             "mm",
             -0.05 * span,
             1.05 * span,

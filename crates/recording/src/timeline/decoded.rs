@@ -96,13 +96,13 @@ impl Timeline {
 
     /// The measured position in millimetres.
     #[must_use]
-    pub fn position(&self) -> &[f64] {
+    pub fn position(&self) -> &Series<f64> {
         &self.columns[self.position].values
     }
 
     /// The measured current in amperes.
     #[must_use]
-    pub fn current(&self) -> &[f64] {
+    pub fn current(&self) -> &Series<f64> {
         &self.columns[self.current].values
     }
 

@@ -400,7 +400,7 @@ mod tests {
     fn a_position_after_the_last_cycle_is_in_no_row() {
         let (setup, frames) = two_cycles();
         let timeline = decode(&frames, &setup).unwrap();
-        assert_eq!(timeline.position(), [1.0, 2.0]);
+        assert_eq!(**timeline.position(), [1.0, 2.0]);
         let samples: Vec<_> = timeline.traces[0]
             .samples
             .iter()
@@ -415,7 +415,7 @@ mod tests {
         let timeline = decode(&frames, &setup).unwrap();
         let [first, second] = [0..1, 1..2].map(|rows| timeline.piece(rows));
         assert_eq!(
-            (first.position(), second.position()),
+            (&**first.position(), &**second.position()),
             (&[1.0][..], &[2.0][..])
         );
         assert_eq!((first.cycle[0], second.cycle[0]), (0, 1));

@@ -7,16 +7,27 @@ use crate::contour::{Axis, axes, window};
 use crate::plot::{Colour, Extent, Plot, Shape};
 use crate::run::Run;
 use judge::contour_errors;
+use platform::series::SeriesWriter;
 
 pub(super) fn section(contour: &Contour, runs: &[Run<'_>]) -> Markup {
     let axes = axes(contour, runs);
     let timelines = Vec::from_iter(axes.iter().map(|(_, run)| run.timeline));
     let end_seconds = runs[0].setup.scenario.duration_seconds;
-    let found = contour_errors(contour, &timelines, end_seconds);
+    let (mut time, mut errors) = (SeriesWriter::default(), SeriesWriter::default());
+    for (seconds, error) in contour_errors(contour, &timelines, end_seconds) {
+        time.push(seconds);
+        errors.push(error);
+    }
+    let (time, errors) = (time.finish(), errors.finish());
     let mut distance = Plot::over_time("Distance from the path", "mm");
     distance.extent = Extent::FromZero;
-    let (time, errors) = (&found.time_seconds, &found.errors);
-    distance.draw("contour error", Colour::Measured, Shape::Line, time, errors);
+    distance.draw(
+        "contour error",
+        Colour::Measured,
+        Shape::Line,
+        &time,
+        &errors,
+    );
     html! {
         h2 { "Path of " (contour.loops.join(", ")) }
         div.plots.even {

@@ -35,7 +35,7 @@ pub fn to_html(runs: &[Run<'_>], verdict: &Verdict) -> Result<String, SignalMiss
     let scenario = &first.setup.scenario;
     let timelines = Vec::from_iter(runs.iter().map(|run| run.timeline));
     let body = html! {
-        (head(first, verdict))
+        (head(runs, verdict))
         h2 { "Verdict" }
         @if verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
         @else { (page::metrics(&verdict.metrics, verdict.outcome)) }
@@ -75,17 +75,20 @@ fn heading(run: &Run<'_>, text: &str) -> Markup {
     }
 }
 
-fn head(run: &Run<'_>, verdict: &Verdict) -> Markup {
+fn head(runs: &[Run<'_>], verdict: &Verdict) -> Markup {
+    let run = &runs[0];
     let scenario = &run.setup.scenario;
-    let law = scenario.controller.law_name();
+    let mut laws = Vec::from_iter(runs.iter().filter_map(law_of));
+    laws.dedup();
     html! {
         h1 { (scenario.name) }
         p { (page::badge(verdict.outcome)) }
         @if let Some(reason) = &verdict.reason { p { (reason) } }
+        @if let Some(end) = end_besides(verdict) { p { (end) } }
         @if let Some(description) = &scenario.description { p.soft { (description) } }
         dl.facts {
-            div { dt { "control law" } dd { (law) } }
-            div { dt { "recorded" } dd { (recorded(run, verdict)) } }
+            div { dt { "control law" } dd { (laws.join(", ")) } }
+            div { dt { "recorded" } dd { (recorded(run)) } }
             div { dt { "cycle" } dd { (scenario.bus.sync_period_milliseconds) " ms" } }
             div { dt { "bus" } dd { (scenario.bus.bitrate_kilobits_per_second) " kbit/s" } }
             div { dt { "frames" } dd { (run.frames.len()) } }
@@ -100,17 +103,29 @@ fn head(run: &Run<'_>, verdict: &Verdict) -> Markup {
     }
 }
 
-/// How much was recorded, and why no more.
-fn recorded(run: &Run<'_>, verdict: &Verdict) -> String {
+/// The law of a loop; none where that of another loop leads its drive.
+fn law_of<'a>(run: &Run<'a>) -> Option<&'a str> {
+    let scenario = &run.setup.scenario;
+    let is_led = scenario.wiring.led_by.is_some();
+    (!is_led).then(|| scenario.controller.law_name())
+}
+
+/// How much was recorded.
+fn recorded(run: &Run<'_>) -> String {
     let (reached, planned) = (
         run.timeline.end_seconds(),
         run.setup.scenario.duration_seconds,
     );
-    let end = verdict.ended_early.as_ref().map(ToString::to_string);
+    format!("{reached:.3} s of {planned} s")
+}
+
+/// Why no more was recorded, where the verdict's reason does not say it.
+fn end_besides(verdict: &Verdict) -> Option<String> {
+    let end = verdict.ended_early.as_ref()?.to_string();
     // The end of a node's log stands in the reason.
-    let reason = end.as_deref().and_then(|end| end.lines().next());
-    let why = reason.map_or_else(String::new, |why| format!(": {why}"));
-    format!("{reached:.3} s of {planned} s{why}")
+    let why = end.lines().next()?;
+    let reason = verdict.reason.as_deref().unwrap_or_default();
+    (!reason.contains(why)).then(|| format!("The run ended early: {why}"))
 }
 
 fn events(events: &[TimelineEvent]) -> Markup {

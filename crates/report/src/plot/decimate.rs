@@ -1,5 +1,7 @@
 //! Leaves out the points of a curve that nobody can see, so that a page stays small however long the run was.
 
+use platform::series::give_back;
+
 use super::range::finite_range;
 use super::scale::{DrawingScale, HEIGHT, WIDTH};
 
@@ -34,6 +36,7 @@ pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> V
         (x, y) = (&x[last + 1..], &y[last + 1..]);
         if let Some(range) = finite_range(column.y) {
             column.draw(range, &mut line);
+            column.give_back();
             continue;
         }
         for (number, part) in column.parts().enumerate() {
@@ -44,6 +47,7 @@ pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> V
                 part.draw(range, &mut line);
             }
         }
+        column.give_back();
     }
     end(&mut line, &mut lines);
     lines
@@ -110,6 +114,12 @@ impl<'a> PixelColumn<'a> {
                 scale: self.scale,
             }
         })
+    }
+
+    /// The points are not looked at again soon.
+    fn give_back(&self) {
+        give_back(self.x);
+        give_back(self.y);
     }
 
     fn draw(&self, (low, high): (f64, f64), line: &mut Polyline) {

@@ -2,19 +2,29 @@
 
 use std::cmp::Ordering;
 
+use platform::series::give_back;
+
+/// So many values of a long curve are looked at before they are given back.
+const PIECE: usize = 1 << 16;
+
 /// The range of no values.
 pub(super) const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 
 /// A range with the finite ones of these values in it.
 pub(super) fn extended(range: (f64, f64), values: &[f64]) -> (f64, f64) {
     let within = |(low, high): (f64, f64), part: (f64, f64)| (low.min(part.0), high.max(part.1));
-    // Values that are not finite are rare, and look like their neighbours.
-    values.chunks(256).fold(range, |range, values| {
+    let of_part = |range: (f64, f64), values: &[f64]| {
         if let Some(part) = finite_range(values) {
             return within(range, part);
         }
         let finite = values.iter().filter(|value| value.is_finite());
         finite.fold(range, |range, value| within(range, (*value, *value)))
+    };
+    // Values that are not finite are rare, and look like their neighbours.
+    values.chunks(PIECE).fold(range, |range, piece| {
+        let range = piece.chunks(256).fold(range, of_part);
+        give_back(piece);
+        range
     })
 }
 

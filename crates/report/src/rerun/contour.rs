@@ -1,18 +1,24 @@
 //! Two loops in the plane, one over the other: the paths of their set-points and of their positions, and a point that moves with
 //! the time.
 
+use std::mem;
+
 use re_sdk_types::archetypes::{LineStrips2D, Points2D};
 use re_sdk_types::components::Radius;
 use scenario::loops::Contour;
 
+use super::bus::THINNED_SECONDS;
 use super::output::{Output, send_rows, send_static};
 use super::times;
 use super::{RerunError, groups};
 use crate::contour::{Axis, axes, window};
 use crate::run::Run;
+use recording::timeline::Timeline;
 
 /// A point of a path nearer to the one before than this cannot be seen.
 const STEP_MILLIMETRES: f64 = 0.02;
+/// Points that are kept of a path in a long run; of a longer one every other is left out.
+const POINTS_MAX: usize = 20_000;
 /// Free room round the paths, by their size.
 const MARGIN: f64 = 0.1;
 
@@ -42,22 +48,38 @@ fn log_plane(
 ) -> Result<Option<Plane>, RerunError> {
     let [x, y] = axes.map(|(_, run)| run.timeline);
     let [across, up] = axes.map(|(name, _)| name);
-    let (mut wanted, mut measured) = (Vec::new(), Vec::new());
+    let pause_rows = match axes.iter().any(|(_, run)| run.is_long) {
+        false => 0,
+        true => usize::try_from(x.cycles_in(THINNED_SECONDS)).unwrap_or(usize::MAX),
+    };
+    let group = format!("contour/{across}_{up}");
+    let now = format!("{group}/now");
+    let mut wanted = Path::new(pause_rows);
+    let mut measured = Path::new(pause_rows);
+    let mut moves = Path::new(pause_rows);
     for row in window(contour, &axes) {
         let set_points = [x, y].map(|axis| axis.set_point_millimetres[row]);
         let positions = [x, y].map(|axis| axis.position()[row]);
-        add(&mut wanted, row, set_points);
-        add(&mut measured, row, positions);
+        wanted.add(row, set_points);
+        measured.add(row, positions);
+        moves.add(row, positions);
+        if pause_rows > 0 {
+            wanted.thin();
+            measured.thin();
+            if moves.points.len() > POINTS_MAX {
+                log_moves(output, &now, x, &mut moves)?;
+            }
+        }
     }
-    let Some(bounds) = bounds(wanted.iter().chain(&measured).map(|(_, point)| point)) else {
+    let points = wanted.points.iter().chain(&measured.points);
+    let Some(bounds) = bounds(points.map(|(_, point)| point)) else {
         return Ok(None);
     };
-    let group = format!("contour/{across}_{up}");
-    for (name, points, colour) in [
+    for (name, path, colour) in [
         ("set_point", &wanted, groups::ORANGE),
         ("measured", &measured, groups::SKY),
     ] {
-        let line = points.iter().map(|(_, point)| place(*point));
+        let line = path.points.iter().map(|(_, point)| place(*point));
         let strip = LineStrips2D::new([Vec::from_iter(line)])
             .with_colors([colour])
             .with_radii([Radius::new_ui_points(1.0)])
@@ -65,15 +87,11 @@ fn log_plane(
             .with_show_labels(false);
         send_static(output, format!("{group}/{name}"), &strip)?;
     }
-    let now = format!("{group}/now");
     let look = Points2D::update_fields()
         .with_colors([groups::SKY])
         .with_radii([Radius::new_ui_points(5.0)]);
     send_static(output, now.as_str(), &look)?;
-    let moments = measured.iter().map(|(row, _)| times::moment(x, *row));
-    let points = Points2D::new(measured.iter().map(|(_, point)| place(*point)));
-    let points = points.columns_of_unit_batches()?;
-    send_rows(output, now, times::columns(moments), points)?;
+    log_moves(output, &now, x, &mut moves)?;
     Ok(Some(Plane {
         title: format!("{up} over {across} (mm)"),
         group,
@@ -81,14 +99,61 @@ fn log_plane(
     }))
 }
 
+/// Logs where the point was, and forgets it.
+fn log_moves(
+    output: &mut dyn Output,
+    entity: &str,
+    timeline: &Timeline,
+    moves: &mut Path,
+) -> Result<(), RerunError> {
+    let points = mem::take(&mut moves.points);
+    let moments = points.iter().map(|(row, _)| times::moment(timeline, *row));
+    let places = Points2D::new(points.iter().map(|(_, point)| place(*point)));
+    let places = places.columns_of_unit_batches()?;
+    send_rows(output, entity, times::columns(moments), places)
+}
+
 type Point = [f64; 2];
 
-/// Adds a point with its row, unless it is where the last one was.
-fn add(path: &mut Vec<(usize, Point)>, row: usize, point: Point) {
-    let is_far = |last: &Point| (point[0] - last[0]).hypot(point[1] - last[1]) >= STEP_MILLIMETRES;
-    let is_new = path.last().is_none_or(|(_, last)| is_far(last));
-    if is_new && point.iter().all(|value| value.is_finite()) {
-        path.push((row, point));
+/// Points in the plane, each with its row.
+struct Path {
+    points: Vec<(usize, Point)>,
+    last: Option<(usize, Point)>,
+    /// So many rows lie between two points at least.
+    pause_rows: usize,
+}
+
+impl Path {
+    fn new(pause_rows: usize) -> Self {
+        Self {
+            points: Vec::new(),
+            last: None,
+            pause_rows,
+        }
+    }
+
+    /// Adds a point, unless it is where the last one was.
+    fn add(&mut self, row: usize, point: Point) {
+        let is_new = self.last.is_none_or(|(before, last)| {
+            let [right, up] = [point[0] - last[0], point[1] - last[1]];
+            row - before >= self.pause_rows && right.hypot(up) >= STEP_MILLIMETRES
+        });
+        if is_new && point.iter().all(|value| value.is_finite()) {
+            self.points.push((row, point));
+            self.last = Some((row, point));
+        }
+    }
+
+    /// Leaves out every other point of a path that has become too long.
+    fn thin(&mut self) {
+        if self.points.len() <= POINTS_MAX {
+            return;
+        }
+        let mut number = 0;
+        self.points.retain(|_| {
+            number += 1;
+            number % 2 == 0
+        });
     }
 }
 
@@ -113,4 +178,30 @@ fn bounds<'a>(points: impl Iterator<Item = &'a Point>) -> Option<[[f64; 2]; 2]> 
     size.is_finite()
         .then(|| range.map(|[low, high]| [low - room, high + room]))
         .filter(|_| size >= 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_path_of_a_long_run_stays_short() {
+        let mut path = Path::new(100);
+        let mut longest = 0;
+        for row in 0..10_000_000 {
+            let angle = f64::from(row) * 1e-3;
+            let row = usize::try_from(row).unwrap();
+            path.add(
+                row,
+                [libm::cos(angle), libm::sin(angle)].map(|part| 10.0 * part),
+            );
+            path.thin();
+            longest = longest.max(path.points.len());
+        }
+        assert!(
+            (POINTS_MAX / 2..=POINTS_MAX).contains(&longest),
+            "{longest}"
+        );
+        assert!(path.points.is_sorted_by_key(|(row, _)| *row));
+    }
 }

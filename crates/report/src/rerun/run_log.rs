@@ -22,7 +22,7 @@ use super::times;
 use crate::terminal;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
-use platform::series::Series;
+use platform::series::{Series, give_back};
 use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
 use rig::setup::Setup;
@@ -161,12 +161,14 @@ impl<'o, 'a> Recording<'o, 'a> {
             };
             let numbers = rows.numbers();
             if numbers.is_empty() {
+                give_back(values);
                 continue;
             }
             if numbers != times.0 {
                 times = (numbers.to_vec(), times::at_rows(timeline, numbers));
             }
             self.log_signal(name, style, &rows, values, times.1.clone())?;
+            give_back(values);
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! `canrig examples`: the scenarios and rig files that ship, listed, shown, or copied.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -11,6 +11,7 @@ use toml::Table;
 use crate::console::{print, print_bytes, print_error, usage_error};
 use crate::exit::Exit;
 use crate::shipped::{ShippedFile, file, files, meant};
+use recording::run_folder::write_new;
 
 /// Arguments of `examples`.
 #[derive(Args, Debug)]
@@ -130,7 +131,6 @@ fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), (PathBuf, io::Error)
 fn write(path: &Path, text: &str) -> Result<(), (PathBuf, io::Error)> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let written = fs::create_dir_all(folder)
-        .and_then(|()| File::create_new(path))
-        .and_then(|mut file| file.write_all(text.as_bytes()));
+        .and_then(|()| write_new(path, |file| file.write_all(text.as_bytes())));
     written.map_err(|error| (path.to_owned(), error))
 }

@@ -154,7 +154,7 @@ fn setups_of(source: &Path) -> Result<Vec<Setup>, RecordedError> {
     let of_scenario = || -> Result<_, ScenarioError> {
         let text = read_text(source, FILE_BYTES_MAX).unwrap_or_default();
         match Loops::is_meant(&text) {
-            true => rig::loops::load(source, catalogue()),
+            true => rig::loops::load_with_any_signals(source, catalogue()),
             false => Ok(vec![Setup::new(Scenario::load(source)?, catalogue())]),
         }
     };

@@ -99,6 +99,11 @@ pub(super) fn disturbance_pieces(scenario: &Scenario) -> Vec<Piece> {
     );
     let loads = scenario.disturbance.load.iter().enumerate();
     pieces.extend(loads.map(|(index, load)| Piece::at("load", index, load.at_seconds)));
+    let outputs = scenario.disturbance.output.iter().enumerate();
+    pieces.extend(outputs.map(|(index, output)| Piece {
+        until_seconds: output.until_seconds,
+        ..Piece::at("output", index, output.at_seconds)
+    }));
     pieces
 }
 

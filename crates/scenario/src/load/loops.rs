@@ -6,11 +6,13 @@
 
 mod contours;
 mod expect;
+mod fmus;
 mod read;
 mod sweep;
 mod units;
 
 use std::ops::Range;
+use std::path::Path;
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -18,6 +20,7 @@ use toml::de::{DeTable, DeValue};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
+use crate::own::leads_all;
 use crate::rig::nodes::{NodeKind, Rig};
 use crate::schema;
 use units::InUnit;
@@ -51,6 +54,9 @@ const DRIVE: &str = "drive";
 const CONTROLLER: &str = "controller";
 /// canrig's own node, which no rig file names.
 const BENCH: &str = "bench";
+/// Faults that may name a plant in place of a node.
+const OF_PLANT: &str = "fault.plant.";
+const PLANT: &str = "plant";
 /// Keys that name a node.
 const OF_NODES: [&str; 3] = ["node", "sender", "receiver"];
 
@@ -75,6 +81,8 @@ pub(super) struct Splitter<'a, 'text> {
     pub(super) scenario: &'a Document<'text>,
     pub(super) rig: &'a Rig,
     pub(super) rig_tree: &'a DeTable<'text>,
+    /// The rig file's name beside the scenario.
+    pub(super) rig_name: &'a str,
     pub(super) schema_1: DeValue<'text>,
 }
 
@@ -170,12 +178,40 @@ impl<'text> Splitter<'_, 'text> {
         }
         let laws = self.root().get(CONTROLLER);
         let of = |key: &str| self.table(laws?)?.get(key).cloned();
+        if let Some(problem) = self.law_of_all(name) {
+            return Err(problem);
+        }
         let only = || laws.filter(|_| !self.is_by_loop(CONTROLLER)).cloned();
         of(name).or_else(|| of(ALL)).or_else(only).ok_or_else(|| {
             let message = format!("no law closes the loop `{name}`");
             let label =
                 format!("[controller.{name}.LAW] is missing, and so is [controller.{ALL}.LAW]");
             self.scenario.problem(CONTROLLER, message, label)
+        })
+    }
+
+    /// A law with ports leads all loops: none has another one, and it is not the law of one of several.
+    fn law_of_all(&self, name: &str) -> Option<Problem> {
+        let with_ports = |key: &str| {
+            let laws = self.scenario.keys(&format!("{CONTROLLER}.{key}"));
+            laws.into_iter().find(|law| leads_all(law))
+        };
+        let path = format!("{CONTROLLER}.{name}");
+        let problem = |message: String, label: String| {
+            let span = self.scenario.key_span(&path);
+            (self.scenario.source).problem(span, message, label)
+        };
+        if let Some(law) = with_ports(name).filter(|_| !self.is_only_loop()) {
+            let message = format!("the law `{law}` leads all loops, not `{name}` alone");
+            return Some(problem(
+                message,
+                format!("write [{CONTROLLER}.{ALL}.{law}]"),
+            ));
+        }
+        let law = with_ports(ALL)?;
+        self.scenario.has(&path).then(|| {
+            let message = format!("two laws lead the loop `{name}`");
+            problem(message, format!("`{law}` leads all loops already"))
         })
     }
 
@@ -205,7 +241,9 @@ impl<'text> Splitter<'_, 'text> {
             Some(DeValue::Table(models)) => models,
             _ => DeTable::new(),
         };
-        if let Some(DeValue::Table(own)) = of(self.root()).map(Spanned::into_inner) {
+        fmus::place(&mut models, Path::new(self.rig_name));
+        if let Some(DeValue::Table(mut own)) = of(self.root()).map(Spanned::into_inner) {
+            fmus::place(&mut own, Path::new(self.rig_name));
             override_with(&mut models, &own);
         }
         // The model of the paper has no name in a scenario of one drive.
@@ -282,6 +320,13 @@ impl<'text> Splitter<'_, 'text> {
             || is_only_drive
             || path.starts_with("reference.") && self.is_only_loop()
             || path.starts_with("disturbance.") && self.is_only_loop();
+        // A fault of a plant is one of all drives that move it, each with what it finds of it.
+        if path.starts_with(OF_PLANT)
+            && let Some(plant) = table.remove(PLANT)
+        {
+            let own = self.rig.plant_of(self.drive(name));
+            return (own.is_some() && plant.get_ref().as_str() == own).then_some(entry);
+        }
         for key in OF_NODES {
             let Some(value) = table.get_mut(key) else {
                 continue;
@@ -414,6 +459,17 @@ impl<'text> Splitter<'_, 'text> {
         by: &str,
         known: &[&str],
     ) -> Option<Problem> {
+        let plant = table.get(PLANT).filter(|_| path.starts_with(OF_PLANT));
+        if let Some(named) = plant {
+            let known = Vec::from_iter(self.rig.plant.keys().map(String::as_str));
+            let name = named.get_ref().as_str().unwrap_or_default();
+            return (!known.contains(&name)).then(|| {
+                let message = format!("the rig has no plant `{name}`");
+                let label = meant_or_known(name, &known);
+                self.scenario
+                    .problem(&format!("{path}.{PLANT}"), message, label)
+            });
+        }
         let keys = if by == "node" {
             &OF_NODES[..]
         } else {

@@ -16,8 +16,8 @@ use crate::error::{Problem, ScenarioError, Source};
 use crate::outside::Outside;
 use crate::own::is_name;
 use crate::rig::nodes::{
-    EMULATED_NODE_ID_MAX, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigLoop, RigNode, SHIPPED,
-    SHIPPED_NAME,
+    EMULATED_NODE_ID_MAX, FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigLoop,
+    RigNode, SHIPPED, SHIPPED_NAME,
 };
 use crate::{meant_or_known, schema};
 
@@ -37,8 +37,15 @@ const TABLES: [(&str, usize); 3] = [
 ];
 const CURRENT_PORT: &str = "current_amperes";
 const POSITION_PORT: &str = "position_metres";
-const FAN_PORT: &str = "convection_factor";
-const LOAD_PORT: &str = "added_load_kilograms";
+/// An input on which an output of an io node might act, for people.
+fn an_input(output: &str) -> &'static str {
+    match output {
+        FAN_OUTPUT => "convection_factor",
+        LOAD_OUTPUT => "added_load_kilograms",
+        _ => "PORT",
+    }
+}
+
 /// The signal of a drive that a loop can follow.
 const POSITION: &str = "position";
 
@@ -239,6 +246,7 @@ impl Check<'_> {
         let mut problems = Vec::from_iter(crate::check::name(self.document, &self.rig.name));
         problems.extend(self.names());
         problems.extend(self.models());
+        problems.extend(self.fmus());
         problems.extend(self.node_ids());
         problems.extend(self.controllers());
         problems.extend(self.nodes());
@@ -321,10 +329,36 @@ impl Check<'_> {
         });
         let problems = wrong.map(|(name, _)| {
             let message = format!("the plant `{name}` needs one model");
-            let label = format!("write one of [plant.{name}.sma], [plant.{name}.dc_motor] and [plant.{name}.sma_pair]");
+            let label = format!("write one of [plant.{name}.sma], [plant.{name}.dc_motor], [plant.{name}.sma_pair] and [plant.{name}.fmu]");
             self.problem(&format!("plant.{name}"), message, label)
         });
         problems.collect()
+    }
+
+    /// An FMU is a file, with something to wire.
+    fn fmus(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        for (name, plant) in &self.rig.plant {
+            let Some(fmu) = &plant.fmu else { continue };
+            for (key, is_missing, label) in [
+                (
+                    "file",
+                    fmu.file.is_empty(),
+                    "file = \"NAME.fmu\" is missing",
+                ),
+                (
+                    "ports",
+                    fmu.ports.is_empty(),
+                    "no variable is a port: `canrig fmu FILE --rig` proposes some",
+                ),
+            ] {
+                if is_missing {
+                    let message = format!("the plant `{name}` lacks `{key}`");
+                    problems.push(self.problem(&format!("plant.{name}.fmu"), message, label));
+                }
+            }
+        }
+        problems
     }
 
     fn node_ids(&self) -> Vec<Problem> {
@@ -483,22 +517,12 @@ impl Check<'_> {
                 .sensor
                 .as_ref()
                 .map(|part| ("sensor.port", &part.port, POSITION_PORT));
-            let outputs = node.outputs.as_ref();
-            let fan = outputs.map(|part| {
-                (
-                    "outputs.convection_factor",
-                    &part.convection_factor,
-                    FAN_PORT,
-                )
-            });
-            let load = outputs.map(|part| {
-                (
-                    "outputs.added_load_grams",
-                    &part.added_load_grams,
-                    LOAD_PORT,
-                )
-            });
-            for (key, port, wanted) in [amplifier, sensor, fan, load].into_iter().flatten() {
+            let outputs = node.outputs.iter().flat_map(|outputs| &outputs.0);
+            let outputs = outputs
+                .map(|(output, port)| (format!("outputs.{output}"), Some(port), an_input(output)));
+            let parts = [amplifier, sensor].into_iter().flatten();
+            let parts = parts.map(|(key, port, wanted)| (key.to_owned(), port.as_ref(), wanted));
+            for (key, port, wanted) in parts.chain(outputs) {
                 let path = format!("node.{name}.{key}");
                 let Some(port) = port else {
                     if node.kind == NodeKind::Drive && !node.external {

@@ -1,6 +1,7 @@
 //! The `[plant]` table: the truth that the emulator plays. Defaults are the paper's, a data sheet's, or "assumed".
 
 mod dc_motor;
+mod fmu;
 mod sma;
 mod sma_pair;
 
@@ -10,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::left_out::is_zero;
 use crate::own::{self, Own};
 pub use dc_motor::DcMotor;
+pub use fmu::{Fmu, FmuPort};
 pub use sma::{Heat, Mechanics, Phase, StressStrain};
 pub use sma_pair::SmaPair;
 
@@ -19,6 +21,8 @@ pub const SMA_ACTUATOR: &str = "sma_actuator";
 pub(crate) const DC_MOTOR: &str = "dc_motor";
 /// Name of the joint with two wires, and of its table.
 pub const SMA_PAIR: &str = "sma_pair";
+/// Name of a plant from a modelling tool, and of its table.
+pub const FMU: &str = "fmu";
 
 /// The rig: a plant with its sensor and its amplifier. Without a plant's own table, such as `[plant.dc_motor]`, it is the SMA
 /// actuator.
@@ -31,6 +35,9 @@ pub struct Plant {
     /// A joint with two shape-memory-alloy wires, which only a rig file can wire: it has two currents and an angle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sma_pair: Option<SmaPair>,
+    /// A plant from a modelling tool, which only a rig file can wire.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fmu: Option<Fmu>,
     /// Heat balance of the wire, Eq. (1).
     pub heat: Heat,
     /// Phase transformation, Eq. (2).
@@ -51,34 +58,55 @@ impl Plant {
     /// The name of the plant that the table describes.
     #[must_use]
     pub fn name(&self) -> &str {
-        match (&self.own, &self.dc_motor, &self.sma_pair) {
-            (Some(own), _, _) => own.name(),
-            (None, Some(_), _) => DC_MOTOR,
-            (None, None, Some(_)) => SMA_PAIR,
-            (None, None, None) => SMA_ACTUATOR,
+        match self.model() {
+            Model::Own(own) => own.name(),
+            Model::DcMotor(_) => DC_MOTOR,
+            Model::SmaPair => SMA_PAIR,
+            Model::Fmu => FMU,
+            Model::Actuator => SMA_ACTUATOR,
         }
     }
 
     /// The faults of `[[fault.plant.…]]` that mean something to the plant.
     #[must_use]
     pub fn faults(&self) -> &'static [&'static str] {
-        match (&self.own, &self.dc_motor, &self.sma_pair) {
-            (Some(own), _, _) => own::faults_of(own.name()),
-            (None, Some(_), _) => DcMotor::FAULTS,
-            (None, None, Some(_)) => SmaPair::FAULTS,
-            (None, None, None) => sma::FAULTS,
+        match self.model() {
+            Model::Own(own) => own::faults_of(own.name()),
+            Model::DcMotor(_) => DcMotor::FAULTS,
+            Model::SmaPair => SmaPair::FAULTS,
+            Model::Fmu => &[],
+            Model::Actuator => sma::FAULTS,
         }
     }
 
     /// What hangs on the plant, without what disturbances add; a plant from outside knows by itself.
     #[must_use]
     pub fn load_kilograms(&self) -> Option<f64> {
-        match (&self.own, &self.dc_motor, &self.sma_pair) {
-            (Some(_), _, _) | (None, None, Some(_)) => None,
-            (None, Some(motor), _) => Some(motor.load_kilograms),
-            (None, None, None) => Some(self.mechanics.load_kilograms),
+        match self.model() {
+            Model::Own(_) | Model::SmaPair | Model::Fmu => None,
+            Model::DcMotor(motor) => Some(motor.load_kilograms),
+            Model::Actuator => Some(self.mechanics.load_kilograms),
         }
     }
+
+    fn model(&self) -> Model<'_> {
+        match (&self.own, &self.dc_motor, &self.sma_pair, &self.fmu) {
+            (Some(own), _, _, _) => Model::Own(own),
+            (None, Some(motor), _, _) => Model::DcMotor(motor),
+            (None, None, Some(_), _) => Model::SmaPair,
+            (None, None, None, Some(_)) => Model::Fmu,
+            (None, None, None, None) => Model::Actuator,
+        }
+    }
+}
+
+/// Which plant a table describes.
+enum Model<'a> {
+    Own(&'a Own),
+    DcMotor(&'a DcMotor),
+    SmaPair,
+    Fmu,
+    Actuator,
 }
 
 /// Position sensor: a potentiometer read by an analogue-to-digital converter, or anything else that counts in equal steps.

@@ -13,9 +13,9 @@ use super::{
 };
 use crate::bus::Bus;
 use crate::own::Own;
-use crate::plant::{DcMotor, Heat, Mechanics, Phase, SmaPair};
+use crate::plant::{DcMotor, Fmu, Heat, Mechanics, Phase, SmaPair};
 use crate::port::Unit;
-use crate::wiring::{LedBy, Plausible, Wiring};
+use crate::wiring::{LedBy, LoopOfRig, Plausible, Wiring};
 
 /// The largest node-ID of an emulated node. Its second SDO channel and its truth frames have identifiers that are the first
 /// ones of nodes 32 and 64 further on.
@@ -139,23 +139,27 @@ impl Rig {
         let Some(node) = self.node.get(drive) else {
             return Wiring::default();
         };
-        let port = |port: &Option<String>| {
-            let (_, name) = port.as_deref()?.split_once('.')?;
+        let name_of = |port: Option<&str>| {
+            let (_, name) = port?.split_once('.')?;
             Some(name.to_owned())
         };
-        let amplifier_port = |node: &RigNode| port(&node.amplifier.as_ref()?.port);
+        let amplifier_port = |node: &RigNode| name_of(node.amplifier.as_ref()?.port.as_deref());
         let sensor = node.sensor.clone().unwrap_or_default();
         let outputs = self.io_of(drive).and_then(|(_, io)| io.outputs.clone());
         let outputs = outputs.unwrap_or_default();
         let beside = self.drives_beside(drive);
         Wiring {
             input: amplifier_port(node).unwrap_or_default(),
-            output: port(&sensor.port).unwrap_or_default(),
+            output: name_of(sensor.port.as_deref()).unwrap_or_default(),
             unit: sensor.unit(),
             position_min: sensor.min.unwrap_or_default(),
             position_max: sensor.max,
-            fan: port(&outputs.convection_factor),
-            load: port(&outputs.added_load_grams),
+            fan: name_of(outputs.port(FAN_OUTPUT)),
+            load: name_of(outputs.port(LOAD_OUTPUT)),
+            outputs: outputs
+                .others()
+                .filter_map(|(name, port)| Some((name.clone(), name_of(Some(port))?)))
+                .collect(),
             record: node.record.clone(),
             beside: beside
                 .filter_map(|(other, _)| amplifier_port(other))
@@ -164,6 +168,29 @@ impl Rig {
             plausible: node.plausible,
             leads: self.drives_led_from(drive),
             led_by: self.led_by(drive),
+            of_loop: self.loop_of(drive).to_owned(),
+            loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
+        }
+    }
+
+    /// The loop whose first drive this is; empty for no drive of this rig.
+    fn loop_of(&self, drive: &str) -> &str {
+        let is_its = |one: &RigLoop| one.drives.first().is_some_and(|first| first == drive);
+        let mut loops = self.loops.iter();
+        loops
+            .find(|(_, one)| is_its(one))
+            .map_or("", |(name, _)| name)
+    }
+
+    /// A loop as others know it.
+    fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopOfRig {
+        let drive = one.drives.first().cloned().unwrap_or_default();
+        let sensor = self.node.get(&drive).and_then(|node| node.sensor.as_ref());
+        LoopOfRig {
+            name: name.clone(),
+            unit: sensor.map_or_else(Unit::default, Sensor::unit),
+            drive,
+            is_led: one.led_by.is_some(),
         }
     }
 
@@ -278,6 +305,9 @@ pub struct PlantModel {
     /// A joint that two shape-memory-alloy wires turn, one each way.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sma_pair: Option<SmaPair>,
+    /// A plant from a modelling tool: an FMU of FMI 2.0 or 3.0 for co-simulation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fmu: Option<Fmu>,
     /// The table of a model from outside, under its own name.
     #[serde(flatten, skip_deserializing)]
     #[schemars(skip)]
@@ -288,11 +318,12 @@ impl PlantModel {
     /// The name of its model.
     #[must_use]
     pub fn model(&self) -> &str {
-        match (&self.own, &self.dc_motor, &self.sma_pair) {
-            (Some(own), _, _) => own.name(),
-            (None, Some(_), _) => "dc_motor",
-            (None, None, Some(_)) => "sma_pair",
-            (None, None, None) => "sma",
+        match (&self.own, &self.dc_motor, &self.sma_pair, &self.fmu) {
+            (Some(own), _, _, _) => own.name(),
+            (None, Some(_), _, _) => "dc_motor",
+            (None, None, Some(_), _) => "sma_pair",
+            (None, None, None, Some(_)) => "fmu",
+            (None, None, None, None) => "sma",
         }
     }
 }
@@ -317,7 +348,7 @@ pub enum NodeKind {
     Controller,
     /// An emulated CiA 402 drive with amplifier and sensor.
     Drive,
-    /// An emulated CiA 401 node with outputs that act on plants: fan and load.
+    /// An emulated CiA 401 node with outputs that act on a plant, such as a fan and a load.
     Io,
 }
 
@@ -474,28 +505,33 @@ impl Sensor {
     }
 }
 
-/// The outputs of an io node.
+/// The outputs of an io node by name, each with the port of a plant that it drives: `convection_factor` of `[[disturbance.fan]]`,
+/// as in `"wire.convection_factor"`; `added_load_grams` of `[[disturbance.load]]`; and any other name for `[[disturbance.output]]`,
+/// as in `valve_percent = "tank.valve_percent"`, whose end is its unit. At most 4, in 16 bits each; 2 beside fan or load.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Outputs {
-    /// The port on which its fan acts, as in `"wire.convection_factor"`.
-    #[schemars(length(min = 1, max = 200))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub convection_factor: Option<String>,
-    /// The port on which its load acts, as in `"wire.added_load_kilograms"`.
-    #[schemars(length(min = 1, max = 200))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub added_load_grams: Option<String>,
-}
+#[serde(transparent)]
+pub struct Outputs(pub BTreeMap<String, String>);
+
+/// The output on which the fan acts.
+pub(crate) const FAN_OUTPUT: &str = "convection_factor";
+/// The output on which the load acts.
+pub(crate) const LOAD_OUTPUT: &str = "added_load_grams";
 
 impl Outputs {
+    /// The port of an output.
+    pub(crate) fn port(&self, name: &str) -> Option<&str> {
+        self.0.get(name).map(String::as_str)
+    }
+
+    /// The outputs besides fan and load.
+    pub(crate) fn others(&self) -> impl Iterator<Item = (&String, &String)> {
+        let outputs = self.0.iter();
+        outputs.filter(|(name, _)| ![FAN_OUTPUT, LOAD_OUTPUT].contains(&name.as_str()))
+    }
+
     /// The plant on which they act.
     pub(crate) fn plant(&self) -> Option<&str> {
-        let ports = [&self.convection_factor, &self.added_load_grams];
-        ports
-            .into_iter()
-            .flatten()
-            .find_map(|port| plant_of_port(port))
+        self.0.values().find_map(|port| plant_of_port(port))
     }
 }
 

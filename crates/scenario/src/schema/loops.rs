@@ -71,6 +71,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
             "dc_motor" => reference("DcMotor"),
             "sma" => reference("Sma"),
             "sma_pair" => reference("SmaPair"),
+            "fmu" => fmu(&schema, plant),
             own => own::schema_of_plant(own),
         };
         let parameters = json!({"allOf": [definition], "default": {}});
@@ -80,6 +81,18 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
     let plants = Map::from_iter(plants);
     schema["properties"]["plant"] = json!({"type": "object", "default": {}, "properties": plants});
     schema
+}
+
+/// An FMU with the start values that the rig file gives it, which may be other numbers.
+fn fmu(schema: &Value, plant: &PlantModel) -> Value {
+    let values = plant.fmu.as_ref().map(|fmu| fmu.start_values());
+    let numbers = values.into_iter().flatten();
+    let numbers = numbers.filter(|(_, value)| value.is_float() || value.is_integer());
+    let numbers = numbers.map(|(name, _)| (name, json!({"type": "number"})));
+    let mut fmu = schema["definitions"]["Fmu"].clone();
+    let numbers = Map::from_iter(numbers);
+    fmu["properties"]["start"] = json!({"type": "object", "default": {}, "properties": numbers});
+    fmu
 }
 
 /// Set-points lie within what the sensor of one of the loops gives.
@@ -181,6 +194,12 @@ fn with_names(mut schema: Value) -> Value {
                 properties[key] = json!({"description": text, "type": "string"});
             }
         }
+    }
+    for entry in entries(&schema, "PlantFaults") {
+        schema["definitions"][entry]["properties"]["plant"] = json!({
+            "description": "The plant, in place of the node: what each of its drives finds of it fails.",
+            "type": "string",
+        });
     }
     for (definition, text) in [
         ("Node", "The name of a node."),

@@ -16,12 +16,18 @@ use scenario::fault::bus::{
 use scenario::fault::{Lasting, Place};
 
 use super::error_state::{Activity, ErrorState};
+use crate::nodes::emulator_name;
 
 /// Frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
 const SEND_FRAMES_MAX: usize = 32;
 
 /// COB-IDs of `plant_truth` of all emulated drives.
 const TRUTH_COB_IDS: RangeInclusive<u16> = 0x6A1..=0x6BF;
+
+/// The node-ID in a COB-ID (CiA 301, 7.3.5).
+const NODE_ID_BITS: u16 = 0x7F;
+/// The fault of a receiver; all others are of senders.
+const LOSE: &str = "lose";
 
 /// A frame and the time from which it waits.
 type Timed = (Duration, CanFrame);
@@ -38,14 +44,34 @@ pub(crate) enum Seat {
 }
 
 impl Seat {
-    /// What a loop that is there calls so.
-    fn new(station: Station, place: &LoopPlace) -> Self {
+    /// What a loop that is there calls so. The drives of a plant share a CAN controller, which is the first one's.
+    fn new(station: Station, place: &LoopPlace, setups: &[Setup]) -> Self {
         match station {
             Station::Controller => Self::Controller,
-            Station::Drive => Self::Drive(place.drive_node_id),
+            Station::Drive => Self::Drive(first_on_plant(place, setups)),
             Station::Bench => Self::Bench,
         }
     }
+}
+
+/// The lowest node-ID of the drives that move the plant of a loop.
+fn first_on_plant(place: &LoopPlace, setups: &[Setup]) -> u8 {
+    let own = setups.iter().find(|setup| setup.place == *place);
+    let ids = own.map(|own| beside(own, setups).map(|setup| setup.place.drive_node_id));
+    let first = ids.and_then(Iterator::min);
+    first.unwrap_or(place.drive_node_id)
+}
+
+/// The loops whose drives move the same plant, this one too.
+fn beside<'a>(own: &'a Setup, setups: &'a [Setup]) -> impl Iterator<Item = &'a Setup> {
+    let name = emulator_name(own);
+    setups
+        .iter()
+        .filter(move |setup| emulator_name(setup) == name)
+}
+
+fn shares_a_plant(own: &Setup, setups: &[Setup]) -> bool {
+    beside(own, setups).count() > 1
 }
 
 /// A fault that hits frames, with its random numbers.
@@ -54,6 +80,8 @@ struct Hitting<F> {
     fault: F,
     /// Whom; everybody without.
     seat: Option<Seat>,
+    /// Of a drive that shares a CAN controller with others: its node-ID, by which its own frames are known.
+    sender: Option<u8>,
     stream: Stream,
     /// How many more of the present burst.
     burst_left: u32,
@@ -83,7 +111,12 @@ impl<F: OfFrames + Clone> Hitting<F> {
                 let group = "bus";
                 hitting.push(Self {
                     fault: fault.clone(),
-                    seat: fault.station().map(|station| Seat::new(station, place)),
+                    seat: fault
+                        .station()
+                        .map(|station| Seat::new(station, place, setups)),
+                    sender: is_of_loop
+                        .then_some(place.drive_node_id)
+                        .filter(|_| kind != LOSE && shares_a_plant(setup, setups)),
                     stream: Stream::for_fault(seed, &Place { group, kind, index }),
                     burst_left: 0,
                 });
@@ -95,7 +128,15 @@ impl<F: OfFrames + Clone> Hitting<F> {
     /// Whether this frame is hit; each matching frame is asked about once.
     fn hits(&mut self, time_seconds: f64, frame: &CanFrame) -> bool {
         let is_meant = |id| frame.standard_id() == Some(id);
-        if !self.fault.acts_at(time_seconds) || !self.fault.identifier().is_none_or(is_meant) {
+        let is_its = |node_id| {
+            frame
+                .standard_id()
+                .is_some_and(|id| id & NODE_ID_BITS == u16::from(node_id))
+        };
+        if !self.fault.acts_at(time_seconds)
+            || !self.fault.identifier().is_none_or(is_meant)
+            || !self.sender.is_none_or(is_its)
+        {
             return false;
         }
         if self.burst_left > 0 {
@@ -186,7 +227,7 @@ impl BusFaults {
         let load =
             load.map(|fault| Foreign::new(fault, fault.identifier, fault.period_milliseconds));
         Ok(Some(Self {
-            lose: Hitting::all(setups, "lose", |faults| &faults.lose),
+            lose: Hitting::all(setups, LOSE, |faults| &faults.lose),
             delay: Hitting::all(setups, "delay", |faults| &faults.delay),
             duplicate: Hitting::all(setups, "duplicate", |faults| &faults.duplicate),
             reorder: Hitting::all(setups, "reorder", |faults| &faults.reorder),

@@ -5,7 +5,7 @@ use worlds::catalogue::catalogue;
 
 use clap::Args;
 
-use super::comparison::compare_runs;
+use super::comparison::{SIGNAL_WAYS, compare_runs};
 use super::difference::Comparison;
 use super::page;
 use super::tolerance::{GivenTolerance, Tolerances, UnknownName};
@@ -55,7 +55,7 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 /// Compares two recordings; exit code 0 when they agree, 1 when they diverge.
 #[must_use]
 pub fn compare(args: &CompareArgs) -> Exit {
-    let bar = WorkBar::new(2 * WAYS, true);
+    let bar = WorkBar::new(2 * WAYS + SIGNAL_WAYS, true);
     let compared = compared(args);
     drop(bar);
     match compared {

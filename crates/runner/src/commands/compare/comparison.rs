@@ -7,11 +7,14 @@ use super::difference::{Comparison, MetricDifference, SignalDifference};
 use super::shared::{Shared, SignalDeviation, outside};
 use super::tolerance::{SET_POINT, Tolerances};
 use judge::verdict::{Metric, Verdict};
-use recording::timeline::{OfLoop, Timeline};
+use recording::timeline::{OfLoop, Series, Timeline};
+use recording::work::Way;
 
 /// What the controller publishes of itself comes with every tenth cycle only, so it may be that much later.
 const PUBLISHED_BY_CONTROLLER: [&str; 2] = ["reference_", "estimated_"];
 const CONTROLLER_CYCLES: usize = 10;
+/// All signals take as long as so many ways through the frames.
+pub(super) const SIGNAL_WAYS: u64 = 4;
 
 /// Compares two runs, each with its loops. The names in the tolerances were checked before.
 ///
@@ -35,9 +38,14 @@ pub(super) fn compare_runs(
     remarks.extend(remark_on_loops(a, b));
     let is_whole = remarks.is_empty();
     let mut signals = Vec::new();
+    let of_loops = a.iter().map(|(_, timeline)| timeline.columns.len() as u64);
+    let way = |_| Way::new(of_loops.clone().sum());
+    let mut ways = Vec::from_iter((0..SIGNAL_WAYS).map(way));
     for (name, one) in a {
         if let Some((_, other)) = b.iter().find(|(other, _)| other == name) {
-            signals.extend(signals_of_loop(tolerances, &shared, name, [*one, *other]));
+            let done = || ways.iter_mut().for_each(|way| way.go(1));
+            let of_loop = signals_of_loop(tolerances, &shared, name, [*one, *other], done);
+            signals.extend(of_loop);
         }
     }
     signals.sort_by(|left, right| right.weight().total_cmp(&left.weight()));
@@ -75,6 +83,7 @@ fn signals_of_loop(
     shared: &Shared,
     prefix: &str,
     [a, b]: [&Timeline; 2],
+    mut done: impl FnMut(),
 ) -> Vec<SignalDifference> {
     let (a_set_point, b_set_point) = (&a.set_point_millimetres, &b.set_point_millimetres);
     let set_point_name = a.unit.rename(SET_POINT);
@@ -100,6 +109,7 @@ fn signals_of_loop(
             };
             signals.push(signal(tolerances, what, shared, &column.values, other));
         }
+        done();
     }
     signals
 }
@@ -108,8 +118,8 @@ fn signal(
     tolerances: &Tolerances<'_>,
     (prefix, name, unit): (&str, &str, &str),
     shared: &Shared,
-    a: &[f64],
-    b: &[f64],
+    a: &Series<f64>,
+    b: &Series<f64>,
 ) -> SignalDifference {
     let [a, b] = shared.values(a, b);
     let tolerance = tolerances.of_signal(prefix, name, unit);

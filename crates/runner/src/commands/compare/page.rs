@@ -198,9 +198,11 @@ fn both(signal: &SignalDifference, [a, b]: [&[OfLoop<'_>]; 2]) -> Markup {
 fn difference(signal: &SignalDifference, [a, b]: [&[OfLoop<'_>]; 2]) -> Markup {
     let [a_values, b_values] = [a, b].map(|run| values(run, signal));
     let (a, b) = (a[0].1, b[0].1);
-    let at = |cycle| {
-        let row = b.cycle.binary_search(cycle).ok()?;
-        b_values.get(row).copied()
+    let mut others = b.cycle.iter().zip(b_values).peekable();
+    let mut at = |cycle: &u64| {
+        while others.next_if(|(other, _)| *other < cycle).is_some() {}
+        let found = others.next_if(|(other, _)| *other == cycle);
+        found.map(|(_, value)| *value)
     };
     let rows = a.cycle.iter().zip(a_values);
     let differences: Series<f64> = rows

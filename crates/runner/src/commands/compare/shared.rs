@@ -1,6 +1,6 @@
 //! The cycles that two runs share, and how far values of one are from those of the other.
 
-use platform::series::{Series, SeriesWriter};
+use platform::series::{Series, SeriesWriter, give_back};
 use recording::timeline::Timeline;
 
 /// A lag is looked for within this time and so many cycles …
@@ -44,9 +44,16 @@ impl Shared {
     }
 
     /// The values of the one and of the other, side by side.
-    pub(super) fn values(&self, a: &[f64], b: &[f64]) -> [Series<f64>; 2] {
-        let of = |values: &[f64], side: usize| {
-            let rows = self.rows.iter().map(|rows| values[row(rows[side])]);
+    pub(super) fn values(&self, a: &Series<f64>, b: &Series<f64>) -> [Series<f64>; 2] {
+        let of = |values: &Series<f64>, side: usize| {
+            // The rows grow, so the values are gone through once.
+            let (mut values, mut next) = (values.iter(), 0);
+            let rows = self.rows.iter().map(|rows| {
+                let wanted = row(rows[side]);
+                let value = values.nth(wanted - next);
+                next = wanted + 1;
+                value.copied().unwrap_or(f64::NAN)
+            });
             rows.collect()
         };
         [of(a, 0), of(b, 1)]
@@ -103,47 +110,81 @@ pub(super) struct SignalDeviation {
 
 impl SignalDeviation {
     /// Of values at the shared cycles; none where no cycle has both.
-    pub(super) fn of(a: &[f64], b: &[f64], period_seconds: f64) -> Option<Self> {
-        let straight = mean_square(a, b, 0, 1)?;
+    pub(super) fn of(a: &Series<f64>, b: &Series<f64>, period_seconds: f64) -> Option<Self> {
+        let straight = mean_squares(a, b, 0, 1)[0]?;
         let reach = libm::round(LAG_SECONDS_MAX / period_seconds).clamp(0.0, LAG_ROWS_MAX);
-        #[expect(clippy::cast_possible_truncation, reason = "clamped")]
-        let reach = reach as i32;
-        // A shift must be worth it, or noise would look like a lag.
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped"
+        )]
+        let reach = reach as usize;
         let stride = a.len() / LAG_SAMPLES_MAX + 1;
-        let mut least = (mean_square(a, b, 0, stride)? * LAG_GAIN, 0);
-        for shift in (-reach..=reach).filter(|_| straight > 0.0) {
-            let found = mean_square(a, b, shift, stride);
+        let (later, earlier) = (
+            mean_squares(a, b, reach, stride),
+            mean_squares(b, a, reach, stride),
+        );
+        // A shift must be worth it, or noise would look like a lag.
+        let mut least = (later[0]? * LAG_GAIN, 0.0);
+        let shifts = (0_u32..).map(f64::from);
+        let earlier = shifts
+            .clone()
+            .zip(&earlier)
+            .map(|(rows, found)| (-rows, found));
+        // From the earliest to the latest: of equal ones the first counts.
+        let found = earlier.skip(1).collect::<Vec<_>>().into_iter().rev();
+        for (shift, found) in found.chain(shifts.zip(&later)).filter(|_| straight > 0.0) {
             if let Some(found) = found.filter(|found| *found < least.0) {
                 least = (found, shift);
             }
         }
         Some(Self {
             rms: libm::sqrt(straight),
-            lag_seconds: f64::from(least.1) * period_seconds,
+            lag_seconds: least.1 * period_seconds,
         })
     }
 }
 
-/// Mean square of the differences where B is taken so many rows later, of every so many rows; none where no row is left.
-fn mean_square(a: &[f64], b: &[f64], shift: i32, stride: usize) -> Option<f64> {
-    let rows = usize::try_from(shift.unsigned_abs()).ok()?;
-    let (a, b) = match shift {
-        0.. => (a, b.get(rows..)?),
-        _ => (a.get(rows..)?, b),
-    };
-    let (mut sum, mut count) = (0.0, 0.0);
-    for (a, b) in a.iter().zip(b).step_by(stride) {
-        let difference = b - a;
-        if !difference.is_nan() {
-            sum += difference * difference;
-            count += 1.0;
+/// Mean squares of the differences where `others` are taken 0, 1, … and up to so many rows later, of every so many rows; none
+/// where no row is left. The values are gone through once for all of them, since they may be longer than memory.
+fn mean_squares(
+    values: &Series<f64>,
+    others: &Series<f64>,
+    rows_max: usize,
+    stride: usize,
+) -> Vec<Option<f64>> {
+    let mut sums = vec![(0.0, 0.0); rows_max + 1];
+    if stride == 1 && rows_max == 0 {
+        let pairs = values.iter().zip(others);
+        pairs.for_each(|(value, other)| add_square(&mut sums[0], *value, *other));
+    } else {
+        let mut given_back = 0;
+        for (begin, value) in (0..others.len()).zip(values).step_by(stride) {
+            if begin - given_back > sums.len() + LAG_SAMPLES_MAX {
+                give_back(&others[given_back..begin]);
+                given_back = begin;
+            }
+            let within = &others[begin..others.len().min(begin + sums.len())];
+            let pairs = sums.iter_mut().zip(within);
+            pairs.for_each(|(sum, other)| add_square(sum, *value, *other));
         }
     }
-    (count > 0.0).then(|| sum / count)
+    let means = sums.into_iter();
+    means
+        .map(|(sum, count)| (count > 0.0).then(|| sum / count))
+        .collect()
+}
+
+fn add_square((sum, count): &mut (f64, f64), value: f64, other: f64) {
+    let difference = other - value;
+    if !difference.is_nan() {
+        *sum += difference * difference;
+        *count += 1.0;
+    }
 }
 
 /// How far each value lies outside the range of the others within `reach` rows; NaN where either has none.
-pub(super) fn outside(values: &[f64], others: &[f64], reach: usize) -> Series<f64> {
+pub(super) fn outside(values: &Series<f64>, others: &Series<f64>, reach: usize) -> Series<f64> {
     let (lows, highs) = (
         running(others, reach, |new, old| new <= old),
         running(others, reach, |new, old| new >= old),
@@ -162,20 +203,20 @@ pub(super) fn outside(values: &[f64], others: &[f64], reach: usize) -> Series<f6
 }
 
 /// The best value within `reach` places before and after each, in linear time: a queue holds those that may still win.
-fn running(values: &[f64], reach: usize, beats: impl Fn(f64, f64) -> bool) -> Series<f64> {
+fn running(values: &Series<f64>, reach: usize, beats: impl Fn(f64, f64) -> bool) -> Series<f64> {
     let mut queue = std::collections::VecDeque::new();
     let mut best = SeriesWriter::default();
-    let mut next = 0;
+    let mut rest = values.iter().copied().enumerate().peekable();
     for place in 0..values.len() {
-        while next < values.len() && next <= place.saturating_add(reach) {
-            let value = values[next];
+        while let Some((next, value)) =
+            rest.next_if(|(next, _)| *next <= place.saturating_add(reach))
+        {
             if !value.is_nan() {
                 while queue.back().is_some_and(|(_, last)| beats(value, *last)) {
                     queue.pop_back();
                 }
                 queue.push_back((next, value));
             }
-            next += 1;
         }
         while queue
             .front()
@@ -193,9 +234,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn series(values: &[f64]) -> Series<f64> {
+        values.to_vec().into()
+    }
+
     #[test]
     fn a_later_value_is_not_a_different_one() {
-        let step = |at: usize| -> Vec<f64> {
+        let step = |at: usize| -> Series<f64> {
             (0..100)
                 .map(|row| if row < at { 0.0 } else { 1.0 })
                 .collect()
@@ -210,7 +255,7 @@ mod tests {
 
     #[test]
     fn a_deviation_is_root_mean_square_and_lag() {
-        let course = |delay: f64| -> Vec<f64> {
+        let course = |delay: f64| -> Series<f64> {
             let rows = (0..1000_u32).map(|row| 0.01 * (f64::from(row) - delay));
             rows.map(libm::sin).collect()
         };
@@ -224,22 +269,51 @@ mod tests {
         assert!((of(-20.0, 0.01).lag_seconds + 0.2).abs() < 1e-9);
         let same = of(0.0, 0.01);
         assert_eq!((same.rms, same.lag_seconds), (0.0, 0.0));
-        let apart = SignalDeviation::of(&[1.0, 2.0, f64::NAN], &[1.5, 2.5, 9.0], 1.0).unwrap();
+        let apart = SignalDeviation::of(
+            &series(&[1.0, 2.0, f64::NAN]),
+            &series(&[1.5, 2.5, 9.0]),
+            1.0,
+        )
+        .unwrap();
         assert!((apart.rms - 0.5).abs() < 1e-12);
-        assert!(SignalDeviation::of(&[f64::NAN], &[1.0], 1.0).is_none());
+        assert!(SignalDeviation::of(&series(&[f64::NAN]), &series(&[1.0]), 1.0).is_none());
     }
 
     #[test]
     fn missing_values_are_not_compared() {
-        let found = outside(&[1.0, f64::NAN, 3.0], &[1.0, 5.0, f64::NAN], 0);
+        let found = outside(
+            &series(&[1.0, f64::NAN, 3.0]),
+            &series(&[1.0, 5.0, f64::NAN]),
+            0,
+        );
         assert_eq!(found[0], 0.0);
         assert!(found[1].is_nan() && found[2].is_nan());
     }
 
+    /// The mean square for a single shift, by going through all values for it.
+    fn mean_square(a: &[f64], b: &[f64], rows: usize, stride: usize) -> Option<f64> {
+        let pairs = a.iter().zip(b.get(rows..)?).step_by(stride);
+        let squares = pairs.map(|(a, b)| (b - a) * (b - a));
+        let squares = Vec::from_iter(squares.filter(|square| !square.is_nan()));
+        let sum = squares.iter().fold(0.0, |sum, square| sum + square);
+        (!squares.is_empty()).then(|| sum / squares.len() as f64)
+    }
+
     proptest! {
         #[test]
+        fn all_shifts_at_once_are_those_one_by_one(
+            a in prop::collection::vec(prop_oneof![5 => -9.0..9.0f64, 1 => Just(f64::NAN)], 0..60),
+            b in prop::collection::vec(-9.0..9.0f64, 0..60),
+            reach in 0usize..9,
+            stride in 1usize..5,
+        ) {
+            let expected = Vec::from_iter((0..=reach).map(|rows| mean_square(&a, &b, rows, stride)));
+            prop_assert_eq!(mean_squares(&series(&a), &series(&b), reach, stride), expected);
+        }
+
+        #[test]
         fn the_running_best_is_that_of_each_window(values in prop::collection::vec(prop_oneof![5 => -9.0..9.0f64, 1 => Just(f64::NAN)], 0..60), reach in 0usize..9) {
-            let best = running(&values, reach, |new, old| new >= old);
+            let best = running(&series(&values), reach, |new, old| new >= old);
             for (place, best) in best.iter().enumerate() {
                 let window = &values[place.saturating_sub(reach)..(place + reach + 1).min(values.len())];
                 let expected = window.iter().copied().filter(|value| !value.is_nan()).fold(f64::NAN, f64::max);

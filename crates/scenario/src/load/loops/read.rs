@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io;
-use std::path::{Component, Path};
+use std::path::{Component, Path, PathBuf};
 
 use toml::Spanned;
 use toml::de::DeValue;
@@ -14,8 +14,10 @@ use super::{SCHEMA, SCHEMA_OF_ONE, Splitter};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::file::read_text;
+use crate::fingerprint::{HASH_SUFFIX, hash_line};
 use crate::load::{
-    KIND, Objection, Reading, SCENARIO_BYTES_MAX, Texts, nodes, none_of, parse_beside, reading,
+    KIND, Objection, Reading, SCENARIO_BYTES_MAX, Texts, nodes, none_of, parse_beside,
+    parse_recorded, reading,
 };
 use crate::loops::{Loops, OneLoop};
 use crate::rig::nodes::{Rig, SHIPPED, SHIPPED_NAME};
@@ -110,8 +112,11 @@ impl Loops<Scenario> {
                 beside: String::new(),
             },
         };
-        let beside =
-            |file: &str| read_text(&Path::new(name).with_file_name(file), SCENARIO_BYTES_MAX);
+        let folder = Path::new(name).parent().unwrap_or(Path::new(""));
+        let beside = |file: &str| match file.strip_suffix(HASH_SUFFIX) {
+            Some(file) => hash_line(folder, file),
+            None => read_text(&folder.join(file), SCENARIO_BYTES_MAX),
+        };
         made(
             &files,
             &mut { beside },
@@ -130,7 +135,7 @@ impl Loops<Scenario> {
         objections: impl Fn(&Scenario) -> Vec<Objection>,
         object: impl Fn(&Self) -> Option<Objection>,
     ) -> Result<(Self, Texts), ScenarioError> {
-        parse_beside(path, text_of(path)?, |text, name, read_file| {
+        parse_recorded(path, text_of(path)?, |text, name, read_file| {
             let reading = Reading::Recorded;
             parse_for(text, name, read_file, reading, &objections, &object)
         })
@@ -164,8 +169,9 @@ fn made(
     let read = |document: &mut Document<'_>, wiring: Wiring| {
         Scenario::read(document, &mut *read_file, reading, &objections, wiring)
     };
-    let mut loops = read_loops(&files.scenario, rig, &rig_document, read).map_err(fail)?;
+    let mut loops = read_loops(&files.scenario, rig, &rig_document, beside, read).map_err(fail)?;
     loops.sheets = sheets;
+    find_fmus(&mut loops, files, &rig_document, reading, read_file)?;
     if matches!(reading, Reading::ToPlay) {
         let sweep = read_sweep(&files.scenario, &loops.rig).map_err(fail)?;
         for one in &mut loops.loops {
@@ -175,6 +181,64 @@ fn made(
     match object(&loops) {
         Some(objection) => Err(nodes::fail(name, vec![objection.problem(&rig_document)])),
         None => Ok(loops),
+    }
+}
+
+/// Finds the FMUs of plants: from here on each is named by its path, and its hash is among what was read. Of a recording neither the
+/// file nor the hash need be there.
+fn find_fmus(
+    loops: &mut Loops<Scenario>,
+    files: &Files<'_>,
+    rig_document: &Document<'_>,
+    reading: Reading,
+    read_file: ReadTable<'_>,
+) -> Result<(), ScenarioError> {
+    let folder = Path::new(&files.name).parent().map(Path::to_owned);
+    let folder = folder.unwrap_or_else(PathBuf::new);
+    for one in &mut loops.loops {
+        let plant = loops.rig.plant_of_loop(&one.name);
+        let Some(fmu) = &mut one.scenario.plant.fmu else {
+            continue;
+        };
+        let wrong = match wrong_name(&fmu.file) {
+            Some(label) => Some(label.to_owned()),
+            None => match (read_file(&format!("{}{HASH_SUFFIX}", fmu.file)), reading) {
+                (Err(error), Reading::ToPlay) => Some(match error.kind() {
+                    io::ErrorKind::NotFound => {
+                        "there is no such file beside the rig file".to_owned()
+                    }
+                    _ => error.to_string(),
+                }),
+                _ => None,
+            },
+        };
+        if let Some(label) = wrong {
+            let message = format!("`{}` cannot be the FMU of `{plant}`", fmu.file);
+            let path = format!("plant.{plant}.fmu.file");
+            return Err(match files.scenario.has(&path) {
+                true => {
+                    let problem = files.scenario.problem(&path, message, label);
+                    ScenarioError::new(KIND, &files.name, vec![problem])
+                }
+                false => {
+                    let problem = rig_document.problem(&path, message, label);
+                    nodes::fail(&files.rig.name, vec![problem])
+                }
+            });
+        }
+        fmu.file = folder.join(&fmu.file).to_string_lossy().into_owned();
+    }
+    Ok(())
+}
+
+/// Why a file cannot be one of a plant, whether it is there or not.
+fn wrong_name(file: &str) -> Option<&'static str> {
+    match file {
+        file if !is_inside_folder(file) => {
+            Some("no absolute path, no `..`: it lies beside the rig file")
+        }
+        file if !file.ends_with(".fmu") => Some("its name must end in .fmu"),
+        _ => None,
     }
 }
 
@@ -214,7 +278,8 @@ impl Loops<ControllerView> {
             let read = |document: &mut Document<'_>, wiring: Wiring| {
                 ControllerView::read(document, read_file, wiring)
             };
-            let loops = read_loops(&files.scenario, rig, &rig_document, read);
+            let beside = &files.rig.beside;
+            let loops = read_loops(&files.scenario, rig, &rig_document, beside, read);
             loops.map_err(|problems| ScenarioError::new(KIND, name, problems))
         });
         loops.map(|(loops, _)| loops)
@@ -332,6 +397,7 @@ fn read_loops<'text, T>(
     scenario: &Document<'text>,
     rig: Rig,
     rig_document: &Document<'text>,
+    rig_name: &str,
     mut read: impl FnMut(&mut Document<'text>, Wiring) -> Result<T, Vec<Problem>>,
 ) -> Result<Loops<T>, Vec<Problem>> {
     let schema = DeValue::parse(SCHEMA_OF_ONE).map(Spanned::into_inner);
@@ -339,6 +405,7 @@ fn read_loops<'text, T>(
         scenario,
         rig: &rig,
         rig_tree: rig_document.root(),
+        rig_name,
         schema_1: schema.unwrap_or(DeValue::Boolean(false)),
     };
     let (trees, mut problems) = splitter.split();

@@ -2,7 +2,9 @@
 
 use super::Check;
 use crate::error::Problem;
+use crate::own::is_name;
 use crate::rig::nodes::{NodeKind, Outputs, plant_of_port};
+use crate::wiring::IO_OUTPUTS_MAX;
 
 /// The node-ID of every controller.
 const CONTROLLER_NODE_ID: u8 = 1;
@@ -13,6 +15,7 @@ impl Check<'_> {
         problems.extend(self.loops_of_several_drives());
         problems.extend(self.split_drives());
         problems.extend(self.split_outputs());
+        problems.extend(self.outputs_without_room());
         problems.extend(self.second_outputs());
         problems.extend(self.idle_plants());
         problems
@@ -75,16 +78,42 @@ impl Check<'_> {
         let mut problems = Vec::new();
         for (name, outputs) in self.outputs() {
             let path = format!("node.{name}.outputs");
-            let fan = outputs.convection_factor.as_deref().and_then(plant_of_port);
-            let load = outputs.added_load_grams.as_deref().and_then(plant_of_port);
-            let message = match (fan, load) {
-                (None, None) => format!("`{name}` acts on no plant"),
-                (Some(fan), Some(load)) if fan != load => {
-                    format!("`{name}` acts on `{fan}` and on `{load}`")
+            let mut plants = outputs.0.values().filter_map(|port| plant_of_port(port));
+            let first = plants.next();
+            let message = match (first, plants.find(|plant| Some(*plant) != first)) {
+                (None, _) => format!("`{name}` acts on no plant"),
+                (Some(first), Some(second)) => {
+                    format!("`{name}` acts on `{first}` and on `{second}`")
                 }
                 _ => continue,
             };
             problems.push(self.problem(&path, message, "one plant for each io node"));
+        }
+        problems
+    }
+
+    /// Io nodes with more outputs than their frame has room for, or with one that has no name.
+    fn outputs_without_room(&self) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        for (name, outputs) in self.outputs() {
+            let path = format!("node.{name}.outputs");
+            let others = outputs.others().count();
+            let room = match others == outputs.0.len() {
+                true => IO_OUTPUTS_MAX,
+                // Fan and load have their places, whether one of them is wired or both.
+                false => IO_OUTPUTS_MAX - 2,
+            };
+            if others > room {
+                let message = format!("`{name}` has {others} outputs besides fan and load");
+                let label = format!("its frame has room for {room}");
+                problems.push(self.problem(&path, message, label));
+            }
+            let nameless = outputs.others().filter(|(output, _)| !is_name(output));
+            problems.extend(nameless.map(|(output, _)| {
+                let message = format!("`{output}` cannot be the name of an output");
+                let label = "small letters, digits and underscores, a letter first";
+                self.problem(&format!("{path}.{output}"), message, label)
+            }));
         }
         problems
     }

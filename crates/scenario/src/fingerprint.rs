@@ -1,0 +1,80 @@
+//! Which file it was that a run used and that is too large to be copied: its hash, as `sha256sum` writes it.
+
+use std::io::{self, Read};
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use crate::file::{open_file, read_text};
+
+/// What the name of a file's hash ends in, beside the file.
+pub const HASH_SUFFIX: &str = ".sha256";
+/// Longest text with a hash.
+const TEXT_BYTES_MAX: u64 = 4096;
+/// So much of a file is in memory at a time.
+const PART_BYTES: usize = 64 << 10;
+
+/// The line of a file, by its path from a folder: `HASH  NAME`. Where the folder has such a line already, as a run's has, both must
+/// be the same.
+///
+/// # Errors
+/// The file cannot be read, or is another one than the line says.
+pub(crate) fn hash_line(folder: &Path, file: &str) -> io::Result<String> {
+    let path = folder.join(file);
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let line = format!("{}  {name}\n", hash(&path)?);
+    let text = format!("{file}{HASH_SUFFIX}");
+    match read_text(&folder.join(&text), TEXT_BYTES_MAX) {
+        Ok(stated) if hash_in(&stated) != hash_in(&line) => Err(io::Error::other(format!(
+            "it is not the file that {text} says; remove that, if this one is meant"
+        ))),
+        _ => Ok(line),
+    }
+}
+
+/// The hash in such a line.
+#[must_use]
+pub fn hash_in(line: &str) -> &str {
+    line.split_whitespace().next().unwrap_or_default()
+}
+
+fn hash(path: &Path) -> io::Result<String> {
+    let mut file = open_file(path)?;
+    let mut hasher = Sha256::new();
+    let mut part = vec![0; PART_BYTES];
+    loop {
+        match file.read(&mut part)? {
+            0 => break,
+            length => hasher.update(&part[..length]),
+        }
+    }
+    let bytes = hasher.finalize();
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn a_line_is_that_of_sha256sum_and_another_file_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = |name: &str| folder.path().join(name);
+        fs::create_dir(place("rigs")).unwrap();
+        fs::write(place("rigs/a.fmu"), "abc").unwrap();
+        // FIPS 180-4, its first example.
+        let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad  a.fmu\n";
+        assert_eq!(hash_line(folder.path(), "rigs/a.fmu").unwrap(), expected);
+        fs::write(place("rigs/a.fmu.sha256"), expected).unwrap();
+        assert!(hash_line(folder.path(), "rigs/a.fmu").is_ok());
+        fs::write(place("rigs/a.fmu"), "abd").unwrap();
+        let error = hash_line(folder.path(), "rigs/a.fmu").unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("not the file that rigs/a.fmu.sha256 says")
+        );
+    }
+}

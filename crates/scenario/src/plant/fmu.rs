@@ -1,0 +1,101 @@
+//! A plant from a modelling tool: `[plant.NAME.fmu]` of a rig file.
+
+use std::collections::BTreeMap;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Serialize};
+use toml::Value;
+
+/// An FMU of FMI 2.0 or 3.0 for co-simulation, which only a rig file can wire.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Fmu {
+    /// The FMU, in the rig file's folder or below it.
+    #[schemars(length(min = 1, max = 200))]
+    pub file: String,
+    /// The length of its steps, where it is to be another than what the drive's cycle makes, or the FMU takes no other.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
+    pub step_milliseconds: Option<f64>,
+    /// Variables that are recorded beside the ports: outputs, local variables, parameters. Each becomes a port by its own name and
+    /// unit, and needs a lowest and a highest value in the FMU.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schemars(length(max = 64), inner(length(min = 1, max = 1000)))]
+    pub record: Vec<String>,
+    /// Start values by the names of its variables, in the FMU's units: numbers, truths or texts. A name with dots may be written as
+    /// it is: `motor.inertia = 0.1`.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(schema_with = "values")]
+    pub start: BTreeMap<String, Value>,
+    /// Its variables as ports, by names that end in the unit that they have on the bench.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub ports: BTreeMap<String, FmuPort>,
+}
+
+/// A variable of an FMU as a port.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct FmuPort {
+    /// The variable's name in the FMU.
+    #[schemars(length(min = 1, max = 1000))]
+    pub variable: String,
+    /// The port is the variable times this, plus the offset. Without both, the units of variable and port say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = -1e12, max = 1e12))]
+    pub factor: Option<f64>,
+    /// Added to the variable times the factor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = -1e12, max = 1e12))]
+    pub offset: Option<f64>,
+    /// Lowest and highest value at the port, where they are to be other than the FMU says. An output without a range is not
+    /// published.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(length(min = 2, max = 2))]
+    pub range: Option<Vec<f64>>,
+}
+
+/// Whatever a variable's kind takes.
+fn values(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({"type": "object", "additionalProperties": {}})
+}
+
+impl Fmu {
+    /// The start values by the whole names of their variables: `{motor = {inertia = 0.1}}` is that of `motor.inertia`.
+    #[must_use]
+    pub fn start_values(&self) -> BTreeMap<String, &Value> {
+        let mut values = BTreeMap::new();
+        collect(None, &mut self.start.iter(), &mut values);
+        values
+    }
+}
+
+fn collect<'a>(
+    above: Option<&str>,
+    values: &mut dyn Iterator<Item = (&'a String, &'a Value)>,
+    into: &mut BTreeMap<String, &'a Value>,
+) {
+    for (name, value) in values {
+        let name = match above {
+            None => name.clone(),
+            Some(above) => format!("{above}.{name}"),
+        };
+        match value {
+            Value::Table(below) => collect(Some(&name), &mut below.iter(), into),
+            value => drop(into.insert(name, value)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_with_dots_may_be_quoted_or_not() {
+        let fmu = |start: &str| -> Fmu { toml::from_str(&format!("[start]\n{start}")).unwrap() };
+        let [quoted, plain] = ["\"body.arm.m\" = 2.0", "body.arm.m = 2.0"].map(fmu);
+        let two = BTreeMap::from([("body.arm.m".to_owned(), &Value::Float(2.0))]);
+        assert_eq!(quoted.start_values(), two);
+        assert_eq!(plain.start_values(), two);
+    }
+}

@@ -1,0 +1,288 @@
+//! Plants that are FMUs: `[plant.NAME.fmu]` of a rig file.
+//!
+//! Which ports one has follows from its description alone. Its code is loaded where it plays, in a worker process of its own
+//! ([`crate::fmu_worker`]), so that a crash, a hang or an exit costs that run.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::time::{Duration, SystemTime};
+
+use fmu::table::{self, Misfit, wiring};
+use fmu::unit::Conversion;
+use fmu::worker::{LOAD_PATIENCE, Remote};
+use fmu::{Archive, FmuError, Unpacked};
+use plant_emulator::InvalidEmulator;
+use plant_emulator::catalogue::Kind;
+use plant_emulator::ports::{Port, PortedPlant, Ports};
+use rig::setup::Setup;
+use scenario::plant::{FMU, Fmu};
+use scenario::port::{symbol_of, unit_in};
+use scenario::{Objection, Scenario};
+
+use crate::fmu_worker;
+
+/// FMUs whose descriptions are kept.
+const KEPT_MAX: usize = 16;
+
+/// Plants that are FMUs, for the catalogue of plants.
+pub(crate) fn kind() -> Kind {
+    Kind::elsewhere(FMU, ports, make)
+}
+
+/// How much longer than others the drives of these loops may take until they are there.
+pub(crate) fn more_patience(setups: &[Setup]) -> Duration {
+    let mut plants = setups.iter().map(|setup| &setup.scenario.plant);
+    match plants.any(|plant| plant.fmu.is_some()) {
+        true => LOAD_PATIENCE,
+        false => Duration::ZERO,
+    }
+}
+
+/// What is wrong with the table of an FMU, or with the FMU.
+pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
+    let read = || {
+        let opened = Opened::find(Path::new(&fmu.file)).map_err(|error| error.in_file())?;
+        let archive = &opened.archive;
+        let in_file = |fault| Misfit {
+            place: "file".to_owned(),
+            fault,
+        };
+        archive.runs_here().map_err(in_file)?;
+        wiring(fmu, &instance(fmu), archive.description())
+    };
+    let Misfit { place, fault } = read().err()?;
+    let name = Path::new(&fmu.file).file_name().unwrap_or(OsStr::new(""));
+    let name = name.to_string_lossy();
+    Some(Objection {
+        path: format!("plant.{FMU}.{place}"),
+        message: format!("{name} cannot be this plant: {fault}"),
+        label: "by what the FMU says of itself".to_owned(),
+        help: Some(format!(
+            "`canrig fmu {}` lists what it has and needs",
+            fmu.file
+        )),
+    })
+}
+
+/// A description's place in a table.
+trait InFile {
+    fn in_file(self) -> Misfit;
+}
+
+impl InFile for FmuError {
+    fn in_file(self) -> Misfit {
+        Misfit {
+            place: "file".to_owned(),
+            fault: self.fault,
+        }
+    }
+}
+
+/// What the FMU may call itself in its messages.
+fn instance(fmu: &Fmu) -> String {
+    let name = Path::new(&fmu.file).file_stem().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+fn of(scenario: &Scenario) -> Result<&Fmu, InvalidEmulator> {
+    let fmu = scenario.plant.fmu.as_ref();
+    fmu.ok_or_else(|| InvalidEmulator::UnknownPlant(FMU.to_owned()))
+}
+
+fn elsewhere(error: impl ToString) -> InvalidEmulator {
+    InvalidEmulator::Elsewhere(error.to_string())
+}
+
+fn misfit(fmu: &Fmu, misfit: Misfit) -> InvalidEmulator {
+    elsewhere(FmuError {
+        file: PathBuf::from(&fmu.file),
+        fault: misfit.fault,
+    })
+}
+
+fn ports(scenario: &Scenario) -> Result<Ports, InvalidEmulator> {
+    let fmu = of(scenario)?;
+    let opened = Opened::find(Path::new(&fmu.file)).map_err(elsewhere)?;
+    let wiring = wiring(fmu, &instance(fmu), opened.archive.description());
+    wiring
+        .map(|wiring| ports_of(&wiring))
+        .map_err(|found| misfit(fmu, found))
+}
+
+fn ports_of(wiring: &table::Wiring) -> Ports {
+    let inputs = wiring.inputs.iter();
+    let inputs = inputs.map(|port| {
+        let input = Port::input(&port.name, port.range).resting_at(port.at_rest);
+        described(input, port)
+    });
+    let outputs = wiring.outputs.iter();
+    let outputs = outputs.map(|port| described(Port::output(&port.name, port.range), port));
+    Ports {
+        inputs: inputs.collect(),
+        outputs: outputs.collect(),
+    }
+}
+
+/// With the unit that the FMU's conversion took it for, and what the FMU says that it is.
+fn described(port: Port, of: &table::Port) -> Port {
+    let words = of.unit.map(|known| (known.words, known.symbol));
+    let port = match words {
+        Some((words, symbol)) if unit_in(&port.name) != words && words != "factor" => {
+            let known = symbol_of(words);
+            port.with_unit(words, if known == words { symbol } else { known })
+        }
+        _ => port,
+    };
+    let words = Vec::from_iter(of.description.split_whitespace()).join(" ");
+    port.with_comment(&words)
+}
+
+fn make(scenario: &Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> {
+    let fmu = of(scenario)?;
+    let opened = Opened::find(Path::new(&fmu.file)).map_err(elsewhere)?;
+    let wiring = wiring(fmu, &instance(fmu), opened.archive.description());
+    let wiring = wiring.map_err(|found| misfit(fmu, found))?;
+    let unpacked = opened.unpacked().map_err(elsewhere)?;
+    let worker = fmu_worker::start().map_err(|error| {
+        elsewhere(format!(
+            "no process to load {} can be started: {error}",
+            fmu.file
+        ))
+    })?;
+    let mut raw = vec![0.0; wiring.outputs.len()];
+    let remote = Remote::load(worker, &unpacked, &wiring.setup, &mut raw).map_err(elsewhere)?;
+    let conversions = |ports: &[table::Port]| ports.iter().map(|port| port.conversion).collect();
+    let mut plant = FmuPlant {
+        ports: ports_of(&wiring),
+        remote: Some(remote),
+        _unpacked: unpacked,
+        time: Duration::ZERO,
+        from_ports: conversions(&wiring.inputs),
+        to_ports: conversions(&wiring.outputs),
+        set: vec![0.0; wiring.inputs.len()],
+        seen: vec![0.0; raw.len()],
+        raw,
+        failure: None,
+    };
+    plant.look();
+    Ok(Box::new(plant))
+}
+
+/// A plant that an FMU in a worker process plays.
+#[derive(Debug)]
+struct FmuPlant {
+    ports: Ports,
+    /// None once it has failed: its worker is gone.
+    remote: Option<Remote>,
+    /// The files that the worker has open.
+    _unpacked: Arc<Unpacked>,
+    /// In whole nanoseconds, as the drive counts it, so that no sum drifts.
+    time: Duration,
+    from_ports: Vec<Conversion>,
+    to_ports: Vec<Conversion>,
+    /// What acts, in the FMU's units.
+    set: Vec<f64>,
+    /// What is seen, in the FMU's units and in those of the ports.
+    raw: Vec<f64>,
+    seen: Vec<f64>,
+    failure: Option<String>,
+}
+
+impl FmuPlant {
+    fn look(&mut self) {
+        let values = self.raw.iter().zip(&self.to_ports);
+        for (seen, (raw, conversion)) in self.seen.iter_mut().zip(values) {
+            *seen = conversion.of(*raw);
+        }
+    }
+}
+
+impl PortedPlant for FmuPlant {
+    fn inputs(&self) -> &[Port] {
+        &self.ports.inputs
+    }
+
+    fn outputs(&self) -> &[Port] {
+        &self.ports.outputs
+    }
+
+    fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
+        let Some(remote) = &mut self.remote else {
+            return;
+        };
+        self.time += Duration::try_from_secs_f64(duration_seconds).unwrap_or_default();
+        let values = inputs.iter().zip(&self.from_ports);
+        for (set, (input, conversion)) in self.set.iter_mut().zip(values) {
+            *set = conversion.back(*input);
+        }
+        match remote.advance(self.time.as_secs_f64(), &self.set, &mut self.raw) {
+            Ok(()) => self.look(),
+            Err(error) => {
+                self.failure = Some(error.to_string());
+                self.remote = None;
+            }
+        }
+    }
+
+    fn read(&self, outputs: &mut [f64]) {
+        outputs.copy_from_slice(&self.seen);
+    }
+
+    fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+}
+
+impl Drop for FmuPlant {
+    /// Some FMUs write what they have to write at their end. What they say of it comes too late for anybody.
+    fn drop(&mut self) {
+        if let Some(remote) = self.remote.take() {
+            let _ = remote.end();
+        }
+    }
+}
+
+/// An FMU whose description was read. The cases of a sweep share it, and, while one of them plays, its files.
+struct Opened {
+    archive: Archive,
+    unpacked: Mutex<Weak<Unpacked>>,
+}
+
+/// By what a file is taken for the same: its path, its length and when it was changed.
+#[derive(Clone, PartialEq)]
+struct Key(PathBuf, u64, Option<SystemTime>);
+
+impl Opened {
+    fn find(file: &Path) -> Result<Arc<Self>, FmuError> {
+        static KEPT: Mutex<Vec<(Key, Arc<Opened>)>> = Mutex::new(Vec::new());
+        let metadata = file.metadata().ok();
+        let length = metadata.as_ref().map_or(0, |metadata| metadata.len());
+        let changed = metadata.and_then(|metadata| metadata.modified().ok());
+        let key = Key(file.to_owned(), length, changed);
+        // What is half done there is still right.
+        let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, opened)) = kept.iter().find(|(other, _)| *other == key) {
+            return Ok(Arc::clone(opened));
+        }
+        let opened = Arc::new(Self {
+            archive: Archive::open(file)?,
+            unpacked: Mutex::default(),
+        });
+        if kept.len() == KEPT_MAX {
+            kept.remove(0);
+        }
+        kept.push((key, Arc::clone(&opened)));
+        Ok(opened)
+    }
+
+    fn unpacked(&self) -> Result<Arc<Unpacked>, FmuError> {
+        let mut kept = self.unpacked.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(unpacked) = kept.upgrade() {
+            return Ok(unpacked);
+        }
+        let unpacked = Arc::new(self.archive.unpack()?);
+        *kept = Arc::downgrade(&unpacked);
+        Ok(unpacked)
+    }
+}
