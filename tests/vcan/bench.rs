@@ -11,7 +11,7 @@ use crate::support::{self, canrig, only_run, output, root, scenario};
 use crate::{INTERFACE, Test};
 
 /// Each with the interface for itself.
-pub(crate) const TESTS: [(&str, Test); 7] = [
+pub(crate) const TESTS: [(&str, Test); 8] = [
     (
         "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
         same_bytes,
@@ -19,6 +19,10 @@ pub(crate) const TESTS: [(&str, Test); 7] = [
     (
         "two_axes_over_vcan_leave_the_same_bytes_as_one_process",
         same_bytes_of_two_axes,
+    ),
+    (
+        "a_motor_as_fmu_over_vcan_leaves_the_same_bytes_as_one_process",
+        same_bytes_of_an_fmu,
     ),
     ("real_time_over_vcan_is_recorded_whole", real_time),
     ("a_foreign_frame_in_lockstep_is_refused", foreign_frame),
@@ -52,6 +56,20 @@ fn same_bytes() -> Result<(), Failed> {
 
 fn same_bytes_of_two_axes() -> Result<(), Failed> {
     is_simulated_alike(&two_axes().join("two_axes.toml"))
+}
+
+/// The library of the FMU lies beside the program, where `cargo build --release` has made it.
+fn same_bytes_of_an_fmu() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    for name in ["motor_rig.toml", "motor_step.toml"] {
+        let example = root().join("docs/examples").join(name);
+        fs::copy(example, folder.path().join(name))?;
+    }
+    let mut export = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    export.args(["fmu", "--export", "dc_motor", "--output"]);
+    let (code, stdout, stderr) = output(export.arg(folder.path().join("motor.fmu")));
+    assert_eq!(code, Some(0), "{stdout}\n{stderr}");
+    is_simulated_alike(&folder.path().join("motor_step.toml"))
 }
 
 /// The folder of two axes, a scenario and its rig file.

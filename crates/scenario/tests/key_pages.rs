@@ -57,7 +57,9 @@ impl<'a> Page<'a> {
         self.text += "| key | value | meaning |\n|---|---|---|\n";
         for (key, property) in properties {
             let child = self.child(path, key, property);
-            let section = child.as_ref().map(|child| child.path.replace('.', "").to_lowercase());
+            let section = child
+                .as_ref()
+                .map(|child| child.path.replace('.', "").to_lowercase());
             let row = self.row(key, property, is_required(table, key), section);
             self.text += &row;
             children.extend(child);
