@@ -24,6 +24,10 @@ pub(crate) const TESTS: [(&str, Test); 8] = [
         "two_drives_on_one_plant_over_vcan_leave_the_same_bytes_as_one_process",
         same_bytes_of_a_pair,
     ),
+    (
+        "a_motor_as_fmu_over_vcan_leaves_the_same_bytes_as_one_process",
+        same_bytes_of_an_fmu,
+    ),
     ("real_time_over_vcan_is_recorded_whole", real_time),
     ("a_foreign_frame_in_lockstep_is_refused", foreign_frame),
     (
@@ -60,6 +64,20 @@ fn same_bytes_of_two_axes() -> Result<(), Failed> {
 
 fn same_bytes_of_a_pair() -> Result<(), Failed> {
     is_simulated_alike(&scenario("sma_pair_step.toml"))
+}
+
+/// The library of the FMU lies beside the program, where `cargo build --release` has made it.
+fn same_bytes_of_an_fmu() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    for name in ["motor_rig.toml", "motor_step.toml"] {
+        let example = root().join("docs/examples").join(name);
+        fs::copy(example, folder.path().join(name))?;
+    }
+    let mut export = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    export.args(["fmu", "--export", "dc_motor", "--output"]);
+    let (code, stdout, stderr) = output(export.arg(folder.path().join("motor.fmu")));
+    assert_eq!(code, Some(0), "{stdout}\n{stderr}");
+    is_simulated_alike(&folder.path().join("motor_step.toml"))
 }
 
 /// The folder of two axes, a scenario and its rig file.

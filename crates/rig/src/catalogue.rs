@@ -239,11 +239,13 @@ impl Catalogue {
     #[must_use]
     pub fn objections(&self, scenario: &Scenario) -> Vec<Objection> {
         let frames = self.frames(scenario);
-        let mut objections = SignalNames::objections(scenario, || frames.names());
-        // What is wrong with an FMU stands in the rig file.
-        if !is_wired_fmu(scenario) {
-            objections.extend((self.plant_objection)(scenario));
+        let plant = (self.plant_objection)(scenario);
+        // What is wrong with an FMU stands in the rig file, and hides its signals.
+        if is_wired_fmu(scenario) && plant.is_some() {
+            return Vec::new();
         }
+        let mut objections = SignalNames::objections(scenario, || frames.names());
+        objections.extend(plant);
         objections.extend(self.law_objection(scenario));
         objections.extend(self.output_objection(scenario));
         objections.extend(two_columns(&frames.database, scenario));

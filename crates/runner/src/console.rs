@@ -367,6 +367,7 @@ mod tests {
     fn the_state_of_a_run_fits_beside_the_bar() {
         let reading = RunProgress {
             time: Duration::from_millis(9_140),
+            unit: scenario::port::Unit::default(),
             position_millimetres: Some(34.986),
             error_millimetres: Some(0.014),
             lateness: Some(Duration::from_micros(143)),

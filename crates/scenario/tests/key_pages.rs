@@ -57,7 +57,9 @@ impl<'a> Page<'a> {
         self.text += "| key | value | meaning |\n|---|---|---|\n";
         for (key, property) in properties {
             let child = self.child(path, key, property);
-            let section = child.as_ref().map(|child| child.path.replace('.', ""));
+            let section = child
+                .as_ref()
+                .map(|child| child.path.replace('.', "").to_lowercase());
             let row = self.row(key, property, is_required(table, key), section);
             self.text += &row;
             children.extend(child);
@@ -102,16 +104,19 @@ impl<'a> Page<'a> {
     /// The table that a property is, where it has a section of its own.
     fn child(&self, path: &str, key: &str, property: &'a Value) -> Option<Child<'a>> {
         let is_list = property["type"] == "array";
-        let name = referred(if is_list {
-            &property["items"]
-        } else {
-            property
+        // A table whose keys are the user's own has tables that are all alike.
+        let are_alike = property["additionalProperties"].is_object();
+        let name = referred(match () {
+            () if is_list => &property["items"],
+            () if are_alike => &property["additionalProperties"],
+            () => property,
         })?;
+        let own = if are_alike { ".NAME" } else { "" };
         let table = &self.definitions[name];
         let is_own = table["properties"].is_object() && !self.shared.contains(name);
         let separator = if path.is_empty() { "" } else { "." };
         is_own.then(|| Child {
-            path: format!("{path}{separator}{key}"),
+            path: format!("{path}{separator}{key}{own}"),
             is_list,
             description: match description(property) {
                 "" => description(table),
@@ -134,6 +139,7 @@ impl<'a> Page<'a> {
             Some("integer") => "whole number".to_owned(),
             Some("string") => "text".to_owned(),
             Some("boolean") => "`true` or `false`".to_owned(),
+            Some("object") => "table".to_owned(),
             other => other.unwrap_or("table").to_owned(),
         }
     }

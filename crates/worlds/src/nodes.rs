@@ -45,7 +45,12 @@ pub fn plant_emulator_of(setups: &[Setup], name: &str) -> Result<Box<dyn Node>, 
         place: setup.place,
         database: &setup.database,
     });
-    let made = catalogue::emulator_of(name, &Vec::from_iter(drives));
+    // Where it is the only one, its process is not named after it.
+    let mut setups = setups.iter();
+    let first = setups.find(|setup| emulator_name(setup) == name);
+    let plant = first.and_then(|setup| setup.nodes.as_ref());
+    let plant = plant.map_or(name, |names| &names.plant);
+    let made = catalogue::emulator_of(plant, &Vec::from_iter(drives));
     made.map_err(|error| no_emulator(name, &error))
 }
 

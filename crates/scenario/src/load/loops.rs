@@ -12,7 +12,7 @@ mod sweep;
 mod units;
 
 use std::ops::Range;
-use std::path::Path;
+use std::path::PathBuf;
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -81,8 +81,8 @@ pub(super) struct Splitter<'a, 'text> {
     pub(super) scenario: &'a Document<'text>,
     pub(super) rig: &'a Rig,
     pub(super) rig_tree: &'a DeTable<'text>,
-    /// The rig file's name beside the scenario.
-    pub(super) rig_name: &'a str,
+    /// Where the rig file is.
+    pub(super) rig_path: PathBuf,
     pub(super) schema_1: DeValue<'text>,
 }
 
@@ -241,9 +241,9 @@ impl<'text> Splitter<'_, 'text> {
             Some(DeValue::Table(models)) => models,
             _ => DeTable::new(),
         };
-        fmus::place(&mut models, Path::new(self.rig_name));
+        fmus::place(&mut models, &self.rig_path);
         if let Some(DeValue::Table(mut own)) = of(self.root()).map(Spanned::into_inner) {
-            fmus::place(&mut own, Path::new(self.rig_name));
+            fmus::place(&mut own, &self.rig_path);
             override_with(&mut models, &own);
         }
         // The model of the paper has no name in a scenario of one drive.

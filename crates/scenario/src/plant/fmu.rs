@@ -11,7 +11,7 @@ use toml::Value;
 #[serde(deny_unknown_fields, default)]
 pub struct Fmu {
     /// The FMU, in the rig file's folder or below it.
-    #[schemars(length(min = 1, max = 200))]
+    #[schemars(length(min = 1, max = 4096))]
     pub file: String,
     /// The length of its steps, where it is to be another than what the drive's cycle makes, or the FMU takes no other.
     #[serde(skip_serializing_if = "Option::is_none")]

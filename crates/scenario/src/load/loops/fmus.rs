@@ -7,7 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::plant::FMU;
 
-/// Names an FMU among the models of a plant by its path from the scenario, and its start values by the whole names of their
+/// Names an FMU among the models of a plant by its path, and its start values by the whole names of their
 /// variables. FMUs lie beside the rig file.
 pub(super) fn place<'text>(models: &mut DeTable<'text>, rig: &Path) {
     let fmu = models.get_mut(FMU).map(Spanned::get_mut);

@@ -165,13 +165,13 @@ fn made(
     let (rig, rig_document) = Rig::read(text, name, reading)?;
     let sheets = read_sheets(&rig, &rig_document, beside, read_file);
     let sheets = sheets.map_err(|problems| nodes::fail(name, problems))?;
+    find_fmus(&rig, files, &rig_document, reading, read_file)?;
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
     let read = |document: &mut Document<'_>, wiring: Wiring| {
         Scenario::read(document, &mut *read_file, reading, &objections, wiring)
     };
-    let mut loops = read_loops(&files.scenario, rig, &rig_document, beside, read).map_err(fail)?;
+    let mut loops = read_loops(files, rig, &rig_document, read).map_err(fail)?;
     loops.sheets = sheets;
-    find_fmus(&mut loops, files, &rig_document, reading, read_file)?;
     if matches!(reading, Reading::ToPlay) {
         let sweep = read_sweep(&files.scenario, &loops.rig).map_err(fail)?;
         for one in &mut loops.loops {
@@ -184,25 +184,25 @@ fn made(
     }
 }
 
-/// Finds the FMUs of plants: from here on each is named by its path, and its hash is among what was read. Of a recording neither the
-/// file nor the hash need be there.
+/// Finds the FMUs of plants, whose hashes then are among what was read. Of a recording neither file nor hash need be there.
 fn find_fmus(
-    loops: &mut Loops<Scenario>,
+    rig: &Rig,
     files: &Files<'_>,
     rig_document: &Document<'_>,
     reading: Reading,
     read_file: ReadTable<'_>,
 ) -> Result<(), ScenarioError> {
-    let folder = Path::new(&files.name).parent().map(Path::to_owned);
-    let folder = folder.unwrap_or_else(PathBuf::new);
-    for one in &mut loops.loops {
-        let plant = loops.rig.plant_of_loop(&one.name);
-        let Some(fmu) = &mut one.scenario.plant.fmu else {
-            continue;
-        };
-        let wrong = match wrong_name(&fmu.file) {
+    for (plant, model) in &rig.plant {
+        let Some(fmu) = &model.fmu else { continue };
+        let path = format!("plant.{plant}.fmu.file");
+        let other = files.scenario.spanned(&path);
+        let other = other.and_then(|value| value.get_ref().as_str());
+        let named = other.unwrap_or(&fmu.file);
+        let file = Path::new(&files.rig.beside).with_file_name(named);
+        let file = file.to_string_lossy();
+        let wrong = match wrong_name(named) {
             Some(label) => Some(label.to_owned()),
-            None => match (read_file(&format!("{}{HASH_SUFFIX}", fmu.file)), reading) {
+            None => match (read_file(&format!("{file}{HASH_SUFFIX}")), reading) {
                 (Err(error), Reading::ToPlay) => Some(match error.kind() {
                     io::ErrorKind::NotFound => {
                         "there is no such file beside the rig file".to_owned()
@@ -212,21 +212,18 @@ fn find_fmus(
                 _ => None,
             },
         };
-        if let Some(label) = wrong {
-            let message = format!("`{}` cannot be the FMU of `{plant}`", fmu.file);
-            let path = format!("plant.{plant}.fmu.file");
-            return Err(match files.scenario.has(&path) {
-                true => {
-                    let problem = files.scenario.problem(&path, message, label);
-                    ScenarioError::new(KIND, &files.name, vec![problem])
-                }
-                false => {
-                    let problem = rig_document.problem(&path, message, label);
-                    nodes::fail(&files.rig.name, vec![problem])
-                }
-            });
-        }
-        fmu.file = folder.join(&fmu.file).to_string_lossy().into_owned();
+        let Some(label) = wrong else { continue };
+        let message = format!("`{named}` cannot be the FMU of `{plant}`");
+        return Err(match other {
+            Some(_) => {
+                let problem = files.scenario.problem(&path, message, label);
+                ScenarioError::new(KIND, &files.name, vec![problem])
+            }
+            None => {
+                let problem = rig_document.problem(&path, message, label);
+                nodes::fail(&files.rig.name, vec![problem])
+            }
+        });
     }
     Ok(())
 }
@@ -278,8 +275,7 @@ impl Loops<ControllerView> {
             let read = |document: &mut Document<'_>, wiring: Wiring| {
                 ControllerView::read(document, read_file, wiring)
             };
-            let beside = &files.rig.beside;
-            let loops = read_loops(&files.scenario, rig, &rig_document, beside, read);
+            let loops = read_loops(&files, rig, &rig_document, read);
             loops.map_err(|problems| ScenarioError::new(KIND, name, problems))
         });
         loops.map(|(loops, _)| loops)
@@ -325,6 +321,19 @@ impl<'text> Files<'text> {
             scenario,
             rig,
         })
+    }
+
+    /// The scenario's folder.
+    fn folder(&self) -> &Path {
+        Path::new(&self.name).parent().unwrap_or(Path::new(""))
+    }
+
+    /// Where the rig file is; that of a rig on which nothing is tried is where its text was read from.
+    fn rig_path(&self) -> PathBuf {
+        match self.rig.beside.as_str() {
+            "" => PathBuf::from(&self.name),
+            beside => self.folder().join(beside),
+        }
     }
 }
 
@@ -394,18 +403,18 @@ fn is_same_file(beside: &str, path: &Path) -> bool {
 }
 
 fn read_loops<'text, T>(
-    scenario: &Document<'text>,
+    files: &Files<'text>,
     rig: Rig,
     rig_document: &Document<'text>,
-    rig_name: &str,
     mut read: impl FnMut(&mut Document<'text>, Wiring) -> Result<T, Vec<Problem>>,
 ) -> Result<Loops<T>, Vec<Problem>> {
+    let scenario = &files.scenario;
     let schema = DeValue::parse(SCHEMA_OF_ONE).map(Spanned::into_inner);
     let splitter = Splitter {
         scenario,
         rig: &rig,
         rig_tree: rig_document.root(),
-        rig_name,
+        rig_path: files.rig_path(),
         schema_1: schema.unwrap_or(DeValue::Boolean(false)),
     };
     let (trees, mut problems) = splitter.split();
