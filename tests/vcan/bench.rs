@@ -11,7 +11,7 @@ use crate::support::{self, canrig, only_run, output, root, scenario};
 use crate::{INTERFACE, Test};
 
 /// Each with the interface for itself.
-pub(crate) const TESTS: [(&str, Test); 8] = [
+pub(crate) const TESTS: [(&str, Test); 9] = [
     (
         "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
         same_bytes,
