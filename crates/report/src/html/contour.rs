@@ -13,7 +13,7 @@ pub(super) fn section(contour: &Contour, runs: &[Run<'_>]) -> Markup {
     let timelines = Vec::from_iter(axes.iter().map(|(_, run)| run.timeline));
     let end_seconds = runs[0].setup.scenario.duration_seconds;
     let found = contour_errors(contour, &timelines, end_seconds);
-    let mut distance = Plot::over_time("Distance from the path", "mm");
+    let mut distance = Plot::over_time("Distance from the path", contour.unit.symbol());
     distance.extent = Extent::FromZero;
     let (time, errors) = (&found.time_seconds, &found.errors);
     distance.draw("contour error", Colour::Measured, Shape::Line, time, errors);
@@ -27,12 +27,12 @@ pub(super) fn section(contour: &Contour, runs: &[Run<'_>]) -> Markup {
 }
 
 /// What two loops did in the contour's window, one over the other.
-fn plane<'a>(contour: &Contour, across: &Axis<'a>, up: &Axis<'a>) -> Plot<'a> {
+fn plane<'a>(contour: &'a Contour, across: &Axis<'a>, up: &Axis<'a>) -> Plot<'a> {
     let rows = window(contour, &[*across, *up]);
     let [x, y] = [across, up].map(|(_, run)| run.timeline);
     let title = format!("{} over {}", up.0, across.0);
-    let mut plot = Plot::over_time(title, "mm");
-    plot.x_label = "mm";
+    let mut plot = Plot::over_time(title, contour.unit.symbol());
+    plot.x_label = contour.unit.symbol();
     plot.extent = Extent::Plane;
     let [right, high] = [x, y].map(|axis| &axis.position()[rows.clone()]);
     plot.draw("measured", Colour::Measured, Shape::Path, right, high);
