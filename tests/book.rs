@@ -43,7 +43,7 @@ const FOLDERS: [&str; 12] = [
 /// What stands for something else in a path or a command.
 const PLACEHOLDERS: [&str; 6] = ["…", "*", "<", "NAME", "{", "[RUN"];
 /// Blocks of TOML that only a plant or law from outside makes whole: those of `your-plant.md` and `your-law.md`.
-const OWN_BLOCKS: usize = 2;
+const OWN_BLOCKS: usize = 5;
 
 struct Page {
     path: PathBuf,

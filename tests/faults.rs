@@ -221,3 +221,51 @@ fn a_fault_of_one_loop_explains_what_another_misses() {
     let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(path));
     assert_eq!(code, Some(0), "{stdout}\n{stderr}");
 }
+
+/// Plays a scenario of the joint with two wires with one of its tables changed; its log.
+#[track_caller]
+fn log_of_the_joint(name: &str, change: impl Fn(&str) -> String) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("rigs")).unwrap();
+    let rig = root().join("scenarios/rigs/sma_pair.toml");
+    fs::copy(rig, folder.path().join("rigs/sma_pair.toml")).unwrap();
+    let text = fs::read_to_string(scenario(name)).unwrap();
+    let path = folder.path().join("changed.toml");
+    fs::write(&path, change(&text)).unwrap();
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(path));
+    assert_eq!(code, Some(0), "{stdout}\n{stderr}");
+    fs::read_to_string(only_run(&runs).join("bus.log")).unwrap()
+}
+
+fn frames(log: &str, identifier: &str) -> usize {
+    let is_it = format!(" {identifier}#");
+    log.lines().filter(|line| line.contains(&is_it)).count()
+}
+
+#[test]
+fn a_fault_of_a_plant_is_found_by_each_of_its_drives() {
+    let break_one = log_of_the_joint("sma_pair_broken_wire.toml", str::to_owned);
+    let break_both = log_of_the_joint("sma_pair_broken_wire.toml", |text| {
+        text.replace("node = \"extensor\"", "plant = \"joint\"")
+    });
+    let emergencies = |log: &str| ["090", "092"].map(|id| frames(log, id) > 0);
+    assert_eq!(emergencies(&break_one), [false, true]);
+    assert_eq!(emergencies(&break_both), [true, true]);
+}
+
+#[test]
+fn a_fault_of_the_bus_may_name_any_drive_of_a_plant() {
+    for (drive, [doubled, other]) in [("flexor", ["190", "192"]), ("extensor", ["192", "190"])] {
+        let log = log_of_the_joint("sma_pair_sine.toml", |text| {
+            format!(
+                "{text}\n[[fault.bus.duplicate]]\nsender = \"{drive}\"\nfrom_seconds = 3.0\nuntil_seconds = 3.2\n"
+            )
+        });
+        let [doubled, other] = [doubled, other].map(|id| frames(&log, id));
+        assert!(
+            (doubled - other).abs_diff(100) < 3,
+            "{drive}: {doubled}, {other}"
+        );
+    }
+}

@@ -53,6 +53,24 @@ fn loops(drives: u8) -> Vec<Setup> {
     load(&path, catalogue()).expect("it is valid")
 }
 
+/// Instructions of the joint with two wires: as many as one drive may take, times 2.2.
+const PAIR_INSTRUCTIONS_PER_CYCLE_MAX: u64 = 22 * INSTRUCTIONS_PER_CYCLE_MAX[0] / 10;
+
+/// The joint with two wires, which ships, under its law along a sine: two drives on one plant in one loop.
+fn pair() -> Vec<Setup> {
+    let rig = include_str!("../../scenarios/rigs/sma_pair.toml");
+    let rig = rig.replace("sync_period_milliseconds = 2.0", "sync_period_milliseconds = 4.0");
+    let scenario = "schema = 2\nname = \"bench\"\nrig = \"rig.toml\"\nduration_seconds = 16.0\n\
+        [controller.pid_pair]\n[[reference.sine]]\nfrom_seconds = 0.0\ncentre_degrees = 0.0\n\
+        amplitude_degrees = 15.0\nperiod_seconds = 4.0\n";
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pair");
+    fs::create_dir_all(&folder).expect("cargo's folder takes folders");
+    fs::write(folder.join("rig.toml"), rig).expect("and files");
+    let path = folder.join("scenario.toml");
+    fs::write(&path, scenario).expect("and files");
+    load(&path, catalogue()).expect("it is valid")
+}
+
 /// Plays and judges the loops; how many cycles each had.
 fn played(setups: &[Setup]) -> Vec<usize> {
     let watch = Watch::default();
@@ -85,6 +103,7 @@ fn limit_of(place: usize) -> gungraun::LibraryBenchmarkConfig {
 #[bench::two_cycles_4000(args = (loops(2)), teardown = check, config = limit_of(1))]
 #[bench::four_cycles_4000(args = (loops(4)), teardown = check, config = limit_of(2))]
 #[bench::eight_cycles_4000(args = (loops(8)), teardown = check, config = limit_of(3))]
+#[bench::pair_cycles_4000(args = (pair()), teardown = check, config = limit(CYCLES * PAIR_INSTRUCTIONS_PER_CYCLE_MAX))]
 fn loops_in_memory(setups: Vec<Setup>) -> Vec<usize> {
     black_box(played(&setups))
 }

@@ -30,6 +30,7 @@ use scenario::loops::OneLoop;
 use scenario::plant::SMA_ACTUATOR;
 use scenario::port::Unit;
 use scenario::rig::drive::DriveLayout;
+use scenario::rig::limits::LimitWatch;
 use scenario::rig::{Limits, RigDrive, RigFile, Timeouts};
 
 use crate::catalogue;
@@ -137,7 +138,8 @@ impl ControllerNode {
                     plan.drive,
                     sync_period,
                     &plan.timeouts,
-                    plan.limits,
+                    plan.limits
+                        .map(|limits| LimitWatch::new(limits, sync_period).in_unit(unit)),
                     Plausibility::new(&view.wiring, is_wire),
                 ),
                 law_units_per_metre: match unit {

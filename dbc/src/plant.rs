@@ -104,12 +104,12 @@ impl Database {
     }
 
     /// The same where the drive's positions are in another unit than millimetres: `rename` gives a signal's name in it, `symbol`
-    /// is how the DBC writes it, and `resolution` what one count of the drive's position is in it.
+    /// is how the DBC writes it, and `resolution` what one count of an emulated drive's position is in it.
     #[must_use]
     pub fn with_position_unit(
         &self,
         symbol: &str,
-        resolution: f64,
+        resolution: Option<f64>,
         rename: impl Fn(&str) -> String,
     ) -> Self {
         let messages = self.messages().iter().map(|message| {
@@ -120,7 +120,7 @@ impl Database {
                     continue;
                 }
                 signal.unit = signal.unit.replacen(MILLIMETRES, symbol, 1);
-                if message.name == TPDO1 {
+                if let Some(resolution) = resolution.filter(|_| message.name == TPDO1) {
                     let coding = &mut signal.coding;
                     (coding.factor, coding.scale) = (resolution, Scale::new(resolution));
                     coding.range = None;

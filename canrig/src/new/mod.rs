@@ -409,7 +409,10 @@ mod tests {
             let lines: usize = prose.map(|text| text.lines().count()).sum();
             assert!(lines < 100, "a walk is short");
             let files = skeletons.each_ref();
-            let files = files.map(|one| [one.library, one.program, one.scenario]);
+            let files = files.map(|one| {
+                let rig = one.rig.unwrap_or_default();
+                [one.library, one.program, one.scenario, rig]
+            });
             for block in page.split("```").skip(1).step_by(2) {
                 let (kind, code) = block.split_once('\n').unwrap();
                 let is_shown = files.as_flattened().iter().any(|file| file.contains(code));

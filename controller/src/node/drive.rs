@@ -6,9 +6,9 @@ use canopen::Services;
 use canopen::cia402::{Command as DriveCommand, State};
 use canopen::emcy::EmergencyMessage;
 use canopen::nmt::{NmtCommand, NodeId};
+use scenario::rig::Timeouts;
 use scenario::rig::drive::{DriveLayout, Feedback};
 use scenario::rig::limits::LimitWatch;
-use scenario::rig::{Limits, Timeouts};
 
 use super::phase::DrivePhase;
 use crate::cause::Cause;
@@ -46,7 +46,7 @@ impl LedDrive {
         layout: DriveLayout,
         sync_period: Duration,
         timeouts: &Timeouts,
-        limits: Option<&Limits>,
+        limits: Option<LimitWatch>,
         plausibility: Plausibility,
     ) -> Self {
         let node_id = u32::from(layout.node_id().get());
@@ -65,7 +65,7 @@ impl LedDrive {
             last_emergency: None,
             plausibility,
             implausible: None,
-            limits: limits.map(|limits| LimitWatch::new(limits, sync_period)),
+            limits,
         }
     }
 

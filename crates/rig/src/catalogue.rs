@@ -325,6 +325,8 @@ pub fn name_of_two_columns(database: &Database) -> Option<&str> {
 pub struct Frames {
     /// The terms of a law from outside; none for the shipped ones.
     law_terms: Vec<LawTerm>,
+    /// The unit of the loop; that of a recording is in its frames already.
+    unit: Unit,
     /// The outputs of the io node besides fan and load; none of a recording.
     pub(crate) outputs: Vec<IoOutput>,
     /// What the frames mean.
@@ -342,9 +344,10 @@ impl Frames {
     /// The frames of a drive whose positions are in this unit.
     fn in_unit(signals: &[PlantSignal], terms: &[LawTerm], unit: &Unit) -> Self {
         let database = Database::with_plant(signals).with_law(terms);
-        let database = in_unit(&database, unit);
+        let database = in_unit(&database, unit, true);
         Self {
             law_terms: terms.to_vec(),
+            unit: unit.clone(),
             ..Self::from_database(Arc::new(database))
         }
     }
@@ -376,6 +379,7 @@ impl Frames {
     pub(crate) fn from_database(database: Arc<Database>) -> Self {
         Self {
             law_terms: Vec::new(),
+            unit: Unit::Millimetres,
             outputs: Vec::new(),
             database,
             without_truth: OnceLock::new(),
@@ -391,6 +395,7 @@ impl Frames {
     ) -> Arc<Database> {
         if let Some(rig) = rig {
             let database = rig.database.with_law(&self.law_terms);
+            let database = in_unit(&database, &self.unit, false);
             return Arc::new(database.with_silent_of(&self.database, &TRUTH_MESSAGES));
         }
         if !external.has(ExternalNode::Drive) {
@@ -420,11 +425,13 @@ fn signal_of(port: &Port) -> PlantSignal {
 }
 
 /// The same frames with positions in another unit.
-fn in_unit(database: &Database, unit: &Unit) -> Database {
+fn in_unit(database: &Database, unit: &Unit, is_emulated: bool) -> Database {
     match unit {
         Unit::Millimetres => database.clone(),
-        unit => database
-            .with_position_unit(unit.symbol(), 1.0 / unit.counts(), |name| unit.rename(name)),
+        unit => {
+            let resolution = is_emulated.then(|| 1.0 / unit.counts());
+            database.with_position_unit(unit.symbol(), resolution, |name| unit.rename(name))
+        }
     }
 }
 

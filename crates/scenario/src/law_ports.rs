@@ -347,9 +347,10 @@ mod tests {
                 Writing::Term(2)
             ]
         );
-        let terms = terms_of(&ports, &loops()[2]).map(|(name, _)| name.to_owned());
+        let loops = loops();
+        let terms = terms_of(&ports, &loops[2]).map(|(name, _)| name);
         assert_eq!(Vec::from_iter(terms), ["current_error_amperes"]);
-        assert_eq!(terms_of(&ports, &loops()[0]).count(), 0);
+        assert_eq!(terms_of(&ports, &loops[0]).count(), 0);
     }
 
     #[test]

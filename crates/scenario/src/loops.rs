@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::expect::{Limit, Requirements};
+use crate::port::Unit;
 use crate::rig::nodes::Rig;
 
 /// Metrics of the bus, which all loops share.
@@ -45,6 +46,9 @@ pub struct Contour {
     /// RMS of the distance from the path.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contour_error_millimetres_rms: Option<Limit>,
+    /// The unit of its loops, put in by the loader.
+    #[serde(skip)]
+    pub unit: Unit,
     /// The requirements that these limits test.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schemars(length(max = 100), inner(length(min = 1, max = 100)))]
@@ -56,7 +60,10 @@ impl Contour {
     #[must_use]
     pub fn rows(&self) -> [(String, Option<Limit>); 2] {
         let name = self.loops.join("_");
-        let row = |end| format!("{name}.contour_error_millimetres_{end}");
+        let row = |end| {
+            let metric = format!("contour_error_millimetres_{end}");
+            format!("{name}.{}", self.unit.rename(&metric))
+        };
         [
             (row("max"), self.contour_error_millimetres_max),
             (row("rms"), self.contour_error_millimetres_rms),

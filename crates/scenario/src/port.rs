@@ -308,6 +308,12 @@ impl Unit {
         symbol_of(self.word())
     }
 
+    /// As [`Unit::symbol`], where it is one of those that are known; else nothing.
+    #[must_use]
+    pub fn known_symbol(&self) -> &'static str {
+        find(self.word()).map_or("", |known| known.symbol)
+    }
+
     /// The units in which a port of this unit can be measured, the best known first.
     #[must_use]
     pub fn of_port(port_unit: &str) -> Vec<Self> {

@@ -110,10 +110,11 @@ struct RealDrive {
 impl RealDrive {
     fn new(setup: &Setup) -> Self {
         let rig = setup.rig.as_ref();
+        let unit = &setup.scenario.wiring.unit;
         Self {
             name: nodes::drive_name(setup).to_owned(),
             node_id: NodeId::new(setup.place.drive_node_id),
-            supervisor: rig.map(|rig| Supervisor::new(&rig.file, &rig.drive)),
+            supervisor: rig.map(|rig| Supervisor::new(&rig.file, &rig.drive, unit)),
         }
     }
 

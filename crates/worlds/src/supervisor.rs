@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use canopen::cia402::Command;
 use canopen::{CanFrame, Filter, NmtCommand};
+use scenario::port::Unit;
 use scenario::rig::RigFile;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::{LimitWatch, Violation};
@@ -18,10 +19,11 @@ pub(crate) struct Supervisor {
 impl Supervisor {
     /// A supervisor that has seen nothing.
     #[must_use]
-    pub(crate) fn new(rig: &RigFile, drive: &DriveLayout) -> Self {
+    pub(crate) fn new(rig: &RigFile, drive: &DriveLayout, unit: &Unit) -> Self {
+        let watch = LimitWatch::new(&rig.limits, rig.bus.of_scenario().sync_period());
         Self {
             drive: drive.clone(),
-            watch: LimitWatch::new(&rig.limits, rig.bus.of_scenario().sync_period()),
+            watch: watch.in_unit(unit),
         }
     }
 

@@ -19,7 +19,7 @@ pub(super) fn section(contour: &Contour, runs: &[Run<'_>]) -> Markup {
         errors.push(error);
     }
     let (time, errors) = (time.finish(), errors.finish());
-    let mut distance = Plot::over_time("Distance from the path", "mm");
+    let mut distance = Plot::over_time("Distance from the path", contour.unit.symbol());
     distance.extent = Extent::FromZero;
     distance.draw(
         "contour error",
@@ -38,12 +38,12 @@ pub(super) fn section(contour: &Contour, runs: &[Run<'_>]) -> Markup {
 }
 
 /// What two loops did in the contour's window, one over the other.
-fn plane<'a>(contour: &Contour, across: &Axis<'a>, up: &Axis<'a>) -> Plot<'a> {
+fn plane<'a>(contour: &'a Contour, across: &Axis<'a>, up: &Axis<'a>) -> Plot<'a> {
     let rows = window(contour, &[*across, *up]);
     let [x, y] = [across, up].map(|(_, run)| run.timeline);
     let title = format!("{} over {}", up.0, across.0);
-    let mut plot = Plot::over_time(title, "mm");
-    plot.x_label = "mm";
+    let mut plot = Plot::over_time(title, contour.unit.symbol());
+    plot.x_label = contour.unit.symbol();
     plot.extent = Extent::Plane;
     let [right, high] = [x, y].map(|axis| &axis.position()[rows.clone()]);
     plot.draw("measured", Colour::Measured, Shape::Path, right, high);

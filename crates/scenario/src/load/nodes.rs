@@ -2,6 +2,7 @@
 
 mod sensors;
 mod served;
+mod units;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -106,6 +107,9 @@ impl Rig {
             return Err(fail(vec![problem]));
         }
         document.rewrite(spread_defaults);
+        if let Some(problem) = units::rename(&mut document) {
+            return Err(fail(vec![problem]));
+        }
         let outside = match reading {
             Reading::ToPlay => Outside::Registered,
             Reading::Recorded => Outside::from_recorded_rig(document.root()),

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::Limits;
 use super::drive::Feedback;
+use crate::port::Unit;
 
 /// Speeds are means over this time, or two cycles: a step of a converter is no speed.
 const SPEED_WINDOW: Duration = Duration::from_millis(20);
@@ -37,6 +38,8 @@ pub enum Violation {
         millimetres: f64,
         /// Where it may be.
         limits: [f64; 2],
+        /// The unit of both.
+        symbol: &'static str,
     },
     /// The load moves too fast.
     Speed {
@@ -44,6 +47,8 @@ pub enum Violation {
         millimetres_per_second: f64,
         /// The limit.
         limit: f64,
+        /// The unit whose rate both are.
+        symbol: &'static str,
     },
 }
 
@@ -61,16 +66,18 @@ impl fmt::Display for Violation {
             Self::Position {
                 millimetres,
                 limits: [min, max],
+                symbol,
             } => write!(
                 formatter,
-                "limit of the rig: the position is {millimetres:.2} mm (limits {min} to {max} mm)"
+                "limit of the rig: the position is {millimetres:.2} {symbol} (limits {min} to {max} {symbol})"
             ),
             Self::Speed {
                 millimetres_per_second,
                 limit,
+                symbol,
             } => write!(
                 formatter,
-                "limit of the rig: the load moves at {millimetres_per_second:.0} mm/s (limit {limit} mm/s)"
+                "limit of the rig: the load moves at {millimetres_per_second:.0} {symbol}/s (limit {limit} {symbol}/s)"
             ),
         }
     }
@@ -83,6 +90,8 @@ pub struct LimitWatch {
     window: Duration,
     /// Where the load was at the start of the window.
     since: Option<(Duration, f64)>,
+    /// The unit of positions, for people.
+    symbol: &'static str,
 }
 
 impl LimitWatch {
@@ -93,7 +102,15 @@ impl LimitWatch {
             limits: *limits,
             window: SPEED_WINDOW.max(2 * sync_period),
             since: None,
+            symbol: Unit::Millimetres.known_symbol(),
         }
+    }
+
+    /// The same for a drive whose positions are in another unit.
+    #[must_use]
+    pub fn in_unit(self, unit: &Unit) -> Self {
+        let symbol = unit.known_symbol();
+        Self { symbol, ..self }
     }
 
     /// Checks a sample of the drive; the limit that it violates.
@@ -111,6 +128,7 @@ impl LimitWatch {
             return Some(Violation::Position {
                 millimetres,
                 limits,
+                symbol: self.symbol,
             });
         }
         self.check_speed(now, millimetres)
@@ -136,6 +154,7 @@ impl LimitWatch {
         (millimetres_per_second > limit).then_some(Violation::Speed {
             millimetres_per_second,
             limit,
+            symbol: self.symbol,
         })
     }
 }

@@ -1,7 +1,7 @@
 //! What is expected of several loops together.
 
 use toml::Spanned;
-use toml::de::DeValue;
+use toml::de::{DeTable, DeValue};
 
 use super::{CONTOUR, EXPECT};
 use crate::document::Document;
@@ -10,8 +10,15 @@ use crate::load::{build, none_of};
 use crate::loops::{Contour, Contours};
 use crate::nearest::meant_or_known;
 use crate::outside::Outside;
+use crate::port::Unit;
 use crate::rig::nodes::Rig;
 use crate::schema;
+
+/// The limits of a contour.
+const LIMITS: [&str; 2] = [
+    "contour_error_millimetres_max",
+    "contour_error_millimetres_rms",
+];
 
 /// `[[expect.contour]]`.
 pub(super) fn read_contours(
@@ -22,15 +29,73 @@ pub(super) fn read_contours(
     let expect = expect.and_then(DeValue::as_table);
     let entry = expect.and_then(|table| table.get_key_value(CONTOUR));
     let tree = entry.map(|(key, value)| (key.clone(), value.clone()));
-    let document = scenario.with_root(tree.into_iter().collect());
+    let mut tree: DeTable<'_> = tree.into_iter().collect();
+    let entries = tree.get_mut(CONTOUR).map(Spanned::get_mut);
+    if let Some(DeValue::Array(entries)) = entries {
+        for entry in entries.iter_mut() {
+            in_millimetres(scenario, entry.get_mut(), rig).map_err(|problem| vec![problem])?;
+        }
+    }
+    let document = scenario.with_root(tree);
     let place = "[expect]";
-    let (Contours { contour }, mut problems) =
+    let (Contours { mut contour }, mut problems) =
         build::<Contours>(&document, &Outside::Registered, place, &schema::CONTOURS)?;
+    for one in &mut contour {
+        let first = one.loops.first().map_or("", String::as_str);
+        one.unit = unit_of(first, rig);
+    }
     for (number, one) in contour.iter().enumerate() {
         let path = format!("{CONTOUR}.{number}");
         problems.extend(wrong_contour(&document, &path, one, rig));
     }
     none_of(problems, contour)
+}
+
+/// The unit of a loop.
+fn unit_of(name: &str, rig: &Rig) -> Unit {
+    rig.wiring_of(rig.drive_of_loop(name)).unit
+}
+
+/// Gives the limits of a contour the names that they have in millimetres. A distance is of loops of one unit.
+fn in_millimetres(
+    scenario: &Document<'_>,
+    entry: &mut DeValue<'_>,
+    rig: &Rig,
+) -> Result<(), Problem> {
+    let DeValue::Table(entry) = entry else {
+        return Ok(());
+    };
+    let loops = entry
+        .get("loops")
+        .and_then(|loops| loops.get_ref().as_array());
+    let loops = Vec::from_iter(loops.into_iter().flatten().filter_map(|one| {
+        let name = one.get_ref().as_str()?;
+        let is_known = rig.loops.contains_key(name);
+        is_known.then(|| (name.to_owned(), one.span(), unit_of(name, rig)))
+    }));
+    let Some((first, _, unit)) = loops.first() else {
+        return Ok(());
+    };
+    if let Some((name, span, other)) = loops.iter().find(|(_, _, other)| other != unit) {
+        let message = format!(
+            "`{first}` is in {unit} and `{name}` in {other}: there is no distance between them"
+        );
+        let label = format!("a contour is of loops of one unit, here {unit}");
+        return Err((scenario.source).problem(span.clone(), message, label));
+    }
+    for (mut key, value) in std::mem::take(entry) {
+        let name: &str = key.get_ref();
+        let mut limits = LIMITS.into_iter();
+        if let Some(limit) = limits.find(|limit| unit.rename(limit) == name) {
+            *key.get_mut() = limit.into();
+        } else if LIMITS.contains(&name) {
+            let message = format!("the loops of this contour are in {unit}");
+            let label = format!("write `{}`", unit.rename(name));
+            return Err((scenario.source).problem(key.span(), message, label));
+        }
+        entry.insert(key, value);
+    }
+    Ok(())
 }
 
 fn wrong_contour(
@@ -57,7 +122,10 @@ fn wrong_contour(
         contour.contour_error_millimetres_rms,
     ];
     if limits.iter().all(Option::is_none) {
-        let label = "contour_error_millimetres_max = { max = … } is missing";
+        let label = format!(
+            "{} = {{ max = … }} is missing",
+            contour.unit.rename(LIMITS[0])
+        );
         return Some(document.problem(path, "nothing is expected of this contour", label));
     }
     let is_empty = contour
