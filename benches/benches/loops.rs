@@ -7,7 +7,7 @@ use std::path::Path;
 use dbc::scenario_clock::ScenarioClock;
 use judge::{Circumstances, judge};
 use recording::capture::{Capture, Watch};
-use recording::timeline::decode;
+use recording::timeline::decode_loops;
 use rig::loops::load;
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
@@ -78,9 +78,9 @@ fn played(setups: &[Setup]) -> Vec<usize> {
     let mut capture = Capture::in_memory(clock, &watch);
     simulate_loops(setups, &mut capture).expect("they are played");
     let (frames, _) = capture.finish().expect("the memory suffices");
-    let cycles = setups.iter().map(|setup| {
-        let timeline = decode(&frames, setup).expect("they are decoded");
-        black_box(judge(&timeline, setup, &Circumstances::default()));
+    let timelines = decode_loops(&frames, setups).expect("they are decoded");
+    let cycles = timelines.iter().zip(setups).map(|(timeline, setup)| {
+        black_box(judge(timeline, setup, &Circumstances::default()));
         timeline.cycle.len()
     });
     cycles.collect()
