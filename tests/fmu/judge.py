@@ -268,6 +268,7 @@ count = { variable = "count", range = [0, 30000] }"""
 [controller.pid]
 proportional_amperes_per_metre = 100.0
 integral_amperes_per_metre_second = 0.0
+set_point_weight = 1.0
 derivative_ampere_seconds_per_metre = 0.0
 current_amperes_min = -1.0
 [[reference.step]]
@@ -295,10 +296,10 @@ stays = { min = 19.5, max = 20.5 }
     for number, words in {
         3: ["it did not return within 5s while it stepped"],
         4: ["was ended by signal 11", "only this run is lost"],
-        5: ["variable `y` is NaN at 0.05", "the FMU computed it"],
+        5: ["variable `y` is NaN at 0.0", "the FMU computed it"],
         6: ["exited with code 3 while it stepped", "it said: no licence"],
-        7: ["the FMU ended the simulation by itself at 0.05"],
-        8: ["DoStep failed (error) at 0.05", "the solver did not converge"],
+        7: ["the FMU ended the simulation by itself at 0.0"],
+        8: ["DoStep failed (error) at 0.0", "the solver did not converge"],
     }.items():
         for world in WORLDS:
             told, folder = judged(path, world, *mode(number), code=1)
