@@ -61,7 +61,7 @@ mod tests {
         let rig = RigFile::parse(text, "rig.toml").unwrap();
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
         let drive = DriveLayout::new(dictionary, &rig::RigDrive::default(), 2.0).unwrap();
-        Supervisor::new(&rig, &drive)
+        Supervisor::new(&rig, &drive, &Unit::default())
     }
 
     fn feedback(micrometres: i32, milliamperes: i16) -> CanFrame {
