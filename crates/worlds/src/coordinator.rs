@@ -197,15 +197,9 @@ impl Agenda {
 }
 
 /// The first of some times, or `now`: on a busy bus the search soon ends with that.
-fn first_of<'a>(times: impl Iterator<Item = &'a Nanos>, now: Nanos) -> Nanos {
-    let mut first = NEVER;
-    for time in times {
-        if *time <= now {
-            return now;
-        }
-        first = first.min(*time);
-    }
-    first
+fn first_of<'a>(mut times: impl Iterator<Item = &'a Nanos>, now: Nanos) -> Nanos {
+    let first = times.try_fold(NEVER, |first, time| (*time > now).then(|| first.min(*time)));
+    first.unwrap_or(now)
 }
 
 struct InFlight {
@@ -421,9 +415,9 @@ impl<'a> Coordinator<'a> {
         }
         let Some(faults) = &mut self.faults else {
             for index in self.listeners.of(&passed.frame) {
-                let slot = &mut self.slots[index];
-                if Some(index) != passed.sender && slot.receive(now, &passed.frame) {
-                    self.agenda.note(index, slot);
+                let is_for_it = Some(index) != passed.sender;
+                if is_for_it && self.slots[index].receive(now, &passed.frame) {
+                    self.agenda.may_queue_at[index] = nanos(now);
                 }
             }
             return Ok(());

@@ -64,7 +64,6 @@ fn violation_of_loop(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     truth_is_complete(played)
         .or_else(|| not_too_hot(played))
         .or_else(|| no_current_before_the_start(played))
-        .or_else(|| no_current_at_the_end(played))
         .or_else(|| {
             let is_sync = |frame: &CanFrame| frame.standard_id() == Some(SYNC_COB_ID);
             no_current_without(("sync", "SYNC"), is_sync, SYNC_SECONDS_MAX, played)
@@ -127,19 +126,6 @@ fn no_current_before_the_start(played: &CampaignRun<'_>) -> Option<BrokenInvaria
     violated(
         "start",
         format!("{amperes:.3} A flow at {time:.4} s, before the start"),
-    )
-}
-
-/// What the plant says last is that no current flows; unless the drive is dead or hangs, or the amplifier does not obey.
-fn no_current_at_the_end(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
-    let last = played.timeline().truth.last()?;
-    let (amperes, time) = (last.current_amperes, last.time_seconds);
-    if amperes == 0.0 || is_excused(played.scenario(), time, SYNC_SECONDS_MAX) {
-        return None;
-    }
-    violated(
-        "end",
-        format!("{amperes:.3} A flow at {time:.4} s, when the run is over"),
     )
 }
 
@@ -303,14 +289,6 @@ mod tests {
         assert_eq!(early, "start: 0.100 A flow at -0.0010 s, before the start");
         let never_begun = found(&|_, timeline| timeline.zero_seconds = None);
         assert!(never_begun.starts_with("start: "), "{never_begun}");
-        let at_the_end = found(&|_, timeline| {
-            let last = timeline.truth.to_mut().last_mut().unwrap();
-            last.current_amperes = -0.1;
-        });
-        assert!(
-            at_the_end.starts_with("end: -0.100 A flow at "),
-            "{at_the_end}"
-        );
         let silent = found(&|_, timeline| {
             let is_left = |truth: &PlantTruth| !(0.2..0.23).contains(&truth.time_seconds);
             let left = timeline.truth.iter().copied().filter(is_left);
