@@ -254,7 +254,7 @@ fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
         (
             4,
             &[
-                "variable `position_metres` is NaN at 1",
+                "variable `position_metres` is NaN at ",
                 "the FMU computed it",
             ],
         ),
@@ -262,8 +262,8 @@ fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
             5,
             &["exited with code 3 while it stepped", "it said: no licence"],
         ),
-        (6, &["the FMU ended the simulation by itself at 1"]),
-        (7, &["DoStep failed (error) at 1"]),
+        (6, &["the FMU ended the simulation by itself at "]),
+        (7, &["DoStep failed (error) at "]),
     ] {
         for world in ["simulate", "run"] {
             let runs = folder.path().join(format!("{world}-{mode}"));
@@ -320,11 +320,11 @@ fn what_does_not_fit_the_fmu_is_underlined_in_the_rig_file() {
                 .arg(&step),
         );
         assert_eq!(code, Some(3), "{to}: {stderr}");
-        let flat = Vec::from_iter(stderr.split_whitespace())
-            .join(" ")
-            .replace("│ ", "");
+        // Lines are broken anywhere.
+        let words = |text: &str| text.split_whitespace().collect::<String>().replace('│', "");
+        let flat = words(&stderr);
         for said in said {
-            assert!(flat.contains(said), "{to}: {said}: {stderr}");
+            assert!(flat.contains(&words(said)), "{to}: {said}: {stderr}");
         }
     };
     let speed = "variable = \"speed_metres_per_second\"";
