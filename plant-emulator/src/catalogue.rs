@@ -252,7 +252,8 @@ pub fn plant(scenario: &Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulato
 /// It makes none, or has others.
 pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
     let ports = ports(scenario)?;
-    let is_wired = !scenario.wiring.input.is_empty();
+    // What a rig file wires is checked with it; a drive that is somebody else's has no port.
+    let is_wired = !scenario.wiring.loops.is_empty();
     if !is_wired {
         Wires::new(&ports, &scenario.wiring)?;
     }
