@@ -381,11 +381,6 @@ fn what_does_not_fit_the_fmu_is_underlined_in_the_rig_file() {
         &["is an output, and an input is needed here"],
     );
     refused(
-        "port = \"cart.position_metres\"",
-        "port = \"cart.speed_metres_per_second\"",
-        &["cannot be measured in millimetres"],
-    );
-    refused(
         "file = \"cart.fmu\"\n",
         "file = \"cart.fmu\"\nrecord = [\"from_seconds\"]\n",
         &["variable `from_seconds` has no lowest and highest value"],
