@@ -58,7 +58,10 @@ const PAIR_INSTRUCTIONS_PER_CYCLE_MAX: u64 = 22 * INSTRUCTIONS_PER_CYCLE_MAX[0] 
 /// The joint with two wires, which ships, under its law along a sine: two drives on one plant in one loop.
 fn pair() -> Vec<Setup> {
     let rig = include_str!("../../scenarios/rigs/sma_pair.toml");
-    let rig = rig.replace("sync_period_milliseconds = 2.0", "sync_period_milliseconds = 4.0");
+    let rig = rig.replace(
+        "sync_period_milliseconds = 2.0",
+        "sync_period_milliseconds = 4.0",
+    );
     let scenario = "schema = 2\nname = \"bench\"\nrig = \"rig.toml\"\nduration_seconds = 16.0\n\
         [controller.pid_pair]\n[[reference.sine]]\nfrom_seconds = 0.0\ncentre_degrees = 0.0\n\
         amplitude_degrees = 15.0\nperiod_seconds = 4.0\n";

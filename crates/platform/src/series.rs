@@ -2,22 +2,21 @@
 //! and are read as if they were in memory.
 #![expect(unsafe_code, reason = "a file as a slice is a mapping of it")]
 
+mod mapping;
+
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::{Deref, Range};
-use std::os::unix::fs::FileExt;
-use std::ptr::{self, NonNull};
 use std::slice;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
-use std::time::Duration;
+use std::sync::Arc;
 
 use bytemuck::{Pod, cast_slice, cast_slice_mut};
-use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap, munmap};
 
-use crate::clock::sleep;
 use crate::memory::return_freed;
+use mapping::{Mapping, READ_BYTES};
+
+pub use mapping::give_back;
 
 /// So many values stay in memory: two minutes of a signal at 1 kHz.
 pub const KEPT_MAX: usize = 1 << 17;
@@ -25,12 +24,6 @@ pub const KEPT_MAX: usize = 1 << 17;
 const BLOCK: usize = 1 << 13;
 /// So many values stay in memory once others are in the file: a run has a hundred series.
 const KEPT_BESIDE_FILE_MAX: usize = 4 * BLOCK;
-/// Bytes of a file that an iterator has in memory.
-const READ_BYTES: usize = 1 << 18;
-/// How often it is looked how much of all files is in memory, since slices are read without an iterator.
-const LOOK_PERIOD: Duration = Duration::from_millis(1);
-/// With so many bytes more of files in memory, those of all series go back to the system.
-const RESIDENT_BYTES_MAX: usize = 8 << 20;
 
 /// A series that grows.
 #[derive(Debug)]
@@ -61,6 +54,11 @@ impl<T: Pod> SeriesWriter<T> {
             is_refused: false,
             tail: Vec::new(),
         }
+    }
+
+    /// From now on keeps so many values in memory at most.
+    pub fn keep(&mut self, kept_max: usize) {
+        self.kept_max = self.kept_max.min(kept_max.max(2));
     }
 
     /// Makes room for values, as far as they stay in memory.
@@ -357,6 +355,18 @@ impl<'a, T: Pod> IntoIterator for &'a Series<T> {
     }
 }
 
+impl<T: Pod + PartialEq> PartialEq for Series<T> {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+impl<T: Pod + fmt::Debug> fmt::Debug for Series<T> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        (**self).fmt(formatter)
+    }
+}
+
 /// The values of a [`Series`]: of those in a file, one block after another is in memory.
 #[derive(Debug)]
 pub struct Iter<'a, T> {
@@ -434,187 +444,6 @@ impl<T> DoubleEndedIterator for Iter<'_, T> {
     }
 }
 
-/// Says that values were read which are not needed soon: if they are of a file, they go back to the system. For who goes through
-/// the slice of a long series.
-pub fn give_back<T>(values: &[T]) {
-    if size_of_val(values) < READ_BYTES {
-        return;
-    }
-    let mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
-    let begin = values.as_ptr().addr();
-    let of_them = |place: &&(usize, usize)| place.0 <= begin && begin < place.0 + place.1;
-    if let Some(place) = mappings.places.iter().find(of_them) {
-        return_pages(*place, values);
-    }
-}
-
-impl<T: Pod + PartialEq> PartialEq for Series<T> {
-    fn eq(&self, other: &Self) -> bool {
-        **self == **other
-    }
-}
-
-impl<T: Pod + fmt::Debug> fmt::Debug for Series<T> {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        (**self).fmt(formatter)
-    }
-}
-
-/// A file that is read like memory. Its pages count as the process's own memory from when they are read, so they are given
-/// back again and again; the file has them still.
-struct Mapping {
-    begin: NonNull<u8>,
-    bytes: usize,
-}
-
-// SAFETY: what is mapped is only read.
-unsafe impl Send for Mapping {}
-// SAFETY: as above.
-unsafe impl Sync for Mapping {}
-
-/// All mappings of the process.
-static MAPPINGS: Mutex<Mappings> = Mutex::new(Mappings {
-    places: Vec::new(),
-    is_watched: false,
-});
-
-struct Mappings {
-    /// Where each begins, and its bytes.
-    places: Vec<(usize, usize)>,
-    /// Whether a thread gives their pages back.
-    is_watched: bool,
-}
-
-impl Mapping {
-    fn new(file: &File, bytes: usize) -> io::Result<Self> {
-        // SAFETY: a new mapping at a place that the system chooses.
-        let begin = unsafe {
-            mmap(
-                ptr::null_mut(),
-                bytes,
-                ProtFlags::READ,
-                MapFlags::PRIVATE,
-                file,
-                0,
-            )
-        }?;
-        let begin =
-            NonNull::new(begin.cast::<u8>()).ok_or_else(|| io::Error::other("mapped nowhere"))?;
-        let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
-        mappings
-            .places
-            .push((begin.as_ptr().expose_provenance(), bytes));
-        let mapping = Self { begin, bytes };
-        if !mappings.is_watched {
-            let thread = thread::Builder::new().name("pages".to_owned());
-            mappings.is_watched = thread.spawn(watch_pages).is_ok();
-        }
-        Ok(mapping)
-    }
-
-    /// Gives the pages of some of its values back.
-    fn give_back<T>(&self, values: &[T]) {
-        return_pages(
-            (self.begin.as_ptr().expose_provenance(), self.bytes),
-            values,
-        );
-    }
-}
-
-impl fmt::Debug for Mapping {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("Mapping")
-            .field("bytes", &self.bytes)
-            .finish_non_exhaustive()
-    }
-}
-
-impl Drop for Mapping {
-    fn drop(&mut self) {
-        let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
-        let begins = self.begin.addr().get();
-        mappings.places.retain(|(begin, _)| *begin != begins);
-        // SAFETY: it was mapped so, and nobody has a slice of it any more. The list does not name it any more either.
-        let unmapped = unsafe { munmap(self.begin.as_ptr().cast(), self.bytes) };
-        debug_assert!(unmapped.is_ok());
-    }
-}
-
-/// Gives the pages back that some values of a mapping are on, and no others: the longer a mapping, the longer it takes to look
-/// through all of it.
-fn return_pages<T>((begin, bytes): (usize, usize), values: &[T]) {
-    let page = page_size();
-    let first = values.as_ptr().addr() / page * page;
-    let end = (values.as_ptr().addr() + size_of_val(values)).next_multiple_of(page);
-    let (first, end) = (
-        first.max(begin),
-        end.min((begin + bytes).next_multiple_of(page)),
-    );
-    if first < end {
-        let first = ptr::with_exposed_provenance_mut(first);
-        // SAFETY: the values are borrowed, so the mapping is there. A page that was given back is read from the file again.
-        let _ = unsafe { madvise(first, end - first.addr(), Advice::LinuxDontNeed) };
-    }
-}
-
-fn page_size() -> usize {
-    // SAFETY: it only answers.
-    let bytes = unsafe { libc::sysconf(libc::_SC_PAGESIZE) };
-    usize::try_from(bytes).unwrap_or(1 << 16)
-}
-
-/// Gives the pages back that were read as slices, as long as there are mappings.
-fn watch_pages() {
-    let resident = ResidentFiles::open();
-    let mut kept = resident.bytes();
-    loop {
-        sleep(LOOK_PERIOD);
-        let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
-        if mappings.places.is_empty() {
-            mappings.is_watched = false;
-            return;
-        }
-        let now = resident.bytes();
-        if now < kept.saturating_add(RESIDENT_BYTES_MAX) {
-            kept = kept.min(now);
-            continue;
-        }
-        for (begin, bytes) in &mappings.places {
-            let begin = ptr::with_exposed_provenance_mut(*begin);
-            // SAFETY: the list is locked, so it is mapped. A page that was given back is read from the file again.
-            let _ = unsafe { madvise(begin, *bytes, Advice::LinuxDontNeed) };
-        }
-        kept = resident.bytes();
-    }
-}
-
-/// How much of all files is in the process's memory; the program itself is among them.
-struct ResidentFiles {
-    /// None where the system does not say.
-    statm: Option<File>,
-}
-
-impl ResidentFiles {
-    fn open() -> Self {
-        let statm = File::open("/proc/self/statm").ok();
-        Self { statm }
-    }
-
-    fn bytes(&self) -> usize {
-        let pages = self.pages();
-        pages.map_or(usize::MAX, |pages| pages.saturating_mul(page_size()))
-    }
-
-    fn pages(&self) -> Option<usize> {
-        let mut text = [0; 128];
-        let length = self.statm.as_ref()?.read_at(&mut text, 0).ok()?;
-        let text = str::from_utf8(&text[..length]).ok()?;
-        // All pages, those in memory, and of these the ones of files.
-        text.split(' ').nth(2)?.parse().ok()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::cell::Cell;
@@ -666,6 +495,15 @@ mod tests {
             changed.to_mut()[3] = 7;
             assert_eq!((changed[3], series[3]), (7, 3));
         }
+    }
+
+    #[test]
+    fn a_writer_that_is_to_keep_less_has_a_file_sooner() {
+        let mut series = SeriesWriter::default();
+        series.keep(100);
+        series.extend(0..1000_u64);
+        assert!(series.filed > 0 && series.tail.len() <= 100);
+        assert!(series.finish().iter().copied().eq(0..1000));
     }
 
     #[test]

@@ -37,6 +37,13 @@ impl Columns {
         }
     }
 
+    /// Keeps so many rows of each signal in memory at most.
+    pub(super) fn keep(&mut self, rows: usize) {
+        let messages = self.0.iter_mut();
+        let signals = messages.flat_map(|message| &mut message.signals);
+        signals.for_each(|signal| signal.rows.keep(rows));
+    }
+
     /// Takes a frame of the latest of so many cycles. What is measured when that cycle is over belongs to no cycle.
     pub(super) fn on_frame(&mut self, frame: &CanFrame, rows: usize, is_late: bool) {
         let mut messages = self.0.iter_mut();

@@ -6,7 +6,7 @@ use std::{iter, slice};
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use dbc::{SignalMissing, signals};
-use platform::series::{Series, SeriesWriter};
+use platform::series::{KEPT_MAX, Series, SeriesWriter};
 use rig::setup::Setup;
 use scenario::Scenario;
 
@@ -45,6 +45,9 @@ pub fn decode_loops(
 ) -> Result<Vec<Timeline>, SignalMissing> {
     let readers = setups.iter().map(TimelineReader::new);
     let mut readers = readers.collect::<Result<Vec<_>, _>>()?;
+    // Together they have as much in memory as one.
+    let kept_max = KEPT_MAX / setups.len().max(1);
+    readers.iter_mut().for_each(|reader| reader.keep(kept_max));
     let frames = frames.into_iter();
     let expected = frames.size_hint().0;
     readers
@@ -163,6 +166,12 @@ impl TimelineReader {
             cycle: SeriesWriter::default(),
             cycles_due: 0,
         })
+    }
+
+    /// Keeps so many rows in memory at most.
+    fn keep(&mut self, rows: usize) {
+        self.cycle.keep(rows);
+        self.columns.keep(rows);
     }
 
     /// Makes room for the rows of so many frames.
