@@ -303,7 +303,8 @@ fn a_silent_drive_of_several_is_named() {
         let run = Run::start(&scenario, "real-time");
         kill_process(run.node("motor_1"), Signal::STOP).unwrap();
         let (code, text, folder) = run.end();
-        assert_eq!(code, Some(1), "{text}");
+        // What stands still is canrig's own process: it is named, and proves nothing of the drive.
+        assert_eq!(code, Some(5), "{text}");
         let end = &verdict(folder.path())["ended_early"];
         assert_eq!(end["node"], "drive_1", "{end}");
         let what = end["what"].as_str().unwrap();
