@@ -45,7 +45,10 @@ pub fn plant_emulator_of(setups: &[Setup], name: &str) -> Result<Box<dyn Node>, 
         place: setup.place,
         database: &setup.database,
     });
-    let made = catalogue::emulator_of(name, &Vec::from_iter(drives));
+    // The participant of a rig's only plant has no name of its own, but the plant has.
+    let plant = scenarios.first().map(|one| one.wiring.plant.as_str());
+    let plant = plant.filter(|plant| !plant.is_empty()).unwrap_or(name);
+    let made = catalogue::emulator_of(plant, &Vec::from_iter(drives));
     made.map_err(|error| no_emulator(name, &error))
 }
 
