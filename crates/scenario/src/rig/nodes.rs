@@ -149,6 +149,7 @@ impl Rig {
         let outputs = outputs.unwrap_or_default();
         let beside = self.drives_beside(drive);
         Wiring {
+            plant: self.plant_of(drive).unwrap_or_default().to_owned(),
             input: amplifier_port(node).unwrap_or_default(),
             output: name_of(sensor.port.as_deref()).unwrap_or_default(),
             unit: sensor.unit(),
