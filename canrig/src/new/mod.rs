@@ -403,6 +403,7 @@ mod tests {
         for (page, skeletons) in [
             ("your-plant.md", [PLANT, PLANT_WITH_PORTS]),
             ("your-law.md", [LAW, LAW_OF_LOOPS]),
+            ("law-of-all-loops.md", [LAW, LAW_OF_LOOPS]),
         ] {
             let page = fs::read_to_string(folder.join(page)).unwrap();
             let prose = page.split("```").step_by(2);

@@ -177,13 +177,13 @@ impl<'a> Misses<'a> {
         misses
     }
 
-    /// Where stalls made as many cycles miss as canrig's own nodes did for no reason that was seen, they are the reason of
-    /// those, too: a processor that the host of a virtual machine took from a running thread shows in no clock of the machine.
+    /// Where stalls explain four of five missed cycles at least, they are the reason of what canrig's own nodes left out
+    /// besides: a processor that the host of a virtual machine took from a running thread shows in no clock of the machine.
     fn prevailing(&self, external: &External) -> [Option<Stretch>; 2] {
         let kinds = [Missing::Sync, Missing::Position];
         let own = kinds.into_iter().filter(|kind| !kind.is_of(external));
         let by_own: usize = own.map(|kind| self.totals.by_nodes[kind.place()].0).sum();
-        let longest = (self.totals.longest_stall).filter(|_| by_own <= self.totals.by_bench);
+        let longest = (self.totals.longest_stall).filter(|_| 4 * by_own <= self.totals.by_bench);
         kinds.map(|kind| longest.filter(|_| !kind.is_of(external)))
     }
 

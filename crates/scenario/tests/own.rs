@@ -177,7 +177,7 @@ fn what_the_bench_does_not_have_is_named() {
             "unknown control law `fuzzy`",
             "known here: open_loop, pid, pid_pair, relay, sliding_mode, sliding_mode_paper;",
             "unknown plant `rocket`",
-            "known here: dc_motor, pendulum, sma_pair, and without a plant's table the",
+            "known here: dc_motor, fmu, pendulum, sma_pair, and without a plant's table the",
         ],
     );
 }

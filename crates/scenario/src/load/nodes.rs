@@ -115,15 +115,20 @@ impl Rig {
             Reading::Recorded => Outside::from_recorded_rig(document.root()),
         };
         let schema = outside.rig_schema();
+        let places = default_places(&document);
+        let fail_once = |mut problems| {
+            say_once(&mut problems, &places);
+            fail(problems)
+        };
         let (mut rig, mut problems) =
-            build::<Self>(&document, &outside, "the rig file", &schema).map_err(fail)?;
+            build::<Self>(&document, &outside, "the rig file", &schema).map_err(fail_once)?;
         read_models(&document, &outside, &mut rig, &mut problems);
         let check = Check {
             document: &document,
             rig: &rig,
         };
         problems.extend(check.problems());
-        say_once(&mut problems, &default_places(&document));
+        say_once(&mut problems, &places);
         rig.add_led_drives();
         match problems.is_empty() {
             true => Ok((rig, document)),
