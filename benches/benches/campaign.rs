@@ -19,8 +19,9 @@ const SWEEP: &str = "../scenarios/sweeps/plants.toml";
 const CASES: [usize; 2] = [1, 201];
 /// Cycles of these cases; the benchmark's name says it again, for `benches/run`.
 const CYCLES: u64 = 24_000;
-/// Three per cent more than were counted when the limit was set.
-const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 21_240;
+/// Five per cent more than a bench took that knew one drive and one plant (20 929): so much may the others cost. 21 594 were
+/// counted when the limit was set.
+const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 21_975;
 
 /// What is played: the sweep's cases follow from it.
 fn plan() -> SweepPlan {

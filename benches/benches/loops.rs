@@ -52,8 +52,9 @@ fn loops(drives: u8) -> Vec<Setup> {
     load(&path, catalogue()).expect("it is valid")
 }
 
-/// Instructions of the joint with two wires: as many as one drive may take, times 2.2.
-const PAIR_INSTRUCTIONS_PER_CYCLE_MAX: u64 = 22 * INSTRUCTIONS_PER_CYCLE_MAX[0] / 10;
+/// Instructions of the joint with two wires: three per cent more than were counted, which was 2.13 times what a campaign with one
+/// wire takes. The aim is 2.2 times.
+const PAIR_INSTRUCTIONS_PER_CYCLE_MAX: u64 = 47_270;
 
 /// The joint with two wires, which ships, under its law along a sine: two drives on one plant in one loop.
 fn pair() -> Vec<Setup> {
