@@ -304,6 +304,11 @@ fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
     assert_eq!(code, Some(0), "{stdout}{stderr}");
 }
 
+/// A text without spaces, ends of lines and margins: lines of an error are broken anywhere.
+fn without_layout(text: &str) -> String {
+    text.split_whitespace().collect::<String>().replace('│', "")
+}
+
 #[test]
 fn what_does_not_fit_the_fmu_is_underlined_in_the_rig_file() {
     let folder = tempfile::tempdir().unwrap();
@@ -320,11 +325,10 @@ fn what_does_not_fit_the_fmu_is_underlined_in_the_rig_file() {
                 .arg(&step),
         );
         assert_eq!(code, Some(3), "{to}: {stderr}");
-        // Lines are broken anywhere.
-        let words = |text: &str| text.split_whitespace().collect::<String>().replace('│', "");
-        let flat = words(&stderr);
+        let flat = without_layout(&stderr);
         for said in said {
-            assert!(flat.contains(&words(said)), "{to}: {said}: {stderr}");
+            let is_said = flat.contains(&without_layout(said));
+            assert!(is_said, "{to}: {said}: {stderr}");
         }
     };
     let speed = "variable = \"speed_metres_per_second\"";
