@@ -33,6 +33,8 @@ pub(crate) enum Missing {
 }
 
 impl Missing {
+    const BOTH: [Self; 2] = [Self::Sync, Self::Position];
+
     /// Whether somebody else's node was to send it.
     fn is_of(self, external: &External) -> bool {
         external.has(match self {
@@ -164,8 +166,7 @@ impl<'a> Misses<'a> {
             timeline,
             prevailing: [None; 2],
             due: due(timeline, setup, circumstances.ended_early.as_ref()),
-            stalls: [Missing::Sync, Missing::Position]
-                .map(|missing| excusing(&stretches, missing, &setup.external)),
+            stalls: Missing::BOTH.map(|missing| excusing(&stretches, missing, &setup.external)),
             faults: setup.faults(),
             totals: Totals::default(),
         };
@@ -180,11 +181,13 @@ impl<'a> Misses<'a> {
     /// Where stalls explain four of five missed cycles at least, they are the reason of what canrig's own nodes left out
     /// besides: a processor that the host of a virtual machine took from a running thread shows in no clock of the machine.
     fn prevailing(&self, external: &External) -> [Option<Stretch>; 2] {
-        let kinds = [Missing::Sync, Missing::Position];
-        let own = kinds.into_iter().filter(|kind| !kind.is_of(external));
-        let by_own: usize = own.map(|kind| self.totals.by_nodes[kind.place()].0).sum();
-        let longest = (self.totals.longest_stall).filter(|_| 4 * by_own <= self.totals.by_bench);
-        kinds.map(|kind| longest.filter(|_| !kind.is_of(external)))
+        let own = (Missing::BOTH.into_iter()).filter(|missing| !missing.is_of(external));
+        let by_own: usize = own
+            .map(|missing| self.totals.by_nodes[missing.place()].0)
+            .sum();
+        let prevails = by_own > 0 && 4 * by_own <= self.totals.by_bench;
+        let longest = self.totals.longest_stall.filter(|_| prevails);
+        Missing::BOTH.map(|missing| longest.filter(|_| !missing.is_of(external)))
     }
 
     /// One by one, in the order of time.
@@ -279,7 +282,7 @@ impl<'a> Misses<'a> {
         if sure == 0 || self.percent_of(sure) <= percent_max {
             return None;
         }
-        let parts = [Missing::Sync, Missing::Position].map(|missing| {
+        let parts = Missing::BOTH.map(|missing| {
             let (count, first) = by_nodes[missing.place()];
             let (percent, words) = (self.percent_of(count), missing.words());
             (count > 0)

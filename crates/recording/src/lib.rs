@@ -26,7 +26,6 @@ pub mod progress;
 pub mod run_folder;
 pub mod session;
 pub mod stalls;
-pub mod text;
 pub mod timeline;
 pub mod traces;
 pub mod truth;

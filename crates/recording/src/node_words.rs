@@ -120,7 +120,6 @@ pub(crate) mod tests {
             controller: "controller".to_owned(),
             drive: drive.to_owned(),
             disturbance: Some(format!("{drive}_io")),
-            plant: String::new(),
         };
         let of_loops = BTreeMap::from(
             [("x_1", "left"), ("y", "right")].map(|(name, drive)| (name.to_owned(), nodes(drive))),

@@ -17,9 +17,9 @@ pub struct RunProgress {
     pub time: Duration,
     /// The unit of the loop, in which its position is.
     pub unit: Unit,
-    pub position_millimetres: Option<f64>,
+    pub position: Option<f64>,
     /// Set-point minus position, where the scenario has a set-point.
-    pub error_millimetres: Option<f64>,
+    pub error: Option<f64>,
     /// By how much the latest SYNCs came behind their times at most.
     pub lateness: Option<Duration>,
 }
@@ -66,8 +66,8 @@ impl ProgressReader {
         Some(RunProgress {
             time,
             unit: self.unit.clone(),
-            position_millimetres: position,
-            error_millimetres: set_point
+            position,
+            error: set_point
                 .zip(position)
                 .map(|(set_point, position)| set_point - position),
             lateness: lateness.max(),
@@ -125,9 +125,9 @@ mod tests {
         let progress = reader.read(&frames, &clock).unwrap();
         assert_eq!(progress.time, Duration::from_micros(3100));
         assert_eq!(progress.lateness, Some(Duration::from_micros(300)));
-        let position = progress.position_millimetres.unwrap();
+        let position = progress.position.unwrap();
         assert!((position - 9.5).abs() < 0.01, "{position}");
-        let error = progress.error_millimetres.unwrap();
+        let error = progress.error.unwrap();
         assert!((error - (10.0 - position)).abs() < 1e-9, "{error}");
     }
 }

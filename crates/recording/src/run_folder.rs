@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use crate::bus_log::BusLog;
-use crate::text::hexadecimal;
+use scenario::hexadecimal;
 
 pub use crate::write_error::WriteError;
 

@@ -390,7 +390,6 @@ fn named(
         NodeNames {
             controller: controller.unwrap_or_default().to_owned(),
             disturbance: rig.io_of(&drive).map(|(name, _)| name.to_owned()),
-            plant: rig.plant_of_loop(name).to_owned(),
             drive,
         }
     };

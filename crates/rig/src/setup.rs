@@ -40,8 +40,6 @@ pub struct NodeNames {
     pub drive: String,
     /// The module that acts on its plant, where there is one.
     pub disturbance: Option<String>,
-    /// Its plant.
-    pub plant: String,
 }
 
 /// A scenario and what is known before it is played. Those of one plant, law and rig share what the frames mean.

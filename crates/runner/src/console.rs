@@ -201,10 +201,10 @@ fn state(reading: &RunProgress) -> String {
     }
     let symbol = reading.unit.symbol();
     let mut text = format!("{:.1} s", reading.time.as_secs_f64());
-    if let Some(position) = reading.position_millimetres {
+    if let Some(position) = reading.position {
         text += &format!("  {position:6.2} {symbol}");
     }
-    if let Some(error) = reading.error_millimetres {
+    if let Some(error) = reading.error {
         text += &format!("  error {error:+6.2} {symbol}");
     }
     if let Some(lateness) = reading.lateness {
@@ -368,8 +368,8 @@ mod tests {
         let reading = RunProgress {
             time: Duration::from_millis(9_140),
             unit: scenario::port::Unit::default(),
-            position_millimetres: Some(34.986),
-            error_millimetres: Some(0.014),
+            position: Some(34.986),
+            error: Some(0.014),
             lateness: Some(Duration::from_micros(143)),
         };
         let text = state(&reading);
@@ -377,7 +377,7 @@ mod tests {
         assert!(text.chars().count() <= 49, "{text}");
         assert_eq!(state(&RunProgress::default()), "starting");
         let open_loop = RunProgress {
-            error_millimetres: None,
+            error: None,
             ..reading
         };
         assert_eq!(state(&open_loop), "9.1 s   34.99 mm    143 µs late");

@@ -1,23 +1,19 @@
 //! What takes part in a run, so that nobody takes its results for those of another one.
 
 use std::fs::File;
-use std::io::{self, BufRead, BufReader};
+use std::io;
 use std::sync::OnceLock;
 
 use judge::verdict::Identity;
 use object::Object;
 use object::read::ReadCache;
 use recording::session::files_of;
-use recording::text::hexadecimal;
 use rig::setup::Setup;
-use scenario::{HASH_SUFFIX, hash_in};
+use scenario::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
 use sha2::{Digest, Sha256};
 
 /// The file that this process runs, also when another was put in its place meanwhile.
 const PROGRAM: &str = "/proc/self/exe";
-
-/// So much of it is in memory at a time.
-const PART_BYTES: usize = 64 << 10;
 
 /// The program's file cannot be read, so nobody could say which program played the run.
 #[derive(Debug, thiserror::Error)]
@@ -60,20 +56,6 @@ fn build_id(program: File) -> Option<Vec<u8>> {
     let cache = ReadCache::new(program);
     let program = object::File::parse(&cache).ok()?;
     program.build_id().ok()?.map(<[u8]>::to_vec)
-}
-
-fn hash_of(file: File) -> io::Result<String> {
-    let mut hasher = Sha256::new();
-    let mut input = BufReader::with_capacity(PART_BYTES, file);
-    loop {
-        let part = input.fill_buf()?;
-        let length = part.len();
-        if length == 0 {
-            return Ok(hexadecimal(hasher.finalize()));
-        }
-        hasher.update(part);
-        input.consume(length);
-    }
 }
 
 #[cfg(test)]

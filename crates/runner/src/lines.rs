@@ -51,7 +51,7 @@ fn reached(reading: &RunProgress) -> Value {
     json!({
         "event": "reached",
         "time_seconds": reading.time.as_secs_f64(),
-        position: reading.position_millimetres,
+        position: reading.position,
     })
 }
 
@@ -75,7 +75,7 @@ mod tests {
     fn a_position_is_in_the_unit_of_its_loop() {
         let reading = RunProgress {
             unit: Unit::Degrees,
-            position_millimetres: Some(12.5),
+            position: Some(12.5),
             ..RunProgress::default()
         };
         let expected = json!({"event": "reached", "time_seconds": 0.0, "position_degrees": 12.5});

@@ -1,5 +1,6 @@
 //! Which file it was that a run used and that is too large to be copied: its hash, as `sha256sum` writes it.
 
+use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -22,7 +23,7 @@ const PART_BYTES: usize = 64 << 10;
 pub(crate) fn hash_line(folder: &Path, file: &str) -> io::Result<String> {
     let path = folder.join(file);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let line = format!("{}  {name}\n", hash(&path)?);
+    let line = format!("{}  {name}\n", hash_of(open_file(&path)?)?);
     let text = format!("{file}{HASH_SUFFIX}");
     match read_text(&folder.join(&text), TEXT_BYTES_MAX) {
         Ok(stated) if hash_in(&stated) != hash_in(&line) => Err(io::Error::other(format!(
@@ -38,8 +39,11 @@ pub fn hash_in(line: &str) -> &str {
     line.split_whitespace().next().unwrap_or_default()
 }
 
-fn hash(path: &Path) -> io::Result<String> {
-    let mut file = open_file(path)?;
+/// The SHA-256 of a file, in hexadecimal digits.
+///
+/// # Errors
+/// It cannot be read.
+pub fn hash_of(mut file: File) -> io::Result<String> {
     let mut hasher = Sha256::new();
     let mut part = vec![0; PART_BYTES];
     loop {
@@ -48,8 +52,14 @@ fn hash(path: &Path) -> io::Result<String> {
             length => hasher.update(&part[..length]),
         }
     }
-    let bytes = hasher.finalize();
-    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(hexadecimal(hasher.finalize()))
+}
+
+/// Two digits for each byte, as hashes are written.
+#[must_use]
+pub fn hexadecimal(bytes: impl AsRef<[u8]>) -> String {
+    let bytes = bytes.as_ref().iter();
+    bytes.map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]
@@ -57,6 +67,11 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn each_byte_has_two_digits() {
+        assert_eq!(hexadecimal([0, 10, 255]), "000aff");
+    }
 
     #[test]
     fn a_line_is_that_of_sha256sum_and_another_file_is_refused() {

@@ -115,7 +115,7 @@ pub fn terms_of<'a>(
     ports.outputs.iter().filter_map(|port| {
         let (owner, name) = port.name.split_once('.')?;
         let is_its = owner == of_loop.name || owner == of_loop.drive;
-        (is_its && current_unit(name).is_none()).then_some((name, port))
+        (is_its && amperes_of(name).is_none()).then_some((name, port))
     })
 }
 
@@ -214,16 +214,14 @@ fn factor(of_loop: &Unit, unit: &str) -> Option<f64> {
     conversion(of_loop.word(), unit).map(|factor| factor * UNITS_INSIDE)
 }
 
-/// The unit of a current by its name; none for the name of something else.
-fn current_unit(name: &str) -> Option<&str> {
-    let unit = name.strip_prefix(CURRENT)?;
-    conversion(unit, AMPERES).map(|_| unit)
+/// How many amperes one is at a port with this name; none where it is no current.
+fn amperes_of(name: &str) -> Option<f64> {
+    conversion(name.strip_prefix(CURRENT)?, AMPERES)
 }
 
 fn writing(port: &Port, loops: &[LoopOfRig]) -> Result<Writing, WrongPort> {
     let (of_loop, name) = owner(port, loops)?;
-    let factor = current_unit(name).and_then(|unit| conversion(unit, AMPERES));
-    Ok(match factor {
+    Ok(match amperes_of(name) {
         Some(factor) => Writing::Current { of_loop, factor },
         None => Writing::Term(of_loop),
     })

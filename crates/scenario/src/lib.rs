@@ -56,7 +56,7 @@ pub mod wiring;
 pub use bus::Bus;
 pub use error::{Problem, ScenarioError, without_colours};
 pub use file::{open_file, read_text};
-pub use fingerprint::{HASH_SUFFIX, hash_in};
+pub use fingerprint::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
 pub use load::{Objection, Texts};
 pub use nearest::{meant_or_known, nearest};
 pub use overrides::Override;

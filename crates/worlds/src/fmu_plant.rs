@@ -42,12 +42,12 @@ pub(crate) fn more_patience(setups: &[Setup]) -> Duration {
 /// What is wrong with the table of an FMU, or with the FMU.
 pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
     let read = || {
-        let opened = Opened::find(Path::new(&fmu.file)).map_err(|error| error.in_file())?;
-        let archive = &opened.archive;
         let in_file = |fault| Misfit {
             place: "file".to_owned(),
             fault,
         };
+        let opened = Opened::find(Path::new(&fmu.file)).map_err(|error| in_file(error.fault))?;
+        let archive = &opened.archive;
         archive.runs_here().map_err(in_file)?;
         wiring(fmu, &instance(fmu), archive.description())
     };
@@ -65,20 +65,6 @@ pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
     })
 }
 
-/// A description's place in a table.
-trait InFile {
-    fn in_file(self) -> Misfit;
-}
-
-impl InFile for FmuError {
-    fn in_file(self) -> Misfit {
-        Misfit {
-            place: "file".to_owned(),
-            fault: self.fault,
-        }
-    }
-}
-
 /// What the FMU may call itself in its messages.
 fn instance(fmu: &Fmu) -> String {
     let name = Path::new(&fmu.file).file_stem().unwrap_or_default();
@@ -94,20 +80,22 @@ fn elsewhere(error: impl ToString) -> InvalidEmulator {
     InvalidEmulator::Elsewhere(error.to_string())
 }
 
-fn misfit(fmu: &Fmu, misfit: Misfit) -> InvalidEmulator {
-    elsewhere(FmuError {
-        file: PathBuf::from(&fmu.file),
-        fault: misfit.fault,
-    })
+/// The FMU of a scenario, and what its table makes of it.
+fn wired(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidEmulator> {
+    let opened = Opened::find(Path::new(&fmu.file)).map_err(elsewhere)?;
+    let wiring = wiring(fmu, &instance(fmu), opened.archive.description());
+    let wiring = wiring.map_err(|misfit| {
+        elsewhere(FmuError {
+            file: PathBuf::from(&fmu.file),
+            fault: misfit.fault,
+        })
+    })?;
+    Ok((opened, wiring))
 }
 
 fn ports(scenario: &Scenario) -> Result<Ports, InvalidEmulator> {
-    let fmu = of(scenario)?;
-    let opened = Opened::find(Path::new(&fmu.file)).map_err(elsewhere)?;
-    let wiring = wiring(fmu, &instance(fmu), opened.archive.description());
-    wiring
-        .map(|wiring| ports_of(&wiring))
-        .map_err(|found| misfit(fmu, found))
+    let (_, wiring) = wired(of(scenario)?)?;
+    Ok(ports_of(&wiring))
 }
 
 fn ports_of(wiring: &table::Wiring) -> Ports {
@@ -140,9 +128,7 @@ fn described(port: Port, of: &table::Port) -> Port {
 
 fn make(scenario: &Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> {
     let fmu = of(scenario)?;
-    let opened = Opened::find(Path::new(&fmu.file)).map_err(elsewhere)?;
-    let wiring = wiring(fmu, &instance(fmu), opened.archive.description());
-    let wiring = wiring.map_err(|found| misfit(fmu, found))?;
+    let (opened, wiring) = wired(fmu)?;
     let unpacked = opened.unpacked().map_err(elsewhere)?;
     let worker = fmu_worker::start().map_err(|error| {
         elsewhere(format!(

@@ -45,11 +45,9 @@ pub fn plant_emulator_of(setups: &[Setup], name: &str) -> Result<Box<dyn Node>, 
         place: setup.place,
         database: &setup.database,
     });
-    // Where it is the only one, its process is not named after it.
-    let mut setups = setups.iter();
-    let first = setups.find(|setup| emulator_name(setup) == name);
-    let plant = first.and_then(|setup| setup.nodes.as_ref());
-    let plant = plant.map_or(name, |names| &names.plant);
+    // The participant of a rig's only plant has no name of its own, but the plant has.
+    let plant = scenarios.first().map(|one| one.wiring.plant.as_str());
+    let plant = plant.filter(|plant| !plant.is_empty()).unwrap_or(name);
     let made = catalogue::emulator_of(plant, &Vec::from_iter(drives));
     made.map_err(|error| no_emulator(name, &error))
 }

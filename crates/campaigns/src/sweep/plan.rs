@@ -15,8 +15,8 @@ use super::cases::Cases;
 use super::row::{Ended, SweepRow};
 use crate::campaign::{NoResult, of_one_loop, play_one};
 use recording::capture::Watch;
-use recording::text::hexadecimal;
 use rig::setup::Setup;
+use scenario::hexadecimal;
 
 /// Characters of the scenario's name that are left in the name of a case, which may have 200.
 const NAME_CHARACTERS_MAX: usize = 180;
