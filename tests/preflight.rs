@@ -19,6 +19,7 @@ fn scenario_text(faults: &str) -> String {
 }
 
 /// A rig whose drive is the emulator, with limits, a ramp and patience that make a test quick; `[drive]` is `drive`.
+/// Heated faster, the load flies on for 35 mm after the quick stop, close to the limit.
 fn rig_file(folder: &Path, drive: &str, bring_up_seconds: f64) -> PathBuf {
     let path = folder.join("emulated.toml");
     let text = format!(
@@ -27,7 +28,7 @@ fn rig_file(folder: &Path, drive: &str, bring_up_seconds: f64) -> PathBuf {
          speed_millimetres_per_second = 1e4\n\
          [timeouts]\nbring_up_seconds = {bring_up_seconds:?}\ndrive_lost_milliseconds = 1000\n\
          controller_lost_milliseconds = 1000\n\
-         [preflight]\nramp_amperes_per_second = 1.0\nheating_seconds_max = 3.0\ncooling_seconds = 0.5\n"
+         [preflight]\nramp_amperes_per_second = 0.25\nheating_seconds_max = 5.0\ncooling_seconds = 0.5\n"
     );
     fs::write(&path, text).unwrap();
     path
