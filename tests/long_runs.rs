@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use recording::log::Log;
+use recording::frames::Log;
 
 use crate::support::{canrig, only_run, output, scenario};
 

@@ -15,9 +15,11 @@
 pub mod amplifier;
 pub mod catalogue;
 mod clocked_plant;
+mod data_sheet;
 pub mod dc_motor;
 pub mod disturbance;
 pub mod drive;
+mod drive_node;
 mod faults;
 pub mod integrator;
 mod objects;
@@ -31,31 +33,28 @@ mod wires;
 
 use std::time::Duration;
 
-use ::faults::{FaultPlan, Faulty};
 use canopen::device::PDOS_AND_SDOS;
 use canopen::eds::EdsError;
 use canopen::services::InvalidPdo;
-use canopen::{CanFrame, Device, Filter, Node, NodeId, ObjectDictionary, Progress, earlier};
+use canopen::{CanFrame, Device, Filter, Node, NodeId, Progress, earlier};
 
 use clocked_plant::ClockedPlant;
+use data_sheet::{dictionary, node_id};
 use dbc::data_sheets::AnalogueOutput;
 use dbc::loops::LoopPlace;
 use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
-use drive::Drive;
+pub use drive_node::DriveOf;
+use drive_node::{DriveNode, Parts};
 pub use objects::MissingObject;
 use plant::{InvalidPlant, Plant};
 use ports::{PortedPlant, Ports, SingleAxis};
 use scenario::Scenario;
-use scenario::fault::node::Output;
 use scenario::wiring::IoOutput;
-use truth::Truth;
 use wires::Wires;
 
 /// Node-ID of the manager, by the bench's convention.
 const MANAGER_NODE_ID: NodeId = NodeId::new(0x01).expect("1 is in 1 to 127");
-const IDENTITY: u16 = 0x1018;
-const PRODUCT_CODE: u8 = 2;
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
 const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
 const HEARTBEATS: u16 = 0x700;
@@ -119,17 +118,6 @@ pub enum InvalidEmulator {
     Signal(#[from] SignalMissing),
 }
 
-/// One of the drives of a plant: what is tried on it, and where it is on a bus with these frames.
-#[derive(Clone, Copy, Debug)]
-pub struct DriveOf<'a> {
-    /// What is tried.
-    pub scenario: &'a Scenario,
-    /// Where.
-    pub place: LoopPlace,
-    /// The frames.
-    pub database: &'a Database,
-}
-
 /// The drives of a plant with the plant that they are wired to, and the disturbance modules that act on it.
 ///
 /// The plant follows the emulator's own time; see [`drive`]. In a scenario with faults the node of a drive may fail; the
@@ -155,166 +143,6 @@ struct Module {
     /// How many of the port's unit a kilogram is.
     load: Option<(usize, f64)>,
     outputs: Vec<IoOutput>,
-}
-
-/// The drive as a node, in a scenario without faults and in one with them.
-#[derive(Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "there are few, and they live as long as the program"
-)]
-enum DriveNode {
-    Sound(Device<Drive>),
-    Faulty(Faulty<Device<Drive>>, Truth),
-}
-
-impl DriveNode {
-    /// The drive of these parts, which has this plant in hand.
-    fn new(parts: Parts, plant: ClockedPlant, of: &DriveOf<'_>) -> Result<Self, InvalidEmulator> {
-        let sound = parts.device(plant)?;
-        if of.scenario.fault.is_empty() {
-            return Ok(Self::Sound(sound));
-        }
-        let plan = FaultPlan {
-            number: of.place.drive_node_id,
-            ..FaultPlan::new(&of.scenario.fault, scenario::fault::node::Node::Drive)
-        };
-        let renew = move |device: &mut Device<Drive>| {
-            // It could be set up once, so it can again.
-            if let Ok(mut fresh) = parts.device(ClockedPlant::none()) {
-                fresh
-                    .application_mut()
-                    .wire_to_rig_of(device.application_mut());
-                *device = fresh;
-            }
-        };
-        let faulty = Faulty::new(sound, plan, of.database, renew)?;
-        Ok(Self::Faulty(faulty, Truth::new(of.database)?))
-    }
-
-    fn is_faulty(&self) -> bool {
-        matches!(self, Self::Faulty(..))
-    }
-
-    fn as_node(&self) -> &dyn Node {
-        match self {
-            Self::Sound(device) => device,
-            Self::Faulty(faulty, _) => faulty,
-        }
-    }
-
-    fn as_node_mut(&mut self) -> &mut dyn Node {
-        match self {
-            Self::Sound(device) => device,
-            Self::Faulty(faulty, _) => faulty,
-        }
-    }
-
-    fn device(&self) -> &Device<Drive> {
-        match self {
-            Self::Sound(device) => device,
-            Self::Faulty(faulty, _) => faulty.node(),
-        }
-    }
-
-    fn drive_mut(&mut self) -> &mut Drive {
-        match self {
-            Self::Sound(device) => device.application_mut(),
-            Self::Faulty(faulty, _) => faulty.node_mut().application_mut(),
-        }
-    }
-
-    /// After each event: the rig goes on, whatever the node does.
-    fn follow(&mut self, now: Duration) {
-        let Self::Faulty(faulty, truth) = self else {
-            return;
-        };
-        let (ahead, behind) = faulty.clock_error();
-        let (zero, dead_output) = (faulty.scenario_zero(), faulty.dead_output());
-        let drive = faulty.node_mut().application_mut();
-        drive.set_clock_error(ahead, behind);
-        if let Some(zero) = zero {
-            drive.faults_mut().begin(zero);
-        }
-        if dead_output == Some(Output::Zero) {
-            drive.cut_off(now);
-        }
-        drive.follow(now);
-        truth.observe(now, drive);
-    }
-
-    /// Before each event: the node's clock, so that the rig knows its own.
-    fn set_clock(&mut self, now: Duration) {
-        if let Self::Faulty(faulty, _) = self {
-            let (ahead, behind) = faulty.clock_error_at(now);
-            let drive = faulty.node_mut().application_mut();
-            drive.set_clock_error(ahead, behind);
-        }
-    }
-
-    fn next_deadline(&self) -> Option<Duration> {
-        let node = self.as_node().next_deadline();
-        let Self::Faulty(faulty, truth) = self else {
-            return node;
-        };
-        let fault = faulty.node().application().next_fault();
-        [node, fault, Some(truth.next_deadline())]
-            .into_iter()
-            .flatten()
-            .min()
-    }
-
-    fn overhear(&mut self, frame: &CanFrame) {
-        if let Self::Faulty(faulty, _) = self {
-            faulty.overhear(frame);
-        }
-    }
-
-    fn next_frame(&mut self) -> Option<CanFrame> {
-        let frame = self.as_node_mut().next_frame();
-        match self {
-            Self::Faulty(_, truth) => frame.or_else(|| truth.next_frame()),
-            Self::Sound(_) => frame,
-        }
-    }
-}
-
-/// What a drive is made of, at the start and after a reboot.
-struct Parts {
-    node_id: NodeId,
-    scenario: Scenario,
-    wires: Wires,
-    objects: ObjectDictionary,
-}
-
-impl Parts {
-    fn new(plant: &ClockedPlant, wires: Wires, of: &DriveOf<'_>) -> Result<Self, InvalidEmulator> {
-        let DriveOf {
-            scenario, place, ..
-        } = of;
-        let wrong_id = scenario.fault.node.wrong_node_id.first();
-        let node_id = wrong_id
-            .and_then(|fault| NodeId::new(fault.node_id))
-            .map_or_else(|| node_id(place.drive_node_id), Ok)?;
-        let mut objects = dictionary(node_id, dbc::DRIVE_EDS)?;
-        if let Some(fault) = scenario.fault.node.wrong_identity.first() {
-            set_product_code(&mut objects, fault.product_code);
-        }
-        drive::declare(&mut objects, plant, &wires);
-        drive::declare_unit(&mut objects, &scenario.wiring.unit);
-        drive::set_truth_pace(&mut objects, place);
-        Ok(Self {
-            node_id,
-            scenario: Scenario::clone(scenario),
-            wires,
-            objects,
-        })
-    }
-
-    fn device(&self, plant: ClockedPlant) -> Result<Device<Drive>, InvalidEmulator> {
-        let drive = Drive::new(&self.scenario, plant, self.wires.clone(), &self.objects)?;
-        Ok(Device::new(self.node_id, self.objects.clone(), drive)?)
-    }
 }
 
 impl PlantEmulator {
@@ -622,23 +450,4 @@ fn disturbance(
     let objects = dictionary(node_id, &text)?;
     let module = DisturbanceModule::new(&objects)?;
     Ok(Device::new(node_id, objects, module)?)
-}
-
-fn node_id(number: u8) -> Result<NodeId, InvalidEmulator> {
-    NodeId::new(number).ok_or(InvalidEmulator::NodeId(number))
-}
-
-/// The dictionary of a data sheet.
-fn dictionary(node_id: NodeId, text: &str) -> Result<ObjectDictionary, InvalidEmulator> {
-    let dictionary = dbc::dictionary(text, node_id.get());
-    dictionary.map_err(|error| InvalidEmulator::Eds { node_id, error })
-}
-
-/// Makes a dictionary that of another product.
-fn set_product_code(dictionary: &mut ObjectDictionary, product_code: u32) {
-    if let Ok(handle) = dictionary.find(IDENTITY, PRODUCT_CODE) {
-        let mut entry = dictionary.entry(handle).clone();
-        entry.default = product_code.to_le_bytes().to_vec();
-        dictionary.insert(entry);
-    }
 }

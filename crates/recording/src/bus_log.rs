@@ -162,7 +162,7 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::log::Log;
+    use crate::frames::Log;
 
     fn frame(millis: u64) -> Stamped {
         Stamped::new(

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::{Database, Message, Signal, SignalHandle};
+use platform::terminal::printable;
 use rig::error_frames::{self, ErrorMessage};
 use scenario::Scenario;
 use scenario::expect::Emergency;
@@ -35,6 +36,18 @@ pub struct TimelineEvent {
     pub level: Level,
     /// What happened, for people.
     pub text: String,
+}
+
+impl TimelineEvent {
+    /// Something that happened. No word of it steers a terminal, even where the text has labels of a stranger's DBC.
+    #[must_use]
+    pub fn new(time_seconds: f64, level: Level, text: &str) -> Self {
+        Self {
+            time_seconds,
+            level,
+            text: printable(text).into_owned(),
+        }
+    }
 }
 
 /// An emergency that a node sent.
@@ -219,25 +232,19 @@ impl EventReader {
         }
         let zero_seconds = zero.unwrap_or_default().as_secs_f64();
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
-        let on_bus = self
-            .events
-            .drain(..)
-            .map(|(time, level, text)| TimelineEvent {
-                time_seconds: time.as_secs_f64() - zero_seconds,
-                level,
-                text,
-            });
+        let on_bus = self.events.drain(..).map(|(time, level, text)| {
+            TimelineEvent::new(time.as_secs_f64() - zero_seconds, level, &text)
+        });
         let planned = scenario
             .events(self.words.of_loop())
             .into_iter()
             .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
-            .map(|event| TimelineEvent {
-                time_seconds: event.at_seconds,
-                level: match event.is_fault {
+            .map(|event| {
+                let level = match event.is_fault {
                     true => Level::Warning,
                     false => Level::Info,
-                },
-                text: event.text,
+                };
+                TimelineEvent::new(event.at_seconds, level, &event.text)
             });
         let mut events: Vec<TimelineEvent> = on_bus.chain(planned).collect();
         events.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
@@ -326,6 +333,12 @@ fn describe(kind: EventKind, node: &str, value: f64, label: &str) -> (Level, Str
 mod tests {
     use super::*;
     use crate::node_words::tests::of_two_loops;
+
+    #[test]
+    fn no_event_steers_a_terminal() {
+        let event = TimelineEvent::new(0.0, Level::Info, "drive: \u{1b}]0;a\u{7} \u{202e}b °C");
+        assert_eq!(event.text, r"drive: \u001b]0;a\u0007 \u202eb °C");
+    }
 
     #[test]
     fn among_several_loops_an_event_names_its_node() {

@@ -1,12 +1,13 @@
 //! The frames of a recording, as often as they are needed: few are in memory, many are read from their log each time.
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::slice;
 
-use crate::log::{LogFile, Stamped};
+use crate::log::{LogFile, Stamped, Unread};
 
 /// So many frames stay in memory at most: half a minute of a bus with four frames in a cycle of 1 ms, in 5 MB.
-pub const KEPT_MAX: usize = 1 << 17;
+pub(crate) const KEPT_MAX: usize = 1 << 17;
 
 /// All frames of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -20,7 +21,7 @@ pub struct Frames {
 impl Frames {
     /// The first so many frames of a log that was read to its end before.
     #[must_use]
-    pub fn of_log(path: &Path, count: usize) -> Self {
+    pub(crate) fn of_log(path: &Path, count: usize) -> Self {
         Self {
             kept: Vec::new(),
             count,
@@ -118,6 +119,39 @@ impl Iterator for FrameIter<'_> {
                 Some(next.unwrap_or_else(|| gone(path, &"it is shorter than before")))
             }
         }
+    }
+}
+
+/// What a log holds, as far as it can be read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Log {
+    pub frames: Frames,
+    pub unread: Unread,
+}
+
+impl Log {
+    /// Reads a log file to its end, up to where it breaks off. The frames of a long one are read again when they are needed.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no log.
+    pub fn read(path: &Path) -> io::Result<Self> {
+        let mut log = LogFile::open(path)?;
+        let mut kept = Vec::new();
+        let mut count = 0;
+        while let Some(stamped) = log.next_frame()? {
+            count += 1;
+            if count <= KEPT_MAX {
+                kept.push(stamped);
+            }
+        }
+        let frames = match count <= KEPT_MAX {
+            true => kept.into(),
+            false => Frames::of_log(path, count),
+        };
+        Ok(Self {
+            frames,
+            unread: log.finish(),
+        })
     }
 }
 

@@ -10,7 +10,6 @@ use canopen::CanFrame;
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 use canopen::frame_bits::occupied_bits;
 
-use crate::frames::{Frames, KEPT_MAX};
 use crate::work::Measured;
 
 /// Longest line of a log that is read.
@@ -176,13 +175,6 @@ pub fn read_log(mut input: impl BufRead) -> io::Result<Vec<Stamped>> {
     Ok(frames)
 }
 
-/// What a log holds, as far as it can be read.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Log {
-    pub frames: Frames,
-    pub unread: Unread,
-}
-
 /// What of a log is no frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Unread {
@@ -234,47 +226,18 @@ impl Unread {
     }
 }
 
-impl Log {
-    /// Reads a log file to its end, as [`read_cut_log`] does. The frames of a long one are read again when they are needed.
-    ///
-    /// # Errors
-    /// The file cannot be read, or is no log.
-    pub fn read(path: &Path) -> io::Result<Self> {
-        let mut log = LogFile::open(path)?;
-        let mut kept = Vec::new();
-        let mut count = 0;
-        while let Some(stamped) = log.next_frame()? {
-            count += 1;
-            if count <= KEPT_MAX {
-                kept.push(stamped);
-            }
-        }
-        let frames = match count <= KEPT_MAX {
-            true => kept.into(),
-            false => Frames::of_log(path, count),
-        };
-        Ok(Self {
-            frames,
-            unread: log.finish(),
-        })
-    }
-}
-
 /// Reads a log whose writer may have been killed: its end may be cut in the middle of a line. A last line without its
 /// end is not taken, since a shorter frame looks whole. Lines among the others that are no frames are passed over.
 ///
 /// # Errors
 /// The file cannot be read, or is no log of `candump -L`: more than 1000 lines are no frames.
-pub fn read_cut_log(input: impl BufRead) -> io::Result<Log> {
+pub fn read_cut_log(input: impl BufRead) -> io::Result<(Vec<Stamped>, Unread)> {
     let mut reader = LogReader::new(input);
     let mut frames = Vec::new();
     while let Some(stamped) = reader.next_frame()? {
         frames.push(stamped);
     }
-    Ok(Log {
-        frames: frames.into(),
-        unread: reader.finish(),
-    })
+    Ok((frames, reader.finish()))
 }
 
 /// How the name of a compressed log ends.
@@ -540,40 +503,37 @@ mod tests {
 
     #[test]
     fn a_log_cut_at_any_byte_reads_up_to_there() {
-        let whole = read_cut_log(LOG.as_bytes()).unwrap();
-        assert_eq!((whole.frames.len(), &whole.unread.broken), (2, &None));
+        let (whole, unread) = read_cut_log(LOG.as_bytes()).unwrap();
+        assert_eq!((whole.len(), unread.broken), (2, None));
         for length in 0..LOG.len() {
-            let log = read_cut_log(&LOG.as_bytes()[..length]).unwrap();
+            let (frames, unread) = read_cut_log(&LOG.as_bytes()[..length]).unwrap();
             let lines = LOG[..length].matches('\n').count();
+            assert_eq!(frames, whole[..lines]);
             assert_eq!(
-                log.frames.iter().collect::<Vec<_>>(),
-                whole.frames.iter().take(lines).collect::<Vec<_>>()
-            );
-            assert_eq!(
-                log.unread.broken.is_some(),
+                unread.broken.is_some(),
                 !LOG[..length].ends_with('\n') && length > 0
             );
         }
         let zeros = [LOG.as_bytes(), &[0; 5000]].concat();
-        let log = read_cut_log(&zeros[..]).unwrap();
-        assert_eq!((log.frames.len(), log.unread.broken.is_some()), (2, true));
+        let (frames, unread) = read_cut_log(&zeros[..]).unwrap();
+        assert_eq!((frames.len(), unread.broken.is_some()), (2, true));
         // What never ends is not read for ever.
         let endless = io::Read::chain(LOG.as_bytes(), io::BufReader::new(io::repeat(0)));
-        let log = read_cut_log(endless).unwrap();
-        assert_eq!((log.frames.len(), log.unread.broken.is_some()), (2, true));
+        let (frames, unread) = read_cut_log(endless).unwrap();
+        assert_eq!((frames.len(), unread.broken.is_some()), (2, true));
     }
 
     #[test]
     fn strange_lines_among_the_others_are_passed_over_and_named() {
         let odd = "(0.000003) can0 1#\n(0.000004) can0 190#0102\nodd\n(0.000005) can0 191#\n";
-        let log = read_cut_log(format!("{LOG}{odd}").as_bytes()).unwrap();
-        assert_eq!((log.frames.len(), log.unread.strange.len()), (4, 2));
-        assert_eq!(log.unread.broken, None);
-        let all = log.unread.strange_until(Duration::MAX).unwrap();
+        let (frames, unread) = read_cut_log(format!("{LOG}{odd}").as_bytes()).unwrap();
+        assert_eq!((frames.len(), unread.strange.len()), (4, 2));
+        assert_eq!(unread.broken, None);
+        let all = unread.strange_until(Duration::MAX).unwrap();
         let start = "2 lines of the log are no frames, the first line 3: not a line of candump -L";
         assert!(all.starts_with(start), "{all}");
         // Between 2 and 4 µs, and between 4 and 5.
-        let until = |micros| log.unread.strange_until(Duration::from_micros(micros));
+        let until = |micros| unread.strange_until(Duration::from_micros(micros));
         assert!(
             until(4)
                 .unwrap()
@@ -581,17 +541,17 @@ mod tests {
         );
         assert_eq!(until(2), None);
         // What stands before all frames took none from among them.
-        let headed = read_cut_log(format!("# of Monday\n{LOG}").as_bytes()).unwrap();
-        assert_eq!((headed.frames.len(), headed.unread.strange.len()), (2, 1));
-        assert_eq!(headed.unread.strange_until(Duration::MAX), None);
+        let (headed, unread) = read_cut_log(format!("# of Monday\n{LOG}").as_bytes()).unwrap();
+        assert_eq!((headed.len(), unread.strange.len()), (2, 1));
+        assert_eq!(unread.strange_until(Duration::MAX), None);
     }
 
     #[test]
     fn fd_frames_are_counted() {
         let log = format!("{LOG}(0.000003) can0 123##1AABB\n(0.000004) can0 191#\n");
-        let log = read_cut_log(log.as_bytes()).unwrap();
-        assert_eq!((log.frames.len(), log.unread.fd_frames), (3, 1));
-        assert!(log.unread.strange.is_empty() && log.unread.broken.is_none());
+        let (frames, unread) = read_cut_log(log.as_bytes()).unwrap();
+        assert_eq!((frames.len(), unread.fd_frames), (3, 1));
+        assert!(unread.strange.is_empty() && unread.broken.is_none());
     }
 
     #[test]
@@ -608,9 +568,9 @@ mod tests {
             "{error}"
         );
         let two = format!("(0.0) can1 123#\n{LOG}").replace("0.0)", "0.000000)");
-        let log = read_cut_log(two.as_bytes()).unwrap();
+        let (_, unread) = read_cut_log(two.as_bytes()).unwrap();
         assert!(
-            log.unread
+            unread
                 .broken
                 .unwrap()
                 .contains("a frame of can0 among those of can1")

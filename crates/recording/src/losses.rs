@@ -85,9 +85,9 @@ impl LossReader {
         if silent > watched.limit {
             let what = &watched.what;
             let text = format!("loss: no {what} for {} ms", silent.as_millis());
-            self.events.push(event(last, Level::Error, text));
+            self.events.push(event(last, Level::Error, &text));
             let text = format!("{what} is back");
-            self.events.push(event(time, Level::Info, text));
+            self.events.push(event(time, Level::Info, &text));
         }
     }
 
@@ -97,17 +97,13 @@ impl LossReader {
             let Some(last) = watched.last else { continue };
             if latest.saturating_sub(last) > watched.limit {
                 let text = format!("loss: no {} from here on", watched.what);
-                self.events.push(event(last, Level::Error, text));
+                self.events.push(event(last, Level::Error, &text));
             }
         }
         std::mem::take(&mut self.events)
     }
 }
 
-fn event(time: Duration, level: Level, text: String) -> TimelineEvent {
-    TimelineEvent {
-        time_seconds: time.as_secs_f64(),
-        level,
-        text,
-    }
+fn event(time: Duration, level: Level, text: &str) -> TimelineEvent {
+    TimelineEvent::new(time.as_secs_f64(), level, text)
 }

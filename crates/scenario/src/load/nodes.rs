@@ -1,5 +1,6 @@
 //! Reads rig files of schema 2, and finds what the schema cannot say: who is wired to what, and whether it fits.
 
+mod names;
 mod sensors;
 mod served;
 mod units;
@@ -14,22 +15,16 @@ use super::rig::check_drive;
 use super::{Reading, SCENARIO_BYTES_MAX, build, read_models, read_text};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
+use crate::meant_or_known;
 use crate::outside::Outside;
 use crate::own::is_name;
 use crate::rig::nodes::{
-    EMULATED_NODE_ID_MAX, FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigLoop,
-    RigNode, SHIPPED, SHIPPED_NAME,
+    EMULATED_NODE_ID_MAX, FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode,
+    SHIPPED, SHIPPED_NAME,
 };
-use crate::{meant_or_known, schema};
 
 /// What the file is for people.
 pub(super) const KIND: &str = "rig file";
-/// Names that a loop cannot have: they stand where a loop's name would.
-const NOT_A_LOOP: [&str; 2] = ["all", "contour"];
-/// A name that no node can have: faults of the bus call canrig's own node so.
-const NOT_A_NODE: &str = "bench";
-/// Tables of a scenario in which loops have theirs beside other keys.
-const BESIDE_LOOPS: [&str; 2] = ["controller", "expect"];
 /// Tables of names, each with how many it may have.
 const TABLES: [(&str, usize); 3] = [
     ("plant", NODES_MAX),
@@ -273,62 +268,6 @@ impl Check<'_> {
     fn problem(&self, path: &str, message: String, label: impl Into<String>) -> Problem {
         let span = self.document.key_span(path);
         self.document.source.problem(span, message, label)
-    }
-
-    /// Each name is one that others can use, and stands for one thing.
-    fn names(&self) -> Vec<Problem> {
-        let rig = self.rig;
-        let named = [
-            ("plant", Vec::from_iter(rig.plant.keys())),
-            ("node", Vec::from_iter(rig.node.keys())),
-            ("loop", Vec::from_iter(rig.loops.keys())),
-        ];
-        let mut problems = Vec::new();
-        let mut taken: BTreeMap<&str, String> = BTreeMap::new();
-        for (kind, names) in named {
-            for name in names {
-                let path = format!("{kind}.{name}");
-                if !is_name(name) {
-                    let message = format!("`{name}` can be no name of a {kind}");
-                    let label = "small letters, digits and underscores, a letter first";
-                    problems.push(self.problem(&path, message, label));
-                }
-                let is_word = NOT_A_LOOP.contains(&name.as_str())
-                    || BESIDE_LOOPS.iter().any(|table| schema::is_key(table, name));
-                if kind == "loop" && is_word || kind == "node" && name == NOT_A_NODE {
-                    let message = format!("a {kind} cannot be called `{name}`");
-                    problems.push(self.problem(
-                        &path,
-                        message,
-                        "this word has a meaning in scenarios",
-                    ));
-                }
-                // Where its drives are wrong, that is said, and nobody knows whether one is its own.
-                let may_be_called_so =
-                    |one: &RigLoop| one.drives.contains(name) || !self.is_led_rightly(one);
-                let is_named_after_drive =
-                    kind == "loop" && rig.loops.get(name).is_some_and(may_be_called_so);
-                if let Some(first) = taken.get(name.as_str()).filter(|_| !is_named_after_drive) {
-                    let message = format!("`{name}` is the name of two things");
-                    let place = self.document.key_span(first);
-                    let problem = self.problem(&path, message, format!("a {kind} here"));
-                    let first = first.split('.').next().unwrap_or_default();
-                    problems.push(problem.with_place(place, &format!("a {first} here")));
-                }
-                taken.entry(name).or_insert(path);
-            }
-        }
-        problems
-    }
-
-    /// Whether a loop has drives that no other one has.
-    fn is_led_rightly(&self, one: &RigLoop) -> bool {
-        let is_own = |drive: &String| {
-            let leaders = self.rig.loops.values().flat_map(|other| &other.drives);
-            self.rig.node.contains_key(drive)
-                && leaders.filter(|other| *other == drive).count() == 1
-        };
-        !one.drives.is_empty() && one.drives.iter().all(is_own)
     }
 
     fn models(&self) -> Vec<Problem> {

@@ -1,0 +1,74 @@
+//! What plants, nodes and loops can be called.
+
+use std::collections::BTreeMap;
+
+use super::Check;
+use crate::error::Problem;
+use crate::own::is_name;
+use crate::rig::nodes::RigLoop;
+use crate::schema;
+
+/// Names that a loop cannot have: they stand where a loop's name would.
+const NOT_A_LOOP: [&str; 2] = ["all", "contour"];
+/// A name that no node can have: faults of the bus call canrig's own node so.
+const NOT_A_NODE: &str = "bench";
+/// Tables of a scenario in which loops have theirs beside other keys.
+const BESIDE_LOOPS: [&str; 2] = ["controller", "expect"];
+
+impl Check<'_> {
+    /// Each name is one that others can use, and stands for one thing.
+    pub(super) fn names(&self) -> Vec<Problem> {
+        let rig = self.rig;
+        let named = [
+            ("plant", Vec::from_iter(rig.plant.keys())),
+            ("node", Vec::from_iter(rig.node.keys())),
+            ("loop", Vec::from_iter(rig.loops.keys())),
+        ];
+        let mut problems = Vec::new();
+        let mut taken: BTreeMap<&str, String> = BTreeMap::new();
+        for (kind, names) in named {
+            for name in names {
+                let path = format!("{kind}.{name}");
+                if !is_name(name) {
+                    let message = format!("`{name}` can be no name of a {kind}");
+                    let label = "small letters, digits and underscores, a letter first";
+                    problems.push(self.problem(&path, message, label));
+                }
+                let is_word = NOT_A_LOOP.contains(&name.as_str())
+                    || BESIDE_LOOPS.iter().any(|table| schema::is_key(table, name));
+                if kind == "loop" && is_word || kind == "node" && name == NOT_A_NODE {
+                    let message = format!("a {kind} cannot be called `{name}`");
+                    problems.push(self.problem(
+                        &path,
+                        message,
+                        "this word has a meaning in scenarios",
+                    ));
+                }
+                // Where its drives are wrong, that is said, and nobody knows whether one is its own.
+                let may_be_called_so =
+                    |one: &RigLoop| one.drives.contains(name) || !self.is_led_rightly(one);
+                let is_named_after_drive =
+                    kind == "loop" && rig.loops.get(name).is_some_and(may_be_called_so);
+                if let Some(first) = taken.get(name.as_str()).filter(|_| !is_named_after_drive) {
+                    let message = format!("`{name}` is the name of two things");
+                    let place = self.document.key_span(first);
+                    let problem = self.problem(&path, message, format!("a {kind} here"));
+                    let first = first.split('.').next().unwrap_or_default();
+                    problems.push(problem.with_place(place, &format!("a {first} here")));
+                }
+                taken.entry(name).or_insert(path);
+            }
+        }
+        problems
+    }
+
+    /// Whether a loop has drives that no other one has.
+    fn is_led_rightly(&self, one: &RigLoop) -> bool {
+        let is_own = |drive: &String| {
+            let leaders = self.rig.loops.values().flat_map(|other| &other.drives);
+            self.rig.node.contains_key(drive)
+                && leaders.filter(|other| *other == drive).count() == 1
+        };
+        !one.drives.is_empty() && one.drives.iter().all(is_own)
+    }
+}

@@ -1,0 +1,158 @@
+//! Who has what to do when: the participants of lock-step with what waits for them, and the times of all side by side.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use canopen::{CanFrame, Filter, FilterSet, Progress};
+use platform::lockstep::{Answer, Audience, Participant};
+
+/// A frame and the time from which it waits, or at which it arrived.
+pub(crate) type Timed = (Duration, CanFrame);
+
+/// A time in nanoseconds. The times of all participants are compared at every event, and one number is compared faster than the
+/// two of a `Duration`.
+pub(crate) type Nanos = u64;
+
+/// The time of what will not happen by itself.
+pub(crate) const NEVER: Nanos = Nanos::MAX;
+
+/// A time that is compared.
+pub(crate) fn nanos(time: Duration) -> Nanos {
+    Nanos::try_from(time.as_nanos()).unwrap_or(NEVER)
+}
+
+/// A participant, with what waits for it and from it.
+pub(crate) struct Slot<'a> {
+    pub(crate) participant: &'a mut dyn Participant,
+    /// What it receives.
+    pub(crate) accepted: FilterSet,
+    /// What of that it takes in silence.
+    pub(crate) silent: FilterSet,
+    /// Whom its frames may make send.
+    pub(crate) audience: Audience,
+    /// What has arrived and was not given to it yet, oldest first.
+    pub(crate) inbox: Vec<Timed>,
+    /// The inbox holds a frame that it may answer.
+    pub(crate) has_answerable: bool,
+    /// What it has queued, oldest first: a frame takes part in the arbitration from its time on.
+    pub(crate) outbox: VecDeque<Timed>,
+    /// An error passive station may not send before.
+    pub(crate) suspended_until: Duration,
+    /// Its last answer.
+    pub(crate) answer: Answer,
+}
+
+impl<'a> Slot<'a> {
+    pub(crate) fn new(participant: &'a mut dyn Participant) -> Self {
+        let answer = Answer {
+            next_deadline: participant.next_deadline(),
+            ..Answer::default()
+        };
+        Self {
+            accepted: participant.filters().to_vec().into(),
+            silent: participant.silent_filters().to_vec().into(),
+            participant,
+            audience: Audience::default(),
+            inbox: Vec::new(),
+            has_answerable: false,
+            outbox: VecDeque::new(),
+            suspended_until: Duration::ZERO,
+            answer,
+        }
+    }
+
+    /// From when on its first waiting frame takes part in the arbitration; [`NEVER`] where none waits.
+    pub(crate) fn sends_at(&self) -> Nanos {
+        let first = self.outbox.front();
+        first.map_or(NEVER, |(time, _)| nanos((*time).max(self.suspended_until)))
+    }
+
+    /// The earliest time at which it may queue something that is not known yet; [`NEVER`] when it has stopped or when only
+    /// a frame can wake it.
+    pub(crate) fn may_queue_at(&self) -> Nanos {
+        let queues_at = match self.answer.progress {
+            Progress::Running if self.has_answerable => self.inbox.last().map(|(time, _)| *time),
+            Progress::Running => self.answer.next_deadline,
+            _ => None,
+        };
+        queues_at.map_or(NEVER, nanos)
+    }
+
+    /// Takes a frame from the bus that it accepts; true where it may answer.
+    #[inline]
+    pub(crate) fn receive(&mut self, time: Duration, frame: &CanFrame) -> bool {
+        if self.answer.progress != Progress::Running {
+            return false;
+        }
+        self.inbox.push((time, *frame));
+        let is_answerable = !self.silent.accepts(frame);
+        self.has_answerable |= is_answerable;
+        is_answerable
+    }
+}
+
+/// When something is next to be done for each participant. All are compared at every event, so their times stand side by side.
+pub(crate) struct Agenda {
+    /// [`Slot::sends_at`] of each.
+    pub(crate) sends_at: Vec<Nanos>,
+    /// [`Slot::may_queue_at`] of each.
+    pub(crate) may_queue_at: Vec<Nanos>,
+}
+
+impl Agenda {
+    pub(crate) fn new(slots: &[Slot<'_>]) -> Self {
+        Self {
+            sends_at: slots.iter().map(Slot::sends_at).collect(),
+            may_queue_at: slots.iter().map(Slot::may_queue_at).collect(),
+        }
+    }
+
+    /// Follows a change of what it depends on.
+    #[inline]
+    pub(crate) fn note(&mut self, index: usize, slot: &Slot<'_>) {
+        self.sends_at[index] = slot.sends_at();
+        self.may_queue_at[index] = slot.may_queue_at();
+    }
+
+    /// When something is next to be done at all; `now` where that is not later.
+    pub(crate) fn next(&self, now: Nanos) -> Nanos {
+        first_of(self.sends_at.iter().chain(&self.may_queue_at), now)
+    }
+
+    /// The first participant from this one on that may queue something by now.
+    pub(crate) fn first_to_ask(&self, from: usize, now: Nanos) -> Option<usize> {
+        let mut times = self.may_queue_at[from..].iter();
+        Some(from + times.position(|time| *time <= now)?)
+    }
+
+    /// When somebody else may queue something; `now` where that is not later.
+    pub(crate) fn others_may_queue_at(&self, index: usize, now: Nanos) -> Nanos {
+        let (before, behind) = self.may_queue_at.split_at(index);
+        first_of(before.iter().chain(&behind[1..]), now)
+    }
+}
+
+/// The first of some times, or `now`: on a busy bus the search soon ends with that.
+fn first_of<'a>(mut times: impl Iterator<Item = &'a Nanos>, now: Nanos) -> Nanos {
+    let first = times.try_fold(NEVER, |first, time| (*time > now).then(|| first.min(*time)));
+    first.unwrap_or(now)
+}
+
+/// What the others do with the frames of one participant. A frame is silent only if all who receive it take it in silence.
+pub(crate) fn audience(slots: &[Slot<'_>], index: usize) -> Audience {
+    let others = || {
+        let others = slots.iter().enumerate().filter(|(at, _)| *at != index);
+        others.map(|(_, slot)| slot)
+    };
+    let is_silent = |filter: &&Filter| {
+        let frame = CanFrame::from_raw(filter.id, 0, [0; 8]);
+        frame.is_some_and(|frame| {
+            others().all(|other| !other.accepted.accepts(&frame) || other.silent.accepts(&frame))
+        })
+    };
+    let silent = others().flat_map(|other| other.silent.filters());
+    Audience {
+        accepted: FilterSet::union(others().map(|other| &other.accepted)),
+        silent: silent.filter(is_silent).copied().collect::<Vec<_>>().into(),
+    }
+}

@@ -1,0 +1,16 @@
+//! Data sheets as dictionaries of nodes.
+
+use canopen::{NodeId, ObjectDictionary};
+
+use crate::InvalidEmulator;
+
+/// A node's number.
+pub(crate) fn node_id(number: u8) -> Result<NodeId, InvalidEmulator> {
+    NodeId::new(number).ok_or(InvalidEmulator::NodeId(number))
+}
+
+/// The dictionary of a data sheet.
+pub(crate) fn dictionary(node_id: NodeId, text: &str) -> Result<ObjectDictionary, InvalidEmulator> {
+    let dictionary = dbc::dictionary(text, node_id.get());
+    dictionary.map_err(|error| InvalidEmulator::Eds { node_id, error })
+}

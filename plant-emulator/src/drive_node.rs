@@ -1,0 +1,208 @@
+//! A drive on the bus, as its scenario wants it: sound, or a node that fails.
+
+use std::time::Duration;
+
+use canopen::{CanFrame, Device, Node, NodeId, ObjectDictionary};
+use dbc::Database;
+use dbc::loops::LoopPlace;
+use faults::{FaultPlan, Faulty};
+use scenario::Scenario;
+use scenario::fault::node::Output;
+
+use crate::InvalidEmulator;
+use crate::clocked_plant::ClockedPlant;
+use crate::data_sheet::{dictionary, node_id};
+use crate::drive::{self, Drive};
+use crate::truth::Truth;
+use crate::wires::Wires;
+
+const IDENTITY: u16 = 0x1018;
+const PRODUCT_CODE: u8 = 2;
+
+/// One of the drives of a plant: what is tried on it, and where it is on a bus with these frames.
+#[derive(Clone, Copy, Debug)]
+pub struct DriveOf<'a> {
+    /// What is tried.
+    pub scenario: &'a Scenario,
+    /// Where.
+    pub place: LoopPlace,
+    /// The frames.
+    pub database: &'a Database,
+}
+
+/// The drive as a node, in a scenario without faults and in one with them.
+#[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there are few, and they live as long as the program"
+)]
+pub(crate) enum DriveNode {
+    Sound(Device<Drive>),
+    Faulty(Faulty<Device<Drive>>, Truth),
+}
+
+impl DriveNode {
+    /// The drive of these parts, which has this plant in hand.
+    pub(crate) fn new(
+        parts: Parts,
+        plant: ClockedPlant,
+        of: &DriveOf<'_>,
+    ) -> Result<Self, InvalidEmulator> {
+        let sound = parts.device(plant)?;
+        if of.scenario.fault.is_empty() {
+            return Ok(Self::Sound(sound));
+        }
+        let plan = FaultPlan {
+            number: of.place.drive_node_id,
+            ..FaultPlan::new(&of.scenario.fault, scenario::fault::node::Node::Drive)
+        };
+        let renew = move |device: &mut Device<Drive>| {
+            // It could be set up once, so it can again.
+            if let Ok(mut fresh) = parts.device(ClockedPlant::none()) {
+                fresh
+                    .application_mut()
+                    .wire_to_rig_of(device.application_mut());
+                *device = fresh;
+            }
+        };
+        let faulty = Faulty::new(sound, plan, of.database, renew)?;
+        Ok(Self::Faulty(faulty, Truth::new(of.database)?))
+    }
+
+    pub(crate) fn is_faulty(&self) -> bool {
+        matches!(self, Self::Faulty(..))
+    }
+
+    pub(crate) fn as_node(&self) -> &dyn Node {
+        match self {
+            Self::Sound(device) => device,
+            Self::Faulty(faulty, _) => faulty,
+        }
+    }
+
+    pub(crate) fn as_node_mut(&mut self) -> &mut dyn Node {
+        match self {
+            Self::Sound(device) => device,
+            Self::Faulty(faulty, _) => faulty,
+        }
+    }
+
+    pub(crate) fn device(&self) -> &Device<Drive> {
+        match self {
+            Self::Sound(device) => device,
+            Self::Faulty(faulty, _) => faulty.node(),
+        }
+    }
+
+    pub(crate) fn drive_mut(&mut self) -> &mut Drive {
+        match self {
+            Self::Sound(device) => device.application_mut(),
+            Self::Faulty(faulty, _) => faulty.node_mut().application_mut(),
+        }
+    }
+
+    /// After each event: the rig goes on, whatever the node does.
+    pub(crate) fn follow(&mut self, now: Duration) {
+        let Self::Faulty(faulty, truth) = self else {
+            return;
+        };
+        let (ahead, behind) = faulty.clock_error();
+        let (zero, dead_output) = (faulty.scenario_zero(), faulty.dead_output());
+        let drive = faulty.node_mut().application_mut();
+        drive.set_clock_error(ahead, behind);
+        if let Some(zero) = zero {
+            drive.faults_mut().begin(zero);
+        }
+        if dead_output == Some(Output::Zero) {
+            drive.cut_off(now);
+        }
+        drive.follow(now);
+        truth.observe(now, drive);
+    }
+
+    /// Before each event: the node's clock, so that the rig knows its own.
+    pub(crate) fn set_clock(&mut self, now: Duration) {
+        if let Self::Faulty(faulty, _) = self {
+            let (ahead, behind) = faulty.clock_error_at(now);
+            let drive = faulty.node_mut().application_mut();
+            drive.set_clock_error(ahead, behind);
+        }
+    }
+
+    pub(crate) fn next_deadline(&self) -> Option<Duration> {
+        let node = self.as_node().next_deadline();
+        let Self::Faulty(faulty, truth) = self else {
+            return node;
+        };
+        let fault = faulty.node().application().next_fault();
+        [node, fault, Some(truth.next_deadline())]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    pub(crate) fn overhear(&mut self, frame: &CanFrame) {
+        if let Self::Faulty(faulty, _) = self {
+            faulty.overhear(frame);
+        }
+    }
+
+    pub(crate) fn next_frame(&mut self) -> Option<CanFrame> {
+        let frame = self.as_node_mut().next_frame();
+        match self {
+            Self::Faulty(_, truth) => frame.or_else(|| truth.next_frame()),
+            Self::Sound(_) => frame,
+        }
+    }
+}
+
+/// What a drive is made of, at the start and after a reboot.
+pub(crate) struct Parts {
+    node_id: NodeId,
+    scenario: Scenario,
+    wires: Wires,
+    objects: ObjectDictionary,
+}
+
+impl Parts {
+    pub(crate) fn new(
+        plant: &ClockedPlant,
+        wires: Wires,
+        of: &DriveOf<'_>,
+    ) -> Result<Self, InvalidEmulator> {
+        let DriveOf {
+            scenario, place, ..
+        } = of;
+        let wrong_id = scenario.fault.node.wrong_node_id.first();
+        let node_id = wrong_id
+            .and_then(|fault| NodeId::new(fault.node_id))
+            .map_or_else(|| node_id(place.drive_node_id), Ok)?;
+        let mut objects = dictionary(node_id, dbc::DRIVE_EDS)?;
+        if let Some(fault) = scenario.fault.node.wrong_identity.first() {
+            set_product_code(&mut objects, fault.product_code);
+        }
+        drive::declare(&mut objects, plant, &wires);
+        drive::declare_unit(&mut objects, &scenario.wiring.unit);
+        drive::set_truth_pace(&mut objects, place);
+        Ok(Self {
+            node_id,
+            scenario: Scenario::clone(scenario),
+            wires,
+            objects,
+        })
+    }
+
+    fn device(&self, plant: ClockedPlant) -> Result<Device<Drive>, InvalidEmulator> {
+        let drive = Drive::new(&self.scenario, plant, self.wires.clone(), &self.objects)?;
+        Ok(Device::new(self.node_id, self.objects.clone(), drive)?)
+    }
+}
+
+/// Makes a dictionary that of another product.
+fn set_product_code(dictionary: &mut ObjectDictionary, product_code: u32) {
+    if let Ok(handle) = dictionary.find(IDENTITY, PRODUCT_CODE) {
+        let mut entry = dictionary.entry(handle).clone();
+        entry.default = product_code.to_le_bytes().to_vec();
+        dictionary.insert(entry);
+    }
+}
