@@ -266,13 +266,12 @@ fn motor_fmu(folder: &Path, library: &[u8]) {
     write_fmu(file, &model, Version::Three, library).unwrap();
 }
 
-/// The motor behind its drive, as the page has it: with its library where `cargo build --release` has made it, as CI does first.
+/// The motor behind its drive, as the page has it.
 #[test]
 fn the_motor_from_another_tool_passes() {
-    let program = Path::new(env!("CARGO_BIN_EXE_canrig"));
-    let Ok(library) = fs::read(program.with_file_name("libcanrig_plants.so")) else {
-        return;
-    };
+    // Cargo makes the library beside the tests, which name it among what they depend on.
+    let library = std::env::current_exe().unwrap();
+    let library = fs::read(library.with_file_name("libcanrig_plants.so")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     motor_fmu(folder.path(), &library);
     for name in ["motor_rig.toml", "motor_step.toml"] {

@@ -1,17 +1,16 @@
-//! `canrig fmu`: what it tells and refuses; and FMUs as plants behind drives. That FMUs of other makers play is shown by
-//! `tests/fmu/run`, beside FMPy.
+//! `canrig fmu`: what it tells and refuses; and FMUs as plants behind drives. What becomes of their processes is in
+//! `fmu_workers.rs`. That FMUs of other makers play is shown by `tests/fmu/run`, beside FMPy.
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use fmu::description::Version;
 use fmu::export::{Model, ModelVariable, Role, write_fmu};
-use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
-use crate::real_time::{Started, wait_for};
+use crate::processes::last_command;
 use crate::support::{canrig, only_run, output, root, runs};
 
 fn fmu(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
@@ -129,7 +128,7 @@ stays = { min = -2.0, max = 2.0 }
 "#;
 
 /// The FMU of the cart, its rig file in a folder below the scenario's, and the scenario; `marker` makes another FMU of the same model.
-fn cart(folder: &Path, marker: &str) -> PathBuf {
+pub(crate) fn cart(folder: &Path, marker: &str) -> PathBuf {
     let library = folder.join("cart.so");
     let mut compiler = Command::new("cc");
     compiler
@@ -137,6 +136,17 @@ fn cart(folder: &Path, marker: &str) -> PathBuf {
         .arg(&library);
     let (code, _, error) = output(compiler.arg(root().join("tests/fmu/cart.c")));
     assert_eq!(code, Some(0), "{error}");
+    let rigs = folder.join("rigs");
+    fs::create_dir_all(&rigs).unwrap();
+    write_cart(folder, marker, &fs::read(library).unwrap());
+    fs::write(rigs.join("cart.toml"), RIG).unwrap();
+    let path = folder.join("step.toml");
+    fs::write(&path, STEP).unwrap();
+    path
+}
+
+/// The FMU of the cart with this library in it.
+fn write_cart(folder: &Path, marker: &str, library: &[u8]) {
     let variable = |name: &str, unit, role| ModelVariable {
         name: name.to_owned(),
         description: String::new(),
@@ -157,14 +167,8 @@ fn cart(folder: &Path, marker: &str) -> PathBuf {
             variable("from_seconds", "s", number(1.0, None, None)),
         ],
     };
-    let rigs = folder.join("rigs");
-    fs::create_dir_all(&rigs).unwrap();
-    let file = fs::File::create(rigs.join("cart.fmu")).unwrap();
-    write_fmu(file, &model, Version::Two, &fs::read(library).unwrap()).unwrap();
-    fs::write(rigs.join("cart.toml"), RIG).unwrap();
-    let path = folder.join("step.toml");
-    fs::write(&path, STEP).unwrap();
-    path
+    let file = fs::File::create(folder.join("rigs/cart.fmu")).unwrap();
+    write_fmu(file, &model, Version::Two, library).unwrap();
 }
 
 fn verdict(run: &Path) -> Value {
@@ -234,6 +238,17 @@ fn an_fmu_plays_behind_a_drive_in_one_process_and_in_several_and_is_replayed_wit
     assert!(fs::read(alone.join("verdict.json")).unwrap() == before);
 }
 
+/// Whether a current was commanded, and the last command took it away: the drive of the plant that failed is not heard any more.
+pub(crate) fn is_without_current(run: &Path) {
+    let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    let is_current = |line: &str| line.contains(" 210#0F00") && !line.ends_with("0000");
+    assert!(log.lines().any(is_current), "there was no current");
+    let last = last_command(&log);
+    assert!(last.ends_with("0000"), "{last}");
+    let after = log.split_once(last).map_or("", |(_, after)| after);
+    assert!(!after.contains(" 190#"), "{after}");
+}
+
 /// What it did, as the run says it.
 #[test]
 fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
@@ -268,9 +283,11 @@ fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
         for world in ["simulate", "run"] {
             let runs = folder.path().join(format!("{world}-{mode}"));
             let mut canrig = canrig(&runs, world);
+            let start = |value: &str| format!("plant.cart.fmu.start.{value}");
             canrig
                 .arg(&step)
-                .args(["--set", &format!("plant.cart.fmu.start.mode={mode}")]);
+                .args(["--set", &start(&format!("mode={mode}"))])
+                .args(["--set", &start("from_seconds=1.5")]);
             if world == "run" {
                 canrig.args(LOCKSTEP);
             }
@@ -289,6 +306,7 @@ fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
                 assert!(flat.contains(said), "{mode}, {world}, {said}: {flat}");
             }
             let run = only_run(&runs);
+            is_without_current(&run);
             let (code, stdout, stderr) = output(
                 Command::new(env!("CARGO_BIN_EXE_canrig"))
                     .arg("replay")
@@ -296,12 +314,111 @@ fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
             );
             assert_eq!(code, Some(1), "{mode}, {world}: {stdout}{stderr}");
         }
+        let log = |world: &str| {
+            let run = only_run(&folder.path().join(format!("{world}-{mode}")));
+            fs::read(run.join("bus.log")).unwrap()
+        };
+        assert!(log("simulate") == log("run"), "{mode}");
     }
     // It refuses long steps and gets short ones.
     let runs = folder.path().join("discards");
     let set = ["--set", "plant.cart.fmu.start.mode=1"];
     let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&step).args(set));
     assert_eq!(code, Some(0), "{stdout}{stderr}");
+}
+
+#[test]
+fn a_swept_value_that_the_fmu_does_not_take_is_found_before_any_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let step = cart(folder.path(), "");
+    let swept = |sweep: &str| {
+        let key = "key = \"plant.cart.fmu.start.mass_kilograms\"";
+        let sweep = format!("[sweep]\n{}\n[expect]\n", sweep.replace("KEY", key));
+        fs::write(&step, STEP.replacen("[expect]\n", &sweep, 1)).unwrap();
+    };
+    let runs = folder.path().join("runs");
+    for (sweep, said) in [
+        ("[[sweep.list]]\nKEY\nvalues = [1.8, 20.0, 2.4]", "20"),
+        (
+            "[[sweep.range]]\nKEY\nfrom = 0.05\nto = 4.0\ncount = 4",
+            "0.05",
+        ),
+        (
+            "draws = 4\n[[sweep.uniform]]\nKEY\nfrom = 2.0\nto = 10.5",
+            "10.5",
+        ),
+        (
+            "draws = 4\n[[sweep.normal]]\nKEY\nmean = 11.0\nstandard_deviation = 1.0",
+            "11",
+        ),
+    ] {
+        swept(sweep);
+        let mut check = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        let (code, _, of_check) = output(check.arg("check").arg(&step).env("NO_COLOR", "1"));
+        assert_eq!(code, Some(3), "{sweep}: {of_check}");
+        let (code, _, of_sweep) = output(canrig(&runs, "sweep").arg(&step));
+        assert_eq!(code, Some(3), "{sweep}: {of_sweep}");
+        for stderr in [of_check, of_sweep] {
+            let flat = without_layout(&stderr);
+            let words = format!(
+                "variable `mass_kilograms` cannot start with {said}, it must be from 0.1 to 10"
+            );
+            for words in [&words, "step.toml:", "by what the FMU says of itself"] {
+                assert!(flat.contains(&without_layout(words)), "{words}: {stderr}");
+            }
+        }
+        assert!(!runs.exists(), "{sweep}");
+    }
+    // A distribution without ends draws some that are not played.
+    swept("draws = 6\n[[sweep.normal]]\nKEY\nmean = 2.4\nstandard_deviation = 5.0");
+    output(canrig(&runs, "sweep").arg(&step));
+    let table = fs::read_to_string(only_run(&runs).join("runs.csv")).unwrap();
+    let invalid = table
+        .lines()
+        .filter(|line| line.contains("invalid"))
+        .count();
+    assert!((1..6).contains(&invalid), "{table}");
+    assert!(table.contains("it must be from 0.1 to 10"), "{table}");
+}
+
+#[test]
+fn a_library_for_another_platform_or_machine_is_refused_before_anything_moves() {
+    let folder = tempfile::tempdir().unwrap();
+    let step = cart(folder.path(), "");
+    let refused = |words: &[&str], said: &str, more: &str| {
+        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        canrig.args(words).arg(&step).env("NO_COLOR", "1");
+        let (code, stdout, stderr) = output(canrig.current_dir(folder.path()));
+        assert_eq!(code, Some(3), "{words:?}: {stdout}{stderr}");
+        let flat = without_layout(&format!("{stdout}{stderr}"));
+        for said in ["cart.fmu", said, more] {
+            let is_said = flat.contains(&without_layout(said));
+            assert!(is_said, "{words:?}, {said}: {stdout}{stderr}");
+        }
+    };
+    let lockstep = [&["run"][..], &LOCKSTEP[..]].concat();
+    let worlds = [&["simulate"][..], &lockstep[..]];
+    // The library says what it is for in two bytes: 243 is RISC-V.
+    let mut library = fs::read(folder.path().join("cart.so")).unwrap();
+    library[18..20].copy_from_slice(&243_u16.to_le_bytes());
+    write_cart(folder.path(), "", &library);
+    for world in worlds {
+        let said = "its library cannot be loaded: it is for RISC-V, and this is ";
+        refused(world, said, "");
+    }
+    // The names in a zip file are plain.
+    let here = Version::Two.platform();
+    let elsewhere = &"riscv64-linux"[..here.len()];
+    let path = folder.path().join("rigs/cart.fmu");
+    let mut bytes = fs::read(&path).unwrap();
+    while let Some(place) = (bytes.windows(here.len())).position(|some| some == here.as_bytes()) {
+        bytes[place..place + here.len()].copy_from_slice(elsewhere.as_bytes());
+    }
+    fs::write(&path, bytes).unwrap();
+    let said = format!("it has no library for this machine ({here}); it has {elsewhere}");
+    for command in [&["check"][..]].into_iter().chain(worlds) {
+        refused(command, &said, "rigs/cart.toml:");
+    }
 }
 
 /// A text without spaces, ends of lines and margins: lines of an error are broken anywhere.
@@ -430,61 +547,4 @@ fn a_parameter_of_an_fmu_is_swept_and_no_row_of_another_fmu_counts() {
         stderr.contains("did you mean `plant.cart.fmu.start.mass_kilograms`?"),
         "{stderr}"
     );
-}
-
-/// The processes that a process started.
-fn children(of: u32) -> Vec<u32> {
-    let processes = fs::read_dir("/proc").unwrap().flatten();
-    let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
-    let parent = |number: &u32| -> Option<u32> {
-        let stat = fs::read_to_string(format!("/proc/{number}/stat")).ok()?;
-        stat.rsplit_once(')')?
-            .1
-            .split_whitespace()
-            .nth(1)?
-            .parse()
-            .ok()
-    };
-    numbers
-        .filter(|number| parent(number) == Some(of))
-        .collect()
-}
-
-fn pid(number: u32) -> Pid {
-    Pid::from_raw(number.cast_signed()).unwrap()
-}
-
-#[test]
-fn a_worker_ends_with_who_started_it_and_a_killed_one_costs_the_run() {
-    let folder = tempfile::tempdir().unwrap();
-    let step = cart(folder.path(), "");
-    // It hangs at once, so that there is time.
-    let start = |name: &str| {
-        let mut canrig = canrig(&folder.path().join(name), "simulate");
-        canrig.arg(&step).args([
-            "--set",
-            "plant.cart.fmu.start.mode=2",
-            "--set",
-            "plant.cart.fmu.start.from_seconds=0.0",
-        ]);
-        let child = canrig
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let canrig = Started::new(child);
-        wait_for("the worker", || !children(canrig.id()).is_empty());
-        let worker = pid(children(canrig.id())[0]);
-        (canrig, worker)
-    };
-    let (bench, worker) = start("bench");
-    kill_process(pid(bench.id()), Signal::KILL).unwrap();
-    wait_for("the worker's end", || test_kill_process(worker).is_err());
-    drop(bench);
-    let (bench, worker) = start("worker");
-    kill_process(worker, Signal::KILL).unwrap();
-    let ended = bench.ended();
-    let told = String::from_utf8_lossy(&[ended.stdout, ended.stderr].concat()).into_owned();
-    assert!(matches!(ended.status.code(), Some(1 | 3)), "{told}");
-    assert!(told.contains("was ended by signal 9"), "{told}");
 }

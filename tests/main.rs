@@ -12,6 +12,7 @@ mod command_line;
 mod data_sheets;
 mod external;
 mod faults;
+mod fmu_workers;
 mod fmus;
 mod identify;
 mod knowledge;

@@ -12,21 +12,21 @@ use crate::support::{canrig, only_run, output, scenario, unhurried_scenario};
 const NODES: [&str; 2] = ["controller", "plant-emulator"];
 
 /// A run in real time that goes on for some seconds.
-struct Run {
+pub(crate) struct Run {
     canrig: Started,
     folder: tempfile::TempDir,
 }
 
 impl Run {
     /// Starts a run and waits until the wire is heated.
-    fn start(scenario: &Path, clock: &str) -> Self {
+    pub(crate) fn start(scenario: &Path, clock: &str) -> Self {
         let run = Self::begin(scenario, clock);
         wait_for("the scenario to begin", || run.has_heated());
         run
     }
 
     /// Starts a run.
-    fn begin(scenario: &Path, clock: &str) -> Self {
+    pub(crate) fn begin(scenario: &Path, clock: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let by_itself = canrig(folder.path(), "run");
         // Whoever runs the tests may have signals ignored.
@@ -37,11 +37,12 @@ impl Run {
             .args(by_itself.get_args())
             .arg(scenario)
             .args(["--bus", "embedded", "--clock", clock]);
-        // The embedded bus lies in a folder of its own, so that a test sees what is left there.
+        // The embedded bus and what is temporary lie in a folder of its own, so that a test sees what is left there.
         let runtime = folder.path().join("runtime");
         fs::create_dir(&runtime).unwrap();
         let canrig = canrig
-            .env("XDG_RUNTIME_DIR", runtime)
+            .env("XDG_RUNTIME_DIR", &runtime)
+            .env("TMPDIR", runtime)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
         Self {
@@ -61,6 +62,11 @@ impl Run {
         entries.into_iter().find(|path| !path.ends_with("runtime"))
     }
 
+    /// Where its bus is, and what is temporary.
+    pub(crate) fn runtime(&self) -> PathBuf {
+        self.folder.path().join("runtime")
+    }
+
     fn log(&self) -> String {
         self.run_folder()
             .and_then(|run| fs::read_to_string(run.join("bus.log")).ok())
@@ -75,11 +81,11 @@ impl Run {
     }
 
     /// The process of a node.
-    fn node(&self, name: &str) -> Pid {
+    pub(crate) fn node(&self, name: &str) -> Pid {
         self.find_node(name).expect("the node runs")
     }
 
-    fn find_node(&self, name: &str) -> Option<Pid> {
+    pub(crate) fn find_node(&self, name: &str) -> Option<Pid> {
         let children =
             fs::read_to_string(format!("/proc/{0}/task/{0}/children", self.canrig.id())).unwrap();
         let pids = children
@@ -92,7 +98,7 @@ impl Run {
         pids.into_iter().find(is_node).and_then(Pid::from_raw)
     }
 
-    fn end(self) -> (Option<i32>, String, tempfile::TempDir) {
+    pub(crate) fn end(self) -> (Option<i32>, String, tempfile::TempDir) {
         let ended = self.canrig.ended();
         let text =
             String::from_utf8(ended.stdout).unwrap() + &String::from_utf8(ended.stderr).unwrap();
@@ -100,14 +106,14 @@ impl Run {
     }
 }
 
-fn is_gone(pid: Pid) -> bool {
+pub(crate) fn is_gone(pid: Pid) -> bool {
     // A zombie without a parent to collect it counts as gone.
     let stat =
         fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).unwrap_or_default();
     test_kill_process(pid).is_err() || stat.contains(") Z ")
 }
 
-fn last_command(log: &str) -> &str {
+pub(crate) fn last_command(log: &str) -> &str {
     log.lines().rfind(|line| line.contains(" 210#")).unwrap()
 }
 
@@ -375,9 +381,8 @@ fn is_tidy_after_the_kill(run: &Run, nodes: Vec<Pid>) {
     wait_for("the nodes to end", || {
         nodes.iter().all(|node| is_gone(*node))
     });
-    let runtime = run.folder.path().join("runtime");
     wait_for("the socket to be removed", || {
-        fs::read_dir(&runtime).unwrap().next().is_none()
+        fs::read_dir(run.runtime()).unwrap().next().is_none()
     });
     assert_eq!(verdict(run.folder.path())["outcome"], "incomplete");
 }

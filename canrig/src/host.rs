@@ -170,11 +170,15 @@ fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
 /// Runs one node as this process: what the hidden subcommand `node` does.
 #[must_use]
 pub(crate) fn host(args: &NodeArgs) -> Exit {
+    let is_real_time = args.host.lockstep.is_none();
+    // Before the node: the worker of an FMU gets a priority where this thread has one. And before the bus: who enters a private one
+    // loses the right to the priority, but not the priority.
+    let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
     let hosted = match args.role {
         Role::Controller => hosted_controller(args),
         Role::PlantEmulator => hosted_emulator(args),
     };
-    match hosted.and_then(|mut node| run_node(&mut *node, args)) {
+    match hosted.and_then(|mut node| run_node(&mut *node, args, fifo)) {
         Ok(()) => Exit::Pass,
         Err(Failure { exit, reason }) => {
             print_error(&reason);
@@ -182,6 +186,9 @@ pub(crate) fn host(args: &NodeArgs) -> Exit {
         }
     }
 }
+
+/// Whether the node's thread got its priority; none in virtual time.
+type Fifo = Option<Result<(), scheduling::Refused>>;
 
 /// What the bench receives at the end.
 fn node_report(report: &RunReport, scheduling: &Scheduling) -> NodeReport {
@@ -204,22 +211,19 @@ fn nanoseconds(time: Duration) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
-fn run_node(node: &mut dyn Node, args: &NodeArgs) -> Result<(), Failure> {
-    let ended = run_on_bus(node, args);
+fn run_node(node: &mut dyn Node, args: &NodeArgs, fifo: Fifo) -> Result<(), Failure> {
+    let ended = run_on_bus(node, args, fifo);
     if let Some(BusAddress::Embedded(socket)) = &args.host.bus {
         hub::remove_orphaned(socket);
     }
     ended
 }
 
-fn run_on_bus(node: &mut dyn Node, args: &NodeArgs) -> Result<(), Failure> {
+fn run_on_bus(node: &mut dyn Node, args: &NodeArgs, fifo: Fifo) -> Result<(), Failure> {
     let stop = StopSignal::from_parent().map_err(Failure::of_bus)?;
-    let is_real_time = args.host.lockstep.is_none();
-    // Before the bus: who enters a private one loses the right to the priority, but not the priority.
-    let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
-    let filters = match is_real_time {
-        true => node.filters(),
-        false => node.filters_as_configured(),
+    let filters = match args.host.lockstep {
+        None => node.filters(),
+        Some(_) => node.filters_as_configured(),
     };
     let mut bus = match &args.host.bus {
         Some(address) => Some(platform::open(address, &filters).map_err(Failure::of_bus)?),

@@ -1,11 +1,13 @@
 /* The library of an FMU of FMI 2.0: a current pulls a cart against a spring. `mode` says how it misbehaves from `from_seconds` on. It
  * needs no header: the tests in Rust build it with the C compiler that links them. */
+#define _DEFAULT_SOURCE
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
 
 enum { CURRENT = 1, POSITION, SPEED, MASS, MODE, FROM, COUNT };
-enum { PLAIN, DISCARDS, HANGS, CRASHES, NOT_A_NUMBER, EXITS, TERMINATES, FAILS };
+enum { PLAIN, DISCARDS, HANGS, CRASHES, NOT_A_NUMBER, EXITS, TERMINATES, FAILS, STOPS, IS_SLOW };
 enum { OK, WARNING, DISCARD, ERROR };
 
 typedef struct {
@@ -80,6 +82,12 @@ int fmi2DoStep(void *instance, double time, double duration, int no_set) {
             return DISCARD;
         case FAILS:
             return ERROR;
+        case STOPS:
+            raise(SIGSTOP);
+            break;
+        case IS_SLOW:
+            usleep(30000);
+            break;
         }
     }
     int steps = (int)(duration / 1e-4) + 1;

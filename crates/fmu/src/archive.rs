@@ -4,12 +4,12 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Component, Path, PathBuf};
 
-use tempfile::TempDir;
 use zip::ZipArchive;
 use zip::read::ZipFile;
 
 use crate::description::{BYTES_MAX, Description, Version};
 use crate::error::{Fault, FmuError};
+use crate::folder::Folder;
 
 /// Name of the description in the file, and where it is unpacked.
 pub const DESCRIPTION: &str = "modelDescription.xml";
@@ -30,7 +30,7 @@ pub struct Archive {
 /// An FMU as files, which are gone when this is dropped.
 #[derive(Debug)]
 pub struct Unpacked {
-    folder: TempDir,
+    folder: Folder,
     file: PathBuf,
     description: Description,
 }
@@ -96,12 +96,9 @@ impl Archive {
     /// It has no library for this machine, or cannot be unpacked.
     pub fn unpack(&self) -> Result<Unpacked, FmuError> {
         let unpacked = || {
-            let co_simulation = self.description.served()?;
+            self.description.served()?;
             self.runs_here()?;
-            let folder = tempfile::Builder::new()
-                .prefix(&format!("canrig-{}-", co_simulation.model_identifier))
-                .tempdir()
-                .map_err(|source| at("a folder to unpack it to", source))?;
+            let folder = Folder::new().map_err(|source| at("a folder to unpack it to", source))?;
             let platform = self.description.version.platform();
             unpack(&mut opened(&self.file)?, folder.path(), platform)?;
             Ok(folder)

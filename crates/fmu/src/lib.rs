@@ -16,6 +16,7 @@ pub mod archive;
 pub mod description;
 mod error;
 pub mod export;
+mod folder;
 mod instance;
 mod library;
 pub mod table;

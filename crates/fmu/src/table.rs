@@ -140,7 +140,7 @@ fn a_setup() -> Setup {
 
 /// The start values, each of which its variable takes.
 fn start_of(table: &Fmu, description: &Description) -> Result<Vec<(String, StartValue)>, Misfit> {
-    let start = table.start_values().into_iter().map(|(variable, value)| {
+    let start = table.start.iter().map(|(variable, value)| {
         let at_value = || Misfit::at(format!("start.{variable}"));
         let value = match value {
             Value::Float(number) => StartValue::Number(*number),
@@ -150,7 +150,7 @@ fn start_of(table: &Fmu, description: &Description) -> Result<Vec<(String, Start
             Value::String(text) => StartValue::Text(text.clone()),
             _ => {
                 let reason = "cannot start with that: write a number, a truth or a text";
-                return Err(at_value()(Fault::variable(&variable, reason)));
+                return Err(at_value()(Fault::variable(variable, reason)));
             }
         };
         let alone = Setup {
@@ -158,7 +158,7 @@ fn start_of(table: &Fmu, description: &Description) -> Result<Vec<(String, Start
             ..a_setup()
         };
         alone.check(description).map_err(at_value())?;
-        Ok((variable, value))
+        Ok((variable.clone(), value))
     });
     start.collect()
 }

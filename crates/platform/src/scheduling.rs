@@ -6,12 +6,16 @@
 
 use std::hint::black_box;
 use std::io;
+use std::os::unix::process::CommandExt;
+use std::process::Command;
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_getcpu, sched_setaffinity};
 
 /// Priority of a node's loop.
 pub const NODE_PRIORITY: u8 = 50;
+/// Of a worker whose node waits for it: below all nodes, so that one that hangs holds up none but its own.
+pub(crate) const WORKER_PRIORITY: u8 = NODE_PRIORITY - 1;
 
 /// How far a thread that nobody waits for steps back.
 const NICENESS: i32 = 10;
@@ -87,6 +91,23 @@ pub fn request_fifo(priority: u8) -> Result<(), Refused> {
         priority,
         source: io::Error::last_os_error(),
     })
+}
+
+/// Whether this thread has a real-time priority.
+pub(crate) fn has_fifo() -> bool {
+    // SAFETY: the call takes a number only; 0 is the calling thread.
+    let policy = unsafe { libc::sched_getscheduler(0) };
+    policy >= 0 && policy & !libc::SCHED_RESET_ON_FORK == libc::SCHED_FIFO
+}
+
+/// Lets the process of a command ask for a real-time priority before it begins. Refused, it runs without.
+pub(crate) fn with_fifo(command: &mut Command, priority: u8) {
+    let ask = move || {
+        let _ = request_fifo(priority);
+        Ok(())
+    };
+    // SAFETY: the closure makes one system call and allocates nothing.
+    unsafe { command.pre_exec(ask) };
 }
 
 /// Locks the memory that the process has now, each page from its first use on.

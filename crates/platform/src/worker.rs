@@ -14,6 +14,7 @@ use rustix::process::{Signal, set_parent_process_death_signal};
 
 use crate::lockstep::channel;
 use crate::process::{inherit, inherited_channel, myself};
+use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
 
 /// Of what a worker wrote on its standard error, so much is told at its end.
 const TOLD_BYTES_MAX: usize = 2_000;
@@ -85,7 +86,7 @@ pub struct Worker {
 
 impl Worker {
     /// Starts this program again, with these arguments and the number of its end of the channel behind them. It ends with the thread
-    /// that started it ([`myself`]).
+    /// that started it ([`myself`]). Where that thread has a real-time priority, so has the worker, which it waits for.
     ///
     /// # Errors
     /// The system refuses it.
@@ -96,6 +97,9 @@ impl Worker {
         let number = inherit(&mut command, theirs);
         command.args(arguments).arg(number.to_string());
         command.stdout(Stdio::null()).stderr(their_errors);
+        if has_fifo() {
+            with_fifo(&mut command, WORKER_PRIORITY);
+        }
         let child = command.spawn()?;
         Ok(Self {
             channel: Channel::new(ours),
@@ -169,6 +173,7 @@ mod tests {
     use std::io::Write as _;
 
     use super::*;
+    use crate::scheduling::{NODE_PRIORITY, request_fifo};
 
     const SOON: Option<Duration> = Some(Duration::from_secs(10));
 
@@ -211,6 +216,29 @@ mod tests {
             let length = worker.channel.receive(&mut answer, SOON).unwrap();
             assert_eq!(&answer[..length], message);
         }
+    }
+
+    /// Policy and priority of a process's first thread: 1 is SCHED_FIFO, 0 the ordinary one.
+    fn scheduling(number: u32) -> [u32; 2] {
+        let stat = std::fs::read_to_string(format!("/proc/{number}/stat")).unwrap();
+        let (_, fields) = stat.rsplit_once(')').unwrap();
+        let fields = Vec::from_iter(fields.split_whitespace());
+        [fields[38], fields[37]].map(|field| field.parse().unwrap())
+    }
+
+    #[test]
+    fn a_worker_has_a_priority_where_its_node_has_one() {
+        assert_eq!(scheduling(worker().child.id()), [0, 0]);
+        let beside_a_node = || {
+            let is_granted = request_fifo(NODE_PRIORITY).is_ok();
+            (is_granted, scheduling(worker().child.id()))
+        };
+        let (is_granted, scheduling) = std::thread::spawn(beside_a_node).join().unwrap();
+        let expected = match is_granted {
+            true => [1, WORKER_PRIORITY.into()],
+            false => [0, 0],
+        };
+        assert_eq!(scheduling, expected);
     }
 
     #[test]

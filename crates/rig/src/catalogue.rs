@@ -15,6 +15,7 @@ use crate::data_sheet;
 use crate::external::{External, ExternalNode};
 use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
+use crate::swept_fmu;
 use dbc::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES};
 
 /// Why a scenario's plant makes no physical sense.
@@ -252,10 +253,15 @@ impl Catalogue {
         objections
     }
 
-    /// What is wrong with the FMU of a rig's plant, at its place in the rig file.
+    /// What is wrong with the FMU of a rig's plant, at its place in the rig file, or with what a sweep makes of it, at its place in
+    /// the scenario.
     pub(crate) fn fmu_objection(&self, scenario: &Scenario, plant: &str) -> Option<Objection> {
-        let found = is_wired_fmu(scenario).then(|| (self.plant_objection)(scenario));
-        let objection = found.flatten()?;
+        if !is_wired_fmu(scenario) {
+            return None;
+        }
+        let Some(objection) = (self.plant_objection)(scenario) else {
+            return swept_fmu::objection(scenario, plant, self.plant_objection);
+        };
         let below = objection.path.strip_prefix("plant.");
         let path = format!("plant.{plant}.{}", below.unwrap_or_default());
         Some(Objection { path, ..objection })

@@ -19,5 +19,6 @@ pub mod presence;
 pub mod rig_file;
 pub mod setup;
 mod signal_names;
+mod swept_fmu;
 
 pub use data_sheet::FILE_BYTES_MAX;

@@ -109,16 +109,23 @@ pub fn check_rig(
 /// The loops of another scenario on the same rig, with the same plants and laws: they share what the frames mean.
 ///
 /// # Errors
-/// Everything that is wrong in the text and its files.
+/// Everything that is wrong in the text and its files, and a value that an FMU does not take.
 pub fn varied(
     base: &[Setup],
     text: &str,
     read_file: impl FnMut(&str) -> io::Result<String>,
+    catalogue: &Catalogue,
 ) -> Result<Vec<Setup>, ScenarioError> {
+    let object = |loops: &Loops<Scenario>| {
+        let mut scenarios = loops.loops.iter().map(|one| &one.scenario);
+        let found = scenarios.find_map(|one| catalogue.fmu_objection(one, &one.wiring.plant));
+        // That the file is not there any more is no value's fault.
+        found.filter(|objection| objection.path.contains(".fmu.start."))
+    };
     // What is no text lies beside the scenario that they vary.
     let path = base.first().map_or(Path::new(""), |base| &base.path);
     let path = path.with_file_name("case");
-    let (loops, _) = Loops::parse(&path, text.to_owned(), read_file, |_| Vec::new(), |_| None)?;
+    let (loops, _) = Loops::parse(&path, text.to_owned(), read_file, |_| Vec::new(), object)?;
     let contours = Arc::new(loops.contours);
     let elsewhere = faults_elsewhere(loops.loops.iter().map(|one| &one.scenario));
     let setups = base.iter().zip(loops.loops).zip(elsewhere);

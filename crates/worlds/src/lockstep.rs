@@ -133,10 +133,8 @@ pub fn play(
     let is_faulty = setups.iter().any(|setup| !setup.scenario.fault.is_empty());
     let ended = run_until(&mut coordinator, &mut taps, end, is_faulty);
     let mut left = BTreeSet::from_iter(0..names.len());
-    if let Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
-        name,
-    }))) = &ended
-        && let Some(dead) = names.iter().position(|other| other == name)
+    if let Err(error) = &ended
+        && let Some(dead) = names.iter().position(|name| is_gone(name, error))
     {
         // The others live on until they have taken their currents away, which the recording shows. Why the run ended is known.
         coordinator.leave_out(dead);
@@ -147,6 +145,20 @@ pub fn play(
     let end = ended?;
     stop(&mut coordinator, &mut taps, &names, &left, is_faulty)?;
     Ok(end)
+}
+
+/// Whether a run ended since this participant is not there any more: its process has ended, or its plant cannot go on. A
+/// controller that gives up has taken its currents away before.
+fn is_gone(name: &str, error: &WorldError) -> bool {
+    match error {
+        WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
+            name: ended,
+        })) => ended == name,
+        WorldError::Coordinator(CoordinatorError::Failed { name: failed, .. }) => {
+            failed == name && ![CONTROLLER, BENCH].contains(&name)
+        }
+        _ => false,
+    }
 }
 
 /// Asks these participants for their safe states, the last first, and waits for each.

@@ -17,6 +17,7 @@ use crate::campaign::{NoResult, of_one_loop, play_one};
 use recording::capture::Watch;
 use rig::setup::Setup;
 use scenario::hexadecimal;
+use worlds::catalogue::catalogue;
 
 /// Characters of the scenario's name that are left in the name of a case, which may have 200.
 const NAME_CHARACTERS_MAX: usize = 180;
@@ -285,7 +286,7 @@ impl SweepCase<'_> {
         };
         let loops = match self.base {
             [] => Scenario::parse(&self.text, "case", table).map(of_one_loop),
-            base => rig::loops::varied(base, &self.text, table),
+            base => rig::loops::varied(base, &self.text, table, catalogue()),
         };
         loops.map_err(|error| {
             let first = error.problems().first();
@@ -329,7 +330,6 @@ fn way_of_draws(distribution: Distribution) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use worlds::catalogue::catalogue;
 
     fn plan(sweep: &str) -> SweepPlan {
         let text = format!(

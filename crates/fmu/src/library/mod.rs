@@ -9,6 +9,8 @@ mod three;
 mod two;
 
 use std::ffi::{CStr, c_int};
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
@@ -135,13 +137,35 @@ fn open(path: &Path) -> Result<Library, Fault> {
     let opened = |path: &Path| unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) };
     let reason = match opened(path) {
         Ok(library) => return Ok(library),
-        Err(error) => reason(&error),
+        Err(error) => other_machine(path).unwrap_or_else(|| reason(&error)),
     };
     let Some(symbol) = python::missing_symbol(&reason) else {
         return Err(Fault::Library(reason));
     };
     python::open(symbol)?;
     opened(path).map_err(|error| Fault::Library(self::reason(&error)))
+}
+
+/// A library for another machine, of which the system's loader says that it is not there.
+fn other_machine(path: &Path) -> Option<String> {
+    let (library, here) = (machine(path)?, machine(Path::new("/proc/self/exe"))?);
+    let name = |machine| match machine {
+        3 => "x86 of 32 bits".to_owned(),
+        40 => "ARM of 32 bits".to_owned(),
+        62 => "x86-64".to_owned(),
+        183 => "aarch64".to_owned(),
+        243 => "RISC-V".to_owned(),
+        other => format!("the machine {other} of ELF"),
+    };
+    (library != here).then(|| format!("it is for {}, and this is {}", name(library), name(here)))
+}
+
+/// The machine of an ELF file, by its number there: `e_machine`, two bytes after 18.
+fn machine(path: &Path) -> Option<u16> {
+    let mut header = [0; 20];
+    File::open(path).ok()?.read_exact(&mut header).ok()?;
+    let number = u16::from_ne_bytes([header[18], header[19]]);
+    header.starts_with(b"\x7fELF").then_some(number)
 }
 
 /// What the system's loader says.

@@ -125,7 +125,7 @@ fn the_place_of_what_does_not_fit_is_named() {
             "ports.x_metres.variable: variable `y`",
         ),
         (
-            "[start]\narm.m = 1.0",
+            "[start]\n\"arm.m\" = 1.0",
             "start.arm.m: variable `arm.m` is not in the FMU",
         ),
         (

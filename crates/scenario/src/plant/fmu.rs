@@ -24,6 +24,7 @@ pub struct Fmu {
     pub record: Vec<String>,
     /// Start values by the names of its variables, in the FMU's units: numbers, truths or texts. A name with dots may be written as
     /// it is: `motor.inertia = 0.1`.
+    // As they are written in a rig file; those of a scenario are whole names, which the loader makes of them.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(schema_with = "values")]
     pub start: BTreeMap<String, Value>,
@@ -57,45 +58,4 @@ pub struct FmuPort {
 /// Whatever a variable's kind takes.
 fn values(_: &mut SchemaGenerator) -> Schema {
     json_schema!({"type": "object", "additionalProperties": {}})
-}
-
-impl Fmu {
-    /// The start values by the whole names of their variables: `{motor = {inertia = 0.1}}` is that of `motor.inertia`.
-    #[must_use]
-    pub fn start_values(&self) -> BTreeMap<String, &Value> {
-        let mut values = BTreeMap::new();
-        collect(None, &mut self.start.iter(), &mut values);
-        values
-    }
-}
-
-fn collect<'a>(
-    above: Option<&str>,
-    values: &mut dyn Iterator<Item = (&'a String, &'a Value)>,
-    into: &mut BTreeMap<String, &'a Value>,
-) {
-    for (name, value) in values {
-        let name = match above {
-            None => name.clone(),
-            Some(above) => format!("{above}.{name}"),
-        };
-        match value {
-            Value::Table(below) => collect(Some(&name), &mut below.iter(), into),
-            value => drop(into.insert(name, value)),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_name_with_dots_may_be_quoted_or_not() {
-        let fmu = |start: &str| -> Fmu { toml::from_str(&format!("[start]\n{start}")).unwrap() };
-        let [quoted, plain] = ["\"body.arm.m\" = 2.0", "body.arm.m = 2.0"].map(fmu);
-        let two = BTreeMap::from([("body.arm.m".to_owned(), &Value::Float(2.0))]);
-        assert_eq!(quoted.start_values(), two);
-        assert_eq!(plain.start_values(), two);
-    }
 }

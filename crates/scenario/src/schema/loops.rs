@@ -85,14 +85,23 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
 
 /// An FMU with the start values that the rig file gives it, which may be other numbers.
 fn fmu(schema: &Value, plant: &PlantModel) -> Value {
-    let values = plant.fmu.as_ref().map(|fmu| fmu.start_values());
-    let numbers = values.into_iter().flatten();
-    let numbers = numbers.filter(|(_, value)| value.is_float() || value.is_integer());
-    let numbers = numbers.map(|(name, _)| (name, json!({"type": "number"})));
+    let mut start = plant.fmu.iter().flat_map(|fmu| &fmu.start);
     let mut fmu = schema["definitions"]["Fmu"].clone();
-    let numbers = Map::from_iter(numbers);
-    fmu["properties"]["start"] = json!({"type": "object", "default": {}, "properties": numbers});
+    fmu["properties"]["start"] = numbers(&mut start);
     fmu
+}
+
+/// A table with the numbers of another one, also of those below it.
+fn numbers(values: &mut dyn Iterator<Item = (&String, &toml::Value)>) -> Value {
+    let numbers = values.filter_map(|(name, value)| {
+        let schema = match value {
+            toml::Value::Float(_) | toml::Value::Integer(_) => json!({"type": "number"}),
+            toml::Value::Table(below) => numbers(&mut below.iter()),
+            _ => return None,
+        };
+        Some((name.clone(), schema))
+    });
+    json!({"type": "object", "default": {}, "properties": Map::from_iter(numbers)})
 }
 
 /// Set-points lie within what the sensor of one of the loops gives.

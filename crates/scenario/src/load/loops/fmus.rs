@@ -37,3 +37,28 @@ fn flatten<'text>(table: &DeTable<'text>, above: &str, into: &mut DeTable<'text>
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The start values of an FMU by their names.
+    fn placed(start: &str) -> Vec<String> {
+        let text = format!("[fmu]\nfile = \"arm.fmu\"\n[fmu.start]\n{start}\n");
+        let mut models = DeTable::parse(&text).unwrap().into_inner();
+        place(&mut models, Path::new("rigs/rig.toml"));
+        let fmu = models["fmu"].get_ref().as_table().unwrap();
+        assert_eq!(fmu["file"].get_ref().as_str(), Some("rigs/arm.fmu"));
+        let start = fmu["start"].get_ref().as_table().unwrap();
+        start.keys().map(|key| key.get_ref().to_string()).collect()
+    }
+
+    #[test]
+    fn a_name_with_dots_may_be_quoted_or_not() {
+        assert_eq!(placed("\"body.arm.m\" = 2.0"), ["body.arm.m"]);
+        assert_eq!(placed("body.arm.m = 2.0"), ["body.arm.m"]);
+        let several = "n = 1\nbody.mass = 1.0\nbody.arm = { m = 2.0, on = true }";
+        let names = ["body.arm.m", "body.arm.on", "body.mass", "n"];
+        assert_eq!(placed(several), names);
+    }
+}

@@ -29,11 +29,14 @@ use crate::wiring::Wiring;
 /// What a scenario's file is called in a run folder, beside the files that it names.
 const SCENARIO_FILE: &str = "scenario.toml";
 
+/// Where a path begins that is one of the scenario: a rig file has none of these.
+const OF_SWEEP: &str = "sweep.";
+
 /// A scenario that tries nothing.
 const IDLE: &str =
     "schema = 2\nname = \"idle\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
 
-/// Finds what is wrong with all loops of a rig together, for an error at a place in the rig file.
+/// Finds what is wrong with all loops of a rig together, for an error at a place in the rig file, or in the scenario below `sweep`.
 type FindObjection<'a> = &'a dyn Fn(&Loops<Scenario>) -> Option<Objection>;
 
 impl Loops<Scenario> {
@@ -179,6 +182,9 @@ fn made(
         }
     }
     match object(&loops) {
+        Some(objection) if objection.path.starts_with(OF_SWEEP) => {
+            Err(fail(vec![objection.problem(&files.scenario)]))
+        }
         Some(objection) => Err(nodes::fail(name, vec![objection.problem(&rig_document)])),
         None => Ok(loops),
     }

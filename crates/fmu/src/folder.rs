@@ -1,0 +1,101 @@
+//! Folders for unpacked FMUs. Who is killed cannot remove its own, so the next one removes it.
+
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::sync::Once;
+
+use tempfile::TempDir;
+
+/// What such a folder is called, with more behind.
+const PREFIX: &str = "canrig-fmu-";
+/// The file in it that is locked as long as its owner lives: the system gives it back, however the owner ends.
+const LOCK: &str = "lock";
+
+/// A folder of this process below the system's one for temporary files, which is gone when this is dropped.
+#[derive(Debug)]
+pub(crate) struct Folder {
+    folder: TempDir,
+    _lock: File,
+}
+
+impl Folder {
+    /// A new one. The first of a process removes those whose owners are dead.
+    pub(crate) fn new() -> io::Result<Self> {
+        static TIDIED: Once = Once::new();
+        let place = std::env::temp_dir();
+        let folder = Self::below(&place)?;
+        TIDIED.call_once(|| folder.remove_orphans(&place));
+        Ok(folder)
+    }
+
+    fn below(place: &Path) -> io::Result<Self> {
+        let folder = tempfile::Builder::new().prefix(PREFIX).tempdir_in(place)?;
+        let unlocked = folder.path().join("unlocked");
+        let lock = File::create(&unlocked)?;
+        // It gets its name when it is locked: at no time a folder in use looks like an orphan. Where the file system has no locks,
+        // none does.
+        if lock.lock().is_ok() {
+            fs::rename(unlocked, folder.path().join(LOCK))?;
+        }
+        Ok(Self {
+            folder,
+            _lock: lock,
+        })
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Removes what dead processes of the same user left beside it. What cannot be removed stays.
+    fn remove_orphans(&self, place: &Path) {
+        let owner = |path: &Path| Some(path.symlink_metadata().ok()?.uid());
+        let own = owner(self.path());
+        for entry in fs::read_dir(place).into_iter().flatten().flatten() {
+            let path = entry.path();
+            let is_folder = entry.file_name().to_string_lossy().starts_with(PREFIX);
+            if is_folder && owner(&path) == own && is_orphan(&path) {
+                let _ = fs::remove_dir_all(path);
+            }
+        }
+    }
+}
+
+fn is_orphan(folder: &Path) -> bool {
+    File::open(folder.join(LOCK)).is_ok_and(|lock| lock.try_lock().is_ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_goes_with_its_owner_or_with_the_next_one() {
+        let place = tempfile::tempdir().unwrap();
+        let is_there = |path: &Path| path.join("resources").exists();
+        let made = || {
+            let folder = Folder::below(place.path()).unwrap();
+            fs::create_dir(folder.path().join("resources")).unwrap();
+            folder
+        };
+        let dropped = made();
+        let path = dropped.path().to_owned();
+        drop(dropped);
+        assert!(!path.exists());
+        // As a kill leaves it: the folder is there, its lock is not held.
+        let Folder {
+            folder,
+            _lock: lock,
+        } = made();
+        let orphan = folder.keep();
+        let living = made();
+        drop(lock);
+        let beside = place.path().join("canrig-fmu-of-somebody");
+        fs::create_dir_all(beside.join("resources")).unwrap();
+        made().remove_orphans(place.path());
+        assert!(!orphan.exists());
+        assert!(is_there(living.path()) && is_there(&beside));
+    }
+}

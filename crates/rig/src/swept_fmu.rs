@@ -1,0 +1,166 @@
+//! Values that a sweep gives to variables of an FMU: what they admit stands in the FMU, which no schema knows.
+
+use scenario::sweep::Sweep;
+use scenario::{Objection, Scenario};
+
+/// A value of a sweep, with its key and its place in the scenario.
+type Swept<'a> = (String, &'a str, f64);
+
+/// The first value of a scenario's sweep that the FMU of its plant does not take. `objection` says what is wrong with the FMU of a
+/// scenario. Draws of normal distributions have no ends: only their means are looked at.
+pub(crate) fn objection(
+    scenario: &Scenario,
+    plant: &str,
+    objection: impl Fn(&Scenario) -> Option<Objection>,
+) -> Option<Objection> {
+    let sweep = scenario.sweep.as_ref()?;
+    let start = format!("plant.{plant}.fmu.start.");
+    let of_fmu = |key: &str| key.starts_with(&start);
+    if !sweep.keys().any(of_fmu) {
+        return None;
+    }
+    let mut tried = Scenario {
+        sweep: None,
+        ..scenario.clone()
+    };
+    let swept = values(sweep).into_iter();
+    let mut swept = swept.filter(|(_, key, _)| of_fmu(key));
+    swept.find_map(|(place, key, value)| {
+        let fmu = tried.plant.fmu.as_mut()?;
+        let variable = key.strip_prefix(&start)?.to_owned();
+        let usual = fmu.start.insert(variable.clone(), value.into());
+        let found = objection(&tried);
+        let fmu = tried.plant.fmu.as_mut()?;
+        match usual {
+            Some(usual) => fmu.start.insert(variable, usual),
+            None => fmu.start.remove(&variable),
+        };
+        found.map(|found| Objection {
+            path: place,
+            ..found
+        })
+    })
+}
+
+/// What decides whether all values of a sweep are admitted. A variable takes the numbers of a range, or the whole ones of them: so
+/// those are the lowest, the highest, and one that is not whole.
+fn values(sweep: &Sweep) -> Vec<Swept<'_>> {
+    let mut values = Vec::new();
+    for (index, list) in sweep.list.iter().enumerate() {
+        let places = list.values.iter().enumerate();
+        let order = |one: &(usize, &f64), other: &(usize, &f64)| one.1.total_cmp(other.1);
+        let ends = [
+            places.clone().min_by(order),
+            places.clone().max_by(order),
+            places.clone().find(|(_, value)| is_broken(value)),
+        ];
+        values.extend(ends.into_iter().flatten().map(|(place, value)| {
+            let path = format!("sweep.list.{index}.values.{place}");
+            (path, list.key.as_str(), *value)
+        }));
+    }
+    for (index, range) in sweep.range.iter().enumerate() {
+        let path = format!("sweep.range.{index}");
+        let key = range.key.as_str();
+        values.push((format!("{path}.from"), key, range.from));
+        values.push((format!("{path}.to"), key, range.to));
+        let broken = range.values().into_iter().find(is_broken);
+        values.extend(broken.map(|value| (format!("{path}.key"), key, value)));
+    }
+    let uniform = sweep.uniform.iter().enumerate().map(|(index, one)| {
+        let path = format!("sweep.uniform.{index}");
+        (path, one.key.as_str(), [one.from, one.to])
+    });
+    let log_uniform = sweep.log_uniform.iter().enumerate().map(|(index, one)| {
+        let path = format!("sweep.log_uniform.{index}");
+        (path, one.key.as_str(), [one.from, one.to])
+    });
+    for (path, key, [from, to]) in uniform.chain(log_uniform) {
+        values.push((format!("{path}.from"), key, from));
+        values.push((format!("{path}.to"), key, to));
+        values.push((format!("{path}.key"), key, broken_between(from, to)));
+    }
+    values.extend(sweep.normal.iter().enumerate().map(|(index, one)| {
+        let path = format!("sweep.normal.{index}.mean");
+        (path, one.key.as_str(), one.mean)
+    }));
+    values
+}
+
+/// Whether a number is not whole.
+fn is_broken(value: &f64) -> bool {
+    value.fract() != 0.0
+}
+
+/// A number that is not whole between two others, which are not neighbours among all that there are.
+fn broken_between(from: f64, to: f64) -> f64 {
+    let middle = from + (to - from) / 2.0;
+    match is_broken(&middle) {
+        true => middle,
+        false => (middle - 0.5).max(from + (middle - from) / 2.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::sweep::{List, Normal, Range, Spacing, Uniform};
+
+    /// What is looked at of a sweep, without the places.
+    fn looked_at(sweep: &Sweep) -> Vec<f64> {
+        let values = values(sweep).into_iter();
+        values.map(|(_, _, value)| value).collect()
+    }
+
+    fn range(count: u32) -> Sweep {
+        let range = Range {
+            key: "k".to_owned(),
+            from: 1.0,
+            to: 4.0,
+            count: Some(count),
+            step: None,
+            spacing: Spacing::Linear,
+        };
+        Sweep {
+            range: vec![range],
+            ..Sweep::default()
+        }
+    }
+
+    #[test]
+    fn few_values_stand_for_all_of_a_sweep() {
+        let key = || "k".to_owned();
+        let values = vec![2.0, 9.0, 3.5, 1.0, 2.5];
+        let list = Sweep {
+            list: vec![List { key: key(), values }],
+            ..Sweep::default()
+        };
+        assert_eq!(looked_at(&list), [1.0, 9.0, 3.5]);
+        assert_eq!(looked_at(&range(4)), [1.0, 4.0]);
+        assert_eq!(looked_at(&range(3)), [1.0, 4.0, 2.5]);
+        let normal = Normal {
+            key: key(),
+            mean: 3.0,
+            standard_deviation: 1.0,
+        };
+        let normal = Sweep {
+            normal: vec![normal],
+            ..Sweep::default()
+        };
+        assert_eq!(looked_at(&normal), [3.0]);
+        for [from, to] in [[1.0, 4.0], [1.0, 5.0], [1.0, 2.0], [0.0, 1e6], [0.8, 1.2]] {
+            let key = key();
+            let drawn = Sweep {
+                uniform: vec![Uniform { key, from, to }],
+                ..Sweep::default()
+            };
+            let seen = looked_at(&drawn);
+            assert_eq!(seen[..2], [from, to]);
+            let between = seen[2];
+            assert!(
+                is_broken(&between) && from < between && between < to,
+                "{seen:?}"
+            );
+        }
+    }
+}
