@@ -262,3 +262,37 @@ fn ctrl_c_under_the_ramp_takes_the_current_away() {
         assert!(last.is_some_and(|line| line.ends_with("0000")), "{last:?}");
     });
 }
+
+/// The emulated press stands for somebody else's: its loop is in degrees.
+#[test]
+fn a_drive_in_degrees_is_flown_in_degrees() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let shipped = crate::support::scenario("press_turn.toml");
+        let rig = fs::read_to_string(shipped.with_file_name("rigs").join("press.toml")).unwrap();
+        fs::create_dir(folder.path().join("rigs")).unwrap();
+        // A light load lifts off under a small current.
+        let light = rig.replace("load_kilograms = 2.0", "load_kilograms = 0.1");
+        let slow = light.replace("period_milliseconds = 2.0", "period_milliseconds = 20.0");
+        assert!(slow != light && light != rig);
+        fs::write(folder.path().join("rigs/press.toml"), slow).unwrap();
+        let text = fs::read_to_string(&shipped).unwrap();
+        let run = Run::of(
+            &text,
+            folder.path(),
+            &["--external", "spindle", "--dry-run"],
+        );
+        let drive = start(&run.address, "plant-emulator", &run.scenario);
+        let (code, text) = run.printed();
+        stop(drive);
+        assert_eq!(code, Some(0), "{text}");
+        for line in [
+            "✓ position      0.00 to 0.00 deg without current",
+            "✓ direction     rises by ",
+            " deg at 0.",
+        ] {
+            assert!(text.contains(line), "{line} is not in\n{text}");
+        }
+        assert!(!text.contains(" mm"), "{text}");
+    });
+}

@@ -228,3 +228,20 @@ fn a_page_draws_no_signal_that_the_run_does_not_have() {
     let page = drawn("pid", &text.replace(law, "[controller.pid]"));
     assert!(parts.iter().all(|part| !page.contains(part)));
 }
+
+/// Two wires turn one joint: the second drive has no set-point, and nothing steps.
+#[test]
+fn a_page_explains_what_it_shows_in_the_unit_of_its_loop() {
+    let folder = tempfile::tempdir().unwrap();
+    let page = |name| unbroken(&simulated(folder.path(), name).join("report.html"));
+    let disturbed = page("sma_pair_disturbance.toml");
+    let (first, second) = disturbed.split_once("Loop extensor").unwrap();
+    assert!(first.contains("<strong>Error</strong> (deg)") && !second.contains(">Error<"));
+    assert!(disturbed.contains("Yellow: a disturbance acts."));
+    assert!(!disturbed.contains("Green: settling band"));
+    // It is drawn with what was measured.
+    assert!(!disturbed.contains("Position of the load before the sensor"));
+    let steps = page("sma_pair_step.toml");
+    assert_eq!(steps.matches("Green: settling band of a step.").count(), 1);
+    assert!(!steps.contains("Yellow: a disturbance acts."));
+}

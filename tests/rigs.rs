@@ -236,3 +236,77 @@ fn identification_says_that_it_knows_one_drive() {
         "{stderr}"
     );
 }
+
+#[test]
+fn runs_in_degrees_are_compared_by_the_range_of_their_sensor() {
+    let folder = tempfile::tempdir().unwrap();
+    let played = |name: &str, degrees: &str| {
+        let runs = folder.path().join(name);
+        let mut command = canrig(&runs, "simulate");
+        let value = format!("reference.ramp[0].position_degrees={degrees}");
+        command
+            .arg(scenario("press_turn.toml"))
+            .args(["--set", &value]);
+        output(&mut command);
+        only_run(&runs)
+    };
+    let (a, near, far) = (
+        played("a", "720"),
+        played("near", "725"),
+        played("far", "730"),
+    );
+    let compared = |other: &Path, more: &[&str]| {
+        output(
+            program(&["compare", "--json"])
+                .arg(&a)
+                .arg(other)
+                .args(more),
+        )
+    };
+    let position = |text: &str| {
+        let compared: Value = serde_json::from_str(text).unwrap();
+        let signals = compared["signals"].as_array().unwrap().clone();
+        let mut signals = signals.into_iter();
+        signals
+            .find(|one| one["name"] == "position_degrees")
+            .unwrap()
+    };
+    // The sensor measures 1810 degrees.
+    let (code, stdout, stderr) = output(program(&["compare"]).arg(&a).arg(&a));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let (code, stdout, stderr) = compared(&far, &[]);
+    assert_eq!(code, Some(1), "{stderr}");
+    let one = position(&stdout);
+    assert!((one["tolerance"].as_f64().unwrap() - 1810.0 / 240.0).abs() < 1e-9);
+    assert!(one["diverges_at_seconds"].is_number(), "{one}");
+    let one = position(&compared(&near, &[]).1);
+    assert!(one["diverges_at_seconds"].is_null(), "{one}");
+    for given in ["degrees=2", "deg=2", "position_degrees=2"] {
+        let one = position(&compared(&near, &["--tolerance", given]).1);
+        assert!(one["diverges_at_seconds"].is_number(), "{given}: {one}");
+    }
+    let (code, _, stderr) = compared(&near, &["--tolerance", "milimetres=2"]);
+    assert_eq!(code, Some(2), "{stderr}");
+}
+
+#[test]
+fn a_mistake_in_a_rig_file_is_said_once_and_of_a_rig() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = new_rig(folder.path());
+    let file = rig.join("gantry.toml");
+    edit(&file, "drives = [\"b\"]", "drives = []");
+    let (code, _, stderr) = output(program(&["check"]).arg(&file));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert_eq!(stderr.matches("  × ").count(), 2, "{stderr}");
+    assert!(stderr.contains("at least 1 is needed"), "{stderr}");
+    let empty = folder.path().join("empty.toml");
+    fs::write(&empty, "# nothing yet\n").unwrap();
+    let sheets = folder.path().join("sheets");
+    let (code, _, stderr) = output(program(&["eds"]).arg(&empty).arg("--to").arg(&sheets));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        stderr.contains("the rig file lacks the key `loop`"),
+        "{stderr}"
+    );
+    assert!(!stderr.contains("the scenario lacks"), "{stderr}");
+}

@@ -9,7 +9,6 @@
 //!
 //! What a position can be is data of the drive's node; see [`Plausible`].
 
-use scenario::port::Unit;
 use scenario::wiring::{Plausible, Stall, Wiring};
 
 use crate::cause::Cause;
@@ -50,10 +49,10 @@ struct Watch {
 impl Plausibility {
     /// What the drive's node says of a position; where it says nothing, what is known of the plants that ship.
     pub(crate) fn new(wiring: &Wiring, is_wire: bool) -> Self {
-        let known = match (&wiring.unit, is_wire) {
-            (Unit::Millimetres, true) => Plausible::WIRE,
-            (Unit::Millimetres, false) => Plausible::MOTOR,
-            _ => Plausible::default(),
+        let known = match is_wire {
+            _ if wiring.is_other_travel() => Plausible::default(),
+            true => Plausible::WIRE,
+            false => Plausible::MOTOR,
         };
         Self {
             plausible: in_thousands(&wiring.plausible.unwrap_or(known)),
@@ -183,6 +182,7 @@ fn in_thousands(plausible: &Plausible) -> Plausible {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use scenario::port::Unit;
 
     const PERIOD: f64 = 1e-3;
 
@@ -297,6 +297,12 @@ mod tests {
             Vec::from_iter(samples.iter().map(check))
         };
         assert_eq!(watched(None, &[0.0, 5e3, -5e3]), [Ok(()); 3]);
+        let long = Wiring {
+            position_max: Some(2e3),
+            ..Wiring::default()
+        };
+        let mut beyond_60_mm = Plausibility::new(&long, false);
+        assert_eq!(beyond_60_mm.check(1.5, f64::NAN), Ok(()));
         assert!(watched(None, &[f64::NAN])[0].is_err());
         let plausible = Plausible {
             min: Some(-62.0),

@@ -9,9 +9,6 @@ use serde::{Deserialize, Serialize};
 use crate::coding::Coding;
 use crate::error::{DbcError, SignalMissing};
 
-/// The unit of positions where nothing else is said.
-const MILLIMETRES: &str = "millimetres";
-
 /// The kernel's three flags together, which no frame has.
 pub(crate) const NO_FRAME: u32 = EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG;
 
@@ -377,24 +374,7 @@ impl Database {
     fn find(&self, path: &str) -> Option<(&Message, &Signal)> {
         let (message, signal) = path.split_once('.')?;
         let message = self.message(message)?;
-        let found = message.signal(signal);
-        let found = found.or_else(|| message.signal(&self.in_position_unit(signal)?));
-        Some((message, found?))
-    }
-
-    /// The unit of the drive's positions, as names have it.
-    #[must_use]
-    pub fn position_unit(&self) -> &str {
-        let message = self.message("drive_tpdo1");
-        let mut signals = message.into_iter().flat_map(|message| &message.signals);
-        let unit = signals.find_map(|signal| signal.name.strip_prefix("position_"));
-        unit.unwrap_or(MILLIMETRES)
-    }
-
-    /// What a signal of a position in millimetres is called where positions are in another unit.
-    fn in_position_unit(&self, signal: &str) -> Option<String> {
-        let (before, behind) = signal.split_once(MILLIMETRES)?;
-        Some(format!("{before}{}{behind}", self.position_unit()))
+        Some((message, message.signal(signal)?))
     }
 }
 

@@ -241,6 +241,22 @@ mod tests {
     }
 
     #[test]
+    fn a_position_is_found_in_its_own_unit_and_by_that_name_only() {
+        let rename = |name: &str| name.replace("millimetres", "degrees");
+        let database = Database::shipped().with_position_unit("deg", Some(1e-3), rename);
+        let frame = CanFrame::new(0x190, &[0x37, 0x12, 0x88, 0x13, 0, 0, 0, 0]);
+        assert_eq!(database.position().unwrap().decode(&frame), Some(5.0));
+        let by_name = database.signal("drive_tpdo1.position_degrees");
+        assert_eq!(by_name, database.position().ok());
+        assert_eq!(database.signal("drive_tpdo1.position_millimetres"), None);
+        let shipped = Database::shipped();
+        assert_eq!(
+            shipped.position(),
+            shipped.require(crate::signals::POSITION)
+        );
+    }
+
+    #[test]
     fn a_plant_without_signals_has_its_position_only() {
         let database = Database::with_plant(&[]);
         assert_eq!(database.message("drive_tpdo2").unwrap().signals.len(), 1);

@@ -1,11 +1,13 @@
 //! The signals of the DBC that the bench itself reads or writes, as `message.signal`.
 
-use crate::{Database, Signal};
+use crate::{Database, Signal, SignalHandle, SignalMissing};
 
 pub use crate::scenario_clock::STATUSWORD;
 
-/// Position of the load as the drive measures it.
+/// Position of the load as the drive measures it, in millimetres; [`Database::position`] finds it in any unit.
 pub const POSITION: &str = "drive_tpdo1.position_millimetres";
+/// The name of a position before its unit.
+const POSITION_IN: &str = "position_";
 /// Current through the wire as the drive measures it.
 pub const CURRENT: &str = "drive_tpdo1.current_amperes";
 /// Current that the controller asks for.
@@ -25,6 +27,8 @@ pub const PLANT_SIGNALS: &str = "drive_tpdo2";
 pub const OTHER_PLANT_SIGNALS: &str = "drive_tpdo3";
 /// Position of the load before the sensor.
 pub const TRUE_POSITION: &str = "true_position_millimetres";
+/// Its name before the unit.
+const TRUE_POSITION_IN: &str = "true_position_";
 /// Temperature of the SMA actuator's wire, by which its frames differ from those of other plants.
 pub const WIRE_TEMPERATURE: &str = "wire_temperature_celsius";
 
@@ -52,13 +56,29 @@ pub const OPTIONAL_MESSAGES: [&str; 4] = [
 /// What only an emulated plant publishes; a real drive knows none of it, and may use the identifiers for something else.
 pub const TRUTH_MESSAGES: [&str; 3] = [PLANT_SIGNALS, OTHER_PLANT_SIGNALS, "plant_truth"];
 
+impl Database {
+    /// The position that the drive measures, in whatever unit.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn position(&self) -> Result<SignalHandle, SignalMissing> {
+        let (message, _) = POSITION.split_once('.').unwrap_or_default();
+        let position = self.message(message).and_then(|message| {
+            let mut signals = message.signals.iter();
+            let position = signals.find(|signal| signal.name.starts_with(POSITION_IN));
+            position.map(|position| message.handle(position))
+        });
+        position.ok_or_else(|| SignalMissing::new(POSITION))
+    }
+}
+
 /// The emulated plant's own signals, which no real drive measures: the columns of its messages less the true position.
 pub fn plant_signals(database: &Database) -> impl Iterator<Item = &Signal> {
     let messages = [PLANT_SIGNALS, OTHER_PLANT_SIGNALS]
         .into_iter()
         .filter_map(|name| database.message(name));
     let signals = messages.flat_map(|message| &message.signals);
-    signals.filter(|signal| signal.name != TRUE_POSITION)
+    signals.filter(|signal| !signal.name.starts_with(TRUE_POSITION_IN))
 }
 
 /// Terms of a law from outside; the shipped laws use the same messages for those of the sliding-mode law.

@@ -82,7 +82,7 @@ impl ClockedPlant {
         let words = match (self.plant.failure(), wrong.next()) {
             (Some(reason), _) => reason.to_owned(),
             (None, Some((port, value))) => format!(
-                "its port `{}` is {value} after {:.3} s: no number",
+                "its port `{}` is {value} after {:.3} s: no finite number",
                 port.name,
                 self.time.as_secs_f64()
             ),
@@ -226,7 +226,7 @@ mod tests {
 
     #[test]
     fn what_is_no_number_is_named_and_the_plant_stops() {
-        for after in [f64::NAN, f64::INFINITY] {
+        for after in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let ports = ["time_seconds", "height_metres"];
             let ports = ports.map(|name| Port::output(name, [0.0, 9.0]));
             let diverging = Diverging {
@@ -238,7 +238,8 @@ mod tests {
             plant.advance_to(Duration::from_millis(400));
             assert_eq!((plant.failure(), plant.output(1)), (None, 1.0));
             plant.advance_to(Duration::from_millis(600));
-            let expected = format!("its port `height_metres` is {after} after 0.600 s: no number");
+            let expected =
+                format!("its port `height_metres` is {after} after 0.600 s: no finite number");
             assert_eq!(plant.failure(), Some(expected.as_str()));
             assert_eq!(plant.output(1), 0.0);
             plant.advance_to(Duration::from_secs(2));

@@ -115,8 +115,8 @@ impl<P: Plant> SingleAxis<P> {
 /// The ports of a plant of one axis.
 #[must_use]
 pub fn ports_of<P: Plant>() -> Ports {
-    let position = Port::output("position_metres", TRAVEL_METRES)
-        .with_comment("What the position sensor sees.");
+    let position =
+        Port::output("position_metres", TRAVEL_METRES).with_comment("Position of the load.");
     let signals = P::SIGNALS.iter().map(port_of);
     let further = P::FURTHER.iter().map(|signal| Port {
         // A port without a range is not published.

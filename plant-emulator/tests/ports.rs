@@ -11,7 +11,7 @@ use scenario::Scenario;
 use scenario::port::Unit;
 use scenario::wiring::Wiring;
 
-/// Two currents add up to an angle by the second; after a time it is no number.
+/// Two currents add up to an angle by the second; after a time it is something else.
 #[derive(Debug)]
 struct Arm {
     inputs: [Port; 2],
@@ -19,10 +19,16 @@ struct Arm {
     angle: f64,
     seconds: f64,
     breaks_at_seconds: f64,
+    broken: f64,
 }
 
 impl Arm {
-    fn new(breaks_at_seconds: f64) -> Self {
+    fn new() -> Self {
+        Self::breaking(f64::INFINITY, 0.0)
+    }
+
+    /// An arm whose angle is `broken` after a time.
+    fn breaking(breaks_at_seconds: f64, broken: f64) -> Self {
         let input = |name| Port::input(name, [-1.0, 1.0]);
         Self {
             inputs: [
@@ -33,6 +39,7 @@ impl Arm {
             angle: 0.0,
             seconds: 0.0,
             breaks_at_seconds,
+            broken,
         }
     }
 }
@@ -53,7 +60,7 @@ impl PortedPlant for Arm {
 
     fn read(&self, outputs: &mut [f64]) {
         let is_broken = self.seconds > self.breaks_at_seconds;
-        outputs[0] = if is_broken { f64::NAN } else { self.angle };
+        outputs[0] = if is_broken { self.broken } else { self.angle };
     }
 }
 
@@ -144,7 +151,7 @@ impl Bench {
 
 #[test]
 fn two_drives_move_one_plant_and_measure_the_same() {
-    let mut bench = Bench::enabled(Arm::new(f64::INFINITY));
+    let mut bench = Bench::enabled(Arm::new());
     let mut positions = Vec::new();
     for _ in 0..2001 {
         positions = bench.cycle(15, [800, 300]);
@@ -161,27 +168,32 @@ fn two_drives_move_one_plant_and_measure_the_same() {
 
 #[test]
 fn a_plant_that_is_no_number_ends_the_run_by_name_and_has_no_current() {
-    let mut bench = Bench::enabled(Arm::new(0.5));
-    for _ in 0..400 {
-        bench.cycle(15, [800, 300]);
+    for (broken, said) in [
+        (f64::NAN, "NaN"),
+        (f64::INFINITY, "inf"),
+        (f64::NEG_INFINITY, "-inf"),
+    ] {
+        let mut bench = Bench::enabled(Arm::breaking(0.5, broken));
+        for _ in 0..400 {
+            bench.cycle(15, [800, 300]);
+        }
+        assert_eq!(bench.emulator.progress(), Progress::Running);
+        for _ in 0..200 {
+            bench.cycle(15, [800, 300]);
+        }
+        assert_eq!(bench.emulator.inputs(), [0.0, 0.0]);
+        let Progress::Failed(text) = bench.emulator.progress() else {
+            panic!("it goes on");
+        };
+        let start =
+            format!("the plant `arm` cannot go on: its port `angle_degrees` is {said} after");
+        assert!(text.starts_with(&start), "{text}");
     }
-    assert_eq!(bench.emulator.progress(), Progress::Running);
-    for _ in 0..200 {
-        bench.cycle(15, [800, 300]);
-    }
-    assert_eq!(bench.emulator.inputs(), [0.0, 0.0]);
-    let Progress::Failed(text) = bench.emulator.progress() else {
-        panic!("it goes on");
-    };
-    assert!(
-        text.starts_with("the plant `arm` cannot go on: its port `angle_degrees` is NaN"),
-        "{text}"
-    );
 }
 
 #[test]
 fn a_drive_that_is_wired_to_nothing_is_refused() {
-    let error = emulator(Arm::new(1.0), &["left", "middle"].map(scenario)).unwrap_err();
+    let error = emulator(Arm::new(), &["left", "middle"].map(scenario)).unwrap_err();
     assert_eq!(
         error.to_string(),
         "the plant has no port `middle_current_amperes`"

@@ -206,7 +206,7 @@ impl CycleReader {
     pub fn new(database: &Database) -> Result<Self, SignalMissing> {
         Ok(Self {
             clock: ScenarioClock::new(database)?,
-            position_id: database.require(signals::POSITION)?.raw_id(),
+            position_id: database.position()?.raw_id(),
             command_id: database.require(signals::TARGET_CURRENT)?.raw_id(),
             sync: None,
             position: None,

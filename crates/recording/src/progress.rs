@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
-use dbc::{Database, SignalHandle, SignalMissing, signals};
+use dbc::{Database, SignalHandle, SignalMissing};
 use scenario::Scenario;
 use scenario::port::Unit;
 use scenario::reference::Trajectory;
@@ -39,7 +39,7 @@ impl ProgressReader {
     pub fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
         let has_set_point = !scenario.reference.is_empty();
         Ok(Self {
-            position: database.require(signals::POSITION)?,
+            position: database.position()?,
             unit: scenario.wiring.unit.clone(),
             set_point: has_set_point.then(|| scenario.reference.trajectory()),
             period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),

@@ -95,7 +95,7 @@ impl BusTiming {
         bitrate_kilobits_per_second: u32,
         database: &Database,
     ) -> Result<Self, SignalMissing> {
-        let answer = database.require(signals::POSITION)?.raw_id();
+        let answer = database.position()?.raw_id();
         let command = database.require(signals::TARGET_CURRENT)?.raw_id();
         let mut clock = ScenarioClock::new(database)?;
         let duration = Duration::from_secs_f64(duration_seconds);

@@ -27,4 +27,4 @@ pub mod viewer;
 pub use files::{ReportError, write_all};
 pub use run::Run;
 #[cfg(feature = "rerun")]
-pub(crate) use unit::shown_unit;
+pub(crate) use unit::{shown_unit, title};

@@ -7,6 +7,7 @@ use maud::{Markup, html};
 use super::page;
 use super::plot::{Colour, Plot, Shape};
 use super::terminal;
+use super::unit::shown_unit;
 use judge::verdict::{Metric, Outcome, Verdict};
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
@@ -224,7 +225,7 @@ fn positions(courses: &[Course<'_>]) -> Markup {
         "" => title.to_owned(),
         name => format!("{title}: {name}"),
     };
-    let mut plot = Plot::over_time(&title, first.timeline.unit.symbol());
+    let mut plot = Plot::over_time(&title, shown_unit(first.timeline.unit.symbol()));
     for (number, course) in courses.iter().enumerate() {
         let run = course.run;
         let name = match is_alone(run, runs()) {

@@ -14,6 +14,8 @@ const PORTS_MAX: usize = 256;
 const BITS: usize = 16;
 /// Ports that are listed where the one that is wanted is none of them.
 const LISTED_MAX: usize = 20;
+/// Rounding of a range from one unit to another.
+const RANGE_TOLERANCE: f64 = 1e-6;
 
 /// What is wrong with how a rig is wired; the first thing.
 pub(crate) fn objection(loops: &Loops<Scenario>, catalogue: &Catalogue) -> Option<Objection> {
@@ -150,8 +152,8 @@ impl Wired<'_> {
             Ok(port) => port,
             Err(objection) => return Some(objection),
         };
-        if wiring.unit.factor_from(&port.unit).is_some() {
-            return None;
+        if let Some(factor) = conversion(&port.unit, wiring.unit.word()) {
+            return self.range(port, factor);
         }
         let fitting = Unit::of_port(&port.unit);
         let message = format!("`{}` cannot be measured in {}", port.name, wiring.unit);
@@ -162,6 +164,31 @@ impl Wired<'_> {
         };
         let path = format!("node.{}.sensor.unit", self.drive);
         Some(objection_at(path, message, label))
+    }
+
+    /// A sensor whose range is not that of its port: one unit of the port is `factor` of the sensor's.
+    fn range(&self, port: &Port, factor: f64) -> Option<Objection> {
+        let wiring = &self.scenario.wiring;
+        let [min, max] = wiring.range();
+        let [lowest, highest] = port.range.map(|end| end * factor);
+        let (name, unit) = (&port.name, &wiring.unit);
+        let is_wider = lowest < min - RANGE_TOLERANCE || highest > max + RANGE_TOLERANCE;
+        let objection = |message: String, label: String| {
+            let path = format!("node.{}.sensor", self.drive);
+            Some(objection_at(path, message, label))
+        };
+        match port.has_range() {
+            // What it says itself may be a part of what its port can be.
+            true if wiring.position_max.is_none() && is_wider => objection(
+                format!("the sensor of `{}` has no range", self.drive),
+                format!("`{name}` goes from {lowest} to {highest} {unit}: write min and max"),
+            ),
+            true if max <= lowest || min >= highest => objection(
+                format!("`{name}` is never where its sensor measures, from {min} to {max} {unit}"),
+                format!("it goes from {lowest} to {highest} {unit}"),
+            ),
+            _ => None,
+        }
     }
 
     /// Fan and load of the io node that acts on the plant.
@@ -297,6 +324,8 @@ mod tests {
             input: "current_amperes".to_owned(),
             output: "angle_degrees".to_owned(),
             unit: Unit::Degrees,
+            position_min: -60.0,
+            position_max: Some(60.0),
             fan: None,
             load: None,
             ..Wiring::default()
@@ -357,6 +386,34 @@ mod tests {
                 Some("brake_newtons".to_owned()))
             .unwrap(),
             "node.module.outputs.added_load_grams: `added_load_grams` is a mass, and `brake_newtons` is none: it is in newtons"
+        );
+    }
+
+    #[test]
+    fn a_sensor_measures_where_its_port_can_be() {
+        let slide = |range: [f64; 2]| {
+            let mut ports = ports();
+            ports.outputs[0] = Port::output("slide_metres", range);
+            ports
+        };
+        let in_millimetres = |wiring: &mut Wiring, min: f64, max: Option<f64>| {
+            wiring.output = "slide_metres".to_owned();
+            wiring.unit = Unit::Millimetres;
+            (wiring.position_min, wiring.position_max) = (min, max);
+        };
+        let of = |range, min, max| found(&slide(range), |wiring| in_millimetres(wiring, min, max));
+        for range in [[0.0, 0.06], [0.0, 0.02], [f64::NEG_INFINITY, f64::INFINITY]] {
+            assert_eq!(of(range, 0.0, None), None, "{range:?}");
+        }
+        assert_eq!(of([-0.1, 0.2], 0.0, Some(100.0)), None, "a part of it");
+        assert_eq!(
+            of([0.0, 0.2], 0.0, None).unwrap(),
+            "node.motor.sensor: the sensor of `motor` has no range: `slide_metres` goes from 0 to 200 millimetres: write min and max"
+        );
+        assert_eq!(
+            of([-0.2, 0.0], 0.0, Some(60.0)).unwrap(),
+            "node.motor.sensor: `slide_metres` is never where its sensor measures, from 0 to 60 millimetres: \
+             it goes from -200 to 0 millimetres"
         );
     }
 

@@ -165,10 +165,11 @@ impl LoadedRig {
         let times = (0..).map(|cycle| period * cycle);
         for time in times.take_while(|time| *time < duration) {
             let seconds = time.as_secs_f64();
-            let millimetres = 1e3 * trajectory.at(seconds).position_metres;
-            if !(min..=max).contains(&millimetres) {
+            let wanted = 1e3 * trajectory.at(seconds).position_metres;
+            if !(min..=max).contains(&wanted) {
+                let symbol = scenario.wiring.unit.symbol();
                 return Err(format!(
-                    "the set-point is {millimetres} mm at {seconds} s, beyond the rig's limits ({min} to {max} mm)"
+                    "the set-point is {wanted} {symbol} at {seconds} s, beyond the rig's limits ({min} to {max} {symbol})"
                 ));
             }
         }

@@ -61,7 +61,7 @@ fn in_words(step: &PreflightEvent) -> String {
         PreflightEvent::Drive(name) => format!("pre-flight of {name}"),
         PreflightEvent::Checked(check) => format!("pre-flight: {check}"),
         PreflightEvent::Cooling(time) => {
-            format!("pre-flight: the wire cools for {} s", time.as_secs_f64())
+            format!("pre-flight: the plant cools for {} s", time.as_secs_f64())
         }
     }
 }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use scenario::read_text;
 use scenario::rig::RigFile;
 use scenario::rig::nodes::Rig;
+use scenario::{Scenario, read_text};
 
 use crate::console::print_diagnostic;
 use crate::exit::Exit;
@@ -27,11 +27,14 @@ pub fn setups_of(path: &Path) -> Result<Vec<Setup>, Exit> {
         print_diagnostic(error);
         Exit::CannotStart
     };
-    let text = read_text(path, FILE_BYTES_MAX).unwrap_or_default();
-    if Rig::is_meant(&text) {
+    let text = read_text(path, FILE_BYTES_MAX);
+    // Who asks for nodes names a rig, unless it is a scenario. What cannot be read may be the name of one that ships.
+    let is_rig =
+        |text: &String| Rig::is_meant(text) || !RigFile::is_meant(text) && !Scenario::may_be(text);
+    if text.as_ref().is_ok_and(is_rig) {
         return rig::loops::of_rig(path, catalogue()).map_err(invalid);
     }
-    if RigFile::is_meant(&text) {
+    if RigFile::is_meant(&text.unwrap_or_default()) {
         let setup = read_rig(path).and_then(Setup::of_rig);
         return setup.map(|setup| vec![setup]).map_err(|error| {
             print_diagnostic(error);

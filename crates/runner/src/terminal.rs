@@ -108,6 +108,6 @@ fn in_words(step: &PreflightEvent) -> String {
         PreflightEvent::Begun => "pre-flight:".to_owned(),
         PreflightEvent::Drive(name) => format!(" {name}:"),
         PreflightEvent::Checked(check) => format!("  {check}"),
-        PreflightEvent::Cooling(time) => format!("  the wire cools for {} s", time.as_secs_f64()),
+        PreflightEvent::Cooling(time) => format!("  the plant cools for {} s", time.as_secs_f64()),
     }
 }

@@ -131,6 +131,16 @@ impl Scenario {
         Self::load_for(path, Reading::Recorded, &objections)
     }
 
+    /// Whether a text may be meant as a scenario, of whatever schema: it has a key that no rig file has, or is not even TOML.
+    #[must_use]
+    pub fn may_be(text: &str) -> bool {
+        let keys = ["duration_seconds", "controller", "reference", "rig"];
+        match Document::parse(Source::new("", text), text) {
+            Ok(document) => keys.iter().any(|key| document.has(key)),
+            Err(_) => true,
+        }
+    }
+
     fn load_for(
         path: &Path,
         reading: Reading,

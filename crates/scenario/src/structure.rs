@@ -154,9 +154,10 @@ impl<'a> Checker<'a> {
                 1 => format!("`{path}` has 1 entry"),
                 _ => format!("`{path}` has {count} entries"),
             };
-            let label = match count < fewest {
-                true => format!("at least {fewest} are needed"),
-                false => format!("at most {most} are admitted"),
+            let label = match fewest {
+                1 if count < fewest => "at least 1 is needed".to_owned(),
+                _ if count < fewest => format!("at least {fewest} are needed"),
+                _ => format!("at most {most} are admitted"),
             };
             self.report(span, message, label);
             return;

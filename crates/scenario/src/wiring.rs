@@ -42,7 +42,7 @@ pub struct Wiring {
     pub unit: Unit,
     /// The lowest position that its sensor gives, in that unit.
     pub position_min: f64,
-    /// The highest one; none where the port's range says.
+    /// The highest one; 60 mm if none.
     pub position_max: Option<f64>,
     /// The inputs of the plant on which the fan and the load of its io node act.
     pub fan: Option<String>,

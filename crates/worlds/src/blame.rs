@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use canopen::emcy::{EmergencyMessage, ErrorCode};
 use dbc::scenario_clock::SYNC_COB_ID;
-use dbc::signals;
 use platform::lockstep::LockstepError;
 use recording::capture::Capture;
 use recording::ending::{EarlyEnd, EndedBy};
@@ -185,7 +184,7 @@ impl<'a> Seen<'a> {
     }
 
     fn last_position(&self, drive: &str) -> Option<Duration> {
-        let position = self.setup(drive).database.signal(signals::POSITION)?;
+        let position = self.setup(drive).database.position().ok()?;
         self.last(position.raw_id()).map(|position| position.time)
     }
 

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use dbc::SignalMissing;
 use dbc::scenario_clock::SYNC_COB_ID;
-use dbc::{SignalMissing, signals};
 use recording::capture::Capture;
 use recording::log::Stamped;
 use rig::setup::Setup;
@@ -40,7 +40,7 @@ impl SilenceWatch {
         let drives = setups.iter().map(|setup| {
             Ok(Drive {
                 name: drive_name(setup).to_owned(),
-                position_id: setup.database.require(signals::POSITION)?.raw_id(),
+                position_id: setup.database.position()?.raw_id(),
                 heard: Duration::ZERO,
             })
         });

@@ -199,22 +199,27 @@ fn mechanics(config: &Config) -> MechanicsConfig {
 }
 
 fn ports(config: &Config) -> Ports {
-    let current = |name| Port::input(name, [0.0, 1.0]).with_comment("Current through the wire.");
-    let temperature = |name| {
-        Port::output(name, [-273.15, 327.67])
-            .in_steps(1e2)
-            .with_comment("Temperature of the wire.")
+    let current = |wire: &str| {
+        let name = format!("{wire}_current_amperes");
+        Port::input(&name, [0.0, 1.0]).with_comment(&format!("Current through the {wire}."))
     };
-    let tension = |name| {
-        Port::output(name, [0.0, 655.35])
+    let temperature = |wire: &str| {
+        let name = format!("{wire}_temperature_celsius");
+        Port::output(&name, [-273.15, 327.67])
             .in_steps(1e2)
-            .with_comment("Tension of the wire; 0 where it is slack.")
+            .with_comment(&format!("Temperature of the {wire}."))
+    };
+    let tension = |wire: &str| {
+        let name = format!("{wire}_tension_newtons");
+        Port::output(&name, [0.0, 655.35])
+            .in_steps(1e2)
+            .with_comment(&format!("Tension of the {wire}; 0 where it is slack."))
     };
     let stop = config.stop_degrees;
     Ports {
         inputs: vec![
-            current("flexor_current_amperes"),
-            current("extensor_current_amperes"),
+            current("flexor"),
+            current("extensor"),
             Port::input("convection_factor", [0.0, 32.767])
                 .resting_at(1.0)
                 .with_comment("Multiplies the convection to the air."),
@@ -224,10 +229,10 @@ fn ports(config: &Config) -> Ports {
         outputs: vec![
             Port::output("angle_degrees", [-stop, stop])
                 .with_comment("Angle of the joint, towards the flexor's side."),
-            temperature("flexor_temperature_celsius"),
-            tension("flexor_tension_newtons"),
-            temperature("extensor_temperature_celsius"),
-            tension("extensor_tension_newtons"),
+            temperature("flexor"),
+            tension("flexor"),
+            temperature("extensor"),
+            tension("extensor"),
             Port::output("speed_degrees_per_second", [-3_276.8, 3_276.7])
                 .in_steps(10.0)
                 .with_comment("Speed of the joint."),

@@ -463,7 +463,7 @@ fn check_frames(
     database: &Database,
     timeline: &Timeline,
 ) -> Result<(), RecordingFault> {
-    let position = database.require(signals::POSITION)?;
+    let position = database.position()?;
     let message = signals::POSITION
         .split_once('.')
         .map_or("", |(message, _)| message);

@@ -6,6 +6,7 @@ use scenario::loops::Contour;
 use crate::contour::{Axis, axes, window};
 use crate::plot::{Colour, Extent, Plot, Shape};
 use crate::run::Run;
+use crate::unit::shown_unit;
 use judge::contour_errors;
 use platform::series::SeriesWriter;
 
@@ -19,7 +20,7 @@ pub(super) fn section(contour: &Contour, runs: &[Run<'_>]) -> Markup {
         errors.push(error);
     }
     let (time, errors) = (time.finish(), errors.finish());
-    let mut distance = Plot::over_time("Distance from the path", contour.unit.symbol());
+    let mut distance = Plot::over_time("Distance from the path", shown_unit(contour.unit.symbol()));
     distance.extent = Extent::FromZero;
     distance.draw(
         "contour error",
@@ -42,8 +43,9 @@ fn plane<'a>(contour: &'a Contour, across: &Axis<'a>, up: &Axis<'a>) -> Plot<'a>
     let rows = window(contour, &[*across, *up]);
     let [x, y] = [across, up].map(|(_, run)| run.timeline);
     let title = format!("{} over {}", up.0, across.0);
-    let mut plot = Plot::over_time(title, contour.unit.symbol());
-    plot.x_label = contour.unit.symbol();
+    let unit = shown_unit(contour.unit.symbol());
+    let mut plot = Plot::over_time(title, unit);
+    plot.x_label = unit;
     plot.extent = Extent::Plane;
     let [right, high] = [x, y].map(|axis| &axis.position()[rows.clone()]);
     plot.draw("measured", Colour::Measured, Shape::Path, right, high);

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 
 use crate::plot::{Colour, Plot, Shape};
 use crate::run::Run;
+use crate::unit::shown_unit;
 
 /// A curve over frequency: its title, its unit, and what it shows.
 type Curve = (&'static str, &'static str, fn(&FrequencyPoint) -> f64);
@@ -21,7 +22,7 @@ const CURVES: [Curve; 3] = [
 ];
 
 pub(super) fn section(run: &Run<'_>) -> Markup {
-    let symbol = run.timeline.unit.symbol();
+    let symbol = shown_unit(run.timeline.unit.symbol());
     let responses = frequency_responses(run.timeline, run.setup);
     let points = || responses.iter().flatten();
     html! {

@@ -8,7 +8,7 @@ use scenario::events::{JudgedStep, Window};
 
 use crate::plot::{Colour, Extent, Patch, Plot, Shape};
 use crate::run::Run;
-use crate::unit::shown_unit;
+use crate::unit::{shown_unit, title};
 use judge::SETTLING_BAND;
 use platform::series::Series;
 use recording::timeline::{Column, Timeline};
@@ -33,7 +33,7 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
     let mut in_time = vec![position(run)];
     let (close_ups, left_out) = close_ups(run);
     in_time.extend(close_ups);
-    let mut error_plot = Plot::over_time("Error", timeline.unit.symbol());
+    let mut error_plot = Plot::over_time("Error", shown_unit(timeline.unit.symbol()));
     error_plot.draw(
         "set-point − measured",
         Colour::Measured,
@@ -73,9 +73,22 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
             @for plot in &in_time[1..] { (plot.render()) }
             @if has_wire { (hysteresis(timeline).render()) }
         }
-        p.soft { "Green: settling band of a step. Yellow: a disturbance acts." }
+        @if let Some(words) = patches_in_words(&run.setup.scenario) { p.soft { (words) } }
         @if left_out > 0 { p.soft { (left_out) " more judged steps, disturbances or sines are not drawn by themselves; the Rerun viewer shows each in " code { "run.rrd" } "." } }
     }
+}
+
+/// What the coloured patches behind the curves are; nothing where there are none.
+fn patches_in_words(scenario: &Scenario) -> Option<String> {
+    let has_steps = !scenario.judged_steps().is_empty();
+    let has_disturbances = !scenario.disturbance_windows().is_empty();
+    let words = [
+        (has_steps, "Green: settling band of a step."),
+        (has_disturbances, "Yellow: a disturbance acts."),
+    ];
+    let words = words.into_iter().filter(|(is_there, _)| *is_there);
+    let words = Vec::from_iter(words.map(|(_, words)| words));
+    (!words.is_empty()).then(|| words.join(" "))
 }
 
 /// The terms of the sliding-mode laws; the other shipped laws leave them 0.
@@ -118,9 +131,8 @@ fn of_own_terms<'a>(
     database: &'a Database,
 ) -> impl Iterator<Item = Plot<'a>> {
     signals::own_law_signals(database).map(|term| {
-        let title = term.comment.trim_end_matches('.');
         let drawn = [(term.name.as_str(), "law", Colour::Estimated)];
-        let mut plot = of_signals(timeline, title, shown_unit(&term.unit), &drawn);
+        let mut plot = of_signals(timeline, title(term), shown_unit(&term.unit), &drawn);
         plot.extent = Extent::Typical;
         plot
     })
@@ -167,7 +179,7 @@ fn of_another_plant<'a>(
         let unit = shown_unit(&signal.unit);
         of_signals(
             timeline,
-            signal.comment.trim_end_matches('.'),
+            title(signal),
             unit,
             &[(name, "true", Colour::True)],
         )
@@ -177,7 +189,7 @@ fn of_another_plant<'a>(
 fn position<'a>(run: &Run<'a>) -> Plot<'a> {
     let timeline = run.timeline;
     let time = &timeline.time_seconds;
-    let mut plot = Plot::over_time("Position", timeline.unit.symbol());
+    let mut plot = Plot::over_time("Position", shown_unit(timeline.unit.symbol()));
     plot.patches = run
         .setup
         .scenario
@@ -241,7 +253,7 @@ fn close_ups<'a>(run: &Run<'a>) -> (Vec<Plot<'a>>, usize) {
 
 /// Steps and disturbances.
 fn sudden(scenario: &Scenario) -> Vec<Stretch> {
-    let symbol = scenario.wiring.unit.symbol();
+    let symbol = shown_unit(scenario.wiring.unit.symbol());
     let steps = scenario.judged_steps().into_iter().map(|step| {
         let from = step.window.from_seconds;
         let until = step.window.until_seconds.min(from + AFTER_STEP_SECONDS);

@@ -22,6 +22,7 @@ use super::contour::Plane;
 use super::output::{Output, begin};
 use super::times::RUN_TIME;
 use super::{APPLICATION, RerunError, drawing, groups, hysteresis};
+use crate::shown_unit;
 use rig::setup::Setup;
 
 type Result<T> = std::result::Result<T, RerunError>;
@@ -109,9 +110,10 @@ impl<'a> Layout<'a> {
     fn page(&mut self, page: &Page<'_>) -> Result<Place> {
         let groups = &page.groups;
         let has = |group| groups.contains(group);
-        let mut left = vec![self.plot("Position (mm)", "position", 2.2)?];
+        let unit = shown_unit(page.setup.scenario.wiring.unit.symbol());
+        let mut left = vec![self.plot(&format!("Position ({unit})"), "position", 2.2)?];
         if has("error") {
-            left.push(self.plot("Error (mm)", "error", 1.2)?);
+            left.push(self.plot(&format!("Error ({unit})"), "error", 1.2)?);
         }
         left.push(self.plot("Current (A)", "current", 1.2)?);
         if has(groups::DISTURBANCE) {

@@ -13,6 +13,7 @@ use super::times;
 use super::{RerunError, groups};
 use crate::contour::{Axis, axes, window};
 use crate::run::Run;
+use crate::shown_unit;
 use recording::timeline::Timeline;
 
 /// A point of a path nearer to the one before than this cannot be seen.
@@ -93,7 +94,7 @@ fn log_plane(
     send_static(output, now.as_str(), &look)?;
     log_moves(output, &now, x, &mut moves)?;
     Ok(Some(Plane {
-        title: format!("{up} over {across} (mm)"),
+        title: format!("{up} over {across} ({})", shown_unit(contour.unit.symbol())),
         group,
         bounds,
     }))

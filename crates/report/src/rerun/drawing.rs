@@ -7,6 +7,7 @@ use re_sdk_types::archetypes::{Boxes2D, LineStrips2D, Points2D};
 use re_sdk_types::components::{Color, Radius};
 use scenario::Scenario;
 use scenario::plant::SMA_ACTUATOR;
+use scenario::port::Unit;
 
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
@@ -57,7 +58,8 @@ impl Drawing {
     /// The actuator's drawing; other plants have none.
     fn new(scenario: &Scenario) -> Option<Self> {
         let mechanics = &scenario.plant.mechanics;
-        (scenario.plant.name() == SMA_ACTUATOR).then_some(Self {
+        let is_length = scenario.wiring.unit == Unit::Millimetres;
+        (is_length && scenario.plant.name() == SMA_ACTUATOR).then_some(Self {
             wire: 1e3 * mechanics.wire_length_metres,
             inner: 1e3 * mechanics.inner_pulley_radius_metres,
             outer: 1e3 * mechanics.outer_pulley_radius_metres,

@@ -8,7 +8,7 @@ use dbc::{Database, signals};
 use scenario::Scenario;
 use scenario::plant::SMA_ACTUATOR;
 
-use crate::shown_unit;
+use crate::{shown_unit, title};
 use rig::setup::Setup;
 
 /// How a signal is drawn.
@@ -23,6 +23,8 @@ pub(super) struct Style<'a> {
     is_drawn_when_zero: bool,
 }
 
+/// The group of the position of the loop.
+const POSITION: &str = "position";
 /// The group of signals that no view shows.
 pub(super) const OTHER: &str = "other";
 /// The group of what the stamps say of each cycle.
@@ -46,12 +48,12 @@ pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
 /// Signals by the beginning of their names.
 const STYLES: [(&str, Style<'static>); 21] = [
-    ("set_point_", always("position", "set-point", ORANGE)),
-    ("position_", always("position", "measured", SKY)),
-    ("true_position_", always("position", "true", GREEN)),
+    ("set_point_", always(POSITION, "set-point", ORANGE)),
+    ("position_", always(POSITION, "measured", SKY)),
+    ("true_position_", always(POSITION, "true", GREEN)),
     (
         "reference_position_",
-        if_used("position", "filtered reference", PINK),
+        if_used(POSITION, "filtered reference", PINK),
     ),
     ("error_", always("error", "set-point − measured", SKY)),
     ("target_current_", always("current", "commanded", ORANGE)),
@@ -126,25 +128,27 @@ pub(super) fn own_views(setup: &Setup) -> Vec<OwnView<'_>> {
     let Scenario {
         plant, controller, ..
     } = &setup.scenario;
+    let has_view = |name: &str| known(name).is_some_and(|style| style.group != POSITION);
     let signals = signals::plant_signals(&setup.database)
-        .filter(|_| plant.own.is_some())
-        .map(|it| (it.name.as_str(), &it.unit, &it.comment, "true", GREEN));
+        // A position that the loop does not follow is no second line beside its own.
+        .filter(|it| plant.own.is_some() || !has_view(&it.name))
+        .map(|it| (it, "true", GREEN));
     let terms = signals::own_law_signals(&setup.database)
         .filter(|_| controller.own.is_some())
-        .map(|it| (it.name.as_str(), &it.unit, &it.comment, "law", PINK));
+        .map(|it| (it, "law", PINK));
     let shipped = Database::shipped();
     // What is called like a shipped signal is drawn with it.
     let own = signals
         .chain(terms)
-        .filter(|(name, ..)| !shipped.has_signal(name));
-    let view = own.map(|(name, unit, comment, label, colour)| {
-        let comment = comment.trim_end_matches('.');
+        .filter(|(it, ..)| !shipped.has_signal(&it.name));
+    let view = own.map(|(signal, label, colour)| {
+        let title = title(signal);
         OwnView {
-            title: match shown_unit(unit) {
-                "" => comment.to_owned(),
-                unit => format!("{comment} ({unit})"),
+            title: match shown_unit(&signal.unit) {
+                "" => title.to_owned(),
+                unit => format!("{title} ({unit})"),
             },
-            style: always(name, label, colour),
+            style: always(&signal.name, label, colour),
         }
     });
     view.collect()
@@ -176,7 +180,10 @@ pub(super) fn is_used(values: &[f64]) -> bool {
 /// The groups that a run will have, before anything was heard of it.
 pub(super) fn expected(setup: &Setup) -> BTreeSet<&str> {
     let scenario = &setup.scenario;
-    let mut groups = BTreeSet::from(["error"]);
+    let mut groups = BTreeSet::new();
+    if !scenario.reference.is_empty() {
+        groups.insert("error");
+    }
     let own = own_views(setup);
     let signals = signals::plant_signals(&setup.database);
     groups.extend(signals.map(|signal| style(&signal.name, || true, &own).group));
@@ -202,4 +209,46 @@ pub(super) fn line(label: &str, colour: [u8; 3]) -> SeriesLines {
 /// A signal holds between its rows.
 pub(super) fn held() -> SeriesLines {
     SeriesLines::new().with_interpolation_mode(InterpolationMode::StepAfter)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dbc::{PlantSignal, Range};
+    use rig::catalogue::Catalogue;
+
+    #[test]
+    fn what_no_shipped_plant_has_gets_a_view_of_its_own() {
+        let signal = |name: &str, unit: &str, comment: &str| PlantSignal {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            comment: comment.to_owned(),
+            resolution: 1.0,
+            range: Range {
+                minimum: 0.0,
+                maximum: 1.0,
+            },
+        };
+        let signals = [
+            signal("winding_temperature_celsius", "degC", "Winding."),
+            signal("position_metres", "m", "Position of the load."),
+            signal("flexor_tension_newtons", "N", ""),
+        ];
+        let plants = [("dc_motor", &signals[..])];
+        let catalogue = Catalogue::new(plants.into_iter(), [].into_iter(), |_| None, |_| None);
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let setup = Setup::new(scenario, &catalogue);
+        let views = own_views(&setup);
+        let titles = Vec::from_iter(views.iter().map(|view| view.title.as_str()));
+        assert_eq!(
+            titles,
+            ["Position of the load (m)", "flexor_tension_newtons (N)"]
+        );
+        let group = |name| style(name, || true, &views).group;
+        assert_eq!(group("position_metres"), "position_metres");
+        assert_eq!(group("position_millimetres"), POSITION);
+        assert_eq!(group("winding_temperature_celsius"), "temperature");
+        assert!(!expected(&setup).contains("error"), "it has no set-point");
+    }
 }

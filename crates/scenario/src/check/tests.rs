@@ -250,7 +250,7 @@ fn an_event_of_a_sequence_is_one_thing_and_has_a_time() {
         10,
         9,
         "`expect.sequence.event` has 0 entries",
-        "at least 1 are needed",
+        "at least 1 is needed",
     );
     check(
         &sequence("{ within_milliseconds = 5 }"),

@@ -12,25 +12,25 @@ faults! {
         /// The sensor reads too much or too little.
         offset: Offset {
             /// Added to the position.
-            #[schemars(range(min = -1_000.0, max = 1_000.0))]
+            #[schemars(range(min = -1e6, max = 1e6))]
             offset_millimetres: f64,
         }
         /// The sensor's zero wanders away while the fault lasts, and is back after it.
         drift: Drift {
             /// How fast the zero wanders.
-            #[schemars(range(min = -1_000.0, max = 1_000.0))]
+            #[schemars(range(min = -1e6, max = 1e6))]
             rate_millimetres_per_second: f64,
         }
         /// Normal noise on top of the plant's own.
         noise: Noise {
             /// Standard deviation of the noise.
-            #[schemars(range(min = 0.0, max = 100.0))]
+            #[schemars(range(min = 0.0, max = 1e6))]
             noise_millimetres_rms: f64,
         }
         /// Single samples are off by a fixed height, upwards or downwards.
         spikes: Spikes {
             /// Height of a spike.
-            #[schemars(range(min = 0.0, max = 1_000.0))]
+            #[schemars(range(min = 0.0, max = 1e6))]
             height_millimetres: f64,
             /// Probability of a spike in a sample.
             #[serde(default = "one")]

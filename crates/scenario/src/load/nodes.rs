@@ -529,13 +529,6 @@ impl Check<'_> {
         let mut led: BTreeMap<&str, String> = BTreeMap::new();
         for (name, one) in &self.rig.loops {
             let path = format!("loop.{name}.drives");
-            if one.drives.is_empty() {
-                let message = format!("nothing moves the loop `{name}`");
-                problems.push(
-                    self.document
-                        .problem(&path, message, "a loop needs a drive"),
-                );
-            }
             for (place, drive) in one.drives.iter().enumerate() {
                 let path = format!("{path}.{place}");
                 problems.extend(self.drive(&path, drive));
@@ -553,8 +546,10 @@ impl Check<'_> {
             }
             problems.extend(self.feedback(name, &one.feedback, &one.drives));
         }
+        // A loop without a drive was found by the schema: it is probably the one.
+        let is_said = self.rig.loops.values().any(|one| one.drives.is_empty());
         for drive in self.of_kind(NodeKind::Drive) {
-            if !led.contains_key(drive) {
+            if !led.contains_key(drive) && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
                 let label = format!("name it in `drives` of a loop, as in drives = [\"{drive}\"]");
                 problems.push(self.problem(&format!("node.{drive}"), message, label));

@@ -164,7 +164,7 @@ pub struct PositionObject {
     #[schemars(range(min = -2_147_483_648.0, max = 4_294_967_295.0))]
     pub units_at_stop: f64,
     /// One step of the sensor (its LSB); the pre-flight waits for five of them.
-    #[schemars(range(min = 1e-6, max = 10.0))]
+    #[schemars(range(min = 1e-6, max = 10_000.0))]
     pub resolution_millimetres: f64,
 }
 
@@ -209,7 +209,7 @@ pub struct Limits {
     /// Where the load may be.
     pub position_millimetres: PositionRange,
     /// How fast it may move, on average over 20 ms or two cycles.
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 100_000.0))]
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
     pub speed_millimetres_per_second: f64,
 }
 
@@ -218,10 +218,10 @@ pub struct Limits {
 #[serde(deny_unknown_fields)]
 pub struct PositionRange {
     /// Lowest position; a little below 0, since a sensor at the stop has noise.
-    #[schemars(range(min = -1000.0, max = 1000.0))]
+    #[schemars(range(min = -1e6, max = 1e6))]
     pub min: f64,
     /// Highest position.
-    #[schemars(range(min = -1000.0, max = 1000.0))]
+    #[schemars(range(min = -1e6, max = 1e6))]
     pub max: f64,
 }
 

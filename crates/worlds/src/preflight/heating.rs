@@ -8,6 +8,7 @@ use canopen::cia402::Command;
 use canopen::{CanFrame, NmtCommand};
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
+use scenario::port::Unit;
 use scenario::rig::drive::{Feedback, Scaled};
 
 use super::checklist::{Check, CheckOutcome};
@@ -24,11 +25,14 @@ pub(super) const REST: Duration = Duration::from_secs(1);
 const MOTION_STEPS: f64 = 5.0;
 /// No current is less than this part of the limit: what a drive's measurement may be off.
 const NO_CURRENT: f64 = 0.05;
-const MILLIMETRES_PER_METRE: f64 = 1e3;
+/// Inside the bench a position is in thousands of its unit.
+const UNITS_PER_THOUSAND: f64 = 1e3;
 
 /// What the bus has shown so far.
 pub(super) struct Heating<'a> {
     rig: &'a LoadedRig,
+    /// The unit of the drive's positions.
+    unit: &'a Unit,
     clock: ScenarioClock,
     /// How many frames of the recording have been read.
     frames_read: usize,
@@ -39,9 +43,11 @@ pub(super) struct Heating<'a> {
 }
 
 impl<'a> Heating<'a> {
-    pub(super) fn new(rig: &'a LoadedRig) -> Result<Self, SignalMissing> {
+    /// A session that has shown nothing yet, of a drive whose positions are in this unit.
+    pub(super) fn new(rig: &'a LoadedRig, unit: &'a Unit) -> Result<Self, SignalMissing> {
         Ok(Self {
             rig,
+            unit,
             clock: ScenarioClock::new(&rig.database)?,
             frames_read: 0,
             commanded_amperes: 0.0,
@@ -110,13 +116,13 @@ impl<'a> Heating<'a> {
     }
 
     fn on_feedback(&mut self, now: Duration, feedback: &Feedback) {
-        let millimetres = feedback.position_metres * MILLIMETRES_PER_METRE;
+        let position = feedback.position_metres * UNITS_PER_THOUSAND;
         let is_at_rest = self.clock.scenario_time(now).unwrap_or_default() < REST;
-        let (no_current, threshold) = (self.no_current_amperes(), self.motion_millimetres());
+        let (no_current, threshold) = (self.no_current_amperes(), self.motion());
         match &mut self.phase {
             Phase::Stop { quick_stop, .. } => quick_stop.on_sample(now, feedback, no_current),
-            phase if is_at_rest => phase.on_rest_sample(millimetres),
-            phase => phase.on_ramp_sample(millimetres, self.commanded_amperes, threshold),
+            phase if is_at_rest => phase.on_rest_sample(position),
+            phase => phase.on_ramp_sample(position, self.commanded_amperes, threshold),
         }
     }
 
@@ -125,8 +131,14 @@ impl<'a> Heating<'a> {
         frame.standard_id() == Some(id) && frame.data().first() == Some(&NmtState::Stopped.number())
     }
 
-    fn motion_millimetres(&self) -> f64 {
+    /// What is motion, in the drive's unit.
+    fn motion(&self) -> f64 {
         MOTION_STEPS * self.rig.file.drive.position.resolution_millimetres
+    }
+
+    /// A key of the rig file as it is in the drive's unit.
+    fn key(&self, name: &str) -> String {
+        self.unit.rename_rig_key(name)
     }
 
     fn no_current_amperes(&self) -> f64 {
@@ -192,7 +204,7 @@ impl<'a> Heating<'a> {
     fn at_rest(&self) -> Found {
         match (self.position(), self.phase.rest(), self.phase.motion()) {
             (Err(text), ..) => Found::Failed(text),
-            (Ok(()), Some(rest), Some(_)) => Found::Passed(at_rest(rest)),
+            (Ok(()), Some(rest), Some(_)) => Found::Passed(at_rest(rest, self.unit)),
             _ => Found::Missing("the drive sent no position for a second".to_owned()),
         }
     }
@@ -202,17 +214,15 @@ impl<'a> Heating<'a> {
         let Some(rest) = self.phase.rest() else {
             return Ok(());
         };
-        let Span {
-            low_millimetres: low,
-            high_millimetres: high,
-        } = rest;
+        let Span { low, high } = rest;
+        let (symbol, at_rest) = (self.unit.symbol(), at_rest(rest, self.unit));
         let range = self.rig.file.limits.position_millimetres;
         if low < range.min || high > range.max {
             return Err(format!(
-                "{}, beyond the limits of the rig ({} to {} mm): look at units_at_stop and units_per_millimetre",
-                at_rest(rest),
+                "{at_rest}, beyond the limits of the rig ({} to {} {symbol}): look at units_at_stop and {}",
                 range.min,
-                range.max
+                range.max,
+                self.key("units_per_millimetre")
             ));
         }
         let position = self.rig.drive.position();
@@ -221,10 +231,10 @@ impl<'a> Heating<'a> {
                 "the object has its extreme value {extreme}: is the sensor connected?"
             ));
         }
-        if high - low >= self.motion_millimetres() {
+        if high - low >= self.motion() {
             return Err(format!(
-                "it moves from {}: noise, or resolution_millimetres is too small",
-                at_rest(rest)
+                "it moves from {at_rest}: noise, or {} is too small",
+                self.key("resolution_millimetres")
             ));
         }
         Ok(())
@@ -232,26 +242,30 @@ impl<'a> Heating<'a> {
 
     fn direction(&self) -> Found {
         let preflight = &self.rig.file.preflight;
-        let threshold = self.motion_millimetres();
+        let threshold = self.motion();
         let motion = self.phase.motion().unwrap_or_default();
         let Motion {
-            displacement_millimetres: displacement,
+            displacement,
             amperes,
             ..
         } = motion;
+        let symbol = self.unit.symbol();
         if !preflight.heating {
             Found::Open("not heated, as you wished".to_owned())
         } else if displacement <= -threshold {
             // Beyond a limit of the rig it may be before it is motion.
             Found::Failed(format!(
-                "falls by {:.2} mm at {amperes:.2} A: a heated wire lifts its load; turn the sign of units_per_millimetre",
-                -displacement
+                "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of {}",
+                -displacement,
+                self.key("units_per_millimetre")
             ))
         } else if motion.has_moved() {
-            Found::Passed(format!("rises by {displacement:.2} mm at {amperes:.2} A"))
+            Found::Passed(format!(
+                "rises by {displacement:.2} {symbol} at {amperes:.2} A"
+            ))
         } else {
             Found::Missing(format!(
-                "{displacement:.2} mm within {} s, at {amperes:.2} A in the end ({threshold:.2} mm are motion): is the wire connected, and the command's scaling right?",
+                "{displacement:.2} {symbol} within {} s, at {amperes:.2} A in the end ({threshold:.2} {symbol} are motion): is the plant connected, and the command's scaling right?",
                 preflight.heating_seconds_max
             ))
         }
@@ -338,9 +352,9 @@ fn reason(error: &WorldError) -> String {
 }
 
 /// The extreme value that the object has at a position, as a sensor's that is not connected.
-fn extreme(position: &Scaled, millimetres: f64) -> Option<f64> {
+fn extreme(position: &Scaled, at: f64) -> Option<f64> {
     let bits = 8 * i32::try_from(position.field.length_bytes).unwrap_or(4);
-    let raw = (millimetres * position.units + position.offset).round();
+    let raw = (at * position.units + position.offset).round();
     let extremes = if position.field.is_signed {
         [-(2_f64.powi(bits - 1)), 2_f64.powi(bits - 1) - 1.0]
     } else {
@@ -352,11 +366,10 @@ fn extreme(position: &Scaled, millimetres: f64) -> Option<f64> {
         .find(|extreme| raw.to_bits() == extreme.to_bits())
 }
 
-/// Where the load rests, to the hundredth of a millimetre; a zero has no sign.
-fn at_rest(rest: Span) -> String {
-    let [low, high] =
-        [rest.low_millimetres, rest.high_millimetres].map(|at| (100.0 * at).round() / 100.0 + 0.0);
-    format!("{low:.2} to {high:.2} mm without current")
+/// Where the load rests, to the hundredth of its unit; a zero has no sign.
+fn at_rest(rest: Span, unit: &Unit) -> String {
+    let [low, high] = [rest.low, rest.high].map(|at| (100.0 * at).round() / 100.0 + 0.0);
+    format!("{low:.2} to {high:.2} {} without current", unit.symbol())
 }
 
 #[cfg(test)]
@@ -425,8 +438,12 @@ mod tests {
 
         /// The checklist, and whether the bench would have ended the ramp.
         fn judged(&self) -> (String, bool) {
+            self.judged_in(&Unit::Millimetres)
+        }
+
+        fn judged_in(&self, unit: &Unit) -> (String, bool) {
             let rig = LoadedRig::from_text(RIG).unwrap();
-            let mut heating = Heating::new(&rig).unwrap();
+            let mut heating = Heating::new(&rig, unit).unwrap();
             heating.read(&self.frames);
             let checks = heating.checks(Ok(()));
             let lines: Vec<String> = checks.iter().map(ToString::to_string).collect();
@@ -473,11 +490,40 @@ mod tests {
 
     #[test]
     fn a_zero_at_rest_has_no_sign() {
-        let text = at_rest(Span {
-            low_millimetres: -0.004,
-            high_millimetres: 0.004,
-        });
+        let rest = Span {
+            low: -0.004,
+            high: 0.004,
+        };
+        let text = at_rest(rest, &Unit::Millimetres);
         assert_eq!(text, "0.00 to 0.00 mm without current");
+    }
+
+    #[test]
+    fn a_drive_in_degrees_is_judged_in_degrees() {
+        let last = |session: &SessionFrames| {
+            let (lines, _) = session.judged_in(&Unit::Degrees);
+            assert!(!lines.contains("mm") && !lines.contains("milli"), "{lines}");
+            lines
+        };
+        let lines = last(&SessionFrames::good());
+        for line in [
+            "✓ position      0.00 to 0.00 deg without current\n",
+            "✓ direction     rises by 0.50 deg at 0.60 A\n",
+        ] {
+            assert!(lines.contains(line), "{line} is not in\n{lines}");
+        }
+        let lines = last(&SessionFrames::heated(-0.5));
+        assert!(
+            lines.ends_with("turn the sign of units_per_degree"),
+            "{lines}"
+        );
+        let mut far = SessionFrames::heated(0.0);
+        far.frames.clear();
+        (0..110).for_each(|_| far.cycle(0x0237, 60.0, 0));
+        let lines = last(&far);
+        let expected = "60.00 to 60.00 deg without current, beyond the limits of the rig (-1 to 45 deg): \
+            look at units_at_stop and units_per_degree";
+        assert!(lines.ends_with(expected), "{lines}");
     }
 
     #[test]

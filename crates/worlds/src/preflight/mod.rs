@@ -22,6 +22,7 @@ use canopen::nmt::NodeId;
 use dbc::scenario_clock::ScenarioClock;
 use platform::clock;
 use scenario::Scenario;
+use scenario::wiring::Plausible;
 
 pub use checklist::{Check, CheckOutcome};
 
@@ -45,6 +46,10 @@ use rig::setup::Setup;
 
 /// Name of the session under which the drive is heated, and of its folder.
 const NAME: &str = "pre-flight";
+/// An emulated drive's sensor is taken to resolve its travel by 10 bits, as that of the shipped rig does.
+const STEPS_OF_TRAVEL: f64 = 1024.0;
+/// Nothing takes less than this through its travel, where its node does not say how fast it is. Assumed: the paper's wire needs 0.2 s.
+const TRAVEL_SECONDS: f64 = 0.12;
 /// How often is looked whether the user stops the pre-flight.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// Heartbeats of a drive that was stopped are awaited for so long beyond their time-out.
@@ -222,7 +227,7 @@ fn heat(
     let progress = ProgressReader::new(&ramp.scenario, &rig.database)?;
     let clock = ScenarioClock::new(&rig.database)?;
     let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
-    let mut heating = Heating::new(rig)?;
+    let mut heating = Heating::new(rig, &setup.scenario.wiring.unit)?;
     let mut is_enough = |capture: &Capture<'_>| {
         heating.follow(capture);
         heating.is_over()
@@ -256,15 +261,30 @@ fn interview(rig: &LoadedRig, external: &External) -> Result<Interview, WorldErr
     Ok(Interview::new(rig, dictionary, fan.as_slice()))
 }
 
-/// What is known of the emulated drive, and the limits that its wire has.
+/// What is known of the emulated drive, with limits that are what its positions can be. They are in the drive's unit, whatever
+/// the keys say.
 fn emulated(setup: &Setup) -> Result<LoadedRig, WorldError> {
-    let bus = &setup.scenario.bus;
+    let Scenario { bus, wiring, .. } = &setup.scenario;
     let node_id = setup.place.drive_node_id;
+    let [lowest, highest] = wiring.range();
+    let travel = highest - lowest;
+    let known = match wiring.is_other_travel() {
+        true => Plausible::default(),
+        false => Plausible::WIRE,
+    };
+    let plausible = wiring.plausible.unwrap_or(known);
     let text = format!(
-        "schema = 1\nname = \"the emulated drive\"\n[drive]\nnode_id = {node_id}\n[bus]\nbitrate_kilobits_per_second = {}\n\
+        "schema = 1\nname = \"the emulated drive\"\n[drive]\nnode_id = {node_id}\n\
+         position = {{ units_per_millimetre = {:?}, resolution_millimetres = {:?} }}\n[bus]\nbitrate_kilobits_per_second = {}\n\
          sync_period_milliseconds = {:?}\n[limits]\ncurrent_amperes = 1.0\n\
-         position_millimetres = {{ min = -2.0, max = 59.5 }}\nspeed_millimetres_per_second = 500.0\n",
-        bus.bitrate_kilobits_per_second, bus.sync_period_milliseconds
+         position_millimetres = {{ min = {:?}, max = {:?} }}\nspeed_millimetres_per_second = {:?}\n",
+        wiring.unit.counts(),
+        travel / STEPS_OF_TRAVEL,
+        bus.bitrate_kilobits_per_second,
+        bus.sync_period_milliseconds,
+        plausible.min.unwrap_or(lowest),
+        plausible.max.unwrap_or(highest),
+        plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS)
     );
     LoadedRig::from_text(&text).map_err(|error| cannot_be_made(&error))
 }
@@ -292,7 +312,10 @@ fn ramp(rig: &Arc<LoadedRig>, setup: &Setup) -> Result<Setup, WorldError> {
     let scenario = Scenario::parse(&text, NAME, |_| Err(std::io::ErrorKind::NotFound.into()))
         .map_err(|error| cannot_be_made(&error))?;
     let ramp = Setup::new(scenario, catalogue()).from_file(NAME, text);
-    Ok(ramp.on(Some(Arc::clone(rig)), setup.external.clone()))
+    let mut ramp = ramp.on(Some(Arc::clone(rig)), setup.external.clone());
+    // Who watches the limits names them in the unit of the drive.
+    ramp.scenario.wiring.unit = setup.scenario.wiring.unit.clone();
+    Ok(ramp)
 }
 
 fn cannot_be_made(reason: &dyn std::fmt::Display) -> WorldError {

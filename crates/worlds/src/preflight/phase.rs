@@ -34,14 +34,14 @@ impl Phase {
     }
 
     /// Takes a position at rest.
-    pub(super) fn on_rest_sample(&mut self, millimetres: f64) {
+    pub(super) fn on_rest_sample(&mut self, position: f64) {
         if let Self::Rest { rest } = self {
-            *rest = Some(Span::including(*rest, millimetres));
+            *rest = Some(Span::including(*rest, position));
         }
     }
 
     /// Takes a position under a commanded current; the first one ends the rest.
-    pub(super) fn on_ramp_sample(&mut self, millimetres: f64, amperes: f64, threshold: f64) {
+    pub(super) fn on_ramp_sample(&mut self, position: f64, amperes: f64, threshold: f64) {
         if let Self::Rest { rest } = self {
             let (rest, motion) = (*rest, Motion::default());
             *self = Self::Ramp { rest, motion };
@@ -51,7 +51,7 @@ impl Phase {
             motion,
         } = self
         {
-            motion.on_sample(millimetres - rest.middle(), amperes, threshold);
+            motion.on_sample(position - rest.middle(), amperes, threshold);
         }
     }
 
@@ -100,46 +100,44 @@ impl Phase {
     }
 }
 
-/// Lowest and highest position of the load.
+/// Lowest and highest position of the load, in the drive's unit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Span {
-    pub(super) low_millimetres: f64,
-    pub(super) high_millimetres: f64,
+    pub(super) low: f64,
+    pub(super) high: f64,
 }
 
 impl Span {
-    fn including(span: Option<Self>, millimetres: f64) -> Self {
-        let (low, high) = span.map_or((millimetres, millimetres), |span| {
-            (span.low_millimetres, span.high_millimetres)
-        });
+    fn including(span: Option<Self>, position: f64) -> Self {
+        let (low, high) = span.map_or((position, position), |span| (span.low, span.high));
         Self {
-            low_millimetres: low.min(millimetres),
-            high_millimetres: high.max(millimetres),
+            low: low.min(position),
+            high: high.max(position),
         }
     }
 
     fn middle(&self) -> f64 {
-        (self.low_millimetres + self.high_millimetres) / 2.0
+        (self.low + self.high) / 2.0
     }
 }
 
-/// How far the load is from where it rested, until it has moved.
+/// How far the load is from where it rested, in the drive's unit, until it has moved.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Motion {
-    pub(super) displacement_millimetres: f64,
+    pub(super) displacement: f64,
     /// The command under which the displacement came about.
     pub(super) amperes: f64,
     samples_beyond: u32,
 }
 
 impl Motion {
-    fn on_sample(&mut self, displacement_millimetres: f64, amperes: f64, threshold: f64) {
+    fn on_sample(&mut self, displacement: f64, amperes: f64, threshold: f64) {
         if self.has_moved() {
             return;
         }
-        let is_beyond = displacement_millimetres.abs() >= threshold;
+        let is_beyond = displacement.abs() >= threshold;
         *self = Self {
-            displacement_millimetres,
+            displacement,
             amperes,
             samples_beyond: if is_beyond {
                 self.samples_beyond + 1

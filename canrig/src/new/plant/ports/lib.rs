@@ -124,15 +124,18 @@ impl PlantWithPorts for MyPlant {
             block_celsius: config.ambient_celsius,
             housing_celsius: config.ambient_celsius,
             heater_watts: 0.0,
-            // The end of a name is its unit.
+            // The end of a name is its unit, a comment the title of its plot.
             inputs: [
                 Port::input("heater_current_amperes", [0.0, 1.0]),
                 Port::input("convection_factor", [0.0, 30.0]).resting_at(1.0),
             ],
             outputs: [
-                Port::output("block_celsius", [-50.0, 250.0]),
-                Port::output("housing_celsius", [-50.0, 250.0]),
-                Port::output("heater_watts", [0.0, 100.0]),
+                Port::output("block_celsius", [-50.0, 250.0])
+                    .with_comment("Temperature of the block."),
+                Port::output("housing_celsius", [-50.0, 250.0])
+                    .with_comment("Temperature of the housing."),
+                Port::output("heater_watts", [0.0, 100.0])
+                    .with_comment("Heat of the current."),
             ],
         })
     }

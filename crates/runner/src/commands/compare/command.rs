@@ -8,7 +8,7 @@ use clap::Args;
 use super::comparison::{SIGNAL_WAYS, compare_runs};
 use super::difference::Comparison;
 use super::page;
-use super::tolerance::{GivenTolerance, Tolerances, UnknownName};
+use super::tolerance::{GivenTolerance, Scale, Tolerances, UnknownName};
 use crate::console::{WorkBar, print, print_error};
 use crate::exit::Exit;
 use crate::output::write;
@@ -24,9 +24,10 @@ pub struct CompareArgs {
     pub a: PathBuf,
     /// The run that is compared with A
     pub b: PathBuf,
-    /// How far a signal, a metric, or all signals of a unit may differ: `position_millimetres=0.5`, `degC=2`, `A=0.1`;
-    /// with `inf` it is not judged. Without this option: 0.25 mm, 1 degC, 0.02 for fractions and states; currents,
-    /// velocities and the terms of the control law are shown but not judged, since they oscillate
+    /// How far a signal, a metric, or all signals of a unit may differ: `position_millimetres=0.5`, `degrees=2`, `A=0.1`;
+    /// with `inf` it is not judged. Without this option: for what is in the loop's unit a 240th of its sensor's range,
+    /// which is 0.25 mm of 60 mm; 1 degC, 0.02 for fractions and states; currents, velocities and the terms of the control
+    /// law are shown but not judged, since they oscillate
     #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
     pub tolerance: Vec<GivenTolerance>,
     /// How much earlier or later a value of B may come
@@ -124,6 +125,7 @@ fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> 
     let tolerances = Tolerances {
         given: &args.tolerance,
         time_seconds: args.time_tolerance / 1e3,
+        scales: a.setups.iter().map(Scale::of).collect(),
     };
     (tolerances.check(&a_loops, [&a_verdict, &b_verdict])).map_err(CompareError::NoSuchName)?;
     let mut comparison = compare_runs(&tolerances, (&a_loops, &a_verdict), (&b_loops, &b_verdict));

@@ -184,6 +184,7 @@ fn value(metrics: &[Metric], name: &str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tolerance::Scale;
     use super::*;
     use dbc::scenario_clock::ScenarioClock;
     use recording::capture::{Capture, Watch};
@@ -193,11 +194,15 @@ mod tests {
     use worlds::catalogue::catalogue;
     use worlds::lockstep;
 
-    fn simulated() -> Timeline {
+    fn setup() -> Setup {
         let text = "schema = 1\nname = \"compared\"\nduration_seconds = 0.5\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, catalogue());
+        Setup::new(scenario, catalogue())
+    }
+
+    fn simulated() -> Timeline {
+        let setup = setup();
         let (watch, clock) = (Watch::default(), ScenarioClock::new(&setup.database));
         let mut capture = Capture::in_memory(clock.unwrap(), &watch);
         lockstep::simulate(&setup, &mut capture).unwrap();
@@ -211,6 +216,7 @@ mod tests {
         let tolerances = Tolerances {
             given: &[],
             time_seconds: 0.0,
+            scales: vec![Scale::of(&setup())],
         };
         let compared = |a, b| {
             let [a, b] = [a, b].map(|timeline| [(String::new(), timeline)]);

@@ -166,10 +166,12 @@ pub(super) fn to_html(
 
 /// The position first, then what diverges most; under each signal the difference.
 fn plots(comparison: &Comparison, [a, b]: [&[OfLoop<'_>]; 2]) -> Vec<Markup> {
-    let is_position = |signal: &&SignalDifference| {
-        let name = signal.name.rsplit('.').next();
-        name == Some("position_millimetres")
-    };
+    let names = a.iter().map(|(prefix, timeline)| {
+        let position = timeline.unit.rename("position_millimetres");
+        format!("{prefix}{position}")
+    });
+    let names = Vec::from_iter(names);
+    let is_position = |signal: &&SignalDifference| names.contains(&signal.name);
     let positions = comparison.signals.iter().filter(is_position);
     let others = comparison.signals.iter();
     let diverging = others.filter(|signal| !signal.agrees() && !is_position(signal));

@@ -4,8 +4,10 @@ use std::str::FromStr;
 
 use judge::verdict::Verdict;
 use recording::timeline::OfLoop;
+use rig::setup::Setup;
+use scenario::port::{Unit, symbol_of};
 
-/// The name under which the set-point is compared; it shows whether both runs wanted the same.
+/// The name under which the set-point is compared, in its loop's unit; it shows whether both runs wanted the same.
 pub(super) const SET_POINT: &str = "set_point_millimetres";
 
 /// The tolerance of a metric by its value, where that is more than its unit's.
@@ -13,27 +15,32 @@ const METRIC_SHARE: f64 = 0.05;
 /// The set-point follows from the scenario, so it differs only where the scenarios do.
 const SET_POINT_TOLERANCE: f64 = 1e-3;
 
-/// Tolerances by unit: what measurement and cycle time leave unknown. Signals of other units are shown and not judged:
+/// The tolerance of what is in a loop's unit, by the range of its sensor: about four steps of a 10-bit converter.
+const SHARE_OF_RANGE: f64 = 1.0 / 240.0;
+/// The same of its metrics.
+const METRIC_SHARE_OF_RANGE: f64 = 1.0 / 1000.0;
+
+/// Tolerances by other units: what measurement and cycle time leave unknown. Signals of further ones are shown and not judged:
 /// currents, velocities and the parts of the law swing round their means, each run with a phase of its own, and what
 /// comes of them is judged by temperature, position and metrics.
-const UNIT_TOLERANCES: [(&str, f64); 4] = [
-    // Four steps of the 10-bit converter over 60 mm.
-    ("mm", 0.25),
-    ("degC", 1.0),
-    ("g", 0.1),
-    ("", PLAIN_TOLERANCE),
-];
+const UNIT_TOLERANCES: [(&str, f64); 3] = [("degC", 1.0), ("g", 0.1), ("", PLAIN_TOLERANCE)];
 /// Not judged either, since they follow the current.
 const SATURATION: &str = "saturation_";
+
+/// In the names of metrics of several loops together.
+const CONTOUR: &str = "contour_error_";
+/// Before the names of metrics of the true position.
+const TRUE: &str = "true_";
+/// In the canonical names of what is in a loop's unit.
+const MILLIMETRES: &str = "millimetres";
 
 /// For numbers without a unit.
 const PLAIN_TOLERANCE: f64 = 0.02;
 
 /// Tolerances of metrics by the unit in their names.
-const METRIC_TOLERANCES: [(&str, f64); 5] = [
+const METRIC_TOLERANCES: [(&str, f64); 4] = [
     ("milliseconds", 0.5),
     ("seconds", 0.01),
-    ("millimetres", 0.06),
     ("percent", 0.5),
     ("amperes", 0.01),
 ];
@@ -65,10 +72,32 @@ impl FromStr for GivenTolerance {
 /// A tolerance for what neither run has.
 pub(super) struct UnknownName(pub(super) String);
 
+/// The unit of a loop and the range of its sensor.
+pub(super) struct Scale {
+    /// What stands before the names of the loop; empty for the only one.
+    prefix: String,
+    unit: Unit,
+    range: f64,
+}
+
+impl Scale {
+    pub(super) fn of(setup: &Setup) -> Self {
+        let wiring = &setup.scenario.wiring;
+        let [min, max] = wiring.range();
+        Self {
+            prefix: setup.prefix(),
+            unit: wiring.unit.clone(),
+            range: max - min,
+        }
+    }
+}
+
 /// What may differ, and by how much.
 pub(super) struct Tolerances<'a> {
     pub(super) given: &'a [GivenTolerance],
     pub(super) time_seconds: f64,
+    /// Of each loop.
+    pub(super) scales: Vec<Scale>,
 }
 
 impl Tolerances<'_> {
@@ -80,8 +109,10 @@ impl Tolerances<'_> {
     ) -> Result<(), UnknownName> {
         let has_signal = |(prefix, timeline): &OfLoop<'_>, name: &str| {
             let own = name.strip_prefix(prefix).unwrap_or(name);
+            let unit = symbol_of(name);
             let mut columns = timeline.columns.iter();
-            own == SET_POINT || columns.any(|column| column.name == own || column.unit == name)
+            own == timeline.unit.rename(SET_POINT)
+                || columns.any(|column| column.name == own || column.unit == unit)
         };
         let is_known = |name: &str| {
             let mut metrics = verdicts.iter().flat_map(|verdict| &verdict.metrics);
@@ -99,40 +130,62 @@ impl Tolerances<'_> {
         given.map(|given| given.value)
     }
 
+    /// What the user gave for a unit, by its word or as the DBC writes it.
+    fn given_for(&self, unit: &str) -> Option<f64> {
+        let mut given = self.given.iter().filter(|_| !unit.is_empty());
+        let given = given.rfind(|given| symbol_of(&given.name) == unit);
+        given.map(|given| given.value)
+    }
+
     /// The tolerance of a signal: the user's for it, or for it in all loops, the user's for its unit, or the default.
     pub(super) fn of_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
         let of_loop = self.given(&format!("{prefix}{name}"));
-        let of_unit = || {
-            let named = Some(unit).filter(|unit| !unit.is_empty());
-            named.and_then(|unit| self.given(unit))
-        };
-        let default = || match name {
-            SET_POINT => SET_POINT_TOLERANCE,
-            name if name.starts_with(SATURATION) => f64::INFINITY,
+        let given = of_loop.or_else(|| self.given(name));
+        let given = given.or_else(|| self.given_for(unit));
+        given.unwrap_or_else(|| self.default_of_signal(prefix, name, unit))
+    }
+
+    fn default_of_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
+        let scale = self.scales.iter().find(|scale| scale.prefix == prefix);
+        match scale {
+            Some(scale) if name == scale.unit.rename(SET_POINT) => SET_POINT_TOLERANCE,
+            _ if name.starts_with(SATURATION) => f64::INFINITY,
+            Some(scale) if unit == scale.unit.symbol() => SHARE_OF_RANGE * scale.range,
             _ => {
                 let known = UNIT_TOLERANCES.iter().find(|(known, _)| *known == unit);
                 known.map_or(f64::INFINITY, |(_, tolerance)| *tolerance)
             }
-        };
-        let given = of_loop.or_else(|| self.given(name));
-        given.or_else(of_unit).unwrap_or_else(default)
+        }
+    }
+
+    /// The default for a metric in the unit of its loop, by the sensor's range; of a contour by the largest of its loops.
+    fn of_position_metric(&self, name: &str) -> Option<f64> {
+        let scales = self.scales.iter();
+        let ranges = scales.filter(|scale| {
+            let own = name.strip_prefix(&scale.prefix);
+            let own = own.map(|own| own.strip_prefix(TRUE).unwrap_or(own));
+            let is_contour = name.contains(CONTOUR);
+            is_contour && name.contains(scale.unit.word())
+                || own.is_some_and(|own| scale.unit.canonical(own).contains(MILLIMETRES))
+        });
+        let range = ranges.map(|scale| scale.range).reduce(f64::max);
+        range.map(|range| METRIC_SHARE_OF_RANGE * range)
     }
 
     pub(super) fn of_metric(&self, name: &str, values: [Option<f64>; 2]) -> f64 {
         self.given(name).unwrap_or_else(|| {
             let words: Vec<&str> = name.split(['_', ' ']).collect();
-            let unit = METRIC_TOLERANCES
+            let of_unit = METRIC_TOLERANCES
                 .iter()
                 .find(|(unit, _)| words.contains(unit));
+            let of_unit = of_unit.map(|(_, tolerance)| *tolerance);
+            let of_unit = self.of_position_metric(name).or(of_unit);
             let largest = values
                 .into_iter()
                 .flatten()
                 .map(f64::abs)
                 .fold(0.0, f64::max);
-            f64::max(
-                unit.map_or(PLAIN_TOLERANCE, |(_, tolerance)| *tolerance),
-                METRIC_SHARE * largest,
-            )
+            f64::max(of_unit.unwrap_or(PLAIN_TOLERANCE), METRIC_SHARE * largest)
         })
     }
 }
@@ -141,12 +194,70 @@ impl Tolerances<'_> {
 mod tests {
     use super::*;
 
+    fn scale(prefix: &str, unit: Unit, range: f64) -> Scale {
+        Scale {
+            prefix: prefix.to_owned(),
+            unit,
+            range,
+        }
+    }
+
+    #[test]
+    fn what_is_in_a_loop_s_unit_is_judged_by_its_sensor_s_range() {
+        let of = |given: &[GivenTolerance]| {
+            let celsius = Unit::Own("celsius".to_owned());
+            let tolerances = Tolerances {
+                given,
+                time_seconds: 0.0,
+                scales: vec![
+                    scale("lift.", Unit::Millimetres, 60.0),
+                    scale("oven.", celsius, 240.0),
+                    scale("turn.", Unit::Degrees, 120.0),
+                ],
+            };
+            let signal = |prefix, name, unit| tolerances.of_signal(prefix, name, unit);
+            let metric = |name| tolerances.of_metric(name, [None, None]);
+            [
+                signal("lift.", "position_millimetres", "mm"),
+                signal("oven.", "position_celsius", "degC"),
+                signal("turn.", "position_degrees", "deg"),
+                signal("turn.", "set_point_degrees", "deg"),
+                signal("turn.", "wire_temperature_celsius", "degC"),
+                // A length of its own is not judged.
+                signal("turn.", "travel_millimetres", "mm"),
+                metric("lift.tracking_error_millimetres_rms"),
+                metric("turn.tracking_error_degrees_rms"),
+                metric("turn.true_tracking_error_degrees_rms"),
+                metric("turn.sine_phase_degrees"),
+                metric("turn_swing.contour_error_degrees_max"),
+            ]
+        };
+        let unjudged = f64::INFINITY;
+        let default = [
+            0.25, 1.0, 0.5, 0.001, 1.0, unjudged, 0.06, 0.12, 0.12, 0.02, 0.12,
+        ];
+        let same = |found: [f64; 11], wanted: [f64; 11]| {
+            let pairs = found.into_iter().zip(wanted);
+            let is_same = |(a, b): (f64, f64)| a == b || (a - b).abs() < 1e-12;
+            assert!(pairs.clone().all(is_same), "{found:?}");
+        };
+        same(of(&[]), default);
+        let mut wanted = default;
+        (wanted[2], wanted[3]) = (2.0, 2.0);
+        for given in ["deg=2", "degrees=2"] {
+            same(of(&[given.parse().unwrap()]), wanted);
+        }
+        wanted[3] = default[3];
+        same(of(&["turn.position_degrees=2".parse().unwrap()]), wanted);
+    }
+
     #[test]
     fn tolerances_are_the_users_first() {
         let given = ["mm=0.5", "position_millimetres=2"].map(|text| text.parse().unwrap());
         let tolerances = Tolerances {
             given: &given,
             time_seconds: 0.0,
+            scales: vec![scale("", Unit::Millimetres, 60.0)],
         };
         let of_signal = |name, unit| tolerances.of_signal("", name, unit);
         assert_eq!(of_signal("position_millimetres", "mm"), 2.0);
@@ -159,6 +270,7 @@ mod tests {
         let of_loops = Tolerances {
             given: &given,
             time_seconds: 0.0,
+            scales: Vec::new(),
         };
         let of_loop = |prefix| of_loops.of_signal(prefix, "position_millimetres", "mm");
         assert_eq!([of_loop("x."), of_loop("y.")], [3.0, 2.0]);

@@ -103,7 +103,7 @@ fn the_values_of_lists_and_ranges_are_those_that_the_key_admits() {
             format!("[[sweep.list]]\n{NOISE}\nvalues = []"),
             11,
             10,
-            "at least 1 are needed",
+            "at least 1 is needed",
         ),
         (
             format!("[[sweep.list]]\n{NOISE}\nvalues = 1"),

@@ -205,7 +205,7 @@ fn what_is_wrong_with_a_rig_names_both_places() {
         (
             "drives = [\"y\"]",
             "drives = []",
-            "nothing moves the loop `y`",
+            "`loop.y.drives` has 0 entries",
         ),
         (
             "drives = [\"y\"]",
@@ -322,8 +322,14 @@ fn a_mistake_is_said_once() {
         (
             "drives = [\"y\"]",
             "drives = []",
-            "nothing moves the loop `y`",
+            "`loop.y.drives` has 0 entries",
             "which is not of its first drive",
+        ),
+        (
+            "drives = [\"y\"]",
+            "drives = []",
+            "at least 1 is needed",
+            "no loop leads the drive",
         ),
     ] {
         assert!(RIG.contains(right), "{right}");
@@ -374,6 +380,10 @@ fn a_rig_file_is_no_scenario() {
         "{error}"
     );
     assert!(Rig::is_meant(RIG) && !Rig::is_meant(SCENARIO));
+    assert!(Scenario::may_be(SCENARIO) && Scenario::may_be("[controller"));
+    for text in [RIG, "", "schema = 2\n"] {
+        assert!(!Scenario::may_be(text), "{text}");
+    }
 }
 
 #[test]

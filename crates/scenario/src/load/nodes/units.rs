@@ -14,16 +14,6 @@ const KEYS: [(&str, &str); 4] = [
     ("limits", "position_millimetres"),
     ("limits", "speed_millimetres_per_second"),
 ];
-const MILLIMETRE: &str = "millimetre";
-
-/// A key as it is in another unit.
-fn in_unit(key: &str, unit: &Unit) -> String {
-    match unit {
-        Unit::Millimetres => key.to_owned(),
-        unit if key.ends_with(MILLIMETRE) => key.replace(MILLIMETRE, unit.singular()),
-        unit => unit.rename(key),
-    }
-}
 
 /// Gives the keys of all external drives the names that they have in millimetres; the first one in a wrong unit.
 pub(super) fn rename(document: &mut Document<'_>) -> Option<Problem> {
@@ -67,9 +57,10 @@ fn rename_keys(
         let Some(DeValue::Table(table)) = node.get_mut(table).map(Spanned::get_mut) else {
             continue;
         };
-        let right = in_unit(key, unit);
-        let is_wrong =
-            |name: &str| name != right && others.iter().any(|other| in_unit(key, other) == name);
+        let right = unit.rename_rig_key(key);
+        let is_wrong = |name: &str| {
+            name != right && others.iter().any(|other| other.rename_rig_key(key) == name)
+        };
         for (mut name, value) in std::mem::take(table) {
             if is_wrong(name.get_ref()) {
                 return Err((name.span(), right));
