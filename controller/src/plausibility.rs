@@ -30,6 +30,8 @@ pub(crate) struct Plausibility {
     last: Option<f64>,
     /// Since then.
     seconds_since: f64,
+    /// Since the latest of them that was not above the highest.
+    seconds_above: f64,
     /// The latest command.
     current_amperes: f64,
     watch: Watch,
@@ -60,6 +62,7 @@ impl Plausibility {
             symbol: wiring.unit.symbol().to_owned(),
             last: None,
             seconds_since: 0.0,
+            seconds_above: 0.0,
             current_amperes: 0.0,
             watch: Watch::default(),
         }
@@ -68,6 +71,7 @@ impl Plausibility {
     /// A cycle has passed under a current.
     pub(crate) fn advance(&mut self, period_seconds: f64, current_amperes: f64) {
         self.seconds_since += period_seconds;
+        self.seconds_above += period_seconds;
         self.current_amperes = current_amperes;
         self.watch.seconds += period_seconds;
         self.watch.square_ampere_seconds += current_amperes * current_amperes * period_seconds;
@@ -87,19 +91,27 @@ impl Plausibility {
             max,
             rate_max,
             jump,
+            thrown_seconds,
             ..
         } = self.plausible;
-        let is_inside = position_metres.is_finite()
-            && min.is_none_or(|min| position_metres >= min)
-            && max.is_none_or(|max| position_metres <= max);
-        if !is_inside {
+        let reach = rate_max.map(|rate| jump.unwrap_or_default() + rate * self.seconds_since);
+        let is_near = |last: f64| reach.is_none_or(|reach| (position_metres - last).abs() <= reach);
+        let jumps = !self.last.is_none_or(is_near);
+        let is_above = max.is_some_and(|max| position_metres > max);
+        let is_thrown = self.last.is_some()
+            && !jumps
+            && thrown_seconds.is_some_and(|seconds| self.seconds_above <= seconds);
+        if !position_metres.is_finite()
+            || min.is_some_and(|min| position_metres < min)
+            || is_above && !is_thrown
+        {
             return Err(Cause::PositionOutsideTravel);
         }
-        let reach = rate_max.map(|rate| jump.unwrap_or_default() + rate * self.seconds_since);
-        let distance = |last: f64| (position_metres - last).abs();
-        let is_too_far = |last| reach.is_some_and(|reach| distance(last) > reach);
-        if self.last.is_some_and(is_too_far) {
+        if jumps {
             return Err(Cause::PositionTooFast);
+        }
+        if !is_above {
+            self.seconds_above = 0.0;
         }
         (self.last, self.seconds_since) = (Some(position_metres), 0.0);
         self.watch(position_metres, (set_point_metres - position_metres).abs())
@@ -170,6 +182,7 @@ fn in_thousands(plausible: &Plausible) -> Plausible {
         max: thousandth(plausible.max),
         rate_max: thousandth(plausible.rate_max),
         jump: thousandth(plausible.jump),
+        thrown_seconds: plausible.thrown_seconds,
         stall: plausible.stall.map(|stall| Stall {
             motion: stall.motion / THOUSAND,
             below: thousandth(stall.below),
@@ -227,6 +240,22 @@ mod tests {
         // 25 mm in 0.1 s, twice what 1 A does.
         let motion = (0..100).map(|cycle| 10.0 + 0.25 * f64::from(cycle));
         assert!(check(1.0, motion).iter().all(Result::is_ok));
+    }
+
+    /// A wire that transforms within few degrees throws its load to the end of the converter. One that stays there is none.
+    #[test]
+    fn a_load_that_is_thrown_beyond_the_travel_is_believed_and_a_converter_at_its_end_is_not() {
+        let rise = (0..120).map(|cycle| (0.5 * f64::from(cycle)).min(59.94));
+        let fall = (0..100).map(|cycle| 59.94 - 0.3 * f64::from(cycle));
+        let stays = |cycles: usize| std::iter::repeat_n(59.94, cycles);
+        let back = rise.clone().chain(stays(150)).chain(fall);
+        assert!(check(0.5, back).iter().all(Result::is_ok));
+        let checked = check(0.5, rise.chain(stays(300)));
+        let outside = Err(Cause::PositionOutsideTravel);
+        let first = checked.iter().position(Result::is_err).unwrap();
+        assert!((318..=322).contains(&first), "{first}");
+        assert!(checked[first..].iter().all(|one| *one == outside));
+        assert_eq!(check(0.5, stays(1)), [outside]);
     }
 
     #[test]
@@ -309,6 +338,7 @@ mod tests {
             max: Some(62.0),
             rate_max: Some(1000.0),
             jump: Some(0.5),
+            thrown_seconds: None,
             stall: None,
         };
         assert_eq!(

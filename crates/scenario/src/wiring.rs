@@ -278,6 +278,11 @@ pub struct Plausible {
     #[schemars(range(min = 0.0, max = 1e9))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub jump: Option<f64>,
+    /// How long a position above `max` is believed that came there without a jump, in seconds: a load that was thrown up comes
+    /// back.
+    #[schemars(range(min = 0.0, max = 3_600.0))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub thrown_seconds: Option<f64>,
     /// When a position that stands still under a large current is not meant.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stall: Option<Stall>,
@@ -309,8 +314,9 @@ pub struct Stall {
 }
 
 impl Plausible {
-    /// That of the shape-memory-alloy wire of the paper, in millimetres. No wire lifts its load higher: the nominal travel is
-    /// 60 mm, and any load stretches the wire. 1 A takes it through 60 mm in 0.2 s. The continuous current of the drive's
+    /// That of the shape-memory-alloy wire of the paper, in millimetres. No wire holds its load higher: the nominal travel is
+    /// 60 mm, and any load stretches the wire. One that is thrown higher falls freely, and is back within 0.1 s from the greatest
+    /// speed. 1 A takes the wire through 60 mm in 0.2 s. The continuous current of the drive's
     /// protection, 0.9 A, is more than any position needs: either the wire moves, or it is at the top. It is watched for longer
     /// than the nominal wire's time constant of 0.65 s.
     pub const WIRE: Self = Self {
@@ -318,6 +324,7 @@ impl Plausible {
         max: Some(59.5),
         rate_max: Some(500.0),
         jump: Some(2.0),
+        thrown_seconds: Some(0.2),
         stall: Some(Stall {
             current_rms: 0.9,
             seconds: 1.0,
@@ -329,6 +336,7 @@ impl Plausible {
 
     /// That of another plant in the shipped rig's travel, in millimetres: its current may hold it anywhere.
     pub const MOTOR: Self = Self {
+        thrown_seconds: None,
         stall: Some(Stall {
             current_rms: 0.9,
             seconds: 1.0,
