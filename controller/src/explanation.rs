@@ -22,6 +22,9 @@ const INVALID: u32 = 0x8000_0000;
 const MICRO: f64 = 1e6;
 const CENTI: f64 = 100.0;
 const FRACTION_STEPS: f64 = 50_000.0;
+/// Above the flags of 0x2206: how far the law backs off, in bits 3 to 7.
+const BACK_OFF_SHIFT: u8 = 3;
+const BACK_OFF_STEPS: f64 = 31.0;
 
 /// Where the terms stand in the dictionary, found once.
 #[derive(Clone, Debug)]
@@ -193,6 +196,7 @@ impl ExplanationObjects {
         let temperature = (terms.estimated_temperature_celsius * CENTI).round() as i16;
         let fraction = terms.estimated_martensite_fraction.clamp(0.0, 1.0);
         let fraction = (fraction * FRACTION_STEPS).round() as u16;
+        let back_off = (terms.caution.clamp(0.0, 1.0) * BACK_OFF_STEPS).round() as u8;
         let mut store = |place: usize, value: &[u8]| {
             let stored = dictionary.store(self.first_to_last[place], value);
             debug_assert!(stored.is_ok(), "the EDS gives each object its type");
@@ -203,7 +207,7 @@ impl ExplanationObjects {
         store(3, &fraction.to_le_bytes());
         store(4, &micro(terms.estimated_velocity_metres_per_second));
         store(5, &real(terms.sliding_variable_metres_per_second_squared));
-        store(6, &[terms.saturation.bits()]);
+        store(6, &[terms.saturation.bits() | back_off << BACK_OFF_SHIFT]);
         store(7, &real(terms.equivalent_part_square_amperes));
         store(8, &real(terms.switching_part_square_amperes));
         for (handle, value) in self.own.iter().zip(own) {

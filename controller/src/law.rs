@@ -47,6 +47,8 @@ pub struct Explanation {
     pub sliding_variable_metres_per_second_squared: f64,
     /// Where the command or the load is limited (0x2206).
     pub saturation: Saturation,
+    /// How far the law backs off since it rings, from 0 to 1 (0x2206).
+    pub caution: f64,
     /// Part of `u = i²` that keeps the state on the sliding surface (0x2207).
     pub equivalent_part_square_amperes: f64,
     /// Part of `u = i²` that drives the state to the sliding surface (0x2208).

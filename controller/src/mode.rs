@@ -14,9 +14,14 @@
 //!
 //! Between these a law on its way to calmness is not roused again: what rings under a fast law comes to rest under a calm one.
 //!
-//! A law that rings backs off: the sliding variable `s` swings when it passes from beyond `3/4 φ` on one side to beyond it on the
-//! other. Each swing adds 1/5 to the ringing, which fades within a second, and `λ` is that of the calmness or of the ringing,
-//! whichever is more, in a move too. A setting lies at `p = pm^(1 − κ) ph^κ` between its value `pm` in a move and `ph` in a hold, with `ρ` in place of `κ` for the
+//! A law that rings backs off: the sliding variable `s` swings when it turns back by more than `4/5 φ`. Each swing adds 1/10 to the
+//! ringing, which is forgotten slowly. Two are free after each turn of the reference, whose own they are where the plant cannot
+//! follow it; and none counts for 0.3 s after a jump of the sensor in a calm hold, which no current has made. What exceeds the swings of a sound
+//! move is the caution `β`, from 0 to 1: with it `λ` is `λm^(1 − β) λβ^β` at most, in a move too, the observer goes back to its
+//! drifts of a move, since the model that it trusts in a hold is not the plant, the law takes the wire for `2^β` times as lively
+//! as the model has it, and moves are launched with the `1 + β / 2`-th part of the jerk.
+//!
+//! A setting lies at `p = pm^(1 − κ) ph^κ` between its value `pm` in a move and `ph` in a hold, with `ρ` in place of `κ` for the
 //! observer's.
 
 use scenario::controller::SlidingMode as Config;
@@ -33,12 +38,25 @@ const TRUSTING_SECONDS: f64 = 0.2;
 /// A load that is more steps of the sensor away than this keeps the law awake.
 const FAR_SENSOR_STEPS: f64 = 10.0;
 
-/// The sliding variable swings between values beyond this, by the boundary layer.
-const SWING_SHARE: f64 = 0.75;
+/// How far the sliding variable turns back in a swing, by the boundary layer.
+const SWING_SHARE: f64 = 0.8;
 
-/// What a swing adds to the ringing, and how long it takes to fade from 1.
-const RINGING_PER_SWING: f64 = 0.2;
-const RINGING_SECONDS: f64 = 1.0;
+/// Swings that a turn of the reference makes.
+const SWINGS_OF_A_TURN: u8 = 2;
+
+/// What a swing adds to the ringing, and how long it takes to fade from 1: longer than from one move to the next, so that what
+/// the law has found out in one serves it in the next.
+const RINGING_PER_SWING: f64 = 0.1;
+const RINGING_SECONDS: f64 = 12.0;
+
+/// How long after a jump of the sensor, in a calm hold, swings are its own.
+const DEAF_SECONDS: f64 = 0.3;
+
+/// Ringing without caution: that of a launch and a landing.
+const RINGING_OF_A_MOVE: f64 = 0.4;
+
+/// `λβ`, bandwidth at full caution in 1/s.
+const CAUTIOUS_BANDWIDTH: f64 = 20.0;
 
 /// What differs between the modes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,6 +67,8 @@ pub struct Settings {
     pub fraction_drift: f64,
     /// Standard deviation that the unknown heating gains in one second, in K/s.
     pub heating_drift: f64,
+    /// `β`: how far the law backs off, from 0 to 1.
+    pub caution: f64,
 }
 
 /// Between a value in a move and one in a hold.
@@ -84,6 +104,8 @@ pub struct Course {
     pub velocity_metres_per_second: f64,
     /// `s` in m/s², of the cycle before.
     pub sliding_variable: f64,
+    /// Whether the position jumped as no current makes a load jump.
+    pub sensor_jumps: bool,
 }
 
 /// Which mode it is.
@@ -93,10 +115,16 @@ pub struct State {
     rest: f64,
     /// `κ`.
     calmness: f64,
-    /// 0 to 1.
+    /// 0 to 1, and as much more as a move has.
     ringing: f64,
-    /// The side on which `s` was last beyond a swing: 1, -1, or 0 for neither.
-    side: f64,
+    /// Whether `s` falls, and how far it came since it last turned.
+    is_falling: bool,
+    extreme: f64,
+    /// Where the reference last went: 1, -1, or 0 for nowhere; and what is left of the swings of its turn.
+    direction: f64,
+    free_swings: u8,
+    /// How long swings are still those of a sensor that jumped.
+    deaf_seconds: f64,
     /// `e`.
     error_metres: f64,
 }
@@ -111,11 +139,13 @@ impl Modes {
                 bandwidth: config.bandwidth_radians_per_second,
                 fraction_drift: config.observer.fraction_drift,
                 heating_drift: config.observer.heating_drift_kelvins_per_second,
+                caution: 0.0,
             },
             in_hold: Settings {
                 bandwidth: config.hold.bandwidth_radians_per_second,
                 fraction_drift: config.hold.fraction_drift,
                 heating_drift: config.hold.heating_drift_kelvins_per_second,
+                caution: 0.0,
             },
             calming_seconds: config.hold.calming_seconds,
             calm_error_metres_max: config.hold.error_sensor_steps_max * sensor_step_metres,
@@ -131,7 +161,7 @@ impl Modes {
             let share = (seconds / WINDOW_SECONDS).min(1.0);
             state.error_metres += (course.error_metres - state.error_metres) * share;
         }
-        self.listen(state, course.sliding_variable, seconds);
+        self.listen(state, course, seconds);
         let is_moving = course.velocity_metres_per_second.abs() > self.velocity_at_rest_max;
         let risen = |share: f64, rise_seconds: f64| (share + seconds / rise_seconds).min(1.0);
         state.rest = if is_moving {
@@ -147,17 +177,37 @@ impl Modes {
         self.settings(state)
     }
 
-    /// Finds swings of the sliding variable.
-    fn listen(&self, state: &mut State, sliding_variable: f64, seconds: f64) {
+    /// Finds swings of the sliding variable. It need not pass 0: a plant that differs from the model may ring beside the surface.
+    fn listen(&self, state: &mut State, course: &Course, seconds: f64) {
         state.ringing = (state.ringing - seconds / RINGING_SECONDS).max(0.0);
-        if sliding_variable.abs() <= self.swing_min {
+        // A law that is not calm may ring, on a wire that throws its load, or with a noisy sensor.
+        state.deaf_seconds = if course.sensor_jumps && state.calmness >= 1.0 {
+            DEAF_SECONDS
+        } else {
+            (state.deaf_seconds - seconds).max(0.0)
+        };
+        let velocity = course.velocity_metres_per_second;
+        if velocity * state.direction < 0.0 {
+            state.free_swings = SWINGS_OF_A_TURN;
+        }
+        if velocity != 0.0 {
+            state.direction = velocity.signum();
+        }
+        let sliding_variable = course.sliding_variable;
+        state.extreme = match state.is_falling {
+            true => state.extreme.min(sliding_variable),
+            false => state.extreme.max(sliding_variable),
+        };
+        if (sliding_variable - state.extreme).abs() <= self.swing_min {
             return;
         }
-        let side = sliding_variable.signum();
-        if side * state.side < 0.0 {
-            state.ringing = (state.ringing + RINGING_PER_SWING).min(1.0);
+        state.is_falling = !state.is_falling;
+        state.extreme = sliding_variable;
+        if state.free_swings > 0 {
+            state.free_swings -= 1;
+        } else if state.deaf_seconds <= 0.0 {
+            state.ringing = (state.ringing + RINGING_PER_SWING).min(1.0 + RINGING_OF_A_MOVE);
         }
-        state.side = side;
     }
 
     /// Whether the load is where it wakes the law.
@@ -172,12 +222,16 @@ impl Modes {
 
     fn settings(&self, state: &State) -> Settings {
         let (in_move, in_hold) = (&self.in_move, &self.in_hold);
-        let drift = |in_move, in_hold| between(in_move, in_hold, state.rest);
-        let calmness = state.calmness.max(state.ringing);
+        let caution = (state.ringing - RINGING_OF_A_MOVE).max(0.0);
+        let rest = state.rest.min(1.0 - caution);
+        let drift = |in_move, in_hold| between(in_move, in_hold, rest);
+        let calm = between(in_move.bandwidth, in_hold.bandwidth, state.calmness);
+        let cautious = between(in_move.bandwidth, CAUTIOUS_BANDWIDTH, caution);
         Settings {
-            bandwidth: between(in_move.bandwidth, in_hold.bandwidth, calmness),
+            bandwidth: calm.min(cautious),
             fraction_drift: drift(in_move.fraction_drift, in_hold.fraction_drift),
             heating_drift: drift(in_move.heating_drift, in_hold.heating_drift),
+            caution,
         }
     }
 }
@@ -198,6 +252,7 @@ mod tests {
             error_metres,
             velocity_metres_per_second: 0.0,
             sliding_variable: 0.0,
+            sensor_jumps: false,
         }
     }
 
@@ -206,6 +261,7 @@ mod tests {
             error_metres: 0.0,
             velocity_metres_per_second: 0.1,
             sliding_variable,
+            sensor_jumps: false,
         }
     }
 
@@ -272,24 +328,83 @@ mod tests {
         assert_eq!(after(&modes, state, 100, 12.0 * STEP_METRES).calmness, 0.0);
     }
 
+    /// The settings after as many swings of the sliding variable about a centre.
+    fn rung(modes: &Modes, state: &mut State, swings: u32, centre: f64) -> Settings {
+        for swing in 0..swings {
+            let side = if swing % 2 == 0 { 1.0 } else { -1.0 };
+            modes.step(state, &moving(centre + side), PERIOD);
+        }
+        modes.step(state, &moving(centre), PERIOD)
+    }
+
     #[test]
-    fn a_law_that_rings_backs_off_and_one_that_goes_astray_once_does_not() {
+    fn a_law_that_rings_backs_off_also_beside_the_surface_and_later_forgets_it() {
+        for centre in [0.0, 4.0] {
+            let modes = modes();
+            let mut state = calm(&modes);
+            let settings = rung(&modes, &mut state, 20, centre);
+            assert!(settings.caution > 0.99, "{settings:?}");
+            assert!(settings.bandwidth < 1.02 * CAUTIOUS_BANDWIDTH);
+            // The observer's too, where the reference rests.
+            let settings = modes.step(&mut state, &at_rest(0.0), PERIOD);
+            assert!(settings.fraction_drift > 0.99 * modes.in_move.fraction_drift);
+            for _ in 0..12_001 {
+                modes.step(&mut state, &moving(centre), PERIOD);
+            }
+            assert_eq!(modes.settings(&state), modes.in_move);
+        }
+    }
+
+    #[test]
+    fn swings_of_a_reference_that_turns_are_its_own() {
         let modes = modes();
         let mut state = State::default();
+        for cycle in 0..40 {
+            let side = if cycle % 2 == 0 { 1.0 } else { -1.0 };
+            let course = Course {
+                velocity_metres_per_second: 0.1 * side,
+                ..moving(side)
+            };
+            assert_eq!(modes.step(&mut state, &course, PERIOD), modes.in_move);
+        }
+    }
+
+    #[test]
+    fn what_follows_a_jump_of_the_sensor_is_no_ringing() {
+        let modes = modes();
+        let mut state = calm(&modes);
+        let jump = Course {
+            sensor_jumps: true,
+            ..at_rest(0.0)
+        };
+        modes.step(&mut state, &jump, PERIOD);
+        assert_eq!(rung(&modes, &mut state, 20, 0.0).caution, 0.0);
+        let mut state = after(&modes, state, 400, 0.0);
+        assert!(rung(&modes, &mut state, 20, 0.0).caution > 0.99);
+    }
+
+    #[test]
+    fn a_sensor_that_jumps_all_the_time_excuses_no_ringing() {
+        let modes = modes();
+        let mut state = calm(&modes);
+        for swing in 0..400 {
+            let course = Course {
+                sensor_jumps: true,
+                ..moving(if swing % 2 == 0 { 1.0 } else { -1.0 })
+            };
+            modes.step(&mut state, &course, PERIOD);
+        }
+        assert!(modes.settings(&state).caution > 0.99);
+    }
+
+    #[test]
+    fn what_a_move_swings_asks_for_no_caution() {
+        let modes = modes();
+        let mut state = State::default();
+        assert_eq!(rung(&modes, &mut state, 4, 0.0), modes.in_move);
         for _ in 0..100 {
-            assert_eq!(modes.step(&mut state, &moving(-2.0), PERIOD), modes.in_move);
+            assert_eq!(modes.step(&mut state, &moving(-2.0), PERIOD).caution, 0.0);
         }
-        for swing in 0..6 {
-            let side = if swing % 2 == 0 { 1.0 } else { -1.0 };
-            modes.step(&mut state, &moving(2.0 * side), PERIOD);
-        }
-        let settings = modes.step(&mut state, &moving(0.0), PERIOD);
-        assert!(settings.bandwidth < 1.1 * modes.in_hold.bandwidth);
-        assert_eq!(settings.fraction_drift, modes.in_move.fraction_drift);
-        for _ in 0..1001 {
-            modes.step(&mut state, &moving(0.0), PERIOD);
-        }
-        assert_eq!(modes.settings(&state), modes.in_move);
     }
 
     #[test]

@@ -107,6 +107,16 @@ pub struct LocalModel<'a> {
 }
 
 impl LocalModel<'_> {
+    /// A wire that transforms so many times as fast with its temperature.
+    #[must_use]
+    pub fn livelier(self, factor: f64) -> Self {
+        Self {
+            heating_per_kelvin: factor * self.heating_per_kelvin,
+            cooling_per_kelvin: factor * self.cooling_per_kelvin,
+            ..self
+        }
+    }
+
     /// Rate of the fraction in 1/s that gives a jerk in m/s³, Eq. (13) solved for `dξ/dt`.
     #[must_use]
     pub fn fraction_rate(&self, jerk: f64) -> f64 {

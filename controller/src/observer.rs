@@ -33,6 +33,18 @@ const LIFTED_SAMPLES: u32 = 5;
 /// Standard deviation of the velocity when the load is found to have lifted, in m/s.
 const VELOCITY_DEVIATION_AT_LIFT_OFF: f64 = 0.05;
 
+/// A load that is slower than this rests, in m/s.
+const SPEED_AT_REST_MAX: f64 = 0.05;
+
+/// A load at rest does not leave its course by so many sensor steps from one cycle to the next: the sensor jumped. Noise of half a
+/// sensor step alone does this once in half a minute.
+const JUMP_STEPS: f64 = 3.5;
+
+/// Nor is it so far from where it is expected, in sensor steps and by the greatest speed of the wire in m/s: the sensor reads, or
+/// has read, another place.
+const ELSEWHERE_STEPS: f64 = 5.0;
+const ELSEWHERE_METRES_PER_SECOND: f64 = 0.5;
+
 /// Standard deviation of the unknown heating at the start in K/s.
 const HEATING_DEVIATION_AT_START: f64 = 1.0;
 
@@ -56,6 +68,8 @@ pub struct State {
     pub model: ModelState,
     covariance: Matrix,
     samples_above_stop: u32,
+    /// How far the latest position was from where it was expected.
+    innovation_metres: f64,
 }
 
 impl Observer {
@@ -78,7 +92,16 @@ impl Observer {
             model,
             covariance: self.branch_doubt(&model),
             samples_above_stop: 0,
+            innovation_metres: 0.0,
         }
+    }
+
+    /// Whether a position that is still to be corrected with shows a jump of the sensor, which no current can have caused.
+    #[must_use]
+    pub fn sensor_jumps(&self, state: &State, position_metres: f64) -> bool {
+        let innovation = position_metres - state.model.position_metres;
+        let jump = (innovation - state.innovation_metres).abs();
+        is_slow(&state.model) && jump > JUMP_STEPS * self.sensor_step_metres
     }
 
     /// Uncertain transformation temperatures are an uncertain temperature, and the fraction follows along the branch.
@@ -102,12 +125,15 @@ impl Observer {
             self.correct(
                 state,
                 position_metres.clamp(0.0, self.model.position_metres_max()),
+                seconds,
             );
         }
         self.predict(state, settings, squared_current, seconds);
     }
 
-    fn correct(&self, state: &mut State, position_metres: f64) {
+    fn correct(&self, state: &mut State, position_metres: f64, seconds: f64) {
+        let before = state.innovation_metres;
+        state.innovation_metres = position_metres - state.model.position_metres;
         let above = position_metres > LIFTED_STEPS * self.sensor_step_metres;
         let samples = if above {
             state.samples_above_stop.saturating_add(1)
@@ -116,11 +142,33 @@ impl Observer {
         };
         state.samples_above_stop = samples;
         if !self.model.rests_on_stop(&state.model) {
-            let innovation = position_metres - state.model.position_metres;
-            correct_component(state, POSITION, innovation, self.sensor_deviation());
+            self.take(state, position_metres, before, seconds);
         } else if samples >= LIFTED_SAMPLES {
             self.lift(state, position_metres);
         }
+    }
+
+    /// Corrects with a position. One that a load at rest cannot have is none, unless the next one confirms it.
+    fn take(&self, state: &mut State, position_metres: f64, before: f64, seconds: f64) {
+        let innovation = state.innovation_metres;
+        let nearest =
+            ELSEWHERE_STEPS * self.sensor_step_metres + ELSEWHERE_METRES_PER_SECOND * seconds;
+        if !is_slow(&state.model) || innovation.abs() <= nearest {
+            correct_component(state, POSITION, innovation, self.sensor_deviation());
+        } else if innovation * before > nearest * nearest {
+            self.relocate(state, position_metres);
+        }
+    }
+
+    /// The load is elsewhere although nothing has moved it there: it rests there by its fraction, Eq. (12), and velocity,
+    /// temperature and heating are as they were. The filter would take the way there for motion.
+    fn relocate(&self, state: &mut State, position_metres: f64) {
+        let holding = |position| self.model.holding_fraction(position);
+        let model = &mut state.model;
+        let change = holding(position_metres) - holding(model.position_metres);
+        model.martensite_fraction = (model.martensite_fraction + change).clamp(0.0, 1.0);
+        model.position_metres = position_metres;
+        state.innovation_metres = 0.0;
     }
 
     fn sensor_deviation(&self) -> f64 {
@@ -206,6 +254,11 @@ impl Observer {
     }
 }
 
+/// Whether the load moves as slowly as one that rests.
+fn is_slow(model: &ModelState) -> bool {
+    model.velocity_metres_per_second.abs() < SPEED_AT_REST_MAX
+}
+
 /// A transition matrix `Φ`: its rows from the diagonal on or, for the velocity, whole, as far as they are not 0. The
 /// unknown heating stays as it is.
 #[derive(Clone, Copy, Debug)]
@@ -279,6 +332,7 @@ mod tests {
             bandwidth: 40.0,
             fraction_drift: config.fraction_drift,
             heating_drift: config.heating_drift_kelvins_per_second,
+            caution: 0.0,
         }
     }
 
@@ -497,6 +551,64 @@ mod tests {
         }
         assert!(!nominal().rests_on_stop(&state.model));
         assert!((state.model.position_metres - 0.03).abs() < 1e-3);
+    }
+
+    /// An observer that has come to rest with a load at 20 mm, and the current that holds it there.
+    fn holding() -> (Observer, State, f64) {
+        let observer = Observer::new(&Config::default(), nominal());
+        let mut state = observer.start();
+        state.model = ModelState {
+            position_metres: 0.02,
+            martensite_fraction: observer.model.holding_fraction(0.02),
+            temperature_celsius: 52.0,
+            ..ModelState::default()
+        };
+        let squared_current = observer.model.squared_current(&state.model, 0.0);
+        for _ in 0..500 {
+            let position = sampled(0.02);
+            observer.step(
+                &mut state,
+                &in_move(),
+                position,
+                squared_current,
+                PERIOD_SECONDS,
+            );
+        }
+        (observer, state, squared_current)
+    }
+
+    #[test]
+    fn a_sensor_that_reads_another_place_moves_the_estimate_and_makes_no_motion() {
+        let (observer, mut state, squared_current) = holding();
+        let before = state.model;
+        for _ in 0..5 {
+            observer.step(
+                &mut state,
+                &in_move(),
+                0.0175,
+                squared_current,
+                PERIOD_SECONDS,
+            );
+        }
+        assert!((state.model.position_metres - 0.0175).abs() < 1e-4);
+        assert!(state.model.velocity_metres_per_second.abs() < 0.02);
+        let temperatures = [before, state.model].map(|model| model.temperature_celsius);
+        assert!(
+            (temperatures[0] - temperatures[1]).abs() < 0.5,
+            "{temperatures:?}"
+        );
+    }
+
+    #[test]
+    fn only_a_load_at_rest_shows_a_jump_of_the_sensor() {
+        let (observer, mut state, _) = holding();
+        let at = state.model.position_metres;
+        let step = observer.sensor_step_metres;
+        assert!(!observer.sensor_jumps(&state, at + 2.0 * step));
+        assert!(!observer.sensor_jumps(&state, f64::NAN));
+        assert!(observer.sensor_jumps(&state, at - 5.0 * step));
+        state.model.velocity_metres_per_second = 0.1;
+        assert!(!observer.sensor_jumps(&state, at - 5.0 * step));
     }
 
     #[test]

@@ -12,6 +12,9 @@ const MEMORY_SECONDS: f64 = 0.5;
 /// Lags count as their mean over this time.
 const LAG_SECONDS: f64 = 0.005;
 
+/// Full caution divides the launch's jerk by so much more than 1.
+const EXCESS_OF_CAUTION: f64 = 0.5;
+
 /// Shortest move that counts, in metres.
 const MOVE_METRES_MIN: f64 = 1e-6;
 
@@ -125,6 +128,7 @@ pub struct State {
     /// How far the plant lags behind, in m/s²: now, and at most in this move.
     lag: f64,
     greatest_lag: f64,
+    caution: f64,
 }
 
 /// The reference for a cycle: a point and the jerk that leads on from it.
@@ -164,6 +168,11 @@ impl State {
     pub fn notice_lag(&mut self, lag: f64, seconds: f64) {
         self.lag += (lag - self.lag) * (seconds / LAG_SECONDS).min(1.0);
         self.greatest_lag = faded(self.greatest_lag, seconds).max(self.lag);
+    }
+
+    /// Takes notice of how far the law backs off, from 0 to 1.
+    pub fn notice_caution(&mut self, caution: f64) {
+        self.caution = caution;
     }
 }
 
@@ -226,7 +235,7 @@ impl ReferenceFilter {
     /// The filter for this cycle. At the start of a move of length `l` its poles are `p₀ = (J / l)^⅓`, so that any move asks
     /// for the jerk `J` first; over the distance `d` left they rise to `ρ p₀ / √(1 + (ρ² − 1) (d / l)²)`. A plant that lags
     /// behind by more than `φ` is another than the model, and perhaps as slow to brake: from there on `J` is the less, by `φ`
-    /// and the greatest lag.
+    /// and the greatest lag. So is one on which the law rings.
     fn filter(&self, state: &mut State, target: f64, seconds: f64) -> CriticallyDamped {
         let left = (target - state.point.position_metres).abs();
         let move_metres = faded(state.move_metres, seconds);
@@ -234,7 +243,8 @@ impl ReferenceFilter {
         let share = left / state.move_metres;
         let rise = self.landing_ratio * self.landing_ratio - 1.0;
         let slowing = libm::sqrt(1.0 + rise * share * share);
-        let excess = (state.greatest_lag / self.lag_max).max(1.0);
+        let lag_excess = (state.greatest_lag / self.lag_max).max(1.0);
+        let excess = lag_excess * (1.0 + EXCESS_OF_CAUTION * state.caution);
         let launch_cubed = self.launch_jerk_metres_per_second_cubed / (excess * state.move_metres);
         CriticallyDamped {
             poles_radians_per_second: self.poles(launch_cubed, slowing),
@@ -385,6 +395,15 @@ mod tests {
         assert_eq!(jerk_after(1.5), unhindered);
         assert_eq!(jerk_after(-10.0), unhindered);
         assert!((jerk_after(3.2) - 225.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_jerk_is_less_where_the_law_backs_off() {
+        let mut state = State::default();
+        state.notice_caution(1.0);
+        let reference =
+            moving_filter().step(&mut state, &hold(0.025), &JerkRange::UNLIMITED, PERIOD);
+        assert!((reference.jerk_metres_per_second_cubed - 300.0).abs() < 1e-6);
     }
 
     #[test]

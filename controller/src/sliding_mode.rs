@@ -13,6 +13,9 @@ use crate::reference_filter::{self, JerkRange, Point, Reference, ReferenceFilter
 /// Least martensite fraction that set-points may ask for; beyond, hardly any stretch is left to work with.
 pub(crate) const MARTENSITE_FRACTION_MIN: f64 = 0.2;
 
+/// What a law that rings takes the wire for at most, by its model.
+const LIVELINESS_MAX: f64 = 2.0;
+
 /// The law's constants.
 #[derive(Clone, Debug)]
 pub struct SlidingMode {
@@ -136,6 +139,16 @@ fn followable(local: &LocalModel<'_>, wanted: &WantedJerk, rises: bool) -> JerkR
     }
 }
 
+/// How lively a law that rings takes the wire to be, by its model: it commands the less.
+fn liveliness(caution: f64) -> f64 {
+    // Most cycles need no power.
+    if caution > 0.0 {
+        libm::pow(LIVELINESS_MAX, caution)
+    } else {
+        1.0
+    }
+}
+
 impl ControlLaw for SlidingMode {
     const NAME: &'static str = "sliding_mode";
     type Config = Config;
@@ -185,6 +198,9 @@ impl ControlLaw for SlidingMode {
             error_metres: measurement.position_metres - aim.position_metres,
             velocity_metres_per_second: aim.velocity_metres_per_second,
             sliding_variable: state.sliding_variable,
+            sensor_jumps: self
+                .observer
+                .sensor_jumps(&state.observer, measurement.position_metres),
         };
         let settings = self.modes.step(&mut state.mode, &course, period_seconds);
         let surface = self.surface.with_bandwidth(settings.bandwidth);
@@ -198,7 +214,10 @@ impl ControlLaw for SlidingMode {
         let estimate = state.observer.model;
         let position = point_of(model, &estimate);
         let on_stop = model.rests_on_stop(&estimate);
-        let local = model.at(&estimate, position.acceleration_metres_per_second_squared);
+        let local = model
+            .at(&estimate, position.acceleration_metres_per_second_squared)
+            .livelier(liveliness(settings.caution));
+        state.reference.notice_caution(settings.caution);
         let reference = if on_stop {
             self.reference_on_stop(&mut state.reference, set_point, period_seconds)
         } else {
@@ -227,6 +246,7 @@ impl ControlLaw for SlidingMode {
             squared_current,
         );
         command.explanation.saturation.on_stop = on_stop;
+        command.explanation.caution = settings.caution;
         state.sliding_variable = wanted.sliding_variable;
         state.squared_current = command.current_amperes * command.current_amperes;
         command
@@ -261,6 +281,7 @@ pub(crate) fn command(
             estimated_velocity_metres_per_second: estimate.velocity_metres_per_second,
             sliding_variable_metres_per_second_squared: wanted.sliding_variable,
             saturation,
+            caution: 0.0,
             equivalent_part_square_amperes: equivalent_part,
             switching_part_square_amperes: squared_current - equivalent_part,
         },
