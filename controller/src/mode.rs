@@ -14,11 +14,11 @@
 //!
 //! Between these a law on its way to calmness is not roused again: what rings under a fast law comes to rest under a calm one.
 //!
-//! A law that rings backs off: the sliding variable `s` swings when it turns back by more than `4/5 φ`. Each swing adds 1/10 to the
+//! A law that rings backs off: the sliding variable `s` swings when it turns back by more than `9/10 φ`. Each swing adds 1/10 to the
 //! ringing, which is forgotten slowly. Two are free after each turn of the reference, whose own they are where the plant cannot
 //! follow it; and none counts for 0.3 s after a jump of the sensor in a calm hold, which no current has made. What exceeds the swings of a sound
 //! move is the caution `β`, from 0 to 1: with it `λ` is `λm^(1 − β) λβ^β` at most, in a move too, the observer goes back to its
-//! drifts of a move, since the model that it trusts in a hold is not the plant, the law takes the wire for `2^β` times as lively
+//! drifts of a move, since the model that it trusts in a hold is not the plant, law and observer take the wire for `2^β` times as lively
 //! as the model has it, and moves are launched with the `1 + β / 2`-th part of the jerk.
 //!
 //! A setting lies at `p = pm^(1 − κ) ph^κ` between its value `pm` in a move and `ph` in a hold, with `ρ` in place of `κ` for the
@@ -39,7 +39,7 @@ const TRUSTING_SECONDS: f64 = 0.2;
 const FAR_SENSOR_STEPS: f64 = 10.0;
 
 /// How far the sliding variable turns back in a swing, by the boundary layer.
-const SWING_SHARE: f64 = 0.8;
+const SWING_SHARE: f64 = 0.9;
 
 /// Swings that a turn of the reference makes.
 const SWINGS_OF_A_TURN: u8 = 2;
@@ -55,6 +55,9 @@ const DEAF_SECONDS: f64 = 0.3;
 /// Ringing without caution: that of a launch and a landing.
 const RINGING_OF_A_MOVE: f64 = 0.4;
 
+/// What a law that rings takes the wire for at most, by its model.
+const LIVELINESS_MAX: f64 = 2.0;
+
 /// `λβ`, bandwidth at full caution in 1/s.
 const CAUTIOUS_BANDWIDTH: f64 = 20.0;
 
@@ -69,6 +72,8 @@ pub struct Settings {
     pub heating_drift: f64,
     /// `β`: how far the law backs off, from 0 to 1.
     pub caution: f64,
+    /// How many times as fast as the model has it the wire is taken to transform with its temperature.
+    pub liveliness: f64,
 }
 
 /// Between a value in a move and one in a hold.
@@ -80,6 +85,16 @@ fn between(in_move: f64, in_hold: f64, share: f64) -> f64 {
         in_hold
     } else {
         libm::pow(in_move, 1.0 - share) * libm::pow(in_hold, share)
+    }
+}
+
+/// How lively a law that rings takes the wire to be: it commands the less, and does not take what follows for a disturbance.
+fn liveliness(caution: f64) -> f64 {
+    // Most cycles need no power.
+    if caution > 0.0 {
+        libm::pow(LIVELINESS_MAX, caution)
+    } else {
+        1.0
     }
 }
 
@@ -140,12 +155,14 @@ impl Modes {
                 fraction_drift: config.observer.fraction_drift,
                 heating_drift: config.observer.heating_drift_kelvins_per_second,
                 caution: 0.0,
+                liveliness: 1.0,
             },
             in_hold: Settings {
                 bandwidth: config.hold.bandwidth_radians_per_second,
                 fraction_drift: config.hold.fraction_drift,
                 heating_drift: config.hold.heating_drift_kelvins_per_second,
                 caution: 0.0,
+                liveliness: 1.0,
             },
             calming_seconds: config.hold.calming_seconds,
             calm_error_metres_max: config.hold.error_sensor_steps_max * sensor_step_metres,
@@ -232,6 +249,7 @@ impl Modes {
             fraction_drift: drift(in_move.fraction_drift, in_hold.fraction_drift),
             heating_drift: drift(in_move.heating_drift, in_hold.heating_drift),
             caution,
+            liveliness: liveliness(caution),
         }
     }
 }

@@ -72,6 +72,17 @@ pub struct Slope {
     pub by_temperature: f64,
 }
 
+impl Slope {
+    #[inline]
+    fn times(self, factor: f64) -> Self {
+        Self {
+            per_kelvin: factor * self.per_kelvin,
+            by_fraction: factor * self.by_fraction,
+            by_temperature: factor * self.by_temperature,
+        }
+    }
+}
+
 /// How fast the wire warms, and how the fraction follows on the branch that it takes.
 #[derive(Clone, Copy, Debug)]
 pub struct Warming {
@@ -79,6 +90,8 @@ pub struct Warming {
     pub kelvins_per_second: f64,
     /// `dξ/dT`.
     pub slope: Slope,
+    /// How many times as fast as the model has it the wire is taken to transform with its temperature.
+    liveliness: f64,
 }
 
 /// A branch of Eq. (2) with the constants that Eq. (10) calls `ξ0` and `k`.
@@ -299,14 +312,16 @@ impl NominalModel {
         }
     }
 
-    /// How the wire warms at `u = i²` in A², Eq. (1) and (10).
+    /// How a wire that transforms so many times as fast with its temperature warms at `u = i²` in A², Eq. (1) and (10).
     #[must_use]
     #[inline]
-    pub fn warming(&self, state: &State, squared_current: f64) -> Warming {
+    pub fn warming(&self, state: &State, squared_current: f64, liveliness: f64) -> Warming {
         let kelvins_per_second = self.temperature_rate(state, squared_current);
+        let slope = self.slope(state, Self::branch(kelvins_per_second));
         Warming {
             kelvins_per_second,
-            slope: self.slope(state, Self::branch(kelvins_per_second)),
+            slope: slope.times(liveliness),
+            liveliness,
         }
     }
 
@@ -431,7 +446,7 @@ impl NominalModel {
     /// The state after a time at constant `u = i²` in A².
     #[must_use]
     pub fn advance(&self, state: &State, squared_current: f64, seconds: f64) -> State {
-        let warming = self.warming(state, squared_current);
+        let warming = self.warming(state, squared_current, 1.0);
         self.advance_from(state, &warming, squared_current, seconds)
     }
 
@@ -451,7 +466,7 @@ impl NominalModel {
         let step = seconds / f64::from(steps);
         let first = self.integrate(state, warming, squared_current, step);
         (1..steps).fold(first, |state, _| {
-            let warming = self.warming(&state, squared_current);
+            let warming = self.warming(&state, squared_current, warming.liveliness);
             self.integrate(&state, &warming, squared_current, step)
         })
     }
@@ -464,8 +479,10 @@ impl NominalModel {
         squared_current: f64,
         step: f64,
     ) -> State {
-        let after =
-            |rate: &Rate, seconds| self.rate_of(&moved(state, rate, seconds), squared_current);
+        let after = |rate: &Rate, seconds| {
+            let moved = moved(state, rate, seconds);
+            self.rate_of(&moved, squared_current, warming.liveliness)
+        };
         let k1 = self.rate(state, warming);
         let k2 = after(&k1, step / 2.0);
         let k3 = after(&k2, step / 2.0);
@@ -482,8 +499,8 @@ impl NominalModel {
 
     // A step asks three times in a row; without the calls what comes out of one stays in registers for the next.
     #[inline(always)]
-    fn rate_of(&self, state: &State, squared_current: f64) -> Rate {
-        self.rate(state, &self.warming(state, squared_current))
+    fn rate_of(&self, state: &State, squared_current: f64, liveliness: f64) -> Rate {
+        self.rate(state, &self.warming(state, squared_current, liveliness))
     }
 
     #[inline(always)]

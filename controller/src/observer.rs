@@ -195,7 +195,9 @@ impl Observer {
     }
 
     fn predict(&self, state: &mut State, settings: &Settings, squared_current: f64, seconds: f64) {
-        let warming = self.model.warming(&state.model, squared_current);
+        let warming = self
+            .model
+            .warming(&state.model, squared_current, settings.liveliness);
         let transition = self.transition(&state.model, &warming, seconds);
         state.model = self
             .model
@@ -333,6 +335,7 @@ mod tests {
             fraction_drift: config.fraction_drift,
             heating_drift: config.heating_drift_kelvins_per_second,
             caution: 0.0,
+            liveliness: 1.0,
         }
     }
 
@@ -407,7 +410,9 @@ mod tests {
                     .advance(&state, squared_current, PERIOD_SECONDS);
                 Vector::from(components(&end))
             };
-            let warming = observer.model.warming(&model_state(start), squared_current);
+            let warming = observer
+                .model
+                .warming(&model_state(start), squared_current, 1.0);
             let transition = observer.transition(&model_state(start), &warming, PERIOD_SECONDS);
             for component in 0..STATES {
                 let mut direction = [0.0; STATES];

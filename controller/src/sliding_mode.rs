@@ -13,9 +13,6 @@ use crate::reference_filter::{self, JerkRange, Point, Reference, ReferenceFilter
 /// Least martensite fraction that set-points may ask for; beyond, hardly any stretch is left to work with.
 pub(crate) const MARTENSITE_FRACTION_MIN: f64 = 0.2;
 
-/// What a law that rings takes the wire for at most, by its model.
-const LIVELINESS_MAX: f64 = 2.0;
-
 /// The law's constants.
 #[derive(Clone, Debug)]
 pub struct SlidingMode {
@@ -139,16 +136,6 @@ fn followable(local: &LocalModel<'_>, wanted: &WantedJerk, rises: bool) -> JerkR
     }
 }
 
-/// How lively a law that rings takes the wire to be, by its model: it commands the less.
-fn liveliness(caution: f64) -> f64 {
-    // Most cycles need no power.
-    if caution > 0.0 {
-        libm::pow(LIVELINESS_MAX, caution)
-    } else {
-        1.0
-    }
-}
-
 impl ControlLaw for SlidingMode {
     const NAME: &'static str = "sliding_mode";
     type Config = Config;
@@ -216,7 +203,7 @@ impl ControlLaw for SlidingMode {
         let on_stop = model.rests_on_stop(&estimate);
         let local = model
             .at(&estimate, position.acceleration_metres_per_second_squared)
-            .livelier(liveliness(settings.caution));
+            .livelier(settings.liveliness);
         state.reference.notice_caution(settings.caution);
         let reference = if on_stop {
             self.reference_on_stop(&mut state.reference, set_point, period_seconds)
