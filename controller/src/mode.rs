@@ -76,33 +76,51 @@ pub struct Settings {
     pub liveliness: f64,
 }
 
-/// Between a value in a move and one in a hold.
-fn between(in_move: f64, in_hold: f64, share: f64) -> f64 {
-    // Most cycles are at one end, and need no powers.
-    if share <= 0.0 {
-        in_move
-    } else if share >= 1.0 {
-        in_hold
-    } else {
-        libm::pow(in_move, 1.0 - share) * libm::pow(in_hold, share)
-    }
+/// From a value at share 0 to one at share 1, by equal factors for equal shares.
+#[derive(Clone, Copy, Debug)]
+struct Between {
+    first: f64,
+    last: f64,
+    /// Logarithms to base 2.
+    log2_first: f64,
+    log2_ratio: f64,
 }
 
-/// How lively a law that rings takes the wire to be: it commands the less, and does not take what follows for a disturbance.
-fn liveliness(caution: f64) -> f64 {
-    // Most cycles need no power.
-    if caution > 0.0 {
-        libm::pow(LIVELINESS_MAX, caution)
-    } else {
-        1.0
+impl Between {
+    fn new(first: f64, last: f64) -> Self {
+        let [from, to] = [first, last].map(libm::log2);
+        // What begins or ends at 0 is 0 between.
+        let is_positive = first > 0.0 && last > 0.0;
+        Self {
+            first,
+            last,
+            log2_first: if is_positive { from } else { f64::NEG_INFINITY },
+            log2_ratio: if is_positive { to - from } else { 0.0 },
+        }
+    }
+
+    fn at(&self, share: f64) -> f64 {
+        // Most cycles are at one end, and need no power.
+        if share <= 0.0 {
+            self.first
+        } else if share >= 1.0 {
+            self.last
+        } else {
+            libm::exp2(self.log2_first + share * self.log2_ratio)
+        }
     }
 }
 
 /// The modes and what switches between them.
 #[derive(Clone, Copy, Debug)]
 pub struct Modes {
-    in_move: Settings,
-    in_hold: Settings,
+    /// From a move to a hold.
+    bandwidth: Between,
+    fraction_drift: Between,
+    heating_drift: Between,
+    /// From no caution to full caution.
+    cautious_bandwidth: Between,
+    liveliness: Between,
     calming_seconds: f64,
     calm_error_metres_max: f64,
     error_metres_max: f64,
@@ -149,21 +167,17 @@ impl Modes {
     #[must_use]
     pub fn new(config: &Config) -> Self {
         let sensor_step_metres = config.observer.sensor_step_millimetres * 1e-3;
+        let (observer, hold) = (&config.observer, &config.hold);
+        let bandwidth = config.bandwidth_radians_per_second;
         Self {
-            in_move: Settings {
-                bandwidth: config.bandwidth_radians_per_second,
-                fraction_drift: config.observer.fraction_drift,
-                heating_drift: config.observer.heating_drift_kelvins_per_second,
-                caution: 0.0,
-                liveliness: 1.0,
-            },
-            in_hold: Settings {
-                bandwidth: config.hold.bandwidth_radians_per_second,
-                fraction_drift: config.hold.fraction_drift,
-                heating_drift: config.hold.heating_drift_kelvins_per_second,
-                caution: 0.0,
-                liveliness: 1.0,
-            },
+            bandwidth: Between::new(bandwidth, hold.bandwidth_radians_per_second),
+            fraction_drift: Between::new(observer.fraction_drift, hold.fraction_drift),
+            heating_drift: Between::new(
+                observer.heating_drift_kelvins_per_second,
+                hold.heating_drift_kelvins_per_second,
+            ),
+            cautious_bandwidth: Between::new(bandwidth, CAUTIOUS_BANDWIDTH),
+            liveliness: Between::new(1.0, LIVELINESS_MAX),
             calming_seconds: config.hold.calming_seconds,
             calm_error_metres_max: config.hold.error_sensor_steps_max * sensor_step_metres,
             error_metres_max: FAR_SENSOR_STEPS * sensor_step_metres,
@@ -238,18 +252,15 @@ impl Modes {
     }
 
     fn settings(&self, state: &State) -> Settings {
-        let (in_move, in_hold) = (&self.in_move, &self.in_hold);
         let caution = (state.ringing - RINGING_OF_A_MOVE).max(0.0);
         let rest = state.rest.min(1.0 - caution);
-        let drift = |in_move, in_hold| between(in_move, in_hold, rest);
-        let calm = between(in_move.bandwidth, in_hold.bandwidth, state.calmness);
-        let cautious = between(in_move.bandwidth, CAUTIOUS_BANDWIDTH, caution);
+        let calm = self.bandwidth.at(state.calmness);
         Settings {
-            bandwidth: calm.min(cautious),
-            fraction_drift: drift(in_move.fraction_drift, in_hold.fraction_drift),
-            heating_drift: drift(in_move.heating_drift, in_hold.heating_drift),
+            bandwidth: calm.min(self.cautious_bandwidth.at(caution)),
+            fraction_drift: self.fraction_drift.at(rest),
+            heating_drift: self.heating_drift.at(rest),
             caution,
-            liveliness: liveliness(caution),
+            liveliness: self.liveliness.at(caution),
         }
     }
 }
@@ -263,6 +274,27 @@ mod tests {
 
     fn modes() -> Modes {
         Modes::new(&Config::default())
+    }
+
+    fn in_move() -> Settings {
+        let config = Config::default();
+        Settings {
+            bandwidth: config.bandwidth_radians_per_second,
+            fraction_drift: config.observer.fraction_drift,
+            heating_drift: config.observer.heating_drift_kelvins_per_second,
+            caution: 0.0,
+            liveliness: 1.0,
+        }
+    }
+
+    fn in_hold() -> Settings {
+        let hold = Config::default().hold;
+        Settings {
+            bandwidth: hold.bandwidth_radians_per_second,
+            fraction_drift: hold.fraction_drift,
+            heating_drift: hold.heating_drift_kelvins_per_second,
+            ..in_move()
+        }
     }
 
     fn at_rest(error_metres: f64) -> Course {
@@ -299,32 +331,32 @@ mod tests {
     fn a_hold_grows_calm_and_a_move_ends_it_at_once() {
         let modes = modes();
         let mut state = calm(&modes);
-        assert_eq!(modes.settings(&state), modes.in_hold);
+        assert_eq!(modes.settings(&state), in_hold());
         let settings = modes.step(&mut state, &moving(0.0), PERIOD);
-        assert_eq!(settings, modes.in_move);
+        assert_eq!(settings, in_move());
     }
 
     #[test]
     fn settings_go_from_one_mode_to_the_other_the_observers_first() {
         let modes = modes();
         let mut state = State::default();
-        let mut last = modes.in_move.bandwidth;
+        let mut last = in_move().bandwidth;
         for _ in 0..799 {
             let settings = modes.step(&mut state, &at_rest(0.0), PERIOD);
-            assert!((modes.in_hold.bandwidth..last).contains(&settings.bandwidth));
+            assert!((in_hold().bandwidth..last).contains(&settings.bandwidth));
             last = settings.bandwidth;
         }
         let early = after(&modes, State::default(), 300, 0.0);
         let settings = modes.settings(&early);
-        assert_eq!(settings.fraction_drift, modes.in_hold.fraction_drift);
-        assert!(settings.bandwidth > 2.0 * modes.in_hold.bandwidth);
-        assert!((between(9.0, 4.0, 0.5) - 6.0).abs() < 1e-12);
+        assert_eq!(settings.fraction_drift, in_hold().fraction_drift);
+        assert!(settings.bandwidth > 2.0 * in_hold().bandwidth);
+        assert!((Between::new(9.0, 4.0).at(0.5) - 6.0).abs() < 1e-12);
     }
 
     #[test]
     fn settings_of_zero_stay_numbers() {
-        assert_eq!(between(0.0, 5.0, 0.5), 0.0);
-        assert_eq!(between(5.0, 0.0, 0.5), 0.0);
+        assert_eq!(Between::new(0.0, 5.0).at(0.5), 0.0);
+        assert_eq!(Between::new(5.0, 0.0).at(0.5), 0.0);
     }
 
     #[test]
@@ -365,11 +397,11 @@ mod tests {
             assert!(settings.bandwidth < 1.02 * CAUTIOUS_BANDWIDTH);
             // The observer's too, where the reference rests.
             let settings = modes.step(&mut state, &at_rest(0.0), PERIOD);
-            assert!(settings.fraction_drift > 0.99 * modes.in_move.fraction_drift);
+            assert!(settings.fraction_drift > 0.99 * in_move().fraction_drift);
             for _ in 0..12_001 {
                 modes.step(&mut state, &moving(centre), PERIOD);
             }
-            assert_eq!(modes.settings(&state), modes.in_move);
+            assert_eq!(modes.settings(&state), in_move());
         }
     }
 
@@ -383,7 +415,7 @@ mod tests {
                 velocity_metres_per_second: 0.1 * side,
                 ..moving(side)
             };
-            assert_eq!(modes.step(&mut state, &course, PERIOD), modes.in_move);
+            assert_eq!(modes.step(&mut state, &course, PERIOD), in_move());
         }
     }
 
@@ -419,7 +451,7 @@ mod tests {
     fn what_a_move_swings_asks_for_no_caution() {
         let modes = modes();
         let mut state = State::default();
-        assert_eq!(rung(&modes, &mut state, 4, 0.0), modes.in_move);
+        assert_eq!(rung(&modes, &mut state, 4, 0.0), in_move());
         for _ in 0..100 {
             assert_eq!(modes.step(&mut state, &moving(-2.0), PERIOD).caution, 0.0);
         }

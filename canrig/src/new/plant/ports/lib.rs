@@ -134,8 +134,7 @@ impl PlantWithPorts for MyPlant {
                     .with_comment("Temperature of the block."),
                 Port::output("housing_celsius", [-50.0, 250.0])
                     .with_comment("Temperature of the housing."),
-                Port::output("heater_watts", [0.0, 100.0])
-                    .with_comment("Heat of the current."),
+                Port::output("heater_watts", [0.0, 100.0]).with_comment("Heat of the current."),
             ],
         })
     }
