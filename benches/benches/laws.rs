@@ -60,7 +60,7 @@ fn sliding_mode_paper_cycle(start: (Law, Cycle)) -> (Law, Command) {
     cycle(start)
 }
 
-#[library_benchmark(config = limit(350))]
+#[library_benchmark(config = limit(365))]
 #[bench::hold(pid())]
 fn pid_cycle(start: (Law, Cycle)) -> (Law, Command) {
     cycle(start)

@@ -55,9 +55,6 @@ const DEAF_SECONDS: f64 = 0.3;
 /// Ringing without caution: that of a launch and a landing.
 const RINGING_OF_A_MOVE: f64 = 0.4;
 
-/// What a law that rings takes the wire for at most, by its model.
-const LIVELINESS_MAX: f64 = 2.0;
-
 /// `λβ`, bandwidth at full caution in 1/s.
 const CAUTIOUS_BANDWIDTH: f64 = 20.0;
 
@@ -111,6 +108,15 @@ impl Between {
     }
 }
 
+/// A law that rings takes the wire for livelier, up to twice: it commands the less, and does not take what follows for a disturbance.
+fn liveliness(caution: f64) -> f64 {
+    if caution > 0.0 {
+        libm::exp2(caution)
+    } else {
+        1.0
+    }
+}
+
 /// The modes and what switches between them.
 #[derive(Clone, Copy, Debug)]
 pub struct Modes {
@@ -120,7 +126,6 @@ pub struct Modes {
     heating_drift: Between,
     /// From no caution to full caution.
     cautious_bandwidth: Between,
-    liveliness: Between,
     calming_seconds: f64,
     calm_error_metres_max: f64,
     error_metres_max: f64,
@@ -177,7 +182,6 @@ impl Modes {
                 hold.heating_drift_kelvins_per_second,
             ),
             cautious_bandwidth: Between::new(bandwidth, CAUTIOUS_BANDWIDTH),
-            liveliness: Between::new(1.0, LIVELINESS_MAX),
             calming_seconds: config.hold.calming_seconds,
             calm_error_metres_max: config.hold.error_sensor_steps_max * sensor_step_metres,
             error_metres_max: FAR_SENSOR_STEPS * sensor_step_metres,
@@ -260,7 +264,7 @@ impl Modes {
             fraction_drift: self.fraction_drift.at(rest),
             heating_drift: self.heating_drift.at(rest),
             caution,
-            liveliness: self.liveliness.at(caution),
+            liveliness: liveliness(caution),
         }
     }
 }
