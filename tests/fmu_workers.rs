@@ -63,13 +63,25 @@ fn left(folder: &Path) -> Vec<String> {
     names.collect()
 }
 
+/// What was printed, without its lines.
+fn flat(text: &str) -> String {
+    Vec::from_iter(text.split_whitespace()).join(" ")
+}
+
+/// The emulator's process of a run, and the one that has the FMU loaded.
+fn emulator_and_worker(run: &Run) -> (Pid, Pid) {
+    wait_for("the emulator", || run.find_node("plant-emulator").is_some());
+    let emulator = run.node("plant-emulator");
+    (emulator, worker_of(emulator))
+}
+
 /// The run says which FMU of which plant it was and how it ended, and leaves neither process, nor current, nor file.
 fn is_named_and_nothing_stays(run: Run, worker: Pid) {
     let nodes = ["controller", "plant-emulator"].map(|node| run.node(node));
     kill_process(worker, Signal::KILL).unwrap();
     let runtime = run.runtime();
     let (code, text, folder) = run.end();
-    let flat = Vec::from_iter(text.split_whitespace()).join(" ");
+    let flat = flat(&text);
     assert_eq!(code, Some(1), "{flat}");
     for said in [
         "the plant `cart` cannot go on",
@@ -90,8 +102,7 @@ fn a_worker_killed_in_lockstep_is_named_and_nothing_stays() {
     // It stops by itself, so that there is time; virtual time has none.
     let steady = steady(folder.path(), 10.0, 8, 4.0);
     let run = Run::begin(&steady, "lockstep");
-    wait_for("the emulator", || run.find_node("plant-emulator").is_some());
-    let worker = worker_of(run.node("plant-emulator"));
+    let (_, worker) = emulator_and_worker(&run);
     let is_stopped = || stat(worker.as_raw_nonzero().get()).is_some_and(|stat| stat[0] == "T");
     wait_for("the worker to stop", is_stopped);
     is_named_and_nothing_stays(run, worker);
@@ -103,8 +114,7 @@ fn a_worker_killed_in_real_time_is_named_and_nothing_stays() {
         let folder = tempfile::tempdir().unwrap();
         let steady = steady(folder.path(), 20.0, 0, 0.0);
         let run = Run::start(&steady, "real-time");
-        let emulator = run.node("plant-emulator");
-        let worker = worker_of(emulator);
+        let (emulator, worker) = emulator_and_worker(&run);
         // It is as urgent as the node that waits for it, where the system permits that, but holds up no other one.
         let [policy, priority] = scheduling(emulator);
         let expected = [policy, (priority - 1).max(0)];
@@ -122,8 +132,7 @@ fn an_fmu_that_is_too_slow_in_real_time_fails_its_run_and_its_drive_is_named() {
         let runs = folder.path().join("runs");
         let mut canrig = canrig(&runs, "run");
         let (code, stdout, stderr) = output(canrig.args(["--bus", "embedded"]).arg(steady));
-        let text = stdout + &stderr;
-        let flat = Vec::from_iter(text.split_whitespace()).join(" ");
+        let flat = flat(&(stdout + &stderr));
         assert_eq!(code, Some(1), "{flat}");
         let is_named = ["drive: no position in ", "from the drive (node 16)"];
         assert!(is_named.iter().any(|words| flat.contains(words)), "{flat}");
@@ -174,9 +183,7 @@ fn what_a_killed_emulator_unpacked_is_removed_by_the_next_one() {
     let folder = tempfile::tempdir().unwrap();
     let steady = steady(folder.path(), 2.0, 2, 0.0);
     let run = Run::begin(&steady, "lockstep");
-    wait_for("the emulator", || run.find_node("plant-emulator").is_some());
-    let emulator = run.node("plant-emulator");
-    let worker = worker_of(emulator);
+    let (emulator, worker) = emulator_and_worker(&run);
     kill_process(emulator, Signal::KILL).unwrap();
     let runtime = run.runtime();
     let (code, text, _folder) = run.end();

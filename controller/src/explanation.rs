@@ -196,11 +196,7 @@ impl ExplanationObjects {
         let temperature = (terms.estimated_temperature_celsius * CENTI).round() as i16;
         let fraction = terms.estimated_martensite_fraction.clamp(0.0, 1.0);
         let fraction = (fraction * FRACTION_STEPS).round() as u16;
-        // Most laws are never cautious, and no law most of the time.
-        let back_off = match terms.caution > 0.0 {
-            true => (terms.caution.min(1.0) * BACK_OFF_STEPS).round() as u8,
-            false => 0,
-        };
+        let back_off = (terms.caution.clamp(0.0, 1.0) * BACK_OFF_STEPS).round() as u8;
         let mut store = |place: usize, value: &[u8]| {
             let stored = dictionary.store(self.first_to_last[place], value);
             debug_assert!(stored.is_ok(), "the EDS gives each object its type");

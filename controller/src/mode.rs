@@ -108,15 +108,6 @@ impl Between {
     }
 }
 
-/// A law that rings takes the wire for livelier, up to twice: it commands the less, and does not take what follows for a disturbance.
-fn liveliness(caution: f64) -> f64 {
-    if caution > 0.0 {
-        libm::exp2(caution)
-    } else {
-        1.0
-    }
-}
-
 /// The modes and what switches between them.
 #[derive(Clone, Copy, Debug)]
 pub struct Modes {
@@ -264,7 +255,8 @@ impl Modes {
             fraction_drift: self.fraction_drift.at(rest),
             heating_drift: self.heating_drift.at(rest),
             caution,
-            liveliness: liveliness(caution),
+            // It commands the less, and does not take what follows for a disturbance.
+            liveliness: libm::exp2(caution),
         }
     }
 }

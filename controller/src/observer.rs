@@ -339,6 +339,18 @@ mod tests {
         }
     }
 
+    /// One cycle in a move.
+    fn step(observer: &Observer, state: &mut State, position_metres: f64, squared_current: f64) {
+        let settings = in_move();
+        observer.step(
+            state,
+            &settings,
+            position_metres,
+            squared_current,
+            PERIOD_SECONDS,
+        );
+    }
+
     /// Runs plant and observer side by side under a current over time; gives plant and estimate at the end.
     fn side_by_side(
         plant: &NominalModel,
@@ -353,13 +365,7 @@ mod tests {
         while time < seconds {
             let squared_current = current(time) * current(time);
             let position = sampled(truth.position_metres);
-            observer.step(
-                &mut state,
-                &in_move(),
-                position,
-                squared_current,
-                PERIOD_SECONDS,
-            );
+            step(&observer, &mut state, position, squared_current);
             truth = plant.advance(&truth, squared_current, PERIOD_SECONDS);
             time += PERIOD_SECONDS;
         }
@@ -499,7 +505,7 @@ mod tests {
         let mut state = observer.start();
         let positions = [f64::NAN, f64::INFINITY, -1e300, 1e300, 0.06, 0.0];
         for position in positions.into_iter().cycle().take(3000) {
-            observer.step(&mut state, &in_move(), position, 1.0, PERIOD_SECONDS);
+            step(&observer, &mut state, position, 1.0);
             assert!(state.model.temperature_celsius.is_finite());
             assert!(state.model.position_metres.is_finite());
             assert!((0.0..=1.0).contains(&state.model.martensite_fraction));
@@ -512,7 +518,7 @@ mod tests {
         let mut state = observer.start();
         for cycle in 0..1000 {
             let position = if cycle % 5 == 4 { 0.0 } else { 2e-4 };
-            observer.step(&mut state, &in_move(), position, 0.0, PERIOD_SECONDS);
+            step(&observer, &mut state, position, 0.0);
         }
         assert!((state.model.temperature_celsius - 15.0847).abs() < 1e-3);
         assert!(nominal().rests_on_stop(&state.model));
@@ -531,12 +537,11 @@ mod tests {
         };
         let squared_current = model.squared_current(&truth, 0.0);
         for _ in 0..500 {
-            observer.step(
+            step(
+                &observer,
                 &mut state,
-                &in_move(),
                 sampled(truth.position_metres),
                 squared_current,
-                PERIOD_SECONDS,
             );
             truth = model.advance(&truth, squared_current, PERIOD_SECONDS);
         }
@@ -552,7 +557,7 @@ mod tests {
         state.model.martensite_fraction = 0.97;
         state.covariance = Matrix::zeros();
         for _ in 0..100 {
-            observer.step(&mut state, &in_move(), 0.03, 0.3, PERIOD_SECONDS);
+            step(&observer, &mut state, 0.03, 0.3);
         }
         assert!(!nominal().rests_on_stop(&state.model));
         assert!((state.model.position_metres - 0.03).abs() < 1e-3);
@@ -571,13 +576,7 @@ mod tests {
         let squared_current = observer.model.squared_current(&state.model, 0.0);
         for _ in 0..500 {
             let position = sampled(0.02);
-            observer.step(
-                &mut state,
-                &in_move(),
-                position,
-                squared_current,
-                PERIOD_SECONDS,
-            );
+            step(&observer, &mut state, position, squared_current);
         }
         (observer, state, squared_current)
     }
@@ -587,13 +586,7 @@ mod tests {
         let (observer, mut state, squared_current) = holding();
         let before = state.model;
         for _ in 0..5 {
-            observer.step(
-                &mut state,
-                &in_move(),
-                0.0175,
-                squared_current,
-                PERIOD_SECONDS,
-            );
+            step(&observer, &mut state, 0.0175, squared_current);
         }
         assert!((state.model.position_metres - 0.0175).abs() < 1e-4);
         assert!(state.model.velocity_metres_per_second.abs() < 0.02);
@@ -621,7 +614,7 @@ mod tests {
         let observer = Observer::new(&Config::default(), nominal());
         let mut state = observer.start();
         for _ in 0..100_000 {
-            observer.step(&mut state, &in_move(), 0.0, 0.0, PERIOD_SECONDS);
+            step(&observer, &mut state, 0.0, 0.0);
         }
         let doubt = state.covariance[(TEMPERATURE, TEMPERATURE)];
         assert!(doubt <= 9.0, "{doubt}");

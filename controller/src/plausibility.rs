@@ -49,15 +49,10 @@ struct Watch {
 }
 
 impl Plausibility {
-    /// What the drive's node says of a position; where it says nothing, what is known of the plants that ship.
+    /// Of a drive that is wired so, to a wire or to another plant.
     pub(crate) fn new(wiring: &Wiring, is_wire: bool) -> Self {
-        let known = match is_wire {
-            _ if wiring.is_other_travel() => Plausible::default(),
-            true => Plausible::WIRE,
-            false => Plausible::MOTOR,
-        };
         Self {
-            plausible: in_thousands(&wiring.plausible.unwrap_or(known)),
+            plausible: in_thousands(&wiring.plausible_positions(is_wire)),
             ends: wiring.range().map(|end| end / THOUSAND),
             symbol: wiring.unit.symbol().to_owned(),
             last: None,

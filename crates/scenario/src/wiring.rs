@@ -121,6 +121,17 @@ impl Wiring {
         self.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
     }
 
+    /// What the drive's node says of a position; where it says nothing, what is known of the plants that ship.
+    #[must_use]
+    pub fn plausible_positions(&self, is_wire: bool) -> Plausible {
+        let known = match is_wire {
+            _ if self.is_other_travel() => Plausible::default(),
+            true => Plausible::WIRE,
+            false => Plausible::MOTOR,
+        };
+        self.plausible.unwrap_or(known)
+    }
+
     /// The place of the output that the sensor reads.
     #[must_use]
     pub fn measured(&self, ports: &Ports) -> Option<usize> {

@@ -22,7 +22,6 @@ use canopen::nmt::NodeId;
 use dbc::scenario_clock::ScenarioClock;
 use platform::clock;
 use scenario::Scenario;
-use scenario::wiring::Plausible;
 
 pub use checklist::{Check, CheckOutcome};
 
@@ -268,11 +267,8 @@ fn emulated(setup: &Setup) -> Result<LoadedRig, WorldError> {
     let node_id = setup.place.drive_node_id;
     let [lowest, highest] = wiring.range();
     let travel = highest - lowest;
-    let known = match wiring.is_other_travel() {
-        true => Plausible::default(),
-        false => Plausible::WIRE,
-    };
-    let plausible = wiring.plausible.unwrap_or(known);
+    // A motor's differ in nothing that is asked here.
+    let plausible = wiring.plausible_positions(true);
     let text = format!(
         "schema = 1\nname = \"the emulated drive\"\n[drive]\nnode_id = {node_id}\n\
          position = {{ units_per_millimetre = {:?}, resolution_millimetres = {:?} }}\n[bus]\nbitrate_kilobits_per_second = {}\n\
