@@ -260,8 +260,8 @@ fn miette_text(error: impl std::fmt::Debug) -> String {
 /// The FMU of the motor with this library in it.
 fn motor_fmu(folder: &Path, library: &[u8]) {
     let shipped = fmu_plants::shipped();
-    let models = shipped.iter().map(|exported| exported.model());
-    let model = { models }.find(|model| model.name == "dc_motor").unwrap();
+    let motor = { shipped.iter() }.find(|exported| exported.name() == "dc_motor");
+    let model = motor.unwrap().model().unwrap();
     let file = fs::File::create(folder.join("motor.fmu")).unwrap();
     write_fmu(file, &model, Version::Three, library).unwrap();
 }

@@ -22,8 +22,8 @@ fn fmu(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
 /// The FMU of the motor, with a library that nobody could load.
 fn motor(folder: &Path, version: Version) {
     let shipped = fmu_plants::shipped();
-    let models = shipped.iter().map(|exported| exported.model());
-    let model = { models }.find(|model| model.name == "dc_motor").unwrap();
+    let motor = { shipped.iter() }.find(|exported| exported.name() == "dc_motor");
+    let model = motor.unwrap().model().unwrap();
     let file = fs::File::create(folder.join("motor.fmu")).unwrap();
     write_fmu(file, &model, version, b"no library").unwrap();
 }
@@ -70,7 +70,10 @@ fn a_plant_that_does_not_ship_is_not_exported() {
     let folder = tempfile::tempdir().unwrap();
     let (code, _, error) = fmu(folder.path(), &["--export", "steam"]);
     assert_eq!(code, Some(2));
-    assert!(error.contains("there are: sma, dc_motor"), "{error}");
+    assert!(
+        error.contains("there are: sma, dc_motor, sma_pair"),
+        "{error}"
+    );
     let (code, _, _) = fmu(folder.path(), &[]);
     assert_eq!(code, Some(2));
 }

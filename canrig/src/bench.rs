@@ -53,13 +53,14 @@ impl Bench {
     /// A plant more, which scenarios choose by a table `[plant.NAME]`.
     pub fn plant<P: Plant>(mut self) -> Self {
         self.plants.push(OwnPlant::of::<P>());
-        self.models.push(fmu_plants::own::<P>);
+        self.models.push(fmu_plants::plant::<P>);
         self
     }
 
     /// A plant with ports more, which rig files choose by a table `[plant.NAME.MODEL]`.
     pub fn plant_with_ports<P: PlantWithPorts>(mut self) -> Self {
         self.plants.push(OwnPlant::with_ports::<P>());
+        self.models.push(fmu_plants::plant_with_ports::<P>);
         self
     }
 

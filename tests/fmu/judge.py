@@ -391,9 +391,16 @@ def ours():
     current = [0.8 if index % 1000 < 600 else -0.2 if index % 1000 < 800 else 0.3 for index in range(steps)]
     fan = [1.0 if index < 1200 else 3.0 for index in range(steps)]
     load = [0.0 if index % 500 < 300 else 0.02 for index in range(steps)]
-    inputs = {"current_amperes": current, "convection_factor": fan, "added_load_kilograms": load}
-    parameters = {"sma": {"heat.ambient_celsius": 25.0}, "dc_motor": {"load_kilograms": 0.3}}
-    for plant, start in parameters.items():
+    other = [0.5 if 700 <= index < 1500 else 0.0 for index in range(steps)]
+    disturbances = {"convection_factor": fan, "added_load_kilograms": load}
+    axis = {"current_amperes": current, **disturbances}
+    joint = {"flexor_current_amperes": list(map(abs, current)), "extensor_current_amperes": other, **disturbances}
+    plants = {
+        "sma": ({"heat.ambient_celsius": 25.0}, axis, "Current that the amplifier puts out."),
+        "dc_motor": ({"load_kilograms": 0.3}, axis, "Current that the amplifier puts out."),
+        "sma_pair": ({"pulley_radius_millimetres": 9.0}, joint, "Current through the extensor."),
+    }
+    for plant, (start, inputs, comment) in plants.items():
         for fmi in [2, 3]:
             fmu = work / f"{plant}{fmi}.fmu"
             tells(run("fmu", "--export", plant, "--output", fmu, "--fmi", fmi), f"{plant}, FMI {fmi}.0")
@@ -401,7 +408,7 @@ def ours():
             problems = validate_fmu(str(fmu))
             check(not problems, f"FMPy finds in {fmu.name}: {problems}")
             told = run("fmu", fmu)
-            tells(told, "steps: of any length", "current_amperes A start 0", "Current that the amplifier puts out.")
+            tells(told, "steps: of any length", "current_amperes A start 0", comment)
             check("note:" not in told, told)
             description = fmpy.read_model_description(fmu)
             outputs = [variable.name for variable in description.modelVariables if variable.causality == "output"]
@@ -417,7 +424,7 @@ def ours():
             wrong = next(iter(start))
             text = f"\"{wrong}\" = 1e6"
             tells(run("fmu-play", table(f"{plant}{fmi}-wrong", ports, text), code=3), f"variable `{wrong}` cannot start with 1000000")
-    tells(run("fmu", "--export", "steam", code=2), "there is no plant `steam` to export; there are: sma, dc_motor")
+    tells(run("fmu", "--export", "steam", code=2), "there is no plant `steam` to export; there are: sma, dc_motor, sma_pair")
     # What FMI does not know is wrong, the plant refuses in words.
     ports = {"position_metres": "position_metres"}
     text = "rotor_inertia_kilogram_square_metres = 1e-12\ngear_inertia_kilogram_square_metres = 0.0\nspring_newtons_per_metre = 1e6"

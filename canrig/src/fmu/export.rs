@@ -30,6 +30,8 @@ pub(crate) fn register(own: Vec<OwnModel>) {
 enum ExportError {
     #[error("there is no plant `{name}` to export; there are: {known}")]
     Unknown { name: String, known: String },
+    #[error("the plant `{name}` is none by its defaults: {reason}")]
+    NoModel { name: String, reason: String },
     #[error("the shared library {name} is not in {places}; {advice}")]
     NoLibrary {
         name: String,
@@ -46,7 +48,7 @@ impl ExportError {
     fn exit(&self) -> Exit {
         match self {
             Self::Unknown { .. } => Exit::Usage,
-            Self::NoLibrary { .. } => Exit::CannotStart,
+            Self::NoModel { .. } | Self::NoLibrary { .. } => Exit::CannotStart,
             Self::Read { .. } | Self::Write { .. } => Exit::BenchFailed,
         }
     }
@@ -74,24 +76,23 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Export
     };
     let shipped = fmu_plants::shipped();
     let own = Vec::from_iter(OWN.get().into_iter().flatten().map(|own| own()));
-    let find = |models: &[Box<dyn Exported>]| {
-        let mut models = models.iter().map(|exported| exported.model());
-        models.find(|model| model.name == plant)
-    };
-    let (model, library) = match (find(&own), find(&shipped)) {
-        (Some(model), _) => (model, own_library()?),
-        (None, Some(model)) => (model, shipped_library()?),
+    let is_meant = |exported: &&Box<dyn Exported>| exported.name() == plant;
+    let (exported, library) = match (own.iter().find(is_meant), shipped.iter().find(is_meant)) {
+        (Some(own), _) => (own, own_library()?),
+        (None, Some(shipped)) => (shipped, shipped_library()?),
         (None, None) => {
-            let names = shipped
-                .iter()
-                .chain(&own)
-                .map(|exported| exported.model().name);
+            let known = shipped.iter().chain(&own);
+            let names = known.map(|exported| exported.name());
             return Err(ExportError::Unknown {
                 name: plant.to_owned(),
                 known: Vec::from_iter(names).join(", "),
             });
         }
     };
+    let model = exported.model().map_err(|reason| ExportError::NoModel {
+        name: plant.to_owned(),
+        reason,
+    })?;
     let bytes = fs::read(&library).map_err(|source| ExportError::Read {
         path: library.clone(),
         source,

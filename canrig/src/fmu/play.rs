@@ -87,11 +87,10 @@ fn played(args: &PlayArgs) -> Result<(), Refused> {
 fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
     let refused = |reason: &str| Refused(Exit::Usage, format!("{name}: {reason}"));
     let shipped = fmu_plants::shipped();
-    let exported = shipped
-        .iter()
-        .find(|exported| exported.model().name == name);
+    let exported = shipped.iter().find(|exported| exported.name() == name);
     let exported = exported.ok_or_else(|| refused("is no plant that ships"))?;
-    let variables = exported.model().variables;
+    let model = exported.model().map_err(|reason| refused(&reason))?;
+    let variables = model.variables;
     let parameters = variables
         .iter()
         .filter_map(|variable| match &variable.role {

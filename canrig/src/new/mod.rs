@@ -114,7 +114,7 @@ const PLANT: Skeleton = Skeleton {
 const PLANT_WITH_PORTS: Skeleton = Skeleton {
     section: Section::Plant,
     name: "my_plant",
-    manifest: include_str!("plant/ports/manifest.toml"),
+    manifest: include_str!("plant/manifest.toml"),
     library: include_str!("plant/ports/lib.rs"),
     program: include_str!("plant/ports/main.rs"),
     scenario: include_str!("plant/ports/scenario.toml"),

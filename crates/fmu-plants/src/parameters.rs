@@ -39,6 +39,11 @@ impl Parameters {
         })
     }
 
+    /// What they are by default, in the order of the variables.
+    pub(crate) fn defaults(&self) -> impl Iterator<Item = StartValue> {
+        self.0.iter().filter_map(|parameter| parameter.role.start())
+    }
+
     /// The table that these values make, in the order of the variables.
     pub(crate) fn read<C: own::Parameters>(&self, values: &[StartValue]) -> Result<C, String> {
         let mut table = Value::Object(Map::new());

@@ -1,26 +1,22 @@
 use fmu::description::{Causality, Version};
 use fmu::{Description, Fault};
 
+use plant_emulator::plant::Inputs;
+
 use super::*;
 
 fn of(name: &str) -> Box<dyn Exported> {
     let found = shipped()
         .into_iter()
-        .find(|exported| exported.model().name == name);
+        .find(|exported| exported.name() == name);
     found.expect("it ships")
 }
 
 /// The parameters' start values, with one of them changed.
 fn parameters(exported: &dyn Exported, change: Option<(&str, StartValue)>) -> Vec<StartValue> {
-    let model = exported.model();
-    let values = model
-        .variables
-        .iter()
-        .filter_map(|variable| match &variable.role {
-            Role::Number { start, .. } => Some((&variable.name, StartValue::Number(*start))),
-            Role::Word { start } => Some((&variable.name, StartValue::Text(start.clone()))),
-            _ => None,
-        });
+    let model = exported.model().unwrap();
+    let variables = model.variables.iter();
+    let values = variables.filter_map(|variable| Some((&variable.name, variable.role.start()?)));
     let changed = values.map(|(name, value)| match &change {
         Some((other, new)) if name == other => new.clone(),
         _ => value,
@@ -49,13 +45,62 @@ fn the_shipped_plants_are_those_of_the_emulator() {
             highest = highest.max(plant.position_metres());
         }
         let outputs = runs.outputs();
-        assert_eq!(outputs[0].to_bits(), plant.position_metres().to_bits());
-        assert_eq!(outputs[1].to_bits(), plant.temperature_celsius().to_bits());
-        assert_eq!(outputs.len(), 2 + P::SIGNALS.len());
+        let [position, .., celsius] = outputs[..] else {
+            panic!("{outputs:?}");
+        };
+        assert_eq!(position.to_bits(), plant.position_metres().to_bits());
+        assert_eq!(celsius.to_bits(), plant.temperature_celsius().to_bits());
+        assert_eq!(outputs.len(), 2 + P::SIGNALS.len() + P::FURTHER.len());
         assert!(highest > 1e-3, "it moved");
     }
     compare::<Actuator>("sma", &scenario::plant::Plant::default());
     compare::<DcMotor>("dc_motor", &scenario::plant::DcMotor::default());
+}
+
+/// A plant with ports has the variables of its ports, and moves by all of them.
+#[test]
+fn the_joint_is_that_of_the_emulator() {
+    let exported = of("sma_pair");
+    let names = |is_wanted: fn(&Role) -> bool| {
+        let variables = exported.model().unwrap().variables;
+        let wanted = variables
+            .into_iter()
+            .filter(|variable| is_wanted(&variable.role));
+        Vec::from_iter(wanted.map(|variable| variable.name))
+    };
+    let mut plant = SmaPair::new(&scenario::plant::SmaPair::default())
+        .ok()
+        .unwrap();
+    let of_ports = |ports: &[Port]| Vec::from_iter(ports.iter().map(|port| port.name.clone()));
+    assert_eq!(
+        names(|role| matches!(role, Role::Input(_))),
+        of_ports(plant.inputs())
+    );
+    assert_eq!(
+        names(|role| *role == Role::Output),
+        of_ports(plant.outputs())
+    );
+    let mut runs = exported.start(&parameters(&*exported, None)).unwrap();
+    for _ in 0..3000 {
+        let inputs = [0.7, 0.1, 1.5, 0.01];
+        runs.step(1e-3, &inputs);
+        plant.step(1e-3, &inputs);
+    }
+    let mut outputs = [0.0; 6];
+    plant.read(&mut outputs);
+    assert_eq!(runs.outputs(), outputs);
+    assert!(outputs[0] > 1.0, "it turned");
+}
+
+/// What a parameter does to the ports is known only when the FMU starts.
+#[test]
+fn other_ports_than_those_described_are_refused() {
+    let one = SingleAxis::new(Actuator::new(&scenario::plant::Plant::default()));
+    assert!(has_the_ports_of(&one, &one));
+    let joint = SmaPair::new(&scenario::plant::SmaPair::default())
+        .ok()
+        .unwrap();
+    assert!(!has_the_ports_of(&one, &joint));
 }
 
 #[test]
@@ -92,7 +137,7 @@ fn parameters_reach_the_plant_or_are_refused_in_words() {
 fn the_descriptions_are_complete() {
     for version in [Version::Two, Version::Three] {
         for exported in shipped() {
-            let model = exported.model();
+            let model = exported.model().unwrap();
             let read = Description::parse(&model.description_xml(version));
             let read = read.unwrap_or_else(|fault: Fault| panic!("{fault}"));
             assert_eq!(
@@ -118,11 +163,15 @@ fn the_descriptions_are_complete() {
                     assert!(read.units[unit].is_some(), "{unit} is not defined");
                 }
             }
-            let position = read.variable("position_metres").unwrap();
-            assert_eq!(position.unit.as_deref(), Some("m"));
+            let (position, unit) = match exported.name() {
+                "sma_pair" => ("angle_degrees", "deg"),
+                _ => ("position_metres", "m"),
+            };
+            let position = read.variable(position).unwrap();
+            assert_eq!(position.unit.as_deref(), Some(unit));
         }
     }
-    let motor = of("dc_motor").model();
+    let motor = of("dc_motor").model().unwrap();
     let parameters = motor
         .variables
         .iter()

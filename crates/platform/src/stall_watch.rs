@@ -1,14 +1,18 @@
-//! Watches whether the machine lets its threads run: one that only sleeps shows when everything stands still, as in a virtual
-//! machine that is paused; the kernel's count of the time for which a thread waited for a processor shows the rest.
+//! Watches whether the machine lets its threads run: threads that only sleep, one on each processor, show when a processor
+//! stands still, as those of a virtual machine do while their host runs something else; the kernel's count of the time for which a
+//! thread waited for a processor shows the rest.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use rustix::io::pread;
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 use crate::clock::{monotonic, sleep};
 use crate::scheduling::{NODE_PRIORITY, request_fifo};
@@ -17,13 +21,15 @@ use crate::scheduling::{NODE_PRIORITY, request_fifo};
 const TICKS: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(10)];
 /// How often it looks for new threads.
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
+/// Processors that are watched; a machine with more of them has some to spare.
+const PROCESSORS_MAX: usize = 16;
 /// Stalls that are kept; more of them say nothing new.
 const STALLS_MAX: usize = 100_000;
 
 /// A stretch in which somebody was held up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SeenStall<T> {
-    /// Who; none if everybody was.
+    /// Who; none if the machine stood still, or one of its processors with whoever ran there.
     pub who: Option<T>,
     /// On the monotonic clock of the system: when it was seen to run last.
     pub from: Duration,
@@ -44,6 +50,8 @@ enum Order<T> {
 pub struct StallWatch<T> {
     orders: Sender<Order<T>>,
     thread: JoinHandle<Vec<SeenStall<T>>>,
+    processors: Vec<JoinHandle<Vec<SeenStall<T>>>>,
+    is_over: Arc<AtomicBool>,
 }
 
 impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
@@ -56,7 +64,19 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
         let thread = std::thread::Builder::new()
             .name("stall-watch".into())
             .spawn(move || watch(longer_than, &received))?;
-        Ok(Self { orders, thread })
+        let is_over = Arc::new(AtomicBool::new(false));
+        let processors = processors().into_iter().map(|processor| {
+            let is_over = Arc::clone(&is_over);
+            std::thread::Builder::new()
+                .name("processor-watch".into())
+                .spawn(move || watch_processor(processor, longer_than, &is_over))
+        });
+        Ok(Self {
+            orders,
+            thread,
+            processors: processors.collect::<Result<_, _>>()?,
+            is_over,
+        })
     }
 
     /// Watches all threads of a process from now on.
@@ -74,10 +94,70 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
     #[must_use]
     pub fn stop(self) -> Vec<SeenStall<T>> {
         drop(self.orders);
-        self.thread
-            .join()
-            .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        self.is_over.store(true, Ordering::Relaxed);
+        let threads = [self.thread].into_iter().chain(self.processors);
+        merged(threads.flat_map(|thread| {
+            { thread.join() }.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        }))
     }
+}
+
+/// What several have seen, each stall once, in the order of the ends.
+fn merged<T: Copy + PartialEq>(stalls: impl Iterator<Item = SeenStall<T>>) -> Vec<SeenStall<T>> {
+    let mut stalls = Vec::from_iter(stalls);
+    stalls.sort_by_key(|stall| stall.from);
+    let mut seen = Vec::new();
+    for SeenStall { who, from, until } in stalls {
+        note(&mut seen, who, from, until);
+    }
+    seen.sort_by_key(|stall| stall.until);
+    seen
+}
+
+/// Those that this thread may run on.
+fn processors() -> Vec<CpuSet> {
+    let allowed = sched_getaffinity(None).unwrap_or_default();
+    let numbers = (0..CpuSet::MAX_CPU).filter(|number| allowed.is_set(*number));
+    let alone = numbers.take(PROCESSORS_MAX).map(|number| {
+        let mut processor = CpuSet::new();
+        processor.set(number);
+        processor
+    });
+    alone.collect()
+}
+
+/// Notes when a processor stood still: a thread that runs there only was late, and waited for no other thread.
+fn watch_processor<T: Copy + PartialEq>(
+    processor: CpuSet,
+    longer_than: Duration,
+    is_over: &AtomicBool,
+) -> Vec<SeenStall<T>> {
+    let mut seen = Vec::new();
+    // Refused or not counted, nothing can be said about it.
+    let pinned = sched_setaffinity(None, &processor);
+    let (Ok(()), Ok(count)) = (pinned, File::open("/proc/thread-self/schedstat")) else {
+        return seen;
+    };
+    let _ = request_fifo(NODE_PRIORITY);
+    let tick = tick_for(longer_than);
+    let (mut last, mut waited_before) = (monotonic(), waited_in_all(&count));
+    while !is_over.load(Ordering::Relaxed) {
+        sleep(tick);
+        let (now, waited) = (monotonic(), waited_in_all(&count));
+        let (Some(before), Some(waited)) = (waited_before, waited) else {
+            return seen;
+        };
+        if now > last + tick + (waited - before) + longer_than {
+            note(&mut seen, None, last, now);
+        }
+        (last, waited_before) = (now, Some(waited));
+    }
+    seen
+}
+
+fn tick_for(longer_than: Duration) -> Duration {
+    let [shortest, longest] = TICKS;
+    longer_than.clamp(shortest, longest)
 }
 
 fn watch<T: Copy + PartialEq>(
@@ -86,8 +166,7 @@ fn watch<T: Copy + PartialEq>(
 ) -> Vec<SeenStall<T>> {
     // As the nodes: what holds them up holds this thread up, and what does not, does not. Refused, they were refused too.
     let _ = request_fifo(NODE_PRIORITY);
-    let [shortest, longest] = TICKS;
-    let tick = longer_than.clamp(shortest, longest);
+    let tick = tick_for(longer_than);
     let mut watched = Vec::new();
     let mut threads: Vec<Thread<T>> = Vec::new();
     let mut seen = Vec::new();
@@ -136,7 +215,9 @@ fn note<T: Copy + PartialEq>(
 ) {
     let last = seen.iter().rposition(|stall| stall.who == who);
     match last {
-        Some(last) if seen[last].until >= from => seen[last].until = until,
+        Some(last) if seen[last].until >= from => {
+            seen[last].until = seen[last].until.max(until);
+        }
         _ if seen.len() < STALLS_MAX => seen.push(SeenStall { who, from, until }),
         _ => {}
     }
@@ -225,16 +306,28 @@ mod tests {
     }
 
     #[test]
+    fn what_two_processors_did_at_once_is_one_stall() {
+        let stall = |who, from, until| SeenStall {
+            who,
+            from: from * MS,
+            until: until * MS,
+        };
+        let seen = [
+            stall(None, 5, 6),
+            stall(Some('a'), 1, 9),
+            stall(None, 4, 8),
+            stall(None, 1, 2),
+        ];
+        let expected = [stall(None, 1, 2), stall(None, 4, 8), stall(Some('a'), 1, 9)];
+        assert_eq!(merged(seen.into_iter()), expected);
+    }
+
+    #[test]
     fn a_thread_that_shares_its_processor_is_seen_to_wait() {
-        use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
-        use std::sync::atomic::{AtomicBool, Ordering};
         if waited_in_all(&File::open("/proc/self/schedstat").unwrap()).is_none() {
             return;
         }
-        let processors = sched_getaffinity(None).unwrap();
-        let first = (0..CpuSet::MAX_CPU).find(|number| processors.is_set(*number));
-        let mut here = CpuSet::new();
-        here.set(first.unwrap());
+        let here = processors()[0];
         let is_over = AtomicBool::new(false);
         let seen = std::thread::scope(|scope| {
             for name in ["rival", "victim"] {

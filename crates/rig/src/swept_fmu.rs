@@ -7,7 +7,7 @@ use scenario::{Objection, Scenario};
 type Swept<'a> = (String, &'a str, f64);
 
 /// The first value of a scenario's sweep that the FMU of its plant does not take. `objection` says what is wrong with the FMU of a
-/// scenario. Draws of normal distributions have no ends: only their means are looked at.
+/// scenario. Draws of normal distributions have no ends: only what is about their means is looked at.
 pub(crate) fn objection(
     scenario: &Scenario,
     plant: &str,
@@ -80,10 +80,13 @@ fn values(sweep: &Sweep) -> Vec<Swept<'_>> {
         values.push((format!("{path}.to"), key, to));
         values.push((format!("{path}.key"), key, broken_between(from, to)));
     }
-    values.extend(sweep.normal.iter().enumerate().map(|(index, one)| {
-        let path = format!("sweep.normal.{index}.mean");
-        (path, one.key.as_str(), one.mean)
-    }));
+    for (index, one) in sweep.normal.iter().enumerate() {
+        let path = format!("sweep.normal.{index}");
+        values.push((format!("{path}.mean"), one.key.as_str(), one.mean));
+        // Nearly every draw is broken, whatever the mean is.
+        let broken = [one.mean, one.mean.next_down()].into_iter().find(is_broken);
+        values.extend(broken.map(|value| (format!("{path}.key"), one.key.as_str(), value)));
+    }
     values
 }
 
@@ -147,7 +150,7 @@ mod tests {
             normal: vec![normal],
             ..Sweep::default()
         };
-        assert_eq!(looked_at(&normal), [3.0]);
+        assert_eq!(looked_at(&normal), [3.0, 3.0_f64.next_down()]);
         for [from, to] in [[1.0, 4.0], [1.0, 5.0], [1.0, 2.0], [0.0, 1e6], [0.8, 1.2]] {
             let key = key();
             let drawn = Sweep {

@@ -171,7 +171,7 @@ impl Plant for MyPlant {
 }
 
 // What `fmu --export my_plant` puts into an FMU.
-fmu_plants::export!(MyPlant);
+fmu_plants::export!(plant::<MyPlant>);
 
 #[cfg(test)]
 mod tests {

@@ -4,9 +4,12 @@ use dbc::loops::LoopPlace;
 use faults::Stream;
 use rig::setup::Setup;
 use scenario::plant::Plant;
-use scenario::port::Unit;
 use scenario::rig::nodes::{EMULATED_NODE_ID_MAX, Rig};
+use scenario::wiring::Wiring;
 use toml::{Table, Value};
+
+/// The travel that heights of faults of a sensor are drawn for.
+const TRAVEL_MILLIMETRES: f64 = 60.0;
 
 /// Faults in one mix at most.
 const FAULTS_MAX: u64 = 4;
@@ -61,8 +64,8 @@ struct Drive {
     node_id: u8,
     /// Faults that mean something to its plant.
     plant_faults: &'static [&'static str],
-    /// In which its positions are.
-    unit: Unit,
+    /// In which unit and range its positions are.
+    wiring: Wiring,
 }
 
 impl Nodes {
@@ -72,7 +75,7 @@ impl Nodes {
             name: "drive".to_owned(),
             node_id: LoopPlace::SHIPPED.drive_node_id,
             plant_faults: plant.faults(),
-            unit: Unit::Millimetres,
+            wiring: Wiring::default(),
         };
         Self {
             controller: "controller".to_owned(),
@@ -89,7 +92,7 @@ impl Nodes {
                 name: one.drives.first()?.clone(),
                 node_id: setup.place.drive_node_id,
                 plant_faults: setup.scenario.plant.faults(),
-                unit: setup.scenario.wiring.unit.clone(),
+                wiring: setup.scenario.wiring.clone(),
             })
         });
         Self {
@@ -134,18 +137,23 @@ impl Nodes {
         0x6A0 + u32::from(lowest.unwrap_or_default()) - 1
     }
 
-    /// A fault with the names that its drive has for positions.
+    /// A fault with the names that its drive has for positions, and as high for its travel.
     fn in_unit(&self, fault: Table) -> Table {
         let name = fault.get("node").and_then(Value::as_str);
         let mut drives = self.drives.iter();
         let drive = drives.find(|drive| name == Some(drive.name.as_str()));
-        let Some(unit) = drive.map(|drive| &drive.unit) else {
+        let Some(wiring) = drive.map(|drive| &drive.wiring) else {
             return fault;
         };
-        let fault = fault.into_iter();
-        fault
-            .map(|(key, value)| (unit.rename(&key), value))
-            .collect()
+        let [min, max] = wiring.range();
+        let travels = (max - min) / TRAVEL_MILLIMETRES;
+        let of_drive = |(key, value): (String, Value)| match value {
+            Value::Float(height) if key.contains("millimetres") => {
+                (wiring.unit.rename(&key), (height * travels).into())
+            }
+            value => (key, value),
+        };
+        fault.into_iter().map(of_drive).collect()
     }
 
     fn has_fault(&self, (group, kind): &(&str, &str)) -> bool {

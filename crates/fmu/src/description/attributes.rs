@@ -32,6 +32,11 @@ impl<'a> Attributes<'a, '_> {
         text.ok_or_else(|| self.fault(format!("<{element}> has no `{name}`")))
     }
 
+    /// A name: line ends and tabs in it are spaces, as the type `normalizedString` says that FMI gives names.
+    pub(super) fn name(&self, attribute: &str) -> Result<String, Fault> {
+        Ok(self.required(attribute)?.replace(['\n', '\r', '\t'], " "))
+    }
+
     pub(super) fn is_true(&self, name: &str) -> Result<bool, Fault> {
         match self.text(name).map(str::trim) {
             None | Some("false" | "0") => Ok(false),

@@ -42,7 +42,7 @@ pub(super) fn description(document: &Document<'_>) -> Result<Description, Fault>
     let types = types(&root, version)?;
     Ok(Description {
         version,
-        model_name: root.required("modelName")?.to_owned(),
+        model_name: root.name("modelName")?,
         description: root.owned("description"),
         tool: root.owned("generationTool"),
         model_version: root.owned("version"),
@@ -159,8 +159,8 @@ fn variables(
     let mut variables = Vec::new();
     let mut names = BTreeSet::new();
     for element in all.elements() {
-        let name = element.required("name")?;
-        if !names.insert(name) {
+        let name = element.name("name")?;
+        if !names.insert(name.clone()) {
             return Err(element.fault(format!("there are two variables `{name}`")));
         }
         let value = match version {
@@ -170,13 +170,14 @@ fn variables(
                 .ok_or_else(|| element.fault("a variable has no type"))?,
             Version::Three => element,
         };
-        variables.push(variable(&element, &value, version, types)?);
+        variables.push(variable(name, &element, &value, version, types)?);
     }
     Ok(variables)
 }
 
 /// In FMI 3.0 the element and its value are one.
 fn variable(
+    name: String,
     element: &Attributes<'_, '_>,
     value: &Attributes<'_, '_>,
     version: Version,
@@ -188,7 +189,6 @@ fn variable(
         Version::Three => Kind::of_fmi_3(tag),
     };
     let kind = kind.ok_or_else(|| element.fault(format!("<{tag}> is no variable of FMI 3.0")))?;
-    let name = element.required("name")?;
     let reference = element.required("valueReference")?.trim();
     let reference = reference.parse().map_err(|_| {
         element.fault(format!(
@@ -211,7 +211,7 @@ fn variable(
         .unit
         .or_else(|| of_type.and_then(|of_type| of_type.unit));
     Ok(Variable {
-        name: name.to_owned(),
+        name,
         reference,
         description: element.owned("description"),
         kind,

@@ -21,8 +21,14 @@ use crate::instance::StartValue;
 
 /// Something that becomes an FMU.
 pub trait Exported: Send + Sync {
+    /// The name of its model.
+    fn name(&self) -> &str;
+
     /// What it is.
-    fn model(&self) -> Model;
+    ///
+    /// # Errors
+    /// Why there is none, such as defaults that make no sense, in words.
+    fn model(&self) -> Result<Model, String>;
 
     /// Starts one, with the values of its parameters in their order.
     ///
@@ -89,6 +95,18 @@ pub enum Role {
     Output,
 }
 
+impl Role {
+    /// The value that a parameter has by default; none of what is no parameter.
+    #[must_use]
+    pub fn start(&self) -> Option<StartValue> {
+        match self {
+            Self::Number { start, .. } => Some(StartValue::Number(*start)),
+            Self::Word { start } => Some(StartValue::Text(start.clone())),
+            Self::Input(_) | Self::Output => None,
+        }
+    }
+}
+
 impl Model {
     /// By what a library knows that a description is its own: it changes with anything that the description says of the variables.
     #[must_use]
@@ -142,7 +160,7 @@ pub fn register(models: Models) {
 /// The model whose description has this token.
 fn by_token(token: &str) -> Option<(&'static dyn Exported, Model)> {
     MODELS.iter().find_map(|exported| {
-        let model = exported.model();
+        let model = exported.model().ok()?;
         (model.token() == token).then_some((&**exported, model))
     })
 }

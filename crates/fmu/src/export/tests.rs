@@ -5,14 +5,18 @@ use crate::description::Description;
 struct Sum;
 
 impl Exported for Sum {
-    fn model(&self) -> Model {
+    fn name(&self) -> &str {
+        "sum"
+    }
+
+    fn model(&self) -> Result<Model, String> {
         let variable = |name: &str, unit, role| ModelVariable {
             name: name.to_owned(),
             description: "a < b & \"c\"".to_owned(),
             unit,
             role,
         };
-        Model {
+        Ok(Model {
             name: "sum".to_owned(),
             description: "adds up".to_owned(),
             version: "1".to_owned(),
@@ -36,7 +40,7 @@ impl Exported for Sum {
                     },
                 ),
             ],
-        }
+        })
     }
 
     fn start(&self, parameters: &[StartValue]) -> Result<Box<dyn Running>, String> {
@@ -64,14 +68,16 @@ impl Running for Adds {
 
 fn played() -> played::Played {
     register(|| vec![Box::new(Sum)]);
-    played::Played::new(&Sum.model().token()).ok().unwrap()
+    played::Played::new(&Sum.model().unwrap().token())
+        .ok()
+        .unwrap()
 }
 
 #[test]
 fn a_model_is_described_as_it_is_read() {
     for version in [Version::Two, Version::Three] {
-        let read = Description::parse(&Sum.model().description_xml(version)).unwrap();
-        assert_eq!(read.token, Sum.model().token());
+        let read = Description::parse(&Sum.model().unwrap().description_xml(version)).unwrap();
+        assert_eq!(read.token, Sum.model().unwrap().token());
         let variable = |name| read.variable(name).unwrap();
         assert_eq!(variable("u").description, "a < b & \"c\"");
         assert_eq!(variable("word").start.as_deref(), Some("plus"));
@@ -88,9 +94,9 @@ fn a_model_is_described_as_it_is_read() {
 fn a_token_is_of_one_description() {
     // Models are registered before the first is asked for, as when a library is loaded.
     let _ = played();
-    let mut other = Sum.model();
+    let mut other = Sum.model().unwrap();
     other.variables.swap(0, 1);
-    assert_ne!(other.token(), Sum.model().token());
+    assert_ne!(other.token(), Sum.model().unwrap().token());
     assert!(played::Played::new("sum-1-0").is_err());
 }
 

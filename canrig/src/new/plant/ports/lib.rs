@@ -4,7 +4,7 @@ use plant_emulator::integrator::runge_kutta_4;
 use plant_emulator::plant::{InvalidPlant, follows, positive};
 use plant_emulator::ports::{PlantWithPorts, Port, PortedPlant};
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Longest integration step.
 const STEP_SECONDS_MAX: f64 = 1e-2;
@@ -14,7 +14,7 @@ const HEATER_CURRENT: usize = 0;
 const CONVECTION_FACTOR: usize = 1;
 
 /// The table `[plant.NAME.my_plant]` of a rig file. All values are assumed.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Resistance of the heater.
@@ -139,6 +139,9 @@ impl PlantWithPorts for MyPlant {
         })
     }
 }
+
+// What `fmu --export my_plant` puts into an FMU.
+fmu_plants::export!(plant_with_ports::<MyPlant>);
 
 #[cfg(test)]
 mod tests {
