@@ -400,6 +400,18 @@ impl Answers {
     }
 }
 
+/// When a scenario starts the controller anew; never where it stays dead.
+fn starts_anew(faults: &NodeFaults) -> impl Iterator<Item = f64> {
+    let restarts = faults
+        .restart
+        .iter()
+        .map(|fault| (fault.node, fault.at_seconds));
+    let crashes = faults.crash.iter();
+    let crashes = crashes.map(|fault| (fault.node, fault.until_seconds.unwrap_or(f64::INFINITY)));
+    let starts = restarts.chain(crashes);
+    starts.filter_map(|(node, at_seconds)| (node == Node::Controller).then_some(at_seconds))
+}
+
 /// What a heartbeat is besides one of many.
 enum Beat {
     Periodic,
@@ -420,12 +432,9 @@ struct Heartbeats {
 
 impl Heartbeats {
     fn new(faults: &NodeFaults) -> Self {
-        let restarts = faults.restart.iter().map(|fault| fault.node);
-        let crashes = faults.crash.iter().map(|fault| fault.node);
-        let starts = restarts.chain(crashes);
         Self {
             states: 0,
-            boot_ups_left: starts.filter(|node| *node == Node::Controller).count(),
+            boot_ups_left: starts_anew(faults).count(),
         }
     }
 
@@ -454,13 +463,15 @@ fn periods(time: Duration, period: Duration) -> f64 {
     time.as_secs_f64() / period.as_secs_f64()
 }
 
-/// NMT commands. Our controller starts and resets nodes before the scenario begins, or one that comes up later; with Stop it
-/// ends a run, as canrig does.
+/// NMT commands. Our controller starts and resets nodes before the scenario begins, when the scenario starts it anew, or one that
+/// comes up later; with Stop it ends a run, as canrig does.
 #[derive(Debug)]
 struct Nmt {
     /// Which frames are the controller's heartbeats.
     controller: Option<u32>,
     is_stop_scripted: bool,
+    /// From this scenario time on the controller may have started anew, even if a fault keeps its boot-up from the bus.
+    anew_from_seconds: f64,
     has_newcomer: bool,
     /// When Stop was given, and to whom.
     stop: Option<(Duration, String)>,
@@ -475,6 +486,7 @@ impl Nmt {
         Self {
             controller: heartbeat.map(|message| message.raw_id),
             is_stop_scripted: !scenario.fault.node.nmt_stop.is_empty(),
+            anew_from_seconds: starts_anew(&scenario.fault.node).fold(f64::INFINITY, f64::min),
             has_newcomer: false,
             stop: None,
             first: String::new(),
@@ -517,7 +529,7 @@ impl Nmt {
             NmtCommand::Stop => {
                 self.stop.get_or_insert((scenario_time, what));
             }
-            _ if self.has_newcomer => {}
+            _ if self.has_newcomer || scenario_time.as_secs_f64() >= self.anew_from_seconds => {}
             _ => self.add(scenario_time, what),
         }
     }
@@ -779,6 +791,10 @@ mod tests {
         frames.retain(|(time, _)| !(300 * PERIOD..970 * PERIOD).contains(time));
         frames.extend([(300 * PERIOD, stop), (971 * PERIOD, boot_up)]);
         assert_eq!(found_in(frames, RESTART, &External::default()), []);
+        // Its boot-up may be lost, then it resets the drive before anybody has come up.
+        let reset_late = [run(1500, |_| Duration::ZERO), vec![(972 * PERIOD, reset)]].concat();
+        assert_eq!(found(reset_late.clone()).len(), 1);
+        assert_eq!(found_in(reset_late, RESTART, &External::default()), []);
         // Within a second, and not in that of its end.
         for (cycles, count) in [(1400, 0), (1401, 1)] {
             let stopped = (400 * PERIOD, stop);
