@@ -76,8 +76,8 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Export
     };
     let shipped = fmu_plants::shipped();
     let own = Vec::from_iter(OWN.get().into_iter().flatten().map(|own| own()));
-    let is_meant = |exported: &&Box<dyn Exported>| exported.name() == plant;
-    let (exported, library) = match (own.iter().find(is_meant), shipped.iter().find(is_meant)) {
+    let find = |models| named(models, plant);
+    let (exported, library) = match (find(&own), find(&shipped)) {
         (Some(own), _) => (own, own_library()?),
         (None, Some(shipped)) => (shipped, shipped_library()?),
         (None, None) => {
@@ -108,6 +108,11 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Export
         "{}: {plant}, FMI {version}, {count} variables",
         path.display()
     ))
+}
+
+fn named<'a>(models: &'a [Box<dyn Exported>], name: &str) -> Option<&'a dyn Exported> {
+    let mut models = models.iter().map(|exported| &**exported);
+    models.find(|exported| exported.name() == name)
 }
 
 /// The folder of this program.

@@ -5,6 +5,7 @@ use scenario::expect::{Demand, SignalCheck};
 
 use crate::plot::{Colour, Patch, Plot, Shape};
 use crate::run::Run;
+use crate::unit::shown_unit;
 use platform::series::Series;
 use recording::traces::SignalTrace;
 use rig::setup::Setup;
@@ -87,7 +88,7 @@ fn shown(setup: &Setup, trace: &SignalTrace) -> String {
 }
 
 fn plot<'a>(drawn: &'a Drawn<'_>, name: &'a str) -> Plot<'a> {
-    let mut plot = Plot::over_time(name, &drawn.trace.unit);
+    let mut plot = Plot::over_time(name, shown_unit(&drawn.trace.unit));
     plot.patches.clone_from(&drawn.patches);
     plot.draw(
         "recorded",
