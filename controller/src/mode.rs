@@ -55,6 +55,9 @@ const DEAF_SECONDS: f64 = 0.3;
 /// Ringing without caution: that of a launch and a landing.
 const RINGING_OF_A_MOVE: f64 = 0.4;
 
+/// How many times as lively as the model the wire is taken for at full caution.
+const CAUTIOUS_LIVELINESS: f64 = 2.0;
+
 /// `λβ`, bandwidth at full caution in 1/s.
 const CAUTIOUS_BANDWIDTH: f64 = 20.0;
 
@@ -117,6 +120,7 @@ pub struct Modes {
     heating_drift: Between,
     /// From no caution to full caution.
     cautious_bandwidth: Between,
+    liveliness: Between,
     calming_seconds: f64,
     calm_error_metres_max: f64,
     error_metres_max: f64,
@@ -173,6 +177,7 @@ impl Modes {
                 hold.heating_drift_kelvins_per_second,
             ),
             cautious_bandwidth: Between::new(bandwidth, CAUTIOUS_BANDWIDTH),
+            liveliness: Between::new(1.0, CAUTIOUS_LIVELINESS),
             calming_seconds: config.hold.calming_seconds,
             calm_error_metres_max: config.hold.error_sensor_steps_max * sensor_step_metres,
             error_metres_max: FAR_SENSOR_STEPS * sensor_step_metres,
@@ -256,7 +261,7 @@ impl Modes {
             heating_drift: self.heating_drift.at(rest),
             caution,
             // It commands the less, and does not take what follows for a disturbance.
-            liveliness: libm::exp2(caution),
+            liveliness: self.liveliness.at(caution),
         }
     }
 }

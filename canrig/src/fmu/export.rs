@@ -110,7 +110,8 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Export
     ))
 }
 
-fn named<'a>(models: &'a [Box<dyn Exported>], name: &str) -> Option<&'a dyn Exported> {
+/// The model of this name.
+pub(super) fn named<'a>(models: &'a [Box<dyn Exported>], name: &str) -> Option<&'a dyn Exported> {
     let mut models = models.iter().map(|exported| &**exported);
     models.find(|exported| exported.name() == name)
 }

@@ -15,6 +15,7 @@ use platform::clock::Clock;
 use scenario::plant::Fmu;
 use worlds::fmu_worker;
 
+use super::export::named;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 
@@ -87,23 +88,20 @@ fn played(args: &PlayArgs) -> Result<(), Refused> {
 fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
     let refused = |reason: &str| Refused(Exit::Usage, format!("{name}: {reason}"));
     let shipped = fmu_plants::shipped();
-    let exported = shipped.iter().find(|exported| exported.name() == name);
+    let exported = named(&shipped, name);
     let exported = exported.ok_or_else(|| refused("is no plant that ships"))?;
     let model = exported.model().map_err(|reason| refused(&reason))?;
     let variables = model.variables;
-    let parameters = variables
-        .iter()
-        .filter_map(|variable| match &variable.role {
-            Role::Number { start, .. } => {
-                let given = args.start.iter().find_map(|word| {
-                    let value = word.strip_prefix(&variable.name)?.strip_prefix('=')?;
-                    value.parse().ok()
-                });
-                Some(StartValue::Number(given.unwrap_or(*start)))
-            }
-            Role::Word { start } => Some(StartValue::Text(start.clone())),
-            Role::Input(_) | Role::Output => None,
+    let parameters = variables.iter().filter_map(|variable| {
+        let given = args.start.iter().find_map(|word| {
+            let value = word.strip_prefix(&variable.name)?.strip_prefix('=')?;
+            value.parse().ok()
         });
+        match (variable.role.start()?, given) {
+            (StartValue::Number(_), Some(given)) => Some(StartValue::Number(given)),
+            (usual, _) => Some(usual),
+        }
+    });
     let parameters = Vec::from_iter(parameters);
     let mut plant = exported
         .start(&parameters)

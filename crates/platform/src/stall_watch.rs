@@ -290,28 +290,26 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
+    fn stall(who: Option<char>, from: u32, until: u32) -> SeenStall<char> {
+        SeenStall {
+            who,
+            from: from * MS,
+            until: until * MS,
+        }
+    }
+
     #[test]
     fn stalls_that_touch_are_one_and_kinds_are_kept_apart() {
         let mut seen = Vec::new();
         for (who, from, until) in [(None, 1, 3), (Some('a'), 1, 3), (None, 3, 5), (None, 7, 9)] {
             note(&mut seen, who, from * MS, until * MS);
         }
-        let stall = |who, from, until| SeenStall {
-            who,
-            from: from * MS,
-            until: until * MS,
-        };
         let expected = [stall(None, 1, 5), stall(Some('a'), 1, 3), stall(None, 7, 9)];
         assert_eq!(seen, expected);
     }
 
     #[test]
     fn what_two_processors_did_at_once_is_one_stall() {
-        let stall = |who, from, until| SeenStall {
-            who,
-            from: from * MS,
-            until: until * MS,
-        };
         let seen = [
             stall(None, 5, 6),
             stall(Some('a'), 1, 9),

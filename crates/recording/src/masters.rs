@@ -470,8 +470,8 @@ struct Nmt {
     /// Which frames are the controller's heartbeats.
     controller: Option<u32>,
     is_stop_scripted: bool,
-    /// From this scenario time on the controller may have started anew, even if a fault keeps its boot-up from the bus.
-    anew_from_seconds: f64,
+    /// When the scenario will still start the controller anew, the latest first: a fault may keep its boot-up from the bus.
+    starts_anew_seconds: Vec<f64>,
     has_newcomer: bool,
     /// When Stop was given, and to whom.
     stop: Option<(Duration, String)>,
@@ -483,10 +483,12 @@ struct Nmt {
 impl Nmt {
     fn new(scenario: &Scenario, database: &Database) -> Self {
         let heartbeat = database.message(CONTROLLER_HEARTBEAT);
+        let mut starts = Vec::from_iter(starts_anew(&scenario.fault.node));
+        starts.sort_by(|one, other| other.total_cmp(one));
         Self {
             controller: heartbeat.map(|message| message.raw_id),
             is_stop_scripted: !scenario.fault.node.nmt_stop.is_empty(),
-            anew_from_seconds: starts_anew(&scenario.fault.node).fold(f64::INFINITY, f64::min),
+            starts_anew_seconds: starts,
             has_newcomer: false,
             stop: None,
             first: String::new(),
@@ -502,6 +504,10 @@ impl Nmt {
     }
 
     fn on_frame(&mut self, scenario_time: Duration, frame: &CanFrame) {
+        let is_past = |start: &mut f64| *start <= scenario_time.as_secs_f64();
+        while self.starts_anew_seconds.pop_if(is_past).is_some() {
+            self.on_controller_anew();
+        }
         match (frame.standard_id(), frame.data()) {
             (Some(SYNC_COB_ID), _) => self.on_sync(scenario_time),
             (Some(NMT_COB_ID), &[specifier, node, ..]) => {
@@ -513,13 +519,18 @@ impl Nmt {
                 let state = NmtState::from_number(state & 0x7F);
                 let is_new = [NmtState::Initialising, NmtState::PreOperational].map(Some);
                 self.has_newcomer |= is_new.contains(&state);
-                // Whoever of the run gave Stop had ended it, and the scenario starts the controller anew.
                 if Some(u32::from(id)) == self.controller && state == Some(NmtState::Initialising) {
-                    self.stop = None;
+                    self.on_controller_anew();
                 }
             }
             _ => {}
         }
+    }
+
+    /// It resets and starts whom it finds. Whoever of the run gave Stop before had ended it.
+    fn on_controller_anew(&mut self) {
+        self.has_newcomer = true;
+        self.stop = None;
     }
 
     fn on_command(&mut self, scenario_time: Duration, command: NmtCommand, node: u8) {
@@ -529,7 +540,7 @@ impl Nmt {
             NmtCommand::Stop => {
                 self.stop.get_or_insert((scenario_time, what));
             }
-            _ if self.has_newcomer || scenario_time.as_secs_f64() >= self.anew_from_seconds => {}
+            _ if self.has_newcomer => {}
             _ => self.add(scenario_time, what),
         }
     }
@@ -790,7 +801,13 @@ mod tests {
         let mut frames = run(1500, |_| Duration::ZERO);
         frames.retain(|(time, _)| !(300 * PERIOD..970 * PERIOD).contains(time));
         frames.extend([(300 * PERIOD, stop), (971 * PERIOD, boot_up)]);
+        let without_boot_up = frames.split_last().unwrap().1.to_vec();
         assert_eq!(found_in(frames, RESTART, &External::default()), []);
+        assert_eq!(
+            found_in(without_boot_up.clone(), RESTART, &External::default()),
+            []
+        );
+        assert_eq!(found(without_boot_up).len(), 1);
         // Its boot-up may be lost, then it resets the drive before anybody has come up.
         let reset_late = [run(1500, |_| Duration::ZERO), vec![(972 * PERIOD, reset)]].concat();
         assert_eq!(found(reset_late.clone()).len(), 1);

@@ -8,9 +8,6 @@ use scenario::rig::nodes::{EMULATED_NODE_ID_MAX, Rig};
 use scenario::wiring::Wiring;
 use toml::{Table, Value};
 
-/// The travel that heights of faults of a sensor are drawn for.
-const TRAVEL_MILLIMETRES: f64 = 60.0;
-
 /// Faults in one mix at most.
 const FAULTS_MAX: u64 = 4;
 
@@ -145,8 +142,12 @@ impl Nodes {
         let Some(wiring) = drive.map(|drive| &drive.wiring) else {
             return fault;
         };
-        let [min, max] = wiring.range();
-        let travels = (max - min) / TRAVEL_MILLIMETRES;
+        // Heights are drawn for the travel of the rig that ships.
+        let [travel, shipped] = [wiring, &Wiring::default()].map(|wiring| {
+            let [min, max] = wiring.range();
+            max - min
+        });
+        let travels = travel / shipped;
         let of_drive = |(key, value): (String, Value)| match value {
             Value::Float(height) if key.contains("millimetres") => {
                 (wiring.unit.rename(&key), (height * travels).into())
