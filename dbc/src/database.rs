@@ -1,6 +1,6 @@
 //! Messages and signals by name.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use canopen::CanFrame;
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
@@ -11,6 +11,11 @@ use crate::error::{DbcError, SignalMissing};
 
 /// The kernel's three flags together, which no frame has.
 pub(crate) const NO_FRAME: u32 = EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG;
+
+/// The signal that says which node an NMT command is for.
+const NMT_NODE_ID: &str = "nmt_node_id";
+/// What stands there for every node.
+const ALL_NODES: i64 = 0;
 
 /// All messages of a DBC file, by identifier.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -256,6 +261,21 @@ impl Database {
         let ours = self.messages.iter().filter(|message| !is_named(message));
         let others = other.messages.iter().filter(is_named);
         Self::from_messages(ours.chain(others).cloned().collect()).with_silent(names)
+    }
+
+    /// The same where these are the nodes that an NMT command can be for, by their node-IDs.
+    #[must_use]
+    pub fn with_nodes<'a>(&self, nodes: impl IntoIterator<Item = (u8, &'a str)>) -> Self {
+        let nodes = nodes.into_iter();
+        let labels = nodes.map(|(node_id, name)| (i64::from(node_id), name.to_owned()));
+        let labels = BTreeMap::from_iter(labels);
+        let mut messages = self.messages.clone();
+        let signals = messages.iter_mut().flat_map(|message| &mut message.signals);
+        for signal in signals.filter(|signal| signal.name == NMT_NODE_ID) {
+            signal.labels.retain(|(node_id, _)| *node_id == ALL_NODES);
+            signal.labels.extend(labels.clone());
+        }
+        Self { messages }
     }
 
     /// The same with messages under other identifiers, all of them at once.

@@ -8,7 +8,7 @@ use std::time::Duration;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::{AbortCode, CanFrame, Filter, NmtCommand, NmtState};
 use clap::Args;
-use dbc::{Database, DecodedSignal};
+use dbc::Database;
 use platform::clock::Clock;
 use platform::stop::StopSignal;
 
@@ -22,8 +22,6 @@ use runner::exit::Exit;
 
 /// How long a quiet bus is waited for before Ctrl-C and the duration are looked at.
 const PATIENCE: Duration = Duration::from_millis(50);
-/// The signal that says which node an NMT command is for.
-const NMT_NODE_ID: &str = "nmt_node_id";
 /// Width of the column of names.
 const NAME_WIDTH: usize = 23;
 
@@ -66,8 +64,10 @@ impl Decoder {
     /// A decoder by a DBC and data sheets.
     #[must_use]
     pub(crate) fn new(database: Database, sheets: Vec<DataSheet>, options: MonitorOptions) -> Self {
+        let nodes = sheets.iter();
+        let nodes = nodes.map(|sheet| (sheet.node_id, sheet.node_name.as_str()));
         Self {
-            database,
+            database: database.with_nodes(nodes),
             sheets,
             options,
             last: BTreeMap::new(),
@@ -180,18 +180,6 @@ impl Decoder {
         })
     }
 
-    /// A signal with its value; a node's number with its name.
-    fn signal(&self, decoded: &DecodedSignal<'_>) -> String {
-        let text = value::show_signal(decoded.signal, decoded.value);
-        let name = match decoded.signal.name.as_str() {
-            NMT_NODE_ID => (self.sheets.iter())
-                .find(|sheet| f64::from(sheet.node_id) == decoded.value)
-                .map(|sheet| sheet.node_name.as_str()),
-            _ => None,
-        };
-        name.map_or_else(|| text.clone(), |name| format!("{text} ({name})"))
-    }
-
     /// What the bytes mean.
     fn content(&self, frame: &CanFrame) -> String {
         if let Some(message) = error_frames::read(frame) {
@@ -205,7 +193,7 @@ impl Decoder {
             let signals = decoded
                 .signals()
                 .filter(|decoded| !value::is_idle(decoded.signal, decoded.value))
-                .map(|decoded| self.signal(&decoded));
+                .map(|decoded| value::show_signal(decoded.signal, decoded.value));
             return signals.collect::<Vec<_>>().join("  ");
         }
         match (frame.standard_id(), frame.data()) {
@@ -454,7 +442,7 @@ mod tests {
             (0x1A1, &[0; 8], "controller_y_tpdo1"),
             (0x692, &[0x40, 0x18, 0x10, 2, 0, 0, 0, 0], "y_sdo2_request"),
             (0x712, &[5], "y_heartbeat"),
-            (0x000, &[1, 0x12], "nmt_node_id=18 (y)"),
+            (0x000, &[1, 0x12], "nmt_node_id=\"y\""),
             (0x492, &[0; 8], "y TPDO4"),
         ] {
             let line = decoder.line(Duration::ZERO, &CanFrame::new(id, data));

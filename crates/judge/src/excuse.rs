@@ -40,7 +40,7 @@ impl Excuse {
         let percent = misses.percent_by_bench();
         let busy = (percent > percent_max).then(|| {
             format!(
-                "{percent:.1} % of the cycles were missed because of stalls (limit {percent_max} %), the longest when {}: the machine was too busy for real time; try --clock lockstep",
+                "{percent:.2} % of the cycles were missed because of stalls (limit {percent_max} %), the longest when {}: the machine was too busy for real time; try --clock lockstep",
                 longest.words()
             )
         });

@@ -196,6 +196,8 @@ fn of_loop(controller: &str, drive: &str, setup: &Setup) -> Vec<BusShare> {
         pace,
     };
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
+    // Of a drive without faults nothing is published besides.
+    let beside_faults = (!setup.scenario.fault.is_empty()).then_some(PLANT_TRUTH);
     let by_clock = setup.database.message(PLANT_TRUTH);
     let milliseconds = by_clock.map_or(1, |message| message.cycle_time_milliseconds.max(1));
     let milliseconds = Duration::from_millis(milliseconds).as_secs_f64() * 1e3;
@@ -220,8 +222,8 @@ fn of_loop(controller: &str, drive: &str, setup: &Setup) -> Vec<BusShare> {
         ),
         share(
             drive,
-            "current and peak temperature, beside faults (1 frame)".to_owned(),
-            &frames(setup, &[PLANT_TRUTH]),
+            "current and peak temperature, beside its faults (1 frame)".to_owned(),
+            &frames(setup, beside_faults.as_slice()),
             Pace::Milliseconds(milliseconds),
         ),
         share(

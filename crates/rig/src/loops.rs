@@ -17,6 +17,7 @@ use crate::FILE_BYTES_MAX;
 use crate::bus_budget::BusBudget;
 use crate::catalogue::Catalogue;
 use crate::external::{External, ExternalNode, no_such_node};
+use crate::named_nodes::names_by_id;
 use crate::ports;
 use crate::rig_file::LoadedRig;
 use crate::setup::{LoopName, NodeNames, Setup};
@@ -432,10 +433,11 @@ fn named(
 fn with_each_other(alone: &[Setup]) -> Vec<Setup> {
     let whole = |own: &Setup| {
         let others = alone.iter().filter(|other| other.place != own.place);
-        others.fold(Database::clone(&own.database), |bus, other| {
+        let bus = others.fold(Database::clone(&own.database), |bus, other| {
             let name = other.loop_name.as_ref().map_or("", |names| &names.name);
             bus.beside(name, &other.database)
-        })
+        });
+        bus.with_nodes(names_by_id(alone))
     };
     let loops = alone
         .iter()

@@ -9,7 +9,7 @@ use scenario::port::Unit;
 use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
 use crate::setup::Setup;
 
-const CONTROLLER_NODE_ID: u8 = 0x01;
+pub(crate) const CONTROLLER_NODE_ID: u8 = 0x01;
 
 /// The EDS of one node.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -104,6 +104,16 @@ fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
     let module_eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
     let module = module.map(|(name, node_id)| sheet(name, node_id, &module_eds, None));
     [drive].into_iter().chain(module)
+}
+
+/// All nodes of these loops by node-ID, as the rig calls them.
+pub(crate) fn names_by_id(setups: &[Setup]) -> impl Iterator<Item = (u8, &str)> {
+    setups.iter().flat_map(|setup| {
+        let (controller, drive, disturbance) = setup.node_names();
+        let (drive_id, module_id) = node_ids(setup);
+        let nodes = [(CONTROLLER_NODE_ID, controller), (drive_id, drive)];
+        nodes.into_iter().chain(module_id.zip(disturbance))
+    })
 }
 
 /// The nodes of a bench as tools know them.

@@ -14,6 +14,7 @@ use scenario::rig::{PositionRange, RigFile};
 use scenario::{Scenario, ScenarioError, read_text};
 
 use crate::data_sheet::FILE_BYTES_MAX;
+use crate::named_nodes::CONTROLLER_NODE_ID;
 
 /// Default name of a rig file, beside the scenarios.
 pub const RIG_FILE: &str = "rig.toml";
@@ -199,6 +200,11 @@ fn database(file: &RigFile, drive: &DriveLayout) -> Result<Database, DbcError> {
     let database = Database::shipped()
         .with_silent(&TRUTH_MESSAGES)
         .with_identifiers(&identifiers(file, drive))?
+        .with_nodes([
+            (CONTROLLER_NODE_ID, "controller"),
+            (file.drive.node_id, "drive"),
+            (file.fan.node_id, "disturbance"),
+        ])
         .with_cycle_time("drive_heartbeat", heartbeat.into())
         .with_layout("drive_tpdo1", feedback_bytes, |signal| {
             match signal.name.as_str() {

@@ -187,7 +187,7 @@ impl Scenario {
                 true => problem.with_place(document.span("schema"), "not 2"),
                 false => problem,
             };
-            let help = "write schema = 2, or play the scenario by: canrig run SCENARIO --rig FILE";
+            let help = "write schema = 2; or leave `rig` out, and play on a rig file of schema 1 by: canrig run SCENARIO --rig FILE";
             return Err(fail(vec![problem.with_help(help)]));
         }
         let wiring = Wiring::default();

@@ -133,10 +133,10 @@ pub static METRICS: [ExpectedMetric; 23] = {
 };
 
 /// Whether the value of a metric means yes: the bench is safe, none of the events happened, every emergency came. None for
-/// metrics that are numbers.
+/// metrics that are numbers. `name` may begin with that of a loop.
 #[must_use]
 pub fn answer(name: &str, value: f64) -> Option<bool> {
-    match name {
+    match name.rsplit('.').next()? {
         "safe_state" => Some(value == 1.0),
         // The number of those that should not have been, or that were missed.
         "no_event" | "emcy" => Some(value == 0.0),

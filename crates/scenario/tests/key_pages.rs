@@ -277,21 +277,31 @@ fn the_page_of_scenario_keys_is_that_of_the_schema() {
 
 #[test]
 fn the_page_of_rig_keys_is_that_of_the_schema() {
-    let head = "# Rig keys\n\n\
-        This page is written from the schema that `canrig schema --rig` prints. A rig file describes a real drive: [from the emulator to a drive](../hardware.md#the-rig-file).";
+    let head = "# Rig keys, schema 1\n\n\
+        This page is written from the schema that `canrig schema --rig` prints. A rig file of schema 1 describes one real drive: [from the emulator to a drive](../hardware.md#the-rig-file). Rigs whose nodes have names have [schema 2](rig-keys-2.md).";
     check("rig-keys.md", head, &scenario::schema::rig_json_schema());
 }
 
-/// Every key of the schema is on the page.
+#[test]
+fn the_page_of_rig_keys_of_schema_2_is_that_of_the_schema() {
+    let head = "# Rig keys, schema 2\n\n\
+        This page is written from the schema that `canrig schema 2 --rig` prints. A rig file of schema 2 names plants, nodes and loops: [rigs with several drives](../several-drives.md) builds one. The parameters of the plants that ship are also those of a scenario's [`[plant]`](scenario-keys.md#plant).";
+    check("rig-keys-2.md", head, &scenario::schema::rig_json_schema_2());
+}
+
+/// Every key of a schema is on its page.
 #[test]
 fn no_key_is_left_out() {
-    let schema: Value = serde_json::from_str(&scenario::schema::json_schema()).unwrap();
-    let page = Page::text_of(&schema, "");
-    let tables = schema["definitions"].as_object().unwrap().values();
-    let keys = tables
-        .chain([&schema])
-        .filter_map(|table| table["properties"].as_object());
-    for key in keys.flat_map(Map::keys) {
-        assert!(page.contains(&format!("| `{key}` |")), "{key}");
+    use scenario::schema::{json_schema, rig_json_schema, rig_json_schema_2};
+    for schema in [json_schema(), rig_json_schema(), rig_json_schema_2()] {
+        let schema: Value = serde_json::from_str(&schema).unwrap();
+        let page = Page::text_of(&schema, "");
+        let tables = schema["definitions"].as_object().unwrap().values();
+        let keys = tables
+            .chain([&schema])
+            .filter_map(|table| table["properties"].as_object());
+        for key in keys.flat_map(Map::keys) {
+            assert!(page.contains(&format!("| `{key}` |")), "{key}");
+        }
     }
 }

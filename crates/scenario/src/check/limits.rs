@@ -121,7 +121,11 @@ pub(super) fn reactions(document: &Document<'_>, scenario: &Scenario) -> Vec<Pro
         if scenario.fault.is_empty() {
             let message = format!("`{name}` cannot be judged");
             let path = format!("expect.{name}");
-            problems.push(document.problem(&path, message, "needs a [[fault.…]]"));
+            let problem = document.problem(&path, message, "needs a [[fault.…]] of this drive");
+            problems.push(match document.has("fault") {
+                true => problem.with_help("what another drive's fault does to this one is judged by an [[expect.….sequence]]"),
+                false => problem,
+            });
         }
     }
     for (index, text) in expect.emcy.iter().enumerate() {

@@ -5,6 +5,7 @@
 //! file says stands, for errors, at the scenario's key `rig`: it was checked by itself before.
 
 mod contours;
+mod emergencies;
 mod expect;
 mod fmus;
 mod read;
@@ -158,7 +159,10 @@ impl<'text> Splitter<'_, 'text> {
                 tree.insert(key(section), kept);
             }
         }
-        if let Some(expect) = self.expect(name) {
+        if let Some(mut expect) = self.expect(name) {
+            if let DeValue::Table(limits) = expect.get_mut() {
+                self.name_emergencies(limits, name)?;
+            }
             tree.insert(key(EXPECT), expect);
         }
         let wiring = self.rig.wiring_of(self.drive(name));

@@ -144,7 +144,7 @@ pub(super) fn is_meant(document: &Document<'_>) -> bool {
 
 /// Another kind of file.
 fn no_rig(document: &Document<'_>) -> Option<Problem> {
-    if super::rig::is_meant(document) {
+    if super::rig::is_meant(document) && !is_meant(document) {
         let message = "this is a rig file of schema 1, which is of one drive";
         let problem = document.problem("schema", message, "no schema 2");
         let help = "scenarios of schema 1 are played on it: canrig run SCENARIO --rig FILE";
@@ -316,13 +316,13 @@ impl Check<'_> {
             let id = node.node_id;
             let path = format!("node.{name}.node_id");
             if let Some(other) = taken.get(&id) {
-                let message = format!("`{other}` and `{name}` have the same node-ID {id}");
+                let message = format!("`{other}` and `{name}` have the same node-ID {id} (0x{id:X})");
                 let problem = self.document.problem(&path, message, "and here");
                 let first = self.document.span(&format!("node.{other}.node_id"));
                 problems.push(problem.with_place(first, "here"));
             }
             if id > EMULATED_NODE_ID_MAX && !node.external {
-                let message = format!("the emulated node `{name}` cannot have the node-ID {id}");
+                let message = format!("the emulated node `{name}` cannot have the node-ID {id} (0x{id:X})");
                 let label = format!("at most {EMULATED_NODE_ID_MAX} (0x{EMULATED_NODE_ID_MAX:X})");
                 let problem = self.document.problem(&path, message, label);
                 problems.push(problem.with_help(
@@ -527,8 +527,10 @@ impl Check<'_> {
     fn loops(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         let mut led: BTreeMap<&str, String> = BTreeMap::new();
+        let mut is_one_in_two = false;
         for (name, one) in &self.rig.loops {
             let path = format!("loop.{name}.drives");
+            let first_is_led = one.drives.first().is_some_and(|first| led.contains_key(first.as_str()));
             for (place, drive) in one.drives.iter().enumerate() {
                 let path = format!("{path}.{place}");
                 problems.extend(self.drive(&path, drive));
@@ -541,13 +543,17 @@ impl Check<'_> {
                     let first = self.document.span(first);
                     let problem = self.document.problem(&path, message, "and here");
                     problems.push(problem.with_place(first, "here"));
+                    is_one_in_two |= !is_same;
                 }
                 led.entry(drive).or_insert(path);
             }
-            problems.extend(self.feedback(name, &one.feedback, &one.drives));
+            // Where the drive is the wrong one, its feedback may be right.
+            if !first_is_led {
+                problems.extend(self.feedback(name, &one.feedback, &one.drives));
+            }
         }
-        // A loop without a drive was found by the schema: it is probably the one.
-        let is_said = self.rig.loops.values().any(|one| one.drives.is_empty());
+        // A loop without a drive was found by the schema: it is probably the one. So is one that has another loop's drive.
+        let is_said = is_one_in_two || self.rig.loops.values().any(|one| one.drives.is_empty());
         for drive in self.of_kind(NodeKind::Drive) {
             if !led.contains_key(drive) && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");

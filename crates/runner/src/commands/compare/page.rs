@@ -75,7 +75,7 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
     let same = comparison.signals.len() - differing.len() - absent;
     text += &format!("{same} signals are exactly the same");
     if absent > 0 {
-        text += &format!(", {absent} have no values in one of the runs");
+        text += &format!(", {absent} have no values that could be compared");
     }
     text.push('\n');
     if !comparison.metrics.is_empty() {

@@ -362,7 +362,7 @@ fn rig_text(
         return Err(problem(message, "the name of a rig file beside this one"));
     };
     if !is_inside_folder(rig) {
-        let message = "a rig file must lie in the scenario's folder".to_owned();
+        let message = "a rig file must lie in the scenario's folder, or below it".to_owned();
         return Err(problem(message, "no absolute path, no `..`"));
     }
     let path = Path::new(scenario_name);

@@ -290,10 +290,50 @@ fn a_rig_that_could_be_misread_is_refused() {
             "[controller.all.pid]\n[loop.x]",
             "this is a scenario, not a rig file",
         ),
-        ("[bus]", "[limits]\n[bus]", "this is a rig file of schema 1"),
+        ("[bus]", "[limits]\n[bus]", "unknown key `limits`"),
     ] {
         let error = load_text(SCENARIO, &RIG.replacen(right, wrong, 1)).unwrap_err();
         assert!(error.contains(said), "{wrong}: {error}");
+    }
+}
+
+#[test]
+fn a_rig_file_of_the_other_schema_is_called_so() {
+    let one_drive = "schema = 1\nname = \"one\"\n[limits]\ncurrent_amperes = 1.0\n";
+    let error = load_text(SCENARIO, one_drive).unwrap_err();
+    assert!(error.contains("this is a rig file of schema 1"), "{error}");
+    let error = crate::rig::RigFile::parse(RIG, "rig.toml").unwrap_err();
+    let error = crate::without_colours(&error);
+    assert!(error.contains("this is a rig file of schema 2"), "{error}");
+    assert_eq!(error.matches("help:").count(), 1, "{error}");
+}
+
+#[test]
+fn emergencies_may_be_of_the_nodes_as_the_rig_calls_them() {
+    let expecting = |emcy: &str| {
+        let expect = format!(
+            "[[expect.y.sequence]]\nname = \"it ends\"\nevent = [{{ emcy = \"{emcy}\" }}]\n[expect.y]\nemcy = [\"{emcy}\"]\n"
+        );
+        format!("{SCENARIO}\n{expect}")
+    };
+    for (emcy, of_one_drive) in [
+        ("y 0x8130", "drive 0x8130"),
+        ("drive 0x8130", "drive 0x8130"),
+        ("controller 0x7300", "controller 0x7300"),
+    ] {
+        let loops = load_text(&expecting(emcy), RIG).unwrap().loops;
+        let expect = &loops[1].scenario.expect;
+        assert_eq!(expect.emcy, [of_one_drive]);
+        let event = &expect.sequence[0].event[0];
+        assert_eq!(event.emcy.as_deref(), Some(of_one_drive));
+    }
+    for (emcy, said) in [
+        ("x 0x8130", "`x` is no node of the loop `y`"),
+        ("yy 0x8130", "the rig has no node `yy`"),
+        ("y 8130", "names no emergency"),
+    ] {
+        let error = load_text(&expecting(emcy), RIG).unwrap_err();
+        assert!(error.contains(said), "{emcy}: {error}");
     }
 }
 
@@ -318,6 +358,18 @@ fn a_mistake_is_said_once() {
             "drives = [\"x\"]",
             "the drive `x` is in two loops",
             "is the name of two things",
+        ),
+        (
+            "drives = [\"y\"]",
+            "drives = [\"x\"]",
+            "the drive `x` is in two loops",
+            "which is not of its first drive",
+        ),
+        (
+            "drives = [\"y\"]",
+            "drives = [\"x\"]",
+            "the drive `x` is in two loops",
+            "no loop leads the drive",
         ),
         (
             "drives = [\"y\"]",
