@@ -286,7 +286,11 @@ fn the_page_of_rig_keys_is_that_of_the_schema() {
 fn the_page_of_rig_keys_of_schema_2_is_that_of_the_schema() {
     let head = "# Rig keys, schema 2\n\n\
         This page is written from the schema that `canrig schema 2 --rig` prints. A rig file of schema 2 names plants, nodes and loops: [rigs with several drives](../several-drives.md) builds one. The parameters of the plants that ship are also those of a scenario's [`[plant]`](scenario-keys.md#plant).";
-    check("rig-keys-2.md", head, &scenario::schema::rig_json_schema_2());
+    check(
+        "rig-keys-2.md",
+        head,
+        &scenario::schema::rig_json_schema_2(),
+    );
 }
 
 /// Every key of a schema is on its page.

@@ -316,13 +316,15 @@ impl Check<'_> {
             let id = node.node_id;
             let path = format!("node.{name}.node_id");
             if let Some(other) = taken.get(&id) {
-                let message = format!("`{other}` and `{name}` have the same node-ID {id} (0x{id:X})");
+                let message =
+                    format!("`{other}` and `{name}` have the same node-ID {id} (0x{id:X})");
                 let problem = self.document.problem(&path, message, "and here");
                 let first = self.document.span(&format!("node.{other}.node_id"));
                 problems.push(problem.with_place(first, "here"));
             }
             if id > EMULATED_NODE_ID_MAX && !node.external {
-                let message = format!("the emulated node `{name}` cannot have the node-ID {id} (0x{id:X})");
+                let message =
+                    format!("the emulated node `{name}` cannot have the node-ID {id} (0x{id:X})");
                 let label = format!("at most {EMULATED_NODE_ID_MAX} (0x{EMULATED_NODE_ID_MAX:X})");
                 let problem = self.document.problem(&path, message, label);
                 problems.push(problem.with_help(
@@ -530,7 +532,10 @@ impl Check<'_> {
         let mut is_one_in_two = false;
         for (name, one) in &self.rig.loops {
             let path = format!("loop.{name}.drives");
-            let first_is_led = one.drives.first().is_some_and(|first| led.contains_key(first.as_str()));
+            let first_is_led = one
+                .drives
+                .first()
+                .is_some_and(|first| led.contains_key(first.as_str()));
             for (place, drive) in one.drives.iter().enumerate() {
                 let path = format!("{path}.{place}");
                 problems.extend(self.drive(&path, drive));

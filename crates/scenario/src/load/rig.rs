@@ -41,7 +41,8 @@ impl RigFile {
         if super::nodes::is_meant(&document) {
             let message = "this is a rig file of schema 2, which names its nodes";
             let problem = document.problem("schema", message, "not 1");
-            let help = "a scenario of schema 2 names it: rig = \"FILE.toml\"; --rig takes one of schema 1";
+            let help =
+                "a scenario of schema 2 names it: rig = \"FILE.toml\"; --rig takes one of schema 1";
             return Err(fail(vec![problem.with_help(help)]));
         }
         let (rig, mut problems) = build::<Self>(
