@@ -1,5 +1,6 @@
 //! Reads rig files of schema 2, and finds what the schema cannot say: who is wired to what, and whether it fits.
 
+mod ids;
 mod names;
 mod sensors;
 mod served;
@@ -19,8 +20,7 @@ use crate::meant_or_known;
 use crate::outside::Outside;
 use crate::own::is_name;
 use crate::rig::nodes::{
-    EMULATED_NODE_ID_MAX, FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode,
-    SHIPPED, SHIPPED_NAME,
+    FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode, SHIPPED, SHIPPED_NAME,
 };
 
 /// What the file is for people.
@@ -305,33 +305,6 @@ impl Check<'_> {
                     problems.push(self.problem(&format!("plant.{name}.fmu"), message, label));
                 }
             }
-        }
-        problems
-    }
-
-    fn node_ids(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
-        let mut taken: BTreeMap<u8, &str> = BTreeMap::new();
-        for (name, node) in &self.rig.node {
-            let id = node.node_id;
-            let path = format!("node.{name}.node_id");
-            if let Some(other) = taken.get(&id) {
-                let message =
-                    format!("`{other}` and `{name}` have the same node-ID {id} (0x{id:X})");
-                let problem = self.document.problem(&path, message, "and here");
-                let first = self.document.span(&format!("node.{other}.node_id"));
-                problems.push(problem.with_place(first, "here"));
-            }
-            if id > EMULATED_NODE_ID_MAX && !node.external {
-                let message =
-                    format!("the emulated node `{name}` cannot have the node-ID {id} (0x{id:X})");
-                let label = format!("at most {EMULATED_NODE_ID_MAX} (0x{EMULATED_NODE_ID_MAX:X})");
-                let problem = self.document.problem(&path, message, label);
-                problems.push(problem.with_help(
-                    "the second SDO channel and the truth frames of an emulated node have identifiers of nodes 32 and 64 further on",
-                ));
-            }
-            taken.entry(id).or_insert(name);
         }
         problems
     }
