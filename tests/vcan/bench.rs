@@ -11,7 +11,7 @@ use crate::support::{self, canrig, only_run, output, root, scenario};
 use crate::{INTERFACE, Test};
 
 /// Each with the interface for itself.
-pub(crate) const TESTS: [(&str, Test); 9] = [
+pub(crate) const TESTS: [(&str, Test); 10] = [
     (
         "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
         same_bytes,
@@ -19,6 +19,10 @@ pub(crate) const TESTS: [(&str, Test); 9] = [
     (
         "two_axes_over_vcan_leave_the_same_bytes_as_one_process",
         same_bytes_of_two_axes,
+    ),
+    (
+        "four_drives_over_vcan_leave_the_same_bytes_as_one_process",
+        same_bytes_of_four_drives,
     ),
     (
         "two_drives_on_one_plant_over_vcan_leave_the_same_bytes_as_one_process",
@@ -59,7 +63,11 @@ fn same_bytes() -> Result<(), Failed> {
 }
 
 fn same_bytes_of_two_axes() -> Result<(), Failed> {
-    is_simulated_alike(&two_axes().join("two_axes.toml"))
+    is_simulated_alike(&scenario("two_axes_circle.toml"))
+}
+
+fn same_bytes_of_four_drives() -> Result<(), Failed> {
+    is_simulated_alike(&scenario("four_drives_courses.toml"))
 }
 
 fn same_bytes_of_a_pair() -> Result<(), Failed> {

@@ -255,6 +255,7 @@ mod tests {
 
     use super::*;
     use crate::sweep::row::{Ended, SweepRow};
+    use crate::torture::cases::Draws;
     use runner::console::print;
     use runner::machine::{Stopwatch, memory_bytes_max};
     use scenario::Scenario;
@@ -318,64 +319,85 @@ mod tests {
         assert_eq!(error.exit(), Exit::CannotStart);
     }
 
-    /// A part whose rows nobody has played: a metric that follows both keys, and eleven more.
-    fn made_up(folder: &Path, setup: &Setup, plan: &SweepPlan, shard: Shard) -> PathBuf {
-        let part = open_folder(folder, setup, plan, shard).unwrap();
-        let header = Header::new(plan, &identity(setup).unwrap(), shard);
+    /// A part whose rows nobody has played.
+    fn made_up(
+        folder: &Path,
+        setup: &Setup,
+        cases: &dyn Cases,
+        shard: Shard,
+        row: &dyn Fn(usize) -> SweepRow,
+    ) -> PathBuf {
+        let part = open_folder(folder, setup, cases, shard).unwrap();
+        let header = Header::new(cases, &identity(setup).unwrap(), shard);
         let (store, _) = Store::open(part.path(), &header).unwrap();
         let mut store = store.of_copies();
-        for case in shard.cases(plan.runs()) {
-            let [hold, load] = plan.values(case)[..] else {
-                unreachable!("two keys")
-            };
-            let value = hold - 300.0 * (load - 0.04);
-            let is_missed = value > 30.0;
-            let others = (1..12).map(|number| {
-                (
-                    format!("metric_{number}_seconds"),
-                    value / f64::from(number),
-                )
-            });
-            let own = ("position_millimetres_max".to_owned(), value);
-            let row = SweepRow {
-                case,
-                id: "0123456789abcdef".to_owned(),
-                seed: Some(0),
-                ended: if is_missed { Ended::Fail } else { Ended::Pass },
-                reason: None,
-                missed: is_missed.then(|| own.0.clone()).into_iter().collect(),
-                metrics: others.chain([own]).collect(),
-            };
-            store.append(&row).unwrap();
+        for case in shard.cases(cases.runs()) {
+            store.append(&row(case)).unwrap();
         }
         store.finish().unwrap();
         part.path().to_owned()
     }
 
-    /// A sweep of a million runs whose rows are made up: what planning, merging and the report cost.
-    #[test]
-    #[ignore = "takes minutes; prints time and memory"]
-    fn a_million_rows_are_merged_and_reported_in_bounded_memory() {
-        const RUNS: usize = 1_000_000;
+    /// A metric that follows both keys, and eleven more.
+    fn row_of_a_sweep(plan: &SweepPlan, case: usize) -> SweepRow {
+        let [hold, load] = plan.values(case)[..] else {
+            unreachable!("two keys")
+        };
+        let value = hold - 300.0 * (load - 0.04);
+        let is_missed = value > 30.0;
+        let others = (1..12).map(|number| {
+            (
+                format!("metric_{number}_seconds"),
+                value / f64::from(number),
+            )
+        });
+        let own = ("position_millimetres_max".to_owned(), value);
+        SweepRow {
+            case,
+            id: "0123456789abcdef".to_owned(),
+            seed: Some(0),
+            ended: if is_missed { Ended::Fail } else { Ended::Pass },
+            reason: None,
+            missed: is_missed.then(|| own.0.clone()).into_iter().collect(),
+            metrics: others.chain([own]).collect(),
+        }
+    }
+
+    /// An invariant that half of the mixes with a certain fault break.
+    fn row_of_torture(cases: &TortureCases, case: usize) -> SweepRow {
+        let keys = cases.keys();
+        let stuck = keys.iter().position(|key| *key == "sensor.stuck").unwrap();
+        let is_broken = cases.values(case)[stuck] > 0.0 && case.is_multiple_of(2);
+        SweepRow {
+            case,
+            id: "0123456789abcdef".to_owned(),
+            seed: Some(0),
+            ended: if is_broken { Ended::Fail } else { Ended::Pass },
+            reason: is_broken.then(|| "made up, as long as such reasons are".to_owned()),
+            missed: is_broken
+                .then(|| "made_up".to_owned())
+                .into_iter()
+                .collect(),
+            metrics: Vec::new(),
+        }
+    }
+
+    const RUNS: usize = 1_000_000;
+
+    /// Merges a campaign of a million runs whose rows are made up, prints what it costs, and returns its page.
+    fn merged(
+        setups: &[Setup],
+        campaign: &CampaignCases,
+        row: &dyn Fn(usize) -> SweepRow,
+    ) -> String {
         const PARTS: usize = 40;
-        let text = TEXT.replace(
-            "[sweep]\n",
-            "[expect]\nposition_millimetres_max = { max = 30.0 }\n[sweep]\ndraws = 250000\n",
-        ) + "[[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
-        let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, catalogue()).from_file("s.toml", text);
-        let setups = [setup];
-        let plan = SweepPlan::new(&setups).unwrap();
-        assert_eq!(plan.runs(), RUNS);
+        let cases = campaign.cases();
+        assert_eq!(cases.runs(), RUNS);
         let folder = tempfile::tempdir().unwrap();
         let watch = Stopwatch::start();
         let part = |number| {
-            made_up(
-                folder.path(),
-                &setups[0],
-                &plan,
-                Shard { number, of: PARTS },
-            )
+            let shard = Shard { number, of: PARTS };
+            made_up(folder.path(), &setups[0], cases, shard, row)
         };
         let parts: Vec<PathBuf> = (1..=PARTS).map(part).collect();
         let mebibytes = || memory_bytes_max().unwrap_or_default() >> 20;
@@ -386,14 +408,11 @@ mod tests {
         ));
         let watch = Stopwatch::start();
         let output = folder.path().join("merged");
-        let campaign = CampaignCases::Sweep(Box::new(plan));
-        merge_parts(&parts, &campaign, &setups, &output, Shown::All).unwrap();
-        let page = std::fs::read_dir(&output)
-            .unwrap()
-            .next()
-            .unwrap()
-            .unwrap()
-            .path();
+        merge_parts(&parts, campaign, setups, &output, Shown::All).unwrap();
+        let entries = std::fs::read_dir(&output).unwrap();
+        let entries = entries.map(|entry| entry.unwrap().path());
+        let mut pages = entries.filter(|path| path.join(store::FILE).exists());
+        let page = pages.next().unwrap();
         let size = |name: &str| page.join(name).metadata().unwrap().len();
         print(&format!(
             "merged and reported in {:.1} s, VmHWM {} MiB; rows {} MB, page {} kB",
@@ -404,7 +423,44 @@ mod tests {
         ));
         assert!(mebibytes() < 400);
         assert!(size(file::REPORT) < 2_000_000);
-        let page = std::fs::read_to_string(page.join(file::REPORT)).unwrap();
+        std::fs::read_to_string(page.join(file::REPORT)).unwrap()
+    }
+
+    #[test]
+    #[ignore = "takes minutes; prints time and memory"]
+    fn a_million_mixes_are_merged_and_reported_in_bounded_memory() {
+        let text = TEXT.split("[sweep]").next().unwrap().to_owned();
+        let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let setups = [Setup::new(scenario, catalogue()).from_file("s.toml", text)];
+        let draws = Draws {
+            runs: RUNS,
+            seed: 1,
+        };
+        let cases = TortureCases::new(&setups, draws).unwrap();
+        let campaign = CampaignCases::Torture(Box::new(cases));
+        let CampaignCases::Torture(cases) = &campaign else {
+            unreachable!("as it was made")
+        };
+        let page = merged(&setups, &campaign, &|case| row_of_torture(cases, case));
+        assert!(page.contains("What drives it") && page.contains("sensor.stuck"));
+    }
+
+    /// What planning, merging and the report cost.
+    #[test]
+    #[ignore = "takes minutes; prints time and memory"]
+    fn a_million_rows_are_merged_and_reported_in_bounded_memory() {
+        let text = TEXT.replace(
+            "[sweep]\n",
+            "[expect]\nposition_millimetres_max = { max = 30.0 }\n[sweep]\ndraws = 250000\n",
+        ) + "[[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
+        let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let setups = [Setup::new(scenario, catalogue()).from_file("s.toml", text)];
+        let plan = SweepPlan::new(&setups).unwrap();
+        let campaign = CampaignCases::Sweep(Box::new(plan));
+        let CampaignCases::Sweep(plan) = &campaign else {
+            unreachable!("as it was made")
+        };
+        let page = merged(&setups, &campaign, &|case| row_of_a_sweep(plan, case));
         assert!(page.contains("What drives it") && page.contains("+0.9"));
     }
 }

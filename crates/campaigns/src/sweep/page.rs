@@ -44,7 +44,12 @@ pub(crate) fn to_text(summary: &Summary) -> String {
         let limit = Cell::new(terminal::limit(&spread.name, spread.limit));
         table.add_row(name.into_iter().chain(numbers).chain([limit, missed]));
     }
-    format!("\n{}\n{table}\n{}", summary.name, counts(summary))
+    let (name, counts) = (&summary.name, counts(summary));
+    // Torture measures nothing: what it breaks are invariants.
+    match summary.spreads.is_empty() {
+        true => format!("\n{name}\n{counts}"),
+        false => format!("\n{name}\n{table}\n{counts}"),
+    }
 }
 
 /// The page. `place_of` says where the scenario of a case is.
@@ -65,10 +70,12 @@ pub(crate) fn to_html(summary: &Summary, place_of: impl Fn(&Failing) -> String) 
             thead { tr { th { "key" } th { "values" } } }
             tbody { @for (key, way) in &summary.keys { tr { td { (key) } td { (way) } } } }
         } }
-        h2 { "What came of it" }
-        (metrics(&summary.spreads))
-        div.plots.even { @for spread in &summary.spreads { (drawn(spread)) } }
-        p.soft { "Each curve says how many of the runs have at most a value. The shaded stretch is what the limit admits." }
+        @if !summary.spreads.is_empty() {
+            h2 { "What came of it" }
+            (metrics(&summary.spreads))
+            div.plots.even { @for spread in &summary.spreads { (drawn(spread)) } }
+            p.soft { "Each curve says how many of the runs have at most a value. The shaded stretch is what the limit admits." }
+        }
         (driven(&summary.driven))
         @if !summary.failing.is_empty() {
             h2 { "Cases that do not pass" }

@@ -191,32 +191,40 @@ fn whole(args: &TortureArgs, campaign: Campaign, cases: &TortureCases) -> Exit {
 /// A case that the machine did not let be played, and why.
 type NotPlayed = (usize, String);
 
-/// An invariant that a case broke.
-struct Broken {
+/// The invariants that were broken, by their names. Of millions of runs no more is remembered.
+#[derive(Default)]
+struct Broken(BTreeMap<String, FirstBroken>);
+
+/// How often an invariant was broken, and by which case first.
+struct FirstBroken {
+    count: usize,
     case: usize,
-    invariant: String,
     text: String,
 }
 
 impl Broken {
-    /// What a row says; none where all invariants held.
-    fn of(row: SweepRow) -> Option<Self> {
-        let invariant = row.missed.into_iter().next()?;
-        Some(Self {
+    /// Adds what a row says: nothing where all invariants held.
+    fn add(&mut self, row: SweepRow) {
+        let Some(invariant) = row.missed.into_iter().next() else {
+            return;
+        };
+        let first = self.0.entry(invariant).or_insert_with(|| FirstBroken {
+            count: 0,
             case: row.case,
-            invariant,
             text: row.reason.unwrap_or_default(),
-        })
+        });
+        first.count += 1;
+    }
+
+    fn is_empty(&self) -> bool {
+        self.0.is_empty()
     }
 }
 
 /// How many mixes were played, and those that broke something.
-fn play(
-    campaign: Campaign,
-    cases: &TortureCases,
-) -> Result<(usize, Vec<Broken>), Stopped<NotPlayed>> {
+fn play(campaign: Campaign, cases: &TortureCases) -> Result<(usize, Broken), Stopped<NotPlayed>> {
     let bar = RunsBar::new(Some(cases.runs()), campaign.is_shown);
-    let (mut played, mut broken) = (0, Vec::new());
+    let (mut played, mut broken) = (0, Broken::default());
     let work = |number: &usize, watch: &Watch| cases.play(*number, watch);
     let keep = |number: usize, row: Result<SweepRow, NoResult>| {
         let row = match row {
@@ -225,18 +233,21 @@ fn play(
             Err(NoResult::Machine(reason)) => return Err((number, reason)),
         };
         played += 1;
-        broken.extend(Broken::of(row));
+        broken.add(row);
         Ok(())
     };
     campaign.each(1..=cases.runs(), &bar, work, keep)?;
     drop(bar);
     Ok((played, broken))
 }
+
 /// What the rows in a folder broke.
-fn broken_in(folder: &Path) -> Result<Vec<Broken>, StoreError> {
-    let (_, rows) = store::read(folder)?;
-    let broken = rows.filter_map(|row| row.map(Broken::of).transpose());
-    broken.collect()
+fn broken_in(folder: &Path) -> Result<Broken, StoreError> {
+    let mut broken = Broken::default();
+    for row in store::read(folder)?.1 {
+        broken.add(row?);
+    }
+    Ok(broken)
 }
 
 /// Shrinks the first case of each invariant that the rows in a folder of torture broke.
@@ -252,19 +263,13 @@ pub(crate) fn shrink_first(
 /// Shrinks the first failing case of each invariant.
 fn shrink_all(
     output: &Path,
-    broken: &[Broken],
+    broken: &Broken,
     case: impl Fn(usize) -> Result<TortureCase, String>,
 ) -> Result<(), String> {
-    let mut first_of: BTreeMap<&str, &Broken> = BTreeMap::new();
-    for one in broken {
-        first_of.entry(&one.invariant).or_insert(one);
-    }
-    for one in first_of.into_values().take(SHRUNK_MAX) {
-        let Broken {
-            case: number,
-            invariant,
-            text,
-        } = one;
+    for (invariant, first) in broken.0.iter().take(SHRUNK_MAX) {
+        let FirstBroken {
+            case: number, text, ..
+        } = first;
         print(&format!("run {number}: {invariant}: {text}"));
         let shrunk = case(*number)?.shrunk(invariant);
         let folder = keep(&shrunk, output)?;
@@ -289,21 +294,16 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
         .map_err(|error| error.to_string())
 }
 
-fn summary(seed: u64, played: usize, broken: &[Broken]) -> String {
-    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    for one in broken {
-        *counts.entry(&one.invariant).or_default() += 1;
-    }
+fn summary(seed: u64, played: usize, broken: &Broken) -> String {
     let mut text = format!("{played} runs with seed {seed}: ");
-    if counts.is_empty() {
+    if broken.is_empty() {
         return text + "all invariants held";
     }
-    let counts = counts
-        .iter()
-        .map(|(invariant, count)| format!("{invariant} {count}"));
+    let times: usize = broken.0.values().map(|first| first.count).sum();
+    let counts = broken.0.iter();
+    let counts = counts.map(|(invariant, first)| format!("{invariant} {}", first.count));
     text += &format!(
-        "broken {} times ({})",
-        broken.len(),
+        "broken {times} times ({})",
         counts.collect::<Vec<_>>().join(", ")
     );
     text
