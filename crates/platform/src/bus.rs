@@ -167,8 +167,9 @@ pub enum BusError {
     },
     /// The queue stayed full.
     #[error(
-        "frame {frame} could not be sent within {} ms: the queue of {address} is full (is anyone else on the bus to acknowledge?)",
-        SEND_PATIENCE.as_millis()
+        "frame {frame} could not be sent within {} ms: the queue of {address} is full ({})",
+        SEND_PATIENCE.as_millis(),
+        why_full(address)
     )]
     NotSent {
         /// The frame.
@@ -238,6 +239,14 @@ pub(crate) fn wait_ready(
         if patience.is_zero() {
             return Ok(false);
         }
+    }
+}
+
+/// What may keep frames in the queue.
+fn why_full(address: &BusAddress) -> &'static str {
+    match address {
+        BusAddress::Interface(_) => "is anyone else on the bus to acknowledge?",
+        BusAddress::Embedded(_) | BusAddress::Private(_) => "the machine is too busy to empty it",
     }
 }
 

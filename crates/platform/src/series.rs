@@ -25,6 +25,25 @@ const BLOCK: usize = 1 << 13;
 /// So many values stay in memory once others are in the file: a run has a hundred series.
 const KEPT_BESIDE_FILE_MAX: usize = 4 * BLOCK;
 
+/// So many values are picked before what was read goes back.
+const PICKED: usize = 1 << 10;
+
+/// The values at some places, which ascend. What was read of a file goes back to the system on the way.
+///
+/// # Panics
+/// There is no such place.
+#[must_use]
+pub fn picked<T: Copy>(values: &[T], places: &[usize]) -> Vec<T> {
+    let mut picked = Vec::with_capacity(places.len());
+    for some in places.chunks(PICKED) {
+        picked.extend(some.iter().map(|&place| values[place]));
+        if let (Some(first), Some(last)) = (some.first(), some.last()) {
+            give_back(&values[*first..=*last]);
+        }
+    }
+    picked
+}
+
 /// A series that grows.
 #[derive(Debug)]
 pub struct SeriesWriter<T> {
@@ -485,6 +504,9 @@ mod tests {
             let places = BLOCK + 5..3 * BLOCK;
             assert!(series.range(places.clone()).eq(&expected[places]));
             assert_eq!(*series.clone().truncated(BLOCK + 1), expected[..=BLOCK]);
+            let few = Vec::from_iter((5..count).step_by(7));
+            let expected_few = few.iter().map(|&place| expected[place]);
+            assert!(picked(&series, &few).into_iter().eq(expected_few));
             let part = series.part(BLOCK + 3..4 * BLOCK);
             assert_eq!(*part, expected[BLOCK + 3..4 * BLOCK]);
             assert_eq!(*part.part(5..9), expected[BLOCK + 8..BLOCK + 12]);

@@ -22,13 +22,16 @@ use super::times;
 use crate::terminal;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
-use platform::series::{Series, give_back};
+use platform::series::{Series, give_back, picked};
 use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
 use rig::setup::Setup;
 
 /// A signal that changes in fewer than one of so many rows has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
+
+/// So many rows of a signal are looked at before what was read goes back to the system.
+const BLOCK_ROWS: usize = 1 << 16;
 
 /// How much of a run is known when its signals are logged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -200,8 +203,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             send_static(self.output, path.as_str(), &look)?;
             self.styled.insert(path.clone());
         }
-        let values = rows.numbers().iter().map(|&row| values[row]);
-        send_scalars(self.output, path, times, values.collect())
+        send_scalars(self.output, path, times, picked(values, rows.numbers()))
     }
 
     /// The band that each judged step must settle in, as far as the piece goes.
@@ -366,8 +368,12 @@ impl Rows {
     /// The least and the largest value of so many rows each, where they are not those before.
     pub(super) fn extremes(values: &[f64], count: usize) -> Self {
         let mut rows: Vec<usize> = Vec::new();
-        let mut held = f64::NAN;
+        let (mut held, mut given_back) = (f64::NAN, 0);
         for (part, begin) in values.chunks(count).zip((0..).step_by(count)) {
+            if begin - given_back >= BLOCK_ROWS {
+                give_back(&values[given_back..begin]);
+                given_back = begin;
+            }
             let numbers = || part.iter().enumerate().filter(|(_, value)| !value.is_nan());
             let order = |left: &(usize, &f64), right: &(usize, &f64)| left.1.total_cmp(right.1);
             let mut ends = [numbers().min_by(order), numbers().max_by(order)];

@@ -1,5 +1,6 @@
 //! The two timelines of a recording.
 
+use platform::series::picked;
 use re_sdk::log::TimeColumn;
 
 use recording::timeline::Timeline;
@@ -18,9 +19,13 @@ pub(super) struct Moment {
 
 /// The time of a row.
 pub(super) fn moment(timeline: &Timeline, row: usize) -> Moment {
+    at_cycle(timeline.time_seconds[row], timeline.cycle[row])
+}
+
+fn at_cycle(seconds: f64, cycle: u64) -> Moment {
     Moment {
-        seconds: timeline.time_seconds[row],
-        cycle: i64::try_from(timeline.cycle[row]).unwrap_or(i64::MAX),
+        seconds,
+        cycle: i64::try_from(cycle).unwrap_or(i64::MAX),
     }
 }
 
@@ -56,7 +61,10 @@ pub(super) fn columns(moments: impl Iterator<Item = Moment> + Clone) -> [TimeCol
 
 /// Both timelines at some rows.
 pub(super) fn at_rows(timeline: &Timeline, rows: &[usize]) -> [TimeColumn; 2] {
-    columns(rows.iter().map(|&row| moment(timeline, row)))
+    let seconds = picked(&timeline.time_seconds, rows);
+    let cycles = picked(&timeline.cycle, rows);
+    let moments = seconds.iter().zip(&cycles);
+    columns(moments.map(|(&seconds, &cycle)| at_cycle(seconds, cycle)))
 }
 
 #[expect(

@@ -12,6 +12,10 @@ use super::address::ViewerAddress;
 
 /// How to get the viewer.
 const INSTALL: &str = "pip install rerun-sdk==0.36.3";
+/// What viewer and server keep of a run; of a longer one they drop the oldest. Else they take three quarters of the memory, which
+/// the bench needs too.
+const MEMORY_MAX: &str = "1GB";
+const SERVER_MEMORY_MAX: &str = "250MB";
 /// The viewer's own port.
 const PORT: u16 = 9876;
 /// How long the viewer may take until it listens.
@@ -55,6 +59,8 @@ fn start(address: &ViewerAddress) -> io::Result<Child> {
     command
         .args(["--bind", "127.0.0.1", "--port", &address.port().to_string()])
         .args(["--expect-data-soon", "--hide-welcome-screen"])
+        .args(["--memory-limit", MEMORY_MAX])
+        .args(["--server-memory-limit", SERVER_MEMORY_MAX])
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
