@@ -23,9 +23,9 @@ use rig::setup::Setup;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use worlds::catalogue::catalogue;
+use worlds::names::emulator_names;
 use worlds::nodes::{
-    controller, controller_of, emulator_names, faulty_controller, on_rigs, plant_emulator,
-    plant_emulator_of,
+    controller, controller_of, faulty_controller, on_rigs, plant_emulator, plant_emulator_of,
 };
 
 /// Arguments of `node`.

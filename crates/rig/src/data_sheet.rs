@@ -7,6 +7,8 @@ use canopen::eds::EdsError;
 use canopen::object_dictionary::Entry;
 use canopen::{ObjectDictionary, eds};
 
+/// Node-ID of the controller.
+pub(crate) const CONTROLLER_NODE_ID: u8 = 0x01;
 /// Longest file that a user names besides scenarios and recordings.
 pub const FILE_BYTES_MAX: u64 = 1 << 20;
 /// Second SDO server channel.
@@ -62,7 +64,7 @@ pub struct DataSheet {
 #[must_use]
 pub fn rig_data_sheets() -> Vec<DataSheet> {
     let shipped = [
-        ("controller", 0x01, dbc::CONTROLLER_EDS),
+        ("controller", CONTROLLER_NODE_ID, dbc::CONTROLLER_EDS),
         ("drive", 0x10, dbc::DRIVE_EDS),
         ("disturbance", 0x11, dbc::DISTURBANCE_EDS),
     ];

@@ -6,10 +6,8 @@ use dbc::loops::NodesByName;
 use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::port::Unit;
 
-use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
+use crate::data_sheet::{CONTROLLER_NODE_ID, DataSheet, DataSheetError, rig_data_sheets};
 use crate::setup::Setup;
-
-pub(crate) const CONTROLLER_NODE_ID: u8 = 0x01;
 
 /// The EDS of one node.
 #[derive(Clone, Debug, Eq, PartialEq)]

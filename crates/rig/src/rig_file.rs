@@ -13,8 +13,7 @@ use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
 use scenario::rig::{PositionRange, RigFile};
 use scenario::{Scenario, ScenarioError, read_text};
 
-use crate::data_sheet::FILE_BYTES_MAX;
-use crate::named_nodes::CONTROLLER_NODE_ID;
+use crate::data_sheet::{CONTROLLER_NODE_ID, FILE_BYTES_MAX};
 
 /// Default name of a rig file, beside the scenarios.
 pub const RIG_FILE: &str = "rig.toml";

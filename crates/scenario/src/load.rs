@@ -2,6 +2,7 @@
 //!
 //! Syntax first, then keys, types and ranges against the schema, then what only makes sense together.
 
+mod kind;
 mod loops;
 mod nodes;
 mod rig;
@@ -175,7 +176,7 @@ impl Scenario {
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, file_name, problems);
         let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
-        if rig::is_meant(&document) {
+        if kind::is_rig_of_one_drive(&document) {
             let help = "scenarios are played on it: canrig run SCENARIO --rig FILE";
             let problem = document.problem("name", "this is a rig file, not a scenario", "a rig");
             return Err(fail(vec![problem.with_help(help)]));

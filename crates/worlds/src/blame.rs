@@ -15,7 +15,7 @@ use rig::setup::Setup;
 
 use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
-use crate::nodes::{CONTROLLER, drive_name};
+use crate::names::{CONTROLLER, drive_name};
 
 /// A bus that was in such a state so shortly before the end is why a node gave up.
 const BUS_TROUBLE: Duration = Duration::from_secs(1);

@@ -12,7 +12,7 @@ use platform::stop::{StopSignal, Stopper};
 
 use crate::bus_choice::RunBus;
 use crate::error::WorldError;
-use crate::nodes::BENCH;
+use crate::names::BENCH;
 use recording::capture::{Capture, Watch};
 use recording::log::Stamped;
 

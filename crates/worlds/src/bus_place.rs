@@ -19,7 +19,7 @@ use scenario::fault::node::Node as FaultyNode;
 use crate::bus_choice::RunBus;
 use crate::bus_connection::stop_signal;
 use crate::error::WorldError;
-use crate::nodes::BENCH;
+use crate::names::BENCH;
 
 /// Often enough for whoever listens as long as our pre-flight, and for a drive that watches its manager for 100 ms.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(50);

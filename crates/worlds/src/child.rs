@@ -14,7 +14,7 @@ use tokio::process::{Child, ChildStdin, Command};
 use tokio::time::timeout;
 
 use crate::error::{Doing, WorldError};
-use crate::nodes::{CONTROLLER, PLANT_EMULATOR};
+use crate::names::{CONTROLLER, PLANT_EMULATOR};
 use recording::run_folder::RunFolder;
 
 /// Lines of a log that a message shows.

@@ -10,7 +10,7 @@ use rig::external::ExternalNode;
 use rig::setup::Setup;
 use scenario::fault::node::Node as FaultyNode;
 
-use crate::nodes;
+use crate::names;
 use crate::supervisor::Supervisor;
 use dbc::scenario_clock::ScenarioClock;
 
@@ -112,7 +112,7 @@ impl RealDrive {
         let rig = setup.rig.as_ref();
         let unit = &setup.scenario.wiring.unit;
         Self {
-            name: nodes::drive_name(setup).to_owned(),
+            name: names::drive_name(setup).to_owned(),
             node_id: NodeId::new(setup.place.drive_node_id),
             supervisor: rig.map(|rig| Supervisor::new(&rig.file, &rig.drive, unit)),
         }

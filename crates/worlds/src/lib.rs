@@ -24,6 +24,7 @@ mod fmu_plant;
 pub mod fmu_worker;
 mod listeners;
 pub mod lockstep;
+pub mod names;
 pub mod nodes;
 mod played;
 pub mod preflight;

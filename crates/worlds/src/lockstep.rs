@@ -14,7 +14,8 @@ use crate::bus_model::faults::{BusFaults, Seat};
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, STOP_PATIENCE, WorldError};
-use crate::nodes::{self, BENCH, CONTROLLER};
+use crate::names::{self, BENCH, CONTROLLER};
+use crate::nodes;
 use crate::played::End;
 use recording::capture::Capture;
 use recording::log::Stamped;
@@ -44,7 +45,7 @@ impl<'a> Role<'a> {
         let name = participant.name();
         let of_plant = setups
             .iter()
-            .filter(|setup| nodes::emulator_name(setup) == name);
+            .filter(|setup| names::emulator_name(setup) == name);
         let drives = of_plant.map(|setup| setup.place.drive_node_id);
         Self {
             seat: Seat::Drive(drives.min().unwrap_or_default()),
@@ -88,7 +89,7 @@ pub fn simulate_loops(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End
 
 fn play_here(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End, WorldError> {
     let mut emulators = Vec::new();
-    for name in nodes::emulator_names(setups) {
+    for name in names::emulator_names(setups) {
         emulators.push((name, nodes::plant_emulator_of(setups, name)?));
     }
     let mut bench = DisturbanceProducer::new(setups)?;

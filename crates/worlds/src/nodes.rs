@@ -10,15 +10,9 @@ use scenario::loops::{NodesOfLoop, OneLoop};
 use scenario::{ControllerView, Scenario};
 
 use crate::error::WorldError;
+use crate::names::{CONTROLLER, PLANT_EMULATOR, emulator_name};
 use rig::rig_file::LoadedRig;
 use rig::setup::Setup;
-
-/// Names of the nodes, for messages and for the command line of their processes.
-pub(crate) const CONTROLLER: &str = "controller";
-pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
-pub(crate) const BENCH: &str = "bench";
-/// What the plant emulator plays, and a real one is.
-pub(crate) const DRIVE: &str = "drive";
 
 /// The rig with its drive and its disturbance module.
 ///
@@ -50,33 +44,6 @@ pub fn plant_emulator_of(setups: &[Setup], name: &str) -> Result<Box<dyn Node>, 
     let plant = plant.filter(|plant| !plant.is_empty()).unwrap_or(name);
     let made = catalogue::emulator_of(plant, &Vec::from_iter(drives));
     made.map_err(|error| no_emulator(name, &error))
-}
-
-/// The names of the participants that emulate the plants of these loops, each once.
-#[must_use]
-pub fn emulator_names(setups: &[Setup]) -> Vec<&str> {
-    let mut names = Vec::new();
-    for name in setups.iter().map(emulator_name) {
-        if !names.contains(&name) {
-            names.push(name);
-        }
-    }
-    names
-}
-
-/// The name of the participant that emulates a plant: the plant's where there are several.
-#[must_use]
-pub fn emulator_name(setup: &Setup) -> &str {
-    let plant = setup.loop_name.as_ref().map(|names| names.plant.as_str());
-    plant.unwrap_or(PLANT_EMULATOR)
-}
-
-/// The name of the drive of a loop, as the rig file has it where there are several.
-pub(crate) fn drive_name(setup: &Setup) -> &str {
-    match setup.loop_name {
-        Some(_) => setup.node_names().1,
-        None => DRIVE,
-    }
 }
 
 fn no_emulator(name: &str, error: &InvalidEmulator) -> WorldError {

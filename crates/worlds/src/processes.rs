@@ -17,7 +17,7 @@ use crate::disturbance_node::DisturbanceProducer;
 use crate::error::WorldError;
 use crate::fmu_plant::more_patience;
 use crate::lockstep::{self, Role};
-use crate::nodes::{self, BENCH, CONTROLLER};
+use crate::names::{self, BENCH, CONTROLLER};
 use crate::played::{End, Played};
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
@@ -125,7 +125,7 @@ fn play(
     let _entered = runtime.enter();
     let mut processes = Vec::new();
     let mut channels = Vec::new();
-    let emulators = nodes::emulator_names(setups);
+    let emulators = names::emulator_names(setups);
     let count = emulators.len();
     for name in emulators.into_iter().chain([CONTROLLER]) {
         let (ours, theirs) = channel().map_err(|source| WorldError::Spawn {

@@ -9,7 +9,8 @@ use recording::log::Stamped;
 use rig::setup::Setup;
 
 use crate::error::WorldError;
-use crate::nodes::{CONTROLLER, drive_name, first_with_faults};
+use crate::names::{CONTROLLER, drive_name};
+use crate::nodes::first_with_faults;
 
 /// A node without a frame for so long is gone.
 const SILENCE_MAX: Duration = Duration::from_secs(2);

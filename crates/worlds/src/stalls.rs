@@ -11,7 +11,7 @@ use rig::setup::Setup;
 use crate::bus_connection::BusConnection;
 use crate::child::NodeProcess;
 use crate::error::WorldError;
-use crate::nodes::{BENCH, CONTROLLER};
+use crate::names::{BENCH, CONTROLLER};
 use crate::processes::Processes;
 
 /// The thread that carries the frames of an embedded bus.

@@ -14,6 +14,7 @@ use super::{RerunError, groups};
 use crate::contour::{Axis, axes, window};
 use crate::run::Run;
 use crate::shown_unit;
+use platform::series::Series;
 use recording::timeline::Timeline;
 
 /// A point of a path nearer to the one before than this cannot be seen.
@@ -58,9 +59,14 @@ fn log_plane(
     let mut wanted = Path::new(pause_rows);
     let mut measured = Path::new(pause_rows);
     let mut moves = Path::new(pause_rows);
-    for row in window(contour, &axes) {
-        let set_points = [x, y].map(|axis| axis.set_point_millimetres[row]);
-        let positions = [x, y].map(|axis| axis.position()[row]);
+    let rows = window(contour, &axes);
+    let series = |of: fn(&Timeline) -> &Series<f64>| {
+        let [across, up] = [x, y].map(|axis| of(axis).range(rows.clone()));
+        across.zip(up).map(|(across, up)| [*across, *up])
+    };
+    let set_points = series(|axis| &axis.set_point_millimetres);
+    let samples = set_points.zip(series(Timeline::position));
+    for (row, (set_points, positions)) in rows.clone().zip(samples) {
         wanted.add(row, set_points);
         measured.add(row, positions);
         moves.add(row, positions);

@@ -169,16 +169,20 @@ impl Drawing {
             .iter()
             .filter_map(|name| timeline.column(name))
             .find(|column| groups::is_used(&column.values));
+        let mut celsius = celsius.map(|column| column.values.iter());
+        let samples = timeline.position().iter();
+        let samples = samples.zip(&timeline.set_point_millimetres);
         let mut poses = Vec::new();
-        for (row, &position) in timeline.position().iter().enumerate() {
+        for (moment, (&position, &set_point)) in times::moments(timeline).zip(samples) {
+            let celsius = celsius.as_mut().and_then(Iterator::next).copied();
             let pose = Pose {
                 moment: match self.last {
-                    None => times::first_moment(timeline, row),
-                    Some(_) => times::moment(timeline, row),
+                    None => times::first_moment(timeline, moment),
+                    Some(_) => moment,
                 },
                 position,
-                set_point: timeline.set_point_millimetres[row],
-                celsius: celsius.map_or(f64::NAN, |column| column.values[row]),
+                set_point,
+                celsius: celsius.unwrap_or(f64::NAN),
             };
             let is_new = self.last.is_none_or(|last| {
                 pose.moment.seconds - last.moment.seconds >= self.pause_seconds

@@ -9,6 +9,7 @@ use re_sdk_types::components::Radius;
 use super::output::{Output, send_rows, send_static};
 use super::times::{self, Moment};
 use super::{RerunError, groups};
+use platform::series::Series;
 use recording::timeline::Timeline;
 
 /// The signals (temperature, fraction): the truth where there is an emulator, else the observer's.
@@ -83,10 +84,10 @@ impl Hysteresis {
         let Some((temperature, fraction)) = signals(timeline) else {
             return Ok(());
         };
-        let rows = temperature
-            .iter()
-            .zip(fraction)
+        let values = temperature.iter().zip(fraction);
+        let rows = times::moments(timeline)
             .enumerate()
+            .zip(values)
             .filter(|(_, (celsius, fraction))| celsius.is_finite() && fraction.is_finite());
         let is_new_frame = self.widen(rows.clone().map(|(_, values)| values));
         let Some(frame) = &self.frame else {
@@ -101,16 +102,15 @@ impl Hysteresis {
         let mut next_seconds = (self.points.last()).map_or(f64::NEG_INFINITY, |point| {
             point.moment.seconds + self.pause_seconds
         });
-        for (row, (&celsius, &fraction)) in rows {
+        for ((row, moment), (&celsius, &fraction)) in rows {
             let here = frame.place(celsius, fraction);
-            let is_soon = timeline.time_seconds[row] < next_seconds;
+            let is_soon = moment.seconds < next_seconds;
             if is_soon || last.is_some_and(|last| !is_far(here, last)) {
                 continue;
             }
-            let moment = if row == 0 && last.is_none() {
-                times::first_moment(timeline, row)
-            } else {
-                times::moment(timeline, row)
+            let moment = match row == 0 && last.is_none() {
+                true => times::first_moment(timeline, moment),
+                false => moment,
             };
             self.points.push(Point {
                 moment,
@@ -195,7 +195,7 @@ fn is_far(a: [f32; 2], b: [f32; 2]) -> bool {
     right * right + down * down >= STEP * STEP
 }
 
-fn signals(timeline: &Timeline) -> Option<(&[f64], &[f64])> {
+fn signals(timeline: &Timeline) -> Option<(&Series<f64>, &Series<f64>)> {
     PAIRS.iter().find_map(|(temperature, fraction)| {
         let temperature = &timeline.column(temperature)?.values;
         let fraction = &timeline.column(fraction)?.values;
@@ -205,7 +205,7 @@ fn signals(timeline: &Timeline) -> Option<(&[f64], &[f64])> {
             .any(|(t, f)| t.is_finite() && f.is_finite());
         // Nodes send 0 for what they do not have.
         let is_used = is_there && groups::is_used(temperature);
-        is_used.then_some((&**temperature, &**fraction))
+        is_used.then_some((temperature, fraction))
     })
 }
 

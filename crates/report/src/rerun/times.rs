@@ -22,6 +22,13 @@ pub(super) fn moment(timeline: &Timeline, row: usize) -> Moment {
     at_cycle(timeline.time_seconds[row], timeline.cycle[row])
 }
 
+/// The times of all rows.
+pub(super) fn moments(timeline: &Timeline) -> impl Iterator<Item = Moment> + Clone {
+    let cycles = timeline.cycle.iter();
+    let times = timeline.time_seconds.iter().zip(cycles);
+    times.map(|(&seconds, &cycle)| at_cycle(seconds, cycle))
+}
+
 fn at_cycle(seconds: f64, cycle: u64) -> Moment {
     Moment {
         seconds,
@@ -30,8 +37,7 @@ fn at_cycle(seconds: f64, cycle: u64) -> Moment {
 }
 
 /// The time of a row that is the first of its kind: what it shows is shown from the first event on.
-pub(super) fn first_moment(timeline: &Timeline, row: usize) -> Moment {
-    let here = moment(timeline, row);
+pub(super) fn first_moment(timeline: &Timeline, here: Moment) -> Moment {
     match timeline.events.first() {
         Some(event) if event.time_seconds < here.seconds => {
             moment_at(event.time_seconds, timeline.period_seconds)

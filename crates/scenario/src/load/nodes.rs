@@ -12,6 +12,7 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::kind::{is_rig_of_nodes, is_rig_of_one_drive};
 use super::rig::check_drive;
 use super::{Reading, SCENARIO_BYTES_MAX, build, read_models, read_text};
 use crate::document::Document;
@@ -79,7 +80,7 @@ impl Rig {
     #[must_use]
     pub fn is_meant(text: &str) -> bool {
         let document = Document::parse(Source::new("", text), text);
-        document.is_ok_and(|document| is_meant(&document))
+        document.is_ok_and(|document| is_rig_of_nodes(&document))
     }
 
     /// Reads a rig file from text; `file_name` names it in errors.
@@ -137,14 +138,9 @@ pub(super) fn fail(file_name: &str, problems: Vec<Problem>) -> ScenarioError {
     ScenarioError::new(KIND, file_name, problems)
 }
 
-/// Whether a document is meant as a rig file of schema 2: no scenario has one of these tables.
-pub(super) fn is_meant(document: &Document<'_>) -> bool {
-    ["node", "loop"].iter().any(|table| document.has(table)) && !document.has("controller")
-}
-
 /// Another kind of file.
 fn no_rig(document: &Document<'_>) -> Option<Problem> {
-    if super::rig::is_meant(document) && !is_meant(document) {
+    if is_rig_of_one_drive(document) && !is_rig_of_nodes(document) {
         let message = "this is a rig file of schema 1, which is of one drive";
         let problem = document.problem("schema", message, "no schema 2");
         let help = "scenarios of schema 1 are played on it: canrig run SCENARIO --rig FILE";

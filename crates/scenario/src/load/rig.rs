@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::kind::{is_rig_of_nodes, is_rig_of_one_drive};
 use super::{SCENARIO_BYTES_MAX, build, none_of};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
@@ -38,7 +39,7 @@ impl RigFile {
                 document.problem("name", "this is a scenario, not a rig file", "a scenario");
             return Err(fail(vec![problem.with_help(help)]));
         }
-        if super::nodes::is_meant(&document) {
+        if is_rig_of_nodes(&document) {
             let message = "this is a rig file of schema 2, which names its nodes";
             let problem = document.problem("schema", message, "not 1");
             let help =
@@ -69,7 +70,7 @@ impl RigFile {
     #[must_use]
     pub fn is_meant(text: &str) -> bool {
         let document = Document::parse(Source::new("", text), text);
-        document.is_ok_and(|document| is_meant(&document))
+        document.is_ok_and(|document| is_rig_of_one_drive(&document))
     }
 
     /// The drive's EDS; none for that of the emulated drive. `rig_file` is where this was read from.
@@ -78,12 +79,6 @@ impl RigFile {
         let folder = rig_file.parent().unwrap_or(Path::new(""));
         self.drive.eds.as_ref().map(|eds| folder.join(eds))
     }
-}
-
-/// Whether a document is meant as a rig file.
-pub(super) fn is_meant(document: &Document<'_>) -> bool {
-    let tables = ["limits", "drive", "timeouts", "preflight"];
-    tables.iter().any(|table| document.has(table)) && !document.has("controller")
 }
 
 /// What the schema cannot say.

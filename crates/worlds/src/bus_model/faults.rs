@@ -16,7 +16,7 @@ use scenario::fault::bus::{
 use scenario::fault::{Lasting, Place};
 
 use super::error_state::{Activity, ErrorState};
-use crate::nodes::emulator_name;
+use crate::names::emulator_name;
 
 /// Frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
 const SEND_FRAMES_MAX: usize = 32;

@@ -30,7 +30,7 @@ use crate::bus_connection::BusConnection;
 use crate::bus_place::Vigil;
 use crate::catalogue::catalogue;
 use crate::error::WorldError;
-use crate::nodes::drive_name;
+use crate::names::drive_name;
 use crate::played::End;
 use crate::real_time;
 use heating::Heating;

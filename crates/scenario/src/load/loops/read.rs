@@ -16,7 +16,7 @@ use crate::error::{Problem, ScenarioError, Source};
 use crate::file::read_text;
 use crate::fingerprint::{HASH_SUFFIX, hash_line};
 use crate::load::{
-    KIND, Objection, Reading, SCENARIO_BYTES_MAX, Texts, nodes, none_of, parse_beside,
+    KIND, Objection, Reading, SCENARIO_BYTES_MAX, Texts, kind, nodes, none_of, parse_beside,
     parse_recorded, reading,
 };
 use crate::loops::{Loops, OneLoop};
@@ -316,7 +316,7 @@ impl<'text> Files<'text> {
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, name, problems);
         let scenario = Document::parse(Source::new(name, text), text).map_err(fail)?;
-        if nodes::is_meant(&scenario) {
+        if kind::is_rig_of_nodes(&scenario) {
             let help = "a scenario names it: rig = \"FILE.toml\"";
             let problem = scenario.problem("name", "this is a rig file, not a scenario", "a rig");
             return Err(fail(vec![problem.with_help(help)]));

@@ -1,0 +1,36 @@
+//! What the participants of a run are called, in messages and on the command line of their processes.
+
+use rig::setup::Setup;
+
+pub(crate) const CONTROLLER: &str = "controller";
+pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
+pub(crate) const BENCH: &str = "bench";
+/// What the plant emulator plays, and a real one is.
+pub(crate) const DRIVE: &str = "drive";
+
+/// The names of the participants that emulate the plants of these loops, each once.
+#[must_use]
+pub fn emulator_names(setups: &[Setup]) -> Vec<&str> {
+    let mut names = Vec::new();
+    for name in setups.iter().map(emulator_name) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    names
+}
+
+/// The name of the participant that emulates a plant: the plant's where there are several.
+#[must_use]
+pub fn emulator_name(setup: &Setup) -> &str {
+    let plant = setup.loop_name.as_ref().map(|names| names.plant.as_str());
+    plant.unwrap_or(PLANT_EMULATOR)
+}
+
+/// The name of the drive of a loop, as the rig file has it where there are several.
+pub(crate) fn drive_name(setup: &Setup) -> &str {
+    match setup.loop_name {
+        Some(_) => setup.node_names().1,
+        None => DRIVE,
+    }
+}
