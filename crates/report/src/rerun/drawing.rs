@@ -25,6 +25,8 @@ const CORNERS: u32 = 48;
 /// A movement or a change of temperature below this cannot be seen.
 const STEP_MILLIMETRES: f64 = 0.1;
 const STEP_CELSIUS: f64 = 0.5;
+/// So many poses go out at once: each has a hundred numbers, which are copied several times on their way.
+const POSES_MAX: usize = 1 << 11;
 /// Temperatures and their colours, with straight lines between.
 const COLOURS: [(f64, [f64; 3]); 4] = [
     (20.0, [80.0, 130.0, 220.0]),
@@ -123,9 +125,11 @@ impl Drawing {
         timeline: &Timeline,
     ) -> Result<(), RerunError> {
         let poses = self.new_poses(timeline);
-        if poses.is_empty() {
-            return Ok(());
-        }
+        let mut parts = poses.chunks(POSES_MAX);
+        parts.try_for_each(|poses| self.log_poses(output, poses))
+    }
+
+    fn log_poses(&self, output: &mut dyn Output, poses: &[Pose]) -> Result<(), RerunError> {
         let times = times::columns(poses.iter().map(|pose| pose.moment));
         let mut send = |path: &str, columns: Vec<SerializedComponentColumn>| {
             send_rows(output, path, times.clone(), columns)
