@@ -244,4 +244,9 @@ fn a_page_explains_what_it_shows_in_the_unit_of_its_loop() {
     let steps = page("sma_pair_step.toml");
     assert_eq!(steps.matches("Green: settling band of a step.").count(), 1);
     assert!(!steps.contains("Yellow: a disturbance acts."));
+    assert!(!steps.contains("Violet"));
+    // Each loop shows when the drive of one of them is lost.
+    let lost = page("sma_pair_drive_lost.toml");
+    assert_eq!(lost.matches("Violet: a fault acts").count(), 2);
+    assert!(lost.contains("class=\"fault\""));
 }

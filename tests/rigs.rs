@@ -132,6 +132,7 @@ fn a_rig_that_does_not_fit_is_refused_with_the_period_that_would() {
             "do not fit between two SYNCs",
             "of 500 bits between two SYNCs",
             "write sync_period_milliseconds = ",
+            "bits in the fullest cycle: ",
         ] {
             assert!(stderr.contains(said), "{said}: {stderr}");
         }

@@ -24,6 +24,8 @@ const ANSWERS_BACKLOG_MAX: Duration = Duration::from_secs(5);
 const FIRST_LATENESS: Duration = Duration::from_millis(3);
 /// In so many periods a lead or a backlog is forgotten, since no clock is exact, and who was late may have left frames out.
 const MEMORY_PERIODS: f64 = 64.0;
+/// A frame that comes so many periods after the one before ends a pause.
+const PAUSE_PERIODS: f64 = 1.5;
 /// But who is late by less than a period leaves none out. On a busy machine it may be so for long, and then in time again.
 const LATENESS_MEMORY_PERIODS: f64 = 4096.0;
 
@@ -328,8 +330,11 @@ impl Rate {
         }
     }
 
-    /// What is left of lead or backlog after so many periods.
+    /// What is left of lead or backlog after so many periods. Who pauses may be late still: of what it held up nothing is forgotten.
     fn remembered(&self, periods: f64) -> f64 {
+        if periods > PAUSE_PERIODS {
+            return self.ahead;
+        }
         let left = |memory: f64| (1.0 - periods / memory).max(0.0);
         let lateness = self.ahead.clamp(-1.0, 0.0);
         left(LATENESS_MEMORY_PERIODS) * lateness + left(MEMORY_PERIODS) * (self.ahead - lateness)
@@ -638,6 +643,13 @@ mod tests {
             _ => Duration::ZERO,
         };
         assert_eq!(found(run(1500, stalled)), []);
+        // Another stall before all has come that the first one held up.
+        let twice = |cycle: u32| match cycle {
+            500..600 => (700 - cycle) * PERIOD,
+            600..850 => (850 - cycle) * PERIOD,
+            _ => Duration::ZERO,
+        };
+        assert_eq!(found(run(1500, twice)), []);
         // Late by most of a period for long, and then in time again.
         let busy = |cycle: u32| match cycle {
             500..900 => 950 * MICRO,

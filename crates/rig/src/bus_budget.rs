@@ -132,11 +132,34 @@ impl BusBudget {
     /// Bits of the fullest cycle.
     #[must_use]
     pub fn needed_bits(&self) -> f64 {
-        let bits = |cycle| -> f64 {
-            let shares = self.shares.iter().filter(|share| share.comes_in(cycle));
-            shares.map(|share| share.bits).sum()
-        };
-        (0..CYCLES).map(bits).fold(0.0, f64::max)
+        let bits = (0..CYCLES).map(|cycle| self.bits_in(cycle));
+        bits.fold(0.0, f64::max)
+    }
+
+    fn bits_in(&self, cycle: u32) -> f64 {
+        self.shares_in(cycle).map(|share| share.bits).sum()
+    }
+
+    fn shares_in(&self, cycle: u32) -> impl Iterator<Item = &BusShare> {
+        let shares = self.shares.iter();
+        shares.filter(move |share| share.comes_in(cycle))
+    }
+
+    /// Who sends how many bits in the fullest cycle, in the order of the shares: `hand 860, left 345`.
+    #[must_use]
+    pub fn fullest_cycle(&self) -> String {
+        let is_fuller =
+            |one: &u32, other: &u32| self.bits_in(*one).total_cmp(&self.bits_in(*other));
+        let fullest = (0..CYCLES).max_by(is_fuller).unwrap_or_default();
+        let mut nodes: Vec<(&str, f64)> = Vec::new();
+        for BusShare { node, bits, .. } in self.shares_in(fullest) {
+            match nodes.iter_mut().find(|(name, _)| name == node) {
+                Some((_, sum)) => *sum += bits,
+                None => nodes.push((node, *bits)),
+            }
+        }
+        let words = nodes.iter().map(|(node, bits)| format!("{node} {bits:.0}"));
+        Vec::from_iter(words).join(", ")
     }
 
     /// Share of the bus that all frames occupy, over many cycles.

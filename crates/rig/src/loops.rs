@@ -296,7 +296,8 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
             ),
         },
         help: Some(format!(
-            "write sync_period_milliseconds = {period_min:.1} into [bus], or publish the truth less often (truth_every_cycles)"
+            "write sync_period_milliseconds = {period_min:.1} into [bus], or publish the truth less often (truth_every_cycles); bits in the fullest cycle: {}",
+            budget.fullest_cycle()
         )),
     })
 }

@@ -78,8 +78,6 @@ fn heading(run: &Run<'_>, text: &str) -> Markup {
 fn head(runs: &[Run<'_>], verdict: &Verdict) -> Markup {
     let run = &runs[0];
     let scenario = &run.setup.scenario;
-    let mut laws = Vec::from_iter(runs.iter().filter_map(law_of));
-    laws.dedup();
     html! {
         h1 { (scenario.name) }
         p { (page::badge(verdict.outcome)) }
@@ -87,7 +85,7 @@ fn head(runs: &[Run<'_>], verdict: &Verdict) -> Markup {
         @if let Some(end) = end_besides(verdict) { p { (end) } }
         @if let Some(description) = &scenario.description { p.soft { (description) } }
         dl.facts {
-            div { dt { "control law" } dd { (laws.join(", ")) } }
+            div { dt { "control law" } dd { (laws(runs)) } }
             div { dt { "recorded" } dd { (recorded(run)) } }
             div { dt { "cycle" } dd { (scenario.bus.sync_period_milliseconds) " ms" } }
             div { dt { "bus" } dd { (scenario.bus.bitrate_kilobits_per_second) " kbit/s" } }
@@ -104,6 +102,22 @@ fn head(runs: &[Run<'_>], verdict: &Verdict) -> Markup {
 }
 
 /// The law of a loop; none where that of another loop leads its drive.
+/// The law of all loops, or that of each.
+fn laws(runs: &[Run<'_>]) -> String {
+    let laws = runs.iter().filter_map(|run| Some((run, law_of(run)?)));
+    let laws = Vec::from_iter(laws);
+    let of_loop = |(run, law): &(&Run<'_>, &str)| match &run.setup.loop_name {
+        Some(names) => format!("{law} ({})", names.name),
+        None => (*law).to_owned(),
+    };
+    match &laws[..] {
+        [(_, first), others @ ..] if others.iter().all(|(_, law)| law == first) => {
+            (*first).to_owned()
+        }
+        several => Vec::from_iter(several.iter().map(of_loop)).join(", "),
+    }
+}
+
 fn law_of<'a>(run: &Run<'a>) -> Option<&'a str> {
     let scenario = &run.setup.scenario;
     let is_led = scenario.wiring.led_by.is_some();

@@ -3,6 +3,7 @@
 use dbc::signals::WIRE_TEMPERATURE;
 use dbc::{Database, signals};
 use maud::{Markup, html};
+use rig::setup::Setup;
 use scenario::Scenario;
 use scenario::events::{JudgedStep, Window};
 
@@ -64,6 +65,7 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
     }
     for plot in &mut in_time {
         plot.patches.extend(disturbances(&run.setup.scenario));
+        plot.patches.extend(faults(run.setup));
     }
     html! {
         (super::heading(run, "Position"))
@@ -73,18 +75,23 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
             @for plot in &in_time[1..] { (plot.render()) }
             @if has_wire { (hysteresis(timeline).render()) }
         }
-        @if let Some(words) = patches_in_words(&run.setup.scenario) { p.soft { (words) } }
+        @if let Some(words) = patches_in_words(run.setup) { p.soft { (words) } }
         @if left_out > 0 { p.soft { (left_out) " more judged steps, disturbances or sines are not drawn by themselves; the Rerun viewer shows each in " code { "run.rrd" } "." } }
     }
 }
 
 /// What the coloured patches behind the curves are; nothing where there are none.
-fn patches_in_words(scenario: &Scenario) -> Option<String> {
+fn patches_in_words(setup: &Setup) -> Option<String> {
+    let scenario = &setup.scenario;
     let has_steps = !scenario.judged_steps().is_empty();
     let has_disturbances = !scenario.disturbance_windows().is_empty();
     let words = [
         (has_steps, "Green: settling band of a step."),
         (has_disturbances, "Yellow: a disturbance acts."),
+        (
+            !faults(setup).is_empty(),
+            "Violet: a fault acts, here or elsewhere on the bus.",
+        ),
     ];
     let words = words.into_iter().filter(|(is_there, _)| *is_there);
     let words = Vec::from_iter(words.map(|(_, words)| words));
@@ -301,20 +308,42 @@ fn settling_band(step: &JudgedStep) -> Patch {
 
 fn disturbances(scenario: &Scenario) -> Vec<Patch> {
     let windows = scenario.disturbance_windows();
-    let ends = windows.iter().map(|disturbance| {
+    // A load stays until the next one; it is marked where it changes.
+    let patches = windows.iter().map(|disturbance| {
         let window = disturbance.window;
-        // A load stays until the next one; it is marked where it changes.
-        let until = window
-            .until_seconds
-            .max(window.from_seconds + scenario.duration_seconds * 0.003);
-        (window.from_seconds, until)
-    });
-    let patches = ends.map(|x| Patch {
-        class: "span",
-        x,
-        y: (f64::NEG_INFINITY, f64::INFINITY),
+        stretch("span", window.from_seconds, window.until_seconds, scenario)
     });
     patches.collect()
+}
+
+/// Faults from their beginning on; those of the boot are over when the scenario begins.
+fn faults(setup: &Setup) -> Vec<Patch> {
+    let scenario = &setup.scenario;
+    let patches = setup.faults().into_iter().filter_map(|fault| {
+        let until_seconds = fault.until_seconds.unwrap_or(scenario.duration_seconds);
+        Some(stretch(
+            "fault",
+            fault.from_seconds?,
+            until_seconds,
+            scenario,
+        ))
+    });
+    patches.collect()
+}
+
+/// A stretch of time that can be seen, however short it is.
+fn stretch(
+    class: &'static str,
+    from_seconds: f64,
+    until_seconds: f64,
+    scenario: &Scenario,
+) -> Patch {
+    let seen_seconds = 0.003 * scenario.duration_seconds;
+    Patch {
+        class,
+        x: (from_seconds, until_seconds.max(from_seconds + seen_seconds)),
+        y: (f64::NEG_INFINITY, f64::INFINITY),
+    }
 }
 
 /// A column that the run has.
