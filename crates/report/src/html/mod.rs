@@ -101,7 +101,6 @@ fn head(runs: &[Run<'_>], verdict: &Verdict) -> Markup {
     }
 }
 
-/// The law of a loop; none where that of another loop leads its drive.
 /// The law of all loops, or that of each.
 fn laws(runs: &[Run<'_>]) -> String {
     let laws = runs.iter().filter_map(|run| Some((run, law_of(run)?)));
@@ -118,6 +117,7 @@ fn laws(runs: &[Run<'_>]) -> String {
     }
 }
 
+/// The law of a loop; none where that of another loop leads its drive.
 fn law_of<'a>(run: &Run<'a>) -> Option<&'a str> {
     let scenario = &run.setup.scenario;
     let is_led = scenario.wiring.led_by.is_some();
