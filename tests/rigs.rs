@@ -1,6 +1,7 @@
 //! Rig files of schema 2, and what is played on them, as a user meets them.
 
 use std::fs;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -310,4 +311,84 @@ fn a_mistake_in_a_rig_file_is_said_once_and_of_a_rig() {
         "{stderr}"
     );
     assert!(!stderr.contains("the scenario lacks"), "{stderr}");
+}
+
+/// The frames with the positions of `two_axes`.
+const POSITION_X: &str = " 190#";
+const POSITION_Y: &str = " 192#";
+
+/// Takes frames out of a log, in a stretch of the recording's clock.
+fn silence(run: &Path, frame: &str, stretch: Range<f64>) {
+    let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    let is_kept = |line: &&str| {
+        let time: f64 = line[1..line.find(')').unwrap()].parse().unwrap();
+        !(line.contains(frame) && stretch.contains(&time))
+    };
+    let kept = Vec::from_iter(log.lines().filter(is_kept));
+    assert!(kept.len() < log.lines().count());
+    fs::write(run.join("bus.log"), kept.join("\n") + "\n").unwrap();
+}
+
+/// Notes that the machine stood still in these stretches of the recording's clock.
+fn stall(run: &Path, stretches: &[&str]) {
+    let rows = stretches
+        .iter()
+        .map(|stretch| format!("{stretch},machine,stood still\n"));
+    let text = "from_seconds,until_seconds,who,what\n".to_owned() + &rows.collect::<String>();
+    fs::write(run.join("stalls.csv"), text).unwrap();
+}
+
+/// The exit code of a run that is judged again, and the row of its longest distance from the path.
+fn contour_again(run: &Path) -> (Option<i32>, Value) {
+    let (code, stdout, stderr) = output(program(&["replay", "--json"]).arg(run));
+    let verdict: Value = serde_json::from_str(&stdout).expect(&stderr);
+    let rows = verdict["metrics"].as_array().unwrap();
+    let row = rows
+        .iter()
+        .find(|row| row["name"] == "x_y.contour_error_millimetres_max");
+    (code, row.unwrap().clone())
+}
+
+/// What was not seen does not pass, and what a stall may have done is not judged, unless it was so before.
+#[test]
+fn a_contour_is_judged_by_the_rules_of_all_metrics() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, stdout, stderr) =
+        output(canrig(folder.path(), "simulate").arg(scenario("two_axes_circle.toml")));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let run = only_run(folder.path());
+    silence(&run, POSITION_Y, 12.0..12.1);
+    let (code, row) = contour_again(&run);
+    let remark = row["remark"].as_str().unwrap();
+    assert!(remark.starts_with("y: silent from 1"), "{remark}");
+    assert_eq!((code, &row["passed"]), (Some(1), &Value::Bool(false)));
+    silence(&run, POSITION_X, 12.0..12.1);
+    stall(&run, &["11.990000,12.110000"]);
+    let (code, row) = contour_again(&run);
+    assert_eq!((code, row.get("passed")), (Some(5), None), "{row}");
+    // An axis that turned round was 0.2 mm beside the circle before.
+    edit(
+        &run.join("scenario.toml"),
+        "max = { max = 0.3 }",
+        "max = { max = 0.1 }",
+    );
+    let (code, row) = contour_again(&run);
+    assert_eq!(
+        (code, &row["passed"]),
+        (Some(1), &Value::Bool(false)),
+        "{row}"
+    );
+    // With a stall before, nobody knows.
+    silence(&run, POSITION_X, 3.0..3.01);
+    stall(&run, &["2.990000,3.020000", "11.990000,12.110000"]);
+    let (code, row) = contour_again(&run);
+    assert_eq!((code, row.get("passed")), (Some(5), None), "{row}");
+    // The judgement ends before the window begins.
+    edit(
+        &run.join("scenario.toml"),
+        "[expect.all]\n",
+        "[expect.all]\njudged_until_seconds = 5.0\n",
+    );
+    let (_, row) = contour_again(&run);
+    assert_eq!(row["remark"], "the window begins behind what is judged");
 }

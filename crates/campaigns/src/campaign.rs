@@ -253,10 +253,8 @@ pub fn play_one<T>(
     let (frames, unrecorded) = capture.finish().map_err(|error| fault(&error))?;
     let frames = frames.into_vec();
     let timelines = timeline::decode_loops(&frames, setups).map_err(|error| fault(&error))?;
-    let verdicts = setups.iter().zip(&timelines);
-    let verdicts =
-        verdicts.map(|(setup, timeline)| run::verdict(&ended, timeline, setup, &unrecorded));
-    let verdict = judge::whole(setups, &timelines, verdicts.collect());
+    let verdicts = run::verdicts(&ended, &timelines, setups, &unrecorded);
+    let verdict = judge::whole(setups, verdicts);
     Ok(reduce(&CampaignRun {
         index,
         setups,

@@ -3,28 +3,96 @@
 use recording::timeline::Timeline;
 use scenario::loops::Contour;
 
+use scenario::events::Window;
+
+use crate::evidence::{Absence, Evidence, MetricValue, Observation, checked};
+use crate::excuse::leave_open;
 use crate::metric::Metric;
 
 /// The nearest point of the path is looked for among the set-points of so much time before and after the sample.
 const SEARCH_SECONDS: f64 = 0.5;
 
-/// The rows of a contour: longest distance from the path, and its RMS. `axes` are the timelines of its loops.
+/// The rows of the contours whose first axis is this loop, with which they are judged: longest distance from the path, and its
+/// RMS.
 ///
 /// The path is the line through the set-points of the cycles. The error of a sample is the distance of the measured point from
 /// the nearest point of the path: an axis that is late on a path makes none as long as it stays on it.
-pub(crate) fn contour(contour: &Contour, axes: &[&Timeline], end_seconds: f64) -> Vec<Metric> {
-    let mut errors = Errors::default();
-    contour_errors(contour, axes, end_seconds).for_each(|(_, error)| errors.add(error));
-    let values = [errors.longest, errors.rms()].map(|value| match errors.count == 0.0 {
-        true => Err("no sample of all axes in the window".to_owned()),
-        false => Ok(value),
-    });
-    let rows = contour.rows().into_iter().zip(values);
-    let rows = rows.map(|((name, limit), value)| Metric {
-        requirements: contour.requirements.clone(),
-        ..Metric::new(name, value, limit)
+pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
+    let own = evidence.setup.loop_name.as_ref().map(|names| &names.name);
+    let contours = evidence.setup.contours.iter();
+    let contours = contours.filter(|contour| own.is_some() && contour.loops.first() == own);
+    let rows = contours.flat_map(|contour| {
+        let axes = contour
+            .loops
+            .iter()
+            .filter_map(|name| evidence.of_loop(name));
+        rows(contour, &Vec::from_iter(axes))
     });
     rows.collect()
+}
+
+fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
+    let [first, others @ ..] = axes else {
+        return Vec::new();
+    };
+    let ends = axes.iter().map(|axis| axis.scenario.judged_end_seconds());
+    let end_seconds = ends.fold(f64::INFINITY, f64::min);
+    let window = window(contour, end_seconds);
+    let unseen = axes.iter().find_map(|axis| {
+        let absence = axis.seen(window).err()?;
+        let names = axis.setup.loop_name.as_ref()?;
+        Some((axis, absence.of(&names.name)))
+    });
+    let (axis, values) = match unseen {
+        _ if window.from_seconds >= window.until_seconds => {
+            (first, none("the window begins behind what is judged"))
+        }
+        Some((axis, absence)) => (axis, none(absence)),
+        None => (first, values(contour, axes, end_seconds)),
+    };
+    // The decision knows of the stalls that the first loop missed cycles for.
+    let is_explained = !was_held_up(first) && others.iter().any(was_held_up);
+    let rows = contour.rows().into_iter().zip(values);
+    let rows = rows.map(|((name, limit), value)| {
+        let mut row = Observation::from(value).metric(axis, name, limit);
+        if row.passed == Some(false) && row.value.is_some() && is_explained {
+            leave_open(&mut row);
+        }
+        row.requirements.clone_from(&contour.requirements);
+        row
+    });
+    rows.collect()
+}
+
+/// Whether a loop missed cycles because of the bench.
+fn was_held_up(axis: &Evidence<'_>) -> bool {
+    axis.misses().longest_stall().is_some()
+}
+
+/// Why there are no values.
+fn none(absence: impl Into<Absence>) -> [MetricValue; 2] {
+    let absence = absence.into();
+    [Err(absence.clone()), Err(absence)]
+}
+
+/// Longest distance and its RMS.
+fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [MetricValue; 2] {
+    let timelines = Vec::from_iter(axes.iter().map(|axis| axis.timeline));
+    let mut errors = Errors::default();
+    contour_errors(contour, &timelines, end_seconds).for_each(|(_, error)| errors.add(error));
+    match errors.count == 0.0 {
+        true => none("no sample of all axes in the window"),
+        false => [errors.longest, errors.rms()].map(checked),
+    }
+}
+
+/// The window of a contour, as far as it is judged.
+fn window(contour: &Contour, end_seconds: f64) -> Window {
+    let until_seconds = contour.until_seconds.unwrap_or(end_seconds);
+    Window {
+        from_seconds: contour.from_seconds,
+        until_seconds: until_seconds.min(end_seconds),
+    }
 }
 
 /// What distances from a path come to together.
@@ -54,7 +122,8 @@ pub fn contour_errors<'a>(
     axes: &'a [&'a Timeline],
     end_seconds: f64,
 ) -> impl Iterator<Item = (f64, f64)> + use<'a> {
-    let window = contour.from_seconds..contour.until_seconds.unwrap_or(end_seconds);
+    let window = window(contour, end_seconds);
+    let window = window.from_seconds..window.until_seconds;
     let rows = axes.iter().map(|axis| axis.time_seconds.len()).min();
     let rows = 0..rows.unwrap_or(0);
     let first = axes.first().into_iter();

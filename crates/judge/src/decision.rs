@@ -31,13 +31,31 @@ const TRAFFIC_METRICS: [&str; 3] = [BUS_LOAD, "sync_interval_milliseconds_max", 
 /// More than any bus carries: 100 %, and some room for the stamps of short recordings.
 const LOAD_PERCENT_MAX: f64 = 101.0;
 
-/// Judges a run.
+/// Judges a run of one loop.
 #[must_use]
 pub fn judge(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) -> Verdict {
-    let evidence = Evidence::new(timeline, setup, circumstances);
-    let mut metrics = metrics(&evidence);
+    judged(&Evidence::new(timeline, setup, circumstances))
+}
+
+/// Judges each of the loops that were played at once. The contours stand among the rows of their first loop.
+#[must_use]
+pub fn judge_loops(
+    setups: &[Setup],
+    timelines: &[Timeline],
+    circumstances: &Circumstances,
+) -> Vec<Verdict> {
+    let loops = Vec::from_iter(setups.iter().zip(timelines));
+    let evidence = loops
+        .iter()
+        .map(|(setup, timeline)| Evidence::new(timeline, setup, circumstances).among(&loops));
+    evidence.map(|evidence| judged(&evidence)).collect()
+}
+
+fn judged(evidence: &Evidence<'_>) -> Verdict {
+    let (setup, circumstances) = (evidence.setup, evidence.circumstances);
+    let mut metrics = metrics(evidence);
     let (outcome, reason) = match &circumstances.ended_early {
-        None => decide(&evidence, &mut metrics),
+        None => decide(evidence, &mut metrics),
         Some(end) => {
             // What a node kept from being seen is missed; of what the bench broke off only the traffic says something.
             let is_kept = |metric: &Metric| {
@@ -45,7 +63,7 @@ pub fn judge(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) 
                     || TRAFFIC_METRICS.contains(&metric.name.as_str()) && metric.value.is_some()
             };
             metrics.retain(is_kept);
-            decide_broken(&evidence, end, &mut metrics)
+            decide_broken(evidence, end, &mut metrics)
         }
     };
     let unrecorded = &circumstances.unrecorded;
@@ -58,7 +76,7 @@ pub fn judge(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) 
         metrics,
         losses: fd_frames(unrecorded)
             .into_iter()
-            .chain(losses(&evidence))
+            .chain(losses(evidence))
             .collect(),
         ..Verdict::incomplete_of(setup, "")
     }

@@ -17,12 +17,17 @@ use crate::metric::Metric;
 use crate::misses::Misses;
 use crate::quality::reaches;
 
+/// One of several loops.
+pub(crate) type RecordedLoop<'a> = (&'a Setup, &'a Timeline);
+
 /// What is judged, and by what.
 pub(crate) struct Evidence<'a> {
     pub(crate) timeline: &'a Timeline,
     pub(crate) setup: &'a Setup,
     pub(crate) scenario: &'a Scenario,
     pub(crate) circumstances: &'a Circumstances,
+    /// All loops that were played at once, where they are judged together.
+    pub(crate) loops: &'a [RecordedLoop<'a>],
     misses: Rc<Misses<'a>>,
     /// The position that is judged: the measured one, or the true one beside it.
     position: &'a Series<f64>,
@@ -213,10 +218,26 @@ impl<'a> Evidence<'a> {
             setup,
             scenario,
             circumstances,
+            loops: &[],
             misses: Rc::new(Misses::new(timeline, setup, circumstances)),
             position: timeline.position(),
             silence_seconds_max: silence,
         }
+    }
+
+    /// The same beside other loops.
+    pub(crate) fn among(self, loops: &'a [RecordedLoop<'a>]) -> Self {
+        Self { loops, ..self }
+    }
+
+    /// That of one of the loops.
+    pub(crate) fn of_loop(&self, name: &str) -> Option<Self> {
+        let is_named = |(setup, _): &&RecordedLoop<'_>| {
+            let names = setup.loop_name.as_ref();
+            names.is_some_and(|names| names.name == name)
+        };
+        let (setup, timeline) = self.loops.iter().find(is_named)?;
+        Some(Self::new(timeline, setup, self.circumstances).among(self.loops))
     }
 
     /// The cycles that were missed, and whose doing that was.

@@ -1,8 +1,9 @@
 //! What a limit says in a run in which the machine stood still: nothing, where that explains the miss.
 
+use rig::setup::Setup;
 use scenario::port::Unit;
 
-use crate::evidence::Evidence;
+use crate::evidence::{Evidence, RecordedLoop};
 use crate::metric::{Metric, meets};
 use crate::metrics::metrics;
 use crate::misses::Stretch;
@@ -22,6 +23,8 @@ const GROWING: [&str; 7] = [
     "temperature_celsius",
     "recovers_within_seconds",
 ];
+/// So does this one, whose row begins with the names of its loops.
+const GROWING_CONTOUR: &str = ".contour_error_millimetres_max";
 
 /// The bench's own misses.
 pub(crate) struct Excuse {
@@ -108,11 +111,16 @@ impl Excuse {
 
 /// What was measured until a time, as if the scenario ended there.
 fn metrics_before(evidence: &Evidence<'_>, seconds: f64) -> Vec<Metric> {
-    let timeline = evidence.timeline.before(seconds);
-    let mut setup = evidence.setup.clone();
-    let until_seconds = seconds.min(setup.scenario.judged_end_seconds());
-    setup.scenario.expect.judged_until_seconds = Some(until_seconds);
-    metrics(&Evidence::new(&timeline, &setup, evidence.circumstances))
+    let before = |(setup, timeline): &RecordedLoop<'_>| {
+        let mut setup: Setup = (*setup).clone();
+        let until_seconds = seconds.min(setup.scenario.judged_end_seconds());
+        setup.scenario.expect.judged_until_seconds = Some(until_seconds);
+        (setup, timeline.before(seconds))
+    };
+    let (setup, timeline) = before(&(evidence.setup, evidence.timeline));
+    let loops = Vec::from_iter(evidence.loops.iter().map(before));
+    let loops = Vec::from_iter(loops.iter().map(|(setup, timeline)| (setup, timeline)));
+    metrics(&Evidence::new(&timeline, &setup, evidence.circumstances).among(&loops))
 }
 
 /// Whether a limit was missed by what was on the bus before the first stall: by what is the same without all that came later,
@@ -127,7 +135,8 @@ fn is_proven(row: &Metric, before: &Metric, unit: &Unit) -> bool {
     let is_same = before.value == row.value && before.at_seconds == row.at_seconds;
     let is_beyond = limit.max.is_some_and(|max| value > max);
     let name = unit.canonical(&row.name);
-    before.passed == Some(false) && (is_same || is_beyond && GROWING.contains(&name.as_str()))
+    let is_growing = GROWING.contains(&name.as_str()) || name.ends_with(GROWING_CONTOUR);
+    before.passed == Some(false) && (is_same || is_beyond && is_growing)
 }
 
 fn is_of_traffic(row: &Metric) -> bool {

@@ -37,7 +37,7 @@ pub mod verdict;
 pub use chirp::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_responses};
 pub use circumstances::Circumstances;
 pub use contour::contour_errors;
-pub use decision::judge;
+pub use decision::{judge, judge_loops};
 pub use loops::{expected_timing, limits, row_of_loop, whole};
 pub use quality::lost_frames;
 pub use steps::SETTLING_BAND;

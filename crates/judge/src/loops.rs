@@ -1,12 +1,10 @@
 //! The verdict of several loops that were played at once.
 
 use recording::ending::EarlyEnd;
-use recording::timeline::Timeline;
 use rig::setup::Setup;
 use scenario::expect::{Expect, Limit};
 use scenario::loops::{BUS_METRICS, Contour};
 
-use crate::contour::contour;
 use crate::metric::Metric;
 use crate::metrics;
 use crate::verdict::{Outcome, Verdict};
@@ -46,50 +44,36 @@ pub fn expected_timing(setups: &[Setup]) -> &Expect {
     first.unwrap_or(&setups[0].scenario.expect)
 }
 
-/// The verdict of all loops, each with its timeline and its own verdict: that of the only one, or those of several with what is
-/// expected of them together.
+/// The verdict of all loops, of that of each: that of the only one, or those of several joined.
 ///
 /// # Panics
 /// There is no loop.
 #[must_use]
-pub fn whole(setups: &[Setup], timelines: &[Timeline], verdicts: Vec<Verdict>) -> Verdict {
+pub fn whole(setups: &[Setup], verdicts: Vec<Verdict>) -> Verdict {
     let names = setups.iter().filter_map(|setup| setup.loop_name.as_ref());
     let names = Vec::from_iter(names.map(|names| names.name.clone()));
     if names.is_empty() {
         return verdicts.into_iter().next().expect("there is a loop");
     }
-    let axes = |contour: &Contour| {
-        let places = contour
-            .loops
-            .iter()
-            .map(|name| names.iter().position(|other| other == name));
-        Vec::from_iter(places.flatten().filter_map(|place| timelines.get(place)))
-    };
-    let end_seconds = setups[0].scenario.duration_seconds;
-    let contours = setups[0].contours.iter();
-    let contours = contours.flat_map(|one| contour(one, &axes(one), end_seconds));
-    let contours = contours.collect();
-    joined(names.into_iter().zip(verdicts).collect(), contours)
+    let contours = setups[0].contours.iter().flat_map(Contour::rows);
+    let contours = Vec::from_iter(contours.map(|(row, _)| row));
+    joined(names.into_iter().zip(verdicts).collect(), &contours)
 }
 
-/// Joins the verdicts of loops, each with the loop's name, and what was found of several of them together. Rows begin with the
-/// name of their loop; what all loops share stands once.
+/// Joins the verdicts of loops, each with the loop's name. Rows begin with the name of their loop; those of contours, whose names
+/// are these, have the names of theirs, and what all loops share stands once.
 ///
 /// # Panics
 /// There is no loop.
 #[must_use]
-fn joined(loops: Vec<(String, Verdict)>, contours: Vec<Metric>) -> Verdict {
+fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let outcome = loops.iter().map(|(_, verdict)| verdict.outcome);
-    let missed = contours
-        .iter()
-        .filter(|metric| metric.passed == Some(false));
-    let outcome = outcome
-        .chain(missed.map(|_| Outcome::Fail))
-        .max_by_key(gravity);
+    let outcome = outcome.max_by_key(gravity);
     let reason = joined_reason(&loops);
     let ended_early = first_end(&loops);
     let mut shared: Vec<Metric> = Vec::new();
     let mut metrics = Vec::new();
+    let mut contours = Vec::new();
     let mut losses: Vec<String> = Vec::new();
     let mut external: Vec<String> = Vec::new();
     let mut whole = None;
@@ -98,7 +82,9 @@ fn joined(loops: Vec<(String, Verdict)>, contours: Vec<Metric>) -> Verdict {
         let strangers = strangers.filter(|name| !external.contains(name));
         external.extend(Vec::from_iter(strangers.cloned()));
         for metric in verdict.metrics.iter().cloned() {
-            if !BUS_METRICS.contains(&metric.name.as_str()) {
+            if let Some(place) = contour_rows.iter().position(|row| *row == metric.name) {
+                contours.push((place, metric));
+            } else if !BUS_METRICS.contains(&metric.name.as_str()) {
                 let name = format!("{name}.{}", metric.name);
                 metrics.push(Metric { name, ..metric });
             } else if shared.iter().all(|other| other.name != metric.name) || metric.limit.is_some()
@@ -114,7 +100,8 @@ fn joined(loops: Vec<(String, Verdict)>, contours: Vec<Metric>) -> Verdict {
         whole.get_or_insert(verdict);
     }
     losses.sort_by(|one, other| seconds(one).total_cmp(&seconds(other)));
-    metrics.extend(contours);
+    contours.sort_by_key(|(place, _)| *place);
+    metrics.extend(contours.into_iter().map(|(_, metric)| metric));
     metrics.extend(shared);
     Verdict {
         outcome: outcome.expect("there is a loop"),
@@ -203,7 +190,7 @@ mod tests {
 
     #[test]
     fn rows_have_the_names_of_their_loops_and_those_of_the_bus_stand_once() {
-        let whole = joined(two(Outcome::Pass, Outcome::Pass), Vec::new());
+        let whole = joined(two(Outcome::Pass, Outcome::Pass), &[]);
         let names = Vec::from_iter(whole.metrics.iter().map(|metric| metric.name.as_str()));
         assert_eq!(
             names,
@@ -225,17 +212,30 @@ mod tests {
             (Inconclusive, Pass, Inconclusive),
             (Inconclusive, Incomplete, Incomplete),
         ] {
-            assert_eq!(joined(two(x, y), Vec::new()).outcome, all);
+            assert_eq!(joined(two(x, y), &[]).outcome, all);
         }
-        let reason = joined(two(Pass, Fail), Vec::new()).reason;
+        let reason = joined(two(Pass, Fail), &[]).reason;
         assert_eq!(reason.as_deref(), Some("y: because"));
-        let reason = joined(two(Fail, Fail), Vec::new()).reason;
+        let reason = joined(two(Fail, Fail), &[]).reason;
         assert_eq!(reason.as_deref(), Some("because"));
-        let limit = Some(Limit {
-            min: None,
-            max: Some(0.3),
-        });
-        let contour = Metric::new("x_y.contour_error_millimetres_max", Ok(0.4), limit);
-        assert_eq!(joined(two(Pass, Pass), vec![contour]).outcome, Fail);
+    }
+
+    #[test]
+    fn contours_stand_behind_the_loops_in_the_order_of_the_scenario() {
+        let rows = ["y_x.contour", "x_y.contour"].map(str::to_owned);
+        let mut loops = two(Outcome::Pass, Outcome::Pass);
+        for ((_, verdict), row) in loops.iter_mut().zip(rows.iter().rev()) {
+            verdict.metrics.push(Metric::new(row, Ok(0.1), None));
+        }
+        let whole = joined(loops, &rows);
+        let names = Vec::from_iter(whole.metrics.iter().map(|metric| metric.name.as_str()));
+        let expected = [
+            "x.overshoot_percent",
+            "y.overshoot_percent",
+            "y_x.contour",
+            "x_y.contour",
+            "bus_load_percent",
+        ];
+        assert_eq!(names, expected);
     }
 }

@@ -10,7 +10,7 @@ use crate::evidence::{
     Absence, Evidence, Measurement, MetricValue, first_silence, largest, mean, worst,
 };
 use crate::metric::Metric;
-use crate::{chirp, disturbances, holds, reactions, sequences, signals, sine, steps};
+use crate::{chirp, contour, disturbances, holds, reactions, sequences, signals, sine, steps};
 
 /// The steady state is the mean over this time before the end.
 const STEADY_STATE_SECONDS: f64 = 0.5;
@@ -82,7 +82,8 @@ const OF_WHAT_CAME: [&str; 3] = [
     "sync_interval_milliseconds_max",
 ];
 
-/// All rows of the verdict: the metrics that the scenario gives a meaning to or a limit, then its checks.
+/// All rows of the verdict: the metrics that the scenario gives a meaning to or a limit, then its checks, then the contours whose
+/// first axis this loop is.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let expect = &evidence.scenario.expect;
     let mut rows = rows_of_metrics(evidence);
@@ -95,6 +96,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
         row.requirements = own.cloned().unwrap_or_default();
         row.name = unit.rename(&row.name);
     }
+    rows.extend(contour::metrics(evidence));
     rows
 }
 

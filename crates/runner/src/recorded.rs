@@ -11,7 +11,7 @@ use scenario::ScenarioError;
 use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
 use judge::verdict::{Outcome, Verdict};
-use judge::{Circumstances, expected_timing, judge, judge_timing};
+use judge::{Circumstances, expected_timing, judge_loops, judge_timing};
 use recording::ending::EndedBy;
 use recording::events::TimelineEvent;
 use recording::frames::Log;
@@ -239,7 +239,7 @@ impl Recorded {
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
         let mut verdict = Verdict {
             identity: stored.and_then(|stored| stored.identity.clone()),
-            ..judge::whole(&self.setups, timelines, self.verdicts_of_loops(timelines))
+            ..judge::whole(&self.setups, self.verdicts_of_loops(timelines))
         };
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
@@ -265,22 +265,19 @@ impl Recorded {
         let stored = self.stored.as_ref();
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
         let by_node = ended_early.filter(|end| end.by == EndedBy::Node);
-        let verdicts = self.setups.iter().zip(timelines).map(|(setup, timeline)| {
-            let circumstances = Circumstances {
-                unrecorded: self.unrecorded(timeline),
-                ended_early: by_node.clone(),
-                stalls: self.stalls.clone(),
-            };
-            judge(timeline, setup, &circumstances)
-        });
-        verdicts.collect()
+        let circumstances = Circumstances {
+            unrecorded: self.unrecorded(timelines),
+            ended_early: by_node,
+            stalls: self.stalls.clone(),
+        };
+        judge_loops(&self.setups, timelines, &circumstances)
     }
 
     /// What was on the bus and is not among the frames: what the run noted, and what of its log cannot be read.
-    fn unrecorded(&self, timeline: &Timeline) -> Unrecorded {
+    fn unrecorded(&self, timelines: &[Timeline]) -> Unrecorded {
         let duration_seconds = self.setup().scenario.duration_seconds;
-        let end = (timeline.zero_seconds)
-            .and_then(|zero| Duration::try_from_secs_f64(zero + duration_seconds).ok());
+        let zero = timelines.first().and_then(|timeline| timeline.zero_seconds);
+        let end = zero.and_then(|zero| Duration::try_from_secs_f64(zero + duration_seconds).ok());
         let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
         Unrecorded {
             frames_lost: of_run(|stored| stored.frames_lost),

@@ -13,7 +13,7 @@ use crate::identity::{NoIdentity, identity};
 use exports::parquet;
 use judge::timing::Timing;
 use judge::verdict::{Identity, Verdict};
-use judge::{Circumstances, expected_timing, judge};
+use judge::{Circumstances, expected_timing, judge_loops};
 use recording::capture::{Capture, Watch};
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::frame_queue::FrameQueue;
@@ -117,12 +117,10 @@ pub fn run_loops(
     let ended = world(&folder, &mut capture);
     let (frames, unrecorded) = capture.finish()?;
     let timelines = timeline::decode_loops(&frames, setups)?;
-    let verdicts = setups.iter().zip(&timelines);
-    let verdicts = verdicts.map(|(setup, timeline)| verdict(&ended, timeline, setup, &unrecorded));
-    let verdicts = Vec::from_iter(verdicts);
+    let verdicts = verdicts(&ended, &timelines, setups, &unrecorded);
     let mut verdict = Verdict {
         identity: Some(identity),
-        ..judge::whole(setups, &timelines, verdicts.clone())
+        ..judge::whole(setups, verdicts.clone())
     };
     if let Ok(Played {
         host: Some(host), ..
@@ -186,14 +184,14 @@ fn create_folder(
     Ok(folder)
 }
 
-/// What a run came to, however its world ended.
+/// What each loop of a run came to, however its world ended.
 #[must_use]
-pub fn verdict(
+pub fn verdicts(
     ended: &Result<Played, WorldError>,
-    timeline: &Timeline,
-    setup: &Setup,
+    timelines: &[Timeline],
+    setups: &[Setup],
     unrecorded: &Unrecorded,
-) -> Verdict {
+) -> Vec<Verdict> {
     let ended_early = match ended {
         Err(error) => Some(EarlyEnd::without_node(
             EndedBy::Bench,
@@ -201,7 +199,7 @@ pub fn verdict(
         )),
         Ok(played) => match &played.end {
             End::Completed => None,
-            End::Interrupted => return interrupted(setup),
+            End::Interrupted => return setups.iter().map(interrupted).collect(),
             End::ByNode(end) => Some(end.clone()),
         },
     };
@@ -211,7 +209,7 @@ pub fn verdict(
         ended_early,
         stalls: host.map(|host| host.stalls.clone()).unwrap_or_default(),
     };
-    judge(timeline, setup, &circumstances)
+    judge_loops(setups, timelines, &circumstances)
 }
 
 fn interrupted(setup: &Setup) -> Verdict {
