@@ -90,7 +90,7 @@ pub struct Range {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub step: Option<f64>,
-    /// How the values lie; `linear` if absent.
+    /// How the values lie; `linear` if absent. A logarithmic range has `count`, not `step`.
     #[serde(default)]
     pub spacing: Spacing,
 }
@@ -102,7 +102,7 @@ pub enum Spacing {
     /// The same difference from each to the next.
     #[default]
     Linear,
-    /// The same ratio of each to the next; both ends are above 0, and `count` says how many.
+    /// The same ratio of each to the next; both ends are above 0.
     Logarithmic,
 }
 

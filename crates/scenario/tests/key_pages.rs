@@ -269,7 +269,8 @@ fn check(name: &str, head: &str, schema: &str) {
 #[test]
 fn the_page_of_scenario_keys_is_that_of_the_schema() {
     let head = "# Scenario keys\n\n\
-        This page is written from the schema that `canrig schema` prints. A scenario is a TOML file; [a scenario of your own](../tutorial/own-scenario.md) builds one.\n\
+        This page is written from the schema that `canrig schema` prints: it has the keys of schema 1. [Rigs with several drives](../several-drives.md#the-scenario) says what schema 2 adds, and `canrig schema 2` prints that schema.\n\n\
+        A scenario is a TOML file; [a scenario of your own](../tutorial/own-scenario.md) builds one.\n\
         The [metrics](metrics.md) page defines what each key of `[expect]` measures. A plant or law of your own adds its table.\n\n\
         \"Paper\" and the numbers of equations refer to Romano and Tannuri, \"New development on shape memory alloys actuators\": the wire and the sliding-mode law come from there. \"Assumed\" means that no source gives the value.";
     check("scenario-keys.md", head, &scenario::schema::json_schema());
