@@ -14,7 +14,7 @@ use crate::write_error::WriteError;
 
 /// So much of a run is compressed at once. A kill loses no more.
 const PIECE: Duration = Duration::from_secs(1);
-/// After so many flushes without a frame, what there is is compressed: half a second of a bus that fell silent.
+/// After so many flushes without a frame, what there is is compressed: a second of a bus that fell silent.
 const IDLE_FLUSHES_MAX: u32 = 50;
 /// More takes longer and saves little.
 const LEVEL: i32 = 3;

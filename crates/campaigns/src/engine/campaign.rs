@@ -165,7 +165,7 @@ impl SharedCampaign<'_> {
         RunFolder::path_of(&self.path().join(PARTS), &self.setup.scenario.name, &id)
     }
 
-    /// The parts that do not have all their rows, with the reason where a part cannot be read.
+    /// The parts that do not have all their rows. One that cannot be read is an error for all.
     pub(super) fn missing(&self, of: usize) -> Result<Vec<usize>, StoreError> {
         let mut missing = Vec::new();
         for number in 1..=of {

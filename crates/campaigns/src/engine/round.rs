@@ -30,7 +30,7 @@ pub(super) enum Waited {
     Interrupted,
 }
 
-/// Waits until the engine has no task of the job any more. What the user sees moves `bar`; `report` gets the rows so far.
+/// Waits until the engine has no task of the job any more. `bar` shows the rows so far, and how the parts stand.
 pub(super) fn wait(
     engine: &dyn Engine,
     campaign: &SharedCampaign<'_>,

@@ -103,7 +103,7 @@ impl Survey {
         Ok(survey)
     }
 
-    /// The rows with a limit that never had a value in any case.
+    /// The metrics with a limit that never had a value in any case.
     fn add_limited(&mut self, limits: &[(String, Limit)]) {
         for (name, _) in limits {
             if !self.metrics.contains(name) {
