@@ -23,7 +23,7 @@ pub(crate) struct FmuArgs {
     /// Print the table of a rig file that has it as a plant, with its variables as ports
     #[arg(long, requires = "file")]
     pub rig: bool,
-    /// Write a plant as an FMU for this machine: `sma`, `dc_motor`, or one of this bench's own
+    /// Write a plant as an FMU for this machine: `sma`, `dc_motor`, `sma_pair`, or one of this bench's own
     #[arg(long, value_name = "PLANT", conflicts_with = "file")]
     pub export: Option<String>,
     /// The FMU to write; nothing is overwritten [default: PLANT.fmu]
