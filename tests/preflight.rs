@@ -56,6 +56,22 @@ fn dry_run(folder: &Path, rig: &Path) -> Run {
     Run::of(&scenario_text(""), folder, &arguments)
 }
 
+/// A drive that failed its pre-flight is not led through the next scenario.
+#[test]
+fn nothing_is_played_after_a_pre_flight_that_failed() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let rig = rig_file(folder.path(), "", 1.0);
+        let second = folder.path().join("second.toml");
+        fs::write(&second, scenario_text("")).unwrap();
+        let arguments = ["--rig", rig.to_str().unwrap(), second.to_str().unwrap()];
+        let (code, text) = Run::of(&scenario_text(""), folder.path(), &arguments).printed();
+        assert_eq!(code, Some(3), "{text}");
+        assert_eq!(text.matches("pre-flight:").count(), 1, "{text}");
+        assert_eq!(text.matches("run folder").count(), 1, "{text}");
+    });
+}
+
 /// The last check is the one that failed, and says so.
 fn fails((code, text): (Option<i32>, String), line: &str) {
     assert_eq!(code, Some(3), "{text}");

@@ -1,6 +1,7 @@
 //! `canrig node`: one node as a process of its own.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use canopen::Node;
@@ -18,6 +19,7 @@ use scenario::{ControllerView, Scenario, ScenarioError, read_text, without_colou
 
 use recording::latency::{NodeReport, Quantiles};
 use rig::FILE_BYTES_MAX;
+use rig::external::External;
 use rig::rig_file::LoadedRig;
 use rig::setup::Setup;
 use runner::console::{print, print_error};
@@ -121,9 +123,15 @@ fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
         .as_deref()
         .map(LoadedRig::load)
         .transpose()
-        .map_err(Failure::of_setup)?;
-    let make = move || controller(&view, rig.as_ref());
+        .map_err(Failure::of_setup)?
+        .map(Arc::new);
+    // Faults begin by the statusword of the drive, wherever that is.
     let setup = Setup::new(scenario, catalogue());
+    let setup = match &rig {
+        Some(rig) => setup.on(Some(Arc::clone(rig)), External::default().with_drive()),
+        None => setup,
+    };
+    let make = move || controller(&view, rig.as_deref());
     faulty_controller(make, &[setup], is_of_process(args)).map_err(Failure::of_setup)
 }
 

@@ -31,6 +31,7 @@ pub mod thermal_protection;
 mod truth;
 mod wires;
 
+use std::io;
 use std::time::Duration;
 
 use canopen::device::PDOS_AND_SDOS;
@@ -82,6 +83,14 @@ pub enum InvalidEmulator {
     /// A plant whose code is not the emulator's cannot be made.
     #[error("plant: {0}")]
     Elsewhere(String),
+    /// The machine does not let it be made now.
+    #[error("plant: {what}: {source}")]
+    Machine {
+        /// What it refuses.
+        what: String,
+        /// Why.
+        source: io::Error,
+    },
     /// The table of a plant from outside is that of another one.
     #[error("plant: {0}")]
     Parameters(#[from] toml::de::Error),

@@ -194,8 +194,7 @@ impl Campaign {
         let queue = JobQueue::new(jobs, on_result, WAITING_MAX * threads);
         let serve = |watch: &Watch| {
             while let Some((place, job)) = queue.next(watch) {
-                let done = catch_unwind(AssertUnwindSafe(|| work(&job, watch)))
-                    .unwrap_or_else(|panic| Err(NoResult::Fault(message(panic.as_ref()))));
+                let done = caught(|| work(&job, watch));
                 // A run that was interrupted came to nothing.
                 if watch.is_interrupted() {
                     break;
@@ -262,6 +261,12 @@ pub fn play_one<T>(
         timelines: &timelines,
         verdict: &verdict,
     }))
+}
+
+/// Does some work; a panic is a fault of the program.
+pub(crate) fn caught<T>(work: impl FnOnce() -> Result<T, NoResult>) -> Result<T, NoResult> {
+    catch_unwind(AssertUnwindSafe(work))
+        .unwrap_or_else(|panic| Err(NoResult::Fault(message(panic.as_ref()))))
 }
 
 /// The text of a panic.

@@ -197,7 +197,7 @@ impl EventReader {
         } = message;
         let text = format!("{}: {text}", controller_of(node, &self.words));
         let before = self.bus_errors.insert(text.clone(), time);
-        let goes_on = before.is_some_and(|before| time < before + BUS_ERROR_PAUSE);
+        let goes_on = before.is_some_and(|before| time.saturating_sub(before) < BUS_ERROR_PAUSE);
         if goes_on && !is_state {
             return false;
         }

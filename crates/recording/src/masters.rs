@@ -88,7 +88,7 @@ impl Order {
     /// Takes the time of every frame.
     #[inline]
     pub(crate) fn pass(&mut self, time: Duration) {
-        self.is_lost |= time + STEP_MAX < self.latest;
+        self.is_lost |= self.latest.saturating_sub(time) > STEP_MAX;
         self.latest = self.latest.max(time);
     }
 }
@@ -650,6 +650,12 @@ mod tests {
             _ => Duration::ZERO,
         };
         assert_eq!(found(run(1500, stood_still)), []);
+        // A clock that is as late as it can be.
+        let latest = |cycle: u32| match cycle {
+            1400.. => Duration::MAX - 2000 * PERIOD,
+            _ => Duration::ZERO,
+        };
+        let _ = found(run(1500, latest));
         // Another stall before all has come that the first one held up.
         let twice = |cycle: u32| match cycle {
             500..600 => (700 - cycle) * PERIOD,

@@ -9,6 +9,8 @@ use scenario::events::LoopWords;
 
 const HEARTBEAT: &str = "heartbeat";
 const HEARTBEATS: u32 = 0x700;
+/// Nodes whose messages have the name of their loop before them where the loop is another one.
+const OF_OTHERS: [&str; 2] = ["drive", "disturbance"];
 
 /// The names of the nodes on a bus, as one loop sees them.
 #[derive(Clone, Debug, Default)]
@@ -83,11 +85,13 @@ impl NodeWords {
 
     /// Whose a message is: as a scenario of one drive names the node, and for people. Messages of other loops begin with their names.
     pub(crate) fn of_message(&self, message: &str) -> (String, String) {
-        let other = ["drive", "disturbance"].iter().find_map(|kind| {
-            let (name, _) = message.split_once(&format!("_{kind}_"))?;
-            Some((name, *kind))
+        let others = self.of_loops.keys().filter_map(|name| {
+            let rest = message.strip_prefix(name.as_str())?.strip_prefix('_')?;
+            let (kind, _) = rest.split_once('_')?;
+            OF_OTHERS.contains(&kind).then_some((name.as_str(), kind))
         });
-        if let Some((name, kind)) = other {
+        // The name of a loop may begin with that of another one.
+        if let Some((name, kind)) = others.max_by_key(|(name, _)| name.len()) {
             let shown = self.node_of(name, kind);
             return (shown.clone(), shown);
         }
@@ -139,7 +143,7 @@ pub(crate) mod tests {
     #[test]
     fn a_node_has_one_name_whichever_loop_sees_it() {
         let (x, y) = (of_two_loops("x_1"), of_two_loops("y"));
-        let shown = |words: &NodeWords, message| words.of_message(message).1;
+        let shown = |words: &NodeWords, message: &str| words.of_message(message).1;
         assert_eq!(shown(&NodeWords::default(), "drive_heartbeat"), "drive");
         for (of_x, of_y, name) in [
             ("drive_heartbeat", "x_1_drive_heartbeat", "left"),
@@ -153,6 +157,20 @@ pub(crate) mod tests {
         ] {
             assert_eq!(shown(&x, of_x), name);
             assert_eq!(shown(&y, of_y), name);
+        }
+        // A name that has the word for a kind in it, and one that begins with another one.
+        let named = |name: &str| NodeNames {
+            drive: format!("drive of {name}"),
+            ..x.of_loops["y"].clone()
+        };
+        let names = ["gantry", "gantry_drive_left", "gantry_drive_right"];
+        let gantry = NodeWords {
+            of_loops: names.map(|name| (name.to_owned(), named(name))).into(),
+            ..NodeWords::default()
+        };
+        for name in names {
+            let message = format!("{name}_drive_emergency");
+            assert_eq!(shown(&gantry, &message), format!("drive of {name}"));
         }
         // What a scenario of one drive calls it.
         assert_eq!(y.of_message("drive_emergency").0, "drive");

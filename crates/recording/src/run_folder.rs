@@ -211,9 +211,14 @@ pub fn write_whole(
     }
     let partial = path.with_added_extension("partial");
     let mut output = BufWriter::new(File::create(&partial)?);
-    write(&mut output)?;
-    output.into_inner()?.sync_data()?;
-    fs::rename(partial, path)
+    let written = write(&mut output)
+        .and_then(|()| output.into_inner()?.sync_data())
+        .and_then(|()| fs::rename(&partial, path));
+    if written.is_err() {
+        // On a full disk it holds the room that is missing.
+        let _ = fs::remove_file(&partial);
+    }
+    written
 }
 
 /// As [`write_whole`], for a file that is not there yet.

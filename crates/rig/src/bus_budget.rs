@@ -26,8 +26,8 @@ const TERMS: [&str; 4] = [
 ];
 /// What a plant publishes in a scenario with faults.
 const PLANT_TRUTH: &str = "plant_truth";
-/// Among so many cycles are all in which terms and truths come together: each comes at least once in 240.
-const CYCLES: u32 = TERMS_EVERY_CYCLES as u32 * 240;
+/// Among so many cycles at most it is looked for the fullest one. Where they would be more, all is taken to come at once.
+const CYCLES_MAX: u32 = 1 << 16;
 /// Periods that are proposed are whole multiples of this.
 const PERIOD_STEP_MILLISECONDS: f64 = 0.1;
 
@@ -72,6 +72,14 @@ pub enum Pace {
 }
 
 impl BusShare {
+    /// Once in how many cycles it comes; none if it comes by the clock.
+    fn every(&self) -> Option<u32> {
+        match self.pace {
+            Pace::Cycles { every, .. } => Some(every.max(1).into()),
+            Pace::Milliseconds(_) => None,
+        }
+    }
+
     fn comes_in(&self, cycle: u32) -> bool {
         match self.pace {
             Pace::Cycles { every, remainder } => {
@@ -132,27 +140,38 @@ impl BusBudget {
     /// Bits of the fullest cycle.
     #[must_use]
     pub fn needed_bits(&self) -> f64 {
-        let bits = (0..CYCLES).map(|cycle| self.bits_in(cycle));
-        bits.fold(0.0, f64::max)
+        self.fullest().map(|share| share.bits).sum()
     }
 
-    fn bits_in(&self, cycle: u32) -> f64 {
-        self.shares_in(cycle).map(|share| share.bits).sum()
+    /// What comes in the fullest cycle.
+    fn fullest(&self) -> impl Iterator<Item = &BusShare> {
+        let bits_in = |cycle| -> f64 {
+            let shares = self.shares.iter().filter(|share| share.comes_in(cycle));
+            shares.map(|share| share.bits).sum()
+        };
+        let fullest = self.cycles().and_then(|cycles| {
+            (0..cycles).max_by(|one, other| bits_in(*one).total_cmp(&bits_in(*other)))
+        });
+        self.shares.iter().filter(move |share| match fullest {
+            Some(cycle) => share.comes_in(cycle),
+            None => share.every().is_some(),
+        })
     }
 
-    fn shares_in(&self, cycle: u32) -> impl Iterator<Item = &BusShare> {
-        let shares = self.shares.iter();
-        shares.filter(move |share| share.comes_in(cycle))
+    /// After so many cycles all comes again as at first; none if they are too many to look at each.
+    fn cycles(&self) -> Option<u32> {
+        let mut every = self.shares.iter().filter_map(BusShare::every);
+        every.try_fold(1_u32, |cycles, every| {
+            let together = cycles / greatest_common_divisor(cycles, every) * every;
+            (together <= CYCLES_MAX).then_some(together)
+        })
     }
 
     /// Who sends how many bits in the fullest cycle, in the order of the shares: `hand 860, left 345`.
     #[must_use]
     pub fn fullest_cycle(&self) -> String {
-        let is_fuller =
-            |one: &u32, other: &u32| self.bits_in(*one).total_cmp(&self.bits_in(*other));
-        let fullest = (0..CYCLES).max_by(is_fuller).unwrap_or_default();
         let mut nodes: Vec<(&str, f64)> = Vec::new();
-        for BusShare { node, bits, .. } in self.shares_in(fullest) {
+        for BusShare { node, bits, .. } in self.fullest() {
             match nodes.iter_mut().find(|(name, _)| name == node) {
                 Some((_, sum)) => *sum += bits,
                 None => nodes.push((node, *bits)),
@@ -183,16 +202,26 @@ impl BusBudget {
         self.needed_bits() <= self.available_bits() && self.load_percent() <= 100.0
     }
 
-    /// The shortest period that would fit.
+    /// The shortest period that would fit; none where what comes by the clock is too much for the bit rate by itself.
     #[must_use]
-    pub fn period_milliseconds_min(&self) -> f64 {
+    pub fn period_milliseconds_min(&self) -> Option<f64> {
         let bitrate = self.bitrate_kilobits_per_second;
+        if self.bits_per_millisecond() >= bitrate {
+            return None;
+        }
         let of_fullest = self.needed_bits() / bitrate;
         let of_all = self.bits_per_cycle() / (bitrate - self.bits_per_millisecond());
         let period = of_fullest.max(of_all);
         // A sum of whole bits is no tenth of a bit above a step.
         let steps = (period / PERIOD_STEP_MILLISECONDS - 1e-9).ceil();
-        steps * PERIOD_STEP_MILLISECONDS
+        Some(steps * PERIOD_STEP_MILLISECONDS)
+    }
+}
+
+fn greatest_common_divisor(one: u32, other: u32) -> u32 {
+    match other {
+        0 => one,
+        _ => greatest_common_divisor(other, one % other),
     }
 }
 
@@ -319,12 +348,36 @@ mod tests {
         let fits = of(1000.0);
         assert!(fits.fits());
         assert_eq!((fits.needed_bits(), fits.load_percent()), (900.0, 100.0));
-        assert_eq!(fits.period_milliseconds_min(), 1.0);
+        assert_eq!(fits.period_milliseconds_min(), Some(1.0));
         let too_much = of(1350.0);
         assert!(!too_much.fits());
         assert_eq!(too_much.needed_bits(), 900.0);
         // 900 / (1000 - 135) = 1.04
-        assert_eq!(too_much.period_milliseconds_min(), 1.1);
+        assert_eq!(too_much.period_milliseconds_min(), Some(1.1));
+    }
+
+    #[test]
+    fn what_seldom_comes_together_is_counted_together() {
+        let pace = |every, remainder| Pace::Cycles { every, remainder };
+        // They meet in cycle 4 of each 35.
+        let soon = budget(&[(500.0, pace(5, 4)), (600.0, pace(7, 4)), (100.0, EACH)]);
+        assert_eq!(soon.needed_bits(), 1200.0);
+        let never = budget(&[(500.0, pace(6, 1)), (600.0, pace(4, 2))]);
+        assert_eq!(never.needed_bits(), 600.0);
+        // After 199 · 211 · 10 cycles, too many to look at.
+        let rare = [
+            (500.0, pace(199, 0)),
+            (600.0, pace(211, 1)),
+            (100.0, pace(10, 3)),
+        ];
+        assert_eq!(budget(&rare).needed_bits(), 1200.0);
+    }
+
+    #[test]
+    fn no_period_is_proposed_where_none_would_do() {
+        let too_much = budget(&[(100.0, EACH), (10_000.0, Pace::Milliseconds(10.0))]);
+        assert!(!too_much.fits());
+        assert_eq!(too_much.period_milliseconds_min(), None);
     }
 
     #[test]

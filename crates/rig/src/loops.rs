@@ -164,14 +164,13 @@ fn with_texts(
     setups.collect()
 }
 
-/// As [`load`], for a rig file alone, on which nothing is tried.
+/// As [`parse`], for the text of a rig file alone, on which nothing is tried.
 ///
 /// # Errors
-/// The file cannot be read or is not valid.
-pub fn of_rig(path: &Path, catalogue: &Catalogue) -> Result<Vec<Setup>, ScenarioError> {
-    let (_, text) = Rig::load_with_text(path)?;
+/// It is not valid.
+pub fn of_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Vec<Setup>, ScenarioError> {
     let object = |loops: &Loops<Scenario>| setups(loops.clone(), catalogue).err();
-    let loops = Loops::of_rig(&text, &path.display().to_string(), object)?;
+    let loops = Loops::of_rig(text, &path.display().to_string(), object)?;
     Ok(with_texts(loops, path, &Texts::default(), catalogue))
 }
 
@@ -284,7 +283,12 @@ fn objection(loops: &Loops<Scenario>, catalogue: &Catalogue) -> Option<Objection
 
 /// A rig whose cycle is too short for its frames.
 fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
-    let period_min = budget.period_milliseconds_min();
+    let way_out = match budget.period_milliseconds_min() {
+        Some(period) => format!(
+            "write sync_period_milliseconds = {period:.1} into [bus], or publish the truth less often (truth_every_cycles)"
+        ),
+        None => "no period would do: raise bitrate_kilobits_per_second in [bus]".to_owned(),
+    };
     (!budget.fits()).then(|| Objection {
         path: "bus.sync_period_milliseconds".to_owned(),
         message: "the frames of this rig do not fit between two SYNCs".to_owned(),
@@ -296,7 +300,7 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
             ),
         },
         help: Some(format!(
-            "write sync_period_milliseconds = {period_min:.1} into [bus], or publish the truth less often (truth_every_cycles); bits in the fullest cycle: {}",
+            "{way_out}; bits in the fullest cycle: {}",
             budget.fullest_cycle()
         )),
     })

@@ -15,6 +15,8 @@ use scenario::{Scenario, ScenarioError, read_text};
 
 use crate::data_sheet::{CONTROLLER_NODE_ID, FILE_BYTES_MAX};
 
+/// 36 mm is 36.00000000000001 mm once it was metres.
+const ROUNDING_MILLIMETRES: f64 = 1e-6;
 /// Default name of a rig file, beside the scenarios.
 pub const RIG_FILE: &str = "rig.toml";
 /// Messages of the fan and load module; their identifiers are a function code and the node-ID.
@@ -166,7 +168,7 @@ impl LoadedRig {
         for time in times.take_while(|time| *time < duration) {
             let seconds = time.as_secs_f64();
             let wanted = 1e3 * trajectory.at(seconds).position_metres;
-            if !(min..=max).contains(&wanted) {
+            if !(min - ROUNDING_MILLIMETRES..=max + ROUNDING_MILLIMETRES).contains(&wanted) {
                 let symbol = scenario.wiring.unit.symbol();
                 return Err(format!(
                     "the set-point is {wanted} {symbol} at {seconds} s, beyond the rig's limits ({min} to {max} {symbol})"
@@ -310,6 +312,16 @@ mod tests {
                 None
             );
         }
+    }
+
+    #[test]
+    fn a_set_point_on_the_limit_is_admitted() {
+        let text = "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
+            [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 36.0\n";
+        let scenario = Scenario::parse(text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let rig = |max: &str| load(&RIG.replace("max = 45.0", max)).unwrap();
+        assert_eq!(rig("max = 36.0").admits(&scenario), Ok(()));
+        assert!(rig("max = 35.9").admits(&scenario).is_err());
     }
 
     #[test]

@@ -14,7 +14,7 @@ use scenario::{Scenario, ScenarioError, Texts};
 
 use crate::catalogue::{Catalogue, Frames};
 use crate::external::{External, ExternalNode};
-use crate::rig_file::{LoadedRig, RigError};
+use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
 
 /// Names of the nodes where no rig gives others.
@@ -114,16 +114,15 @@ impl Setup {
     }
 
     /// A rig with a drive of its own, on which nothing is tried.
-    ///
-    /// # Errors
-    /// Never: no rig has a part in it.
-    pub fn of_rig(rig: LoadedRig) -> Result<Self, RigError> {
+    #[must_use]
+    pub fn of_rig(rig: LoadedRig) -> Self {
         let text = "schema = 1\nname = \"a rig\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let no_table = |_: &str| Err(io::ErrorKind::NotFound.into());
-        let scenario = Scenario::parse(text, "a rig", no_table)?;
+        let scenario = Scenario::parse(text, "a rig", no_table);
+        let scenario = scenario.expect("this scenario is valid");
         let frames = Arc::new(Frames::from_database(Arc::clone(&rig.database)));
         let external = External::default().with_drive();
-        Ok(Self::with_frames(scenario, frames).recorded_on(Some(Arc::new(rig)), external))
+        Self::with_frames(scenario, frames).recorded_on(Some(Arc::new(rig)), external)
     }
 
     fn with_frames(scenario: Scenario, frames: Arc<Frames>) -> Self {

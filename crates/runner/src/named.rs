@@ -2,15 +2,14 @@
 
 use std::path::Path;
 
+use scenario::Scenario;
 use scenario::rig::RigFile;
 use scenario::rig::nodes::Rig;
-use scenario::{Scenario, read_text};
 
 use crate::console::print_diagnostic;
 use crate::exit::Exit;
 use crate::recorded::{read_played, refuse};
-use crate::scenarios::{load, read_rig};
-use rig::FILE_BYTES_MAX;
+use crate::scenarios::{load, read_rig, rig_text};
 use rig::setup::Setup;
 use worlds::catalogue::catalogue;
 
@@ -27,15 +26,17 @@ pub fn setups_of(path: &Path) -> Result<Vec<Setup>, Exit> {
         print_diagnostic(error);
         Exit::CannotStart
     };
-    let text = read_text(path, FILE_BYTES_MAX);
-    // Who asks for nodes names a rig, unless it is a scenario. What cannot be read may be the name of one that ships.
-    let is_rig =
-        |text: &String| Rig::is_meant(text) || !RigFile::is_meant(text) && !Scenario::may_be(text);
-    if text.as_ref().is_ok_and(is_rig) {
-        return rig::loops::of_rig(path, catalogue()).map_err(invalid);
+    // What cannot be read may be the name of a scenario that ships.
+    let Ok(text) = rig_text(path) else {
+        return load(path, &[]);
+    };
+    let is_of_one_drive = RigFile::is_meant(&text);
+    // Who asks for nodes names a rig, unless it is a scenario.
+    if Rig::is_meant(&text) || !is_of_one_drive && !Scenario::may_be(&text) {
+        return rig::loops::of_rig(path, &text, catalogue()).map_err(invalid);
     }
-    if RigFile::is_meant(&text.unwrap_or_default()) {
-        let setup = read_rig(path).and_then(Setup::of_rig);
+    if is_of_one_drive {
+        let setup = read_rig(path).map(Setup::of_rig);
         return setup.map(|setup| vec![setup]).map_err(|error| {
             print_diagnostic(error);
             Exit::CannotStart

@@ -94,6 +94,11 @@ pub(crate) trait Testbed {
     /// Why they cannot be played here.
     fn prepare(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String>;
 
+    /// Whether nothing more may be played on it.
+    fn is_over(&self) -> bool {
+        false
+    }
+
     /// What becomes of frames that a viewer is too slow for.
     fn when_full(&self) -> WhenFull;
 
@@ -126,7 +131,7 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
         };
         verdicts.extend(judged.map(|judged| judged.verdict));
         worst = worst.max(exit);
-        if exit == Exit::Interrupted {
+        if exit == Exit::Interrupted || testbed.is_over() {
             break;
         }
     }

@@ -99,6 +99,17 @@ pub(crate) fn read_rig(path: &Path) -> Result<LoadedRig, RigError> {
     LoadedRig::from_text(shipped.text).map(|rig| LoadedRig { path, ..rig })
 }
 
+/// The text of a rig file, or where there is none, of the one that ships by this name.
+///
+/// # Errors
+/// There is none, or it cannot be read.
+pub(crate) fn rig_text(path: &Path) -> io::Result<String> {
+    match shipped::rig(path) {
+        Some(shipped) => Ok(shipped.text.to_owned()),
+        None => read_text(path, FILE_BYTES_MAX),
+    }
+}
+
 /// Whether a path that leads nowhere looks like the name of a scenario that ships.
 fn is_bare_name(path: &Path) -> bool {
     path.extension().is_none() && path.is_relative() && !path.exists()

@@ -34,7 +34,8 @@ fn plant_objection(scenario: &Scenario) -> Option<Objection> {
         Err(
             InvalidEmulator::UnknownPort(_)
             | InvalidEmulator::Unit { .. }
-            | InvalidEmulator::Elsewhere(_),
+            | InvalidEmulator::Elsewhere(_)
+            | InvalidEmulator::Machine { .. },
         ) => {
             return Some(Objection {
                 path: format!("plant.{plant}"),

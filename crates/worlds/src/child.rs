@@ -111,6 +111,9 @@ impl NodeProcess {
 
     /// Stops the process where it is as a fault of the scenario, or lets it go on.
     pub(super) fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
+        if self.is_killed_by_fault {
+            return Ok(());
+        }
         let number = self.child.id().unwrap_or_default();
         process::suspend(number, is_suspended).map_err(|source| WorldError::Spawn {
             name: self.name.clone(),

@@ -55,6 +55,16 @@ pub enum WorldError {
         /// Why.
         reason: String,
     },
+    /// The machine does not let a node be built now.
+    #[error("the {name} cannot be set up: {what}: {source}")]
+    NodeNow {
+        /// Which node.
+        name: String,
+        /// What the machine refuses.
+        what: String,
+        /// Why.
+        source: io::Error,
+    },
     /// A process ended before its time, or badly.
     #[error("the {name} {how}{log}")]
     Process {
@@ -141,7 +151,10 @@ impl WorldError {
     #[must_use]
     pub fn is_before_start(&self) -> bool {
         match self {
-            Self::Node { .. } | Self::Spawn { .. } | Self::Preflight { .. } => true,
+            Self::Node { .. }
+            | Self::NodeNow { .. }
+            | Self::Spawn { .. }
+            | Self::Preflight { .. } => true,
             Self::Process { doing, .. } => *doing == Doing::NotSetUp,
             _ => false,
         }

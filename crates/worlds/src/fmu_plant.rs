@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, SystemTime};
 
+use fmu::Fault;
 use fmu::table::{self, Misfit, wiring};
 use fmu::unit::Conversion;
 use fmu::worker::{LOAD_PATIENCE, Remote};
@@ -129,12 +130,16 @@ fn described(port: Port, of: &table::Port) -> Port {
 fn make(scenario: &Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> {
     let fmu = of(scenario)?;
     let (opened, wiring) = wired(fmu)?;
-    let unpacked = opened.unpacked().map_err(elsewhere)?;
-    let worker = fmu_worker::start().map_err(|error| {
-        elsewhere(format!(
-            "no process to load {} can be started: {error}",
-            fmu.file
-        ))
+    let unpacked = opened.unpacked().map_err(|error| match error.fault {
+        Fault::File { place, source } => InvalidEmulator::Machine {
+            what: format!("{}: {place}", error.file.display()),
+            source,
+        },
+        _ => elsewhere(error),
+    })?;
+    let worker = fmu_worker::start().map_err(|source| InvalidEmulator::Machine {
+        what: format!("no process to load {} can be started", fmu.file),
+        source,
     })?;
     let mut raw = vec![0.0; wiring.outputs.len()];
     let remote = Remote::load(worker, &unpacked, &wiring.setup, &mut raw).map_err(elsewhere)?;

@@ -19,7 +19,7 @@ use rig::setup::Setup;
 /// # Errors
 /// The scenario's plant cannot be emulated.
 pub fn plant_emulator(scenario: &Scenario) -> Result<Box<dyn Node>, WorldError> {
-    catalogue::emulator(scenario).map_err(|error| no_emulator(PLANT_EMULATOR, &error))
+    catalogue::emulator(scenario).map_err(|error| no_emulator(PLANT_EMULATOR, error))
 }
 
 /// A plant with all drives that move it: those of the loops whose emulator has this name.
@@ -43,13 +43,17 @@ pub fn plant_emulator_of(setups: &[Setup], name: &str) -> Result<Box<dyn Node>, 
     let plant = scenarios.first().map(|one| one.wiring.plant.as_str());
     let plant = plant.filter(|plant| !plant.is_empty()).unwrap_or(name);
     let made = catalogue::emulator_of(plant, &Vec::from_iter(drives));
-    made.map_err(|error| no_emulator(name, &error))
+    made.map_err(|error| no_emulator(name, error))
 }
 
-fn no_emulator(name: &str, error: &InvalidEmulator) -> WorldError {
-    WorldError::Node {
-        name: name.to_owned(),
-        reason: error.to_string(),
+fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {
+    let name = name.to_owned();
+    match error {
+        InvalidEmulator::Machine { what, source } => WorldError::NodeNow { name, what, source },
+        error => WorldError::Node {
+            name,
+            reason: error.to_string(),
+        },
     }
 }
 

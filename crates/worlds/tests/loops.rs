@@ -233,7 +233,7 @@ fn a_cycle_that_is_too_short_is_refused_with_the_one_that_fits() {
         fs::write(&path, read("two_axes.toml")).unwrap();
         rig::loops::load(&path, catalogue())
     };
-    let period = budget.period_milliseconds_min();
+    let period = budget.period_milliseconds_min().unwrap();
     assert!(load_at(&format!("{period:.1}")).is_ok());
     let error = load_at(&format!("{:.1}", period - 0.1)).unwrap_err();
     let text = scenario::without_colours(&error);

@@ -24,7 +24,7 @@ use crate::sweep::store::{Header, StoreError};
 /// Folder of the engine's files, in that of the campaign.
 const ENGINE: &str = "engine";
 /// The record of the job.
-const RECORD: &str = "engine/campaign.json";
+pub(super) const RECORD: &str = "engine/campaign.json";
 /// Largest record that is read.
 const RECORD_BYTES_MAX: u64 = 16 << 20;
 /// The copy of this program.

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use clap::Args;
 
-use super::campaign::{Record, SharedCampaign, Submitted};
+use super::campaign::{RECORD, Record, SharedCampaign, Submitted};
 use super::round::{RowCounter, Waited, wait};
 use super::{EngineError, EngineKind, Limits};
 use crate::sweep::Shard;
@@ -233,7 +233,7 @@ fn cases(args: &SubmitArgs, setups: &[Setup]) -> Result<CampaignCases, MergeErro
 fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, SubmitError> {
     let path = campaign.path();
     let known = campaign.record().map_err(|source| SubmitError::Record {
-        path: path.clone(),
+        path: path.join(RECORD),
         source,
     })?;
     let limits = |known: Limits| Limits {
@@ -254,12 +254,13 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
             Some(Record {
                 job: Some(job),
                 engine,
+                limits,
                 ..
             }),
             Some(_),
         ) if !args.dry_run => Err(SubmitError::Submitted {
             engine: format!("{engine:?}"),
-            cancel: engine.engine().cancel_words(&job.id),
+            cancel: (engine.engine()).cancel_words(&job.id, limits.queue.as_deref()),
             job: job.id,
         }),
         // The parts are there as they were cut.
@@ -339,8 +340,9 @@ fn play(
         begun += 1;
         match wait(engine, campaign, &submitted, &counter, &bar)? {
             Waited::Interrupted => {
+                let queue = record.limits.queue.as_deref();
                 return Err(SubmitError::Interrupted {
-                    cancel: engine.cancel_words(&submitted.id),
+                    cancel: engine.cancel_words(&submitted.id, queue),
                 });
             }
             Waited::Over(failed) => {

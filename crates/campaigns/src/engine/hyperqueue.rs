@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::program::run;
-use super::{Engine, EngineError, Job, JobState};
+use super::{Engine, EngineError, Job, JobState, quoted};
 
 /// Names the Python that has the client.
 const PYTHON: &str = "CANRIG_PYTHON";
@@ -65,8 +65,9 @@ impl Engine for Hyperqueue {
         parsed(&python(file, &["state", id])?)
     }
 
-    fn cancel_words(&self, id: &str) -> String {
-        format!("hq job cancel {id}")
+    fn cancel_words(&self, id: &str, queue: Option<&str>) -> String {
+        let server = queue.map(|queue| format!(" --server-dir {}", quoted(queue)));
+        format!("hq job cancel {id}{}", server.unwrap_or_default())
     }
 }
 
@@ -74,7 +75,7 @@ fn python(file: &Path, arguments: &[&str]) -> Result<String, EngineError> {
     let program = env::var(PYTHON).unwrap_or_else(|_| "python3".to_owned());
     let file = file.to_string_lossy();
     let arguments = [&[&*file], arguments].concat();
-    run(&program, &arguments, "", HELP)
+    run(&program, &arguments, HELP)
 }
 
 /// What the script prints.

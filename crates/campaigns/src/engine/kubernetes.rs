@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::program::run;
-use super::{Engine, EngineError, Job, JobState, command_line};
+use super::{Engine, EngineError, Job, JobState, command_line, quoted};
 use runner::exit::Exit;
 
 const HELP: &str = "kubectl must be in the PATH and know the cluster";
@@ -61,7 +61,7 @@ impl Engine for Kubernetes {
 
     fn submit(&self, file: &Path) -> Result<String, EngineError> {
         let file = file.to_string_lossy();
-        let said = run("kubectl", &["create", "-f", &file, "-o", "name"], "", HELP)?;
+        let said = run("kubectl", &["create", "-f", &file, "-o", "name"], HELP)?;
         match said.trim().strip_prefix("job.batch/") {
             Some(name) => Ok(name.to_owned()),
             None => Err(EngineError::unclear("kubectl", &said)),
@@ -70,7 +70,7 @@ impl Engine for Kubernetes {
 
     fn state(&self, _: &str, file: &Path, parts: &[usize]) -> Result<JobState, EngineError> {
         let file = file.to_string_lossy();
-        match run("kubectl", &["get", "-f", &file, "-o", "json"], "", HELP) {
+        match run("kubectl", &["get", "-f", &file, "-o", "json"], HELP) {
             Err(EngineError::Refused { words, .. }) if words.contains(FORGOTTEN) => Ok(JobState {
                 is_over: true,
                 ..JobState::default()
@@ -79,8 +79,9 @@ impl Engine for Kubernetes {
         }
     }
 
-    fn cancel_words(&self, id: &str) -> String {
-        format!("kubectl delete job {id}")
+    fn cancel_words(&self, id: &str, queue: Option<&str>) -> String {
+        let namespace = queue.map(|queue| format!(" -n {}", quoted(queue)));
+        format!("kubectl delete job {id}{}", namespace.unwrap_or_default())
     }
 }
 

@@ -91,8 +91,8 @@ trait Engine: Sync {
     /// How far a job is.
     fn state(&self, id: &str, file: &Path, parts: &[usize]) -> Result<JobState, EngineError>;
 
-    /// How people take a job away again.
-    fn cancel_words(&self, id: &str) -> String;
+    /// How people take a job away again that is in a queue.
+    fn cancel_words(&self, id: &str, queue: Option<&str>) -> String;
 }
 
 /// A word of a shell's command line.

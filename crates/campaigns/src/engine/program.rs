@@ -1,6 +1,6 @@
 //! The engines' own programs.
 
-use std::io::{self, Write};
+use std::io;
 use std::process::{Command, Stdio};
 
 /// So much of what a program says about its failure is repeated.
@@ -34,11 +34,10 @@ impl EngineError {
     }
 }
 
-/// Runs a program to its end with a text as its input; returns what it prints.
+/// Runs a program to its end; returns what it prints.
 pub(super) fn run(
     program: &str,
     arguments: &[&str],
-    input: &str,
     help: &'static str,
 ) -> Result<String, EngineError> {
     let absent = |source| EngineError::Absent {
@@ -46,18 +45,11 @@ pub(super) fn run(
         source,
         help,
     };
-    let mut child = Command::new(program)
+    let output = Command::new(program)
         .args(arguments)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
+        .stdin(Stdio::null())
+        .output()
         .map_err(absent)?;
-    if let Some(mut stdin) = child.stdin.take() {
-        // Whoever does not read it says so by its exit code.
-        let _ = stdin.write_all(input.as_bytes());
-    }
-    let output = child.wait_with_output().map_err(absent)?;
     if !output.status.success() {
         let words = String::from_utf8_lossy(&output.stderr);
         let words = match words.trim() {
@@ -90,17 +82,15 @@ mod tests {
     #[test]
     fn what_a_program_says_of_its_failure_is_repeated() {
         let help = "is it installed?";
-        let error = run("/nowhere/sbatch", &[], "", help)
-            .unwrap_err()
-            .to_string();
+        let error = run("/nowhere/sbatch", &[], help).unwrap_err().to_string();
         assert!(
             error.starts_with("/nowhere/sbatch cannot be started"),
             "{error}"
         );
         assert!(error.ends_with(help), "{error}");
-        let error = run("sh", &["-c", "echo queue closed >&2; exit 3"], "", help);
+        let error = run("sh", &["-c", "echo queue closed >&2; exit 3"], help);
         let error = error.unwrap_err().to_string();
         assert_eq!(error, "sh refuses (exit status: 3): queue closed");
-        assert_eq!(run("cat", &[], "text", help).unwrap(), "text");
+        assert_eq!(run("printf", &["text"], help).unwrap(), "text");
     }
 }

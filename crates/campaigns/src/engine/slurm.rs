@@ -50,7 +50,7 @@ impl Engine for Slurm {
 
     fn submit(&self, file: &Path) -> Result<String, EngineError> {
         let file = file.to_string_lossy();
-        let said = run("sbatch", &["--parsable", &file], "", HELP)?;
+        let said = run("sbatch", &["--parsable", &file], HELP)?;
         // The number of the job, and the name of the cluster where there are several.
         let id = said.trim().split(';').next().unwrap_or_default();
         match id.parse::<u64>() {
@@ -62,7 +62,7 @@ impl Engine for Slurm {
     fn state(&self, id: &str, _: &Path, parts: &[usize]) -> Result<JobState, EngineError> {
         let job = format!("--jobs={id}");
         let asked = ["--noheader", "--array", "--states=all", &job, FORMAT];
-        match run("squeue", &asked, "", HELP) {
+        match run("squeue", &asked, HELP) {
             Err(EngineError::Refused { words, .. }) if words.contains(FORGOTTEN) => Ok(JobState {
                 is_over: true,
                 ..JobState::default()
@@ -71,7 +71,7 @@ impl Engine for Slurm {
         }
     }
 
-    fn cancel_words(&self, id: &str) -> String {
+    fn cancel_words(&self, id: &str, _: Option<&str>) -> String {
         format!("scancel {id}")
     }
 }

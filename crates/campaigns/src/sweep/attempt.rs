@@ -32,8 +32,6 @@ const KERNEL_NODE: &str = "/proc/sys/kernel/hostname";
 pub(crate) struct Tried {
     /// On which machine.
     pub(crate) node: String,
-    /// Rows that were there when it began.
-    pub(crate) found: usize,
     /// What became of it.
     pub(crate) fate: Fate,
 }
@@ -180,8 +178,7 @@ pub(crate) fn tried(folder: &Path) -> io::Result<Vec<Tried>> {
     let mut tried: Vec<(&str, Tried)> = Vec::new();
     for line in text.lines() {
         let mut words = line.split(' ');
-        let (Some(what), Some(attempt), Some(node), Some(rows)) =
-            (words.next(), words.next(), words.next(), words.next())
+        let (Some(what), Some(attempt), Some(node)) = (words.next(), words.next(), words.next())
         else {
             continue;
         };
@@ -190,7 +187,6 @@ pub(crate) fn tried(folder: &Path) -> io::Result<Vec<Tried>> {
                 attempt,
                 Tried {
                     node: node.to_owned(),
-                    found: rows.parse().unwrap_or_default(),
                     fate: Fate::Lost,
                 },
             )),
@@ -337,8 +333,8 @@ mod tests {
         end(store, folder.path());
         assert_eq!(rows(folder.path()), undisturbed());
         let tried = tried(folder.path()).unwrap();
-        let seen: Vec<_> = tried.iter().map(|one| (one.found, one.fate)).collect();
-        assert_eq!(seen, [(0, Fate::Lost), (2, Fate::Ended)]);
+        let seen: Vec<_> = tried.iter().map(|one| one.fate).collect();
+        assert_eq!(seen, [Fate::Lost, Fate::Ended]);
     }
 
     #[test]

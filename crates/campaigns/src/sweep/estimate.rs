@@ -9,7 +9,7 @@ use runner::observer::observed;
 
 use super::cases::Cases;
 use super::part::PartError;
-use crate::campaign::NoResult;
+use crate::campaign::{NoResult, caught};
 
 /// Runs of the probe at most, spread over all cases.
 const PROBES_MAX: usize = 24;
@@ -52,7 +52,7 @@ impl Estimate {
             for number in 0..probes {
                 // In the middle of as many stretches of the same length.
                 let case = (2 * number + 1) * runs / (2 * probes) + 1;
-                let row = match cases.play(case.min(runs), &watch) {
+                let row = match caught(|| cases.play(case.min(runs), &watch)) {
                     Ok(row) => row,
                     Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
                     Err(NoResult::Machine(reason)) => {

@@ -103,6 +103,8 @@ pub(crate) enum StoreError {
     Older { path: PathBuf, version: String },
     #[error("line {line} of {} is damaged: `canrig sweep` plays its run again", path.display())]
     Damaged { path: PathBuf, line: usize },
+    #[error("the row of case {case} in {} is damaged: `canrig sweep` plays its run again", path.display())]
+    DamagedRow { path: PathBuf, case: usize },
 }
 
 /// Rows that grow. They are this program's alone while it is open.
@@ -323,9 +325,9 @@ impl Store {
         let row = line
             .strip_suffix(b"\n")
             .and_then(|line| self.seal.open(line));
-        row.map(Some).ok_or_else(|| StoreError::Damaged {
+        row.map(Some).ok_or_else(|| StoreError::DamagedRow {
             path: self.path.clone(),
-            line: case,
+            case,
         })
     }
 

@@ -1,5 +1,6 @@
 //! The command.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -7,7 +8,7 @@ use clap::Args;
 
 use super::cases::{Draws, TortureCases};
 use super::shrink::TortureCase;
-use crate::campaign::{Campaign, NoResult, Stopped};
+use crate::campaign::{Campaign, NoResult, Stopped, caught};
 use crate::sweep::Shard;
 use crate::sweep::cases::Cases;
 use crate::sweep::estimate::Estimate;
@@ -278,7 +279,7 @@ fn shrink_all(
     Ok(())
 }
 
-/// Plays the case once more into a run folder, whose scenario reproduces its log.
+/// Plays the case once more into a run folder, whose scenario reproduces its log. A case that panics leaves the scenario there.
 fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
     let setups = case.loops()?;
     let (watch, taps) = (Watch::default(), Vec::new());
@@ -286,12 +287,18 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
         parent: output,
         is_long: false,
     };
-    let judged = run_loops(&setups, place, &watch, taps, |_, capture| {
-        lockstep::simulate_loops(&setups, capture).map(Played::in_virtual_time)
+    let folder = RefCell::new(output.to_owned());
+    let judged = caught(|| {
+        let judged = run_loops(&setups, place, &watch, taps, |own, capture| {
+            own.path().clone_into(&mut folder.borrow_mut());
+            lockstep::simulate_loops(&setups, capture).map(Played::in_virtual_time)
+        });
+        Ok(judged.map(|_| ()))
     });
-    judged
-        .map(|judged| judged.folder)
-        .map_err(|error| error.to_string())
+    match judged {
+        Ok(Err(error)) => Err(error.to_string()),
+        Ok(Ok(())) | Err(_) => Ok(folder.into_inner()),
+    }
 }
 
 fn summary(seed: u64, played: usize, broken: &Broken) -> String {

@@ -88,7 +88,7 @@ fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     violated("verdict", format!("{}: {reason}", verdict.outcome.word()))
 }
 
-/// The recording is complete: the plant publishes from the first message to the end.
+/// The recording is complete: the plant publishes from its first message to its last. A fault may keep it from the bus from then on.
 fn truth_is_complete(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let truth = &played.timeline().truth;
     let gap = truth

@@ -33,7 +33,7 @@ pub struct TortureCase {
 }
 
 impl TortureCase {
-    /// The base scenario with other faults and without limits.
+    /// The base scenario with other faults, without limits and without a sweep, whose keys may be gone with the faults.
     ///
     /// # Errors
     /// The text is no TOML.
@@ -45,6 +45,7 @@ impl TortureCase {
     ) -> Result<Self, String> {
         let mut document: Table = base.parse().map_err(|error| format!("{error}"))?;
         document.remove("expect");
+        document.remove("sweep");
         document.insert("fault".to_owned(), Value::Table(faults));
         let seed = i64::try_from(seed % (1 << 53)).unwrap_or_default();
         document.insert("seed".to_owned(), seed.into());

@@ -224,9 +224,9 @@ impl TimelineReader {
 
     /// Takes a frame for those that read few: most frames are cyclic and none of theirs.
     fn on_rare_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
-        if let Some(time) = time {
-            self.losses.on_frame(&stamped.frame, time);
-        }
+        // Who was heard before the scenario began is missed from its begin on.
+        self.losses
+            .on_frame(&stamped.frame, time.unwrap_or_default());
         if stamped.frame.raw_id() == self.truth.raw_id() {
             self.truth.on_frame(stamped);
         }

@@ -83,12 +83,9 @@ fn what_an_external_drive_cannot_be_is_refused() {
 
 #[test]
 fn an_emulated_drive_may_be_somebody_else_s() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("two_axes_rig.toml");
-    fs::write(&path, TWO_AXES).unwrap();
     let plants = [("dc_motor", &[][..])].into_iter();
     let catalogue = Catalogue::new(plants, std::iter::empty(), |_| None, |_| None);
-    let setups = of_rig(&path, &catalogue).unwrap();
+    let setups = of_rig(Path::new("two_axes_rig.toml"), TWO_AXES, &catalogue).unwrap();
     let truth = |setups: &[Setup]| {
         let names = ["plant_truth", "y_plant_truth"];
         names.map(|name| setups[0].database.message(name).unwrap().is_silent())

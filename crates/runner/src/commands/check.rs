@@ -12,10 +12,8 @@ use scenario::rig::nodes::Rig;
 use crate::console::{print, print_error, usage_error};
 use crate::exit::Exit;
 use crate::play::ValueArgs;
-use crate::scenarios::{read, read_rig, scenario_files};
-use crate::shipped;
+use crate::scenarios::{read, read_rig, rig_text, scenario_files};
 use report::terminal::empty_table;
-use rig::FILE_BYTES_MAX;
 use rig::bus_budget::{BusBudget, Pace};
 use rig::loops::check_rig;
 use rig::setup::Setup;
@@ -62,7 +60,7 @@ struct Valid {
 }
 
 fn checked(path: &Path, overrides: &[Override]) -> miette::Result<Valid> {
-    let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
+    let text = rig_text(path).unwrap_or_default();
     if Rig::is_meant(&text) {
         let (rig, bus) = check_rig(&text, &path.display().to_string(), catalogue())?;
         let name = format!("rig: {}", rig.name);
@@ -71,7 +69,7 @@ fn checked(path: &Path, overrides: &[Override]) -> miette::Result<Valid> {
             bus: Some(bus),
         });
     }
-    if RigFile::is_meant(&text) || shipped::rig(path).is_some() {
+    if RigFile::is_meant(&text) {
         let loaded = read_rig(path)?;
         let name = format!("rig: {}", loaded.file.name);
         return Ok(Valid { name, bus: None });
@@ -108,12 +106,17 @@ fn arithmetic(bus: &BusBudget) -> String {
     bits.set_cell_alignment(CellAlignment::Right);
     let (period, bitrate) = (bus.period_milliseconds, bus.bitrate_kilobits_per_second);
     let (available, load) = (bus.available_bits(), bus.load_percent());
-    let (needed, shortest) = (bus.needed_bits(), bus.period_milliseconds_min());
+    let needed = bus.needed_bits();
+    let shortest = bus
+        .period_milliseconds_min()
+        .map_or_else(String::new, |period| {
+            format!("The shortest sync_period_milliseconds that fits is {period:.1}.\n")
+        });
     format!(
         "{table}\n\
          Bits are counted with as many stuff bits as a frame can have.\n\
          {period} ms at {bitrate} kbit/s are {available:.0} bits between two SYNCs. The fullest cycle needs {needed:.0} of them; \
          over many cycles the load is {load:.0} %.\n\
-         The shortest sync_period_milliseconds that fits is {shortest:.1}.\n"
+         {shortest}"
     )
 }

@@ -297,6 +297,11 @@ impl RunPlan<'_> {
 }
 
 impl Testbed for RunPlan<'_> {
+    /// A drive that failed its pre-flight is led by nobody.
+    fn is_over(&self) -> bool {
+        self.preflight.has_failed()
+    }
+
     fn prepare(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String> {
         let has_rig = setups.iter().any(|setup| setup.nodes.is_some());
         let setups = match has_rig {

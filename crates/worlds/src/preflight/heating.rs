@@ -277,7 +277,7 @@ impl<'a> Heating<'a> {
             return Found::Missing("none was sent".to_owned());
         };
         let Some(after) = quick_stop.without_current_after else {
-            return disobeyed(quick_stop);
+            return disobeyed(quick_stop, self.no_current_amperes());
         };
         let (after_milliseconds, limit_milliseconds) =
             (after.as_secs_f64() * 1e3, limit.as_millis());
@@ -307,15 +307,15 @@ impl<'a> Heating<'a> {
     }
 }
 
-/// A drive that never showed that no current flows.
-fn disobeyed(quick_stop: &QuickStop) -> Found {
+/// A drive that never showed that it is switched off.
+fn disobeyed(quick_stop: &QuickStop, no_current_amperes: f64) -> Found {
     match quick_stop.last.map(|sample| sample.current_amperes) {
         // As when a limit was violated: NMT stop came at once.
         None => Found::Missing("no sample came after it".to_owned()),
-        Some(Some(amperes)) => Found::Failed(format!(
+        Some(Some(amperes)) if amperes.abs() > no_current_amperes => Found::Failed(format!(
             "the drive does not obey: {amperes:.2} A flow on; switch it off by hand"
         )),
-        Some(None) => {
+        Some(_) => {
             Found::Failed("the drive stays in Operation enabled; switch it off by hand".to_owned())
         }
     }

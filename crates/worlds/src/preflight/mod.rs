@@ -10,7 +10,7 @@ mod interface;
 mod interview;
 mod phase;
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::slice;
@@ -69,8 +69,9 @@ pub enum PreflightEvent {
 /// The pre-flight of one command: made once for each drive, before its first scenario.
 pub struct Preflight {
     may_heat: bool,
-    /// Of which drives it was made.
-    made: RefCell<BTreeSet<String>>,
+    /// Which drives passed it.
+    passed: RefCell<BTreeSet<String>>,
+    has_failed: Cell<bool>,
 }
 
 impl Preflight {
@@ -79,11 +80,18 @@ impl Preflight {
     pub fn new(may_heat: bool) -> Self {
         Self {
             may_heat,
-            made: RefCell::default(),
+            passed: RefCell::default(),
+            has_failed: Cell::default(),
         }
     }
 
-    /// Makes the checks of each drive that is not the emulator, unless they have been made; a folder in `parent` keeps what was
+    /// Whether a check failed, or could not be made: then nothing more may be played.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        self.has_failed.get()
+    }
+
+    /// Makes the checks of each drive that is not the emulator, unless it has passed them; a folder in `parent` keeps what was
     /// on the bus while a drive was led.
     ///
     /// # Errors
@@ -97,10 +105,27 @@ impl Preflight {
         watch: &Watch,
         report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
+        let session = Session {
+            parent,
+            connection,
+            watch,
+        };
+        let made = self.check_drives(setups, bus, session, report);
+        self.has_failed.set(made.is_err());
+        made
+    }
+
+    fn check_drives(
+        &self,
+        setups: &[Setup],
+        bus: &RunBus,
+        session: Session<'_>,
+        report: &dyn Fn(&PreflightEvent),
+    ) -> Result<End, WorldError> {
         let is_external = |setup: &&Setup| setup.external.has(ExternalNode::Drive);
-        let setups = Vec::from_iter(setups.iter().filter(is_external));
-        let is_new = |setup: &&Setup| self.made.borrow_mut().insert(who(setup));
-        let setups = Vec::from_iter(setups.into_iter().filter(is_new));
+        let has_passed = |setup: &&Setup| self.passed.borrow().contains(&who(setup));
+        let setups = setups.iter().filter(is_external);
+        let setups = Vec::from_iter(setups.filter(|setup| !has_passed(setup)));
         let Some(first) = setups.first() else {
             return Ok(End::Completed);
         };
@@ -112,15 +137,21 @@ impl Preflight {
             pass(vec![Check::open("drive", text)], report)?;
             return Ok(End::Completed);
         }
+        let Session {
+            parent,
+            connection,
+            watch,
+        } = session;
         for setup in setups {
             let session = Session {
                 parent,
-                connection,
+                connection: &mut *connection,
                 watch,
             };
-            if self.check_drive(setup, session, report)? == End::Interrupted {
-                return Ok(End::Interrupted);
-            }
+            match self.check_drive(setup, session, report)? {
+                End::Completed => self.passed.borrow_mut().insert(who(setup)),
+                end => return Ok(end),
+            };
         }
         Ok(End::Completed)
     }

@@ -156,7 +156,7 @@ impl Motion {
 #[derive(Debug)]
 pub(super) struct QuickStop {
     sent_at: Duration,
-    /// How long after it the drive first showed that no current flows.
+    /// How long after it the drive first showed that no current flows, and that it has left Operation enabled.
     pub(super) without_current_after: Option<Duration>,
     /// The last sample after it.
     pub(super) last: Option<Feedback>,

@@ -252,6 +252,11 @@ fn a_rig_that_could_be_misread_is_refused() {
             "[node.bench]",
             "a node cannot be called `bench`",
         ),
+        (
+            "[plant.gantry_y.dc_motor]",
+            "[plant.bus.dc_motor]",
+            "a plant cannot be called `bus`",
+        ),
         ("[loop.y]", "[loop.pid]", "a loop cannot be called `pid`"),
         (
             "[loop.y]",

@@ -12,6 +12,8 @@ use crate::schema;
 const NOT_A_LOOP: [&str; 2] = ["all", "contour"];
 /// A name that no node can have: faults of the bus call canrig's own node so.
 const NOT_A_NODE: &str = "bench";
+/// Names that no plant can have: its emulator is a process with a log of that name, beside the controller's and the recording.
+const NOT_A_PLANT: [&str; 3] = ["bench", "bus", "controller"];
 /// Tables of a scenario in which loops have theirs beside other keys.
 const BESIDE_LOOPS: [&str; 2] = ["controller", "expect"];
 
@@ -36,13 +38,17 @@ impl Check<'_> {
                 }
                 let is_word = NOT_A_LOOP.contains(&name.as_str())
                     || BESIDE_LOOPS.iter().any(|table| schema::is_key(table, name));
-                if kind == "loop" && is_word || kind == "node" && name == NOT_A_NODE {
+                let label = match kind {
+                    "loop" if is_word => Some("this word has a meaning in scenarios"),
+                    "node" if name == NOT_A_NODE => Some("this word has a meaning in scenarios"),
+                    "plant" if NOT_A_PLANT.contains(&name.as_str()) => {
+                        Some("the log of its process would have a name that is taken")
+                    }
+                    _ => None,
+                };
+                if let Some(label) = label {
                     let message = format!("a {kind} cannot be called `{name}`");
-                    problems.push(self.problem(
-                        &path,
-                        message,
-                        "this word has a meaning in scenarios",
-                    ));
+                    problems.push(self.problem(&path, message, label));
                 }
                 // Where its drives are wrong, that is said, and nobody knows whether one is its own.
                 let may_be_called_so =
