@@ -5,9 +5,11 @@ use re_sdk_types::components::InterpolationMode;
 use std::collections::BTreeSet;
 
 use dbc::{Database, signals};
+use platform::series::give_back;
 use scenario::Scenario;
 use scenario::plant::SMA_ACTUATOR;
 
+use super::BLOCK_ROWS;
 use crate::{shown_unit, title};
 use rig::setup::Setup;
 
@@ -172,9 +174,15 @@ pub(super) fn style<'a>(
     drawn.unwrap_or(always(OTHER, "", GREY))
 }
 
-/// Whether a node sends a signal in earnest.
+/// Whether a node sends a signal in earnest. What was read of one that is zero for long goes back to the system on the way.
 pub(super) fn is_used(values: &[f64]) -> bool {
-    values.iter().any(|value| value.abs() > 0.0)
+    values.chunks(BLOCK_ROWS).any(|block| {
+        let is_used = block.iter().any(|value| value.abs() > 0.0);
+        if !is_used {
+            give_back(block);
+        }
+        is_used
+    })
 }
 
 /// The groups that a run will have, before anything was heard of it.

@@ -11,6 +11,7 @@ use re_sdk_types::components::{AggregationPolicy, Text, TextLogLevel};
 use scenario::Scenario;
 use scenario::events::DisturbanceCommand;
 
+use super::BLOCK_ROWS;
 use super::RerunError;
 use super::blueprint::Page;
 use super::bus::{self, BusReader, THINNED_SECONDS};
@@ -29,9 +30,6 @@ use rig::setup::Setup;
 
 /// A signal that changes in fewer than one of so many rows has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
-
-/// So many rows of a signal are looked at before what was read goes back to the system.
-const BLOCK_ROWS: usize = 1 << 16;
 
 /// How much of a run is known when its signals are logged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -368,12 +366,14 @@ impl Rows {
     /// The least and the largest value of so many rows each, where they are not those before.
     pub(super) fn extremes(values: &[f64], count: usize) -> Self {
         let mut rows: Vec<usize> = Vec::new();
-        let (mut held, mut given_back) = (f64::NAN, 0);
+        let (mut held, mut given_back, mut last) = (f64::NAN, 0, None);
         for (part, begin) in values.chunks(count).zip((0..).step_by(count)) {
             if begin - given_back >= BLOCK_ROWS {
                 give_back(&values[given_back..begin]);
                 given_back = begin;
             }
+            let last_here = part.iter().rposition(|value| !value.is_nan());
+            last = last_here.map(|row| begin + row).or(last);
             let numbers = || part.iter().enumerate().filter(|(_, value)| !value.is_nan());
             let order = |left: &(usize, &f64), right: &(usize, &f64)| left.1.total_cmp(right.1);
             let mut ends = [numbers().min_by(order), numbers().max_by(order)];
@@ -385,7 +385,6 @@ impl Rows {
                 }
             }
         }
-        let last = values.iter().rposition(|value| !value.is_nan());
         rows.extend(last.filter(|last| rows.last().is_none_or(|row| row < last)));
         Self::Changes(rows)
     }
