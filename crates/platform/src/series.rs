@@ -7,6 +7,7 @@ mod mapping;
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::iter;
 use std::ops::{Deref, Range};
 use std::slice;
 use std::sync::Arc;
@@ -42,6 +43,18 @@ pub fn picked<T: Copy>(values: &[T], places: &[usize]) -> Vec<T> {
         }
     }
     picked
+}
+
+/// The values one by one. What was read of a file goes back to the system on the way.
+pub fn passing<T>(values: &[T]) -> impl Iterator<Item = &T> {
+    values.chunks(BLOCK).flat_map(|block| {
+        // Asked for when the block is over.
+        let end = iter::from_fn(|| {
+            give_back(block);
+            None
+        });
+        block.iter().chain(end)
+    })
 }
 
 /// A series that grows.
@@ -507,6 +520,7 @@ mod tests {
             let few = Vec::from_iter((5..count).step_by(7));
             let expected_few = few.iter().map(|&place| expected[place]);
             assert!(picked(&series, &few).into_iter().eq(expected_few));
+            assert!(passing(&series).eq(&expected));
             let part = series.part(BLOCK + 3..4 * BLOCK);
             assert_eq!(*part, expected[BLOCK + 3..4 * BLOCK]);
             assert_eq!(*part.part(5..9), expected[BLOCK + 8..BLOCK + 12]);

@@ -42,8 +42,6 @@ pub(crate) use run_log::{Known, Recording, log_verdict};
 /// has a row for each entity each time.
 const PIECE_ROWS_MIN: usize = 1 << 16;
 const PIECES_MAX: usize = 50;
-/// So many rows of a signal are looked at before what was read goes back to the system.
-const BLOCK_ROWS: usize = 1 << 16;
 
 /// The viewer keeps one layout per application.
 pub(crate) const APPLICATION: &str = "canrig";

@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use platform::series::passing;
+
 use super::curve::{Extent, Patch, PlotCurve, Shape};
 use super::decimate::{self, Polyline};
 use super::range::{NOTHING, extended, typical, with_room};
@@ -137,7 +139,7 @@ impl View {
         let scale = self.scale();
         let lines = match curve.shape {
             shape if shape.is_path() => {
-                decimate::path(x.iter().zip(y).map(|(x, y)| scale.place(*x, *y)))
+                decimate::path(passing(x).zip(passing(y)).map(|(x, y)| scale.place(*x, *y)))
             }
             _ => decimate::over_time(x, y, &scale),
         };

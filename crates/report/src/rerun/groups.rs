@@ -5,11 +5,10 @@ use re_sdk_types::components::InterpolationMode;
 use std::collections::BTreeSet;
 
 use dbc::{Database, signals};
-use platform::series::give_back;
+use platform::series::passing;
 use scenario::Scenario;
 use scenario::plant::SMA_ACTUATOR;
 
-use super::BLOCK_ROWS;
 use crate::{shown_unit, title};
 use rig::setup::Setup;
 
@@ -174,15 +173,9 @@ pub(super) fn style<'a>(
     drawn.unwrap_or(always(OTHER, "", GREY))
 }
 
-/// Whether a node sends a signal in earnest. What was read of one that is zero for long goes back to the system on the way.
+/// Whether a node sends a signal in earnest.
 pub(super) fn is_used(values: &[f64]) -> bool {
-    values.chunks(BLOCK_ROWS).any(|block| {
-        let is_used = block.iter().any(|value| value.abs() > 0.0);
-        if !is_used {
-            give_back(block);
-        }
-        is_used
-    })
+    passing(values).any(|value| value.abs() > 0.0)
 }
 
 /// The groups that a run will have, before anything was heard of it.

@@ -11,7 +11,6 @@ use re_sdk_types::components::{AggregationPolicy, Text, TextLogLevel};
 use scenario::Scenario;
 use scenario::events::DisturbanceCommand;
 
-use super::BLOCK_ROWS;
 use super::RerunError;
 use super::blueprint::Page;
 use super::bus::{self, BusReader, THINNED_SECONDS};
@@ -30,6 +29,9 @@ use rig::setup::Setup;
 
 /// A signal that changes in fewer than one of so many rows has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
+
+/// So many rows of a signal are looked at before what was read goes back to the system.
+const BLOCK_ROWS: usize = 1 << 16;
 
 /// How much of a run is known when its signals are logged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
