@@ -1,13 +1,11 @@
 //! How near several loops together stay to the path of their set-points.
 
 use recording::timeline::Timeline;
+use scenario::events::Window;
 use scenario::loops::Contour;
 
-use scenario::events::Window;
-
 use crate::evidence::{Absence, Evidence, MetricValue, Observation, checked};
-use crate::excuse::leave_open;
-use crate::metric::Metric;
+use crate::metric::{Metric, leave_open};
 
 /// The nearest point of the path is looked for among the set-points of so much time before and after the sample.
 const SEARCH_SECONDS: f64 = 0.5;

@@ -8,8 +8,8 @@ use rig::setup::Setup;
 
 use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
-use crate::excuse::{Excuse, MISSED_CYCLES, leave_open};
-use crate::metric::{Metric, not_judged};
+use crate::excuse::{Excuse, MISSED_CYCLES};
+use crate::metric::{Metric, leave_open, not_judged};
 use crate::metrics::metrics;
 use crate::misses::excuse_of_end;
 use crate::quality::{cut_short, incomplete_recording, second_master};

@@ -4,7 +4,7 @@ use rig::setup::Setup;
 use scenario::port::Unit;
 
 use crate::evidence::{Evidence, RecordedLoop};
-use crate::metric::{Metric, meets};
+use crate::metric::{Metric, leave_open, meets};
 use crate::metrics::metrics;
 use crate::misses::Stretch;
 
@@ -141,9 +141,4 @@ fn is_proven(row: &Metric, before: &Metric, unit: &Unit) -> bool {
 
 fn is_of_traffic(row: &Metric) -> bool {
     [MISSED_CYCLES, SYNC_INTERVAL, "bus_load_percent"].contains(&row.name.as_str())
-}
-
-/// A limit that is neither met nor missed.
-pub(crate) fn leave_open(row: &mut Metric) {
-    row.passed = None;
 }

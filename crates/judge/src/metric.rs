@@ -71,6 +71,11 @@ impl Metric {
     }
 }
 
+/// A limit that is neither met nor missed.
+pub(crate) fn leave_open(row: &mut Metric) {
+    row.passed = None;
+}
+
 pub(crate) fn meets(value: f64, limit: Limit) -> bool {
     let value = rounded(value);
     limit.min.is_none_or(|min| value >= min) && limit.max.is_none_or(|max| value <= max)

@@ -3,8 +3,7 @@
 use recording::stalls::Stall;
 use scenario::expect::Expect;
 
-use crate::excuse::leave_open;
-use crate::metric::not_judged;
+use crate::metric::{leave_open, not_judged};
 use crate::timing::Timing;
 use crate::verdict::{Outcome, Verdict};
 
