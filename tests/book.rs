@@ -242,7 +242,9 @@ fn load(folder: &Path, text: &str) -> Result<(), String> {
     let loaded = if RigFile::is_meant(text) {
         LoadedRig::load(&path).map(drop).map_err(miette_text)
     } else if text.contains("[loop.") {
-        Rig::load_with_text(&path).map(drop).map_err(miette_text)
+        Rig::parse(text, "snippet.toml")
+            .map(drop)
+            .map_err(miette_text)
     } else if Loops::is_meant(text) {
         rig::loops::load(&path, catalogue)
             .map(drop)

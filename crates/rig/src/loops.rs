@@ -283,13 +283,16 @@ fn objection(loops: &Loops<Scenario>, catalogue: &Catalogue) -> Option<Objection
 
 /// A rig whose cycle is too short for its frames.
 fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
+    if budget.fits() {
+        return None;
+    }
     let way_out = match budget.period_milliseconds_min() {
         Some(period) => format!(
             "write sync_period_milliseconds = {period:.1} into [bus], or publish the truth less often (truth_every_cycles)"
         ),
         None => "no period would do: raise bitrate_kilobits_per_second in [bus]".to_owned(),
     };
-    (!budget.fits()).then(|| Objection {
+    Some(Objection {
         path: "bus.sync_period_milliseconds".to_owned(),
         message: "the frames of this rig do not fit between two SYNCs".to_owned(),
         label: match budget.load_percent() > 100.0 {

@@ -7,14 +7,13 @@ mod served;
 mod units;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::kind::{is_rig_of_nodes, is_rig_of_one_drive};
 use super::rig::check_drive;
-use super::{Reading, SCENARIO_BYTES_MAX, build, read_models, read_text};
+use super::{Reading, build, read_models};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::meant_or_known;
@@ -47,17 +46,6 @@ fn an_input(output: &str) -> &'static str {
 const POSITION: &str = "position";
 
 impl Rig {
-    /// Reads a rig file, with the very text that was read.
-    ///
-    /// # Errors
-    /// The file cannot be read, or everything that is wrong in it.
-    pub fn load_with_text(path: &Path) -> Result<(Self, String), ScenarioError> {
-        let name = path.display().to_string();
-        let text = read_text(path, SCENARIO_BYTES_MAX)
-            .map_err(|error| ScenarioError::unreadable(KIND, &name, &error))?;
-        Self::parse(&text, &name).map(|rig| (rig, text))
-    }
-
     /// The rig of a scenario that was read: one of the files that it names, or the one that ships.
     ///
     /// # Errors
