@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use recording::frames::Frames;
-use recording::timeline::{self, OfLoop};
+use recording::timeline::{self, OfLoop, Series};
 use recording::work::Way;
 
 /// Where the header block has its place.
@@ -67,7 +67,7 @@ fn write_file(
 struct Signal<'a> {
     name: String,
     unit: &'a str,
-    values: &'a [f64],
+    values: &'a Series<f64>,
 }
 
 /// All of them, of which the first is the time.
@@ -89,10 +89,11 @@ fn signals<'a>(loops: &[OfLoop<'a>]) -> Vec<Signal<'a>> {
 fn write_rows(output: &mut impl Write, signals: &[Signal]) -> io::Result<()> {
     let rows = signals.first().map_or(0, |time| time.values.len());
     let mut way = Way::new(wide(rows));
-    for row in 0..rows {
+    let mut columns: Vec<_> = signals.iter().map(|signal| signal.values.iter()).collect();
+    for _ in 0..rows {
         way.go(1);
-        for signal in signals {
-            output.write_all(&signal.values[row].to_le_bytes())?;
+        for value in columns.iter_mut().filter_map(Iterator::next) {
+            output.write_all(&value.to_le_bytes())?;
         }
     }
     Ok(())
@@ -361,10 +362,11 @@ mod tests {
                 _ => Stamped::new(at(micros), CanFrame::new(0x190, &[1, 2])),
             })
             .collect();
+        let values = Series::from(vec![0.0, 0.5, 1.0]);
         let signals = ["time", "position"].map(|name| Signal {
             name: name.to_owned(),
             unit: "",
-            values: &[0.0, 0.5, 1.0],
+            values: &values,
         });
         let mut file = Vec::new();
         write_file(&mut file, &signals, &frames.into(), at(250)).unwrap();

@@ -10,7 +10,7 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-use recording::timeline::{self, OfLoop};
+use recording::timeline::{self, OfLoop, blocks};
 use recording::work::Way;
 
 pub use parquet::errors::ParquetError;
@@ -100,8 +100,6 @@ impl<W: Write + Send> ParquetTable<W> {
 /// Rows of a run between two places at which a reader can begin. The writer holds what it knows of each group to the end of the
 /// file, so that of ten hours there are few.
 const GROUP_ROWS: usize = 1 << 20;
-/// Cells of a column that are written at once.
-const PIECE_ROWS: usize = 1 << 14;
 
 /// Writes the signals: one row a cycle, the columns of `signals.csv`.
 ///
@@ -128,7 +126,7 @@ pub fn write_signals(output: impl Write + Send, loops: &[OfLoop<'_>]) -> Result<
     for begin in (0..rows.max(1)).step_by(GROUP_ROWS) {
         let group = begin..rows.min(begin + GROUP_ROWS);
         way.go(group.len());
-        let cycles = timeline.cycle[group.clone()].iter();
+        let cycles = timeline.cycle.range(group.clone());
         let cycles = cycles.map(|cycle| i64::try_from(*cycle).unwrap_or(i64::MAX));
         let cycles = Cells::Count(cycles.collect());
         let numbers = numbers.iter();
@@ -171,7 +169,7 @@ fn write_column<T: DataType, W: Write + Send, C>(
     };
     let mut levels = Vec::new();
     let mut there = Vec::new();
-    for piece in cells.chunks(PIECE_ROWS) {
+    for piece in blocks(cells) {
         levels.clear();
         there.clear();
         for cell in piece.iter().map(&value) {

@@ -7,7 +7,6 @@ mod mapping;
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::iter;
 use std::ops::{Deref, Range};
 use std::slice;
 use std::sync::Arc;
@@ -26,19 +25,17 @@ const BLOCK: usize = 1 << 13;
 /// So many values stay in memory once others are in the file: a run has a hundred series.
 const KEPT_BESIDE_FILE_MAX: usize = 4 * BLOCK;
 
-/// So many values are picked before what was read goes back.
-const PICKED: usize = 1 << 10;
-
 /// The values at some places, which ascend. What was read of a file goes back to the system on the way.
 ///
 /// # Panics
 /// There is no such place.
 #[must_use]
 pub fn picked<T: Copy>(values: &[T], places: &[usize]) -> Vec<T> {
+    let block = |place: usize| place / block_length::<T>();
     let mut picked = Vec::with_capacity(places.len());
-    for some in places.chunks(PICKED) {
-        picked.extend(some.iter().map(|&place| values[place]));
-        if let (Some(first), Some(last)) = (some.first(), some.last()) {
+    for near in places.chunk_by(|one, next| block(*one) == block(*next)) {
+        picked.extend(near.iter().map(|&place| values[place]));
+        if let (Some(first), Some(last)) = (near.first(), near.last()) {
             give_back(&values[*first..=*last]);
         }
     }
@@ -47,14 +44,46 @@ pub fn picked<T: Copy>(values: &[T], places: &[usize]) -> Vec<T> {
 
 /// The values one by one. What was read of a file goes back to the system on the way.
 pub fn passing<T>(values: &[T]) -> impl Iterator<Item = &T> {
-    values.chunks(BLOCK).flat_map(|block| {
-        // Asked for when the block is over.
-        let end = iter::from_fn(|| {
-            give_back(block);
-            None
-        });
-        block.iter().chain(end)
-    })
+    blocks(values).flatten()
+}
+
+/// The values, some at a time. What was read of a file goes back to the system on the way.
+pub fn blocks<T>(values: &[T]) -> Blocks<'_, T> {
+    Blocks {
+        block: &[],
+        rest: values,
+    }
+}
+
+/// Values of which one block after another is in memory.
+#[derive(Debug)]
+pub struct Blocks<'a, T> {
+    /// The block that is read.
+    block: &'a [T],
+    /// What is behind it.
+    rest: &'a [T],
+}
+
+impl<'a, T> Iterator for Blocks<'a, T> {
+    type Item = &'a [T];
+
+    fn next(&mut self) -> Option<&'a [T]> {
+        give_back(self.block);
+        let count = self.rest.len().min(block_length::<T>());
+        (self.block, self.rest) = self.rest.split_at(count);
+        (count > 0).then_some(self.block)
+    }
+}
+
+impl<T> Drop for Blocks<'_, T> {
+    fn drop(&mut self) {
+        give_back(self.block);
+    }
+}
+
+/// How many values of a file are in memory at a time.
+fn block_length<T>() -> usize {
+    (READ_BYTES / size_of::<T>().max(1)).max(1)
 }
 
 /// A series that grows.
@@ -411,17 +440,31 @@ pub struct Iter<'a, T> {
     mapping: Option<&'a Mapping>,
 }
 
+impl<T> Iter<'_, T> {
+    fn give_back(&self) {
+        if let Some(mapping) = self.mapping {
+            mapping.give_back(self.block);
+        }
+    }
+}
+
 impl<'a, T> Iter<'a, T> {
     /// Gives the block back, and begins the next one.
     #[cold]
     fn next_block(&mut self) -> Option<&'a T> {
-        if let Some(mapping) = self.mapping {
-            mapping.give_back(self.block);
-        }
-        let count = (READ_BYTES / size_of::<T>().max(1)).clamp(1, self.rest.len().max(1));
+        self.give_back();
+        let count = block_length::<T>().clamp(1, self.rest.len().max(1));
         (self.block, self.rest) = self.rest.split_at_checked(count)?;
         self.open = self.block.iter();
         self.open.next()
+    }
+}
+
+/// Two series that are read together end at different times.
+impl<T> Drop for Iter<'_, T> {
+    #[inline]
+    fn drop(&mut self) {
+        self.give_back();
     }
 }
 
@@ -521,6 +564,7 @@ mod tests {
             let expected_few = few.iter().map(|&place| expected[place]);
             assert!(picked(&series, &few).into_iter().eq(expected_few));
             assert!(passing(&series).eq(&expected));
+            assert!(blocks(&series).eq(expected.chunks(block_length::<u64>())));
             let part = series.part(BLOCK + 3..4 * BLOCK);
             assert_eq!(*part, expected[BLOCK + 3..4 * BLOCK]);
             assert_eq!(*part.part(5..9), expected[BLOCK + 8..BLOCK + 12]);

@@ -3,7 +3,6 @@
 use std::fmt;
 use std::io::{self, Write};
 
-use platform::series::Series;
 use recording::timeline::{self, OfLoop};
 use recording::work::Way;
 
@@ -26,16 +25,18 @@ pub fn write(mut output: impl Write, loops: &[OfLoop<'_>]) -> io::Result<()> {
     let names = own.chain(signals.iter().map(|signal| signal.name.as_str()));
     let names: Vec<&str> = names.collect();
     let values = signals.iter().map(|signal| signal.values);
-    let columns: Vec<&Series<f64>> = [&first.time_seconds].into_iter().chain(values).collect();
+    let columns = [&first.time_seconds].into_iter().chain(values);
+    let mut columns: Vec<_> = columns.map(|values| (values.iter(), None)).collect();
     writeln!(output, "{}", names.join(","))?;
     let mut cells = vec![String::new(); columns.len()];
     let mut way = Way::new(first.cycle.len() as u64);
-    for (row, cycle) in first.cycle.iter().enumerate() {
+    for cycle in &first.cycle {
         way.go(1);
-        for (cell, values) in cells.iter_mut().zip(&columns) {
+        for (cell, (values, before)) in cells.iter_mut().zip(&mut columns) {
+            let value = *values.next().expect("a value for each cycle");
             // Most values hold for many rows.
-            if row == 0 || values[row].to_bits() != values[row - 1].to_bits() {
-                *cell = Cell(values[row]).to_string();
+            if before.replace(value.to_bits()) != Some(value.to_bits()) {
+                *cell = Cell(value).to_string();
             }
         }
         writeln!(output, "{cycle},{}", cells.join(","))?;

@@ -14,7 +14,9 @@ use rustix::mm::{Advice, MapFlags, ProtFlags, madvise, mmap, munmap};
 use crate::clock::sleep;
 
 /// Bytes of a file that an iterator has in memory.
-pub(super) const READ_BYTES: usize = 1 << 18;
+pub(super) const READ_BYTES: usize = 1 << 16;
+/// Who reads a byte of a file gets this much of it, from a multiple of this on (Linux, `fault_around_bytes`).
+const WINDOW_BYTES: usize = 1 << 16;
 /// How often it is looked how much of all files is in memory, since slices are read without an iterator.
 const LOOK_PERIOD: Duration = Duration::from_millis(1);
 /// With so many bytes more of files in memory, those of all series go back to the system.
@@ -101,15 +103,17 @@ impl Drop for Mapping {
     }
 }
 
-/// Gives the pages back that some values of a mapping are on, and no others: the longer a mapping, the longer it takes to look
-/// through all of it.
+/// Gives the pages back that came when some values of a mapping were read, and no others: the longer a mapping, the longer it
+/// takes to look through all of it.
 fn return_pages<T>((begin, bytes): (usize, usize), values: &[T]) {
-    let page = page_size();
-    let first = values.as_ptr().addr() / page * page;
-    let end = (values.as_ptr().addr() + size_of_val(values)).next_multiple_of(page);
+    if values.is_empty() {
+        return;
+    }
+    let first = values.as_ptr().addr() / WINDOW_BYTES * WINDOW_BYTES;
+    let end = (values.as_ptr().addr() + size_of_val(values)).next_multiple_of(WINDOW_BYTES);
     let (first, end) = (
         first.max(begin),
-        end.min((begin + bytes).next_multiple_of(page)),
+        end.min((begin + bytes).next_multiple_of(page_size())),
     );
     if first < end {
         let first = ptr::with_exposed_provenance_mut(first);
@@ -178,9 +182,6 @@ impl ResidentFiles {
 /// Says that values were read which are not needed soon: if they are of a file, they go back to the system. For who goes through
 /// the slice of a long series.
 pub fn give_back<T>(values: &[T]) {
-    if size_of_val(values) < READ_BYTES {
-        return;
-    }
     let mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
     let begin = values.as_ptr().addr();
     let of_them = |place: &&(usize, usize)| place.0 <= begin && begin < place.0 + place.1;

@@ -330,7 +330,7 @@ fn cycles(time: Duration, period: Duration) -> u64 {
     u64::try_from(cycles).unwrap_or(u64::MAX)
 }
 
-fn set_points(scenario: &Scenario, time_seconds: &[f64]) -> Series<f64> {
+fn set_points(scenario: &Scenario, time_seconds: &Series<f64>) -> Series<f64> {
     if scenario.reference.is_empty() {
         return iter::repeat_n(f64::NAN, time_seconds.len()).collect();
     }

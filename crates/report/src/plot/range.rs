@@ -2,10 +2,7 @@
 
 use std::cmp::Ordering;
 
-use platform::series::give_back;
-
-/// So many values of a long curve are looked at before they are given back.
-const PIECE: usize = 1 << 16;
+use platform::series::blocks;
 
 /// The range of no values.
 pub(super) const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -21,11 +18,7 @@ pub(super) fn extended(range: (f64, f64), values: &[f64]) -> (f64, f64) {
         finite.fold(range, |range, value| within(range, (*value, *value)))
     };
     // Values that are not finite are rare, and look like their neighbours.
-    values.chunks(PIECE).fold(range, |range, piece| {
-        let range = piece.chunks(256).fold(range, of_part);
-        give_back(piece);
-        range
-    })
+    blocks(values).fold(range, |range, block| block.chunks(256).fold(range, of_part))
 }
 
 /// A range that can be drawn: nothing becomes 0 to 1, and a constant gets room above and below.

@@ -53,7 +53,7 @@ impl View {
             Extent::Typical => {
                 // Of a long run every second, third … value says what is typical; its extremes are known.
                 let stride = shown().map(<[f64]>::len).sum::<usize>() / TYPICAL_MAX + 1;
-                let values = shown().flat_map(|values| values.iter().step_by(stride));
+                let values = shown().flat_map(|values| passing(values).step_by(stride));
                 let finite = values.copied().filter(|y| y.is_finite());
                 let y = typical(finite.collect(), with_room(range));
                 (y, y != with_room(range))
