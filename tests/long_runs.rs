@@ -115,6 +115,40 @@ fn a_long_run_that_was_killed_is_read_to_its_last_second() {
     assert_eq!(tool(&["report"], &[&only_run(&runs)]).0, Some(0));
 }
 
+/// Whatever bit is damaged, nobody is blamed for what is missing, and no other value comes of it.
+#[test]
+fn of_a_damaged_long_run_nothing_is_judged() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = scenario("sine_5s.toml");
+    let run = simulated(&folder.path().join("runs"), &source, "10");
+    let table = |run: &Path| {
+        let (code, table, error) = tool(&["export", "--format=csv"], &[run]);
+        assert_eq!(code, Some(0), "{error}");
+        table
+    };
+    let whole_table = table(&run);
+    let rows: std::collections::BTreeMap<&str, &str> = whole_table
+        .lines()
+        .filter_map(|line| line.split_once(','))
+        .collect();
+    let log = run.join("bus.log.zst");
+    let whole = fs::read(&log).unwrap();
+    for part in 1..8 {
+        let mut bytes = whole.clone();
+        bytes[whole.len() * part / 8] ^= 1 << (part % 8);
+        fs::write(&log, bytes).unwrap();
+        let (code, text, error) = tool(&["replay"], &[&run]);
+        assert!(matches!(code, Some(4 | 5)), "{part}: {text}{error}");
+        assert!(error.contains("are damaged: "), "{part}: {error}");
+        let changed = table(&run);
+        // A row without a position has what was sent before.
+        let changed = changed.lines().filter_map(|line| line.split_once(','));
+        let heard = changed.filter(|(_, row)| !row.contains(",,"));
+        let others = heard.filter(|(cycle, row)| rows.get(cycle) != Some(row));
+        assert!(others.count() < 20, "{part}");
+    }
+}
+
 /// The most that a command held, in kilobytes.
 fn most_held(command: &mut Command) -> u64 {
     let mut process = command.stdout(Stdio::null()).spawn().unwrap();

@@ -322,6 +322,10 @@ fn a_silent_drive_of_several_is_named() {
 /// A machine that stands still, as a virtual one that is paused: what is missed then is not the nodes' doing.
 #[test]
 fn a_machine_that_stands_still_leaves_the_run_open_and_a_replay_agrees() {
+    in_real_time(is_open_after_a_stop);
+}
+
+fn is_open_after_a_stop() {
     let folder = tempfile::tempdir().unwrap();
     let hold = unhurried_scenario(folder.path(), 4.0);
     let runs = folder.path().join("runs");

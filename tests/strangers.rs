@@ -192,6 +192,95 @@ fn a_limit_on_files_is_an_error_and_what_is_not_whole_is_partial() {
     }
 }
 
+/// Nobody reads these pipes: who waited for that would wait for ever.
+#[test]
+fn a_pipe_in_the_place_of_a_file_of_a_folder_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path());
+    for name in ["report.html", "report.html.partial"] {
+        let _ = fs::remove_file(run.join(name));
+        make_pipe(&run.join(name));
+        let (code, _, stderr) = soon(bare(&["report"]).arg(&run));
+        assert_eq!(code, Some(4), "{name}: {stderr}");
+        assert!(stderr.contains("it is a pipe, not a file"), "{stderr}");
+        fs::remove_file(run.join(name)).unwrap();
+    }
+    let scenario = folder.path().join("sweep.toml");
+    let text = fs::read_to_string(run.join("scenario.toml")).unwrap();
+    let sweep =
+        "\n[sweep]\nseed = 1\ndraws = 2\n\n[[sweep.uniform]]\nkey = \"seed\"\nfrom = 0\nto = 9\n";
+    fs::write(&scenario, text + sweep).unwrap();
+    let parent = folder.path().join("sweeps");
+    let sweep = || {
+        soon(
+            bare(&["sweep", "--quiet", "--output"])
+                .arg(&parent)
+                .arg(&scenario),
+        )
+    };
+    assert_eq!(sweep().0, Some(0));
+    let sweep_folder = only_run(&parent);
+    for name in ["runs.csv", "runs.parquet.partial", "rows.damaged.jsonl"] {
+        let path = sweep_folder.join(name);
+        let _ = fs::remove_file(&path);
+        make_pipe(&path);
+        // So that there is something damaged.
+        let rows = sweep_folder.join("rows.jsonl");
+        let mut bytes = fs::read(&rows).unwrap();
+        bytes.extend(b"no row\n");
+        fs::write(&rows, bytes).unwrap();
+        let (code, _, stderr) = sweep();
+        assert_eq!(code, Some(4), "{name}: {stderr}");
+        assert!(stderr.contains("it is a pipe, not a file"), "{stderr}");
+        fs::remove_file(path).unwrap();
+    }
+    assert_eq!(sweep().0, Some(0));
+}
+
+#[test]
+fn a_name_with_a_line_end_is_refused_where_a_folder_is_searched() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = short_scenario(folder.path(), 0.3);
+    fs::copy(&scenario, folder.path().join("a\n::error::b.toml")).unwrap();
+    for command in ["check", "simulate"] {
+        let (code, stdout, stderr) = output(bare(&[command]).arg(folder.path()));
+        assert_eq!(code, Some(2), "{stderr}");
+        let mut lines = stdout.lines().chain(stderr.lines());
+        assert!(!lines.any(|line| line.starts_with("::")), "{stderr}");
+        assert!(stderr.contains("rename it"), "{stderr}");
+    }
+}
+
+/// Commands that play nothing end at once.
+#[test]
+fn a_signal_ends_every_command_with_the_code_of_signals() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path());
+    let pipe = folder.path().join("pipe");
+    make_pipe(&pipe);
+    for signal in [Signal::INT, Signal::TERM, Signal::HUP, Signal::QUIT] {
+        // It waits for somebody who reads the pipe.
+        let mut env = Command::new("env");
+        env.arg("--default-signal=INT,HUP,QUIT")
+            .arg(env!("CARGO_BIN_EXE_canrig"))
+            .args(["export", "--format", "csv", "--output"])
+            .args([&pipe, &run]);
+        let mut export = env.spawn().unwrap();
+        let waits = || {
+            let stack = fs::read_to_string(format!("/proc/{}/wchan", export.id()));
+            stack.is_ok_and(|place| place.contains("wait_for_partner"))
+        };
+        for _ in 0..500 {
+            if waits() {
+                break;
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+        kill_process(Pid::from_child(&export), signal).unwrap();
+        assert_eq!(export.wait().unwrap().code(), Some(130), "{signal:?}");
+    }
+}
+
 /// Starts a simulation, sends it a signal once it records, and waits for its end; its exit code, and whether its verdict is
 /// that of a whole run.
 fn signalled(shell: &str, signal: Signal, duration_seconds: f64) -> (Option<i32>, bool) {
@@ -238,6 +327,39 @@ fn every_signal_that_ends_a_program_ends_a_run_in_order() {
 }
 
 #[test]
+fn a_signal_in_the_second_of_two_scenarios_ends_it_in_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let short = short_scenario(folder.path(), 0.3);
+    let long = folder.path().join("second.toml");
+    let text = fs::read_to_string(&short).unwrap();
+    fs::write(
+        &long,
+        text.replace("duration_seconds = 0.3", "duration_seconds = 300.0"),
+    )
+    .unwrap();
+    let mut env = Command::new("env");
+    env.arg("--default-signal=INT,HUP,QUIT")
+        .arg(env!("CARGO_BIN_EXE_canrig"))
+        .args(["simulate", "--quiet", "--output"])
+        .args([&runs, &short, &long]);
+    let mut both = env.spawn().unwrap();
+    let is_second_recorded = || {
+        let folders = fs::read_dir(&runs).into_iter().flatten().flatten();
+        let logs = folders.filter_map(|run| fs::metadata(run.path().join("bus.log")).ok());
+        logs.filter(|log| log.len() > 0).count() == 2
+    };
+    while !is_second_recorded() && both.try_wait().unwrap().is_none() {
+        thread::sleep(Duration::from_millis(2));
+    }
+    kill_process(Pid::from_child(&both), Signal::TERM).unwrap();
+    assert_eq!(both.wait().unwrap().code(), Some(130));
+    for run in fs::read_dir(&runs).unwrap() {
+        assert!(run.unwrap().path().join("report.html").exists());
+    }
+}
+
+#[test]
 fn an_ignored_hang_up_stays_ignored() {
     let ended = signalled("trap '' HUP;", Signal::HUP, 20.0);
     assert_eq!(ended, (Some(0), true));
@@ -247,14 +369,16 @@ fn an_ignored_hang_up_stays_ignored() {
 fn steers(text: &str) -> bool {
     let is_bidi = |character: char| matches!(character, '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     let is_steering = |character: char| {
-        is_bidi(character) || character.is_control() && !matches!(character, '\n' | '\t')
+        is_bidi(character)
+            || matches!(character, '\u{200b}' | '\u{e0041}')
+            || character.is_control() && !matches!(character, '\n' | '\t')
     };
     text.contains(is_steering)
 }
 
 #[test]
 fn no_text_of_somebody_else_steers_the_terminal() {
-    const EVIL: &str = "\u{1b}]0;title\u{7}\u{1b}[31m\u{202e}\u{9b}2J";
+    const EVIL: &str = "\u{1b}]0;title\u{7}\u{1b}[31m\u{202e}\u{9b}2J\u{200b}\u{e0041}";
     let folder = tempfile::tempdir().unwrap();
     let run = simulated(folder.path());
     let evil = folder.path().join(format!("{EVIL}.toml"));

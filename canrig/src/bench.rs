@@ -142,6 +142,8 @@ fn from_command_line() -> Exit {
 fn execute(cli: Cli) -> Exit {
     // Where the signal is not ignored, a limit on files ends the program.
     let _ = platform::stop::take_long_files_as_errors();
+    // Without it a signal ends the program too, with another code.
+    let _ = platform::stop::end_at_once(Exit::Interrupted.code());
     match platform::process::permit_open_files(OPEN_FILES) {
         Ok(()) => {
             platform::memory::keep_freed();

@@ -1,6 +1,5 @@
 //! `canrig eds`: the data sheet of each node of a rig, as files for other programs.
 
-use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -52,6 +51,5 @@ fn explain(path: &Path, error: &io::Error) -> String {
 }
 
 fn write(path: &Path, sheet: &NodeSheet) -> io::Result<()> {
-    fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
     write_new(path, |file| file.write_all(sheet.text.as_bytes()))
 }

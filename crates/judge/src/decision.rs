@@ -118,10 +118,12 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
     if let Some(reason) = second_master(evidence.timeline) {
         return (Outcome::Inconclusive, Some(reason));
     }
-    if let Some(reason) = missed_by_nodes(evidence) {
+    let unrecorded = &evidence.circumstances.unrecorded;
+    // What is missing in the log was not missing on the bus.
+    let is_log_whole = unrecorded.strange_lines.is_none();
+    if let Some(reason) = missed_by_nodes(evidence).filter(|_| is_log_whole) {
         return (Outcome::Fail, Some(reason));
     }
-    let unrecorded = &evidence.circumstances.unrecorded;
     if let Some(reason) = incomplete_recording(unrecorded) {
         return (Outcome::Inconclusive, Some(reason));
     }

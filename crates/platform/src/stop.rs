@@ -15,6 +15,8 @@ const KILL_AFTER_SECONDS: libc::c_uint = 3;
 
 /// The event that the signal handler raises; -1 before there is one.
 static SIGNAL_EVENT: AtomicI32 = AtomicI32::new(-1);
+/// The exit code of a program that a signal ends at once.
+static AT_ONCE_CODE: AtomicI32 = AtomicI32::new(0);
 
 /// What a terminal sends to all processes in it: Ctrl-C, Ctrl-\, and its end.
 pub const OF_TERMINAL: [libc::c_int; 3] = [libc::SIGINT, libc::SIGQUIT, libc::SIGHUP];
@@ -61,12 +63,9 @@ impl StopSignal {
     /// # Errors
     /// When the system refuses the handler.
     pub fn from_signals() -> io::Result<Self> {
-        let of_terminal = [libc::SIGHUP, libc::SIGQUIT].into_iter();
-        let heard = of_terminal.filter(|signal| !is_ignored(*signal));
-        let signals = Vec::from_iter([libc::SIGINT, libc::SIGTERM].into_iter().chain(heard));
         Ok(Self {
             pipe: None,
-            event: Some(signal_event(&signals)?),
+            event: Some(signal_event(&Vec::from_iter(heard()))?),
         })
     }
 
@@ -126,6 +125,43 @@ fn has_ended(fd: BorrowedFd<'_>) -> bool {
     false
 }
 
+/// Which signals are to stop a program that is started by hand: those of a terminal and SIGTERM, but not what whoever started it
+/// has ignored (nohup).
+fn heard() -> impl Iterator<Item = libc::c_int> {
+    let may_be_ignored = [libc::SIGHUP, libc::SIGQUIT].into_iter();
+    let heard = may_be_ignored.filter(|signal| !is_ignored(*signal));
+    [libc::SIGINT, libc::SIGTERM].into_iter().chain(heard)
+}
+
+/// From now on the signals that stop a program end this one at once, with an exit code.
+///
+/// # Errors
+/// When the system refuses the handler.
+pub fn end_at_once(code: u8) -> io::Result<()> {
+    AT_ONCE_CODE.store(code.into(), Ordering::Relaxed);
+    heard().try_for_each(|signal| set_handler(signal, at_once()))
+}
+
+/// Takes [`end_at_once`] back, for who ends in order by handlers of their own; where these are there already, they stay.
+///
+/// # Errors
+/// When the system refuses.
+pub fn end_in_order() -> io::Result<()> {
+    heard()
+        .filter(|signal| has_handler(*signal, at_once()))
+        .try_for_each(|signal| set_handler(signal, libc::SIG_DFL))
+}
+
+fn at_once() -> libc::sighandler_t {
+    let handler: extern "C" fn(libc::c_int) = on_end;
+    handler as libc::sighandler_t
+}
+
+extern "C" fn on_end(_signal: libc::c_int) {
+    // SAFETY: it is async-signal-safe.
+    unsafe { libc::_exit(AT_ONCE_CODE.load(Ordering::Relaxed)) }
+}
+
 fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
     signals
         .iter()
@@ -135,11 +171,15 @@ fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
 /// Whether a signal does nothing to this process, as whoever started it wanted (nohup).
 #[must_use]
 pub fn is_ignored(signal: libc::c_int) -> bool {
+    has_handler(signal, libc::SIG_IGN)
+}
+
+fn has_handler(signal: libc::c_int, handler: libc::sighandler_t) -> bool {
     // SAFETY: without a new action, sigaction only writes the present one.
     unsafe {
         let mut action: libc::sigaction = std::mem::zeroed();
         libc::sigaction(signal, std::ptr::null(), &raw mut action) == 0
-            && action.sa_sigaction == libc::SIG_IGN
+            && action.sa_sigaction == handler
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-/// The text with each character that steers a terminal written as `\u001b`, which is also how JSON and TOML write it.
+/// The text with each character that steers a terminal or cannot be seen written as `\u001b`, which is also how JSON writes it.
 /// New lines and tabs stay.
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
@@ -12,24 +12,36 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     let mut shown = String::with_capacity(text.len() + 16);
     for character in text.chars() {
         match steers(character) {
-            true => shown += &format!("\\u{:04x}", u32::from(character)),
+            true => (character.encode_utf16(&mut [0; 2]).iter())
+                .for_each(|unit| shown += &format!("\\u{unit:04x}")),
             false => shown.push(character),
         }
     }
     Cow::Owned(shown)
 }
 
-/// Controls with the escape among them, what changes the direction of text, what ends lines elsewhere, and what is no
-/// character, which XML does not admit either.
+/// Controls with the escape among them, what changes the direction of text, what ends lines elsewhere, what nobody sees (Unicode's
+/// `Default_Ignorable_Code_Point`, and the marks of annotations), and what is no character, which XML does not admit either.
 fn steers(character: char) -> bool {
     match character {
         '\n' | '\t' => false,
-        '\u{061c}'
-        | '\u{200e}'
-        | '\u{200f}'
-        | '\u{2028}'..='\u{202e}'
-        | '\u{2066}'..='\u{2069}' => true,
-        '\u{fffe}' | '\u{ffff}' => true,
+        '\u{2028}'..='\u{202e}' | '\u{fff9}'..='\u{fffb}' | '\u{fffe}' | '\u{ffff}' => true,
+        '\u{ad}'
+        | '\u{34f}'
+        | '\u{61c}'
+        | '\u{115f}'..='\u{1160}'
+        | '\u{17b4}'..='\u{17b5}'
+        | '\u{180b}'..='\u{180f}'
+        | '\u{200b}'..='\u{200f}'
+        | '\u{2060}'..='\u{206f}'
+        | '\u{3164}'
+        | '\u{fe00}'..='\u{fe0f}'
+        | '\u{feff}'
+        | '\u{ffa0}'
+        | '\u{fff0}'..='\u{fff8}'
+        | '\u{1bca0}'..='\u{1bca3}'
+        | '\u{1d173}'..='\u{1d17a}'
+        | '\u{e0000}'..='\u{e0fff}' => true,
         other => other.is_control(),
     }
 }
@@ -48,6 +60,8 @@ mod tests {
             ("\u{9b}31m", "\\u009b31m"),
             ("\u{7f}", "\\u007f"),
             ("a\u{202e}b\u{2066}c", "a\\u202eb\\u2066c"),
+            ("pa\u{200b}ss\u{feff}", "pa\\u200bss\\ufeff"),
+            ("\u{e0041}", "\\udb40\\udc41"),
         ];
         for (text, expected) in cases {
             assert_eq!(printable(text), expected);

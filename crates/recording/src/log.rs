@@ -10,14 +10,19 @@ use canopen::CanFrame;
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 use canopen::frame_bits::occupied_bits;
 
+use crate::pieces::{Damaged, PieceReader};
 use crate::work::Measured;
 
 /// Longest line of a log that is read.
 const LINE_LENGTH_MAX: u64 = 256;
 /// So much after the last good line is read in search of another one.
 const UNREADABLE_BYTES_MAX: usize = 1 << 20;
+/// A strange line counts as so many bytes at least: its reason takes room, too.
+const STRANGE_BYTES_MIN: usize = 64;
 /// A file with more strange lines is no log.
 const STRANGE_LINES_MAX: usize = 1000;
+/// A clock is stepped by less in a run.
+pub(crate) const STEP_MAX: Duration = Duration::from_millis(500);
 /// What a line with a CAN FD frame is.
 const FD_FRAME: &str = "a CAN FD frame";
 
@@ -255,10 +260,9 @@ pub(crate) fn is_compressed(path: &Path) -> bool {
 pub fn open(path: &Path) -> io::Result<Box<dyn BufRead>> {
     let file = scenario::open_file(path)?;
     let bytes = file.metadata()?.len();
-    let file = Measured::new(file, bytes);
     Ok(match is_compressed(path) {
-        false => Box::new(BufReader::new(file)),
-        true => Box::new(BufReader::new(zstd::Decoder::new(file)?)),
+        false => Box::new(BufReader::new(Measured::new(file, bytes))),
+        true => Box::new(BufReader::new(PieceReader::new(file, bytes))),
     })
 }
 
@@ -269,10 +273,7 @@ impl LogFile {
     /// # Errors
     /// The file cannot be opened.
     pub fn open(path: &Path) -> io::Result<Self> {
-        Ok(Self(LogReader {
-            is_cut_by_errors: is_compressed(path),
-            ..LogReader::new(open(path)?)
-        }))
+        Ok(Self(LogReader::new(open(path)?)))
     }
 
     /// The next frame; none at the end.
@@ -293,8 +294,6 @@ impl LogFile {
 /// Reads a log frame by frame.
 struct LogReader<R> {
     input: R,
-    /// Whether what cannot be read is the log's end: that of a compressed log whose writer was killed.
-    is_cut_by_errors: bool,
     interface: Option<String>,
     line: Vec<u8>,
     number: u64,
@@ -310,7 +309,6 @@ impl<R: BufRead> LogReader<R> {
     fn new(input: R) -> Self {
         Self {
             input,
-            is_cut_by_errors: false,
             interface: None,
             line: Vec::new(),
             number: 0,
@@ -325,8 +323,15 @@ impl<R: BufRead> LogReader<R> {
     fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
         while self.read_line()? {
             let frame = match whole_line(&self.line, &mut self.interface) {
-                Ok(Content::Nothing) => continue,
+                Ok(Content::Nothing) => {
+                    self.pass_over_blank();
+                    continue;
+                }
                 Ok(Content::FdFrame) => None,
+                Ok(Content::Frame(stamped)) if self.is_before_others(&stamped) => {
+                    self.put_aside("it is earlier than the frames above".to_owned());
+                    continue;
+                }
                 Ok(Content::Frame(stamped)) => Some(stamped),
                 Err(reason) => {
                     self.put_aside(reason);
@@ -335,7 +340,7 @@ impl<R: BufRead> LogReader<R> {
             };
             self.unread.strange.append(&mut self.open);
             self.open_bytes = 0;
-            self.refuse_strange()?;
+            refuse_many(&self.unread.strange)?;
             match frame {
                 None => self.unread.fd_frames += 1,
                 Some(stamped) => {
@@ -344,27 +349,32 @@ impl<R: BufRead> LogReader<R> {
                 }
             }
         }
+        if self.interface.is_none() {
+            refuse_many(&self.open)?;
+        }
         Ok(None)
+    }
+
+    /// Whether a frame cannot be where it is: a part of the log stands there twice, or in the wrong place.
+    fn is_before_others(&self, stamped: &Stamped) -> bool {
+        let is_before = |latest| stamped.time + STEP_MAX < latest;
+        self.latest.is_some_and(is_before)
     }
 
     /// Reads the next line; `false` at the end.
     fn read_line(&mut self) -> io::Result<bool> {
-        if self.is_at_end {
-            return Ok(false);
-        }
-        self.line.clear();
-        self.number += 1;
-        let read =
-            io::Read::take(&mut self.input, LINE_LENGTH_MAX).read_until(b'\n', &mut self.line);
-        self.is_at_end = match read {
-            Ok(bytes) => bytes == 0,
-            Err(error) if self.is_cut_by_errors => {
-                self.put_aside(error.to_string());
-                true
+        while !self.is_at_end {
+            self.line.clear();
+            self.number += 1;
+            let mut input = io::Read::take(&mut self.input, LINE_LENGTH_MAX);
+            match input.read_until(b'\n', &mut self.line) {
+                Ok(0) => self.is_at_end = true,
+                Ok(_) => return Ok(true),
+                Err(error) if Damaged::of(&error).is_some() => self.put_aside(error.to_string()),
+                Err(error) => return Err(error),
             }
-            Err(error) => return Err(error),
-        };
-        Ok(!self.is_at_end)
+        }
+        Ok(false)
     }
 
     fn put_aside(&mut self, reason: String) {
@@ -373,16 +383,15 @@ impl<R: BufRead> LogReader<R> {
             reason,
             before: self.latest,
         });
-        self.open_bytes += self.line.len();
-        self.is_at_end = self.open_bytes > UNREADABLE_BYTES_MAX;
+        self.open_bytes += self.line.len().max(STRANGE_BYTES_MIN);
+        self.is_at_end |= self.open_bytes > UNREADABLE_BYTES_MAX;
     }
 
-    fn refuse_strange(&self) -> io::Result<()> {
-        match self.unread.strange.first() {
-            Some(first) if self.unread.strange.len() > STRANGE_LINES_MAX => Err(invalid(format!(
-                "{first}; more than {STRANGE_LINES_MAX} lines are no frames"
-            ))),
-            _ => Ok(()),
+    /// A blank line means nothing, but they may not go on for ever.
+    fn pass_over_blank(&mut self) {
+        self.open_bytes += self.line.len();
+        if self.open_bytes > UNREADABLE_BYTES_MAX {
+            self.put_aside("nothing but blank lines".to_owned());
         }
     }
 
@@ -391,6 +400,16 @@ impl<R: BufRead> LogReader<R> {
             broken: self.open.first().map(ToString::to_string),
             ..self.unread
         }
+    }
+}
+
+/// A file with so many lines that are no frames is none of frames.
+fn refuse_many(strange: &[StrangeLine]) -> io::Result<()> {
+    match strange.first() {
+        Some(first) if strange.len() > STRANGE_LINES_MAX => Err(invalid(format!(
+            "{first}; more than {STRANGE_LINES_MAX} lines are no frames"
+        ))),
+        _ => Ok(()),
     }
 }
 
@@ -547,6 +566,38 @@ mod tests {
     }
 
     #[test]
+    fn of_a_part_that_stands_there_twice_one_is_read() {
+        let line = |millis: u64| {
+            let frame = CanFrame::new(0x190, &millis.to_le_bytes());
+            format!("{}\n", Stamped::new(Duration::from_millis(millis), frame))
+        };
+        let whole: String = (0..300).map(|number| line(10 * number)).collect();
+        let (frames, unread) = read_cut_log(format!("{whole}{whole}").as_bytes()).unwrap();
+        assert_eq!(frames.len(), 300 + 51);
+        let (once, _) = read_cut_log(whole.as_bytes()).unwrap();
+        assert_eq!(frames[..300], once);
+        let first = &unread.strange[0];
+        assert_eq!(
+            first.to_string(),
+            "line 301: it is earlier than the frames above"
+        );
+        // A clock that is stepped back is none.
+        let stepped: String = [0, 400, 0, 400, 800].map(line).concat();
+        let (frames, unread) = read_cut_log(stepped.as_bytes()).unwrap();
+        assert_eq!((frames.len(), unread.strange.len()), (5, 0));
+    }
+
+    #[test]
+    fn blank_lines_do_not_go_on_for_ever() {
+        let (frames, unread) = read_cut_log(format!("{LOG}\n\n{LOG}").as_bytes()).unwrap();
+        assert_eq!((frames.len(), unread), (4, Unread::default()));
+        let endless = io::Read::chain(LOG.as_bytes(), io::BufReader::new(io::repeat(b'\n')));
+        let (frames, unread) = read_cut_log(endless).unwrap();
+        assert_eq!(frames.len(), 2);
+        assert!(unread.broken.unwrap().contains("nothing but blank lines"));
+    }
+
+    #[test]
     fn fd_frames_are_counted() {
         let log = format!("{LOG}(0.000003) can0 123##1AABB\n(0.000004) can0 191#\n");
         let (frames, unread) = read_cut_log(log.as_bytes()).unwrap();
@@ -567,6 +618,8 @@ mod tests {
             error.ends_with("more than 1000 lines are no frames"),
             "{error}"
         );
+        let text = "no frame\n".repeat(STRANGE_LINES_MAX + 1);
+        assert!(read_cut_log(text.as_bytes()).is_err());
         let two = format!("(0.0) can1 123#\n{LOG}").replace("0.0)", "0.000000)");
         let (_, unread) = read_cut_log(two.as_bytes()).unwrap();
         assert!(

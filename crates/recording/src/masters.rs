@@ -7,6 +7,7 @@
 use std::fmt;
 use std::time::Duration;
 
+use crate::log::STEP_MAX;
 use canopen::{CanFrame, NmtCommand, NmtState};
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use dbc::{Database, SignalHandle, SignalMissing};
@@ -18,8 +19,6 @@ use scenario::fault::node::{Node, NodeFaults};
 const AHEAD_MAX: f64 = 0.75;
 /// Frames may have been held up for so long, and then come in a burst: virtual machines stand still for most of a second.
 const BACKLOG_MAX: Duration = Duration::from_secs(2);
-/// A clock is stepped by less in a run.
-const STEP_MAX: Duration = Duration::from_millis(500);
 /// A slow drive may still answer SYNCs that are so old. What answers them in its place for longer is found.
 const ANSWERS_BACKLOG_MAX: Duration = Duration::from_secs(5);
 /// The first frame of all may have come so late.

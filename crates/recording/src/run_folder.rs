@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use crate::bus_log::BusLog;
-use scenario::hexadecimal;
+use scenario::{hexadecimal, require_file};
 
 pub use crate::write_error::WriteError;
 
@@ -192,28 +192,56 @@ pub fn log_in(folder: &Path) -> PathBuf {
     }
 }
 
-/// Writes a file as a whole: under another name, which it loses when all of it is on the disk. What is there and is no file,
-/// such as a device or a pipe, cannot be replaced: it gets what is written.
+/// Writes what a user wants at a place: a file as [`write_whole`] does. What is there and is no file, such as a device or a pipe,
+/// cannot be replaced: it gets what is written.
 ///
 /// # Errors
 /// The file cannot be written, or `write` failed.
-pub fn write_whole(
+pub fn write_output(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> io::Result<()> {
-    // Where a link leads, not the link.
-    let found = fs::canonicalize(path);
-    let path = found.as_deref().unwrap_or(path);
     if path.metadata().is_ok_and(|found| !found.is_file()) {
         let mut output = BufWriter::new(OpenOptions::new().write(true).open(path)?);
         write(&mut output)?;
         return output.flush();
     }
+    write_whole(path, write)
+}
+
+/// Writes a file as a whole: it is on the disk when it gets its name.
+///
+/// # Errors
+/// As [`replace`]; or the file cannot be written.
+pub fn write_whole(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> io::Result<()> {
+    replace(path, |partial| {
+        let mut output = BufWriter::new(File::create(partial)?);
+        write(&mut output)?;
+        output.into_inner()?.sync_data()
+    })
+}
+
+/// Puts a file in the place of another: `write` makes it under a name of its own, which it loses when all of it is there.
+///
+/// # Errors
+/// Something that is no file is in its place, or `write` failed.
+pub fn replace<E: From<io::Error>>(
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<(), E>,
+) -> Result<(), E> {
+    // Where a link leads, not the link.
+    let found = fs::canonicalize(path);
+    let path = found.as_deref().unwrap_or(path);
     let partial = path.with_added_extension("partial");
-    let mut output = BufWriter::new(File::create(&partial)?);
-    let written = write(&mut output)
-        .and_then(|()| output.into_inner()?.sync_data())
-        .and_then(|()| fs::rename(&partial, path));
+    for place in [path, &partial] {
+        if place.exists() {
+            require_file(place)?;
+        }
+    }
+    let written = write(&partial).and_then(|()| Ok(fs::rename(&partial, path)?));
     if written.is_err() {
         // On a full disk it holds the room that is missing.
         let _ = fs::remove_file(&partial);
@@ -221,7 +249,7 @@ pub fn write_whole(
     written
 }
 
-/// As [`write_whole`], for a file that is not there yet.
+/// As [`write_whole`], for a file that is not there yet. A folder in its name is made.
 ///
 /// # Errors
 /// As [`write_whole`], or something of that name is there.
@@ -233,6 +261,13 @@ pub fn write_new(
         let there = io::ErrorKind::AlreadyExists;
         return Err(io::Error::new(there, "it is there already"));
     }
+    let folder = path.parent().unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => {
+            io::Error::other(format!("{} is no folder", folder.display()))
+        }
+        _ => error,
+    })?;
     write_whole(path, write)
 }
 

@@ -18,7 +18,6 @@ mod tests;
 mod times;
 
 use dbc::SignalMissing;
-use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
 use std::path::Path;
@@ -29,6 +28,7 @@ use re_sdk::{EntityPath, RecordingInfo, SerializationError, StoreId, StoreKind};
 
 use super::Run;
 use judge::verdict::Verdict;
+use recording::run_folder::replace;
 use rig::setup::Setup;
 
 use blueprint::{Page, Play};
@@ -74,11 +74,14 @@ pub enum RerunError {
 /// # Panics
 /// There is no loop.
 pub fn write(path: &Path, runs: &[Run<'_>], verdict: &Verdict) -> Result<(), RerunError> {
+    replace(path, |partial| write_partial(partial, runs, verdict))
+}
+
+fn write_partial(path: &Path, runs: &[Run<'_>], verdict: &Verdict) -> Result<(), RerunError> {
     let scenario = &runs[0].setup.scenario;
-    let partial = path.with_added_extension("partial");
     let id = recording_id(runs, verdict);
     let store = StoreId::new(StoreKind::Recording, APPLICATION, id);
-    let mut file = RecordingFile::create(&partial, store)?;
+    let mut file = RecordingFile::create(path, store)?;
     let properties = RecordingInfo::new()
         .with_name(scenario.name.as_str())
         .with_start_time(0_i64);
@@ -94,8 +97,7 @@ pub fn write(path: &Path, runs: &[Run<'_>], verdict: &Verdict) -> Result<(), Rer
     log_verdict(&mut file, scenario, verdict, end_seconds)?;
     let planes = contour::log(&mut file, runs)?;
     blueprint::send(&mut file, &pages, &planes, Play::Paused)?;
-    file.finish()?;
-    Ok(fs::rename(partial, path)?)
+    file.finish()
 }
 
 /// Sends the layout of a run that has just begun, with all that may come.

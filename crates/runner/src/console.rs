@@ -2,13 +2,14 @@
 //! else steers the terminal.
 
 use std::borrow::Cow;
+use std::fmt;
 use std::io::{self, BufWriter, IsTerminal, Write};
 use std::panic::PanicHookInfo;
 use std::sync::{OnceLock, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use miette::Diagnostic;
 use platform::terminal::printable;
 
@@ -338,12 +339,24 @@ fn show_work(parts: u64, before: u64, end: &mpsc::Receiver<()>) {
         return;
     }
     let bar = ProgressBar::with_draw_target(Some(parts), ProgressDrawTarget::stderr());
-    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {eta} left");
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let bar = bar.with_elapsed(PATIENCE);
+    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {left} left");
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.set_style(style.with_key("left", show_left));
     while !is_over(WORK_PERIOD) {
         bar.set_position((parts_done() - before).min(parts));
     }
     bar.finish_and_clear();
+}
+
+/// The time that is left if the rest takes as long as what is done: parts of the work differ, so the pace of the latest one says
+/// little.
+fn show_left(state: &ProgressState, output: &mut dyn fmt::Write) {
+    let rest = state.len().unwrap_or(0).saturating_sub(state.pos());
+    let left = state.elapsed().as_secs_f64() * rest as f64 / state.pos().max(1) as f64;
+    let left = Duration::try_from_secs_f64(left).unwrap_or(Duration::MAX);
+    // A state that cannot be written is not worth an end.
+    let _ = write!(output, "{:#}", HumanDuration(left));
 }
 
 /// The terminal, or nowhere.

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::console::{print, print_error};
 use crate::exit::Exit;
-use recording::run_folder::write_whole;
+use recording::run_folder::{write_output, write_whole};
 
 /// Writes a file; where it cannot be written, prints why.
 pub(crate) fn write(place: &Path, bytes: &[u8]) -> Result<(), Exit> {
@@ -18,16 +18,29 @@ pub(crate) fn write_with(
     place: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), Exit> {
-    write_whole(place, write).map_err(|error| {
-        let place = place.display();
-        print_error(&format!("canrig: {place} cannot be written: {error}"));
-        Exit::BenchFailed
-    })
+    write_output(place, write).map_err(|error| refuse(place, &error))
 }
 
-/// Writes a page and prints where.
+fn refuse(place: &Path, error: &io::Error) -> Exit {
+    let place = place.display();
+    print_error(&format!("canrig: {place} cannot be written: {error}"));
+    Exit::BenchFailed
+}
+
+/// Writes a page where the user wants it, and prints where.
 pub(crate) fn write_page(place: &Path, text: &str) -> Result<(), Exit> {
-    write(place, text.as_bytes())?;
+    let write = |output: &mut BufWriter<File>| output.write_all(text.as_bytes());
+    printed(place, write_output(place, write))
+}
+
+/// Writes the page of a run folder anew, and prints where.
+pub(crate) fn renew_page(place: &Path, text: &str) -> Result<(), Exit> {
+    let write = |output: &mut BufWriter<File>| output.write_all(text.as_bytes());
+    printed(place, write_whole(place, write))
+}
+
+fn printed(place: &Path, written: io::Result<()>) -> Result<(), Exit> {
+    written.map_err(|error| refuse(place, &error))?;
     print(&place.display().to_string());
     Ok(())
 }

@@ -147,6 +147,13 @@ pub(crate) fn scenario_files(
             let searched = find_scenarios(argument, FOLDER_DEPTH_MAX, &mut files);
             searched.map_err(|error| format!("{} cannot be read: {error}", argument.display()))?;
             let found = files.split_off(before);
+            // What is printed of each file is a line, which some CI systems take commands from.
+            let has_control = |path: &&PathBuf| path.to_string_lossy().contains(char::is_control);
+            if let Some(path) = found.iter().find(has_control) {
+                return Err(format!(
+                    "{path:?} has a line end or another control character in its name: rename it"
+                ));
+            }
             files.extend(found.into_iter().filter(|path| is_wanted(path)));
             if files.len() == before {
                 return Err(format!("{} holds no scenario (*.toml)", argument.display()));

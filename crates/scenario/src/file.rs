@@ -1,6 +1,6 @@
 //! Files that somebody else may have written: opened only where they are files, and read only so far.
 
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
@@ -10,9 +10,30 @@ use std::path::Path;
 /// # Errors
 /// It cannot be read, or is no file: a pipe would block until somebody writes to it, and a device may have no end.
 pub fn open_file(path: &Path) -> io::Result<File> {
+    require_file(path)?;
+    File::open(path)
+}
+
+/// Opens a file to write to it, and makes it where there is none.
+///
+/// # Errors
+/// As [`open_file`]; or the file cannot be written.
+pub fn open_to_write(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
+    match require_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    options.write(true).create(true).open(path)
+}
+
+/// Refuses what is no file: a pipe would be waited for, and a device might never end.
+///
+/// # Errors
+/// There is no file, or something else.
+pub fn require_file(path: &Path) -> io::Result<()> {
     let kind = path.metadata()?.file_type();
     if kind.is_file() {
-        return File::open(path);
+        return Ok(());
     }
     let kind = match () {
         () if kind.is_dir() => "a folder",

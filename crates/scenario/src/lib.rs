@@ -55,7 +55,7 @@ pub mod wiring;
 
 pub use bus::Bus;
 pub use error::{Problem, ScenarioError, without_colours};
-pub use file::{open_file, read_text};
+pub use file::{open_file, open_to_write, read_text, require_file};
 pub use fingerprint::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
 pub use load::{Objection, Texts};
 pub use nearest::{meant_or_known, nearest};

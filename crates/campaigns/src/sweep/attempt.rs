@@ -66,8 +66,7 @@ pub(crate) fn open(folder: &Path, header: &Header) -> Result<(Store, Recovered),
         } else if content.is_whole(header) {
             return Ok((Store::of_whole(published, file, header, content), found));
         } else {
-            let aside = content.set_aside(&file, &published);
-            found.set_aside = aside.map_err(write_error(&published))?;
+            found.set_aside = content.set_aside(&file, &published)?;
             sources.push((file, content.rows));
         }
     }

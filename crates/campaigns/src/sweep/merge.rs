@@ -41,6 +41,8 @@ pub(crate) enum MergeError {
     NoIdentity(#[from] NoIdentity),
     #[error("a broken invariant cannot be shown by a smaller scenario: {0}")]
     Shrink(String),
+    #[error("the scenario in {} is not the one that its rows were played of", path.display())]
+    Changed { path: PathBuf },
     #[error("{} is a part of another campaign than {} (other file, tables or version of canrig)", other.display(), first.display())]
     Different { first: PathBuf, other: PathBuf },
     #[error("{} was played by another canrig ({version}, this is {}): play it with the very file of this program, or merge with the one that played it", path.display(), env!("CARGO_PKG_VERSION"))]
@@ -194,7 +196,10 @@ fn check(parts: &[PathBuf], cases: &dyn Cases, identity: &Identity) -> Result<()
         }
         if (header.sweep.as_str(), &header.identity) != (cases.id(), identity) {
             let first = parts[0].clone();
-            return Err(MergeError::Different { first, other: path });
+            return Err(match first == path {
+                true => MergeError::Changed { path },
+                false => MergeError::Different { first, other: path },
+            });
         }
     }
     Ok(())

@@ -55,6 +55,12 @@ impl Seal {
     }
 }
 
+/// Whether these bytes may be the beginning of a line whose end was never written.
+pub(super) fn is_torn(bytes: &[u8]) -> bool {
+    let begin = BEGIN.as_bytes();
+    !bytes.ends_with(b"\n") && (bytes.starts_with(begin) || begin.starts_with(bytes))
+}
+
 /// A part of a file: bytes from one place on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {

@@ -12,8 +12,9 @@ use serde::{Deserialize, Serialize};
 use super::Shard;
 use super::cases::Cases;
 use super::row::SweepRow;
-use super::sealed::{Lines, Place, Seal};
+use super::sealed::{Lines, Place, Seal, is_torn};
 use judge::verdict::Identity;
+use scenario::open_to_write;
 
 /// Name of the file.
 pub(super) const FILE: &str = "rows.jsonl";
@@ -220,13 +221,12 @@ impl Store {
             true => store.begin_anew(&content),
             false => store.recover(content),
         };
-        let recovered = recovered.map_err(write_error(&store.path))?;
-        Ok((store, recovered))
+        Ok((store, recovered?))
     }
 
     /// Keeps the rows of another program under another name, and begins anew.
-    fn begin_anew(&mut self, content: &Content) -> io::Result<Recovered> {
-        let set_aside = set_older_aside(&self.path, content)?;
+    fn begin_anew(&mut self, content: &Content) -> Result<Recovered, StoreError> {
+        let set_aside = set_older_aside(&self.path, content).map_err(write_error(&self.path))?;
         self.rewrite()?;
         Ok(Recovered {
             is_torn: false,
@@ -235,7 +235,7 @@ impl Store {
     }
 
     /// Takes over the rows that open, in the order of the cases; the other lines are set aside.
-    fn recover(&mut self, content: Content) -> io::Result<Recovered> {
+    fn recover(&mut self, content: Content) -> Result<Recovered, StoreError> {
         let set_aside = content.set_aside(&self.file, &self.path)?;
         let is_whole = content.header.is_some() && content.damaged.is_empty();
         self.rows = content.rows;
@@ -244,8 +244,9 @@ impl Store {
                 Some((_, last)) => last.offset + last.length as u64,
                 None => self.header.line().len() as u64,
             };
-            self.file.set_len(self.end)?;
-            self.file.seek(SeekFrom::Start(self.end))?;
+            let cut = self.file.set_len(self.end);
+            let cut = cut.and_then(|()| self.file.seek(SeekFrom::Start(self.end)));
+            cut.map_err(write_error(&self.path))?;
         } else {
             self.rewrite()?;
         }
@@ -256,10 +257,19 @@ impl Store {
     }
 
     /// Puts a file in the place of this one that has the header and the rows in the order of the cases.
-    fn rewrite(&mut self) -> io::Result<()> {
+    fn rewrite(&mut self) -> Result<(), StoreError> {
         let partial = self.path.with_added_extension("partial");
-        let file = locked(&partial, OpenOptions::new().truncate(true))
-            .map_err(|error| io::Error::other(error.to_string()))?;
+        let file = locked(&partial, OpenOptions::new().truncate(true))?;
+        let written = self.write_anew(file);
+        let written = written.and_then(|file| fs::rename(&partial, &self.path).map(|()| file));
+        let file = written.map_err(write_error(&partial))?;
+        self.replaced.push(std::mem::replace(&mut self.file, file));
+        self.is_in_order = true;
+        Ok(())
+    }
+
+    /// Writes header and rows to another file, which is this store's from now on.
+    fn write_anew(&mut self, file: File) -> io::Result<File> {
         let mut output = BufWriter::new(file);
         let header = self.header.line();
         output.write_all(header.as_bytes())?;
@@ -272,10 +282,8 @@ impl Store {
         }
         let file = output.into_inner()?;
         file.sync_data()?;
-        fs::rename(partial, &self.path)?;
-        self.replaced.push(std::mem::replace(&mut self.file, file));
-        (self.rows, self.end, self.is_in_order) = (rows, offset, true);
-        Ok(())
+        (self.rows, self.end) = (rows, offset);
+        Ok(file)
     }
 
     /// Whether the row of a case is there.
@@ -334,7 +342,7 @@ impl Store {
     /// Waits until the disk has everything, in the order of the cases.
     pub(super) fn finish(&mut self) -> Result<(), StoreError> {
         if !self.is_in_order {
-            self.rewrite().map_err(write_error(&self.path))?;
+            self.rewrite()?;
         }
         self.sync()
     }
@@ -389,8 +397,8 @@ impl Content {
                 self.is_in_order &= last.is_none_or(|(last, _)| *last < row.case);
                 self.rows.insert(row.case, place);
             }
-            None if bytes.ends_with(b"\n") => self.damaged.push((number, place)),
-            None => self.torn = Some((number, place)),
+            None if is_torn(bytes) => self.torn = Some((number, place)),
+            None => self.damaged.push((number, place)),
         }
     }
 
@@ -411,21 +419,26 @@ impl Content {
     }
 
     /// Keeps damaged lines beside the file; what is said of them.
-    pub(super) fn set_aside(&self, file: &File, path: &Path) -> io::Result<Option<String>> {
+    pub(super) fn set_aside(&self, file: &File, path: &Path) -> Result<Option<String>, StoreError> {
         if self.damaged.is_empty() {
             return Ok(None);
         }
         let aside = path.with_file_name(DAMAGED);
-        let aside = OpenOptions::new().append(true).create(true).open(aside)?;
+        self.keep_damaged(file, &aside)
+            .map_err(write_error(&aside))?;
+        let numbers: Vec<usize> = self.damaged.iter().map(|(number, _)| *number).collect();
+        Ok(Some(damaged_words(path, &numbers)))
+    }
+
+    fn keep_damaged(&self, file: &File, aside: &Path) -> io::Result<()> {
+        let aside = open_to_write(aside, OpenOptions::new().append(true))?;
         let mut output = BufWriter::new(aside);
         for (_, place) in &self.damaged {
             let line = bytes(file, *place)?;
             output.write_all(line.strip_suffix(b"\n").unwrap_or(&line))?;
             output.write_all(b"\n")?;
         }
-        output.into_inner()?.sync_data()?;
-        let numbers: Vec<usize> = self.damaged.iter().map(|(number, _)| *number).collect();
-        Ok(Some(damaged_words(path, &numbers)))
+        output.into_inner()?.sync_data()
     }
 
     fn version(&self) -> Option<&str> {
@@ -499,7 +512,7 @@ fn bytes(file: &File, place: Place) -> io::Result<Vec<u8>> {
 
 /// Opens a file for this program alone.
 fn locked(path: &Path, options: &mut OpenOptions) -> Result<File, StoreError> {
-    let file = options.read(true).write(true).create(true).open(path);
+    let file = open_to_write(path, options.read(true));
     let file = file.map_err(write_error(path))?;
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => Err(StoreError::Busy {
@@ -736,6 +749,17 @@ pub(super) mod tests {
         let (cases, found) = kept(&lines.concat(), &whole).unwrap();
         assert_eq!(cases, CASES);
         assert!(found.set_aside.unwrap().starts_with("line 6 of "));
+    }
+
+    #[test]
+    fn what_somebody_else_wrote_behind_the_rows_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = written(folder.path());
+        for other in [&b"notes of somebody else"[..], &[0; 4096], b"a\nb"] {
+            let (cases, found) = kept(&[&whole[..], other].concat(), &whole).unwrap();
+            assert_eq!((cases, found.is_torn), (CASES.to_vec(), false));
+            assert!(found.set_aside.unwrap().contains("damaged"));
+        }
     }
 
     #[test]

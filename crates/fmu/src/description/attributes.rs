@@ -22,8 +22,9 @@ impl<'a> Attributes<'a, '_> {
         self.0.attribute(name)
     }
 
+    /// A text, on one line.
     pub(super) fn owned(&self, name: &str) -> String {
-        self.text(name).unwrap_or_default().to_owned()
+        on_one_line(self.text(name).unwrap_or_default())
     }
 
     pub(super) fn required(&self, name: &str) -> Result<&'a str, Fault> {
@@ -34,7 +35,7 @@ impl<'a> Attributes<'a, '_> {
 
     /// A name: line ends and tabs in it are spaces, as the type `normalizedString` says that FMI gives names.
     pub(super) fn name(&self, attribute: &str) -> Result<String, Fault> {
-        Ok(self.required(attribute)?.replace(['\n', '\r', '\t'], " "))
+        self.required(attribute).map(on_one_line)
     }
 
     pub(super) fn is_true(&self, name: &str) -> Result<bool, Fault> {
@@ -85,4 +86,8 @@ impl<'a> Attributes<'a, '_> {
     pub(super) fn elements(&self) -> impl Iterator<Item = Self> {
         self.0.children().filter(Node::is_element).map(Self)
     }
+}
+
+fn on_one_line(text: &str) -> String {
+    text.replace(['\n', '\r', '\t'], " ")
 }

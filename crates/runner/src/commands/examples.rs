@@ -1,6 +1,5 @@
 //! `canrig examples`: the scenarios and rig files that ship, listed, shown, or copied.
 
-use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -129,8 +128,6 @@ fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), (PathBuf, io::Error)
 
 /// Writes a file that is not there yet.
 fn write(path: &Path, text: &str) -> Result<(), (PathBuf, io::Error)> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let written = fs::create_dir_all(folder)
-        .and_then(|()| write_new(path, |file| file.write_all(text.as_bytes())));
+    let written = write_new(path, |file| file.write_all(text.as_bytes()));
     written.map_err(|error| (path.to_owned(), error))
 }

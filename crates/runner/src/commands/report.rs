@@ -7,7 +7,7 @@ use clap::Args;
 
 use crate::console::WorkBar;
 use crate::exit::Exit;
-use crate::output::{link, write_page};
+use crate::output::{link, renew_page, write_page};
 use crate::recorded::{Recorded, RecordedError, refuse, require_run};
 use judge::verdict::Verdict;
 use recording::run_folder::file;
@@ -61,7 +61,8 @@ pub fn report(args: &ReportArgs) -> Exit {
     drop(bar);
     for page in pages {
         let written = match page {
-            Ok((place, text)) => write_page(&place, &text),
+            Ok((place, text)) if args.output.as_ref() == Some(&place) => write_page(&place, &text),
+            Ok((place, text)) => renew_page(&place, &text),
             Err(error) => return refuse(error.into()),
         };
         if let Err(exit) = written {

@@ -1,0 +1,209 @@
+//! The text of a compressed log, piece by piece. Each piece is first read to its checksum, so that nothing is taken of one that is
+//! damaged.
+
+use std::io::{self, BufRead, BufReader, Cursor, Read, Seek, SeekFrom};
+use std::mem;
+
+use zstd::Decoder;
+
+use crate::work::Way;
+
+/// How every piece begins (RFC 8878, 3.1.1).
+const MAGIC: [u8; 4] = 0xFD2F_B528_u32.to_le_bytes();
+/// So much of the file is in memory: a second of a bus that is full has half of it.
+const BUFFER_BYTES: usize = 1 << 17;
+/// The text of a piece that is no longer is held: a second of a bus has some hundred kilobytes. What another tool compressed may be
+/// one piece of any length, which is read twice.
+const HELD_BYTES_MAX: usize = 1 << 22;
+
+/// A part of a compressed log that is not as it was written. What follows it can be read.
+#[derive(Debug, thiserror::Error)]
+#[error("{bytes} bytes from byte {begin} on are damaged: {reason}")]
+pub(crate) struct Damaged {
+    begin: u64,
+    bytes: u64,
+    reason: io::Error,
+}
+
+impl Damaged {
+    /// The damage that an error of [`PieceReader`] is, if it is one.
+    pub(crate) fn of(error: &io::Error) -> Option<&Self> {
+        error.get_ref()?.downcast_ref()
+    }
+}
+
+/// Reads the text; each damaged part is an error, after which the next piece comes.
+pub(crate) struct PieceReader<R> {
+    state: State<R>,
+    /// The text of the latest piece, if it is held, and how much of it was taken.
+    held: Cursor<Vec<u8>>,
+    way: Way,
+}
+
+enum State<R> {
+    Between(BufReader<R>),
+    Within(Decoder<'static, BufReader<R>>),
+    /// The system refused something.
+    Failed,
+}
+
+impl<R: Read + Seek> PieceReader<R> {
+    /// The pieces of a file of so many bytes.
+    pub(crate) fn new(input: R, bytes: u64) -> Self {
+        Self {
+            state: State::Between(BufReader::with_capacity(BUFFER_BYTES, input)),
+            held: Cursor::default(),
+            way: Way::new(bytes),
+        }
+    }
+
+    /// Goes to the next piece that is whole; `false` at the end of the file.
+    fn next_piece(&mut self, mut input: BufReader<R>) -> io::Result<bool> {
+        let begin = input.stream_position()?;
+        if input.fill_buf()?.is_empty() {
+            self.state = State::Between(input);
+            return Ok(false);
+        }
+        let mut text = mem::take(&mut self.held).into_inner();
+        let checked = read_to_end(&mut input, &mut text);
+        if checked.is_err() {
+            input.seek(SeekFrom::Start(begin + 1))?;
+            skip_to_magic(&mut input)?;
+        }
+        let bytes = input.stream_position()? - begin;
+        self.way.go(usize::try_from(bytes).unwrap_or(usize::MAX));
+        match checked {
+            Ok(true) => {
+                self.held = Cursor::new(text);
+                self.state = State::Between(input);
+            }
+            Ok(false) => {
+                input.seek(SeekFrom::Start(begin))?;
+                self.state = State::Within(Decoder::with_buffer(input)?.single_frame());
+            }
+            Err(reason) => {
+                self.state = State::Between(input);
+                let damaged = Damaged {
+                    begin,
+                    bytes,
+                    reason,
+                };
+                return Err(io::Error::new(io::ErrorKind::InvalidData, damaged));
+            }
+        }
+        Ok(true)
+    }
+}
+
+impl<R: Read + Seek> Read for PieceReader<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        loop {
+            let held = self.held.read(bytes)?;
+            if held > 0 || bytes.is_empty() {
+                return Ok(held);
+            }
+            match mem::replace(&mut self.state, State::Failed) {
+                State::Failed => return Err(io::Error::other("the file could not be read")),
+                State::Between(input) => {
+                    if !self.next_piece(input)? {
+                        return Ok(0);
+                    }
+                }
+                State::Within(mut piece) => match piece.read(bytes)? {
+                    0 => self.state = State::Between(piece.finish()),
+                    read => {
+                        self.state = State::Within(piece);
+                        return Ok(read);
+                    }
+                },
+            }
+        }
+    }
+}
+
+/// Reads a piece to its end, where its checksum is; whether all its text is held.
+fn read_to_end(input: &mut impl BufRead, text: &mut Vec<u8>) -> io::Result<bool> {
+    let mut piece = Decoder::with_buffer(input)?.single_frame();
+    text.clear();
+    piece
+        .by_ref()
+        .take(HELD_BYTES_MAX as u64)
+        .read_to_end(text)?;
+    Ok(io::copy(&mut piece, &mut io::sink())? == 0)
+}
+
+/// Goes to where a piece may begin, or to the end of the file.
+fn skip_to_magic<R: Read + Seek>(input: &mut BufReader<R>) -> io::Result<()> {
+    let mut latest = [0; MAGIC.len()];
+    for byte in input.by_ref().bytes() {
+        latest.rotate_left(1);
+        latest[MAGIC.len() - 1] = byte?;
+        if latest == MAGIC {
+            return input.seek_relative(-4);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use super::*;
+
+    fn piece(text: &str) -> Vec<u8> {
+        let mut encoder = zstd::Encoder::new(Vec::new(), 3).unwrap();
+        encoder.include_checksum(true).unwrap();
+        io::Write::write_all(&mut encoder, text.as_bytes()).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    /// The text, and how many parts of it are damaged.
+    fn read(bytes: &[u8]) -> (String, usize) {
+        let mut pieces = PieceReader::new(Cursor::new(bytes), bytes.len() as u64);
+        let (mut text, mut damaged) = (Vec::new(), 0);
+        let mut some = [0; 7];
+        loop {
+            match pieces.read(&mut some) {
+                Ok(0) => return (String::from_utf8(text).unwrap(), damaged),
+                Ok(read) => text.extend(&some[..read]),
+                Err(error) => {
+                    assert!(Damaged::of(&error).is_some(), "{error}");
+                    damaged += 1;
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn of_a_damaged_piece_nothing_is_taken_and_the_others_are_whole() {
+        let texts = ["one one one one\n", "two\n", "three 3 3 3 3 3\n"];
+        let pieces = texts.map(piece);
+        let whole = pieces.concat();
+        assert_eq!(read(&whole), (texts.concat(), 0));
+        let middle = pieces[0].len()..pieces[0].len() + pieces[1].len();
+        for place in middle.clone() {
+            for bit in 0..8 {
+                let mut bytes = whole.clone();
+                bytes[place] ^= 1 << bit;
+                let (text, damaged) = read(&bytes);
+                // A bit in its header may mean nothing, or that there is no checksum: then the text is whole.
+                let is_whole = text == texts.concat();
+                let is_without = text == [texts[0], texts[2]].concat() && damaged > 0;
+                assert!(is_whole || is_without, "{place} {bit}: {text}");
+            }
+        }
+        for cut in middle.start + 1..middle.end {
+            assert_eq!(read(&whole[..cut]), (texts[0].to_owned(), 1), "{cut}");
+        }
+        assert_eq!(read(b""), (String::new(), 0));
+        assert_eq!(read(b"no log at all"), (String::new(), 1));
+    }
+
+    #[test]
+    fn a_log_that_another_tool_compressed_is_one_piece() {
+        let text = "(0.000001) can0 123#\n".repeat(300_000);
+        assert!(text.len() > HELD_BYTES_MAX);
+        assert_eq!(read(&piece(&text)), (text, 0));
+    }
+}
