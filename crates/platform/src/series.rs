@@ -16,7 +16,7 @@ use bytemuck::{Pod, cast_slice, cast_slice_mut};
 use crate::memory::return_freed;
 use mapping::{Mapping, READ_BYTES};
 
-pub use mapping::give_back;
+pub use mapping::{expect, give_back};
 
 /// So many values stay in memory: two minutes of a signal at 1 kHz.
 pub const KEPT_MAX: usize = 1 << 17;
@@ -34,6 +34,7 @@ pub fn picked<T: Copy>(values: &[T], places: &[usize]) -> Vec<T> {
     let block = |place: usize| place / block_length::<T>();
     let mut picked = Vec::with_capacity(places.len());
     for near in places.chunk_by(|one, next| block(*one) == block(*next)) {
+        expect(&values[near[0]..]);
         picked.extend(near.iter().map(|&place| values[place]));
         if let (Some(first), Some(last)) = (near.first(), near.last()) {
             give_back(&values[*first..=*last]);
@@ -69,6 +70,7 @@ impl<'a, T> Iterator for Blocks<'a, T> {
 
     fn next(&mut self) -> Option<&'a [T]> {
         give_back(self.block);
+        expect(self.rest);
         let count = self.rest.len().min(block_length::<T>());
         (self.block, self.rest) = self.rest.split_at(count);
         (count > 0).then_some(self.block)
@@ -453,6 +455,9 @@ impl<'a, T> Iter<'a, T> {
     #[cold]
     fn next_block(&mut self) -> Option<&'a T> {
         self.give_back();
+        if let Some(mapping) = self.mapping {
+            mapping.expect(self.rest);
+        }
         let count = block_length::<T>().clamp(1, self.rest.len().max(1));
         (self.block, self.rest) = self.rest.split_at_checked(count)?;
         self.open = self.block.iter();
@@ -610,14 +615,64 @@ mod tests {
         assert_eq!((rest[0], rest[99], rest[100]), (3.0, 3.0, 4.0));
     }
 
+    const COUNT: u64 = 4_000_000;
+
+    /// A series that the system has to read from the disk: 1, 2, 3 …, or a hole.
+    fn on_disk(is_hole: bool) -> Series<u64> {
+        let mut writer = SeriesWriter::default();
+        match is_hole {
+            true => writer.fill(4_000_000, 0),
+            false => writer.extend(1..=COUNT),
+        }
+        let file = writer.file.as_ref().unwrap();
+        file.sync_data().unwrap();
+        rustix::fs::fadvise(file, 0, None, rustix::fs::Advice::DontNeed).unwrap();
+        writer.finish()
+    }
+
+    #[test]
+    fn series_that_are_read_side_by_side_hold_a_block_each() {
+        let all = [false, true, false, true, false, true].map(on_disk);
+        let mut columns = all.each_ref().map(Series::iter);
+        for row in 1..=COUNT {
+            let values = columns.iter_mut().map(|column| *column.next().unwrap());
+            assert_eq!(values.sum::<u64>(), 3 * row);
+            if row % 50_000 == 0 {
+                let held = all.each_ref().map(held_bytes);
+                assert!(held.iter().all(|held| *held <= READ_BYTES), "{held:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn of_a_value_that_was_read_nothing_stays_behind() {
+        let series = on_disk(false);
+        for (place, expected) in (1..=COUNT).enumerate().step_by(1000) {
+            assert_eq!(series[place], expected);
+            give_back(&series[place..=place]);
+            assert_eq!(held_bytes(&series), 0);
+        }
+    }
+
+    /// How much of a series' file is in memory.
+    fn held_bytes(series: &Series<u64>) -> usize {
+        let begin = format!("{:x}-", series.as_ptr().addr());
+        let text = std::fs::read_to_string("/proc/self/smaps").unwrap();
+        let mapping = text.lines().skip_while(|line| !line.starts_with(&begin));
+        let mut sizes = mapping.filter_map(|line| line.strip_prefix("Rss:"));
+        let kilobytes = sizes.next().unwrap().trim().strip_suffix(" kB").unwrap();
+        kilobytes.parse::<usize>().unwrap() << 10
+    }
+
+    fn resident_bytes() -> usize {
+        let text = std::fs::read_to_string("/proc/self/statm").unwrap();
+        let pages = text.split(' ').nth(1).unwrap();
+        pages.parse::<usize>().unwrap() * 4096
+    }
+
     /// What was read is not held: 400 MB are read twice.
     #[test]
     fn pages_that_were_read_go_back() {
-        let resident_bytes = || {
-            let text = std::fs::read_to_string("/proc/self/statm").unwrap();
-            let pages = text.split(' ').nth(1).unwrap();
-            pages.parse::<usize>().unwrap() * 4096
-        };
         let before = resident_bytes();
         let series: Series<u64> = (0..50_000_000).collect();
         let most = Cell::new(0);

@@ -17,6 +17,8 @@ use crate::clock::sleep;
 pub(super) const READ_BYTES: usize = 1 << 16;
 /// Who reads a byte of a file gets this much of it, from a multiple of this on (Linux, `fault_around_bytes`).
 const WINDOW_BYTES: usize = 1 << 16;
+/// Bytes of a file that are read ahead of who goes through it.
+const AHEAD_BYTES: usize = 1 << 18;
 /// How often it is looked how much of all files is in memory, since slices are read without an iterator.
 const LOOK_PERIOD: Duration = Duration::from_millis(1);
 /// With so many bytes more of files in memory, those of all series go back to the system.
@@ -62,6 +64,9 @@ impl Mapping {
         }?;
         let begin =
             NonNull::new(begin.cast::<u8>()).ok_or_else(|| io::Error::other("mapped nowhere"))?;
+        // Else the system reads ahead by itself, into pages of up to 2 MB, of which each is there as a whole with its first byte.
+        // SAFETY: nobody else has the mapping.
+        let _ = unsafe { madvise(begin.as_ptr().cast(), bytes, Advice::Random) };
         let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
         mappings
             .places
@@ -76,10 +81,16 @@ impl Mapping {
 
     /// Gives the pages of some of its values back.
     pub(super) fn give_back<T>(&self, values: &[T]) {
-        return_pages(
-            (self.begin.as_ptr().expose_provenance(), self.bytes),
-            values,
-        );
+        advise(self.place(), values, Advice::LinuxDontNeed);
+    }
+
+    /// Has the first of some of its values read ahead.
+    pub(super) fn expect<T>(&self, values: &[T]) {
+        advise(self.place(), ahead(values), Advice::WillNeed);
+    }
+
+    fn place(&self) -> (usize, usize) {
+        (self.begin.as_ptr().expose_provenance(), self.bytes)
     }
 }
 
@@ -103,9 +114,9 @@ impl Drop for Mapping {
     }
 }
 
-/// Gives the pages back that came when some values of a mapping were read, and no others: the longer a mapping, the longer it
-/// takes to look through all of it.
-fn return_pages<T>((begin, bytes): (usize, usize), values: &[T]) {
+/// Says of the pages that come when some values of a mapping are read, and of no others, what becomes of them: the longer a
+/// mapping, the longer it takes to look through all of it.
+fn advise<T>((begin, bytes): (usize, usize), values: &[T], advice: Advice) {
     if values.is_empty() {
         return;
     }
@@ -118,7 +129,7 @@ fn return_pages<T>((begin, bytes): (usize, usize), values: &[T]) {
     if first < end {
         let first = ptr::with_exposed_provenance_mut(first);
         // SAFETY: the values are borrowed, so the mapping is there. A page that was given back is read from the file again.
-        let _ = unsafe { madvise(first, end - first.addr(), Advice::LinuxDontNeed) };
+        let _ = unsafe { madvise(first, end - first.addr(), advice) };
     }
 }
 
@@ -182,10 +193,25 @@ impl ResidentFiles {
 /// Says that values were read which are not needed soon: if they are of a file, they go back to the system. For who goes through
 /// the slice of a long series.
 pub fn give_back<T>(values: &[T]) {
+    advise_any(values, Advice::LinuxDontNeed);
+}
+
+/// Says that values are needed soon, one after the other: if they are of a file, the first of them are read ahead.
+pub fn expect<T>(values: &[T]) {
+    advise_any(ahead(values), Advice::WillNeed);
+}
+
+fn ahead<T>(values: &[T]) -> &[T] {
+    let count = AHEAD_BYTES / size_of::<T>().max(1);
+    values.get(..count).unwrap_or(values)
+}
+
+/// As [`advise`], of the values of any mapping, or of none.
+fn advise_any<T>(values: &[T], advice: Advice) {
     let mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
     let begin = values.as_ptr().addr();
     let of_them = |place: &&(usize, usize)| place.0 <= begin && begin < place.0 + place.1;
     if let Some(place) = mappings.places.iter().find(of_them) {
-        return_pages(*place, values);
+        advise(*place, values, advice);
     }
 }

@@ -1,6 +1,6 @@
 //! Leaves out the points of a curve that nobody can see, so that a page stays small however long the run was.
 
-use platform::series::give_back;
+use platform::series::{give_back, passing};
 
 use super::range::finite_range;
 use super::scale::{DrawingScale, HEIGHT, WIDTH};
@@ -21,7 +21,7 @@ pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> V
     let mut line = Polyline::new();
     while let [first, ..] = x {
         let until = column_end(scale.along(*first));
-        let inside = x.iter().take_while(|x| scale.along(**x) < until);
+        let inside = passing(x).take_while(|x| scale.along(**x) < until);
         let Some(last) = inside.count().checked_sub(1) else {
             // The first point is nowhere.
             end(&mut line, &mut lines);

@@ -73,12 +73,14 @@ pub(super) fn finite_range(values: &[f64]) -> Option<(f64, f64)> {
         // Once not finite, it stays so.
         sum[lane] += value;
     };
-    let (pairs, rest) = values.as_chunks::<2>();
-    for [first, second] in pairs {
-        take(0, *first);
-        take(1, *second);
+    for block in blocks(values) {
+        let (pairs, rest) = block.as_chunks::<2>();
+        for [first, second] in pairs {
+            take(0, *first);
+            take(1, *second);
+        }
+        rest.iter().for_each(|value| take(0, *value));
     }
-    rest.iter().for_each(|value| take(0, *value));
     let is_finite = !values.is_empty() && (sum[0] + sum[1]).is_finite();
     is_finite.then(|| (low[0].min(low[1]), high[0].max(high[1])))
 }

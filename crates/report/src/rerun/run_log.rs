@@ -22,7 +22,7 @@ use super::times;
 use crate::terminal;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
-use platform::series::{Series, give_back, picked};
+use platform::series::{Series, expect, give_back, picked};
 use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
 use rig::setup::Setup;
@@ -31,7 +31,7 @@ use rig::setup::Setup;
 const CHANGES_SELDOM: usize = 4;
 
 /// So many rows of a signal are looked at before what was read goes back to the system.
-const BLOCK_ROWS: usize = 1 << 16;
+const BLOCK_ROWS: usize = 1 << 14;
 
 /// How much of a run is known when its signals are logged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -369,9 +369,11 @@ impl Rows {
     pub(super) fn extremes(values: &[f64], count: usize) -> Self {
         let mut rows: Vec<usize> = Vec::new();
         let (mut held, mut given_back, mut last) = (f64::NAN, 0, None);
+        expect(values);
         for (part, begin) in values.chunks(count).zip((0..).step_by(count)) {
             if begin - given_back >= BLOCK_ROWS {
                 give_back(&values[given_back..begin]);
+                expect(&values[begin..]);
                 given_back = begin;
             }
             let last_here = part.iter().rposition(|value| !value.is_nan());

@@ -1,7 +1,7 @@
 //! The file is read back with the SDK's own reader and held to the timeline.
 
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
@@ -277,7 +277,7 @@ fn the_table_of_contents_names_each_chunk_of_the_recording_and_of_its_layout() {
 #[test]
 fn the_file_is_complete_or_not_there() {
     let (folder, path, _) = written();
-    let bytes = std::fs::read(&path).unwrap();
+    let bytes = fs::read(&path).unwrap();
     assert!(bytes.starts_with(b"RRF"));
     assert!(!folder.path().join("run.rrd.partial").exists());
     let (frames, timeline, verdict) = made_up_run();

@@ -1,6 +1,6 @@
 //! The cycles that two runs share, and how far values of one are from those of the other.
 
-use platform::series::{Series, SeriesWriter, give_back};
+use platform::series::{Series, SeriesWriter, expect, give_back};
 use recording::timeline::Timeline;
 
 /// A lag is looked for within this time and so many cycles …
@@ -159,9 +159,11 @@ fn mean_squares(
         pairs.for_each(|(value, other)| add_square(&mut sums[0], *value, *other));
     } else {
         let mut given_back = 0;
+        expect(others);
         for (begin, value) in (0..others.len()).zip(values).step_by(stride) {
             if begin - given_back > sums.len() + LAG_SAMPLES_MAX {
                 give_back(&others[given_back..begin]);
+                expect(&others[begin..]);
                 given_back = begin;
             }
             let within = &others[begin..others.len().min(begin + sums.len())];
