@@ -26,7 +26,7 @@ const LOG_TOPIC: &str = "/rosout";
 const FRAME_ID: &str = "can0";
 /// Bytes of messages in one chunk, about.
 const CHUNK_BYTES_MIN: u64 = WriteOptions::DEFAULT_CHUNK_SIZE;
-const CHUNK_BYTES_MAX: u64 = 16 * CHUNK_BYTES_MIN;
+const CHUNK_BYTES_MAX: u64 = 6 * CHUNK_BYTES_MIN;
 
 /// Writes the file to an output that has a buffer. Times are those of the frames, in nanoseconds; the scenario began at `zero` on
 /// their clock, which is written into the metadata. A signal that a frame is too short for is NaN. Nothing is compressed. The
