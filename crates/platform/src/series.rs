@@ -14,9 +14,9 @@ use std::sync::Arc;
 use bytemuck::{Pod, cast_slice, cast_slice_mut};
 
 use crate::memory::return_freed;
-use mapping::{Mapping, READ_BYTES};
+use mapping::{Mapping, READ_BYTES, expect};
 
-pub use mapping::{expect, give_back};
+pub use mapping::give_back;
 
 /// So many values stay in memory: two minutes of a signal at 1 kHz.
 pub const KEPT_MAX: usize = 1 << 17;
@@ -34,11 +34,10 @@ pub fn picked<T: Copy>(values: &[T], places: &[usize]) -> Vec<T> {
     let block = |place: usize| place / block_length::<T>();
     let mut picked = Vec::with_capacity(places.len());
     for near in places.chunk_by(|one, next| block(*one) == block(*next)) {
-        expect(&values[near[0]..]);
+        let (first, last) = (near[0], near[near.len() - 1]);
+        expect(&values[first..]);
         picked.extend(near.iter().map(|&place| values[place]));
-        if let (Some(first), Some(last)) = (near.first(), near.last()) {
-            give_back(&values[*first..=*last]);
-        }
+        give_back(&values[first..=last]);
     }
     picked
 }
@@ -53,7 +52,20 @@ pub fn blocks<T>(values: &[T]) -> Blocks<'_, T> {
     Blocks {
         block: &[],
         rest: values,
+        length: block_length::<T>(),
     }
+}
+
+/// The values, so many at a time. What was read of a file goes back to the system on the way.
+///
+/// # Panics
+/// There are none at a time.
+pub fn parts<T>(values: &[T], count: usize) -> impl Iterator<Item = &[T]> {
+    let blocks = Blocks {
+        length: block_length::<T>().next_multiple_of(count),
+        ..blocks(values)
+    };
+    blocks.flat_map(move |block| block.chunks(count))
 }
 
 /// Values of which one block after another is in memory.
@@ -63,6 +75,8 @@ pub struct Blocks<'a, T> {
     block: &'a [T],
     /// What is behind it.
     rest: &'a [T],
+    /// Values in a block.
+    length: usize,
 }
 
 impl<'a, T> Iterator for Blocks<'a, T> {
@@ -71,7 +85,7 @@ impl<'a, T> Iterator for Blocks<'a, T> {
     fn next(&mut self) -> Option<&'a [T]> {
         give_back(self.block);
         expect(self.rest);
-        let count = self.rest.len().min(block_length::<T>());
+        let count = self.rest.len().min(self.length);
         (self.block, self.rest) = self.rest.split_at(count);
         (count > 0).then_some(self.block)
     }
@@ -570,6 +584,11 @@ mod tests {
             assert!(picked(&series, &few).into_iter().eq(expected_few));
             assert!(passing(&series).eq(&expected));
             assert!(blocks(&series).eq(expected.chunks(block_length::<u64>())));
+            assert!(
+                [1, 7, BLOCK + 1, 2 * count]
+                    .iter()
+                    .all(|&few| parts(&series, few).eq(expected.chunks(few)))
+            );
             let part = series.part(BLOCK + 3..4 * BLOCK);
             assert_eq!(*part, expected[BLOCK + 3..4 * BLOCK]);
             assert_eq!(*part.part(5..9), expected[BLOCK + 8..BLOCK + 12]);
@@ -615,14 +634,14 @@ mod tests {
         assert_eq!((rest[0], rest[99], rest[100]), (3.0, 3.0, 4.0));
     }
 
-    const COUNT: u64 = 4_000_000;
+    const COUNT: usize = 4_000_000;
 
     /// A series that the system has to read from the disk: 1, 2, 3 …, or a hole.
     fn on_disk(is_hole: bool) -> Series<u64> {
         let mut writer = SeriesWriter::default();
         match is_hole {
-            true => writer.fill(4_000_000, 0),
-            false => writer.extend(1..=COUNT),
+            true => writer.fill(COUNT, 0),
+            false => writer.extend(1..=COUNT as u64),
         }
         let file = writer.file.as_ref().unwrap();
         file.sync_data().unwrap();
@@ -634,7 +653,7 @@ mod tests {
     fn series_that_are_read_side_by_side_hold_a_block_each() {
         let all = [false, true, false, true, false, true].map(on_disk);
         let mut columns = all.each_ref().map(Series::iter);
-        for row in 1..=COUNT {
+        for row in 1..=COUNT as u64 {
             let values = columns.iter_mut().map(|column| *column.next().unwrap());
             assert_eq!(values.sum::<u64>(), 3 * row);
             if row % 50_000 == 0 {
@@ -647,7 +666,7 @@ mod tests {
     #[test]
     fn of_a_value_that_was_read_nothing_stays_behind() {
         let series = on_disk(false);
-        for (place, expected) in (1..=COUNT).enumerate().step_by(1000) {
+        for (place, expected) in (1..=COUNT as u64).enumerate().step_by(1000) {
             assert_eq!(series[place], expected);
             give_back(&series[place..=place]);
             assert_eq!(held_bytes(&series), 0);

@@ -197,7 +197,7 @@ pub fn give_back<T>(values: &[T]) {
 }
 
 /// Says that values are needed soon, one after the other: if they are of a file, the first of them are read ahead.
-pub fn expect<T>(values: &[T]) {
+pub(super) fn expect<T>(values: &[T]) {
     advise_any(ahead(values), Advice::WillNeed);
 }
 

@@ -22,16 +22,13 @@ use super::times;
 use crate::terminal;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
-use platform::series::{Series, expect, give_back, picked};
+use platform::series::{Series, give_back, parts, picked};
 use recording::events::{Level, TimelineEvent};
 use recording::timeline::Timeline;
 use rig::setup::Setup;
 
 /// A signal that changes in fewer than one of so many rows has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
-
-/// So many rows of a signal are looked at before what was read goes back to the system.
-const BLOCK_ROWS: usize = 1 << 14;
 
 /// How much of a run is known when its signals are logged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -368,14 +365,8 @@ impl Rows {
     /// The least and the largest value of so many rows each, where they are not those before.
     pub(super) fn extremes(values: &[f64], count: usize) -> Self {
         let mut rows: Vec<usize> = Vec::new();
-        let (mut held, mut given_back, mut last) = (f64::NAN, 0, None);
-        expect(values);
-        for (part, begin) in values.chunks(count).zip((0..).step_by(count)) {
-            if begin - given_back >= BLOCK_ROWS {
-                give_back(&values[given_back..begin]);
-                expect(&values[begin..]);
-                given_back = begin;
-            }
+        let (mut held, mut last) = (f64::NAN, None);
+        for (part, begin) in parts(values, count).zip((0..).step_by(count)) {
             let last_here = part.iter().rposition(|value| !value.is_nan());
             last = last_here.map(|row| begin + row).or(last);
             let numbers = || part.iter().enumerate().filter(|(_, value)| !value.is_nan());

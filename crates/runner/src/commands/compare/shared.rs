@@ -1,6 +1,6 @@
 //! The cycles that two runs share, and how far values of one are from those of the other.
 
-use platform::series::{Series, SeriesWriter, expect, give_back};
+use platform::series::{Series, SeriesWriter};
 use recording::timeline::Timeline;
 
 /// A lag is looked for within this time and so many cycles …
@@ -158,15 +158,8 @@ fn mean_squares(
         let pairs = values.iter().zip(others);
         pairs.for_each(|(value, other)| add_square(&mut sums[0], *value, *other));
     } else {
-        let mut given_back = 0;
-        expect(others);
         for (begin, value) in (0..others.len()).zip(values).step_by(stride) {
-            if begin - given_back > sums.len() + LAG_SAMPLES_MAX {
-                give_back(&others[given_back..begin]);
-                expect(&others[begin..]);
-                given_back = begin;
-            }
-            let within = &others[begin..others.len().min(begin + sums.len())];
+            let within = others.range(begin..others.len().min(begin + sums.len()));
             let pairs = sums.iter_mut().zip(within);
             pairs.for_each(|(sum, other)| add_square(sum, *value, *other));
         }
