@@ -238,16 +238,19 @@ fn a_pipe_in_the_place_of_a_file_of_a_folder_is_refused() {
 }
 
 #[test]
-fn a_name_with_a_line_end_is_refused_where_a_folder_is_searched() {
+fn a_name_with_a_line_end_is_refused_on_the_command_line_and_where_a_folder_is_searched() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = short_scenario(folder.path(), 0.3);
-    fs::copy(&scenario, folder.path().join("a\n::error::b.toml")).unwrap();
-    for command in ["check", "simulate"] {
-        let (code, stdout, stderr) = output(bare(&[command]).arg(folder.path()));
+    let named = folder.path().join("a\n::error::b.toml");
+    fs::copy(&scenario, &named).unwrap();
+    let commands = ["check", "simulate", "replay", "--no-such-option"];
+    let named = commands.map(|command| output(bare(&[command]).arg(&named)));
+    let searched = ["check", "simulate"].map(|word| output(bare(&[word]).arg(folder.path())));
+    for (code, stdout, stderr) in named.into_iter().chain(searched) {
         assert_eq!(code, Some(2), "{stderr}");
         let mut lines = stdout.lines().chain(stderr.lines());
         assert!(!lines.any(|line| line.starts_with("::")), "{stderr}");
-        assert!(stderr.contains("rename it"), "{stderr}");
+        assert!(stderr.contains("rename"), "{stderr}");
     }
 }
 

@@ -120,6 +120,13 @@ impl Bench {
 }
 
 fn from_command_line() -> Exit {
+    // What is printed of each file is a line, which some CI systems take commands from.
+    let has_line_end = |word: &OsString| word.as_encoded_bytes().contains(&b'\n');
+    if let Some(word) = std::env::args_os().find(has_line_end) {
+        return console::usage_error(&format!(
+            "{word:?} has a line end in it: rename the file if it is one"
+        ));
+    }
     match Cli::try_parse() {
         Ok(cli) => execute(cli),
         Err(error) => {
