@@ -6,11 +6,14 @@
 //! ([`metrics`]), the checks of signals and sequences, the losses, the [`Timing`](timing::Timing), and one
 //! [`Outcome`](verdict::Outcome). `verdict.json` holds it.
 //!
+//! Of two recordings with their verdicts, [`comparison`] says what differs by more than a tolerance.
+//!
 //! It does not know: which world made the recording, where it is stored, how a verdict is shown. Names, units and limits of
 //! the metrics stand in [`scenario::metrics`].
 
 mod chirp;
 mod circumstances;
+pub mod comparison;
 mod contour;
 mod decision;
 mod disturbances;

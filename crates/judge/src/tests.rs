@@ -18,7 +18,7 @@ use crate::{Circumstances, judge};
 const OPERATION_ENABLED: f64 = 39.0;
 
 /// A scenario of 4 s with a step from 10 mm to 35 mm at 1 s, and whatever is added.
-fn scenario(added: &str) -> Scenario {
+pub(crate) fn scenario(added: &str) -> Scenario {
     Scenario::parse(&scenario_text(added), "judged.toml", |_| {
         unreachable!("no table")
     })
@@ -34,7 +34,7 @@ fn scenario_text(added: &str) -> String {
 }
 
 /// What a drive with this position by cycle would leave; a cycle without a position has no TPDO1.
-fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
+pub(crate) fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
     let database = Database::shipped();
     let signal = |path| database.signal(path).unwrap();
     let feedback = |position: f64| {

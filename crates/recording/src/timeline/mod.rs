@@ -9,5 +9,5 @@ mod traffic;
 pub use decoded::{
     Column, OfLoop, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, events_of, signals,
 };
-pub use platform::series::{Series, blocks};
+pub use platform::series::{Series, SeriesWriter, blocks};
 pub use reader::{TimelineReader, decode, decode_loops};

@@ -1,18 +1,18 @@
 //! The command.
 
 use std::path::{Path, PathBuf};
-use worlds::catalogue::catalogue;
 
 use clap::Args;
 
-use super::comparison::{SIGNAL_WAYS, compare_runs};
-use super::difference::Comparison;
 use super::page;
-use super::tolerance::{GivenTolerance, Scale, Tolerances, UnknownName};
 use crate::console::{WorkBar, print, print_error};
 use crate::exit::Exit;
 use crate::output::write;
 use crate::recorded::{Recorded, RecordedError, refuse};
+use judge::comparison::{
+    Comparison, GivenTolerance, SIGNAL_WAYS, Scale, Tolerances, UnknownName, compare_runs,
+};
+use worlds::catalogue::catalogue;
 
 /// The frames are read and decoded.
 const WAYS: u64 = 2;

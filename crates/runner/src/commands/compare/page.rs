@@ -3,7 +3,7 @@
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
-use super::difference::{Comparison, MetricDifference, SignalDifference};
+use judge::comparison::{Comparison, MetricDifference, SignalDifference};
 use platform::series::Series;
 use recording::timeline::{self, OfLoop};
 use report::page;

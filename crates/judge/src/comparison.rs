@@ -1,26 +1,35 @@
 //! Two runs, compared signal by signal and metric by metric.
+//!
+//! A value differs by its distance from the range of the other run's values a little before and after. So a value that
+//! only comes a moment earlier or later does not differ.
+
+mod difference;
+mod shared;
+mod tolerance;
 
 use std::collections::BTreeSet;
 use std::iter;
 
-use super::difference::{Comparison, MetricDifference, SignalDifference};
-use super::shared::{Shared, SignalDeviation, outside};
-use super::tolerance::{SET_POINT, Tolerances};
-use judge::verdict::{Metric, Verdict};
+use crate::verdict::{Metric, Verdict};
 use recording::timeline::{OfLoop, Series, Timeline};
 use recording::work::Way;
+use shared::{Shared, SignalDeviation, outside};
+use tolerance::SET_POINT;
+
+pub use difference::{Comparison, MetricDifference, SignalDifference};
+pub use tolerance::{GivenTolerance, Scale, Tolerances, UnknownName};
 
 /// What the controller publishes of itself comes with every tenth cycle only, so it may be that much later.
 const PUBLISHED_BY_CONTROLLER: [&str; 2] = ["reference_", "estimated_"];
 const CONTROLLER_CYCLES: usize = 10;
 /// All signals take as long as so many ways through the frames.
-pub(super) const SIGNAL_WAYS: u64 = 4;
+pub const SIGNAL_WAYS: u64 = 4;
 
 /// Compares two runs, each with its loops. The names in the tolerances were checked before.
 ///
 /// # Panics
 /// A run has no loop.
-pub(super) fn compare_runs(
+pub fn compare_runs(
     tolerances: &Tolerances<'_>,
     (a, a_verdict): (&[OfLoop<'_>], &Verdict),
     (b, b_verdict): (&[OfLoop<'_>], &Verdict),
@@ -184,39 +193,21 @@ fn value(metrics: &[Metric], name: &str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tolerance::Scale;
     use super::*;
-    use dbc::scenario_clock::ScenarioClock;
-    use recording::capture::{Capture, Watch};
+    use crate::tests::{frames, scenario};
     use recording::timeline::decode;
+    use rig::catalogue::Catalogue;
     use rig::setup::Setup;
-    use scenario::Scenario;
-    use worlds::catalogue::catalogue;
-    use worlds::lockstep;
-
-    fn setup() -> Setup {
-        let text = "schema = 1\nname = \"compared\"\nduration_seconds = 0.5\n[controller.pid]\n\
-            [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Scenario::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
-        Setup::new(scenario, catalogue())
-    }
-
-    fn simulated() -> Timeline {
-        let setup = setup();
-        let (watch, clock) = (Watch::default(), ScenarioClock::new(&setup.database));
-        let mut capture = Capture::in_memory(clock.unwrap(), &watch);
-        lockstep::simulate(&setup, &mut capture).unwrap();
-        decode(&capture.finish().unwrap().0, &setup).unwrap()
-    }
 
     #[test]
     fn runs_of_different_length_do_not_agree() {
-        let whole = simulated();
+        let setup = Setup::new(scenario(""), &Catalogue::shipped());
+        let whole = decode(frames(500, |_| Some(10.0)), &setup).unwrap();
         let verdict = Verdict::incomplete("compared", 1, "");
         let tolerances = Tolerances {
             given: &[],
             time_seconds: 0.0,
-            scales: vec![Scale::of(&setup())],
+            scales: vec![Scale::of(&setup)],
         };
         let compared = |a, b| {
             let [a, b] = [a, b].map(|timeline| [(String::new(), timeline)]);

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use judge::verdict::Verdict;
+use crate::verdict::Verdict;
 use recording::timeline::OfLoop;
 use rig::setup::Setup;
 use scenario::port::{Unit, symbol_of};
@@ -70,10 +70,11 @@ impl FromStr for GivenTolerance {
 }
 
 /// A tolerance for what neither run has.
-pub(super) struct UnknownName(pub(super) String);
+#[derive(Debug)]
+pub struct UnknownName(pub String);
 
 /// The unit of a loop and the range of its sensor.
-pub(super) struct Scale {
+pub struct Scale {
     /// What stands before the names of the loop; empty for the only one.
     prefix: String,
     unit: Unit,
@@ -81,7 +82,9 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    pub(super) fn of(setup: &Setup) -> Self {
+    /// Of the loop of a setup.
+    #[must_use]
+    pub fn of(setup: &Setup) -> Self {
         let wiring = &setup.scenario.wiring;
         let [min, max] = wiring.range();
         Self {
@@ -93,20 +96,21 @@ impl Scale {
 }
 
 /// What may differ, and by how much.
-pub(super) struct Tolerances<'a> {
-    pub(super) given: &'a [GivenTolerance],
-    pub(super) time_seconds: f64,
+pub struct Tolerances<'a> {
+    /// What the user gave; of two for the same the last counts.
+    pub given: &'a [GivenTolerance],
+    /// By how much a value may come earlier or later.
+    pub time_seconds: f64,
     /// Of each loop.
-    pub(super) scales: Vec<Scale>,
+    pub scales: Vec<Scale>,
 }
 
 impl Tolerances<'_> {
     /// Refuses a name that nothing has: it is mistyped.
-    pub(super) fn check(
-        &self,
-        loops: &[OfLoop<'_>],
-        verdicts: [&Verdict; 2],
-    ) -> Result<(), UnknownName> {
+    ///
+    /// # Errors
+    /// The first such name.
+    pub fn check(&self, loops: &[OfLoop<'_>], verdicts: [&Verdict; 2]) -> Result<(), UnknownName> {
         let has_signal = |(prefix, timeline): &OfLoop<'_>, name: &str| {
             let own = name.strip_prefix(prefix).unwrap_or(name);
             let unit = symbol_of(name);

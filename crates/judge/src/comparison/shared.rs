@@ -1,7 +1,6 @@
 //! The cycles that two runs share, and how far values of one are from those of the other.
 
-use platform::series::{Series, SeriesWriter};
-use recording::timeline::Timeline;
+use recording::timeline::{Series, SeriesWriter, Timeline};
 
 /// A lag is looked for within this time and so many cycles …
 const LAG_SECONDS_MAX: f64 = 0.5;

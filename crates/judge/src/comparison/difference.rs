@@ -4,7 +4,7 @@ use serde::Serialize;
 
 /// How a signal of two runs differs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct SignalDifference {
+pub struct SignalDifference {
     /// The signal.
     pub name: String,
     /// Its unit in the DBC.
@@ -28,7 +28,7 @@ pub(super) struct SignalDifference {
 impl SignalDifference {
     /// Whether it stays within its tolerance.
     #[must_use]
-    pub(super) fn agrees(&self) -> bool {
+    pub fn agrees(&self) -> bool {
         self.diverges_at_seconds.is_none()
     }
 
@@ -64,7 +64,7 @@ impl SignalDifference {
 
 /// How a metric of two runs differs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct MetricDifference {
+pub struct MetricDifference {
     /// The metric.
     pub name: String,
     /// Its value in the first run.
@@ -79,7 +79,7 @@ pub(super) struct MetricDifference {
 
 /// Two runs side by side.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Comparison {
+pub struct Comparison {
     /// Whether nothing differs by more than its tolerance.
     pub agrees: bool,
     /// What is not a signal and not a metric.
