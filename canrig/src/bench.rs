@@ -124,7 +124,7 @@ fn from_command_line() -> Exit {
     let has_line_end = |word: &OsString| word.as_encoded_bytes().contains(&b'\n');
     if let Some(word) = std::env::args_os().find(has_line_end) {
         return console::usage_error(&format!(
-            "{word:?} has a line end in it: rename the file if it is one"
+            "{word:?} has a line end in it: write it in one line, or rename the file"
         ));
     }
     match Cli::try_parse() {

@@ -108,7 +108,7 @@ def test_what_was_recorded_of_a_run_that_broke_off_is_there(monkeypatch, fake, h
     assert raised.value.run.outcome == "incomplete"
 
 
-@pytest.mark.parametrize("name", ["a b", "$(touch x)", "; ls", "'", '"', "-q", "--help", "ä\n"])
+@pytest.mark.parametrize("name", ["a b", "$(touch x)", "; ls", "'", '"', "-q", "--help", "ä"])
 def test_no_name_is_taken_for_anything_else(name, tmp_path, monkeypatch, hold):
     monkeypatch.chdir(tmp_path)
     os.mkdir(name)
@@ -119,3 +119,14 @@ def test_no_name_is_taken_for_anything_else(name, tmp_path, monkeypatch, hold):
     assert run.frames(library="lists")["data"]
     canrig.check(scenario)
     assert sorted(os.listdir(tmp_path)) == [name]
+
+
+def test_a_name_with_a_line_end_is_refused(tmp_path, monkeypatch, hold):
+    monkeypatch.chdir(tmp_path)
+    os.rename(hold, "a\n.toml")
+    with pytest.raises(canrig.UsageError, match="line end"):
+        canrig.simulate("a\n.toml")
+    with pytest.raises(canrig.UsageError, match="line end"):
+        canrig.check("a\n.toml")
+    with pytest.raises(canrig.UsageError, match="line end"):
+        canrig.replay("a\n.toml")
