@@ -23,6 +23,8 @@ const STRANGE_BYTES_MIN: usize = 64;
 const STRANGE_LINES_MAX: usize = 1000;
 /// A clock is stepped by less in a run.
 pub(crate) const STEP_MAX: Duration = Duration::from_millis(500);
+/// So many digits the seconds since 1970 have until the year 2286.
+const SECONDS_DIGITS_MAX: usize = 10;
 /// What a line with a CAN FD frame is.
 const FD_FRAME: &str = "a CAN FD frame";
 
@@ -89,9 +91,12 @@ impl FromStr for Stamped {
         let (seconds, micros) = stamp
             .and_then(|stamp| stamp.split_once('.'))
             .ok_or_else(|| fault("no time stamp"))?;
-        let seconds: u64 = seconds
-            .parse()
-            .map_err(|_| fault("seconds are no number"))?;
+        let seconds: u64 = match seconds.len() {
+            0..=SECONDS_DIGITS_MAX => seconds
+                .parse()
+                .map_err(|_| fault("seconds are no number"))?,
+            _ => return Err(fault("seconds have more than ten digits")),
+        };
         let micros = match micros.len() {
             6 => micros
                 .parse::<u32>()
@@ -298,6 +303,8 @@ struct LogReader<R> {
     line: Vec<u8>,
     number: u64,
     latest: Option<Duration>,
+    /// A frame that was read to learn whether the one above it is in order.
+    ahead: Option<(u64, Stamped)>,
     unread: Unread,
     /// Strange if a good line follows, else the log breaks off there.
     open: Vec<StrangeLine>,
@@ -313,6 +320,7 @@ impl<R: BufRead> LogReader<R> {
             line: Vec::new(),
             number: 0,
             latest: None,
+            ahead: None,
             unread: Unread::default(),
             open: Vec::new(),
             open_bytes: 0,
@@ -321,6 +329,27 @@ impl<R: BufRead> LogReader<R> {
     }
 
     fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
+        while let Some((number, stamped)) = self.numbered_frame()? {
+            // After a silence the next frame goes on from there; after a damaged time stamp, from the frame above.
+            if self.is_after_silence(&stamped) {
+                self.ahead = self.numbered_frame()?;
+                let is_late = |(_, below): (u64, Stamped)| below.time + STEP_MAX < stamped.time;
+                if self.ahead.is_some_and(is_late) {
+                    self.pass_over_late(number)?;
+                    continue;
+                }
+            }
+            self.latest = Some(stamped.time);
+            return Ok(Some(stamped));
+        }
+        Ok(None)
+    }
+
+    /// The next frame that is no earlier than the latest, and the number of its line.
+    fn numbered_frame(&mut self) -> io::Result<Option<(u64, Stamped)>> {
+        if let Some(ahead) = self.ahead.take() {
+            return Ok(Some(ahead));
+        }
         while self.read_line()? {
             let frame = match whole_line(&self.line, &mut self.interface) {
                 Ok(Content::Nothing) => {
@@ -343,10 +372,7 @@ impl<R: BufRead> LogReader<R> {
             refuse_many(&self.unread.strange)?;
             match frame {
                 None => self.unread.fd_frames += 1,
-                Some(stamped) => {
-                    self.latest = Some(stamped.time);
-                    return Ok(Some(stamped));
-                }
+                Some(stamped) => return Ok(Some((self.number, stamped))),
             }
         }
         if self.interface.is_none() {
@@ -359,6 +385,24 @@ impl<R: BufRead> LogReader<R> {
     fn is_before_others(&self, stamped: &Stamped) -> bool {
         let is_before = |latest| stamped.time + STEP_MAX < latest;
         self.latest.is_some_and(is_before)
+    }
+
+    fn is_after_silence(&self, stamped: &Stamped) -> bool {
+        let is_after = |latest| latest + STEP_MAX < stamped.time;
+        self.latest.is_some_and(is_after)
+    }
+
+    /// Names a line whose frame is later than those below it.
+    fn pass_over_late(&mut self, number: u64) -> io::Result<()> {
+        let strange = &mut self.unread.strange;
+        let place = strange.partition_point(|line| line.number < number);
+        let late = StrangeLine {
+            number,
+            reason: "it is later than the frames below".to_owned(),
+            before: self.latest,
+        };
+        strange.insert(place, late);
+        refuse_many(strange)
     }
 
     /// Reads the next line; `false` at the end.
@@ -585,6 +629,50 @@ mod tests {
         let stepped: String = [0, 400, 0, 400, 800].map(line).concat();
         let (frames, unread) = read_cut_log(stepped.as_bytes()).unwrap();
         assert_eq!((frames.len(), unread.strange.len()), (5, 0));
+    }
+
+    #[test]
+    fn a_time_stamp_far_ahead_takes_no_other_line_with_it() {
+        let line = |millis: u64| {
+            let frame = CanFrame::new(0x190, &millis.to_le_bytes());
+            format!("{}\n", Stamped::new(Duration::from_millis(millis), frame))
+        };
+        let lines: Vec<String> = (1..300).map(|number| line(10 * number)).collect();
+        let (whole, _) = read_cut_log(lines.concat().as_bytes()).unwrap();
+        for stamp in ["0000009000.000000", "9999999999.999999"] {
+            let mut damaged = lines.clone();
+            damaged[100].replace_range(1..18, stamp);
+            damaged[101].insert(0, 'x');
+            let (frames, unread) = read_cut_log(damaged.concat().as_bytes()).unwrap();
+            assert_eq!(frames, [&whole[..100], &whole[102..]].concat());
+            let strange: Vec<String> = unread.strange.iter().map(ToString::to_string).collect();
+            assert_eq!(strange[0], "line 101: it is later than the frames below");
+            assert!(
+                strange[1].starts_with("line 102: not a line"),
+                "{strange:?}"
+            );
+            assert_eq!((strange.len(), unread.broken), (2, None));
+        }
+        // Two such lines in a row; a silence; and a last frame long after the others.
+        let log = [1, 9000, 7000, 2, 5000, 5001, 8000].map(line).concat();
+        let (frames, unread) = read_cut_log(log.as_bytes()).unwrap();
+        let millis: Vec<u128> = (frames.iter())
+            .map(|frame| frame.time.as_millis())
+            .collect();
+        assert_eq!(millis, [1, 2, 5000, 5001, 8000]);
+        assert_eq!((unread.strange.len(), unread.broken), (2, None));
+    }
+
+    #[test]
+    fn a_time_stamp_beyond_ten_digits_is_none() {
+        let line = format!("({}.999999) can0 123#\n", u64::MAX);
+        let (frames, unread) = read_cut_log(format!("{LOG}{line}{LOG}").as_bytes()).unwrap();
+        let reason = unread.strange[0].to_string();
+        assert_eq!((frames.len(), unread.strange.len()), (4, 1));
+        assert!(
+            reason.ends_with("(seconds have more than ten digits)"),
+            "{reason}"
+        );
     }
 
     #[test]
