@@ -23,8 +23,8 @@ const TICKS: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(10
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
 /// Processors that are watched; a machine with more of them has some to spare.
 const PROCESSORS_MAX: usize = 16;
-/// Stalls that are kept; more of them say nothing new.
-const STALLS_MAX: usize = 100_000;
+/// Stalls that are kept: a busy machine has as many in a day, and those who judge them need 300 bytes for each.
+const STALLS_MAX: usize = 250_000;
 
 /// A stretch in which somebody was held up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

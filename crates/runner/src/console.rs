@@ -195,13 +195,18 @@ impl ScenarioBar {
     }
 }
 
+/// Room for the state of a run.
+const STATE_BYTES: usize = 64;
+
 /// The state of a run in 48 columns, so that it fits beside the bar in 80; numbers stay in their places.
 fn state(reading: &RunProgress) -> String {
     if reading.time.is_zero() {
         return "starting".to_owned();
     }
     let symbol = reading.unit.symbol();
-    let mut text = format!("{:.1} s", reading.time.as_secs_f64());
+    // With room for all of it: memory of a text that grew at the end of the heap is not used again, and a run has ten each second.
+    let mut text = String::with_capacity(STATE_BYTES);
+    text += &format!("{:.1} s", reading.time.as_secs_f64());
     if let Some(position) = reading.position {
         text += &format!("  {position:6.2} {symbol}");
     }
