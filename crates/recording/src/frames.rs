@@ -57,7 +57,7 @@ impl Frames {
         match &self.log {
             None => FrameIter::Kept(self.kept.iter()),
             Some(path) => FrameIter::Log {
-                log: LogFile::open(path).unwrap_or_else(|error| gone(path, &error)),
+                log: Box::new(LogFile::open(path).unwrap_or_else(|error| gone(path, &error))),
                 path,
                 left: self.count,
             },
@@ -90,7 +90,7 @@ pub enum FrameIter<'a> {
     Kept(slice::Iter<'a, Stamped>),
     /// From their log.
     Log {
-        log: LogFile,
+        log: Box<LogFile>,
         path: &'a Path,
         /// So many are still to come. A log that has grown since it was read before has more.
         left: usize,
