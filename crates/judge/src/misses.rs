@@ -18,6 +18,10 @@ use crate::circumstances::Circumstances;
 const REACTION_SECONDS: f64 = 0.2;
 /// Nodes wait at least for so long for each other's heartbeat.
 const HEARD_SECONDS: f64 = 0.1;
+/// After a shorter stall no node counts as silent.
+const SILENT_PERIODS: f64 = 5.0;
+/// So many periods after a stall, at most, come the frames that it held up.
+const BURST_PERIODS: f64 = 2.0;
 /// With faults the plant sends its truth every 10 ms at least.
 pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
 /// Without faults the last SYNC comes a period before the end, or late.
@@ -406,12 +410,28 @@ pub(crate) fn excuse_of_end(
     end: &EarlyEnd,
 ) -> Option<Stretch> {
     let until = end.at_seconds?;
-    let since = end.since_seconds.unwrap_or(until);
     let mut stretches = stretches(timeline, stalls);
     stretches.sort_by(|left, right| left.from_seconds.total_cmp(&right.from_seconds));
+    let period_seconds = timeline.period_seconds;
+    let since = match end.since_seconds {
+        Some(since) => sent_seconds(&stretches, since, until, period_seconds),
+        None => until,
+    };
     [since, until - HEARD_SECONDS]
         .into_iter()
         .find_map(|from| longest_of_half(&stretches, from, until))
+}
+
+/// When what came last of a silent node was sent. What a stall held up comes all at once behind it: of frames between which there
+/// is no more than that, the stamps say nothing of a silence.
+fn sent_seconds(stretches: &[Stretch], came: f64, until: f64, period_seconds: f64) -> f64 {
+    let held_up = |stretch: &&Stretch| {
+        stretch.length() >= SILENT_PERIODS * period_seconds
+            && stretch.from_seconds <= came
+            && until <= stretch.until_seconds + BURST_PERIODS * period_seconds
+    };
+    let stall = stretches.iter().find(held_up);
+    stall.map_or(came, |stall| stall.from_seconds)
 }
 
 /// The longest of the stalls, sorted by their begins, that overlap a stretch, if together they fill at least half of it.

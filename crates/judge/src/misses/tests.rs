@@ -248,8 +248,8 @@ fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
 #[test]
 fn the_end_of_a_run_is_the_machines_only_if_it_stood_still_for_half_of_the_silence() {
     let setup = setup(100, &[], &External::default());
-    let timeline = decode(frames(&[Cycle::Served; 40]), &setup).unwrap();
-    let excused = |silence_seconds: f64, held: &[(i64, u32)]| {
+    let mut timeline = decode(frames(&[Cycle::Served; 40]), &setup).unwrap();
+    let excused = |timeline: &Timeline, silence_seconds: f64, held: &[(i64, u32)]| {
         let end = EarlyEnd {
             by: EndedBy::Node,
             node: Some("drive".to_owned()),
@@ -263,15 +263,27 @@ fn the_end_of_a_run_is_the_machines_only_if_it_stood_still_for_half_of_the_silen
             who: Who::Machine,
         });
         let stalls: Vec<Stall> = held.map(Held::stall).collect();
-        excuse_of_end(&timeline, &stalls, &end).map(|stretch| stretch.stall.length())
+        excuse_of_end(timeline, &stalls, &end).map(|stretch| stretch.stall.length())
     };
     let milliseconds = |count| Some(Duration::from_millis(count));
-    assert_eq!(excused(0.06, &[(395, 45)]), milliseconds(45));
-    assert_eq!(excused(2.0, &[(395, 45)]), None, "a device that is gone");
-    assert_eq!(excused(0.06, &[(300, 80)]), None, "before");
+    assert_eq!(excused(&timeline, 0.06, &[(395, 45)]), milliseconds(45));
+    assert_eq!(
+        excused(&timeline, 2.0, &[(395, 45)]),
+        None,
+        "a device that is gone"
+    );
+    assert_eq!(excused(&timeline, 0.06, &[(300, 80)]), None, "before");
     // What overlaps counts once.
-    assert_eq!(excused(0.06, &[(395, 20), (396, 20)]), None);
-    assert_eq!(excused(0.06, &[(395, 20), (416, 15)]), milliseconds(20));
+    assert_eq!(excused(&timeline, 0.06, &[(395, 20), (396, 20)]), None);
+    assert_eq!(
+        excused(&timeline, 0.06, &[(395, 20), (416, 15)]),
+        milliseconds(20)
+    );
+    // The last position and the controller's error come at once behind a stall, or long after it.
+    timeline.period_seconds = 0.001;
+    assert_eq!(excused(&timeline, 0.001, &[(365, 24)]), milliseconds(24));
+    assert_eq!(excused(&timeline, 0.02, &[(365, 24)]), None, "silent since");
+    assert_eq!(excused(&timeline, 0.001, &[(386, 3)]), None, "too short");
 }
 
 /// A SYNC that is not sent any more is missed to the scenario's end, unless nobody knows how the run went on.
