@@ -3,10 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use recording::frames::Log;
 
-use crate::support::{canrig, only_run, output, scenario};
+use crate::support::{self, canrig, only_run, output, scenario};
 
 /// What a process may hold at most.
 const KILOBYTES_MAX: u64 = 200_000;
@@ -102,7 +103,7 @@ fn a_long_run_that_was_killed_is_read_to_its_last_second() {
     };
     let bytes = || fs::metadata(log()?).ok().map(|log| log.len());
     while bytes().is_none_or(|bytes| bytes < 500_000) {
-        std::thread::sleep(std::time::Duration::from_millis(10));
+        std::thread::sleep(Duration::from_millis(10));
         assert_eq!(canrig.try_wait().unwrap(), None);
     }
     canrig.kill().unwrap();
@@ -113,6 +114,73 @@ fn a_long_run_that_was_killed_is_read_to_its_last_second() {
     assert_eq!(code, Some(4), "{text}{error}");
     assert!(text.contains("broke off"), "{text}");
     assert_eq!(tool(&["report"], &[&only_run(&runs)]).0, Some(0));
+}
+
+/// Starts a command, and does something to it once there is a file; its exit code and what it printed.
+fn meanwhile(command: &mut Command, file: &Path, act: impl FnOnce()) -> (Option<i32>, String) {
+    let command = command.stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut process = command.spawn().unwrap();
+    while !file.exists() {
+        assert_eq!(process.try_wait().unwrap(), None, "{}", file.display());
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    act();
+    let output = process.wait_with_output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    (output.status.code(), stderr)
+}
+
+#[test]
+fn a_log_is_read_to_its_end_by_whoever_opened_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = sine(folder.path(), 120);
+    let run = simulated(&folder.path().join("runs"), &source, "10");
+    let log = run.join("bus.log.zst");
+    let kept = fs::read(&log).unwrap();
+    let export = |name: &str, act: &dyn Fn()| {
+        let output = folder.path().join(name);
+        let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        let words = ["export", "--format", "blf", "--output"];
+        let canrig = canrig.args(words).arg(&output).arg(&run);
+        let partial = output.with_added_extension("partial");
+        let ended = meanwhile(canrig, &partial, act);
+        (ended, fs::read(output))
+    };
+    let (ended, removed) = export("removed", &|| fs::remove_file(&log).unwrap());
+    assert_eq!(ended.0, Some(0), "{}", ended.1);
+    fs::write(&log, kept).unwrap();
+    let (_, untouched) = export("untouched", &|| ());
+    assert!(removed.unwrap() == untouched.unwrap());
+    let (ended, cut) = export("cut", &|| {
+        let log = fs::File::options().write(true).open(&log).unwrap();
+        log.set_len(1000).unwrap();
+    });
+    assert_eq!(ended.0, Some(4), "{}", ended.1);
+    assert!(
+        ended.1.contains("was changed while it was read"),
+        "{}",
+        ended.1
+    );
+    assert!(cut.is_err());
+}
+
+#[test]
+fn a_run_whose_folder_is_removed_has_no_verdict() {
+    for (duration_seconds, log) in [(60, "bus.log"), (300, "bus.log.zst")] {
+        let folder = tempfile::tempdir().unwrap();
+        let runs = folder.path().join("runs");
+        let source = sine(folder.path(), duration_seconds);
+        let mut simulate = canrig(&runs, "simulate");
+        let simulate = simulate.args(["--compress-above", "100"]).arg(source);
+        let (code, stderr) = meanwhile(simulate, &runs, || {
+            let is_logged = |runs: Vec<PathBuf>| runs.iter().any(|run| run.join(log).exists());
+            while !is_logged(support::runs(&runs)) {}
+            while fs::remove_dir_all(&runs).is_err() {}
+        });
+        assert_eq!(code, Some(4), "{stderr}");
+        assert!(stderr.contains("removed or replaced"), "{stderr}");
+        assert!(!runs.exists());
+    }
 }
 
 /// Whatever bit is damaged, nobody is blamed for what is missing, and no other value comes of it.
@@ -159,7 +227,7 @@ fn most_held(command: &mut Command) -> u64 {
         let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
         let held = line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse().ok());
         most = most.max(held.unwrap_or(0));
-        std::thread::sleep(std::time::Duration::from_millis(5));
+        std::thread::sleep(Duration::from_millis(5));
     }
     assert!(process.wait().unwrap().success());
     most

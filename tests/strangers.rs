@@ -329,37 +329,63 @@ fn every_signal_that_ends_a_program_ends_a_run_in_order() {
     }
 }
 
-#[test]
-fn a_signal_in_the_second_of_two_scenarios_ends_it_in_order() {
-    let folder = tempfile::tempdir().unwrap();
-    let runs = folder.path().join("runs");
-    let short = short_scenario(folder.path(), 0.3);
-    let long = folder.path().join("second.toml");
+/// Starts two scenarios of such lengths, and sends a signal once the runs below a folder are as far as is asked for; the exit code.
+fn signalled_in_two(
+    folder: &Path,
+    durations_seconds: [f64; 2],
+    is_reached: impl Fn(&[PathBuf]) -> bool,
+) -> Option<i32> {
+    let runs = folder.join("runs");
+    let short = short_scenario(folder, 0.3);
     let text = fs::read_to_string(&short).unwrap();
-    fs::write(
-        &long,
-        text.replace("duration_seconds = 0.3", "duration_seconds = 300.0"),
-    )
-    .unwrap();
+    let scenarios = ["first", "second"].map(|name| folder.join(name).with_extension("toml"));
+    for (path, seconds) in scenarios.iter().zip(durations_seconds) {
+        let duration = format!("duration_seconds = {seconds:?}");
+        fs::write(path, text.replace("duration_seconds = 0.3", &duration)).unwrap();
+    }
     let mut env = Command::new("env");
     env.arg("--default-signal=INT,HUP,QUIT")
         .arg(env!("CARGO_BIN_EXE_canrig"))
         .args(["simulate", "--quiet", "--output"])
-        .args([&runs, &short, &long]);
+        .arg(&runs)
+        .args(scenarios);
     let mut both = env.spawn().unwrap();
-    let is_second_recorded = || {
+    let folders = || {
         let folders = fs::read_dir(&runs).into_iter().flatten().flatten();
-        let logs = folders.filter_map(|run| fs::metadata(run.path().join("bus.log")).ok());
-        logs.filter(|log| log.len() > 0).count() == 2
+        Vec::from_iter(folders.map(|run| run.path()))
     };
-    while !is_second_recorded() && both.try_wait().unwrap().is_none() {
+    while !is_reached(&folders()) && both.try_wait().unwrap().is_none() {
         thread::sleep(Duration::from_millis(2));
     }
     kill_process(Pid::from_child(&both), Signal::TERM).unwrap();
-    assert_eq!(both.wait().unwrap().code(), Some(130));
-    for run in fs::read_dir(&runs).unwrap() {
+    both.wait().unwrap().code()
+}
+
+#[test]
+fn a_signal_in_the_second_of_two_scenarios_ends_it_in_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let is_recorded = |run: &&PathBuf| {
+        let log = fs::metadata(run.join("bus.log"));
+        log.is_ok_and(|log| log.len() > 0)
+    };
+    let are_both_recorded = |runs: &[PathBuf]| runs.iter().filter(is_recorded).count() == 2;
+    let code = signalled_in_two(folder.path(), [0.3, 300.0], are_both_recorded);
+    assert_eq!(code, Some(130));
+    for run in fs::read_dir(folder.path().join("runs")).unwrap() {
         assert!(run.unwrap().path().join("report.html").exists());
     }
+}
+
+/// What was played is judged to its end, and nothing more is played.
+#[test]
+fn a_signal_while_the_first_of_two_scenarios_is_judged_ends_both() {
+    let folder = tempfile::tempdir().unwrap();
+    let is_judged = |runs: &[PathBuf]| runs.iter().any(|run| run.join("junit.xml").exists());
+    let code = signalled_in_two(folder.path(), [100.0, 0.3], is_judged);
+    assert_eq!(code, Some(130));
+    let run = only_run(&folder.path().join("runs"));
+    let verdict = fs::read_to_string(run.join("verdict.json")).unwrap();
+    assert!(verdict.contains("\"pass\""), "{verdict}");
 }
 
 #[test]

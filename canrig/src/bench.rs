@@ -12,6 +12,7 @@ use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, register_plants};
 use plant_emulator::plant::Plant;
 use plant_emulator::ports::PlantWithPorts;
 use platform::terminal::printable;
+use recording::frames::LogChanged;
 
 use crate::cli::{self, Cli};
 use crate::fmu::export::{self, OwnModel};
@@ -95,7 +96,11 @@ impl Bench {
                 Exit::Internal
             }
         });
-        let exit = std::panic::catch_unwind(run).unwrap_or(Exit::Internal);
+        let exit = std::panic::catch_unwind(run);
+        let exit = exit.unwrap_or_else(|panic| match panic.is::<LogChanged>() {
+            true => Exit::BenchFailed,
+            false => Exit::Internal,
+        });
         let exit = match console::unprinted() {
             None => exit,
             Some(reason) => {

@@ -92,6 +92,48 @@ impl Stretch {
     }
 }
 
+/// The stalls that explain why something was missing.
+#[derive(Clone, Debug)]
+struct Stalls {
+    /// In the order of their ends.
+    stretches: Vec<Stretch>,
+    /// How long the longest is: what ends so much later than a cycle does not overlap it.
+    longest_seconds: f64,
+}
+
+impl Stalls {
+    /// Only processes that canrig started are watched, and what happened to them explains nothing of somebody else's node.
+    fn excusing(stretches: &[Stretch], missing: Missing, external: &External) -> Self {
+        let excuses = |stretch: &&Stretch| match (stretch.stall.who, missing) {
+            (Who::Machine | Who::Bus, _) | (Who::Controller, Missing::Sync) => true,
+            (Who::PlantEmulator, Missing::Sync) => false,
+            (Who::Controller | Who::PlantEmulator, Missing::Position) => {
+                !external.has(ExternalNode::Drive)
+            }
+        };
+        let mut excusing: Vec<Stretch> = stretches.iter().filter(excuses).copied().collect();
+        excusing.sort_by(|left, right| left.until_seconds.total_cmp(&right.until_seconds));
+        Self {
+            longest_seconds: excusing.iter().map(Stretch::length).fold(0.0, f64::max),
+            stretches: excusing,
+        }
+    }
+
+    /// The longest that overlaps a stretch.
+    fn overlapping(&self, from: f64, until: f64) -> Option<Stretch> {
+        let ends_before =
+            |stretch: &Stretch| stretch.until_seconds <= from + TIME_TOLERANCE_SECONDS;
+        let first = self.stretches.partition_point(ends_before);
+        let may_overlap =
+            |stretch: &&Stretch| stretch.until_seconds <= until + self.longest_seconds;
+        let candidates = self.stretches[first..].iter().take_while(may_overlap);
+        candidates
+            .filter(|stretch| stretch.from_seconds < until - TIME_TOLERANCE_SECONDS)
+            .max_by(|left, right| left.length().total_cmp(&right.length()))
+            .copied()
+    }
+}
+
 /// A cycle that was missed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Miss {
@@ -107,7 +149,7 @@ pub(crate) struct Misses<'a> {
     timeline: &'a Timeline,
     pub(crate) due: u64,
     /// The stalls that explain a missing SYNC, and those that explain a missing position.
-    stalls: [Vec<Stretch>; 2],
+    stalls: [Stalls; 2],
     /// The stall that explains what canrig's own nodes left out beside all others.
     prevailing: [Option<Stretch>; 2],
     faults: Vec<FaultWindow>,
@@ -170,7 +212,8 @@ impl<'a> Misses<'a> {
             timeline,
             prevailing: [None; 2],
             due: due(timeline, setup, circumstances.ended_early.as_ref()),
-            stalls: Missing::BOTH.map(|missing| excusing(&stretches, missing, &setup.external)),
+            stalls: Missing::BOTH
+                .map(|missing| Stalls::excusing(&stretches, missing, &setup.external)),
             faults: setup.faults(),
             totals: Totals::default(),
         };
@@ -203,7 +246,7 @@ impl<'a> Misses<'a> {
             let is_fault = self.is_faulty(from, until) || follows_until == Some(cycle);
             follows_until = is_fault.then_some(cycle + 1);
             let place = missing.place();
-            let doing = match overlapping(&self.stalls[place], from, until) {
+            let doing = match self.stalls[place].overlapping(from, until) {
                 Some(stretch) => Doing::Bench(stretch),
                 None if is_fault => Doing::Fault,
                 None => self.prevailing[place].map_or(Doing::Node, Doing::Bench),
@@ -374,32 +417,6 @@ fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
         stall: *stall,
     };
     stalls.iter().map(stretch).collect()
-}
-
-/// Those that explain why something was missing, in the order of their ends. Only processes that canrig started are watched,
-/// and what happened to them explains nothing of somebody else's node.
-fn excusing(stretches: &[Stretch], missing: Missing, external: &External) -> Vec<Stretch> {
-    let excuses = |stretch: &&Stretch| match (stretch.stall.who, missing) {
-        (Who::Machine | Who::Bus, _) | (Who::Controller, Missing::Sync) => true,
-        (Who::PlantEmulator, Missing::Sync) => false,
-        (Who::Controller | Who::PlantEmulator, Missing::Position) => {
-            !external.has(ExternalNode::Drive)
-        }
-    };
-    let mut excusing: Vec<Stretch> = stretches.iter().filter(excuses).copied().collect();
-    excusing.sort_by(|left, right| left.until_seconds.total_cmp(&right.until_seconds));
-    excusing
-}
-
-/// The longest of the stalls, sorted by their ends, that overlap a stretch.
-fn overlapping(stretches: &[Stretch], from: f64, until: f64) -> Option<Stretch> {
-    let ends_before = |stretch: &Stretch| stretch.until_seconds <= from + TIME_TOLERANCE_SECONDS;
-    let first = stretches.partition_point(ends_before);
-    let candidates = stretches[first..].iter();
-    candidates
-        .filter(|stretch| stretch.from_seconds < until - TIME_TOLERANCE_SECONDS)
-        .max_by(|left, right| left.length().total_cmp(&right.length()))
-        .copied()
 }
 
 /// The longest stall of those that fill at least half of the time in which a node was amiss, or in which it was to be heard

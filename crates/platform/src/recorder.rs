@@ -26,8 +26,9 @@ pub const RING_FRAMES: usize = 65_536;
 /// Bytes asked for as the recorder's receive buffer in the kernel: some 5 000 frames.
 const RECEIVE_BUFFER_BYTES: usize = 4 << 20;
 
-/// So long without a frame, and the wall clock is looked at for a step.
-const STAMP_GAP: Duration = Duration::from_secs(1);
+/// So long without a frame, and the wall clock is looked at for a step. A step that is not seen comes back with the next one, and a log
+/// whose time goes back by half a second is not read there.
+const STAMP_GAP: Duration = Duration::from_millis(100);
 
 /// A frame and when it was on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

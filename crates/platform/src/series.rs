@@ -102,11 +102,18 @@ fn block_length<T>() -> usize {
     (READ_BYTES / size_of::<T>().max(1)).max(1)
 }
 
+/// Whether the file system is in memory. There, reading a hole takes room, and the system kills who reads one where there is none.
+fn is_in_memory(file: &File) -> bool {
+    rustix::fs::fstatfs(file).is_ok_and(|system| system.f_type == libc::TMPFS_MAGIC)
+}
+
 /// A series that grows.
 #[derive(Debug)]
 pub struct SeriesWriter<T> {
     kept_max: usize,
     file: Option<File>,
+    /// Whether blocks of zeros take no room in the file.
+    has_holes: bool,
     /// Values in the file.
     filed: usize,
     /// Whether the system refused the file: then all stays in memory.
@@ -127,6 +134,7 @@ impl<T: Pod> SeriesWriter<T> {
         Self {
             kept_max,
             file: None,
+            has_holes: false,
             filed: 0,
             is_refused: false,
             tail: Vec::new(),
@@ -253,14 +261,18 @@ impl<T: Pod> SeriesWriter<T> {
     fn write(&mut self, count: usize) -> io::Result<()> {
         let file = match &mut self.file {
             Some(file) => file,
-            none => none.insert(tempfile::tempfile()?),
+            none => {
+                let file = tempfile::tempfile()?;
+                self.has_holes = !is_in_memory(&file);
+                none.insert(file)
+            }
         };
         let place =
             |values: usize| u64::try_from(values * size_of::<T>()).map_err(io::Error::other);
         file.seek(SeekFrom::Start(place(self.filed)?))?;
         for block in self.tail[..count].chunks(BLOCK) {
             let bytes: &[u8] = cast_slice(block);
-            match bytes.iter().all(|byte| *byte == 0) {
+            match self.has_holes && bytes.iter().all(|byte| *byte == 0) {
                 true => {
                     let hole = i64::try_from(bytes.len()).map_err(io::Error::other)?;
                     file.seek(SeekFrom::Current(hole))?;

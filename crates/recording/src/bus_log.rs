@@ -1,15 +1,16 @@
 //! The log of a run while it grows.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::fs::{File, Metadata};
+use std::io::{self, BufWriter, IntoInnerError, Write};
 use std::mem;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use zstd::bulk::Compressor;
 use zstd::zstd_safe::CParameter;
 
-use crate::log::{self, Stamped, is_compressed};
+use crate::log::{self, OpenLog, Stamped, is_compressed};
 use crate::write_error::WriteError;
 
 /// So much of a run is compressed at once. A kill loses no more.
@@ -65,22 +66,43 @@ impl BusLog {
         written.map_err(WriteError::at(&self.path))
     }
 
-    /// Ends the log; where it is.
+    /// Ends the log, to read it.
     ///
     /// # Errors
-    /// The disk does not take it.
-    pub fn finish(mut self) -> Result<PathBuf, WriteError> {
+    /// The disk does not take it, or the log is not where it was.
+    pub(crate) fn finish(mut self) -> Result<OpenLog, WriteError> {
         self.flush()?;
-        if let Output::Compressed(pieces) = &mut self.output {
-            pieces.write().map_err(WriteError::at(&self.path))?;
-        }
-        Ok(self.path)
+        let is_compressed = is_compressed(&self.path);
+        let file = match self.output {
+            Output::Plain(output) => output.into_inner().map_err(IntoInnerError::into_error),
+            Output::Compressed(mut pieces) => pieces.write().map(|()| pieces.file),
+        };
+        let file = file.and_then(|file| require_at(&self.path, file));
+        let file = file.map_err(WriteError::at(&self.path))?;
+        Ok(OpenLog::new(file, is_compressed))
+    }
+}
+
+/// Refuses a file that has lost its name: a folder without its log is no recording.
+fn require_at(path: &Path, file: File) -> io::Result<File> {
+    let own = file.metadata()?;
+    let is_own = |found: Metadata| (found.dev(), found.ino()) == (own.dev(), own.ino());
+    match path.metadata().is_ok_and(is_own) {
+        true => Ok(file),
+        false => Err(io::Error::other(
+            "somebody removed or replaced it during the run",
+        )),
     }
 }
 
 impl Output {
     fn create(path: &Path) -> io::Result<Self> {
-        let file = File::create(path)?;
+        let file = File::options()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(path)?;
         if !is_compressed(path) {
             return Ok(Self::Plain(BufWriter::new(file)));
         }

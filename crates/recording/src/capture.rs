@@ -77,6 +77,7 @@ impl<'a> Capture<'a> {
         watch: &'a Watch,
         observers: Vec<FrameQueue>,
     ) -> Self {
+        watch.show(RunProgress::default());
         Self {
             log: Some(log),
             progress: Some(progress),
@@ -211,9 +212,9 @@ impl<'a> Capture<'a> {
     /// The disk does not take them.
     pub fn finish(mut self) -> Result<(Frames, Unrecorded), WriteError> {
         self.flush()?;
-        let path = self.log.map(BusLog::finish).transpose()?;
-        let frames = match path {
-            Some(path) if self.count > self.frames.len() => Frames::of_log(&path, self.count),
+        let log = self.log.map(BusLog::finish).transpose()?;
+        let frames = match log {
+            Some(log) if self.count > self.frames.len() => Frames::of_log(log, self.count),
             _ => self.frames.into(),
         };
         Ok((frames, self.unrecorded))

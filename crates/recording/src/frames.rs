@@ -1,31 +1,32 @@
 //! The frames of a recording, as often as they are needed: few are in memory, many are read from their log each time.
 
+use std::fmt;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::slice;
 
-use crate::log::{LogFile, Stamped, Unread};
+use crate::log::{LogFile, OpenLog, Stamped, Unread};
 
 /// So many frames stay in memory at most: half a minute of a bus with four frames in a cycle of 1 ms, in 5 MB.
 pub(crate) const KEPT_MAX: usize = 1 << 17;
 
 /// All frames of a recording.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub struct Frames {
     kept: Vec<Stamped>,
     count: usize,
     /// Where they are, if not all are kept.
-    log: Option<PathBuf>,
+    log: Option<OpenLog>,
 }
 
 impl Frames {
     /// The first so many frames of a log that was read to its end before.
     #[must_use]
-    pub(crate) fn of_log(path: &Path, count: usize) -> Self {
+    pub(crate) fn of_log(log: OpenLog, count: usize) -> Self {
         Self {
             kept: Vec::new(),
             count,
-            log: Some(path.to_owned()),
+            log: Some(log),
         }
     }
 
@@ -51,14 +52,13 @@ impl Frames {
     /// From the first to the last.
     ///
     /// # Panics
-    /// The log, which was read before, is there no more.
+    /// The log was changed since it was read before: with [`LogChanged`].
     #[must_use]
     pub fn iter(&self) -> FrameIter<'_> {
         match &self.log {
             None => FrameIter::Kept(self.kept.iter()),
-            Some(path) => FrameIter::Log {
-                log: Box::new(LogFile::open(path).unwrap_or_else(|error| gone(path, &error))),
-                path,
+            Some(log) => FrameIter::Log {
+                log: Box::new(log.frames().unwrap_or_else(|error| changed(&error))),
                 left: self.count,
             },
         }
@@ -91,7 +91,6 @@ pub enum FrameIter<'a> {
     /// From their log.
     Log {
         log: Box<LogFile>,
-        path: &'a Path,
         /// So many are still to come. A log that has grown since it was read before has more.
         left: usize,
     },
@@ -112,18 +111,18 @@ impl Iterator for FrameIter<'_> {
     fn next(&mut self) -> Option<Stamped> {
         match self {
             Self::Kept(frames) => frames.next().copied(),
-            Self::Log { log, path, left } => {
+            Self::Log { log, left } => {
                 *left = left.checked_sub(1)?;
                 let next = log.next_frame();
-                let next = next.unwrap_or_else(|error| gone(path, &error));
-                Some(next.unwrap_or_else(|| gone(path, &"it is shorter than before")))
+                let next = next.unwrap_or_else(|error| changed(&error));
+                Some(next.unwrap_or_else(|| changed(&"it has fewer frames than before")))
             }
         }
     }
 }
 
 /// What a log holds, as far as it can be read.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub struct Log {
     pub frames: Frames,
     pub unread: Unread,
@@ -135,7 +134,8 @@ impl Log {
     /// # Errors
     /// The file cannot be read, or is no log.
     pub fn read(path: &Path) -> io::Result<Self> {
-        let mut log = LogFile::open(path)?;
+        let open = OpenLog::open(path)?;
+        let mut log = open.frames()?;
         let mut kept = Vec::new();
         let mut count = 0;
         while let Some(stamped) = log.next_frame()? {
@@ -146,7 +146,7 @@ impl Log {
         }
         let frames = match count <= KEPT_MAX {
             true => kept.into(),
-            false => Frames::of_log(path, count),
+            false => Frames::of_log(open, count),
         };
         Ok(Self {
             frames,
@@ -155,8 +155,21 @@ impl Log {
     }
 }
 
-/// What was read once and cannot be read again is as if memory had failed.
-fn gone(path: &Path, reason: &dyn std::fmt::Display) -> ! {
-    let path = path.display();
-    panic!("{path} cannot be read again: {reason}")
+/// Why the frames of a recording cannot be read again: somebody changed its log since.
+#[derive(Debug)]
+pub struct LogChanged(String);
+
+impl fmt::Display for LogChanged {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let reason = &self.0;
+        write!(
+            formatter,
+            "the log was changed while it was read ({reason}): give the same command again"
+        )
+    }
+}
+
+/// Whoever goes through frames has them in memory or from a log that was read to its end before, so it is as if memory had failed.
+fn changed(reason: &dyn fmt::Display) -> ! {
+    std::panic::panic_any(LogChanged(reason.to_string()))
 }

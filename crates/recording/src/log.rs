@@ -1,9 +1,12 @@
 //! What was on the bus: stamped frames, as `bus.log` holds them (`candump -L`).
 
 use std::fmt;
-use std::io::{self, BufRead, BufReader, Write};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::str::FromStr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use canopen::CanFrame;
@@ -171,7 +174,7 @@ pub fn read_log(mut input: impl BufRead) -> io::Result<Vec<Stamped>> {
     let mut line = String::new();
     for number in 1.. {
         line.clear();
-        if io::Read::take(&mut input, LINE_LENGTH_MAX).read_line(&mut line)? == 0 {
+        if Read::take(&mut input, LINE_LENGTH_MAX).read_line(&mut line)? == 0 {
             break;
         }
         let parsed = line.trim_end().parse().map_err(|error| {
@@ -263,35 +266,92 @@ pub(crate) fn is_compressed(path: &Path) -> bool {
 /// # Errors
 /// The file cannot be opened.
 pub fn open(path: &Path) -> io::Result<Box<dyn BufRead>> {
-    let file = scenario::open_file(path)?;
-    let bytes = file.metadata()?.len();
-    Ok(match is_compressed(path) {
-        false => Box::new(BufReader::new(Measured::new(file, bytes))),
-        true => Box::new(BufReader::new(PieceReader::new(file, bytes))),
-    })
+    OpenLog::open(path)?.text()
+}
+
+/// A log that can be read again and again. It stays open, so that it is the same whatever takes its name meanwhile.
+#[derive(Clone, Debug)]
+pub(crate) struct OpenLog {
+    file: Arc<File>,
+    is_compressed: bool,
+}
+
+impl OpenLog {
+    pub(crate) fn new(file: File, is_compressed: bool) -> Self {
+        Self {
+            file: Arc::new(file),
+            is_compressed,
+        }
+    }
+
+    /// # Errors
+    /// The file cannot be opened.
+    pub(crate) fn open(path: &Path) -> io::Result<Self> {
+        Ok(Self::new(scenario::open_file(path)?, is_compressed(path)))
+    }
+
+    /// All its text from the first line on.
+    fn text(&self) -> io::Result<Box<dyn BufRead>> {
+        let bytes = self.file.metadata()?.len();
+        let file = FromBegin {
+            file: Arc::clone(&self.file),
+            place: 0,
+        };
+        Ok(match self.is_compressed {
+            false => Box::new(BufReader::new(Measured::new(file, bytes))),
+            true => Box::new(BufReader::new(PieceReader::new(file, bytes))),
+        })
+    }
+
+    /// All its frames from the first one on.
+    ///
+    /// # Errors
+    /// The system refuses the file.
+    pub(crate) fn frames(&self) -> io::Result<LogFile> {
+        Ok(LogFile(LogReader::new(self.text()?)))
+    }
+}
+
+/// A file that others read, too, each from its begin.
+struct FromBegin {
+    file: Arc<File>,
+    place: u64,
+}
+
+impl Read for FromBegin {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let read = self.file.read_at(bytes, self.place)?;
+        self.place += read as u64;
+        Ok(read)
+    }
+}
+
+impl Seek for FromBegin {
+    fn seek(&mut self, place: SeekFrom) -> io::Result<u64> {
+        let place = match place {
+            SeekFrom::Start(place) => Some(place),
+            SeekFrom::Current(by) => self.place.checked_add_signed(by),
+            SeekFrom::End(by) => self.file.metadata()?.len().checked_add_signed(by),
+        };
+        self.place = place.ok_or(io::ErrorKind::InvalidInput)?;
+        Ok(self.place)
+    }
 }
 
 /// A log file, compressed or not.
 pub struct LogFile(LogReader<Box<dyn BufRead>>);
 
 impl LogFile {
-    /// # Errors
-    /// The file cannot be opened.
-    pub fn open(path: &Path) -> io::Result<Self> {
-        Ok(Self(LogReader::new(open(path)?)))
-    }
-
     /// The next frame; none at the end.
     ///
     /// # Errors
     /// The file cannot be read, or is no log.
-    pub fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
+    pub(crate) fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
         self.0.next_frame()
     }
 
     /// What was no frame.
-    #[must_use]
-    pub fn finish(self) -> Unread {
+    pub(crate) fn finish(self) -> Unread {
         self.0.finish()
     }
 }
@@ -410,7 +470,7 @@ impl<R: BufRead> LogReader<R> {
         while !self.is_at_end {
             self.line.clear();
             self.number += 1;
-            let mut input = io::Read::take(&mut self.input, LINE_LENGTH_MAX);
+            let mut input = Read::take(&mut self.input, LINE_LENGTH_MAX);
             match input.read_until(b'\n', &mut self.line) {
                 Ok(0) => self.is_at_end = true,
                 Ok(_) => return Ok(true),

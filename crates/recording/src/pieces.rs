@@ -16,6 +16,9 @@ const BUFFER_BYTES: usize = 1 << 17;
 /// one piece of any length, which is read twice.
 const HELD_BYTES_MAX: usize = 1 << 22;
 
+/// So much is searched for the next piece: what goes on for longer is no damaged log but something else.
+const SKIPPED_BYTES_MAX: u64 = 1 << 26;
+
 /// A part of a compressed log that is not as it was written. What follows it can be read.
 #[derive(Debug, thiserror::Error)]
 #[error("{bytes} bytes from byte {begin} on are damaged: {reason}")]
@@ -132,17 +135,17 @@ fn read_to_end(input: &mut impl BufRead, text: &mut Vec<u8>) -> io::Result<bool>
     Ok(io::copy(&mut piece, &mut io::sink())? == 0)
 }
 
-/// Goes to where a piece may begin, or to the end of the file.
+/// Goes to where a piece may begin, or to the end of the file if there is none nearby.
 fn skip_to_magic<R: Read + Seek>(input: &mut BufReader<R>) -> io::Result<()> {
     let mut latest = [0; MAGIC.len()];
-    for byte in input.by_ref().bytes() {
+    for byte in input.by_ref().take(SKIPPED_BYTES_MAX).bytes() {
         latest.rotate_left(1);
         latest[MAGIC.len() - 1] = byte?;
         if latest == MAGIC {
             return input.seek_relative(-4);
         }
     }
-    Ok(())
+    input.seek(SeekFrom::End(0)).map(|_| ())
 }
 
 #[cfg(test)]
@@ -198,6 +201,16 @@ mod tests {
         }
         assert_eq!(read(b""), (String::new(), 0));
         assert_eq!(read(b"no log at all"), (String::new(), 1));
+    }
+
+    #[test]
+    fn what_is_no_log_is_not_searched_for_ever() {
+        let [first, last] = ["one\n", "two\n"].map(piece);
+        let nothing = vec![0; usize::try_from(SKIPPED_BYTES_MAX).unwrap()];
+        let enough = [&first[..], &nothing[..nothing.len() / 2], &last].concat();
+        assert_eq!(read(&enough), ("one\ntwo\n".to_owned(), 1));
+        let too_much = [&first[..], &nothing, &last].concat();
+        assert_eq!(read(&too_much), ("one\n".to_owned(), 1));
     }
 
     #[test]

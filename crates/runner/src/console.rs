@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use std::fmt;
 use std::io::{self, BufWriter, IsTerminal, Write};
 use std::panic::PanicHookInfo;
-use std::sync::{OnceLock, mpsc};
+use std::sync::{Once, OnceLock, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -14,6 +14,7 @@ use miette::Diagnostic;
 use platform::terminal::printable;
 
 use crate::exit::Exit;
+use recording::frames::LogChanged;
 use recording::progress::RunProgress;
 use recording::work::{PARTS, parts_done};
 use scenario::without_colours;
@@ -92,8 +93,14 @@ pub fn print_parsed(error: &clap::Error) {
     }
 }
 
-/// Prints a panic in words that help to report it.
+/// Prints a panic in words that help to report it. Of a log that was changed it is nobody's fault here, and who reads it in several
+/// threads is told once.
 pub fn print_panic(info: &PanicHookInfo<'_>) {
+    static CHANGED: Once = Once::new();
+    if let Some(changed) = info.payload().downcast_ref::<LogChanged>() {
+        CHANGED.call_once(|| print_error(&format!("canrig: {changed}")));
+        return;
+    }
     print_error(&format!(
         "canrig: internal error: {info}\nThis is a fault of canrig {}; please report it with the command that you typed.",
         env!("CARGO_PKG_VERSION")

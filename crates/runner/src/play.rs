@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use clap::Args;
 use scenario::Override;
@@ -122,18 +123,29 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
     };
     let (mut viewers, refused) = args.viewer.open();
     report_all(listener, refused);
+    let stage = Stage::new(listener);
     let mut worst = Exit::Pass;
     let mut verdicts = Vec::new();
-    for path in &paths {
-        let (exit, judged) = match prepared(path, &args.values, testbed, listener) {
-            Ok(setups) => play_one(args, &setups, testbed, listener, &mut viewers),
-            Err(exit) => (exit, None),
-        };
-        verdicts.extend(judged.map(|judged| judged.verdict));
-        worst = worst.max(exit);
-        if exit == Exit::Interrupted || testbed.is_over() {
-            break;
-        }
+    // From the first to the last, also while a run is judged: else a signal would be lost there, and the next one played.
+    observed(
+        || stage.watch.interrupt(),
+        || stage.show_progress(),
+        || {
+            for path in &paths {
+                let (exit, judged) = match prepared(path, &args.values, testbed, listener) {
+                    Ok(setups) => play_one(args, &setups, testbed, &stage, &mut viewers),
+                    Err(exit) => (exit, None),
+                };
+                verdicts.extend(judged.map(|judged| judged.verdict));
+                worst = worst.max(exit);
+                if stage.watch.is_interrupted() || testbed.is_over() {
+                    break;
+                }
+            }
+        },
+    );
+    if stage.watch.is_interrupted() {
+        worst = worst.max(Exit::Interrupted);
     }
     listener.on_event(&RunEvent::Ended(&verdicts));
     worst
@@ -174,13 +186,57 @@ pub(crate) fn external_names(setups: &[Setup]) -> Vec<String> {
     names.into_iter().collect()
 }
 
+/// What is played now, and who looks on.
+struct Stage<'a> {
+    watch: Watch,
+    /// Whether frames are on the bus; who shows how far the run is does not do so after that.
+    is_playing: Mutex<bool>,
+    listener: &'a dyn Listener,
+}
+
+impl<'a> Stage<'a> {
+    fn new(listener: &'a dyn Listener) -> Self {
+        Self {
+            watch: Watch::default(),
+            is_playing: Mutex::new(false),
+            listener,
+        }
+    }
+
+    fn is_playing(&self) -> MutexGuard<'_, bool> {
+        let is_playing = self.is_playing.lock();
+        is_playing.unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn show_progress(&self) {
+        if *self.is_playing() {
+            let progress = self.watch.progress();
+            self.listener.on_event(&RunEvent::Reached(progress));
+        }
+    }
+
+    /// Plays, and has its progress shown meanwhile.
+    fn play(
+        &self,
+        play: impl FnOnce() -> Result<Played, WorldError>,
+    ) -> Result<Played, WorldError> {
+        *self.is_playing() = true;
+        let played = play();
+        *self.is_playing() = false;
+        played.inspect(|_| self.listener.on_event(&RunEvent::Played))
+    }
+}
+
 fn play_one(
     args: &PlayArgs,
     setups: &[Setup],
     testbed: &dyn Testbed,
-    listener: &dyn Listener,
+    stage: &Stage<'_>,
     viewers: &mut Viewers,
 ) -> (Exit, Option<Judged>) {
+    let Stage {
+        watch, listener, ..
+    } = stage;
     let setup = &setups[0];
     let (scenario, path) = (&setup.scenario, &setup.path);
     if let Some(sweep) = &scenario.sweep {
@@ -189,7 +245,6 @@ fn play_one(
             "note: this is the scenario as it stands; `canrig sweep {path}` plays its {runs} runs"
         )));
     }
-    let watch = Watch::default();
     listener.on_event(&RunEvent::Began {
         duration_seconds: scenario.duration_seconds,
     });
@@ -198,17 +253,12 @@ fn play_one(
         parent: &args.output,
         is_long: scenario.duration_seconds > args.compress_above,
     };
-    let judged = run_loops(setups, place, &watch, queues, |folder, capture| {
-        observed(
-            || watch.interrupt(),
-            || listener.on_event(&RunEvent::Reached(watch.progress())),
-            || testbed.play(setups, folder, capture),
-        )
-        .inspect(|_| listener.on_event(&RunEvent::Played))
+    let judged = run_loops(setups, place, watch, queues, |folder, capture| {
+        stage.play(|| testbed.play(setups, folder, capture))
     });
     match judged {
         Ok(judged) => {
-            report_all(listener, shows.end(&judged.verdict, viewers));
+            report_all(*listener, shows.end(&judged.verdict, viewers));
             listener.on_event(&RunEvent::Judged {
                 path,
                 judged: &judged,

@@ -144,10 +144,8 @@ pub fn run_loops(
     }
     report::write_all(&Vec::from_iter(runs), &verdict, &folder)?;
     let exit = match &ended {
-        Ok(Played {
-            end: End::Interrupted,
-            ..
-        }) => Exit::Interrupted,
+        // Perhaps while it was judged.
+        _ if watch.is_interrupted() => Exit::Interrupted,
         Err(error) if error.is_before_start() => Exit::CannotStart,
         _ => verdict.outcome.into(),
     };
