@@ -2,17 +2,16 @@
 
 use std::io::{self, Write};
 
-use recording::events::Level;
-use recording::events::TimelineEvent;
+use recording::events::{Events, Level};
 
 /// Writes one row for each event, in the order of time: when, how grave, and what, as the page of a run has them.
 ///
 /// # Errors
 /// The output does not take it.
-pub fn write(output: impl Write, events: &[TimelineEvent]) -> io::Result<()> {
+pub fn write(output: impl Write, events: &Events) -> io::Result<()> {
     let mut table = csv::Writer::from_writer(output);
     table.write_record(["time_seconds", "level", "text"])?;
-    for event in events {
+    for event in events.iter() {
         let level = match event.level {
             Level::Info => "info",
             Level::Warning => "warning",

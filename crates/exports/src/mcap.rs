@@ -11,7 +11,7 @@ use dbc::{Database, Message, SignalHandle};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions, Writer};
-use recording::events::{Level, TimelineEvent};
+use recording::events::{Event, Events, Level};
 use recording::frames::Frames;
 use recording::log::Stamped;
 
@@ -38,7 +38,7 @@ pub fn write(
     output: impl Write,
     frames: &Frames,
     database: &Database,
-    events: &[TimelineEvent],
+    events: &Events,
     zero: Duration,
 ) -> io::Result<()> {
     let written = write_messages(output, frames, database, events, zero);
@@ -52,14 +52,16 @@ fn write_messages(
     output: impl Write,
     frames: &Frames,
     database: &Database,
-    events: &[TimelineEvent],
+    events: &Events,
     zero: Duration,
 ) -> Result<(), McapError> {
     let mut file = McapFile::new(output, frames.len(), zero)?;
     let mut topics = topics(&mut file, frames, database)?;
     let raw = file.topic(FRAMES_TOPIC, "can_msgs/msg/Frame", schema::FRAME)?;
     let log = file.topic(LOG_TOPIC, "rcl_interfaces/msg/Log", schema::LOG)?;
-    let mut events = events.iter().map(|event| (at(event, zero), event));
+    let mut events = events
+        .iter()
+        .map(|event| (at(event.time_seconds, zero), event.what));
     let mut next = events.next();
     for stamped in frames {
         while let Some((time, event)) = next.filter(|(time, _)| *time <= stamped.time) {
@@ -187,11 +189,11 @@ fn signals(database: &Database, message: &Message) -> Vec<Option<SignalHandle>> 
 }
 
 /// When an event was on the clock of the frames, in whole microseconds as theirs.
-fn at(event: &TimelineEvent, zero: Duration) -> Duration {
-    let since = Duration::try_from_secs_f64(event.time_seconds.abs()).unwrap_or_default();
+fn at(time_seconds: f64, zero: Duration) -> Duration {
+    let since = Duration::try_from_secs_f64(time_seconds.abs()).unwrap_or_default();
     let micros = (since.as_nanos() + 500) / 1000;
     let since = Duration::from_micros(u64::try_from(micros).unwrap_or(u64::MAX));
-    if event.time_seconds < 0.0 {
+    if time_seconds < 0.0 {
         zero.saturating_sub(since)
     } else {
         zero.saturating_add(since)
@@ -216,7 +218,7 @@ fn frame_message(Stamped { time, frame, .. }: &Stamped) -> Vec<u8> {
 }
 
 /// An `rcl_interfaces/msg/Log`.
-fn log_message(time: Duration, event: &TimelineEvent) -> Vec<u8> {
+fn log_message(time: Duration, event: &Event) -> Vec<u8> {
     let mut cdr = Cdr::new();
     cdr.push_time(time);
     cdr.push_u8(match event.level {
@@ -249,12 +251,9 @@ mod tests {
             at(12, 0x190, &[0x37, 0x02]),
             at(13, 0x7E5, &[1, 0xAB]),
         ];
-        let event = |time_seconds, text: &str| TimelineEvent {
-            time_seconds,
-            level: Level::Warning,
-            text: text.to_owned(),
-        };
-        let events = [event(-0.004, "before"), event(9.0, "after")];
+        let events = [(-0.004, "before"), (9.0, "after")];
+        let events = events.map(|(time, text)| (time, Event::new(Level::Warning, text)));
+        let events = Events::from_iter(events);
         let zero = Duration::from_millis(10);
         let frames = frames.to_vec().into();
         let mut file = Vec::new();

@@ -1,7 +1,8 @@
 //! Decides the outcome of a run by its metrics, by whose doing its missed cycles were, and by who ended it.
 
 use recording::ending::{EarlyEnd, EndedBy};
-use recording::events::{Level, TimelineEvent};
+use recording::events::{Event, Level};
+use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use rig::setup::Setup;
@@ -197,8 +198,9 @@ fn fd_frames(unrecorded: &Unrecorded) -> Option<String> {
 /// The errors among the events, with their times, for people.
 fn losses(evidence: &Evidence<'_>) -> Vec<String> {
     let end_seconds = evidence.end_seconds();
-    let is_error =
-        |event: &&TimelineEvent| event.level == Level::Error && event.time_seconds <= end_seconds;
+    let is_error = |event: &Occurrence<'_, Event>| {
+        event.level == Level::Error && event.time_seconds <= end_seconds
+    };
     let errors = evidence
         .timeline
         .events

@@ -110,7 +110,7 @@ fn emergency(evidence: &Evidence<'_>, text: &str, is_next: impl Fn(f64) -> bool)
     let wanted: Emergency = text.parse().ok()?;
     let emergencies = evidence.timeline.emergencies.iter();
     let mut times = emergencies
-        .filter(|one| one.emergency == wanted)
+        .filter(|one| *one.what == wanted)
         .map(|one| one.time_seconds);
     times.find(|time| is_next(*time))
 }

@@ -13,12 +13,13 @@ use scenario::expect::Emergency;
 use crate::identifiers::ByIdentifier;
 use crate::log::Stamped;
 use crate::node_words::NodeWords;
+use crate::occurrences::{Notes, Occurrences};
 
 /// An error of the bus that was silent for so long begins anew.
 const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
 
 /// How grave an event is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Level {
     /// Part of a normal run.
     Info,
@@ -28,35 +29,27 @@ pub enum Level {
     Error,
 }
 
-/// One thing that happened, on the bus or by the scenario.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TimelineEvent {
-    /// Scenario time; negative before scenario time 0.
-    pub time_seconds: f64,
+/// What may happen, on the bus or by the scenario.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Event {
     pub level: Level,
     /// What happened, for people.
     pub text: String,
 }
 
-impl TimelineEvent {
-    /// Something that happened. No word of it steers a terminal, even where the text has labels of a stranger's DBC.
+impl Event {
+    /// No word of it steers a terminal, even where the text has labels of a stranger's DBC.
     #[must_use]
-    pub fn new(time_seconds: f64, level: Level, text: &str) -> Self {
+    pub fn new(level: Level, text: &str) -> Self {
         Self {
-            time_seconds,
             level,
             text: printable(text).into_owned(),
         }
     }
 }
 
-/// An emergency that a node sent.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TimedEmergency {
-    /// Scenario time.
-    pub time_seconds: f64,
-    pub emergency: Emergency,
-}
+/// All that happened.
+pub type Events = Occurrences<Event>;
 
 /// What of a message is worth an event.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -131,8 +124,9 @@ impl EventSignal {
 pub(crate) struct EventReader {
     words: NodeWords,
     signals: ByIdentifier<EventSignal>,
-    events: Vec<(Duration, Level, String)>,
-    emergencies: Vec<(Duration, Emergency)>,
+    /// By the recording's clock, as the emergencies.
+    events: Notes<Event>,
+    emergencies: Notes<Emergency>,
     /// When each was last seen.
     bus_errors: BTreeMap<String, Duration>,
     given_until_seconds: f64,
@@ -148,8 +142,8 @@ impl EventReader {
                 .map(|signal| (signal.signal.raw_id(), signal))
                 .collect(),
             words,
-            events: Vec::new(),
-            emergencies: Vec::new(),
+            events: Notes::default(),
+            emergencies: Notes::default(),
             bus_errors: BTreeMap::new(),
             given_until_seconds: f64::NEG_INFINITY,
         }
@@ -178,12 +172,13 @@ impl EventReader {
         }
         if signal.kind == EventKind::Emergency && value != 0.0 {
             let emergency = emergency(&signal.node, value);
-            self.emergencies.push((stamped.time, emergency));
+            self.emergencies.add(stamped.time.as_secs_f64(), emergency);
             if let Some(cause) = signal.cause(stamped, &self.words) {
                 text += &format!(": {cause}");
             }
         }
-        self.events.push((stamped.time, level, text));
+        let event = Event::new(level, &text);
+        self.events.add(stamped.time.as_secs_f64(), event);
         true
     }
 
@@ -202,21 +197,14 @@ impl EventReader {
             return false;
         }
         let level = if is_good { Level::Info } else { Level::Error };
-        self.events.push((time, level, text));
+        self.events
+            .add(time.as_secs_f64(), Event::new(level, &text));
         true
     }
 
-    /// The emergencies in the order of time; the scenario began at `zero`, on the recording's clock.
-    pub(crate) fn emergencies(&self, zero: Option<Duration>) -> Vec<TimedEmergency> {
-        let zero = zero.unwrap_or_default().as_secs_f64();
-        let emergencies = self
-            .emergencies
-            .iter()
-            .map(|(time, emergency)| TimedEmergency {
-                time_seconds: time.as_secs_f64() - zero,
-                emergency: emergency.clone(),
-            });
-        emergencies.collect()
+    /// The emergencies since the last time; the scenario began at `zero`, on the recording's clock.
+    pub(crate) fn take_emergencies(&mut self, zero: Option<Duration>) -> Occurrences<Emergency> {
+        self.emergencies.take_since(seconds_at(zero))
     }
 
     /// What happened since the last time, and what the scenario did before `until_seconds`, in the order of time. Before
@@ -226,15 +214,11 @@ impl EventReader {
         until_seconds: f64,
         scenario: &Scenario,
         zero: Option<Duration>,
-    ) -> Vec<TimelineEvent> {
+    ) -> Events {
         if zero.is_none() && until_seconds.is_finite() {
-            return Vec::new();
+            return Events::default();
         }
-        let zero_seconds = zero.unwrap_or_default().as_secs_f64();
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
-        let on_bus = self.events.drain(..).map(|(time, level, text)| {
-            TimelineEvent::new(time.as_secs_f64() - zero_seconds, level, &text)
-        });
         let planned = scenario
             .events(self.words.of_loop())
             .into_iter()
@@ -244,12 +228,16 @@ impl EventReader {
                     true => Level::Warning,
                     false => Level::Info,
                 };
-                TimelineEvent::new(event.at_seconds, level, &event.text)
+                (event.at_seconds, Event::new(level, &event.text))
             });
-        let mut events: Vec<TimelineEvent> = on_bus.chain(planned).collect();
-        events.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
-        events
+        let on_bus = self.events.take_since(seconds_at(zero));
+        on_bus.merged(planned.collect())
     }
+}
+
+/// When the scenario began; where it never did, times are those of the recording.
+fn seconds_at(zero: Option<Duration>) -> f64 {
+    zero.unwrap_or_default().as_secs_f64()
 }
 
 fn emergency(node: &str, value: f64) -> Emergency {
@@ -336,7 +324,7 @@ mod tests {
 
     #[test]
     fn no_event_steers_a_terminal() {
-        let event = TimelineEvent::new(0.0, Level::Info, "drive: \u{1b}]0;a\u{7} \u{202e}b °C");
+        let event = Event::new(Level::Info, "drive: \u{1b}]0;a\u{7} \u{202e}b °C");
         assert_eq!(event.text, r"drive: \u001b]0;a\u0007 \u202eb °C");
     }
 
@@ -363,7 +351,7 @@ mod tests {
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let mut reader = EventReader::new(Database::shipped(), words);
         let events = reader.take_until(f64::INFINITY, &scenario, Some(Duration::ZERO));
-        let texts = Vec::from_iter(events.iter().map(|event| event.text.as_str()));
+        let texts = Vec::from_iter(events.iter().map(|event| event.what.text.as_str()));
         assert_eq!(
             texts,
             [

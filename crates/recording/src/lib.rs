@@ -22,6 +22,7 @@ pub mod log;
 mod losses;
 pub mod masters;
 mod node_words;
+pub mod occurrences;
 mod pieces;
 pub mod progress;
 pub mod run_folder;

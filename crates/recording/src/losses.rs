@@ -6,9 +6,10 @@ use canopen::CanFrame;
 use dbc::Database;
 use scenario::Scenario;
 
-use crate::events::{Level, TimelineEvent};
+use crate::events::{Event, Events, Level};
 use crate::identifiers::ByIdentifier;
 use crate::node_words::NodeWords;
+use crate::occurrences::Notes;
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
 const PERIODS_MAX: u32 = 20;
@@ -28,7 +29,8 @@ struct Watched {
 pub(crate) struct LossReader {
     watched: ByIdentifier<Watched>,
     end: Duration,
-    events: Vec<TimelineEvent>,
+    /// By scenario time.
+    events: Notes<Event>,
 }
 
 impl LossReader {
@@ -63,7 +65,7 @@ impl LossReader {
         Self {
             watched: watched.collect(),
             end: Duration::from_secs_f64(scenario.duration_seconds),
-            events: Vec::new(),
+            events: Notes::default(),
         }
     }
 
@@ -85,25 +87,23 @@ impl LossReader {
         if silent > watched.limit {
             let what = &watched.what;
             let text = format!("loss: no {what} for {} ms", silent.as_millis());
-            self.events.push(event(last, Level::Error, &text));
-            let text = format!("{what} is back");
-            self.events.push(event(time, Level::Info, &text));
+            let loss = Event::new(Level::Error, &text);
+            self.events.add(last.as_secs_f64(), loss);
+            let back = Event::new(Level::Info, &format!("{what} is back"));
+            self.events.add(time.as_secs_f64(), back);
         }
     }
 
     /// All losses, those that last among them; `latest` is the scenario time of the last frame of all before the end.
-    pub(crate) fn take_all(&mut self, latest: Duration) -> Vec<TimelineEvent> {
+    pub(crate) fn take_all(&mut self, latest: Duration) -> Events {
         for watched in self.watched.values() {
             let Some(last) = watched.last else { continue };
             if latest.saturating_sub(last) > watched.limit {
                 let text = format!("loss: no {} from here on", watched.what);
-                self.events.push(event(last, Level::Error, &text));
+                let loss = Event::new(Level::Error, &text);
+                self.events.add(last.as_secs_f64(), loss);
             }
         }
-        std::mem::take(&mut self.events)
+        self.events.take_since(0.0)
     }
-}
-
-fn event(time: Duration, level: Level, text: &str) -> TimelineEvent {
-    TimelineEvent::new(time.as_secs_f64(), level, text)
 }

@@ -150,12 +150,12 @@ fn recording_id(runs: &[Run<'_>], verdict: &Verdict) -> String {
     let mut hasher = DefaultHasher::new();
     verdict.to_json().hash(&mut hasher);
     for Run { timeline, .. } in runs {
-        for event in &timeline.events {
+        for event in timeline.events.iter() {
             event.text.hash(&mut hasher);
         }
-        let times = timeline.events.iter().map(|event| &event.time_seconds);
+        let times = timeline.events.iter().map(|event| event.time_seconds);
         let values = timeline.position().iter().chain(timeline.current());
-        for value in times.chain(values) {
+        for value in times.chain(values.copied()) {
             hasher.write_u64(value.to_bits());
         }
     }

@@ -13,7 +13,7 @@ use crate::exit::Exit;
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, expected_timing, judge_loops, judge_timing};
 use recording::ending::EndedBy;
-use recording::events::TimelineEvent;
+use recording::events::Events;
 use recording::frames::Log;
 use recording::log::Unread;
 use recording::run_folder::{file, log_in};
@@ -225,7 +225,7 @@ impl Recorded {
     ///
     /// # Errors
     /// As [`Recorded::timelines`].
-    pub fn events(&self) -> Result<Vec<TimelineEvent>, SignalMissing> {
+    pub fn events(&self) -> Result<Events, SignalMissing> {
         let timelines = self.timelines()?;
         Ok(events_of(&Vec::from_iter(&timelines)))
     }

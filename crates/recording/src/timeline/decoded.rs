@@ -3,10 +3,12 @@
 use std::ops::Range;
 
 use platform::series::Series;
+use scenario::expect::Emergency;
 use scenario::port::Unit;
 
-use crate::events::{TimedEmergency, TimelineEvent};
+use crate::events::{Event, Events};
 use crate::masters::SecondMaster;
+use crate::occurrences::{Occurrence, Occurrences};
 use crate::traces::SignalTrace;
 use crate::truth::PlantTruth;
 
@@ -69,8 +71,9 @@ pub struct Timeline {
     /// The longest time between two SYNCs; NaN without two SYNCs.
     pub sync_interval_milliseconds_max: f64,
     /// What happened, in the order of time.
-    pub events: Vec<TimelineEvent>,
-    pub emergencies: Vec<TimedEmergency>,
+    pub events: Events,
+    /// The emergencies that nodes sent.
+    pub emergencies: Occurrences<Emergency>,
     /// What the emulated plant reported of itself; empty without faults.
     pub truth: Series<PlantTruth>,
     /// Whether the fan and load module was there and got its commands.
@@ -131,9 +134,8 @@ impl Timeline {
         for column in &mut before.columns {
             column.values.truncate(rows);
         }
-        before.events.retain(|event| event.time_seconds < seconds);
-        let emergencies = &mut before.emergencies;
-        emergencies.retain(|emergency| emergency.time_seconds < seconds);
+        before.events = self.events.at_times(|time| time < seconds);
+        before.emergencies = self.emergencies.at_times(|time| time < seconds);
         let is_before = |truth: &&PlantTruth| truth.time_seconds < seconds;
         before.truth = self.truth.iter().filter(is_before).copied().collect();
         for trace in &mut before.traces {
@@ -152,10 +154,8 @@ impl Timeline {
         let begins = |row: usize| self.time_seconds.get(row).copied();
         let from = begins(rows.start).filter(|_| rows.start > 0);
         let until = begins(rows.end);
-        let is_inside = |event: &&TimelineEvent| {
-            let time = event.time_seconds;
-            from.is_none_or(|from| time >= from) && until.is_none_or(|until| time < until)
-        };
+        let is_inside =
+            |time| from.is_none_or(|from| time >= from) && until.is_none_or(|until| time < until);
         let columns = self.columns.iter().map(|column| Column {
             name: column.name.clone(),
             unit: column.unit.clone(),
@@ -167,8 +167,8 @@ impl Timeline {
             set_point_millimetres: part(&self.set_point_millimetres),
             columns: columns.collect(),
             unit: self.unit.clone(),
-            events: self.events.iter().filter(is_inside).cloned().collect(),
-            emergencies: Vec::new(),
+            events: self.events.at_times(is_inside),
+            emergencies: Occurrences::default(),
             truth: Series::default(),
             traces: Vec::new(),
             second_masters: self.second_masters.clone(),
@@ -244,17 +244,25 @@ pub fn signals<'a>(loops: &[OfLoop<'a>]) -> Vec<SignalRows<'a>> {
 
 /// The events of loops that were played at once, in the order of time; what several of them saw stands once.
 #[must_use]
-pub fn events_of(loops: &[&Timeline]) -> Vec<TimelineEvent> {
-    let events = loops.iter().flat_map(|timeline| &timeline.events);
-    let mut events = Vec::from_iter(events.cloned());
-    if loops.len() > 1 {
-        events.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
-        events.dedup_by(|later, earlier| {
+pub fn events_of(loops: &[&Timeline]) -> Events {
+    let of_each = loops.iter().map(|timeline| timeline.events.clone());
+    let all = of_each.reduce(Events::merged).unwrap_or_default();
+    if loops.len() < 2 {
+        return all;
+    }
+    let mut earlier: Option<Occurrence<'_, Event>> = None;
+    let once = all.iter().filter(|later| {
+        let is_again = earlier.is_some_and(|earlier| {
             let is_then = later.time_seconds.total_cmp(&earlier.time_seconds).is_eq();
             is_then && later.text == earlier.text
         });
-    }
-    events
+        if !is_again {
+            earlier = Some(*later);
+        }
+        !is_again
+    });
+    once.map(|event| (event.time_seconds, event.what.clone()))
+        .collect()
 }
 
 /// Scenario time at which a cycle begins.

@@ -13,13 +13,14 @@ use scenario::Scenario;
 use super::columns::Columns;
 use super::decoded::{Column, Timeline, cycle_start_seconds};
 use super::passing::{Passed, Passing};
-use crate::events::EventReader;
+use crate::events::{EventReader, Events};
 use crate::fan::FanReader;
 use crate::identifiers::{Identifiers, Readers};
 use crate::log::Stamped;
 use crate::losses::LossReader;
 use crate::masters::MasterWatch;
 use crate::node_words::NodeWords;
+use crate::occurrences::Occurrences;
 use crate::traces::TraceReader;
 use crate::truth::TruthReader;
 
@@ -257,6 +258,7 @@ impl TimelineReader {
         let mut piece = self.take_rows(closed, scenario)?;
         let zero = self.passing.clock.zero();
         piece.events = self.events.take_until(piece.end_seconds(), scenario, zero);
+        piece.emergencies = self.events.take_emergencies(zero);
         Ok(piece)
     }
 
@@ -267,12 +269,9 @@ impl TimelineReader {
     pub fn take_rest(&mut self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
         let mut rest = self.take_rows(self.cycle.len(), scenario)?;
         let zero = self.passing.clock.zero();
-        rest.events = self.events.take_until(f64::INFINITY, scenario, zero);
-        rest.events
-            .extend(self.losses.take_all(self.passing.latest));
-        rest.events
-            .sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
-        rest.emergencies = self.events.emergencies(zero);
+        let events = self.events.take_until(f64::INFINITY, scenario, zero);
+        rest.events = events.merged(self.losses.take_all(self.passing.latest));
+        rest.emergencies = self.events.take_emergencies(zero);
         rest.truth = self.truth.take_all(zero);
         rest.traces = self.traces.take_all();
         Ok(rest)
@@ -303,8 +302,8 @@ impl TimelineReader {
             position: place(&columns, &scenario.wiring.unit.rename(signals::POSITION))?,
             current: place(&columns, signals::CURRENT)?,
             columns,
-            events: Vec::new(),
-            emergencies: Vec::new(),
+            events: Events::default(),
+            emergencies: Occurrences::default(),
             truth: Series::default(),
             has_fan: self.fan.has_fan(),
             traces: Vec::new(),
@@ -428,10 +427,13 @@ mod tests {
             (&[1.0][..], &[2.0][..])
         );
         assert_eq!((first.cycle[0], second.cycle[0]), (0, 1));
-        let events = [first.events, second.events].concat();
-        assert!(!events.is_empty());
-        assert_eq!(events, timeline.events);
-        assert_eq!(timeline.piece(0..2).events, timeline.events);
+        assert!(!timeline.events.is_empty());
+        let texts = |timelines: &[&Timeline]| {
+            let events = timelines.iter().flat_map(|timeline| timeline.events.iter());
+            Vec::from_iter(events.map(|event| (event.time_seconds, event.what.clone())))
+        };
+        assert_eq!(texts(&[&first, &second]), texts(&[&timeline]));
+        assert_eq!(texts(&[&timeline.piece(0..2)]), texts(&[&timeline]));
     }
 
     /// Two are served, two never begin, and the last has no position.

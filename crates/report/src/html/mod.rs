@@ -14,7 +14,7 @@ use maud::{Markup, html};
 use crate::page;
 use crate::run::Run;
 use judge::verdict::Verdict;
-use recording::events::{Level, TimelineEvent};
+use recording::events::{Events, Level};
 use recording::run_folder::file;
 use recording::timeline::events_of;
 use rig::external::ExternalNode;
@@ -142,7 +142,7 @@ fn end_besides(verdict: &Verdict) -> Option<String> {
     (!reason.contains(why)).then(|| format!("The run ended early: {why}"))
 }
 
-fn events(events: &[TimelineEvent]) -> Markup {
+fn events(events: &Events) -> Markup {
     html! {
         h2 { "Events" }
         div.wide { table {

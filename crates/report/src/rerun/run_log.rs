@@ -23,7 +23,8 @@ use crate::terminal;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
 use platform::series::{Series, give_back, parts, picked};
-use recording::events::{Level, TimelineEvent};
+use recording::events::{Event, Events, Level};
+use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use rig::setup::Setup;
 
@@ -244,17 +245,15 @@ pub(crate) fn log_verdict(
 ) -> Result<(), RerunError> {
     let page = TextDocument::from_markdown(page(verdict));
     send_static(output, "verdict", &page)?;
-    let event = TimelineEvent {
-        time_seconds: end_seconds,
-        level: match verdict.outcome {
-            Outcome::Pass => Level::Info,
-            Outcome::Fail => Level::Error,
-            _ => Level::Warning,
-        },
-        text: format!("verdict: {}", verdict.outcome.word()),
+    let level = match verdict.outcome {
+        Outcome::Pass => Level::Info,
+        Outcome::Fail => Level::Error,
+        _ => Level::Warning,
     };
+    let event = Event::new(level, &format!("verdict: {}", verdict.outcome.word()));
     let period_seconds = scenario.bus.sync_period_milliseconds / 1e3;
-    log_events(output, period_seconds, &[event])?;
+    let events = Events::from_iter([(end_seconds, event)]);
+    log_events(output, period_seconds, &events)?;
     let text = |text: &str| Text(text.into());
     let properties = AnyValues::default()
         .with_component::<Text>("outcome", [text(verdict.outcome.word())])
@@ -268,7 +267,7 @@ pub(crate) fn log_verdict(
 fn log_events(
     output: &mut dyn Output,
     period_seconds: f64,
-    events: &[TimelineEvent],
+    events: &Events,
 ) -> Result<(), RerunError> {
     if events.is_empty() {
         return Ok(());
@@ -276,7 +275,7 @@ fn log_events(
     let moments = events
         .iter()
         .map(|event| times::moment_at(event.time_seconds, period_seconds));
-    let texts = events.iter().map(|event| event.text.as_str());
+    let texts = events.iter().map(|event| event.what.text.as_str());
     let rows = TextLog::update_fields()
         .with_many_text(texts)
         .with_many_level(events.iter().map(level))
@@ -400,7 +399,7 @@ impl Rows {
     }
 }
 
-fn level(event: &TimelineEvent) -> TextLogLevel {
+fn level(event: Occurrence<'_, Event>) -> TextLogLevel {
     match event.level {
         Level::Info => TextLogLevel::INFO,
         Level::Warning => TextLogLevel::WARN,

@@ -1,0 +1,246 @@
+//! What happened at times. There may be as many as frames, but most are like others before, so of each only the time and the
+//! number of its kind are kept.
+
+use std::collections::HashMap;
+use std::hash::Hash;
+use std::ops::Deref;
+
+use bytemuck::{Pod, Zeroable};
+use platform::series::{Series, SeriesWriter};
+
+/// One of them.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Row {
+    time_seconds: f64,
+    /// Its place among the kinds.
+    kind: u64,
+}
+
+/// Something that happened at a time.
+#[derive(Debug)]
+pub struct Occurrence<'a, T> {
+    /// Scenario time; negative before scenario time 0.
+    pub time_seconds: f64,
+    pub what: &'a T,
+}
+
+impl<T> Copy for Occurrence<'_, T> {}
+
+impl<T> Clone for Occurrence<'_, T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T> Deref for Occurrence<'_, T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        self.what
+    }
+}
+
+/// All that happened, in the order of time.
+#[derive(Clone, Debug)]
+pub struct Occurrences<T> {
+    rows: Series<Row>,
+    kinds: Vec<T>,
+}
+
+impl<T> Default for Occurrences<T> {
+    fn default() -> Self {
+        Self {
+            rows: Series::default(),
+            kinds: Vec::new(),
+        }
+    }
+}
+
+impl<T> Occurrences<T> {
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// One after the other.
+    pub fn iter(&self) -> impl Iterator<Item = Occurrence<'_, T>> + Clone {
+        self.rows.iter().map(|row| self.occurrence(*row))
+    }
+
+    #[must_use]
+    pub fn first(&self) -> Option<Occurrence<'_, T>> {
+        self.rows.first().map(|row| self.occurrence(*row))
+    }
+
+    #[must_use]
+    pub fn last(&self) -> Option<Occurrence<'_, T>> {
+        self.rows.last().map(|row| self.occurrence(*row))
+    }
+
+    fn occurrence(&self, row: Row) -> Occurrence<'_, T> {
+        Occurrence {
+            time_seconds: row.time_seconds,
+            what: &self.kinds[place(row.kind)],
+        }
+    }
+}
+
+impl<T: Clone> Occurrences<T> {
+    /// Those at times that are wanted.
+    #[must_use]
+    pub fn at_times(&self, is_wanted: impl Fn(f64) -> bool) -> Self {
+        let rows = self.rows.iter().copied();
+        Self {
+            rows: rows.filter(|row| is_wanted(row.time_seconds)).collect(),
+            kinds: self.kinds.clone(),
+        }
+    }
+
+    /// Those of both; at the same time these come before the others.
+    #[must_use]
+    pub fn merged(mut self, others: Self) -> Self {
+        if others.is_empty() {
+            return self;
+        }
+        let first_kind = self.kinds.len() as u64;
+        self.kinds.extend(others.kinds);
+        let mut later = others.rows.iter().map(|row| Row {
+            kind: row.kind + first_kind,
+            ..*row
+        });
+        let mut next = later.next();
+        let mut rows = SeriesWriter::default();
+        for row in &self.rows {
+            while let Some(other) = next.filter(|other| other.time_seconds < row.time_seconds) {
+                rows.push(other);
+                next = later.next();
+            }
+            rows.push(*row);
+        }
+        rows.extend(next.into_iter().chain(later));
+        self.rows = rows.finish();
+        self
+    }
+}
+
+/// Notes what happens, in whatever order.
+#[derive(Debug)]
+pub(crate) struct Notes<T> {
+    rows: SeriesWriter<Row>,
+    kinds: Vec<T>,
+    places: HashMap<T, u64>,
+    is_in_order: bool,
+}
+
+impl<T> Default for Notes<T> {
+    fn default() -> Self {
+        Self {
+            rows: SeriesWriter::default(),
+            kinds: Vec::new(),
+            places: HashMap::new(),
+            is_in_order: true,
+        }
+    }
+}
+
+impl<T: Clone + Eq + Hash> Notes<T> {
+    pub(crate) fn add(&mut self, time_seconds: f64, what: T) {
+        let kind = *self.places.entry(what).or_insert_with_key(|what| {
+            self.kinds.push(what.clone());
+            self.kinds.len() as u64 - 1
+        });
+        let latest = self.rows.last();
+        self.is_in_order &= latest.is_none_or(|latest| latest.time_seconds <= time_seconds);
+        self.rows.push(Row { time_seconds, kind });
+    }
+
+    /// What was noted since the last time, each so much earlier: times since `zero_seconds`.
+    pub(crate) fn take_since(&mut self, zero_seconds: f64) -> Occurrences<T> {
+        let mut rows: Series<Row> = self.rows.take(self.rows.len());
+        // Time seldom goes back.
+        if !std::mem::replace(&mut self.is_in_order, true) {
+            let rows = rows.to_mut();
+            rows.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
+        }
+        let since = rows.iter().map(|row| Row {
+            time_seconds: row.time_seconds - zero_seconds,
+            ..*row
+        });
+        Occurrences {
+            rows: since.collect(),
+            kinds: self.kinds.clone(),
+        }
+    }
+}
+
+impl<T: Clone + Eq + Hash> FromIterator<(f64, T)> for Occurrences<T> {
+    fn from_iter<I: IntoIterator<Item = (f64, T)>>(occurrences: I) -> Self {
+        let mut notes = Notes::default();
+        for (time_seconds, what) in occurrences {
+            notes.add(time_seconds, what);
+        }
+        notes.take_since(0.0)
+    }
+}
+
+/// A number of a kind counts kinds that are in memory.
+fn place(kind: u64) -> usize {
+    usize::try_from(kind).unwrap_or(usize::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn pairs(occurrences: &Occurrences<String>) -> Vec<(f64, String)> {
+        let pairs = occurrences.iter();
+        pairs
+            .map(|one| (one.time_seconds, one.what.clone()))
+            .collect()
+    }
+
+    proptest! {
+        /// As a list of all of them, sorted by time.
+        #[test]
+        fn what_is_noted_stands_in_the_order_of_time(
+            some in prop::collection::vec((0..20_u8, 0..4_u8), 0..30),
+            others in prop::collection::vec((0..20_u8, 0..4_u8), 0..30),
+        ) {
+            let named = |list: &[(u8, u8)]| {
+                let named = list.iter().map(|(time, kind)| (f64::from(*time), format!("kind {kind}")));
+                Vec::from_iter(named)
+            };
+            let noted = |list: &[(u8, u8)]| named(list).into_iter().collect::<Occurrences<String>>();
+            let mut expected = [named(&some), named(&others)].concat();
+            expected.sort_by(|left, right| left.0.total_cmp(&right.0));
+            let all = noted(&some).merged(noted(&others));
+            prop_assert_eq!(pairs(&all), expected.clone());
+            prop_assert_eq!(all.first().map(|one| one.time_seconds), expected.first().map(|one| one.0));
+            prop_assert_eq!(all.last().map(|one| one.time_seconds), expected.last().map(|one| one.0));
+            expected.retain(|one| one.0 < 10.0);
+            prop_assert_eq!(pairs(&all.at_times(|time| time < 10.0)), expected);
+        }
+    }
+
+    #[test]
+    fn each_is_taken_once_and_few_kinds_are_kept() {
+        let mut notes = Notes::default();
+        for second in 0..1000 {
+            notes.add(f64::from(second), second % 3);
+        }
+        let first = notes.take_since(10.0);
+        assert_eq!((first.len(), first.kinds.len()), (1000, 3));
+        assert_eq!(first.first().map(|one| one.time_seconds), Some(-10.0));
+        notes.add(1.0, 2);
+        let rest = notes.take_since(10.0);
+        assert_eq!((rest.len(), *rest.first().unwrap()), (1, 2));
+    }
+}
