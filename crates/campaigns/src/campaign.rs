@@ -12,7 +12,7 @@ use crate::job_queue::JobQueue;
 use dbc::scenario_clock::ScenarioClock;
 use judge::verdict::Verdict;
 use recording::capture::{Capture, Watch};
-use recording::log::Stamped;
+use recording::frames::Frames;
 use recording::timeline::{self, Timeline};
 use rig::setup::Setup;
 use runner::console::RunsBar;
@@ -41,7 +41,7 @@ pub struct CampaignRun<'a> {
     /// The loops that were played.
     pub setups: &'a [Setup],
     /// What was on the bus.
-    pub frames: &'a [Stamped],
+    pub frames: &'a Frames,
     /// The same, decoded for each loop.
     pub timelines: &'a [Timeline],
     /// What it came to; "incomplete" where the world broke off.
@@ -250,7 +250,6 @@ pub fn play_one<T>(
         return Err(machine);
     }
     let (frames, unrecorded) = capture.finish().map_err(|error| fault(&error))?;
-    let frames = frames.into_vec();
     let timelines = timeline::decode_loops(&frames, setups).map_err(|error| fault(&error))?;
     let verdicts = run::verdicts(&ended, &timelines, setups, &unrecorded);
     let verdict = judge::whole(setups, verdicts);

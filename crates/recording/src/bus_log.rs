@@ -23,7 +23,8 @@ const LEVEL: i32 = 3;
 /// `bus.log`, or the compressed log of a long run.
 #[derive(Debug)]
 pub struct BusLog {
-    path: PathBuf,
+    /// None where it has no name.
+    path: Option<PathBuf>,
     output: Output,
 }
 
@@ -39,8 +40,34 @@ impl BusLog {
     /// # Errors
     /// The file cannot be written.
     pub fn create(path: PathBuf) -> Result<Self, WriteError> {
-        let output = Output::create(&path).map_err(WriteError::at(&path))?;
-        Ok(Self { path, output })
+        let file = File::options()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(&path);
+        let output = file.and_then(|file| Output::new(file, is_compressed(&path)));
+        Ok(Self {
+            output: output.map_err(WriteError::at(&path))?,
+            path: Some(path),
+        })
+    }
+
+    /// An empty compressed log in a file that has no name and ends with the process.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub(crate) fn without_name() -> Result<Self, WriteError> {
+        let output = tempfile::tempfile().and_then(|file| Output::new(file, true));
+        Ok(Self {
+            output: output.map_err(WriteError::at(&std::env::temp_dir()))?,
+            path: None,
+        })
+    }
+
+    /// What an error is about.
+    fn place(&self) -> PathBuf {
+        self.path.clone().unwrap_or_else(std::env::temp_dir)
     }
 
     /// # Errors
@@ -50,7 +77,7 @@ impl BusLog {
             Output::Plain(output) => log::write_log(output, frames),
             Output::Compressed(pieces) => pieces.append(frames),
         };
-        written.map_err(WriteError::at(&self.path))
+        written.map_err(|error| WriteError::at(&self.place())(error))
     }
 
     /// Hands everything to the operating system, so that a kill loses nothing older; of a compressed log, all but the latest
@@ -63,7 +90,7 @@ impl BusLog {
             Output::Plain(output) => output.flush(),
             Output::Compressed(pieces) => pieces.flush(),
         };
-        written.map_err(WriteError::at(&self.path))
+        written.map_err(|error| WriteError::at(&self.place())(error))
     }
 
     /// Ends the log, to read it.
@@ -72,14 +99,18 @@ impl BusLog {
     /// The disk does not take it, or the log is not where it was.
     pub(crate) fn finish(mut self) -> Result<OpenLog, WriteError> {
         self.flush()?;
-        let is_compressed = is_compressed(&self.path);
-        let file = match self.output {
+        let place = self.place();
+        let is_compressed = matches!(self.output, Output::Compressed(_));
+        let log = match self.output {
             Output::Plain(output) => output.into_inner().map_err(IntoInnerError::into_error),
             Output::Compressed(mut pieces) => pieces.write().map(|()| pieces.file),
         };
-        let file = file.and_then(|file| require_at(&self.path, file));
-        let file = file.map_err(WriteError::at(&self.path))?;
-        Ok(OpenLog::new(file, is_compressed))
+        let log = match &self.path {
+            Some(path) => log.and_then(|file| require_at(path, file)),
+            None => log,
+        };
+        let log = log.map_err(WriteError::at(&place))?;
+        Ok(OpenLog::new(log, is_compressed))
     }
 }
 
@@ -96,14 +127,8 @@ fn require_at(path: &Path, file: File) -> io::Result<File> {
 }
 
 impl Output {
-    fn create(path: &Path) -> io::Result<Self> {
-        let file = File::options()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(path)?;
-        if !is_compressed(path) {
+    fn new(file: File, is_compressed: bool) -> io::Result<Self> {
+        if !is_compressed {
             return Ok(Self::Plain(BufWriter::new(file)));
         }
         let mut compressor = Compressor::new(LEVEL)?;

@@ -1,5 +1,5 @@
-//! Takes the frames of a running world: into the log of its folder, or into memory where it has none. Of a long run with a
-//! folder, memory holds the latest frames only.
+//! Takes the frames of a running world: into the log of its folder, or into memory where it has none. Of a long run, memory holds
+//! the latest frames only; without a folder, the others are in a file without a name.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,6 +16,8 @@ use crate::progress::{ProgressReader, RunProgress};
 use crate::run_folder::WriteError;
 use crate::unrecorded::Unrecorded;
 
+/// So many frames of a run without a folder stay in memory, in 40 MB: four minutes of a bus with four frames in a cycle of 1 ms.
+const WITHOUT_LOG_MAX: usize = 8 * KEPT_MAX;
 /// So many identifiers are remembered by their last frame.
 const IDENTIFIERS_MAX: usize = 4096;
 
@@ -86,7 +88,7 @@ impl<'a> Capture<'a> {
         }
     }
 
-    /// An empty capture that writes nowhere.
+    /// An empty capture of a run without a folder.
     #[must_use]
     pub fn in_memory(clock: ScenarioClock, watch: &'a Watch) -> Self {
         Self {
@@ -104,7 +106,7 @@ impl<'a> Capture<'a> {
 
     /// Makes room for so many frames, since frames that have to move as they become more are copied again and again.
     pub fn expect(&mut self, frames: usize) {
-        let kept_max = self.log.as_ref().map_or(frames, |_| 2 * KEPT_MAX);
+        let kept_max = self.log.as_ref().map_or(WITHOUT_LOG_MAX, |_| 2 * KEPT_MAX);
         self.frames.reserve(frames.min(kept_max));
     }
 
@@ -162,6 +164,9 @@ impl<'a> Capture<'a> {
     /// # Errors
     /// The disk does not take it.
     pub fn flush(&mut self) -> Result<(), WriteError> {
+        if self.log.is_none() && self.frames.len() > WITHOUT_LOG_MAX {
+            self.log = Some(BusLog::without_name()?);
+        }
         let Some(log) = &mut self.log else {
             return Ok(());
         };
@@ -265,6 +270,22 @@ mod tests {
         assert!(capture.frames().contains(&frame(3)));
         let (frames, _) = capture.finish().unwrap();
         assert_eq!(frames.len(), count);
+        assert!(frames.iter().eq((0..count).map(frame)));
+    }
+
+    #[test]
+    fn a_long_run_without_a_folder_is_not_in_memory_either() {
+        let watch = Watch::default();
+        let clock = ScenarioClock::new(Database::shipped()).unwrap();
+        let mut capture = Capture::in_memory(clock, &watch);
+        let (count, part) = (WITHOUT_LOG_MAX + 5 * KEPT_MAX, KEPT_MAX / 2);
+        for begin in (0..count).step_by(part) {
+            (begin..begin + part).for_each(|number| capture.record(frame(number)));
+            capture.flush().unwrap();
+            assert!(capture.frames().len() <= WITHOUT_LOG_MAX + part);
+        }
+        assert!(capture.frames().len() <= 2 * KEPT_MAX);
+        let (frames, _) = capture.finish().unwrap();
         assert!(frames.iter().eq((0..count).map(frame)));
     }
 }

@@ -19,7 +19,7 @@ use crate::occurrences::{Notes, Occurrences};
 const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
 
 /// How grave an event is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
     /// Part of a normal run.
     Info,
@@ -30,7 +30,7 @@ pub enum Level {
 }
 
 /// What may happen, on the bus or by the scenario.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Event {
     pub level: Level,
     /// What happened, for people.

@@ -1,8 +1,7 @@
 //! What happened at times. There may be as many as frames, but most are like others before, so of each only the time and the
 //! number of its kind are kept.
 
-use std::collections::HashMap;
-use std::hash::Hash;
+use std::collections::BTreeMap;
 use std::ops::Deref;
 
 use bytemuck::{Pod, Zeroable};
@@ -134,7 +133,7 @@ impl<T: Clone> Occurrences<T> {
 pub(crate) struct Notes<T> {
     rows: SeriesWriter<Row>,
     kinds: Vec<T>,
-    places: HashMap<T, u64>,
+    places: BTreeMap<T, u64>,
     is_in_order: bool,
 }
 
@@ -143,13 +142,13 @@ impl<T> Default for Notes<T> {
         Self {
             rows: SeriesWriter::default(),
             kinds: Vec::new(),
-            places: HashMap::new(),
+            places: BTreeMap::new(),
             is_in_order: true,
         }
     }
 }
 
-impl<T: Clone + Eq + Hash> Notes<T> {
+impl<T: Clone + Ord> Notes<T> {
     pub(crate) fn add(&mut self, time_seconds: f64, what: T) {
         let kind = *self.places.entry(what).or_insert_with_key(|what| {
             self.kinds.push(what.clone());
@@ -179,7 +178,7 @@ impl<T: Clone + Eq + Hash> Notes<T> {
     }
 }
 
-impl<T: Clone + Eq + Hash> FromIterator<(f64, T)> for Occurrences<T> {
+impl<T: Clone + Ord> FromIterator<(f64, T)> for Occurrences<T> {
     fn from_iter<I: IntoIterator<Item = (f64, T)>>(occurrences: I) -> Self {
         let mut notes = Notes::default();
         for (time_seconds, what) in occurrences {

@@ -168,7 +168,7 @@ impl Expect {
 }
 
 /// An emergency of a node, written as "drive 0x8130".
-#[derive(Clone, Debug, Eq, Hash, PartialEq)]
+#[derive(Clone, Debug, Eq, Ord, PartialEq, PartialOrd)]
 pub struct Emergency {
     /// The node's name in the DBC.
     pub node: String,

@@ -139,8 +139,8 @@ fn no_current_without(
 ) -> Option<BrokenInvariant> {
     let timeline = played.timeline();
     let zero = Duration::from_secs_f64(timeline.zero_seconds?);
-    let is_it = |stamped: &&Stamped| is_it(&stamped.frame);
-    let since_zero = |stamped: &Stamped| stamped.time.as_secs_f64() - zero.as_secs_f64();
+    let is_it = |stamped: &Stamped| is_it(&stamped.frame);
+    let since_zero = |stamped: Stamped| stamped.time.as_secs_f64() - zero.as_secs_f64();
     let mut times = played
         .frames
         .iter()
@@ -223,11 +223,12 @@ mod tests {
         let text = format!("{BASE}{HARMLESS}");
         let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
         let found = play_one(0, &of_one_loop(scenario), &Watch::default(), |played| {
-            let (mut frames, mut timeline) = (played.frames.to_vec(), played.timeline().clone());
+            let (mut frames, mut timeline) =
+                (played.frames.clone().into_vec(), played.timeline().clone());
             assert!(timeline.truth.len() > 50);
             change(&mut frames, &mut timeline);
             violation(&CampaignRun {
-                frames: &frames,
+                frames: &frames.into(),
                 timelines: &[timeline],
                 ..*played
             })

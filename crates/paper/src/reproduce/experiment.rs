@@ -259,7 +259,8 @@ impl PlannedRun {
         };
         let measurement = || {
             let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
-            let measurement = IdentificationData::from_frames(place, played.frames, scenario);
+            let frames = played.frames.clone().into_vec();
+            let measurement = IdentificationData::from_frames(place, &frames, scenario);
             measurement.map_err(|error| error.to_string())
         };
         Kept {
