@@ -390,7 +390,7 @@ impl<R: BufRead> LogReader<R> {
 
     fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
         while let Some((number, stamped)) = self.numbered_frame()? {
-            // After a silence the next frame goes on from there; after a damaged time stamp, from the frame above.
+            // After a silence the next frame goes on from there; after a damaged time stamp, from the frame above, or there is none.
             if self.is_after_silence(&stamped) {
                 self.ahead = self.numbered_frame()?;
                 let is_late = |(_, below): (u64, Stamped)| below.time + STEP_MAX < stamped.time;
@@ -449,7 +449,7 @@ impl<R: BufRead> LogReader<R> {
 
     fn is_after_silence(&self, stamped: &Stamped) -> bool {
         let is_after = |latest| latest + STEP_MAX < stamped.time;
-        self.latest.is_some_and(is_after)
+        self.latest.is_none_or(is_after)
     }
 
     /// Names a line whose frame is later than those below it.
@@ -713,6 +713,11 @@ mod tests {
             );
             assert_eq!((strange.len(), unread.broken), (2, None));
         }
+        let mut damaged = lines.clone();
+        damaged[0].replace_range(1..18, "0000009000.000000");
+        let (frames, unread) = read_cut_log(damaged.concat().as_bytes()).unwrap();
+        assert_eq!(frames, whole[1..]);
+        assert_eq!((unread.strange.len(), unread.broken), (1, None));
         // Two such lines in a row; a silence; and a last frame long after the others.
         let log = [1, 9000, 7000, 2, 5000, 5001, 8000].map(line).concat();
         let (frames, unread) = read_cut_log(log.as_bytes()).unwrap();
