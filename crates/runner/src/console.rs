@@ -52,13 +52,58 @@ pub fn print_bytes(bytes: &[u8]) {
 
 /// Prints what is too long to be held in memory on standard output: as it is, but for a terminal.
 pub fn print_with(write: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>) {
-    let mut stdout = BufWriter::new(io::stdout());
-    if stdout.get_ref().is_terminal() {
-        let mut bytes = Vec::new();
-        keep_error(write(&mut bytes));
-        print_bytes(&bytes);
-    } else {
-        keep_error(write(&mut stdout).and_then(|()| stdout.flush()));
+    let stdout = io::stdout();
+    let is_terminal = stdout.is_terminal();
+    let mut lines = PrintableLines::new(&stdout);
+    let mut plain = &stdout;
+    let output: &mut (dyn Write + Send) = match is_terminal {
+        true => &mut lines,
+        false => &mut plain,
+    };
+    let mut output = BufWriter::new(output);
+    keep_error(write(&mut output).and_then(|()| output.flush()));
+}
+
+/// An output that a terminal is behind. What it gets in parts is passed on by whole lines, so that no character is cut.
+struct PrintableLines<W> {
+    output: W,
+    /// The line that has no end yet.
+    begun: Vec<u8>,
+}
+
+impl<W: Write> PrintableLines<W> {
+    fn new(output: W) -> Self {
+        let begun = Vec::new();
+        Self { output, begun }
+    }
+
+    fn pass_on(&mut self) -> io::Result<()> {
+        let text = String::from_utf8_lossy(&self.begun);
+        self.output.write_all(printable(&text).as_bytes())?;
+        self.begun.clear();
+        Ok(())
+    }
+}
+
+impl<W: Write> Write for PrintableLines<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let whole = (bytes.iter().rposition(|byte| *byte == b'\n')).map_or(0, |end| end + 1);
+        let (lines, begun) = bytes.split_at(whole);
+        if !lines.is_empty() {
+            self.begun.extend(lines);
+            self.pass_on()?;
+        }
+        self.begun.extend(begun);
+        // What has no lines is not for people: a cut character more or less does no harm.
+        if self.begun.len() >= BUFFER_BYTES {
+            self.pass_on()?;
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.pass_on()?;
+        self.output.flush()
     }
 }
 
@@ -379,7 +424,26 @@ fn micros(time: Duration) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Read;
+
     use super::*;
+
+    #[test]
+    fn what_is_printed_in_parts_is_passed_on_by_lines_and_steers_nothing() {
+        let text = "25 °C\n\u{1b}[2J \u{202e}→\nthe end ≤";
+        for size in 1..text.len() {
+            let mut lines = PrintableLines::new(Vec::new());
+            for part in text.as_bytes().chunks(size) {
+                lines.write_all(part).unwrap();
+            }
+            assert!(lines.begun.len() <= size + "the end ≤".len());
+            lines.flush().unwrap();
+            assert_eq!(String::from_utf8(lines.output).unwrap(), printable(text));
+        }
+        let mut endless = PrintableLines::new(io::sink());
+        io::copy(&mut io::repeat(b'x').take(10 << 20), &mut endless).unwrap();
+        assert!(endless.begun.capacity() < 4 * BUFFER_BYTES);
+    }
 
     #[test]
     fn the_state_of_a_run_fits_beside_the_bar() {
