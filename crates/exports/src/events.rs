@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use recording::cell::inert;
 use recording::events::Level;
 use recording::events::TimelineEvent;
 
@@ -18,7 +19,8 @@ pub fn write(output: impl Write, events: &[TimelineEvent]) -> io::Result<()> {
             Level::Warning => "warning",
             Level::Error => "error",
         };
-        table.write_record([&format!("{:.6}", event.time_seconds), level, &event.text])?;
+        let (time, text) = (format!("{:.6}", event.time_seconds), inert(&event.text));
+        table.write_record([&*time, level, &*text])?;
     }
     table.flush()
 }
