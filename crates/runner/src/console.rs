@@ -5,7 +5,8 @@ use std::borrow::Cow;
 use std::fmt;
 use std::io::{self, BufWriter, IsTerminal, Write};
 use std::panic::PanicHookInfo;
-use std::sync::{OnceLock, mpsc};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -348,6 +349,7 @@ impl Drop for PartsBar {
 /// A bar that shows how far long work on a recording is, and how much time is left. It is drawn on a terminal only, by a thread
 /// of its own, when the work lasts longer than two seconds.
 pub struct WorkBar {
+    ways: Arc<AtomicU64>,
     ended: Option<mpsc::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -356,19 +358,28 @@ impl WorkBar {
     /// The bar of work that goes so many times through the recordings.
     #[must_use]
     pub fn new(ways: u64, is_shown: bool) -> Self {
+        let ways = Arc::new(AtomicU64::new(ways));
         if !is_shown || !io::stderr().is_terminal() {
             return Self {
+                ways,
                 ended: None,
                 thread: None,
             };
         }
         let (ended, end) = mpsc::channel();
         let before = parts_done();
-        let thread = thread::spawn(move || show_work(ways * PARTS, before, &end));
+        let expected = Arc::clone(&ways);
+        let thread = thread::spawn(move || show_work(&expected, before, &end));
         Self {
+            ways,
             ended: Some(ended),
             thread: Some(thread),
         }
+    }
+
+    /// So many ways it is, as is known when the recordings have been read.
+    pub fn expect(&self, ways: u64) {
+        self.ways.store(ways, Ordering::Relaxed);
     }
 }
 
@@ -383,18 +394,20 @@ impl Drop for WorkBar {
 }
 
 /// Draws the bar until the other end of the channel is dropped.
-fn show_work(parts: u64, before: u64, end: &mpsc::Receiver<()>) {
+fn show_work(ways: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
     let is_over = |wait| end.recv_timeout(wait) != Err(mpsc::RecvTimeoutError::Timeout);
     if is_over(PATIENCE) {
         return;
     }
-    let bar = ProgressBar::with_draw_target(Some(parts), ProgressDrawTarget::stderr());
+    let parts = || ways.load(Ordering::Relaxed) * PARTS;
+    let bar = ProgressBar::with_draw_target(Some(parts()), ProgressDrawTarget::stderr());
     let bar = bar.with_elapsed(PATIENCE);
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {left} left");
     let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style.with_key("left", show_left));
     while !is_over(WORK_PERIOD) {
-        bar.set_position((parts_done() - before).min(parts));
+        bar.set_length(parts());
+        bar.set_position((parts_done() - before).min(parts()));
     }
     bar.finish_and_clear();
 }

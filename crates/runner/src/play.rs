@@ -11,7 +11,7 @@ use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::lines::EventLines;
 use crate::observer::observed;
-use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run_loops};
+use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run_loops, ways_to_files};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
 use recording::capture::{Capture, Watch};
@@ -204,7 +204,10 @@ fn play_one(
             || listener.on_event(&RunEvent::Reached(watch.progress())),
             || testbed.play(setups, folder, capture),
         )
-        .inspect(|_| listener.on_event(&RunEvent::Played))
+        .inspect(|played| {
+            let ways = ways_to_files(played, setups.len());
+            listener.on_event(&RunEvent::Played { ways });
+        })
     });
     match judged {
         Ok(judged) => {

@@ -265,6 +265,16 @@ impl Recorded {
         Ok(verdict)
     }
 
+    /// How often [`Recorded::judge`] goes through the frames besides: for the times of each loop, where the run has any.
+    #[must_use]
+    pub fn ways_for_timing(&self) -> u64 {
+        let stored = self.stored.as_ref();
+        match stored.is_some_and(|stored| stored.timing.is_some()) {
+            true => self.setups.len() as u64,
+            false => 0,
+        }
+    }
+
     /// What each loop came to by itself.
     #[must_use]
     pub fn verdicts_of_loops(&self, timelines: &[Timeline]) -> Vec<Verdict> {

@@ -15,8 +15,8 @@ use recording::timeline::Timeline;
 use report::{Run, html, overview};
 use worlds::catalogue::catalogue;
 
-/// The frames are read, decoded, and their times measured.
-const WAYS: u64 = 3;
+/// The frames are read, decoded, judged, and gone through for the page of a loop.
+const WAYS: u64 = 4;
 
 /// Arguments of `report`.
 #[derive(Args, Debug)]
@@ -41,6 +41,9 @@ pub fn report(args: &ReportArgs) -> Exit {
             Err(error) => return refuse(error),
         }
     }
+    let further_loops = |(recorded, ..): &(Recorded, _, _)| recorded.setups.len() as u64 - 1;
+    let further = runs.iter().map(further_loops);
+    bar.expect(WAYS * runs.len() as u64 + further.sum::<u64>());
     let is_of_one = args.runs.len() == 1;
     let pages = runs.iter().map(|(recorded, timelines, verdict)| {
         let verdicts = recorded.verdicts_of_loops(timelines);
